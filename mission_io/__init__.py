@@ -1,0 +1,1 @@
+"""MAVLink missions: read, check, convert, upload, download and compare. Stands alone."""
