@@ -1,0 +1,47 @@
+"""The errors of uavcover. Each is one line that says what is wrong, where, and what to do about it."""
+
+
+class UavcoverError(Exception):
+    """Root of every error that uavcover raises on purpose; ``exit_code`` is what the command line ends with."""
+
+    exit_code = 1
+
+
+class InputError(UavcoverError):
+    """Bad usage or bad input: a file, a value, a place."""
+
+    exit_code = 2
+
+
+class ScenarioError(InputError):
+    """A scenario that cannot be understood; the message starts with the path of the key."""
+
+
+class TerrainError(InputError):
+    """Elevation data that cannot be used for what is asked of it."""
+
+
+class TrackError(InputError):
+    """A flown track that cannot be read."""
+
+
+class OutputError(InputError):
+    """A place that cannot be written to, or a file that would be overwritten."""
+
+
+class OptimizerError(UavcoverError):
+    """Wrong shapes, bounds or values given to an optimizer."""
+
+    exit_code = 2
+
+
+class VehicleError(UavcoverError):
+    """The vehicle or the link failed."""
+
+    exit_code = 3
+
+
+class InfeasibleError(UavcoverError):
+    """No plan keeps the hard limits; the message says which limit, where and by how much."""
+
+    exit_code = 4
