@@ -1,0 +1,108 @@
+"""The MAVLink enumerations that mission_io looks at, under the names of the MAVLink documents."""
+
+from enum import IntEnum, IntFlag
+
+
+class MissionResult(IntEnum):
+    """How a mission transfer ended (MAV_MISSION_RESULT)."""
+
+    ACCEPTED = 0
+    ERROR = 1
+    UNSUPPORTED_FRAME = 2
+    UNSUPPORTED = 3
+    NO_SPACE = 4
+    INVALID = 5
+    INVALID_PARAM1 = 6
+    INVALID_PARAM2 = 7
+    INVALID_PARAM3 = 8
+    INVALID_PARAM4 = 9
+    INVALID_PARAM5_X = 10
+    INVALID_PARAM6_Y = 11
+    INVALID_PARAM7 = 12
+    INVALID_SEQUENCE = 13
+    DENIED = 14
+    OPERATION_CANCELLED = 15
+
+
+class CommandResult(IntEnum):
+    """How a command was taken (MAV_RESULT)."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+    IN_PROGRESS = 5
+    CANCELLED = 6
+    COMMAND_LONG_ONLY = 7
+    COMMAND_INT_ONLY = 8
+    COMMAND_UNSUPPORTED_MAV_FRAME = 9
+
+
+class MissionState(IntEnum):
+    """What a vehicle does with its mission (MISSION_STATE)."""
+
+    UNKNOWN = 0
+    NO_MISSION = 1
+    NOT_STARTED = 2
+    ACTIVE = 3
+    PAUSED = 4
+    COMPLETE = 5
+
+
+class LandedState(IntEnum):
+    """Whether a vehicle is on the ground (MAV_LANDED_STATE)."""
+
+    UNDEFINED = 0
+    ON_GROUND = 1
+    IN_AIR = 2
+    TAKEOFF = 3
+    LANDING = 4
+
+
+class ModeFlag(IntFlag):
+    """Bits of a heartbeat's base mode (MAV_MODE_FLAG) that mission_io looks at."""
+
+    CUSTOM_MODE_ENABLED = 1
+    AUTO_ENABLED = 4
+    GUIDED_ENABLED = 8
+    STABILIZE_ENABLED = 16
+    SAFETY_ARMED = 128
+
+
+class VehicleClass(IntEnum):
+    """The kinds of sender (MAV_TYPE) that mission_io tells apart."""
+
+    GENERIC = 0
+    FIXED_WING = 1
+    QUADROTOR = 2
+    GROUND_STATION = 6
+    ROVER = 10
+    HEXAROTOR = 13
+    OCTOROTOR = 14
+    ONBOARD_CONTROLLER = 18
+    GIMBAL = 26
+    ADSB = 27
+    CAMERA = 30
+
+
+class AutopilotId(IntEnum):
+    """The autopilots (MAV_AUTOPILOT) that mission_io tells apart."""
+
+    GENERIC = 0
+    ARDUPILOT = 3
+    INVALID = 8
+    """Not an autopilot: a ground station, a camera."""
+    PX4 = 12
+
+
+class EkfFlag(IntFlag):
+    """Bits of EkfStatusReport.flags that tell whether a position can be trusted."""
+
+    ATTITUDE = 0x1
+    VELOCITY_HORIZONTAL = 0x2
+    VELOCITY_VERTICAL = 0x4
+    POSITION_HORIZONTAL_RELATIVE = 0x8
+    POSITION_HORIZONTAL_ABSOLUTE = 0x10
+    POSITION_VERTICAL_ABSOLUTE = 0x20
+    CONSTANT_POSITION = 0x80

@@ -1,0 +1,62 @@
+"""The errors of mission_io: one root, and one class for each way in which a mission can fail to get across."""
+
+from typing import Literal
+
+VehicleHolds = Literal["unchanged", "replaced", "mixed", "unknown"]
+"""What the vehicle has in its memory after a transfer failed."""
+
+
+class MissionIoError(Exception):
+    """Root of every error that mission_io raises on purpose."""
+
+
+class FormatError(MissionIoError):
+    """Text or items that cannot be read as a mission.
+
+    Attributes:
+        what: What is wrong.
+        where: The line, row, item or field, as the reader would look for it; empty when it is the whole.
+        advice: What to do about it; empty when that is plain.
+    """
+
+    def __init__(self, what: str, *, where: str = "", advice: str = "") -> None:
+        self.what, self.where, self.advice = what, where, advice
+        super().__init__((f"{where}: " if where else "") + what + (f"; {advice}" if advice else ""))
+
+
+class MisuseError(MissionIoError):
+    """This side asked for something that cannot be done: a wrong argument, or a call at the wrong moment."""
+
+
+class LinkError(MissionIoError):
+    """The link cannot be opened, or the operating system refused to send or receive."""
+
+
+class VehicleSilentError(MissionIoError):
+    """The vehicle did not answer in the time it was given."""
+
+
+class TransferError(MissionIoError):
+    """A mission transfer that the vehicle ended, or that fell silent.
+
+    Attributes:
+        vehicle_holds: What the vehicle has now, as far as it can be known.
+    """
+
+    def __init__(self, message: str, *, vehicle_holds: VehicleHolds) -> None:
+        self.vehicle_holds: VehicleHolds = vehicle_holds
+        super().__init__(message)
+
+
+class CommandRefusedError(MissionIoError):
+    """The vehicle answered a command with something other than "accepted".
+
+    Attributes:
+        command: The MAV_CMD number.
+        result: The MAV_RESULT number.
+        result_name: The name of that result, for instance ``DENIED``.
+    """
+
+    def __init__(self, message: str, *, command: int, result: int, result_name: str) -> None:
+        self.command, self.result, self.result_name = command, result, result_name
+        super().__init__(message)

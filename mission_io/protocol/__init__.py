@@ -1,0 +1,1 @@
+"""The MAVLink mission protocol as state machines without input or output; the clock is an argument."""
