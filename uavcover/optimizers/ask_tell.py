@@ -1,0 +1,218 @@
+"""The part all our optimizers share: checking, counting, archiving, saving. What they propose is their own."""
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from uavcover.errors import OptimizerError
+from uavcover.optimizers.archive import Archive
+from uavcover.optimizers.interface import FloatArray, Optimizer, ParetoSet, State
+from uavcover.optimizers.search_space import Box
+from uavcover.optimizers.solutions import Solutions, finite_array, read_only
+
+
+class AskTellOptimizer(Optimizer, ABC):
+    """An optimizer of a fixed number of rounds of one population each, with an external archive.
+
+    Subclasses say what to propose and what to remember. All random numbers are drawn while asking.
+
+    Args:
+        lower: ``(d,)`` smallest allowed values, d = variables.
+        upper: ``(d,)`` largest allowed values.
+        n_objectives: m >= 1.
+        n_constraints: c >= 0.
+        population_size: n, the candidates of each round.
+        max_iterations: rounds in all, so ``population_size * max_iterations`` evaluations.
+        archive_size: most solutions to keep; the population size if None.
+        seed: an integer >= 0 or a SeedSequence (which is not changed); each component gets its own stream from it.
+        initial: ``(k, d)`` known starts inside the bounds, k <= n; they take the place of the first k samples.
+
+    Raises:
+        OptimizerError: An argument makes no sense; the message says which.
+    """
+
+    smallest_population: ClassVar[int] = 1
+
+    def __init__(
+        self,
+        lower: npt.ArrayLike,
+        upper: npt.ArrayLike,
+        *,
+        n_objectives: int,
+        n_constraints: int = 0,
+        population_size: int = 50,
+        max_iterations: int = 500,
+        archive_size: int | None = None,
+        seed: int | np.random.SeedSequence,
+        initial: npt.ArrayLike | None = None,
+    ) -> None:
+        self._box = Box.checked(lower, upper)
+        self._n_objectives = _at_least(1, n_objectives, "n_objectives")
+        self._n_constraints = _at_least(0, n_constraints, "n_constraints")
+        self._population_size = _at_least(self.smallest_population, population_size, "population_size")
+        self._max_iterations = _at_least(1, max_iterations, "max_iterations")
+        capacity = population_size if archive_size is None else _at_least(1, archive_size, "archive_size")
+        self._initial = self._checked_starts(initial)
+        sampling, moves = _independent_streams(seed, 2)
+        self._rngs = {"sampling": sampling, "moves": moves}
+        self._iteration = 0
+        self._asked: FloatArray | None = None
+        nothing = Solutions.none(self._box.n_variables, self._n_objectives, self._n_constraints)
+        self._archive = Archive(nothing, capacity)
+
+    @abstractmethod
+    def _sample(self, rng: np.random.Generator) -> FloatArray:
+        """The first population ``(n, d)``."""
+
+    @abstractmethod
+    def _move(self, rng: np.random.Generator) -> FloatArray:
+        """The next candidates ``(n, d)``; those outside the bounds are clipped to them."""
+
+    def _learn(self, told: Solutions) -> None:
+        """Take in the values of the candidates proposed last; the archive has them already."""
+
+    def _memory(self) -> dict[str, npt.NDArray[Any]]:
+        """What the algorithm remembers between rounds."""
+        return {}
+
+    def _recall(self, memory: dict[str, npt.NDArray[Any]]) -> None:
+        """Take up what ``_memory`` gave."""
+
+    @property
+    def iteration(self) -> int:
+        """Rounds completed so far; it is t in the equations of the round that comes next."""
+        return self._iteration
+
+    @property
+    def evaluations(self) -> int:
+        """Candidates whose values have been told so far."""
+        return self._iteration * self._population_size
+
+    @property
+    def should_stop(self) -> bool:
+        """True once all rounds are done."""
+        return self._iteration >= self._max_iterations
+
+    def ask(self) -> FloatArray:
+        """See `Optimizer.ask`: ``(n, d)`` read-only candidates inside the bounds."""
+        if self._asked is None:
+            if self.should_stop:
+                raise OptimizerError(
+                    f"ask: all {self._max_iterations} iterations are done: stop at should_stop, or raise max_iterations"
+                )
+            candidates = self._first_candidates() if self._iteration == 0 else self._move(self._rngs["moves"])
+            self._asked = read_only(self._box.clipped(candidates))
+        return self._asked
+
+    def tell(self, objectives: npt.ArrayLike, violations: npt.ArrayLike | None = None) -> None:
+        """See `Optimizer.tell`: ``(n, m)`` objectives and ``(n, c)`` violations of the candidates asked last."""
+        if self._asked is None:
+            raise OptimizerError("tell: nothing was asked: call ask() first, and tell once for each ask")
+        told = Solutions(
+            self._asked,
+            self._checked_values(objectives, "objectives", self._n_objectives),
+            self._checked_violations(violations),
+        )
+        self._archive = self._archive.with_told(told)
+        self._learn(told)
+        self._iteration += 1
+        self._asked = None
+
+    def pareto_set(self) -> ParetoSet:
+        """See `Optimizer.pareto_set`: what the archive holds."""
+        if self._iteration == 0:
+            raise OptimizerError("pareto_set: nothing has been told yet: complete one ask and tell first")
+        return self._archive.pareto_set()
+
+    def state_dict(self) -> State:
+        """See `Optimizer.state_dict`."""
+        best = self._archive.solutions
+        return {
+            "algorithm": type(self).__name__,
+            "settings": {
+                "lower": self._box.lower.copy(),
+                "upper": self._box.upper.copy(),
+                "n_objectives": self._n_objectives,
+                "n_constraints": self._n_constraints,
+                "population_size": self._population_size,
+                "max_iterations": self._max_iterations,
+                "archive_size": self._archive.capacity,
+                "initial": self._initial.copy(),
+            },
+            "iteration": self._iteration,
+            "streams": {name: rng.bit_generator.state for name, rng in self._rngs.items()},
+            "asked": None if self._asked is None else self._asked.copy(),
+            "archive": {
+                "x": best.x.copy(),
+                "objectives": best.objectives.copy(),
+                "violations": best.violations.copy(),
+            },
+            "memory": {name: values.copy() for name, values in self._memory().items()},
+        }
+
+    @classmethod
+    def from_state(cls, state: State) -> Self:
+        """See `Optimizer.from_state`."""
+        saved: dict[str, Any] = state
+        if saved.get("algorithm") != cls.__name__:
+            raise OptimizerError(
+                f"state: saved by {saved.get('algorithm')!r}, not by {cls.__name__!r}: load it with that algorithm"
+            )
+        optimizer = cls(**saved["settings"], seed=0)
+        for name, rng in optimizer._rngs.items():
+            rng.bit_generator.state = saved["streams"][name]
+        optimizer._iteration = saved["iteration"]
+        optimizer._asked = None if saved["asked"] is None else read_only(saved["asked"].copy())
+        best = Solutions(**{name: values.copy() for name, values in saved["archive"].items()})
+        optimizer._archive = Archive(best, saved["settings"]["archive_size"])
+        if optimizer._iteration > 0:
+            optimizer._recall({name: values.copy() for name, values in saved["memory"].items()})
+        return optimizer
+
+    def _first_candidates(self) -> FloatArray:
+        sampled = self._sample(self._rngs["sampling"])
+        return np.concatenate([self._initial, sampled[len(self._initial) :]])
+
+    def _checked_starts(self, initial: npt.ArrayLike | None) -> FloatArray:
+        d = self._box.n_variables
+        if initial is None:
+            return np.empty((0, d))
+        starts = finite_array(initial, "initial")
+        if starts.ndim != 2 or starts.shape[1] != d or len(starts) > self._population_size:
+            raise OptimizerError(
+                f"initial: shape {starts.shape}: give (k, {d}) with k <= population_size = {self._population_size}"
+            )
+        if not self._box.contains(starts):
+            raise OptimizerError("initial: a start lies outside the bounds: move it inside, or widen the bounds")
+        return starts
+
+    def _checked_values(self, values: npt.ArrayLike, name: str, width: int) -> FloatArray:
+        array = finite_array(values, f"tell: {name}")
+        expected = (self._population_size, width)
+        if array.shape != expected:
+            raise OptimizerError(f"tell: {name} have shape {array.shape}: give {expected}, a row per candidate")
+        return array
+
+    def _checked_violations(self, violations: npt.ArrayLike | None) -> FloatArray:
+        if violations is None and self._n_constraints > 0:
+            raise OptimizerError(f"tell: violations are missing: give ({self._population_size}, {self._n_constraints})")
+        if violations is None:
+            return np.empty((self._population_size, 0))
+        return self._checked_values(violations, "violations", self._n_constraints)
+
+
+def _at_least(smallest: int, value: int, name: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < smallest:
+        raise OptimizerError(f"{name} is {value!r}: give a whole number >= {smallest}")
+    return int(value)
+
+
+def _independent_streams(seed: int | np.random.SeedSequence, count: int) -> list[np.random.Generator]:
+    if isinstance(seed, np.random.SeedSequence):
+        # Spawning from the caller's sequence would change it: what it generates seeds a sequence of our own.
+        root = np.random.SeedSequence(seed.generate_state(8).tolist())
+    else:
+        root = np.random.SeedSequence(_at_least(0, seed, "seed"))
+    return [np.random.default_rng(child) for child in root.spawn(count)]
