@@ -1,0 +1,1 @@
+"""What a sensor sees of an area from a route."""

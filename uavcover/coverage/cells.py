@@ -1,0 +1,85 @@
+"""The area cut into cells."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.errors import ScenarioError, TerrainError
+from uavcover.kernels.coverage import Cells
+from uavcover.site import Site
+
+MAX_CELLS = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class CellGrid:
+    """The cells of an area, for kernels and for people.
+
+    Attributes:
+        cells: lattice, centres and normals.
+        weight_m2: (n,) area of the ground in each cell: side^2 sqrt(1 + zx^2 + zy^2), slopes at the centre (LIMITS, Eq. 1).
+    """
+
+    cells: Cells
+    weight_m2: NDArray[np.float64]
+
+    @property
+    def count(self) -> int:
+        """How many cells there are."""
+        return int(self.weight_m2.size)
+
+    def share(self, seen: NDArray[np.bool_]) -> float:
+        """Share of the ground's area in the cells marked in ``seen`` (n,), 0..1 (Eq. 1)."""
+        return float(self.weight_m2[seen].sum() / self.weight_m2.sum())
+
+
+def make_cells(site: Site, cell_size_m: float) -> CellGrid:
+    """Cut the area of a site into square cells. A cell belongs to the area when its centre lies in it.
+
+    Raises:
+        ScenarioError: no cell, or too many.
+        TerrainError: the area reaches outside the elevation data, or into a part without data.
+    """
+    west, south, east, north = site.area.bounds
+    columns = max(1, int(np.ceil((east - west) / cell_size_m - 1e-9)))
+    rows = max(1, int(np.ceil((north - south) / cell_size_m - 1e-9)))
+    if rows * columns > MAX_CELLS:
+        raise ScenarioError(
+            f"area.cell_size_m: {cell_size_m:g} m cuts {east - west:.0f} x {north - south:.0f} m into {rows * columns:,} "
+            f"cells, more than {MAX_CELLS:,}; use larger cells (metres, not degrees)"
+        )
+    e = west + (np.arange(columns) + 0.5) * cell_size_m
+    n = south + (np.arange(rows) + 0.5) * cell_size_m
+    grid_e, grid_n = np.meshgrid(e, n)
+    inside = shapely.contains_xy(site.area, grid_e, grid_n)
+    if not inside.any():
+        raise ScenarioError(f"area.cell_size_m: no centre of a cell of {cell_size_m:g} m lies in the area")
+    index = np.full(inside.shape, -1, dtype=np.int32)
+    index[inside] = np.arange(int(inside.sum()), dtype=np.int32)
+    places = np.column_stack([grid_e[inside], grid_n[inside]])
+    up = site.ground.heights_m(places)
+    slopes = site.ground.gradients(places)
+    if not (np.isfinite(up).all() and np.isfinite(slopes).all()):
+        raise TerrainError(_missing(site, places, ~np.isfinite(up)))
+    steepness = np.sqrt(1.0 + (slopes**2).sum(axis=1))
+    centre = np.column_stack([places, up])
+    normal = np.column_stack([-slopes, np.ones(len(places))]) / steepness[:, None]
+    weight = cell_size_m**2 * steepness
+    for array in (index, centre, normal, weight):
+        array.flags.writeable = False
+    return CellGrid(Cells(float(e[0]), float(n[0]), float(cell_size_m), index, centre, normal), weight)
+
+
+def _missing(site: Site, places: NDArray[np.float64], missing: NDArray[np.bool_]) -> str:
+    first = places[missing][:1]
+    where = f"{first[0, 0]:.0f} m east, {first[0, 1]:.0f} m north of the origin"
+    if site.frame is not None:
+        lat, lon, _ = site.frame.geodetic_from_enu(np.column_stack([first, [[0.0]]]))
+        where = f"latitude {lat[0]:.5f}, longitude {lon[0]:.5f}"
+    share = 100.0 * missing.mean()
+    return (
+        f"area: no elevation in {share:.1f} % of its cells, first at {where} ({site.ground.source}); the area reaches "
+        "outside the data, or the data has a gap there"
+    )

@@ -1,0 +1,180 @@
+"""Which cells does a route see? One loop over the looks, one over the cells in reach of each.
+
+The cells lie on a square lattice; ``index`` maps lattice rows and columns to cell numbers, -1 where there is no cell.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.kernels._jit import kernel
+from uavcover.kernels.surface import Surface, height, height_range_above
+
+SPHERE = 0
+DISC = 1
+CONE = 2
+
+NO_LINE_OF_SIGHT = 0
+RAY = 1
+MIDPOINT = 2
+
+GRAZING_M = 1e-6
+"""A ray that dips below the ground by no more than this still sees: the target itself lies on the ground."""
+
+
+class Cells(NamedTuple):
+    """The cells of an area.
+
+    Attributes:
+        east0_m: east of the centre of lattice column 0.
+        north0_m: north of the centre of lattice row 0.
+        size_m: side of a cell.
+        index: (rows, columns) int32, number of the cell or -1.
+        centre_m: (n, 3) centres on the ground.
+        normal: (n, 3) unit normals of the ground.
+    """
+
+    east0_m: float
+    north0_m: float
+    size_m: float
+    index: NDArray[np.int32]
+    centre_m: NDArray[np.float64]
+    normal: NDArray[np.float64]
+
+
+class Sight(NamedTuple):
+    """What a sensor can see, as plain numbers.
+
+    Attributes:
+        kind: SPHERE, DISC or CONE.
+        reach_m: largest slant range (SPHERE, CONE) or horizontal radius (DISC).
+        tan_half_fov: tangent of half the opening angle (CONE).
+        cos_max_incidence: cosine of the largest incidence angle (CONE); -1: any.
+        line_of_sight: NO_LINE_OF_SIGHT, RAY or MIDPOINT.
+    """
+
+    kind: int
+    reach_m: float
+    tan_half_fov: float
+    cos_max_incidence: float
+    line_of_sight: int
+
+
+@kernel
+def sees(
+    surface: Surface, sight: Sight, eye: NDArray[np.float64], centre: NDArray[np.float64], normal: NDArray[np.float64]
+) -> bool:
+    """Whether the sensor at ``eye`` (3,) sees the cell with this centre (3,) and normal (3,)."""
+    de = eye[0] - centre[0]
+    dn = eye[1] - centre[1]
+    du = eye[2] - centre[2]
+    horizontal2 = de * de + dn * dn
+    if sight.kind == DISC:
+        return horizontal2 <= sight.reach_m * sight.reach_m
+    distance2 = horizontal2 + du * du
+    if distance2 > sight.reach_m * sight.reach_m:
+        return False
+    if sight.kind == CONE:
+        if du <= 0.0 or horizontal2 > (du * sight.tan_half_fov) ** 2:
+            return False
+        along_normal = de * normal[0] + dn * normal[1] + du * normal[2]
+        if along_normal < sight.cos_max_incidence * math.sqrt(distance2):
+            return False
+    if sight.line_of_sight == RAY:
+        lowest = height_range_above(surface, eye, centre, -GRAZING_M)[0]
+        return lowest >= -GRAZING_M
+    if sight.line_of_sight == MIDPOINT:
+        middle = height(surface, 0.5 * (eye[0] + centre[0]), 0.5 * (eye[1] + centre[1]))
+        return 0.5 * (eye[2] + centre[2]) >= middle
+    return True
+
+
+@kernel
+def look(surface: Surface, sight: Sight, cells: Cells, eye: NDArray[np.float64], seen: NDArray[np.bool_]) -> int:
+    """Mark in ``seen`` (n,) every cell that the sensor at ``eye`` (3,) sees; returns how many are new."""
+    rows, columns = cells.index.shape
+    reach = sight.reach_m
+    if sight.kind == CONE:
+        # The slant range bounds the radius: r = range sin(half angle).
+        reach *= sight.tan_half_fov / math.sqrt(1.0 + sight.tan_half_fov * sight.tan_half_fov)
+    first_row = max(0, math.ceil((eye[1] - reach - cells.north0_m) / cells.size_m - 1e-9))
+    last_row = min(rows - 1, math.floor((eye[1] + reach - cells.north0_m) / cells.size_m + 1e-9))
+    new = 0
+    for i in range(first_row, last_row + 1):
+        dn = cells.north0_m + i * cells.size_m - eye[1]
+        half = math.sqrt(max(0.0, reach * reach - dn * dn))
+        first = max(0, math.ceil((eye[0] - half - cells.east0_m) / cells.size_m - 1e-9))
+        last = min(columns - 1, math.floor((eye[0] + half - cells.east0_m) / cells.size_m + 1e-9))
+        for j in range(first, last + 1):
+            cell = cells.index[i, j]
+            if cell >= 0 and not seen[cell] and sees(surface, sight, eye, cells.centre_m[cell], cells.normal[cell]):
+                seen[cell] = True
+                new += 1
+    return new
+
+
+@kernel
+def seen_from_points(surface: Surface, sight: Sight, cells: Cells, eyes: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n,) whether each cell is seen from any of the (m, 3) points."""
+    seen = np.zeros(cells.centre_m.shape[0], dtype=np.bool_)
+    for k in range(eyes.shape[0]):
+        look(surface, sight, cells, eyes[k], seen)
+    return seen
+
+
+@kernel
+def first_seen(surface: Surface, sight: Sight, cells: Cells, eyes: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(n,) number of the first of the (m, 3) points that sees each cell, -1 where none does."""
+    seen = np.zeros(cells.centre_m.shape[0], dtype=np.bool_)
+    first = np.full(cells.centre_m.shape[0], -1, dtype=np.int64)
+    for k in range(eyes.shape[0]):
+        if look(surface, sight, cells, eyes[k], seen) > 0:
+            for cell in range(seen.size):
+                if seen[cell] and first[cell] < 0:
+                    first[cell] = k
+    return first
+
+
+@kernel
+def sample_path(route: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
+    """Points along the (n, 3) route, the waypoints among them, at most ``spacing`` metres apart."""
+    n = route.shape[0]
+    count = min(n, 1)
+    for i in range(n - 1):
+        count += max(1, math.ceil(_distance(route[i], route[i + 1]) / spacing - 1e-9))
+    out = np.empty((count, 3))
+    if n == 0:
+        return out
+    out[0] = route[0]
+    k = 1
+    for i in range(n - 1):
+        pieces = max(1, math.ceil(_distance(route[i], route[i + 1]) / spacing - 1e-9))
+        for piece in range(1, pieces + 1):
+            t = piece / pieces
+            for axis in range(3):
+                out[k, axis] = route[i, axis] + t * (route[i + 1, axis] - route[i, axis])
+            k += 1
+    return out
+
+
+@kernel
+def _distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+
+
+@kernel
+def sees_each(
+    surface: Surface,
+    sight: Sight,
+    eyes: NDArray[np.float64],
+    centres: NDArray[np.float64],
+    normals: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """(k,) whether the sensor at each (k, 3) place sees the cell of the same row; False where a place is NaN."""
+    out = np.zeros(eyes.shape[0], dtype=np.bool_)
+    for i in range(eyes.shape[0]):
+        if not math.isnan(eyes[i, 2]):
+            out[i] = sees(surface, sight, eyes[i], centres[i], normals[i])
+    return out

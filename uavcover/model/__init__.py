@@ -1,0 +1,1 @@
+"""Frozen dataclasses that pass between the stages. No behaviour beyond their own rules, no third-party package but numpy."""

@@ -1,0 +1,54 @@
+"""What is to be seen: a polygon with holes, cut into square cells."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from uavcover.model.checks import STRICT, require, require_positive
+
+Ring = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """The area to cover, as it stands in the scenario: exactly one of the three polygon keys.
+
+    Attributes:
+        polygon_lon_lat_deg: outer ring as (longitude, latitude) pairs on WGS 84, the order of GeoJSON.
+        polygon_east_north_m: outer ring in the local frame.
+        geojson: a GeoJSON file with one Polygon, holes included; relative to the scenario file.
+        holes_lon_lat_deg: rings inside which nothing needs to be seen, with ``polygon_lon_lat_deg``.
+        holes_east_north_m: the same with ``polygon_east_north_m``.
+        cell_size_m: side of the square cells on which results are judged. A cell is seen when its centre is.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    cell_size_m: float
+    polygon_lon_lat_deg: Ring | None = None
+    polygon_east_north_m: Ring | None = None
+    geojson: str | None = None
+    holes_lon_lat_deg: tuple[Ring, ...] = ()
+    holes_east_north_m: tuple[Ring, ...] = ()
+
+    def __post_init__(self) -> None:
+        require_positive(cell_size_m=self.cell_size_m)
+        given = [self.polygon_lon_lat_deg is not None, self.polygon_east_north_m is not None, self.geojson is not None]
+        require(sum(given) == 1, "give exactly one of polygon_lon_lat_deg, polygon_east_north_m and geojson")
+        require(
+            not self.holes_lon_lat_deg or self.polygon_lon_lat_deg is not None,
+            "holes_lon_lat_deg: goes with polygon_lon_lat_deg",
+        )
+        require(
+            not self.holes_east_north_m or self.polygon_east_north_m is not None,
+            "holes_east_north_m: goes with polygon_east_north_m",
+        )
+        for lon, lat in (self.polygon_lon_lat_deg or ()) + tuple(p for hole in self.holes_lon_lat_deg for p in hole):
+            require(
+                abs(lat) <= 90.0 and abs(lon) <= 180.0,
+                f"polygon_lon_lat_deg: ({lon}, {lat}) is not a longitude and a latitude in degrees, in this order",
+            )
+
+    @property
+    def is_geographic(self) -> bool:
+        """Whether the area has a place on Earth by its own coordinates."""
+        return self.polygon_east_north_m is None

@@ -1,0 +1,25 @@
+"""How the dataclasses of a scenario refuse a value: one wording, with the key first."""
+
+import math
+from typing import Any
+
+STRICT: dict[str, Any] = {"extra": "forbid", "allow_inf_nan": False}
+"""Settings that the scenario reader's validator picks up from each dataclass: a misspelt key is an error."""
+
+
+def require(condition: bool, message: str) -> None:
+    """Raise ValueError with ``message`` (which starts with the key) unless ``condition`` holds."""
+    if not condition:
+        raise ValueError(message)
+
+
+def require_positive(**values: float) -> None:
+    """Every named value must be a finite number above zero."""
+    for key, value in values.items():
+        require(math.isfinite(value) and value > 0.0, f"{key}: {value} must be above 0")
+
+
+def require_not_negative(**values: float) -> None:
+    """Every named value must be a finite number of at least zero."""
+    for key, value in values.items():
+        require(math.isfinite(value) and value >= 0.0, f"{key}: {value} must not be negative")

@@ -1,0 +1,68 @@
+"""The limits of the flight. Declared here once; planning, compiling and verification all read these."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from uavcover.model.checks import STRICT, require, require_not_negative, require_positive
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightLimits:
+    """Hard limits. The height band holds from the first planned waypoint to the last; the rest holds on the whole flight.
+
+    Attributes:
+        min_height_agl_m: lowest height above ground on the sensing route.
+        max_height_agl_m: largest height above ground on the sensing route.
+        min_alt_amsl_m: lowest height above sea level, or none.
+        max_alt_amsl_m: largest height above sea level, or none.
+        height_margin_m: the planner stays this far inside both ends of the band, for what the vehicle adds in flight.
+        transit_clearance_m: lowest height above ground on the way there and home (take-off and landing columns apart).
+        max_climb_angle_deg: steepest leg, up or down.
+        fence_margin_m: the fence, unless given, is the convex hull of area and home grown by this.
+        fence_lon_lat_deg: the fence as a ring of (longitude, latitude).
+        fence_east_north_m: the fence as a ring in the local frame.
+        applies_to: "legs": every leg at its full length. "waypoints": the waypoints alone, as in the paper.
+        max_home_error_m: largest difference between the vehicle's home and the planned one, horizontally and in height.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    min_height_agl_m: float
+    max_height_agl_m: float
+    min_alt_amsl_m: float | None = None
+    max_alt_amsl_m: float | None = None
+    height_margin_m: float = 0.0
+    transit_clearance_m: float = 20.0
+    max_climb_angle_deg: float = 30.0
+    fence_margin_m: float = 150.0
+    fence_lon_lat_deg: tuple[tuple[float, float], ...] | None = None
+    fence_east_north_m: tuple[tuple[float, float], ...] | None = None
+    applies_to: Literal["legs", "waypoints"] = "legs"
+    max_home_error_m: float = 10.0
+
+    def __post_init__(self) -> None:
+        require_not_negative(
+            min_height_agl_m=self.min_height_agl_m,
+            height_margin_m=self.height_margin_m,
+            transit_clearance_m=self.transit_clearance_m,
+            fence_margin_m=self.fence_margin_m,
+        )
+        require_positive(max_home_error_m=self.max_home_error_m)
+        require(
+            self.max_height_agl_m - self.min_height_agl_m > 2.0 * self.height_margin_m,
+            f"max_height_agl_m: the band {self.min_height_agl_m}..{self.max_height_agl_m} m leaves nothing inside "
+            f"height_margin_m = {self.height_margin_m} at both ends",
+        )
+        require(
+            0.0 < self.max_climb_angle_deg < 90.0,
+            f"max_climb_angle_deg: {self.max_climb_angle_deg} is outside 0..90 degrees",
+        )
+        if self.min_alt_amsl_m is not None and self.max_alt_amsl_m is not None:
+            require(
+                self.max_alt_amsl_m > self.min_alt_amsl_m,
+                f"max_alt_amsl_m: {self.max_alt_amsl_m} must be above min_alt_amsl_m = {self.min_alt_amsl_m}",
+            )
+        require(
+            self.fence_lon_lat_deg is None or self.fence_east_north_m is None,
+            "fence_lon_lat_deg: give the fence once, not also as fence_east_north_m",
+        )

@@ -1,0 +1,239 @@
+"""A scenario: everything that a plan follows from."""
+
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+from uavcover.model.area import Area
+from uavcover.model.checks import STRICT, require, require_positive
+from uavcover.model.limits import FlightLimits
+from uavcover.model.sensor import Sensor
+from uavcover.model.vehicle import Vehicle
+
+VerticalDatum = Literal["EGM96", "EGM2008", "WGS84-ellipsoid"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RasterTerrain:
+    """Elevation data in a file that rasterio reads.
+
+    Attributes:
+        kind: names this source in a scenario.
+        file: a path relative to the scenario file, or ``bundled:NAME`` for data that comes with the package.
+        vertical_datum: what the heights refer to. Ellipsoid heights are refused where sea-level heights are needed.
+        grid_step_m: step of the local grid that the data is brought to; default: half the smaller side of its pixels.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    kind: Literal["raster"]
+    file: str
+    vertical_datum: VerticalDatum
+    grid_step_m: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.grid_step_m is not None:
+            require_positive(grid_step_m=self.grid_step_m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SineCosineTerrain:
+    """The paper's surface, Eq. 26: z = s sin(y / s) cos(x / s), with s = ``scale_m`` metres to the paper's unit.
+
+    Attributes:
+        kind: names this source in a scenario.
+        scale_m: metres to one unit of the paper.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    kind: Literal["sine-cosine"]
+    scale_m: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_positive(scale_m=self.scale_m)
+
+
+Terrain = RasterTerrain | SineCosineTerrain
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Origin:
+    """The place on Earth of the local frame's (0, 0, 0), for areas given in metres.
+
+    Attributes:
+        lat_deg: latitude on WGS 84.
+        lon_deg: longitude on WGS 84.
+        alt_amsl_m: height above mean sea level.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+
+    def __post_init__(self) -> None:
+        require(abs(self.lat_deg) <= 90.0, f"lat_deg: {self.lat_deg} is outside -90..90")
+        require(abs(self.lon_deg) <= 180.0, f"lon_deg: {self.lon_deg} is outside -180..180")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Home:
+    """Where the vehicle takes off and lands, on the ground. Either pair of keys.
+
+    Attributes:
+        lat_deg: latitude on WGS 84.
+        lon_deg: longitude on WGS 84.
+        east_m: east in the local frame, for areas given in metres.
+        north_m: north in the local frame.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    east_m: float | None = None
+    north_m: float | None = None
+
+    def __post_init__(self) -> None:
+        geographic = self.lat_deg is not None and self.lon_deg is not None
+        local = self.east_m is not None and self.north_m is not None
+        any_geographic = self.lat_deg is not None or self.lon_deg is not None
+        any_local = self.east_m is not None or self.north_m is not None
+        require(
+            (geographic and not any_local) or (local and not any_geographic),
+            "give lat_deg and lon_deg, or east_m and north_m",
+        )
+        require(self.lat_deg is None or abs(self.lat_deg) <= 90.0, f"lat_deg: {self.lat_deg} is outside -90..90")
+        require(self.lon_deg is None or abs(self.lon_deg) <= 180.0, f"lon_deg: {self.lon_deg} is outside -180..180")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannerSettings:
+    """How the route is searched for.
+
+    Attributes:
+        algorithm: which optimizer.
+        encoding: "swaths": parallel lines with their own gaps and heights, for sensors that look along the path.
+            "waypoints": free points with activation genes, as the paper.
+        population_size: members of the population.
+        evaluations: full route evaluations when no budget is given.
+        max_waypoints: capacity of the "waypoints" encoding.
+        cell_size_m: cells the search counts on; default: twice the area's cells, on which the result is judged.
+        order: "nearest-neighbour": the paper's decoding. "improved": the same, then 2-opt.
+        seed: of the random numbers.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    algorithm: Literal["imodbo", "modbo"] = "imodbo"
+    encoding: Literal["swaths", "waypoints"] = "swaths"
+    population_size: int = 50
+    evaluations: int = 5000
+    max_waypoints: int = 60
+    cell_size_m: float | None = None
+    order: Literal["nearest-neighbour", "improved"] = "improved"
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        require(self.population_size >= 20, f"population_size: {self.population_size} is below 20")
+        require(
+            self.evaluations >= self.population_size,
+            f"evaluations: {self.evaluations} is less than one population of {self.population_size}",
+        )
+        require(self.max_waypoints >= 2, f"max_waypoints: {self.max_waypoints} is below 2")
+        require(self.seed >= 0, f"seed: {self.seed} must not be negative")
+        if self.cell_size_m is not None:
+            require_positive(cell_size_m=self.cell_size_m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Requirements:
+    """What a flown track must reach for ``verify`` to pass.
+
+    Attributes:
+        min_coverage_of_coverable: share of what can be seen from inside the limits.
+        max_deviation_m: largest distance of the flown track from the planned route, or none.
+        max_gap_s: samples further apart in time than this are not joined by a straight line.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    min_coverage_of_coverable: float = 0.95
+    max_deviation_m: float | None = None
+    max_gap_s: float = 2.0
+
+    def __post_init__(self) -> None:
+        require(
+            0.0 <= self.min_coverage_of_coverable <= 1.0,
+            f"min_coverage_of_coverable: {self.min_coverage_of_coverable} is a share, 0..1",
+        )
+        require_positive(max_gap_s=self.max_gap_s)
+        require(self.max_deviation_m is None or self.max_deviation_m > 0.0, "max_deviation_m: must be above 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scenario:
+    """A whole scenario, validated: the sections of the TOML file.
+
+    Attributes:
+        name: short name, used in files and reports.
+        area: what is to be seen.
+        terrain: on what ground.
+        sensor: with what.
+        limits: inside which limits.
+        vehicle: flown by what.
+        origin: place of the local frame, for areas in metres; none otherwise.
+        home: take-off and landing; needed for mission files.
+        planner: how the route is searched for.
+        select: the rule by which one route of the Pareto set is chosen.
+        requirements: what the flown track must reach.
+        description: one line for people.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    name: str
+    area: Area
+    terrain: Terrain
+    sensor: Sensor
+    limits: FlightLimits
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    origin: Origin | None = None
+    home: Home | None = None
+    planner: PlannerSettings = field(default_factory=PlannerSettings)
+    select: str = "weighted:0.6,0.2,0.2"
+    requirements: Requirements = field(default_factory=Requirements)
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        reach_m = self.sensor.radius_m if self.sensor.kind == "disc" else self.sensor.range_m
+        if self.sensor.kind != "disc":
+            require(
+                reach_m > self.limits.min_height_agl_m,
+                f"sensor.range_m: {reach_m} m does not reach the ground from limits.min_height_agl_m = "
+                f"{self.limits.min_height_agl_m} m",
+            )
+        require(
+            self.area.cell_size_m <= reach_m,
+            f"area.cell_size_m: cells of {self.area.cell_size_m} m are larger than the sensor's reach of {reach_m} m",
+        )
+        if self.area.is_geographic:
+            require(self.origin is None, "origin: goes with areas in metres; a geographic area has its place already")
+            require(self.home is not None, "home: give lat_deg and lon_deg of the take-off place")
+            require(self.terrain.kind == "raster", "terrain.kind: a geographic area needs raster terrain")
+            require(self.home is None or self.home.lat_deg is not None, "home: give lat_deg and lon_deg")
+        else:
+            require(
+                self.terrain.kind != "raster" or self.origin is not None,
+                "origin: raster terrain under an area in metres needs the origin of the local frame",
+            )
+            require(
+                self.home is None or self.home.east_m is not None or self.origin is not None,
+                "home: lat_deg and lon_deg need an origin; give east_m and north_m, or an [origin]",
+            )
+
+    @property
+    def planning_cell_size_m(self) -> float:
+        """Cells that the search counts on: coarser than those on which the result is judged."""
+        return self.planner.cell_size_m if self.planner.cell_size_m is not None else 2.0 * self.area.cell_size_m

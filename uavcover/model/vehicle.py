@@ -1,0 +1,47 @@
+"""What flies."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from uavcover.model.checks import STRICT, require, require_positive
+
+AutopilotName = Literal["ardupilot", "px4"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vehicle:
+    """A multirotor, as far as planning needs it.
+
+    Attributes:
+        cruise_speed_m_s: ground speed along the legs.
+        max_climb_m_s: largest upward speed.
+        max_descent_m_s: largest downward speed.
+        acceptance_radius_m: a waypoint counts as reached within this distance.
+        takeoff_height_m: height above home of the vertical climb, raised where the way there needs more.
+        return_height_m: the autopilot's own return height above home, checked from every waypoint.
+        endurance_s: longest flight, or none.
+        autopilot: whose conventions the mission files follow unless a command says otherwise.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    cruise_speed_m_s: float = 10.0
+    max_climb_m_s: float = 4.0
+    max_descent_m_s: float = 3.0
+    acceptance_radius_m: float = 3.0
+    takeoff_height_m: float = 30.0
+    return_height_m: float = 60.0
+    endurance_s: float | None = None
+    autopilot: AutopilotName = "ardupilot"
+
+    def __post_init__(self) -> None:
+        require_positive(
+            cruise_speed_m_s=self.cruise_speed_m_s,
+            max_climb_m_s=self.max_climb_m_s,
+            max_descent_m_s=self.max_descent_m_s,
+            acceptance_radius_m=self.acceptance_radius_m,
+            takeoff_height_m=self.takeoff_height_m,
+            return_height_m=self.return_height_m,
+        )
+        require(self.cruise_speed_m_s <= 100.0, f"cruise_speed_m_s: {self.cruise_speed_m_s} m/s is no multirotor")
+        require(self.endurance_s is None or self.endurance_s > 0.0, "endurance_s: must be above 0")

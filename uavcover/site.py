@@ -1,0 +1,151 @@
+"""A scenario on its ground: everything in the local frame, ready for planning, flying and judging."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.errors import ScenarioError, TerrainError
+from uavcover.frames import LocalFrame
+from uavcover.model.area import Ring
+from uavcover.model.scenario import RasterTerrain, Scenario, SineCosineTerrain
+from uavcover.terrain.ground import Ground, sine_cosine_ground
+from uavcover.terrain.raster import read_ground, read_height_amsl_m
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A scenario in its local frame.
+
+    Attributes:
+        scenario: as it was understood.
+        frame: the local frame; none for a scenario that has no place on Earth.
+        ground: the height surface.
+        area: what is to be seen, holes cut out, (east, north) metres.
+        fence: what must not be left, (east, north) metres.
+        home_m: (3,) take-off place on the ground, ENU metres; none without a home.
+    """
+
+    scenario: Scenario
+    frame: LocalFrame | None
+    ground: Ground
+    area: shapely.Polygon | shapely.MultiPolygon
+    fence: shapely.Polygon
+    home_m: FloatArray | None
+
+    @property
+    def alt_amsl_offset_m(self) -> float:
+        """Added to an up coordinate at the origin it gives height above sea level; 0 without a place on Earth."""
+        return 0.0 if self.frame is None else self.frame.alt_amsl_m
+
+    def alts_amsl_m(self, enu_m: FloatArray) -> FloatArray:
+        """Heights above sea level (n,) of (n, 3) ENU positions; without a place on Earth, up itself."""
+        points = np.atleast_2d(enu_m)
+        return points[:, 2] if self.frame is None else self.frame.geodetic_from_enu(points)[2]
+
+
+def build_site(scenario: Scenario, *, terrain_file: Path | None = None) -> Site:
+    """Bring a scenario into its local frame and read its terrain.
+
+    Args:
+        scenario: as loaded.
+        terrain_file: path of the elevation file, for raster terrain.
+
+    Raises:
+        TerrainError: the elevation data cannot be used, or does not reach.
+        ScenarioError: places do not fit together.
+    """
+    frame = _frame(scenario, terrain_file)
+    area = _polygon(scenario.area.polygon_lon_lat_deg, scenario.area.polygon_east_north_m, frame)
+    for ring in (*scenario.area.holes_lon_lat_deg, *scenario.area.holes_east_north_m):
+        geographic = scenario.area.is_geographic
+        area = area.difference(_polygon(ring if geographic else None, None if geographic else ring, frame))
+    home_en = _home_en(scenario, frame)
+    fence = _fence(scenario, frame, area, home_en)
+    ground = _ground(scenario, frame, fence, terrain_file)
+    home = None
+    if home_en is not None:
+        home_up = float(ground.heights_m(home_en)[0])
+        if not np.isfinite(home_up):
+            raise TerrainError(f"home: no elevation at the take-off place ({ground.source})")
+        home = np.array([home_en[0], home_en[1], home_up])
+        home.flags.writeable = False
+        if not fence.covers(shapely.Point(home_en)):
+            raise ScenarioError("home: the take-off place is outside limits.fence")
+    return Site(scenario=scenario, frame=frame, ground=ground, area=area, fence=fence, home_m=home)
+
+
+def _frame(scenario: Scenario, terrain_file: Path | None) -> LocalFrame | None:
+    if scenario.origin is not None:
+        return LocalFrame(scenario.origin.lat_deg, scenario.origin.lon_deg, scenario.origin.alt_amsl_m)
+    home = scenario.home
+    if not scenario.area.is_geographic or home is None or home.lat_deg is None or home.lon_deg is None:
+        return None
+    if not isinstance(scenario.terrain, RasterTerrain) or terrain_file is None:
+        raise ScenarioError("terrain: a geographic area needs raster terrain")
+    alt = _read_home_height(terrain_file, scenario.terrain.vertical_datum, home.lat_deg, home.lon_deg)
+    return LocalFrame(home.lat_deg, home.lon_deg, alt)
+
+
+def _read_home_height(terrain_file: Path, vertical_datum: str, lat_deg: float, lon_deg: float) -> float:
+    try:
+        return read_height_amsl_m(terrain_file, vertical_datum, lat_deg=lat_deg, lon_deg=lon_deg)
+    except TerrainError as error:
+        if "no elevation at" in str(error):
+            raise TerrainError(f"home: {error}; are latitude and longitude swapped?") from error
+        raise
+
+
+def _polygon(lon_lat_deg: Ring | None, east_north_m: Ring | None, frame: LocalFrame | None) -> shapely.Polygon:
+    if east_north_m is not None:
+        return shapely.Polygon(east_north_m)
+    if lon_lat_deg is None or frame is None:
+        raise ScenarioError("area: a polygon in degrees needs a home or an origin")
+    ring = np.asarray(lon_lat_deg, float)
+    return shapely.Polygon(frame.enu_from_geodetic(ring[:, 1], ring[:, 0], frame.alt_amsl_m)[:, :2])
+
+
+def _home_en(scenario: Scenario, frame: LocalFrame | None) -> FloatArray | None:
+    home = scenario.home
+    if home is None:
+        return None
+    if home.east_m is not None and home.north_m is not None:
+        return np.array([home.east_m, home.north_m])
+    if frame is None or home.lat_deg is None or home.lon_deg is None:
+        raise ScenarioError("home: lat_deg and lon_deg need an origin")
+    return np.asarray(frame.enu_from_geodetic(home.lat_deg, home.lon_deg, frame.alt_amsl_m)[0, :2])
+
+
+def _fence(
+    scenario: Scenario, frame: LocalFrame | None, area: shapely.Geometry, home_en: FloatArray | None
+) -> shapely.Polygon:
+    limits = scenario.limits
+    if limits.fence_lon_lat_deg is not None or limits.fence_east_north_m is not None:
+        if limits.fence_lon_lat_deg is not None and frame is None:
+            raise ScenarioError("limits.fence_lon_lat_deg: needs a place on Earth; give fence_east_north_m")
+        fence = _polygon(limits.fence_lon_lat_deg, limits.fence_east_north_m, frame)
+        if not fence.is_valid:
+            raise ScenarioError(f"limits.fence: {shapely.is_valid_reason(fence)}")
+        return fence
+    places = [area] if home_en is None else [area, shapely.Point(home_en)]
+    grown = shapely.union_all(places).convex_hull.buffer(limits.fence_margin_m, join_style="mitre")
+    # Few vertices: a fence is uploaded item by item. Simplifying outwards would need more; the hull has few already.
+    return grown if isinstance(grown, shapely.Polygon) else shapely.Polygon(grown.exterior)
+
+
+def _ground(scenario: Scenario, frame: LocalFrame | None, fence: shapely.Polygon, terrain_file: Path | None) -> Ground:
+    terrain = scenario.terrain
+    if isinstance(terrain, SineCosineTerrain):
+        return sine_cosine_ground(terrain.scale_m)
+    if frame is None or terrain_file is None:
+        raise ScenarioError("terrain: raster terrain needs a place on Earth")
+    # Beyond the fence by a sensor's reach: what lies outside can still stand in the line of sight of a way home.
+    west, south, east, north = fence.bounds
+    return read_ground(
+        terrain_file, terrain.vertical_datum, frame=frame,
+        bounds_m=(west - 100.0, south - 100.0, east + 100.0, north + 100.0), grid_step_m=terrain.grid_step_m,
+    )  # fmt: skip
