@@ -1,0 +1,99 @@
+"""Routes, and what is known of them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class RouteMetrics:
+    """What a route is worth, judged on the cells of the area.
+
+    Attributes:
+        coverage_fraction: share of the area's ground that is seen, 0..1.
+        coverage_of_coverable: share of what can be seen at all from inside the limits, 0..1.
+        waypoint_count: how many waypoints.
+        path_length_m: length of the open path in three dimensions.
+        flight_time_s: time to fly it at cruise speed, climbs and descents at their own limits.
+        min_height_agl_m: lowest point above ground, along the legs or at the waypoints as the limits say.
+        max_height_agl_m: highest point above ground, likewise.
+    """
+
+    coverage_fraction: float
+    coverage_of_coverable: float
+    waypoint_count: int
+    path_length_m: float
+    flight_time_s: float
+    min_height_agl_m: float
+    max_height_agl_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Route:
+    """Waypoints in flying order.
+
+    Attributes:
+        waypoints_m: (n, 3) east, north, up in metres, read-only.
+    """
+
+    waypoints_m: FloatArray
+
+    def __post_init__(self) -> None:
+        points = np.array(self.waypoints_m, dtype=float).reshape(-1, 3)
+        points.flags.writeable = False
+        object.__setattr__(self, "waypoints_m", points)
+
+    def __len__(self) -> int:
+        return int(self.waypoints_m.shape[0])
+
+    @property
+    def length_m(self) -> float:
+        """Length of the open path in three dimensions (Eq. 6)."""
+        return float(np.linalg.norm(np.diff(self.waypoints_m, axis=0), axis=1).sum())
+
+
+@dataclass(frozen=True, slots=True)
+class RouteMember:
+    """A route of the Pareto set with its figures.
+
+    Attributes:
+        route: the waypoints.
+        metrics: judged on the cells of the area.
+        violation: total violation of the hard limits, 0 when they hold.
+        origin: what made it: the algorithm, or the name of a baseline.
+    """
+
+    route: Route
+    metrics: RouteMetrics
+    violation: float
+    origin: str
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """The outcome of planning.
+
+    Attributes:
+        chosen: the route that is handed over.
+        members: the Pareto set, by coverage.
+        baselines: routes computed for comparison.
+        rule: how the chosen one was chosen.
+        rule_met: whether the rule could be met; when not, the best there is was chosen.
+        algorithm: which optimizer.
+        evaluations: full route evaluations spent.
+        wall_s: time spent.
+        interrupted: whether the search was ended early by the user.
+    """
+
+    chosen: RouteMember
+    members: tuple[RouteMember, ...]
+    baselines: tuple[RouteMember, ...]
+    rule: str
+    rule_met: bool
+    algorithm: str
+    evaluations: int
+    wall_s: float
+    interrupted: bool = False

@@ -1,0 +1,81 @@
+"""What was flown."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+COLUMNS = (
+    "time_s",
+    "lat_deg",
+    "lon_deg",
+    "alt_amsl_m",
+    "east_m",
+    "north_m",
+    "up_m",
+    "roll_deg",
+    "pitch_deg",
+    "yaw_deg",
+    "current_waypoint",
+)
+"""Columns of ``track.csv``, in order."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackSample:
+    """One sample, a row of ``track.csv``.
+
+    Attributes:
+        time_s: vehicle time.
+        lat_deg: latitude.
+        lon_deg: longitude.
+        alt_amsl_m: height above sea level.
+        east_m: east in the local frame of the scenario.
+        north_m: north.
+        up_m: up.
+        roll_deg: right side down is positive.
+        pitch_deg: nose up is positive.
+        yaw_deg: clockwise from north, 0..360.
+        current_waypoint: number in ``plan.json`` of the planned waypoint that is being flown to; -1 before the first
+            has been taken up and after the last has been reached.
+    """
+
+    time_s: float
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+    east_m: float
+    north_m: float
+    up_m: float
+    roll_deg: float
+    pitch_deg: float
+    yaw_deg: float
+    current_waypoint: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """A flown track; its arrays are read-only.
+
+    Attributes:
+        time_s: (n,) vehicle time, increasing.
+        geodetic: (n, 3) latitude and longitude in degrees, height above sea level in metres.
+        enu_m: (n, 3) east, north, up in metres.
+        attitude_deg: (n, 3) roll, pitch, yaw.
+        current_waypoint: (n,) see :class:`TrackSample`.
+    """
+
+    time_s: FloatArray
+    geodetic: FloatArray
+    enu_m: FloatArray
+    attitude_deg: FloatArray
+    current_waypoint: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        for array in (self.time_s, self.geodetic, self.enu_m, self.attitude_deg, self.current_waypoint):
+            array.flags.writeable = False
+
+    def __len__(self) -> int:
+        return int(self.time_s.size)
