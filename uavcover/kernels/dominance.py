@@ -33,7 +33,7 @@ def non_dominated_ranks(objectives: FloatArray, total_violation: FloatArray) -> 
     """The number of the front each row belongs to, 0 for rows that nothing dominates.
 
     Efficient non-dominated sort with sequential search (Zhang, Tian, Cheng and Jin 2015): O(m n^2) at worst,
-    O(m n sqrt(n)) at best, O(n) memory.
+    O(m n sqrt(n)) at best, O(n) memory. With two objectives O(n f) comparisons, f = fronts.
 
     Args:
         objectives: ``(n, m)``, minimised, no NaN; n = solutions, m = objectives.
@@ -66,14 +66,15 @@ def _ranks_up_to(objectives: FloatArray, total_violation: FloatArray, deepest: i
     # In this order no row can be dominated by a later one.
     order = np.lexsort((*objectives.T[::-1], total_violation))
     ranks = np.empty(len(objectives), np.int64)
-    ranks[order] = _sorted_ranks(objectives[order], total_violation[order], deepest)
+    ordered = np.ascontiguousarray(objectives[order])
+    ranks[order] = _sorted_ranks(ordered, total_violation[order], deepest)
     return ranks
 
 
 @kernel
 def _sorted_ranks(objectives: FloatArray, total_violation: FloatArray, deepest: int) -> IntArray:
     """Ranks of rows in which dominators come first; rows of front ``deepest`` and beyond all get rank ``deepest``."""
-    n = objectives.shape[0]
+    n, m = objectives.shape
     ranks = np.empty(n, np.int64)
     newest = np.full(n, -1, np.int64)  # of each front, the member placed last
     older = np.empty(n, np.int64)  # of each row, the member of its front placed before it
@@ -82,7 +83,8 @@ def _sorted_ranks(objectives: FloatArray, total_violation: FloatArray, deepest: 
         while front < deepest:
             member = newest[front]
             while member != -1 and not dominates(objectives, total_violation, member, p):
-                member = older[member]
+                # Along a front of two objectives the second one falls: the newest member speaks for all.
+                member = older[member] if m > 2 else -1
             if member == -1:
                 older[p] = newest[front]
                 newest[front] = p

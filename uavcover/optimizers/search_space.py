@@ -62,4 +62,6 @@ class Box:
 
     def latin_hypercube(self, n: int, rng: np.random.Generator) -> FloatArray:
         """``(n, d)`` samples, exactly one in each of the n equal slices of every variable."""
-        return self.scaled(qmc.LatinHypercube(self.n_variables, rng=rng).random(n))
+        # A drawn integer and not rng itself: scipy would spawn from it, which depends on more than its saved state.
+        own_seed = int(rng.integers(2**63))
+        return self.scaled(qmc.LatinHypercube(self.n_variables, rng=own_seed).random(n))

@@ -25,7 +25,7 @@ def finite_array(values: npt.ArrayLike, name: str) -> FloatArray:
         OptimizerError: Not numbers, or not all finite; the message names the array and the first bad entry.
     """
     try:
-        array = np.array(values, dtype=np.float64)
+        array = np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
         raise OptimizerError(f"{name}: not an array of numbers ({error}): give rows of equal length") from error
     bad = np.argwhere(~np.isfinite(array))
