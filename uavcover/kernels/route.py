@@ -1,0 +1,258 @@
+"""Order, length and time of routes, and how to lay a route over the ground."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.kernels._jit import kernel
+from uavcover.kernels.surface import Surface, height
+
+
+@kernel
+def nearest_neighbour_order(points: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Order of (n, 3) points: first the one nearest to ``reference`` (3,), then always the nearest one left.
+
+    The paper's decoding (section 2.1). Ties go to the lower index. O(n^2).
+    """
+    n = points.shape[0]
+    order = np.empty(n, dtype=np.int64)
+    used = np.zeros(n, dtype=np.bool_)
+    at = reference
+    for k in range(n):
+        best = -1
+        best2 = math.inf
+        for i in range(n):
+            if not used[i]:
+                d2 = (points[i, 0] - at[0]) ** 2 + (points[i, 1] - at[1]) ** 2 + (points[i, 2] - at[2]) ** 2
+                if d2 < best2:
+                    best, best2 = i, d2
+        order[k] = best
+        used[best] = True
+        at = points[best]
+    return order
+
+
+@kernel
+def two_opt(points: NDArray[np.float64], order: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Shorten an open tour over (n, 3) points by 2-opt and Or-opt moves until none helps; its first point stays first.
+
+    2-opt reverses a stretch of the tour; Or-opt moves a stretch of up to three points elsewhere. O(n^2) a sweep.
+    """
+    n = order.size
+    tour = order.copy()
+    if n < 3:
+        return tour
+    distance = np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            a, b = points[i], points[j]
+            distance[i, j] = math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+    improved = True
+    while improved:
+        improved = False
+        for i in range(n - 2):
+            for j in range(i + 2, n):
+                # Reverse tour[i + 1 .. j]; the tour is open, so the last edge may be missing.
+                gain = distance[tour[i], tour[i + 1]] - distance[tour[i], tour[j]]
+                if j + 1 < n:
+                    gain += distance[tour[j], tour[j + 1]] - distance[tour[i + 1], tour[j + 1]]
+                if gain > 1e-9:
+                    tour[i + 1 : j + 1] = tour[i + 1 : j + 1][::-1].copy()
+                    improved = True
+        if _or_opt_sweep(distance, tour):
+            improved = True
+    return tour
+
+
+@kernel
+def _or_opt_sweep(distance: NDArray[np.float64], tour: NDArray[np.int64]) -> bool:
+    """Move stretches of one to three points to where the tour gets shorter; True when any was moved."""
+    n = tour.size
+    moved = False
+    for length in range(1, 4):
+        first = 1
+        while first + length <= n:
+            last = first + length - 1
+            before = tour[first - 1]
+            out = distance[before, tour[first]]
+            if last + 1 < n:
+                out += distance[tour[last], tour[last + 1]] - distance[before, tour[last + 1]]
+            best_gain = 1e-9
+            best_at = -1
+            for k in range(n):
+                # Between tour[k] and tour[k + 1], neither of which is in the stretch.
+                if first - 1 <= k <= last:
+                    continue
+                into = distance[tour[k], tour[first]]
+                if k + 1 < n:
+                    into += distance[tour[last], tour[k + 1]] - distance[tour[k], tour[k + 1]]
+                if out - into > best_gain:
+                    best_gain, best_at = out - into, k
+            if best_at >= 0:
+                stretch = tour[first : last + 1].copy()
+                if best_at < first:
+                    tour[best_at + 1 + length : last + 1] = tour[best_at + 1 : first].copy()
+                    tour[best_at + 1 : best_at + 1 + length] = stretch
+                else:
+                    tour[first : best_at + 1 - length] = tour[last + 1 : best_at + 1].copy()
+                    tour[best_at + 1 - length : best_at + 1] = stretch
+                moved = True
+            first += 1
+    return moved
+
+
+@kernel
+def path_length(route: NDArray[np.float64]) -> float:
+    """Length of the open path through (n, 3) points (Eq. 6)."""
+    total = 0.0
+    for i in range(route.shape[0] - 1):
+        de = route[i + 1, 0] - route[i, 0]
+        dn = route[i + 1, 1] - route[i, 1]
+        du = route[i + 1, 2] - route[i, 2]
+        total += math.sqrt(de * de + dn * dn + du * du)
+    return total
+
+
+@kernel
+def flight_time(route: NDArray[np.float64], cruise: float, climb: float, descent: float) -> float:
+    """Time along the (n, 3) route in seconds: each leg at cruise speed over ground, or slower where climbing limits it."""
+    total = 0.0
+    for i in range(route.shape[0] - 1):
+        horizontal = math.hypot(route[i + 1, 0] - route[i, 0], route[i + 1, 1] - route[i, 1])
+        du = route[i + 1, 2] - route[i, 2]
+        vertical = du / climb if du > 0.0 else -du / descent
+        total += max(horizontal / cruise, vertical)
+    return total
+
+
+@kernel
+def _sample_count(polyline: NDArray[np.float64], spacing: float) -> int:
+    count = 1
+    for i in range(polyline.shape[0] - 1):
+        length = math.hypot(polyline[i + 1, 0] - polyline[i, 0], polyline[i + 1, 1] - polyline[i, 1])
+        count += max(1, math.ceil(length / spacing))
+    return count
+
+
+@kernel
+def follow_terrain(
+    surface: Surface,
+    polyline: NDArray[np.float64],
+    wanted: NDArray[np.float64],
+    low: float,
+    high: float,
+    max_slope: float,
+    tolerance: float,
+    spacing: float,
+) -> NDArray[np.float64]:
+    """Lay a polyline over the ground: heights inside a band above it, slopes inside a limit, few waypoints.
+
+    1. Sample the ground along the line.
+    2. The lowest and highest allowed profiles are widened until no slope is steeper than ``max_slope``: where the ground
+       rises faster, the climb starts earlier. Where both cannot be had, the lower limit wins.
+    3. The wanted height above ground, made no steeper than that, is the reference.
+    4. Straight chords, as long as they stay within ``tolerance`` of the reference and inside the band at every sample,
+       replace it. Corners of the polyline stay waypoints.
+
+    Args:
+        surface: the ground.
+        polyline: (n, 2) east, north in metres, n >= 2.
+        wanted: (n,) wanted height above ground at the corners, metres, linear between them.
+        low: lowest height above ground, metres.
+        high: largest height above ground, metres.
+        max_slope: tangent of the steepest climb.
+        tolerance: how far a chord may leave the reference, metres.
+        spacing: distance between samples, metres. Between two samples the ground is not looked at.
+
+    Returns:
+        (m, 3) east, north, up; NaN ups where the ground has no data.
+    """
+    count = _sample_count(polyline, spacing)
+    along = np.empty(count)
+    east = np.empty(count)
+    north = np.empty(count)
+    reference = np.empty(count)
+    lowest = np.empty(count)
+    highest = np.empty(count)
+    corner = np.zeros(count, dtype=np.bool_)
+    along[0] = 0.0
+    k = 0
+    for i in range(polyline.shape[0] - 1):
+        length = math.hypot(polyline[i + 1, 0] - polyline[i, 0], polyline[i + 1, 1] - polyline[i, 1])
+        pieces = max(1, math.ceil(length / spacing))
+        start = along[k]
+        for piece in range(0 if i == 0 else 1, pieces + 1):
+            t = piece / pieces
+            k = k + 1 if piece > 0 else k
+            along[k] = start + t * length
+            east[k] = polyline[i, 0] + t * (polyline[i + 1, 0] - polyline[i, 0])
+            north[k] = polyline[i, 1] + t * (polyline[i + 1, 1] - polyline[i, 1])
+            ground = height(surface, east[k], north[k])
+            reference[k] = ground + wanted[i] + t * (wanted[i + 1] - wanted[i])
+            lowest[k] = ground + low
+            highest[k] = ground + high
+        corner[k] = True
+    corner[0] = True
+    _widen(along, lowest, max_slope)
+    _widen(along, reference, max_slope)
+    for i in range(count):
+        highest[i] = -highest[i]
+    _widen(along, highest, max_slope)
+    for i in range(count):
+        highest[i] = -highest[i]
+        reference[i] = max(lowest[i], min(highest[i], reference[i]))
+    return _chords(along, east, north, reference, lowest, highest, corner, tolerance)
+
+
+@kernel
+def _widen(along: NDArray[np.float64], profile: NDArray[np.float64], max_slope: float) -> None:
+    """Raise ``profile`` in place until it is nowhere steeper than ``max_slope``."""
+    for i in range(1, profile.size):
+        profile[i] = max(profile[i], profile[i - 1] - max_slope * (along[i] - along[i - 1]))
+    for i in range(profile.size - 2, -1, -1):
+        profile[i] = max(profile[i], profile[i + 1] - max_slope * (along[i + 1] - along[i]))
+
+
+@kernel
+def _chords(
+    along: NDArray[np.float64],
+    east: NDArray[np.float64],
+    north: NDArray[np.float64],
+    reference: NDArray[np.float64],
+    lowest: NDArray[np.float64],
+    highest: NDArray[np.float64],
+    corner: NDArray[np.bool_],
+    tolerance: float,
+) -> NDArray[np.float64]:
+    """Fewest straight chords between points of the reference, greedily: each as long as the samples below it allow."""
+    keep = np.zeros(along.size, dtype=np.bool_)
+    keep[0] = True
+    at = 0
+    while at < along.size - 1:
+        furthest = at + 1
+        # Slopes from here that pass between floor and ceiling at every sample so far.
+        shallowest, steepest = -math.inf, math.inf
+        for j in range(at + 1, along.size):
+            run = along[j] - along[at]
+            if run > 0.0:
+                slope = (reference[j] - reference[at]) / run
+                if shallowest <= slope <= steepest:
+                    furthest = j
+                floor = max(lowest[j], reference[j] - tolerance)
+                ceiling = max(floor, min(highest[j], reference[j] + tolerance))
+                shallowest = max(shallowest, (floor - reference[at]) / run)
+                steepest = min(steepest, (ceiling - reference[at]) / run)
+            if corner[j] or shallowest > steepest:
+                if corner[j] and run == 0.0:
+                    furthest = j
+                break
+        keep[furthest] = True
+        at = furthest
+    out = np.empty((int(keep.sum()), 3))
+    k = 0
+    for i in range(along.size):
+        if keep[i]:
+            out[k, 0], out[k, 1], out[k, 2] = east[i], north[i], reference[i]
+            k += 1
+    return out

@@ -1,0 +1,120 @@
+"""Routes that any planner must be compared with: the plain and the tuned boustrophedon."""
+
+import math
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.coverage.sensors import reach_at_height_m
+from uavcover.model.route import Route
+from uavcover.planning.objectives import Evaluation, evaluate_routes
+from uavcover.planning.swaths import SwathLayout, fly_layout, long_side_angle_rad, regular_layout, width_across_m
+from uavcover.site import Site
+
+PLAIN_TOLERANCE_M = 10.0
+_TUNED_ANGLES = 6
+_TUNED_INSETS = (0.0, 0.5)
+_TUNED_LINES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.35, 1.5, 1.75)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Baseline:
+    """A route by a known method.
+
+    Attributes:
+        name: the method.
+        route: its waypoints.
+        layout: the lines it is made of.
+        objectives: (3,) values on the planner's cells.
+        violation: total violation of the hard limits.
+    """
+
+    name: str
+    route: Route
+    layout: SwathLayout
+    objectives: np.ndarray[tuple[int], np.dtype[np.float64]]
+    violation: float
+
+
+def best_height_agl_m(site: Site) -> float:
+    """Height from which the sensor sees the widest strip of flat ground.
+
+    It stays inside the planner's band by the tolerance of the straight legs: a leg that may leave its height both ways
+    needs far fewer waypoints than one that is pressed against the ceiling.
+    """
+    limits = site.scenario.limits
+    low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
+    inner = min(PLAIN_TOLERANCE_M, 0.5 * (high - low))
+    heights = np.linspace(low + inner, high - inner, 41)
+    reach = [reach_at_height_m(site.scenario.sensor, float(height)) for height in heights]
+    return float(heights[int(np.argmax(reach))])
+
+
+def plain_boustrophedon(site: Site) -> SwathLayout:
+    """Lines along the long side, strips of flat ground side by side without overlap, from the height that sees widest."""
+    angle = long_side_angle_rad(site)
+    height = best_height_agl_m(site)
+    return regular_layout(
+        angle_rad=angle,
+        lines=_lines(site, angle, height, 1.0),
+        height_agl_m=height,
+        inset=0.0,
+        tolerance_m=PLAIN_TOLERANCE_M,
+    )
+
+
+def boustrophedons(
+    coverage: CoverageMap, executor: Executor | None = None, should_stop: Callable[[], bool] = lambda: False
+) -> list[Baseline]:
+    """The plain boustrophedon and a scan over direction, height, spacing and inset; the plain one first.
+
+    Args:
+        coverage: on the planner's cells.
+        executor: evaluates routes side by side.
+        should_stop: asked between batches; the plain one is always there.
+    """
+    site = coverage.site
+    found = _evaluate(coverage, "boustrophedon", [plain_boustrophedon(site)], executor)
+    for batch in _scan(site):
+        if should_stop():
+            break
+        found += _evaluate(coverage, "boustrophedon-tuned", batch, executor)
+    return found
+
+
+def _scan(site: Site) -> Iterator[list[SwathLayout]]:
+    base = long_side_angle_rad(site)
+    limits = site.scenario.limits
+    best = best_height_agl_m(site)
+    middle = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
+    heights = sorted({best, 0.5 * (best + middle)}, reverse=True)
+    for k in range(_TUNED_ANGLES):
+        angle = base + k * math.pi / _TUNED_ANGLES
+        layouts: dict[tuple[int, float, float], SwathLayout] = {}
+        for height in heights:
+            for factor in _TUNED_LINES:
+                for inset in _TUNED_INSETS:
+                    lines = _lines(site, angle, height, factor)
+                    layouts[lines, height, inset] = regular_layout(
+                        angle_rad=angle, lines=lines, height_agl_m=height, inset=inset, tolerance_m=PLAIN_TOLERANCE_M
+                    )
+        yield list(layouts.values())
+
+
+def _lines(site: Site, angle_rad: float, height_agl_m: float, factor: float) -> int:
+    strip = 2.0 * max(reach_at_height_m(site.scenario.sensor, height_agl_m), site.scenario.area.cell_size_m)
+    return max(1, math.ceil(factor * width_across_m(site, angle_rad) / strip - 1e-9))
+
+
+def _evaluate(
+    coverage: CoverageMap, name: str, layouts: list[SwathLayout], executor: Executor | None
+) -> list[Baseline]:
+    routes = [fly_layout(coverage.site, layout) for layout in layouts]
+    values: Evaluation = evaluate_routes(coverage, routes, executor)
+    return [
+        Baseline(name, route, layout, values.objectives[i], float(values.violations[i].sum()))
+        for i, (route, layout) in enumerate(zip(routes, layouts, strict=True))
+    ]

@@ -1,0 +1,67 @@
+"""What a route is worth: the objectives of Eq. 8 and its hard limits."""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.kernels import route as kernels
+from uavcover.leg_checks import measure_violations, route_height_range_m
+from uavcover.model.route import Route, RouteMetrics
+from uavcover.site import Site
+
+FloatArray = NDArray[np.float64]
+
+OBJECTIVES = ("minus_coverage", "waypoint_count", "path_length_m")
+"""Names of the objectives, all minimised: -f1, f2, f3 of Eq. 8."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Values of many routes.
+
+    Attributes:
+        objectives: (n, 3) in the order of OBJECTIVES.
+        violations: (n, 1) total violation, 0 when the hard limits hold.
+    """
+
+    objectives: FloatArray
+    violations: FloatArray
+
+
+def evaluate_routes(coverage: CoverageMap, routes: Sequence[Route], executor: Executor | None = None) -> Evaluation:
+    """Objectives and violations of routes; every route by itself, so threads cannot change the result."""
+
+    def one(route: Route) -> tuple[float, float, float, float]:
+        points = route.waypoints_m
+        share = coverage.share(coverage.seen(points))
+        violation = measure_violations(
+            coverage.site, points, margin_m=coverage.site.scenario.limits.height_margin_m
+        ).total
+        return -share, float(len(route)), float(kernels.path_length(points)), violation
+
+    rows = np.array(list(executor.map(one, routes) if executor is not None else map(one, routes))).reshape(-1, 4)
+    return Evaluation(objectives=rows[:, :3], violations=rows[:, 3:])
+
+
+def judge(coverage: CoverageMap, route: Route) -> RouteMetrics:
+    """Everything that is reported of a route, on the cells of ``coverage``."""
+    site: Site = coverage.site
+    points = route.waypoints_m
+    vehicle = site.scenario.vehicle
+    seen = coverage.seen(points)
+    lowest, highest = route_height_range_m(site, points)
+    return RouteMetrics(
+        coverage_fraction=coverage.share(seen),
+        coverage_of_coverable=coverage.share_of_coverable(seen),
+        waypoint_count=len(route),
+        path_length_m=float(kernels.path_length(points)),
+        flight_time_s=float(
+            kernels.flight_time(points, vehicle.cruise_speed_m_s, vehicle.max_climb_m_s, vehicle.max_descent_m_s)
+        ),
+        min_height_agl_m=lowest,
+        max_height_agl_m=highest,
+    )

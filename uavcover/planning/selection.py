@@ -1,0 +1,126 @@
+"""Choosing one route of a Pareto set, by a named rule."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.errors import InputError
+from uavcover.model.route import RouteMember
+
+FloatArray = NDArray[np.float64]
+
+PAPER_WEIGHTS = (0.6, 0.2, 0.2)
+
+_WEIGHTED = re.compile(r"weighted(?::(?P<weights>[^:]+))?")
+_COVERAGE = re.compile(r"coverage\s*>=\s*(?P<share>[0-9.eE+-]+)")
+_INDEX = re.compile(r"index:(?P<index>\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The chosen member.
+
+    Attributes:
+        index: its number in the set.
+        met: whether the rule could be met; False when the required coverage is out of reach and the best was taken.
+    """
+
+    index: int
+    met: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """A parsed rule: ``weighted[:w1,w2,w3]``, ``knee``, ``max-coverage``, ``coverage>=X`` or ``index:N``.
+
+    Attributes:
+        text: as it was written.
+        kind: the word before the parameters.
+        numbers: the parameters.
+    """
+
+    text: str
+    kind: str
+    numbers: tuple[float, ...] = ()
+
+    @property
+    def required_coverage(self) -> float | None:
+        """The share of the coverable area that the rule asks for, if it asks for one."""
+        return self.numbers[0] if self.kind == "coverage" else None
+
+
+def parse_rule(text: str) -> Rule:
+    """Understand a selection rule.
+
+    Raises:
+        InputError: it is none of the rules, or its numbers are out of range.
+    """
+    rule = text.strip()
+    if rule in {"knee", "max-coverage"}:
+        return Rule(rule, rule)
+    if match := _WEIGHTED.fullmatch(rule):
+        try:
+            weights = tuple(float(w) for w in match["weights"].split(",")) if match["weights"] else PAPER_WEIGHTS
+        except ValueError:
+            weights = ()
+        if len(weights) != 3 or min(weights, default=-1.0) < 0.0 or not 0.0 < sum(weights) < np.inf:
+            raise InputError(f"select: {text!r} needs three weights, none negative, as in weighted:0.6,0.2,0.2")
+        return Rule(rule, "weighted", weights)
+    if match := _COVERAGE.fullmatch(rule):
+        try:
+            share = float(match["share"])
+        except ValueError:
+            share = -1.0
+        if not 0.0 <= share <= 1.0:
+            raise InputError(f"select: {text!r} needs a share between 0 and 1, as in coverage>=0.95")
+        return Rule(rule, "coverage", (share,))
+    if match := _INDEX.fullmatch(rule):
+        return Rule(rule, "index", (float(match["index"]),))
+    raise InputError(
+        f"select: {text!r} is no rule; use weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N"
+    )
+
+
+def select(members: Sequence[RouteMember], rule: Rule) -> Choice:
+    """Choose by a rule; ties go to the lower number.
+
+    ``weighted``: smallest weighted sum of the objectives, each brought to 0..1 over the set (the paper's section 5.3).
+    ``knee``: nearest to the ideal point after the same scaling. ``max-coverage``: most coverage, then shortest.
+    ``coverage>=X``: the shortest that reaches X of what is coverable; when none does, as ``max-coverage`` and not met.
+
+    Raises:
+        InputError: ``index`` outside the set, or an empty set.
+    """
+    if not members:
+        raise InputError("select: the Pareto set is empty")
+    coverage = np.array([member.metrics.coverage_of_coverable for member in members])
+    length = np.array([member.metrics.path_length_m for member in members])
+    if rule.kind == "index":
+        index = int(rule.numbers[0])
+        if index >= len(members):
+            raise InputError(
+                f"select: index:{index} is outside the set of {len(members)} members (0..{len(members) - 1})"
+            )
+        return Choice(index, met=True)
+    if rule.kind == "coverage":
+        enough = np.flatnonzero(coverage >= rule.numbers[0])
+        if enough.size:
+            return Choice(int(enough[np.argmin(length[enough])]), met=True)
+    if rule.kind in {"coverage", "max-coverage"}:
+        return Choice(int(np.lexsort((length, -coverage))[0]), met=rule.kind == "max-coverage")
+    scaled = _scaled(members)
+    if rule.kind == "weighted":
+        return Choice(int(np.argmin(scaled @ np.array(rule.numbers))), met=True)
+    return Choice(int(np.argmin((scaled**2).sum(axis=1))), met=True)
+
+
+def _scaled(members: Sequence[RouteMember]) -> FloatArray:
+    """(n, 3) objectives, all minimised, brought to 0..1 over the set; 0 where the set has no spread."""
+    values = np.array(
+        [[-m.metrics.coverage_fraction, m.metrics.waypoint_count, m.metrics.path_length_m] for m in members]
+    )
+    spread = np.ptp(values, axis=0)
+    return np.asarray((values - values.min(axis=0)) / np.where(spread > 0.0, spread, 1.0))

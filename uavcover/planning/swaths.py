@@ -1,0 +1,106 @@
+"""Parallel flight lines over an area: how many, where, how high, and which way to fly them."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.coverage.sensors import reach_at_height_m
+from uavcover.model.route import Route
+from uavcover.planning.terrain_following import lay_over_terrain
+from uavcover.site import Site
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SwathLayout:
+    """A boustrophedon over the area with its own gaps and heights.
+
+    Attributes:
+        angle_rad: direction of the lines, counter-clockwise from east.
+        gaps: (k + 1,) relative widths: before the first line, between lines, after the last. Half a gap at both ends.
+        heights_agl_m: (k,) wanted height above ground of each line.
+        inset: how far the lines stop before the border of the area, as a share of the sensor's reach on flat ground.
+        tolerance_m: how far the straight legs may leave the wanted height.
+        start: which of the four ways to fly it: bit 0 begins at the other end of the first line, bit 1 with the last line.
+    """
+
+    angle_rad: float
+    gaps: FloatArray
+    heights_agl_m: FloatArray
+    inset: float
+    tolerance_m: float
+    start: int = 0
+
+
+def regular_layout(
+    *, angle_rad: float, lines: int, height_agl_m: float, inset: float, tolerance_m: float, start: int = 0
+) -> SwathLayout:
+    """Equal gaps, half of one at both borders, and one height: the plain boustrophedon."""
+    gaps = np.ones(lines + 1)
+    gaps[[0, -1]] = 0.5
+    return SwathLayout(angle_rad, gaps, np.full(lines, height_agl_m), inset, tolerance_m, start)
+
+
+def long_side_angle_rad(site: Site) -> float:
+    """Direction of the longer side of the smallest rectangle around the area, -pi/2..pi/2."""
+    rectangle = np.asarray(shapely.minimum_rotated_rectangle(site.area).exterior.coords)
+    sides = np.diff(rectangle, axis=0)[:2]
+    east, north = sides[int(np.argmax(np.hypot(sides[:, 0], sides[:, 1])))]
+    return math.remainder(math.atan2(north, east), math.pi)
+
+
+def width_across_m(site: Site, angle_rad: float) -> float:
+    """Width of the area at right angles to a direction, metres."""
+    corners = np.asarray(site.area.convex_hull.exterior.coords)
+    return float(np.ptp(corners @ np.array([-math.sin(angle_rad), math.cos(angle_rad)])))
+
+
+def fly_layout(site: Site, layout: SwathLayout) -> Route:
+    """The route of a layout, laid over the terrain.
+
+    Each line runs over the whole extent of the area inside its strip. Concave areas and holes are flown across.
+    """
+    c, s = math.cos(layout.angle_rad), math.sin(layout.angle_rad)
+    to_lines = np.array([[c, s], [-s, c]])
+    rings = [np.asarray(part.exterior.coords) for part in shapely.get_parts(site.area)]
+    corners = np.vstack(rings) @ to_lines.T
+    edges = np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in (ring @ to_lines.T for ring in rings)])
+    first, last = corners[:, 1].min(), corners[:, 1].max()
+    borders = first + (last - first) * np.cumsum(layout.gaps)[:-1] / layout.gaps.sum()
+    strips = np.concatenate([[first], 0.5 * (borders[1:] + borders[:-1]), [last]])
+    polyline: list[tuple[float, float]] = []
+    wanted: list[float] = []
+    for k, (across, height_agl_m) in enumerate(zip(borders, layout.heights_agl_m, strict=True)):
+        west, east = _extent(edges, strips[k], strips[k + 1])
+        inset = layout.inset * reach_at_height_m(site.scenario.sensor, float(height_agl_m))
+        # Never past the middle of the line.
+        inset = min(inset, 0.5 * (east - west) - 0.5) if east - west > 1.0 else 0.0
+        ends = [(west + inset, across), (east - inset, across)]
+        polyline.extend(ends if k % 2 == 0 else ends[::-1])
+        wanted.extend([float(height_agl_m)] * 2)
+    points = np.array(polyline)
+    heights = np.array(wanted)
+    if layout.start & 1:
+        # The other end of every line first.
+        points, heights = points.reshape(-1, 2, 2)[:, ::-1].reshape(-1, 2), heights
+    if layout.start & 2:
+        points, heights = points[::-1], heights[::-1]
+    return Route(lay_over_terrain(site, points @ to_lines, heights, tolerance_m=layout.tolerance_m))
+
+
+def _extent(edges: FloatArray, low: float, high: float) -> tuple[float, float]:
+    """Smallest and largest coordinate along the lines of what (n, 4) edges x1 y1 x2 y2 have inside low <= y <= high."""
+    x1, y1, x2, y2 = edges.T
+    dy = y2 - y1
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t_low = np.where(dy != 0.0, (low - y1) / dy, 0.0)
+        t_high = np.where(dy != 0.0, (high - y1) / dy, 1.0)
+    start = np.clip(np.minimum(t_low, t_high), 0.0, 1.0)
+    end = np.clip(np.maximum(t_low, t_high), 0.0, 1.0)
+    inside = np.where(dy != 0.0, start < end, (y1 >= low) & (y1 <= high))
+    xs = np.concatenate([(x1 + start * (x2 - x1))[inside], (x1 + end * (x2 - x1))[inside]])
+    return float(xs.min()), float(xs.max())

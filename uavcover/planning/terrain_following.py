@@ -1,0 +1,43 @@
+"""Laying a line on the map over the terrain."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.kernels.route import follow_terrain
+from uavcover.site import Site
+
+FloatArray = NDArray[np.float64]
+
+SAMPLE_SPACING_M = 5.0
+SLACK = 0.02
+"""Share of the band that is left free at both ends for the ground between two samples; the exact check comes after."""
+
+
+def lay_over_terrain(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArray, *, tolerance_m: float) -> FloatArray:
+    """Waypoints over the terrain along a line on the map, inside the scenario's band and climb limit where that is possible.
+
+    Args:
+        site: the scenario on its ground.
+        polyline_m: (n, 2) east, north corners.
+        wanted_agl_m: (n,) wanted height above ground at the corners.
+        tolerance_m: how far the straight chords may leave the wanted height.
+
+    Returns:
+        (m, 3) ENU waypoints, corners among them.
+    """
+    limits = site.scenario.limits
+    band = limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m
+    slack = SLACK * band
+    return follow_terrain(
+        site.ground.surface,
+        np.ascontiguousarray(polyline_m, dtype=float),
+        np.ascontiguousarray(wanted_agl_m, dtype=float),
+        limits.min_height_agl_m + limits.height_margin_m + slack,
+        limits.max_height_agl_m - limits.height_margin_m - slack,
+        # A hair below the limit, so that rounding does not break it.
+        math.tan(math.radians(limits.max_climb_angle_deg)) * (1.0 - 1e-9),
+        max(tolerance_m, 0.0),
+        SAMPLE_SPACING_M,
+    )
