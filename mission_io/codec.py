@@ -181,6 +181,13 @@ _ROWS: Final[tuple[_Row, ...]] = (
 _BY_CLASS: Final = {row.ours: (row, getattr(dialect, f"MAVLink_{row.wire}_message")) for row in _ROWS}
 _BY_NAME: Final = {row.wire.upper(): row for row in _ROWS}
 
+
+def message_id(kind: type[Any]) -> int:
+    """The number that MAVLink gives a kind of message, as SET_MESSAGE_INTERVAL and REQUEST_MESSAGE want it."""
+    number: int = _BY_CLASS[kind][1].id
+    return number
+
+
 _MAGIC_V1, _MAGIC_V2, _SIGNED = 0xFE, 0xFD, 0x01
 _SIGNATURE_SIZE = 13
 

@@ -48,6 +48,10 @@ class TransferError(MissionIoError):
         super().__init__(message)
 
 
+class TransferSilentError(TransferError, VehicleSilentError):
+    """A mission transfer in which the vehicle stopped answering."""
+
+
 class CommandRefusedError(MissionIoError):
     """The vehicle answered a command with something other than "accepted".
 

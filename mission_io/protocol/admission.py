@@ -1,0 +1,57 @@
+"""Whether a vehicle takes an item, as the autopilots decide it while an upload is going on."""
+
+import math
+
+from mission_io.areas import fence_from_items, rally_from_items
+from mission_io.autopilots import WITHOUT_POSITION, Autopilot
+from mission_io.enums import MissionResult
+from mission_io.errors import FormatError
+from mission_io.items import Frame, MissionItem, MissionType
+from mission_io.messages import MissionItemFloat, MissionItemInt
+from mission_io.wire import item_from_message
+
+_INVALID_PARAMS = (
+    MissionResult.INVALID_PARAM1,
+    MissionResult.INVALID_PARAM2,
+    MissionResult.INVALID_PARAM3,
+    MissionResult.INVALID_PARAM4,
+)
+
+
+def refusal_of(message: MissionItemInt | MissionItemFloat, autopilot: Autopilot) -> MissionResult | None:
+    """The result that the autopilot refuses an item with; None when it takes it.
+
+    PX4 looks at the frame only; ArduPilot at the numbers as well. Neither looks at what the mission means.
+    """
+    try:
+        item = item_from_message(message)
+    except FormatError:
+        return MissionResult.UNSUPPORTED_FRAME
+    if item.frame is Frame.COMMAND or item.command in WITHOUT_POSITION:
+        if item.frame not in autopilot.position_free_frames:
+            return MissionResult.UNSUPPORTED
+    elif item.frame not in autopilot.frames:
+        return MissionResult.UNSUPPORTED_FRAME
+    if not autopilot.refuses_bad_numbers:
+        return None
+    nan_allowed = autopilot.nan_allowed.get(item.command, autopilot.nan_allowed.get(0, frozenset()))
+    for number, value in enumerate(item.params, start=1):
+        if not math.isfinite(value) and not (math.isnan(value) and number in nan_allowed):
+            return _INVALID_PARAMS[number - 1]
+    if item.has_position and not abs(item.lat_deg) <= 90.0:
+        return MissionResult.INVALID_PARAM5_X
+    if item.has_position and not abs(item.lon_deg) <= 180.0:
+        return MissionResult.INVALID_PARAM6_Y
+    return None if math.isfinite(item.alt_m) else MissionResult.INVALID_PARAM7
+
+
+def list_is_whole(items: tuple[MissionItem, ...], mission_type: MissionType) -> bool:
+    """Whether a complete list makes sense as what it is: polygons of enough vertices, circles with a radius."""
+    try:
+        if mission_type is MissionType.FENCE:
+            fence_from_items(items)
+        elif mission_type is MissionType.RALLY:
+            rally_from_items(items)
+    except FormatError:
+        return False
+    return True

@@ -1,0 +1,120 @@
+"""Emptying a list on a vehicle, as a state machine."""
+
+from collections.abc import Callable, Mapping
+from enum import Enum
+from typing import ClassVar
+
+from mission_io.enums import MissionResult
+from mission_io.items import MissionType
+from mission_io.messages import Message, MissionAck, MissionClearAll
+from mission_io.protocol.exchange import Address, Exchange, Timing
+from mission_io.protocol.table import Row, Table, staying
+
+
+class ClearState(Enum):
+    """Where a clear is."""
+
+    ASKED = "asked to empty the list"
+    BACKING_OFF = "the vehicle was busy; it is asked again later"
+    CLEARED = "the vehicle emptied the list"
+    REFUSED = "the vehicle refused"
+    SILENT = "the vehicle fell silent"
+
+
+class ClearEvent(Enum):
+    """What can happen to a clear."""
+
+    ACK_ACCEPTED = "acknowledged"
+    ACK_BUSY = "denied: busy"
+    ACK_STRAY = "out of sequence, or cancelled: left over from a transfer"
+    ACK_REFUSED = "any other result"
+    RESEND = "silence: say it again"
+    GIVE_UP = "silence for good"
+    RETRY = "waited long enough for a busy vehicle"
+    EXHAUSTED = "busy for too long"
+
+
+_S, _E = ClearState, ClearEvent
+
+CLEAR_TABLE: Table[ClearState, ClearEvent] = Table(
+    [
+        Row(_S.ASKED, _E.ACK_ACCEPTED, _S.CLEARED),
+        Row(_S.ASKED, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
+        Row(_S.ASKED, _E.ACK_REFUSED, _S.REFUSED),
+        Row(_S.ASKED, _E.RESEND, _S.ASKED, "resend"),
+        Row(_S.ASKED, _E.GIVE_UP, _S.SILENT),
+        *staying([_S.ASKED], [_E.ACK_STRAY]),
+        #
+        Row(_S.BACKING_OFF, _E.ACK_ACCEPTED, _S.CLEARED),
+        Row(_S.BACKING_OFF, _E.ACK_REFUSED, _S.REFUSED),
+        Row(_S.BACKING_OFF, _E.RETRY, _S.ASKED, "resend"),
+        Row(_S.BACKING_OFF, _E.EXHAUSTED, _S.REFUSED),
+        # A denied clear is answered twice by ArduPilot.
+        *staying([_S.BACKING_OFF], [_E.ACK_BUSY, _E.ACK_STRAY]),
+    ]
+)
+"""Every transition of a clear. A finished clear listens to nothing."""
+
+CLEAR_ENDS = frozenset({_S.CLEARED, _S.REFUSED, _S.SILENT})
+
+_ACK_EVENTS: dict[int, ClearEvent] = {
+    MissionResult.ACCEPTED: _E.ACK_ACCEPTED,
+    MissionResult.DENIED: _E.ACK_BUSY,
+    MissionResult.INVALID_SEQUENCE: _E.ACK_STRAY,
+    MissionResult.OPERATION_CANCELLED: _E.ACK_STRAY,
+}
+
+
+class Clear(Exchange[ClearState, ClearEvent]):
+    """One request to empty the list ``mission_type``.
+
+    Attributes:
+        last_result: The last MissionResult that the vehicle named; None when it named none.
+    """
+
+    table: ClassVar = CLEAR_TABLE
+
+    def __init__(
+        self, *, mission_type: MissionType, local: Address, vehicle: Address, now: float, timing: Timing | None = None
+    ) -> None:
+        super().__init__(
+            ClearState.ASKED,
+            mission_type=mission_type,
+            local=local,
+            vehicle=vehicle,
+            timing=timing if timing is not None else Timing(),
+            now=now,
+        )
+        self._ask(now)
+
+    @property
+    def finished(self) -> bool:
+        """Whether the clear is over; ``state`` says how."""
+        return self.state in CLEAR_ENDS
+
+    def _event_of(self, message: Message) -> ClearEvent | None:
+        if isinstance(message, MissionAck):
+            return _ACK_EVENTS.get(message.result, ClearEvent.ACK_REFUSED)
+        return None
+
+    def _deadlines(self) -> list[tuple[float, ClearEvent]]:
+        timing = self.timing
+        if self.state is ClearState.ASKED:
+            return [
+                (self._last_heard + timing.give_up_s, ClearEvent.GIVE_UP),
+                (self._resend_at(), ClearEvent.RESEND),
+            ]
+        return [
+            (self._busy_until(), ClearEvent.EXHAUSTED),
+            (self._waiting_since + timing.busy_retry_s, ClearEvent.RETRY),
+        ]
+
+    def _actions(self) -> Mapping[str, Callable[[float], None]]:
+        return {"resend": self._resend, "note_busy": self._note_busy}
+
+    def _ask(self, now: float) -> None:
+        self._send(MissionClearAll(self.vehicle.system_id, self.vehicle.component_id, self.mission_type), now)
+
+    def _resend(self, now: float) -> None:
+        self._count_silence()
+        self._ask(now)

@@ -1,0 +1,359 @@
+"""The vehicle's side of the mission protocol: takes uploads, serves downloads, clears; as one autopilot would do it."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Literal
+
+from mission_io.autopilots import Autopilot, home_item, stored_item
+from mission_io.enums import MissionResult
+from mission_io.errors import MisuseError
+from mission_io.items import ALL_MISSION_TYPES, GeoPoint, MissionItem, MissionType
+from mission_io.messages import (
+    Message,
+    MissionAck,
+    MissionClearAll,
+    MissionCount,
+    MissionItemFloat,
+    MissionItemInt,
+    MissionRequest,
+    MissionRequestInt,
+    MissionRequestList,
+    Received,
+    is_for,
+)
+from mission_io.protocol.admission import list_is_whole, refusal_of
+from mission_io.protocol.exchange import Address
+from mission_io.protocol.server_table import SERVER_TABLE, ServerEvent, ServerState
+from mission_io.protocol.table import MissingRowError
+from mission_io.wire import item_from_message, message_from_item
+
+
+@dataclass(frozen=True, slots=True)
+class ListChanged:
+    """What the vehicle holds as one of its lists has changed.
+
+    Attributes:
+        mission_type: Which list.
+        items: What it holds now, as it is on the wire (with home in front where item 0 is home).
+        reason: An upload was completed, one failed half-way (non-atomic autopilots), or the list was emptied.
+    """
+
+    mission_type: MissionType
+    items: tuple[MissionItem, ...]
+    reason: Literal["uploaded", "upload failed", "cleared"]
+
+
+@dataclass(slots=True)
+class _Incoming:
+    """An upload that is going on."""
+
+    station: Address
+    mission_type: MissionType
+    count: int
+    heard_at: float
+    asked_at: float
+    items: list[MissionItem] = field(default_factory=list)
+
+
+class MissionServer:
+    """The three lists of a vehicle and the conversations about them, one at a time.
+
+    Feed it with ``receive``, ask ``messages_to_send`` after that and whenever ``next_timer`` is over, and look at
+    ``events``. Other messages than those of the mission protocol pass by without effect.
+
+    Args:
+        autopilot: Whose behaviour to show.
+        local: The vehicle's own address.
+        booted_at: When it was switched on; some autopilots take no upload just after.
+        capacity: Most items in a list; None takes the autopilot's own limit, or 65535.
+
+    Attributes:
+        home: The vehicle's home; an autopilot that keeps home in item 0 puts this one there. None leaves item 0 as it
+            was uploaded.
+    """
+
+    table = SERVER_TABLE
+
+    def __init__(
+        self, autopilot: Autopilot, *, local: Address, booted_at: float = float("-inf"), capacity: int | None = None
+    ) -> None:
+        self.autopilot, self.local = autopilot, local
+        self.state = ServerState.IDLE
+        self.home: GeoPoint | None = None
+        self._ready_at = booted_at + autopilot.boot_refusal_s
+        limit = autopilot.item_limit if capacity is None else capacity
+        self.capacity = limit if limit is not None else 65535
+        self._lists: dict[MissionType, tuple[MissionItem, ...]] = dict.fromkeys(MissionType, ())
+        self._incoming: _Incoming | None = None
+        self._ended: tuple[Address, MissionType, int] | None = None
+        self._heard_at = 0.0
+        self._outbox: list[Message] = []
+        self._events: list[ListChanged] = []
+        # About the message at hand: who sent it, which list and which item or count it speaks of, and why it is refused.
+        self._sender, self._about, self._number = local, 0, 0
+        self._item: MissionItem | None = None
+        self._refusal = MissionResult.ERROR
+        self._actions = {name: getattr(self, f"_{name}") for name in {row.action for row in SERVER_TABLE.rows} if name}
+
+    def items(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
+        """What the vehicle holds, as it is on the wire."""
+        held = self._lists[mission_type]
+        if mission_type is MissionType.MISSION and held and self.home and self.autopilot.home_in_item_0:
+            return (home_item(self.home), *held[1:])
+        return held
+
+    def set_items(self, mission_type: MissionType, items: Iterable[MissionItem]) -> None:
+        """Put a list into the vehicle from its own side, for instance home into item 0.
+
+        Raises:
+            MisuseError: more items than it has room for.
+        """
+        items = tuple(items)
+        if len(items) > self.capacity:
+            raise MisuseError(f"{len(items)} items, this vehicle has room for {self.capacity}")
+        self._lists[mission_type] = items
+
+    def events(self) -> list[ListChanged]:
+        """What changed since the last call."""
+        events, self._events = self._events, []
+        return events
+
+    def receive(self, received: Received, now: float) -> None:
+        """Take a message that arrived at ``now``."""
+        message = received.message
+        if not is_for(message, system_id=self.local.system_id, component_id=self.local.component_id):
+            return
+        self._sender = Address(received.system_id, received.component_id)
+        self._about = getattr(message, "mission_type", 0)
+        event = self._event_of(message, now)
+        if event is not None:
+            self._heard_at = now
+            self._step(event, now)
+
+    def messages_to_send(self, now: float) -> list[Message]:
+        """Everything that has to be sent by ``now``."""
+        while True:
+            deadlines = self._deadlines()
+            if not deadlines or deadlines[0][0] > now:
+                break
+            self._step(deadlines[0][1], now)
+        outbox, self._outbox = self._outbox, []
+        return outbox
+
+    def next_timer(self) -> float | None:
+        """When to ask ``messages_to_send`` again although nothing arrives; None for not at all."""
+        deadlines = self._deadlines()
+        return deadlines[0][0] if deadlines else None
+
+    def _step(self, event: ServerEvent, now: float) -> None:
+        row = self.table.row(self.state, event)
+        self.state = row.next_state
+        if row.action:
+            self._actions[row.action](now)
+
+    def _deadlines(self) -> list[tuple[float, ServerEvent]]:
+        """What happens by itself, the nearest first."""
+        if self._incoming is not None:
+            give_up = self._incoming.heard_at + self.autopilot.give_up_s
+            ask = self._incoming.asked_at + self.autopilot.rerequest_s
+            return sorted([(give_up, ServerEvent.GIVE_UP), (ask, ServerEvent.REREQUEST)], key=lambda due: due[0])
+        if self.state is ServerState.SENDING:
+            return [(self._heard_at + self.autopilot.download_blocks_s, ServerEvent.DOWNLOAD_OVER)]
+        return []
+
+    # What a message means.
+
+    def _event_of(self, message: Message, now: float) -> ServerEvent | None:
+        match message:
+            case MissionCount():
+                return self._count_event(message, now)
+            case MissionItemInt() | MissionItemFloat():
+                return self._item_event(message)
+            case MissionRequestList():
+                if self._about not in self._lists:
+                    return ServerEvent.REQUEST_UNKNOWN
+                return ServerEvent.LIST_HELD if self.autopilot.download_blocks_s else ServerEvent.LIST
+            case MissionRequest() | MissionRequestInt():
+                self._number = message.seq
+                known = self._about in self._lists and message.seq < len(self._lists[MissionType(self._about)])
+                return ServerEvent.REQUEST if known else ServerEvent.REQUEST_UNKNOWN
+            case MissionClearAll():
+                known = self._about in (*self._lists, ALL_MISSION_TYPES)
+                return ServerEvent.CLEAR if known else ServerEvent.REQUEST_UNKNOWN
+            case MissionAck():
+                cancelled = message.result == MissionResult.OPERATION_CANCELLED
+                concerned = self._incoming is None or self._is_incoming()
+                return ServerEvent.ACK_CANCEL if cancelled and concerned else ServerEvent.ACK
+            case _:
+                return None
+
+    def _count_event(self, message: MissionCount, now: float) -> ServerEvent:
+        self._number = message.count
+        if self._incoming is not None and not self._is_incoming():
+            return ServerEvent.COUNT_OTHER
+        if self._about not in self._lists:
+            self._refusal = MissionResult.UNSUPPORTED
+            return ServerEvent.COUNT_REFUSED
+        if message.count > self.capacity or now < self._ready_at:
+            self._refusal = MissionResult.NO_SPACE
+            return ServerEvent.COUNT_REFUSED
+        if self._incoming is not None and self._incoming.items and not self.autopilot.count_restarts:
+            return ServerEvent.COUNT_LATE
+        return ServerEvent.COUNT if message.count else ServerEvent.COUNT_ZERO
+
+    def _item_event(self, message: MissionItemInt | MissionItemFloat) -> ServerEvent:
+        incoming = self._incoming
+        if incoming is None:
+            again = self._ended == (self._sender, self._about, message.seq)
+            return ServerEvent.ITEM_AGAIN if again else ServerEvent.ITEM_STRAY
+        if not self._is_incoming():
+            return ServerEvent.ITEM_OTHER
+        if message.seq != len(incoming.items):
+            return ServerEvent.ITEM_STRAY
+        refusal = refusal_of(message, self.autopilot)
+        if refusal is not None:
+            self._refusal = refusal
+            return ServerEvent.ITEM_BAD
+        self._item = stored_item(item_from_message(message), self.autopilot)
+        if len(incoming.items) + 1 < incoming.count:
+            return ServerEvent.ITEM
+        if not list_is_whole((*incoming.items, self._item), incoming.mission_type):
+            self._refusal = MissionResult.ERROR
+            return ServerEvent.ITEM_BAD
+        return ServerEvent.ITEM_LAST
+
+    def _is_incoming(self) -> bool:
+        """Whether sender and list of the message at hand are those of the upload that is going on."""
+        incoming = self._incoming
+        return incoming is not None and (incoming.station, incoming.mission_type) == (self._sender, self._about)
+
+    # What the table's actions do: uploads.
+
+    def _begin(self, now: float) -> None:
+        mission_type = MissionType(self._about)
+        self._ended = None
+        self._incoming = _Incoming(self._sender, mission_type, self._number, now, now)
+        if mission_type not in self.autopilot.atomic:
+            self._lists[mission_type] = self._lists[mission_type][: self._number]
+        self._ask(now)
+
+    def _ask(self, now: float) -> None:
+        incoming = self._upload()
+        incoming.asked_at = now
+        kind = MissionRequest if self.autopilot.legacy_requests else MissionRequestInt
+        to, seq = incoming.station, len(incoming.items)
+        self._outbox.append(kind(to.system_id, to.component_id, seq, incoming.mission_type))
+
+    def _store(self, now: float) -> None:
+        self._take_item(now)
+        self._ask(now)
+
+    def _store_last(self, now: float) -> None:
+        self._take_item(now)
+        incoming = self._upload()
+        self._incoming = None
+        self._lists[incoming.mission_type] = tuple(incoming.items)
+        if self.autopilot.acks_repeated_last_item:
+            self._ended = (incoming.station, incoming.mission_type, incoming.count - 1)
+        self._changed(incoming.mission_type, "uploaded")
+        self._answer(MissionResult.ACCEPTED)
+
+    def _take_item(self, now: float) -> None:
+        incoming = self._upload()
+        if self._item is not None:
+            incoming.items.append(self._item)
+        incoming.heard_at = now
+        if incoming.mission_type not in self.autopilot.atomic:
+            held = self._lists[incoming.mission_type]
+            self._lists[incoming.mission_type] = (*incoming.items, *held[len(incoming.items) :])
+
+    def _empty(self, now: float) -> None:
+        self._incoming = None
+        self._clear(now)
+
+    def _clear(self, now: float) -> None:
+        """Empty one list or all three."""
+        del now
+        types = tuple(MissionType) if self._about == ALL_MISSION_TYPES else (MissionType(self._about),)
+        for mission_type in types:
+            self._lists[mission_type] = ()
+            self._changed(mission_type, "cleared")
+        self._answer(MissionResult.ACCEPTED)
+
+    def _reject(self, now: float) -> None:
+        self._abandon(now)
+        self._answer(self._refusal)
+
+    def _give_up(self, now: float) -> None:
+        incoming = self._upload()
+        self._abandon(now)
+        if self.autopilot.says_give_up:
+            self._send_ack(incoming.station, MissionResult.OPERATION_CANCELLED, incoming.mission_type)
+
+    def _abandon(self, now: float) -> None:
+        """End an upload half-way; an autopilot that is not atomic keeps what has arrived."""
+        del now
+        incoming = self._upload()
+        self._incoming = None
+        if incoming.mission_type not in self.autopilot.atomic:
+            self._changed(incoming.mission_type, "upload failed")
+
+    # What the table's actions do: downloads and answers.
+
+    def _send_count(self, now: float) -> None:
+        del now
+        to, held = self._sender, self.items(MissionType(self._about))
+        self._outbox.append(MissionCount(to.system_id, to.component_id, len(held), self._about))
+
+    def _send_item(self, now: float) -> None:
+        del now
+        to, mission_type = self._sender, MissionType(self._about)
+        item = self.items(mission_type)[self._number]
+        message = message_from_item(
+            item,
+            self._number,
+            mission_type=mission_type,
+            target_system=to.system_id,
+            target_component=to.component_id,
+        )
+        self._outbox.append(message)
+
+    def _accept_again(self, now: float) -> None:
+        del now
+        self._answer(MissionResult.ACCEPTED)
+
+    def _refuse(self, now: float) -> None:
+        del now
+        self._answer(self._refusal)
+
+    def _answer_error(self, now: float) -> None:
+        del now
+        self._answer(MissionResult.ERROR)
+
+    def _answer_busy(self, now: float) -> None:
+        del now
+        self._answer(self.autopilot.busy_result)
+
+    def _answer_idle_item(self, now: float) -> None:
+        del now
+        if self.autopilot.idle_item_result is not None:
+            self._answer(self.autopilot.idle_item_result)
+
+    def _answer_wrong_sequence(self, now: float) -> None:
+        del now
+        if self.autopilot.wrong_sequence_result is not None:
+            self._answer(self.autopilot.wrong_sequence_result)
+
+    def _answer(self, result: MissionResult) -> None:
+        self._send_ack(self._sender, result, self._about)
+
+    def _send_ack(self, to: Address, result: MissionResult, mission_type: int) -> None:
+        self._outbox.append(MissionAck(to.system_id, to.component_id, result, mission_type))
+
+    def _changed(self, mission_type: MissionType, reason: Literal["uploaded", "upload failed", "cleared"]) -> None:
+        self._events.append(ListChanged(mission_type, self.items(mission_type), reason))
+
+    def _upload(self) -> _Incoming:
+        if self._incoming is None:
+            raise MissingRowError("an upload's action while none is going on")
+        return self._incoming

@@ -1,0 +1,60 @@
+"""A vehicle for tests: the package's mission server with heartbeats, on a simulated link or a real one."""
+
+import random
+
+from mission_io.autopilots import ARDUPILOT, Autopilot
+from mission_io.client import Client
+from mission_io.codec import Codec
+from mission_io.messages import Heartbeat, Message, Received
+from mission_io.protocol.exchange import Address, Timing
+from mission_io.protocol.server import MissionServer
+from mission_io.simulated import Conditions, SimulatedLink
+
+
+class VehiclePeer:
+    """A vehicle of system 1, component 1. ``answers`` are sent as they are; ``heard`` keeps what arrived."""
+
+    def __init__(
+        self, autopilot: Autopilot = ARDUPILOT, *, capacity: int | None = None, booted_at: float = -100.0
+    ) -> None:
+        self.autopilot = autopilot
+        self.codec = Codec(system_id=1, component_id=1)
+        self.server = MissionServer(autopilot, local=Address(1, 1), capacity=capacity, booted_at=booted_at)
+        self.base_mode = 0
+        self.custom_mode = 0
+        self.silent = False
+        self.heard: list[Received] = []
+        self.outbox: list[Message] = []
+        self._beat_at = 0.0
+
+    def on_message(self, received: Received, now: float) -> None:
+        """For subclasses: what else the vehicle answers."""
+
+    def receive_datagram(self, data: bytes, now: float) -> None:
+        for received in self.codec.decode(data):
+            self.heard.append(received)
+            if not self.silent:
+                self.server.receive(received, now)
+                self.on_message(received, now)
+
+    def datagrams_to_send(self, now: float) -> list[bytes]:
+        messages = [*self.server.messages_to_send(now), *self.outbox]
+        self.outbox = []
+        if now >= self._beat_at:
+            self._beat_at = now + 1.0
+            messages.append(Heartbeat(self.autopilot.mav_autopilot, 2, self.base_mode, self.custom_mode, 3))
+        return [] if self.silent else [self.codec.encode(message) for message in messages]
+
+    def next_timer(self) -> float | None:
+        timer = self.server.next_timer()
+        return self._beat_at if timer is None else min(timer, self._beat_at)
+
+
+def connected(
+    peer: VehiclePeer, *, seed: int = 0, conditions: Conditions | None = None, timing: Timing | None = None
+) -> Client:
+    """A client that has found the vehicle, on a simulated link."""
+    link = SimulatedLink(peer, rng=random.Random(seed), conditions=conditions)
+    client = Client(link, timing=timing)
+    client.wait_for_vehicle(60.0)
+    return client
