@@ -1,1 +1,103 @@
-"""MAVLink missions: read, check, convert, upload, download and compare. Stands alone."""
+"""MAVLink missions: read, check, convert, upload, download and compare them. Stands alone.
+
+Start with ``open_link`` and ``Client`` to talk to a vehicle, with ``formats.wpl`` and ``formats.plan`` for files, and
+with ``protocol.server.MissionServer`` to be a vehicle. See docs/mission_io.md.
+"""
+
+from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
+from mission_io.autopilots import ARDUPILOT, PX4, Autopilot, autopilot_for, mission_from_wire, wire_items
+from mission_io.checks import Problem, check_for_autopilot
+from mission_io.client import Client
+from mission_io.compare import Difference, compare_items
+from mission_io.connection import VehicleInfo
+from mission_io.content import Content, content_of, items_of, mission_type_of
+from mission_io.errors import (
+    CommandRefusedError,
+    FormatError,
+    LinkError,
+    MissionIoError,
+    MisuseError,
+    TransferError,
+    TransferSilentError,
+    VehicleSilentError,
+)
+from mission_io.items import (
+    Command,
+    Frame,
+    GeoPoint,
+    Mission,
+    MissionItem,
+    MissionType,
+    SpeedType,
+    change_speed,
+    delay,
+    land,
+    look_ahead,
+    look_at,
+    return_to_launch,
+    takeoff,
+    trigger_camera_every,
+    waypoint,
+)
+from mission_io.link import Link, UdpLink, open_link, register_endpoint
+from mission_io.protocol.exchange import Address, Timing
+from mission_io.protocol.server import ListChanged, MissionServer
+from mission_io.verification import Verification
+
+__all__ = [
+    "ARDUPILOT",
+    "PX4",
+    "Address",
+    "Autopilot",
+    "Client",
+    "Command",
+    "CommandRefusedError",
+    "Content",
+    "Difference",
+    "Fence",
+    "FenceCircle",
+    "FencePolygon",
+    "FormatError",
+    "Frame",
+    "FramedPoint",
+    "GeoPoint",
+    "LatLon",
+    "Link",
+    "LinkError",
+    "ListChanged",
+    "Mission",
+    "MissionIoError",
+    "MissionItem",
+    "MissionServer",
+    "MissionType",
+    "MisuseError",
+    "Problem",
+    "RallyPoints",
+    "SpeedType",
+    "Timing",
+    "TransferError",
+    "TransferSilentError",
+    "UdpLink",
+    "VehicleInfo",
+    "VehicleSilentError",
+    "Verification",
+    "autopilot_for",
+    "change_speed",
+    "check_for_autopilot",
+    "compare_items",
+    "content_of",
+    "delay",
+    "items_of",
+    "land",
+    "look_ahead",
+    "look_at",
+    "mission_from_wire",
+    "mission_type_of",
+    "open_link",
+    "register_endpoint",
+    "return_to_launch",
+    "takeoff",
+    "trigger_camera_every",
+    "waypoint",
+    "wire_items",
+]
