@@ -1,0 +1,96 @@
+"""The flying part of the mock vehicle: a body in the air or on the ground, and the itinerary that it follows."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mission_io.enums import LandedState
+from mission_io.items import Frame, GeoPoint, MissionItem
+from uavcover.flight.dynamics import Airframe, PointMass, Vector, Wind, WindField
+from uavcover.flight.itinerary import Itinerary, Step
+from uavcover.frames import LocalFrame
+
+STEP_S = 0.02
+"""One step of the simulation, seconds of vehicle time."""
+
+Ground = Callable[[float, float], float]
+"""Height of the ground above mean sea level in metres, at a latitude and a longitude in degrees."""
+
+
+class MockBody:
+    """Where the vehicle is, and how it gets to where it is told to go.
+
+    Without ``ground`` the world is flat at home's height and only a landing vehicle notices it, so that a route may
+    lead below home. With it, flying into the ground is a crash.
+
+    Args:
+        home: where it stands at first, and the origin of its frame.
+        airframe: what it can do.
+        wind: steady wind and gusts.
+        rng: of the gusts.
+        ground: height of the ground, or none.
+    """
+
+    def __init__(
+        self, home: GeoPoint, *, airframe: Airframe, wind: Wind, rng: np.random.Generator, ground: Ground | None
+    ) -> None:
+        self.home = home
+        self.frame = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m)
+        self.point = PointMass(airframe, step_s=STEP_S, position_m=(0.0, 0.0, 0.0))
+        self.on_ground = True
+        self.crashed = False
+        self.itinerary = Itinerary((), self.point, 0.0)
+        self._wind = WindField(wind, step_s=STEP_S, rng=rng)
+        self._ground = ground
+
+    @property
+    def landed_state(self) -> LandedState:
+        """What an EXTENDED_SYS_STATE says."""
+        if self.on_ground:
+            return LandedState.ON_GROUND
+        return LandedState.LANDING if self.itinerary.landing else LandedState.IN_AIR
+
+    def geodetic(self) -> GeoPoint:
+        """Where it is."""
+        lat, lon, alt = self.frame.geodetic_from_enu(self.point.position_m)
+        return GeoPoint(float(lat[0]), float(lon[0]), float(alt[0]))
+
+    def follow(self, steps: list[Step], now: float, *, land_m_s: float) -> None:
+        """Do these steps from now on instead of what was being done; none is to stay."""
+        self.itinerary = Itinerary(steps, self.point, now, land_m_s=land_m_s)
+
+    def place(self, item: MissionItem) -> Vector:
+        """The position that a mission item names."""
+        alt_amsl_m = item.alt_m
+        if item.frame is Frame.ABOVE_HOME:
+            alt_amsl_m += self.home.alt_amsl_m
+        elif item.frame is Frame.ABOVE_TERRAIN:
+            alt_amsl_m += self._ground_alt_amsl_m(item.lat_deg, item.lon_deg)
+        east, north, up = self.frame.enu_from_geodetic(item.lat_deg, item.lon_deg, alt_amsl_m)[0]
+        return (float(east), float(north), float(up))
+
+    def step(self, now: float) -> None:
+        """Fly on for one step. On the ground nothing happens until there is something to do."""
+        wind = self._wind.step()
+        if self.on_ground:
+            if self.itinerary.step is None or self.itinerary.landing:
+                return
+            self.on_ground = False
+        ground_up_m = self._ground_up_m()
+        wanted = self.itinerary.wanted_velocity(now, ground_up_m)
+        self.point.step(wanted, wind)
+        touching = self.point.position_m[2] <= ground_up_m
+        if touching and (self.itinerary.landing or self._ground is not None) and self.point.velocity_m_s[2] < 0.0:
+            self.crashed = not self.itinerary.landing
+            self.on_ground = True
+            self.point.rest(up_m=ground_up_m)
+
+    def _ground_up_m(self) -> float:
+        """Height of the ground below, in the vehicle's frame; the Earth's curvature is left out."""
+        if self._ground is None:
+            return 0.0
+        here = self.geodetic()
+        return self._ground_alt_amsl_m(here.lat_deg, here.lon_deg) - self.home.alt_amsl_m
+
+    def _ground_alt_amsl_m(self, lat_deg: float, lon_deg: float) -> float:
+        return self.home.alt_amsl_m if self._ground is None else self._ground(lat_deg, lon_deg)

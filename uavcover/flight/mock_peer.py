@@ -1,0 +1,115 @@
+"""The mock vehicle as bytes: a codec, a clock ratio, and the rule which ground station gets which message."""
+
+from collections.abc import Iterable
+from typing import Generic, TypeVar
+
+from mission_io.codec import Codec
+from mission_io.messages import Message
+from mission_io.protocol.exchange import Address
+from uavcover.flight.mock_vehicle import MockVehicle
+
+PlaceT = TypeVar("PlaceT")
+
+_MOST_PLACES = 16
+_DATAGRAM_BYTES = 1200
+_TICK_S = 0.1
+
+
+class MockPeer(Generic[PlaceT]):
+    """A mock vehicle that datagrams go to and come from; a ``Place`` is where a ground station's datagrams come from.
+
+    Answers go to the ground station they are for, everything else to all that have spoken. Messages that are ready at
+    the same time share a datagram, or a vehicle at a hundred times real time would swamp its listeners' buffers.
+
+    Args:
+        vehicle: the vehicle.
+        speed: vehicle seconds per second of the link's clock.
+        origin_s: the link's time at which the vehicle is switched on.
+    """
+
+    def __init__(self, vehicle: MockVehicle, *, speed: float = 1.0, origin_s: float = 0.0) -> None:
+        self.vehicle = vehicle
+        self.speed = speed
+        self._codec = Codec(system_id=vehicle.address.system_id, component_id=vehicle.address.component_id)
+        self._link_s, self._vehicle_s = origin_s, 0.0
+        self._places: dict[PlaceT, None] = {}
+        self._place_of: dict[Address, PlaceT] = {}
+
+    def greet(self, place: PlaceT) -> None:
+        """Count a place as one that has spoken."""
+        self._places[place] = None
+
+    def receive_from(self, place: PlaceT, data: bytes, now: float) -> None:
+        """Take a datagram that arrived from a place at ``now`` on the link's clock."""
+        vehicle_now = self._vehicle_time(now)
+        for received in self._codec.decode(data):
+            self._places.pop(place, None)
+            self._places[place] = None
+            self._place_of[Address(received.system_id, received.component_id)] = place
+            self.vehicle.receive(received, vehicle_now)
+        while len(self._places) > _MOST_PLACES:
+            oldest = next(iter(self._places))
+            del self._places[oldest]
+
+    def datagrams(self, now: float) -> list[tuple[PlaceT, bytes]]:
+        """Everything to be sent by ``now``, with where to."""
+        self.vehicle.advance(self._vehicle_time(now))
+        waiting: dict[PlaceT, list[bytes]] = {}
+        for message in self.vehicle.outgoing():
+            places = self._places_for(message)
+            if places:
+                data = self._codec.encode(message)
+                for place in places:
+                    waiting.setdefault(place, []).append(data)
+        return [(place, datagram) for place, parts in waiting.items() for datagram in _joined(parts)]
+
+    def hold_time(self, now: float) -> None:
+        """Let the link's clock run to ``now`` while the vehicle's stands still."""
+        self._link_s = max(self._link_s, now)
+
+    def _vehicle_time(self, now: float) -> float:
+        elapsed = max(0.0, now - self._link_s)
+        self._link_s += elapsed
+        self._vehicle_s += elapsed * self.speed
+        return self._vehicle_s
+
+    def _places_for(self, message: Message) -> Iterable[PlaceT]:
+        system = getattr(message, "target_system", 0)
+        if system == 0:
+            return list(self._places)
+        place = self._place_of.get(Address(system, getattr(message, "target_component", 0)))
+        return list(self._places) if place is None else [place]
+
+
+class InMemoryPeer(MockPeer[None]):
+    """The other end of a ``mission_io.simulated.SimulatedLink``: one ground station, on a clock that is simulated."""
+
+    def __init__(self, vehicle: MockVehicle, *, speed: float = 1.0) -> None:
+        super().__init__(vehicle, speed=speed)
+        self._next_tick_s = 0.0
+
+    def receive_datagram(self, data: bytes, now: float) -> None:
+        """Take a datagram that arrived at ``now``."""
+        self.receive_from(None, data, now)
+
+    def datagrams_to_send(self, now: float) -> list[bytes]:
+        """What the vehicle wants to send at ``now``."""
+        if now >= self._next_tick_s:
+            self._next_tick_s = now + _TICK_S / self.speed
+        return [data for _, data in self.datagrams(now)]
+
+    def next_timer(self) -> float:
+        """When it wants to be asked again although nothing arrives."""
+        return self._next_tick_s
+
+
+def _joined(parts: list[bytes]) -> list[bytes]:
+    """The same bytes in as few datagrams as fit the size."""
+    result: list[bytes] = []
+    current = b""
+    for part in parts:
+        if current and len(current) + len(part) > _DATAGRAM_BYTES:
+            result.append(current)
+            current = b""
+        current += part
+    return [*result, current] if current else result

@@ -1,0 +1,161 @@
+"""What the mock vehicle tells about itself, and how often."""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+from mission_io import messages as m
+from mission_io.autopilots import Autopilot
+from mission_io.codec import message_id
+from mission_io.enums import AutopilotId, EkfFlag, MissionState, ModeFlag, VehicleClass
+from uavcover.flight.modes import Mode, custom_mode
+
+if TYPE_CHECKING:
+    from uavcover.flight.mock_vehicle import MockVehicle
+
+MOCK_UID = int.from_bytes(b"uavcover", "big")
+"""The ``uid`` in the mock's AUTOPILOT_VERSION: how it says that it is no real vehicle."""
+
+_CAPABILITIES = 0x4 | 0x8 | 0x2 | 0x2000  # MISSION_INT, COMMAND_INT, PARAM_FLOAT, MAVLINK2
+_STANDBY, _ACTIVE, _BOOT = 3, 4, 1
+_FIX_3D, _NO_FIX = 3, 1
+_SENSORS = 0x2C | 0x8000 | m.PREARM_CHECK_BIT
+_EKF_GOOD = (
+    EkfFlag.ATTITUDE
+    | EkfFlag.VELOCITY_HORIZONTAL
+    | EkfFlag.VELOCITY_VERTICAL
+    | EkfFlag.POSITION_HORIZONTAL_RELATIVE
+    | EkfFlag.POSITION_HORIZONTAL_ABSOLUTE
+    | EkfFlag.POSITION_VERTICAL_ABSOLUTE
+)
+_EKF_WAITING = EkfFlag.ATTITUDE | EkfFlag.VELOCITY_VERTICAL | EkfFlag.CONSTANT_POSITION
+
+DEFAULT_INTERVALS_S: dict[type[m.Message], float] = {
+    m.Heartbeat: 1.0,
+    m.GlobalPositionInt: 0.1,
+    m.Attitude: 0.1,
+    m.MissionCurrent: 1.0,
+    m.SysStatus: 1.0,
+    m.GpsRawInt: 1.0,
+    m.EkfStatusReport: 1.0,
+    m.ExtendedSysState: 1.0,
+    m.SystemTime: 1.0,
+    m.HomePosition: 5.0,
+}
+
+KIND_BY_ID: dict[int, type[m.Message]] = {message_id(kind): kind for kind in (*DEFAULT_INTERVALS_S, m.AutopilotVersion)}
+
+_TOLERANCE_S = 1e-6
+
+
+class Streams:
+    """Which message is due when, in vehicle time."""
+
+    def __init__(self, autopilot: Autopilot) -> None:
+        self._interval_s = dict(DEFAULT_INTERVALS_S)
+        if autopilot.mav_autopilot != AutopilotId.ARDUPILOT:
+            del self._interval_s[m.EkfStatusReport]
+        self._due_s = dict.fromkeys(self._interval_s, 0.0)
+        self.next_due_s = 0.0
+
+    def set_interval(self, kind: type[m.Message], interval_s: float | None, now: float) -> None:
+        """Send a kind each ``interval_s`` seconds; None is never."""
+        self._due_s.pop(kind, None)
+        if interval_s is not None:
+            self._interval_s[kind] = interval_s
+            self._due_s[kind] = now + interval_s
+        self.next_due_s = min(self._due_s.values(), default=math.inf)
+
+    def due(self, now: float) -> Iterator[type[m.Message]]:
+        """The kinds that are due, each once."""
+        for kind, due_s in self._due_s.items():
+            if due_s <= now + _TOLERANCE_S:
+                self._due_s[kind] = max(due_s + self._interval_s[kind], now)
+                yield kind
+        self.next_due_s = min(self._due_s.values(), default=math.inf)
+
+
+def telemetry(vehicle: "MockVehicle", kind: type[m.Message]) -> m.Message | None:
+    """One message of a kind as things are now; None for a kind that this vehicle does not send."""
+    builder = _BUILDERS.get(kind)
+    return None if builder is None else builder(vehicle)
+
+
+def _heartbeat(vehicle: "MockVehicle") -> m.Message:
+    flags = ModeFlag.CUSTOM_MODE_ENABLED
+    flags |= ModeFlag.STABILIZE_ENABLED if vehicle.mode is Mode.MANUAL else ModeFlag.GUIDED_ENABLED
+    if vehicle.mode is Mode.MISSION:
+        flags |= ModeFlag.AUTO_ENABLED
+    if vehicle.armed:
+        flags |= ModeFlag.SAFETY_ARMED
+    status = _BOOT if not vehicle.ready else _STANDBY if vehicle.body.on_ground else _ACTIVE
+    return m.Heartbeat(
+        vehicle.autopilot.mav_autopilot,
+        VehicleClass.QUADROTOR,
+        int(flags),
+        custom_mode(vehicle.autopilot, vehicle.mode),
+        status,
+    )
+
+
+def _position(vehicle: "MockVehicle") -> m.Message:
+    here, body = vehicle.body.geodetic(), vehicle.body.point
+    east, north, up = body.velocity_m_s
+    return m.GlobalPositionInt(
+        vehicle.time_s,
+        here.lat_deg,
+        here.lon_deg,
+        here.alt_amsl_m,
+        here.alt_amsl_m - vehicle.body.home.alt_amsl_m,
+        north,
+        east,
+        -up,
+        math.degrees(body.yaw_rad) % 360.0,
+    )
+
+
+def _attitude(vehicle: "MockVehicle") -> m.Message:
+    body = vehicle.body.point
+    yaw = math.remainder(body.yaw_rad, math.tau)
+    return m.Attitude(vehicle.time_s, body.roll_rad, body.pitch_rad, yaw, 0.0, 0.0, 0.0)
+
+
+def _mission_current(vehicle: "MockVehicle") -> m.Message:
+    count = len(vehicle.mission_items)
+    total = max(0, count - 1) if vehicle.autopilot.home_in_item_0 else count
+    return m.MissionCurrent(vehicle.current_seq, total, vehicle.mission_state if count else MissionState.NO_MISSION)
+
+
+def _sys_status(vehicle: "MockVehicle") -> m.Message:
+    # The pre-arm bit comes before arming works, as on ArduPilot: who trusts it alone is refused.
+    healthy = _SENSORS if vehicle.checks_pass else _SENSORS & ~m.PREARM_CHECK_BIT
+    return m.SysStatus(_SENSORS, _SENSORS, healthy, 0.3, 16.0, 8.0, 80)
+
+
+def _gps(vehicle: "MockVehicle") -> m.Message:
+    here = vehicle.body.geodetic()
+    east, north, _ = vehicle.body.point.velocity_m_s
+    fix = _FIX_3D if vehicle.checks_pass else _NO_FIX
+    return m.GpsRawInt(
+        vehicle.time_s, fix, here.lat_deg, here.lon_deg, here.alt_amsl_m, 0.8, 1.2, math.hypot(east, north), None, 14
+    )
+
+
+def _home(vehicle: "MockVehicle") -> m.Message | None:
+    home = vehicle.body.home
+    return m.HomePosition(home.lat_deg, home.lon_deg, home.alt_amsl_m) if vehicle.checks_pass else None
+
+
+_BUILDERS: dict[type[m.Message], Callable[["MockVehicle"], m.Message | None]] = {
+    m.Heartbeat: _heartbeat,
+    m.GlobalPositionInt: _position,
+    m.Attitude: _attitude,
+    m.MissionCurrent: _mission_current,
+    m.SysStatus: _sys_status,
+    m.GpsRawInt: _gps,
+    m.EkfStatusReport: lambda vehicle: m.EkfStatusReport(int(_EKF_GOOD if vehicle.ready else _EKF_WAITING)),
+    m.ExtendedSysState: lambda vehicle: m.ExtendedSysState(int(vehicle.body.landed_state)),
+    m.SystemTime: lambda vehicle: m.SystemTime(0.0, vehicle.time_s),
+    m.HomePosition: _home,
+    m.AutopilotVersion: lambda _: m.AutopilotVersion(_CAPABILITIES, uid=MOCK_UID),
+}
