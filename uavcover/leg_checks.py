@@ -46,10 +46,11 @@ class LegProblem:
     def __str__(self) -> str:
         where = f"at {self.east_m:.0f} m east, {self.north_m:.0f} m north"
         if self.kind == "no elevation data":
-            return f"leg {self.leg} to waypoint {self.leg}: no elevation data {where}"
+            return f"leg to waypoint {self.leg}: no elevation data {where}"
         if self.kind == "fence":
             return f"leg to waypoint {self.leg}: {self.value:.1f} m outside the fence {where}"
-        return f"leg to waypoint {self.leg}: {self.kind}, {self.value:.1f} {self.unit} against {self.limit:.1f} {self.unit} {where}"
+        amounts = f"{self.value:.1f} {self.unit} against {self.limit:.1f} {self.unit}"
+        return f"leg to waypoint {self.leg}: {self.kind}, {amounts} {where}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,5 +204,4 @@ def _length_outside_fence_m(site: Site, route_m: FloatArray) -> float:
     if site.fence.covers(line):
         return 0.0
     # A leg along the fence can differ from it by rounding: that much is no violation.
-    outside = float(line.difference(site.fence.buffer(1e-6)).length)
-    return outside
+    return float(line.difference(site.fence.buffer(1e-6)).length)

@@ -60,10 +60,7 @@ def build_site(scenario: Scenario, *, terrain_file: Path | None = None) -> Site:
         ScenarioError: places do not fit together.
     """
     frame = _frame(scenario, terrain_file)
-    area = _polygon(scenario.area.polygon_lon_lat_deg, scenario.area.polygon_east_north_m, frame)
-    for ring in (*scenario.area.holes_lon_lat_deg, *scenario.area.holes_east_north_m):
-        geographic = scenario.area.is_geographic
-        area = area.difference(_polygon(ring if geographic else None, None if geographic else ring, frame))
+    area = _area(scenario, frame)
     home_en = _home_en(scenario, frame)
     fence = _fence(scenario, frame, area, home_en)
     ground = _ground(scenario, frame, fence, terrain_file)
@@ -98,6 +95,17 @@ def _read_home_height(terrain_file: Path, vertical_datum: str, lat_deg: float, l
         if "no elevation at" in str(error):
             raise TerrainError(f"home: {error}; are latitude and longitude swapped?") from error
         raise
+
+
+def _area(scenario: Scenario, frame: LocalFrame | None) -> shapely.Polygon | shapely.MultiPolygon:
+    area = scenario.area
+    outer = _polygon(area.polygon_lon_lat_deg, area.polygon_east_north_m, frame)
+    holes = [_polygon(ring, None, frame) for ring in area.holes_lon_lat_deg]
+    holes += [_polygon(None, ring, frame) for ring in area.holes_east_north_m]
+    left = outer.difference(shapely.union_all(holes))
+    if not isinstance(left, shapely.Polygon | shapely.MultiPolygon):
+        raise ScenarioError("area: nothing is left of the polygon inside its holes")
+    return left
 
 
 def _polygon(lon_lat_deg: Ring | None, east_north_m: Ring | None, frame: LocalFrame | None) -> shapely.Polygon:

@@ -1,6 +1,6 @@
 """Which cells does a route see? One loop over the looks, one over the cells in reach of each.
 
-The cells lie on a square lattice; ``index`` maps lattice rows and columns to cell numbers, -1 where there is no cell.
+The cells lie on a square lattice; ``lattice`` maps its rows and columns to cell numbers, -1 where there is no cell.
 """
 
 import math
@@ -31,7 +31,7 @@ class Cells(NamedTuple):
         east0_m: east of the centre of lattice column 0.
         north0_m: north of the centre of lattice row 0.
         size_m: side of a cell.
-        index: (rows, columns) int32, number of the cell or -1.
+        lattice: (rows, columns) int32, number of the cell or -1.
         centre_m: (n, 3) centres on the ground.
         normal: (n, 3) unit normals of the ground.
     """
@@ -39,7 +39,7 @@ class Cells(NamedTuple):
     east0_m: float
     north0_m: float
     size_m: float
-    index: NDArray[np.int32]
+    lattice: NDArray[np.int32]
     centre_m: NDArray[np.float64]
     normal: NDArray[np.float64]
 
@@ -72,7 +72,7 @@ def sees(
     du = eye[2] - centre[2]
     horizontal2 = de * de + dn * dn
     if sight.kind == DISC:
-        return horizontal2 <= sight.reach_m * sight.reach_m
+        return bool(horizontal2 <= sight.reach_m * sight.reach_m)
     distance2 = horizontal2 + du * du
     if distance2 > sight.reach_m * sight.reach_m:
         return False
@@ -87,14 +87,14 @@ def sees(
         return lowest >= -GRAZING_M
     if sight.line_of_sight == MIDPOINT:
         middle = height(surface, 0.5 * (eye[0] + centre[0]), 0.5 * (eye[1] + centre[1]))
-        return 0.5 * (eye[2] + centre[2]) >= middle
+        return bool(0.5 * (eye[2] + centre[2]) >= middle)
     return True
 
 
 @kernel
 def look(surface: Surface, sight: Sight, cells: Cells, eye: NDArray[np.float64], seen: NDArray[np.bool_]) -> int:
     """Mark in ``seen`` (n,) every cell that the sensor at ``eye`` (3,) sees; returns how many are new."""
-    rows, columns = cells.index.shape
+    rows, columns = cells.lattice.shape
     reach = sight.reach_m
     if sight.kind == CONE:
         # The slant range bounds the radius: r = range sin(half angle).
@@ -108,7 +108,7 @@ def look(surface: Surface, sight: Sight, cells: Cells, eye: NDArray[np.float64],
         first = max(0, math.ceil((eye[0] - half - cells.east0_m) / cells.size_m - 1e-9))
         last = min(columns - 1, math.floor((eye[0] + half - cells.east0_m) / cells.size_m + 1e-9))
         for j in range(first, last + 1):
-            cell = cells.index[i, j]
+            cell = cells.lattice[i, j]
             if cell >= 0 and not seen[cell] and sees(surface, sight, eye, cells.centre_m[cell], cells.normal[cell]):
                 seen[cell] = True
                 new += 1

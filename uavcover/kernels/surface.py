@@ -61,7 +61,7 @@ def height(surface: Surface, east: float, north: float) -> float:
     z = surface.up_m
     south = z[i, j] + u * (z[i, j + 1] - z[i, j])
     north_edge = z[i + 1, j] + u * (z[i + 1, j + 1] - z[i + 1, j])
-    return south + v * (north_edge - south)
+    return float(south + v * (north_edge - south))
 
 
 @kernel
@@ -187,7 +187,7 @@ def _in_cell(z: NDArray[np.float64], i: int, j: int, u: float, v: float) -> floa
     u -= j
     south = z[i, j] + u * (z[i, j + 1] - z[i, j])
     north = z[i + 1, j] + u * (z[i + 1, j + 1] - z[i + 1, j])
-    return south + v * (north - south)
+    return float(south + v * (north - south))
 
 
 @kernel

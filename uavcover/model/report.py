@@ -3,6 +3,10 @@
 from dataclasses import dataclass
 from typing import Literal
 
+ViolationKind = Literal[
+    "below-band", "above-band", "clearance", "below-sea-level-limit", "above-sea-level-limit", "fence"
+]
+
 
 @dataclass(frozen=True, slots=True)
 class Violation:
@@ -19,7 +23,7 @@ class Violation:
         phase: "route" between the first and the last planned waypoint, "transit" elsewhere.
     """
 
-    kind: Literal["below-band", "above-band", "clearance", "below-sea-level-limit", "above-sea-level-limit", "fence"]
+    kind: ViolationKind
     start_s: float
     end_s: float
     worst: float

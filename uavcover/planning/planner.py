@@ -80,7 +80,7 @@ def plan_routes(
     effort: Effort,
     executor: Executor | None = None,
     should_stop: Callable[[], bool] = lambda: False,
-    on_progress: Callable[[Progress], None] = lambda progress: None,
+    on_progress: Callable[[Progress], None] = lambda _: None,
 ) -> Plan:
     """Plan the sensing route of a site.
 

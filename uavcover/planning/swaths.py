@@ -47,7 +47,7 @@ def regular_layout(
 
 def long_side_angle_rad(site: Site) -> float:
     """Direction of the longer side of the smallest rectangle around the area, -pi/2..pi/2."""
-    rectangle = np.asarray(shapely.minimum_rotated_rectangle(site.area).exterior.coords)
+    rectangle = shapely.get_coordinates(shapely.minimum_rotated_rectangle(site.area))
     sides = np.diff(rectangle, axis=0)[:2]
     east, north = sides[int(np.argmax(np.hypot(sides[:, 0], sides[:, 1])))]
     return math.remainder(math.atan2(north, east), math.pi)
@@ -55,7 +55,7 @@ def long_side_angle_rad(site: Site) -> float:
 
 def width_across_m(site: Site, angle_rad: float) -> float:
     """Width of the area at right angles to a direction, metres."""
-    corners = np.asarray(site.area.convex_hull.exterior.coords)
+    corners = shapely.get_coordinates(site.area.convex_hull)
     return float(np.ptp(corners @ np.array([-math.sin(angle_rad), math.cos(angle_rad)])))
 
 
@@ -66,7 +66,7 @@ def fly_layout(site: Site, layout: SwathLayout) -> Route:
     """
     c, s = math.cos(layout.angle_rad), math.sin(layout.angle_rad)
     to_lines = np.array([[c, s], [-s, c]])
-    rings = [np.asarray(part.exterior.coords) for part in shapely.get_parts(site.area)]
+    rings = [shapely.get_coordinates(shapely.get_exterior_ring(part)) for part in shapely.get_parts(site.area)]
     corners = np.vstack(rings) @ to_lines.T
     edges = np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in (ring @ to_lines.T for ring in rings)])
     first, last = corners[:, 1].min(), corners[:, 1].max()
