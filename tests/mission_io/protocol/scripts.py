@@ -1,0 +1,112 @@
+"""Conversations written as short scripts, played to a state machine on a clock that stands still between steps.
+
+A step is ``req 2``, ``count 3``, ``item 0``, ``list``, ``clear``, ``ack DENIED``, ``wait 1.5`` (seconds) or ``cancel``.
+What the machine sends is written the same way. ``@2`` after a step: from system 2; ``/rally``: about the rally points.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from mission_io.enums import MissionResult
+from mission_io.items import Frame, MissionItem, MissionType, waypoint
+from mission_io.messages import (
+    Message,
+    MissionAck,
+    MissionClearAll,
+    MissionCount,
+    MissionItemInt,
+    MissionRequest,
+    MissionRequestInt,
+    MissionRequestList,
+    Received,
+)
+from mission_io.protocol.exchange import Address
+from mission_io.wire import message_from_item
+
+GROUND, VEHICLE = Address(255, 190), Address(1, 1)
+
+
+@dataclass(frozen=True)
+class Script:
+    """What happens, the state it ends in, and what the last step made the machine send."""
+
+    shows: str
+    steps: str
+    state: str
+    sends: str = ""
+    items: int = 3
+    autopilot: str = "PX4"
+
+
+def items(count: int) -> tuple[MissionItem, ...]:
+    return tuple(waypoint(46.1 + i * 1e-3, -7.2 - i * 2e-3, 100.0 + i, frame=Frame.ABOVE_HOME) for i in range(count))
+
+
+def message(step: str, to: Address) -> Message:
+    words = step.split()
+    kind, *arguments = words
+    address = (to.system_id, to.component_id)
+    mission_type = MissionType.RALLY if "/rally" in arguments else MissionType.MISSION
+    if "/unknown" in arguments:
+        mission_type = 7  # type: ignore[assignment]
+    if kind == "ack":
+        return MissionAck(*address, MissionResult[arguments[0]], mission_type)
+    if kind == "list":
+        return MissionRequestList(*address, mission_type)
+    if kind == "clear":
+        return MissionClearAll(*address, 255 if "/all" in arguments else mission_type)
+    number = int(arguments[0])
+    if kind == "count":
+        return MissionCount(*address, number, mission_type)
+    if kind == "req":
+        return MissionRequestInt(*address, number, mission_type)
+    if kind == "oldreq":
+        return MissionRequest(*address, number, mission_type)
+    item = items(number + 1)[number]
+    sent = message_from_item(
+        item, number, mission_type=mission_type, target_system=to.system_id, target_component=to.component_id
+    )
+    if "bad" in arguments:
+        fields = {name: getattr(sent, name) for name in MissionItemInt.__dataclass_fields__}
+        return MissionItemInt(**{**fields, "frame": 1})
+    return sent
+
+
+def text(sent: Message) -> str:
+    match sent:
+        case MissionCount():
+            return f"count {sent.count}"
+        case MissionRequest():
+            return f"oldreq {sent.seq}"
+        case MissionRequestInt():
+            return f"req {sent.seq}"
+        case MissionItemInt():
+            return f"item {sent.seq}"
+        case MissionAck():
+            return f"ack {MissionResult(sent.result).name}"
+        case MissionRequestList():
+            return "list"
+        case MissionClearAll():
+            return "clear"
+    raise AssertionError(sent)
+
+
+def play(machine: Any, steps: str, *, sender: Address, to: Address, now: float = 0.0) -> list[str]:
+    """Play the steps; what was sent during the last one. The machine is polled at its timers, as a driver would."""
+    sent = [text(m) for m in machine.messages_to_send(now)]
+    for step in filter(None, (step.strip() for step in steps.split(","))):
+        sent = []
+        if step.startswith("wait "):
+            end = now + float(step.split()[1])
+            while (timer := machine.next_timer()) is not None and timer <= end:
+                now = max(now, timer)
+                sent += [text(m) for m in machine.messages_to_send(now)]
+            now = end
+        elif step == "cancel":
+            machine.cancel(now)
+        else:
+            step, _, system = step.partition("@")
+            origin = Address(int(system), sender.component_id) if system else sender
+            machine.receive(Received(message(step, to), origin.system_id, origin.component_id), now)
+        sent += [text(m) for m in machine.messages_to_send(now)]
+    return sent
