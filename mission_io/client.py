@@ -29,6 +29,7 @@ NO_PROGRESS_S = 60.0
 
 _STALE_READ_BACK_S = 0.1
 _ANSWER_S = 10.0
+_CLEAR_TRIES = 3
 
 
 class Client(Connection):
@@ -111,25 +112,25 @@ class Client(Connection):
         raise self._error(f"download of the {_name(mission_type)}", download, f"after {got}", "unchanged")
 
     def clear(self, mission_type: MissionType, *, in_flight: bool = False) -> None:
-        """Empty one of the vehicle's lists.
+        """Empty one of the vehicle's lists, and read back that it is empty but for home.
 
         Raises:
             MisuseError: the vehicle is armed and ``in_flight`` was not said.
-            TransferError: the vehicle refused.
+            TransferError: the vehicle refused, or says that it is done and is not.
             TransferSilentError: the vehicle did not answer; also a VehicleSilentError.
         """
         self._refuse_armed("clear", in_flight=in_flight)
-        clear = Clear(
-            mission_type=mission_type,
-            local=self.local,
-            vehicle=self.vehicle.address,
-            timing=self.timing,
-            now=self.clock.now(),
+        left = 0
+        for _ in range(_CLEAR_TRIES):  # an acknowledgement may be a late one of an earlier upload
+            self._clear_once(mission_type)
+            left = len(self.download(mission_type))
+            home_stays = self.vehicle.autopilot.home_in_item_0 and mission_type is MissionType.MISSION
+            if left <= int(home_stays):
+                return
+        raise TransferError(
+            f"clearing the {_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged and holds {left} items",
+            vehicle_holds="unknown",
         )
-        self._run(clear, lambda: 0, None, None)
-        if clear.state is not ClearState.CLEARED:
-            holds: VehicleHolds = "unchanged" if clear.state is ClearState.REFUSED else "unknown"
-            raise self._error(f"clearing the {_name(mission_type)}", clear, "", holds)
 
     def upload_and_verify(
         self,
@@ -208,10 +209,10 @@ class Client(Connection):
                 for message in exchange.messages_to_send(now):
                     self.send(message)
                 count = done()
-                if count != reported:
-                    all_items = total if total is not None else getattr(exchange, "count", None)
+                all_items = exchange.count if isinstance(exchange, Download) else total
+                if count != reported and all_items is not None:
                     reported, progress_at = count, now
-                    if progress is not None and all_items is not None:
+                    if progress is not None:
                         progress(count, all_items)
                 wake = exchange.next_timer()
                 if exchange.finished or wake is None:
@@ -230,6 +231,19 @@ class Client(Connection):
                 for message in exchange.messages_to_send(self.clock.now()):
                     self.send(message)
             raise
+
+    def _clear_once(self, mission_type: MissionType) -> None:
+        clear = Clear(
+            mission_type=mission_type,
+            local=self.local,
+            vehicle=self.vehicle.address,
+            timing=self.timing,
+            now=self.clock.now(),
+        )
+        self._run(clear, lambda: 0, None, None)
+        if clear.state is not ClearState.CLEARED:
+            holds: VehicleHolds = "unchanged" if clear.state is ClearState.REFUSED else "unknown"
+            raise self._error(f"clearing the {_name(mission_type)}", clear, "", holds)
 
     def _read_back(
         self, mission_type: MissionType, items: Sequence[MissionItem], autopilot: Autopilot

@@ -25,7 +25,7 @@ class ClearEvent(Enum):
     """What can happen to a clear."""
 
     ACK_ACCEPTED = "acknowledged"
-    ACK_BUSY = "denied: busy"
+    ACK_BUSY = "denied, or an error without a reason: busy"
     ACK_STRAY = "out of sequence, or cancelled: left over from a transfer"
     ACK_REFUSED = "any other result"
     RESEND = "silence: say it again"
@@ -60,6 +60,8 @@ CLEAR_ENDS = frozenset({_S.CLEARED, _S.REFUSED, _S.SILENT})
 _ACK_EVENTS: dict[int, ClearEvent] = {
     MissionResult.ACCEPTED: _E.ACK_ACCEPTED,
     MissionResult.DENIED: _E.ACK_BUSY,
+    # What PX4 says while a download is unfinished, and what ArduPilot says to a late duplicate of an item.
+    MissionResult.ERROR: _E.ACK_BUSY,
     MissionResult.INVALID_SEQUENCE: _E.ACK_STRAY,
     MissionResult.OPERATION_CANCELLED: _E.ACK_STRAY,
 }

@@ -86,7 +86,7 @@ class MissionServer:
         self._lists: dict[MissionType, tuple[MissionItem, ...]] = dict.fromkeys(MissionType, ())
         self._incoming: _Incoming | None = None
         self._ended: tuple[Address, MissionType, int] | None = None
-        self._heard_at = 0.0
+        self._served_at = 0.0
         self._outbox: list[Message] = []
         self._events: list[ListChanged] = []
         # About the message at hand: who sent it, which list and which item or count it speaks of, and why it is refused.
@@ -127,7 +127,6 @@ class MissionServer:
         self._about = getattr(message, "mission_type", 0)
         event = self._event_of(message, now)
         if event is not None:
-            self._heard_at = now
             self._step(event, now)
 
     def messages_to_send(self, now: float) -> list[Message]:
@@ -158,7 +157,7 @@ class MissionServer:
             ask = self._incoming.asked_at + self.autopilot.rerequest_s
             return sorted([(give_up, ServerEvent.GIVE_UP), (ask, ServerEvent.REREQUEST)], key=lambda due: due[0])
         if self.state is ServerState.SENDING:
-            return [(self._heard_at + self.autopilot.download_blocks_s, ServerEvent.DOWNLOAD_OVER)]
+            return [(self._served_at + self.autopilot.download_blocks_s, ServerEvent.DOWNLOAD_OVER)]
         return []
 
     # What a message means.
@@ -301,12 +300,12 @@ class MissionServer:
     # What the table's actions do: downloads and answers.
 
     def _send_count(self, now: float) -> None:
-        del now
+        self._served_at = now
         to, held = self._sender, self.items(MissionType(self._about))
         self._outbox.append(MissionCount(to.system_id, to.component_id, len(held), self._about))
 
     def _send_item(self, now: float) -> None:
-        del now
+        self._served_at = now
         to, mission_type = self._sender, MissionType(self._about)
         item = self.items(mission_type)[self._number]
         message = message_from_item(

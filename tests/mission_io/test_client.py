@@ -1,0 +1,284 @@
+import json
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
+from mission_io.autopilots import ARDUPILOT, PX4, Autopilot, wire_items
+from mission_io.client import Client
+from mission_io.content import Content
+from mission_io.enums import MissionResult, ModeFlag
+from mission_io.errors import (
+    FormatError,
+    MisuseError,
+    TransferError,
+    TransferSilentError,
+    VehicleHolds,
+    VehicleSilentError,
+)
+from mission_io.items import (
+    Frame,
+    GeoPoint,
+    Mission,
+    MissionType,
+    change_speed,
+    land,
+    return_to_launch,
+    takeoff,
+    waypoint,
+)
+from mission_io.messages import Heartbeat, MissionAck, MissionCount, MissionItemInt, MissionRequestInt, Received
+from mission_io.simulated import Conditions
+from tests.mission_io.vehicle import VehiclePeer, connected
+
+HOME = GeoPoint(46.5, -7.25, 512.3)
+MISSION = Mission(
+    HOME,
+    (
+        takeoff(46.5, -7.25, 30.0, frame=Frame.ABOVE_HOME),
+        change_speed(8.0),
+        *(waypoint(46.5 + i * 1.3e-4, -7.25 - i * 2.7e-4, 40.123 + i, frame=Frame.ABOVE_HOME) for i in range(4)),
+        land(46.5, -7.25, frame=Frame.ABOVE_HOME),
+        return_to_launch(),
+    ),
+)
+FENCE = Fence(
+    (FencePolygon(tuple(LatLon(46.0 + i * i, -7.0 + i) for i in range(4))),),
+    (FenceCircle(LatLon(46.1, -7.2), 123.0, inclusion=False),),
+    FramedPoint(46.2, -7.3, 0.0, Frame.AMSL),
+)
+RALLY = RallyPoints((FramedPoint(46.2, -7.3, 30.0), FramedPoint(46.3, -7.4, 40.0)))
+BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
+
+
+@BOTH
+@pytest.mark.parametrize("content", [MISSION, FENCE, RALLY], ids=["mission", "fence", "rally"])
+def test_upload_read_back_and_compare(autopilot: Autopilot, content: Content) -> None:
+    client = connected(VehiclePeer(autopilot))
+    result = client.upload_and_verify(content)
+    assert result.passed, result.differences
+    document = json.loads(json.dumps(result.as_json(), allow_nan=False))
+    assert document["passed"] is True
+    assert len(document["sent"]) == len(document["received"])
+    assert all(difference["why"] for difference in document["differences"])
+    back = client.download_content(result.mission_type)
+    assert type(back) is type(content)
+
+
+def test_what_was_planned_comes_back_from_px4_unchanged_but_for_32_bits() -> None:
+    client = connected(VehiclePeer(PX4))
+    result = client.upload_and_verify(MISSION)
+    assert {(d.field, d.why) for d in result.differences} == {("alt_m", "MAVLink carries this number in 32 bits")}
+
+
+def test_progress_counts_up_to_all() -> None:
+    steps: list[tuple[int, int]] = []
+    client = connected(VehiclePeer(PX4))
+    client.upload(MissionType.MISSION, MISSION.items, progress=lambda done, total: steps.append((done, total)))
+    assert steps == [(n, 8) for n in range(9)]
+    steps.clear()
+    client.download(MissionType.MISSION, progress=lambda done, total: steps.append((done, total)))
+    assert steps == [(n, 8) for n in range(9)]
+
+
+def test_no_vehicle_is_an_error_that_says_so_in_time() -> None:
+    peer = VehiclePeer()
+    peer.silent = True
+    with pytest.raises(VehicleSilentError, match="no vehicle sent a heartbeat within 60 s"):
+        connected(peer)
+
+
+def test_another_system_is_not_the_one_that_was_asked_for() -> None:
+    client = connected(VehiclePeer())
+    with pytest.raises(VehicleSilentError, match=r"system id 7 .*heard of \[1\]"):
+        client.wait_for_vehicle(3.0, system_id=7)
+    with pytest.raises(MisuseError, match="wait_for_vehicle first"):
+        client.upload(MissionType.MISSION, ())
+
+
+def test_a_ground_station_is_no_vehicle() -> None:
+    peer = VehiclePeer()
+    peer.outbox = [Heartbeat(8, 6)]
+    client = connected(peer)
+    assert client.vehicle.mav_autopilot == 3
+    assert client.vehicle.autopilot is ARDUPILOT
+
+
+def test_heartbeats_go_out_once_a_second_and_age_is_known() -> None:
+    peer = VehiclePeer()
+    client = connected(peer)
+    peer.heard.clear()
+    end = client.clock.now() + 10.0
+    while client.clock.now() < end:
+        client.poll(end - client.clock.now())
+    assert len([r for r in peer.heard if isinstance(r.message, Heartbeat)]) in (9, 10, 11)
+    assert client.heartbeat_age_s < 1.5
+    peer.silent = True
+    client.poll(5.0)
+    assert client.poll(5.0) == []
+    assert client.heartbeat_age_s > 5.0
+
+
+@pytest.mark.parametrize(("autopilot", "holds"), [(ARDUPILOT, "mixed"), (PX4, "unchanged")], ids=["ArduPilot", "PX4"])
+def test_a_vehicle_that_stops_in_the_middle(autopilot: Autopilot, holds: VehicleHolds) -> None:
+    class Stops(VehiclePeer):
+        def on_message(self, received: Received, *_: object) -> None:
+            self.silent = isinstance(received.message, MissionItemInt) and received.message.seq == 2
+
+    client = connected(Stops(autopilot))
+    with pytest.raises(TransferSilentError, match="fell silent after 3 of 9 items") as caught:
+        client.upload(MissionType.MISSION, wire_items(MISSION, ARDUPILOT))
+    assert caught.value.vehicle_holds == holds
+    assert isinstance(caught.value, VehicleSilentError)
+
+
+def test_a_vehicle_that_never_answers_the_count() -> None:
+    class Deaf(VehiclePeer):
+        def receive_datagram(self, *_: object) -> None:
+            pass
+
+    for autopilot, holds in ((ARDUPILOT, "unknown"), (PX4, "unchanged")):
+        client = connected(Deaf(autopilot))
+        with pytest.raises(TransferSilentError) as caught:
+            client.upload(MissionType.MISSION, MISSION.items)
+        assert caught.value.vehicle_holds == holds
+        with pytest.raises(TransferSilentError, match="download of the fence"):
+            client.download(MissionType.FENCE)
+        with pytest.raises(TransferSilentError, match="clearing the rally points"):
+            client.clear(MissionType.RALLY)
+
+
+def swallow(peer: VehiclePeer, drop: Callable[[object], bool]) -> None:
+    """Take out what the server wants to send, as a radio would."""
+    original = peer.server.messages_to_send
+    peer.server.messages_to_send = lambda now: [m for m in original(now) if not drop(m)]  # type: ignore[method-assign]
+
+
+@BOTH
+def test_the_final_acknowledgement_is_always_lost(autopilot: Autopilot) -> None:
+    peer = VehiclePeer(autopilot)
+    swallow(peer, lambda m: isinstance(m, MissionAck) and m.result == MissionResult.ACCEPTED)
+    client = connected(peer)
+    client.upload(MissionType.MISSION, wire_items(MISSION, autopilot))
+    assert len(peer.server.items(MissionType.MISSION)) == len(wire_items(MISSION, autopilot))
+
+
+def test_everything_was_sent_but_the_vehicle_does_not_hold_it() -> None:
+    class Forgets(VehiclePeer):
+        def on_message(self, *_: object) -> None:
+            for event in self.server.events():
+                if event.reason == "uploaded":
+                    self.server.set_items(MissionType.MISSION, event.items[:-1])
+
+    peer = Forgets(PX4)
+    swallow(peer, lambda m: isinstance(m, MissionAck) and m.result == MissionResult.ACCEPTED)
+    client = connected(peer)
+    with pytest.raises(TransferError, match="read back") as caught:
+        client.upload(MissionType.MISSION, MISSION.items)
+    assert caught.value.vehicle_holds == "unknown"
+    result = connected(Forgets(PX4)).upload_and_verify(MISSION)
+    assert not result.passed
+    assert [d.field for d in result.differences if not d.acceptable] == ["count"]
+
+
+def test_px4_gives_back_the_list_of_before_once() -> None:
+    class Stale(VehiclePeer):
+        stale = True
+
+        def on_message(self, received: Received, *_: object) -> None:
+            if self.server.events():
+                self.fresh = self.server.items(MissionType.MISSION)
+                self.server.set_items(MissionType.MISSION, ())
+            elif isinstance(received.message, MissionAck) and self.stale:
+                self.stale = False
+                self.server.set_items(MissionType.MISSION, self.fresh)
+
+    assert connected(Stale(PX4)).upload_and_verify(MISSION).passed
+
+
+def test_refused_before_anything_is_sent() -> None:
+    peer = VehiclePeer(PX4)
+    client = connected(peer)
+    bad = replace(MISSION, items=(*MISSION.items, waypoint(91.0, -7.0, 20.0, frame=Frame.ABOVE_TERRAIN)))
+    with pytest.raises(MisuseError, match=r"mission was not sent: item 8, frame: .* \(and 1 more\)"):
+        client.upload_and_verify(bad)
+    assert not [r for r in peer.heard if isinstance(r.message, MissionCount)]
+    with pytest.raises(FormatError, match="2 vertices"):
+        client.upload_and_verify(Fence((FencePolygon((LatLon(1.0, 2.0), LatLon(2.0, 3.0))),)))
+
+
+def test_an_item_the_vehicle_refuses() -> None:
+    client = connected(VehiclePeer(PX4))
+    items = (*MISSION.items, waypoint(46.0, -7.0, 20.0, frame=Frame.ABOVE_TERRAIN), MISSION.items[0])
+    with pytest.raises(TransferError, match="refused with UNSUPPORTED_FRAME after 9 of 10 items") as caught:
+        client.upload(MissionType.MISSION, items)
+    assert caught.value.vehicle_holds == "unchanged"
+
+
+def test_a_list_the_vehicle_has_no_room_for() -> None:
+    client = connected(VehiclePeer(ARDUPILOT, capacity=3))
+    with pytest.raises(TransferError, match="refused with NO_SPACE after 0 of 8 items") as caught:
+        client.upload(MissionType.MISSION, MISSION.items)
+    assert caught.value.vehicle_holds == "unchanged"
+
+
+def test_just_booted_ardupilot_is_waited_for() -> None:
+    client = connected(VehiclePeer(ARDUPILOT, booted_at=0.0))
+    client.upload(MissionType.MISSION, MISSION.items)
+    assert client.clock.now() > 2.0
+
+
+def test_a_vehicle_busy_with_another_station_is_waited_for() -> None:
+    peer = VehiclePeer(ARDUPILOT)
+    client = connected(peer)
+    peer.server.receive(Received(MissionCount(1, 1, 5), 254, 190), client.clock.now())
+    client.upload(MissionType.MISSION, MISSION.items)
+    assert 7.0 < client.clock.now() < 12.0
+
+
+def test_an_armed_vehicle_is_left_alone_unless_it_is_meant() -> None:
+    peer = VehiclePeer(PX4)
+    peer.base_mode = ModeFlag.SAFETY_ARMED
+    client = connected(peer)
+    assert client.vehicle.armed
+    for call in (client.clear, lambda t: client.upload(t, MISSION.items)):
+        with pytest.raises(MisuseError, match="is armed"):
+            call(MissionType.MISSION)
+    client.upload(MissionType.MISSION, MISSION.items, in_flight=True)
+    client.clear(MissionType.MISSION, in_flight=True)
+
+
+def test_a_vehicle_that_asks_for_ever_is_given_up() -> None:
+    class Stuck(VehiclePeer):
+        def receive_datagram(self, *_: object) -> None:
+            self.outbox.append(MissionRequestInt(255, 190, 0))
+
+    with pytest.raises(TransferError, match="does not get on"):
+        connected(Stuck(PX4), conditions=Conditions(delay_s=0.2)).upload(MissionType.MISSION, MISSION.items)
+
+
+def test_interrupting_tells_the_vehicle() -> None:
+    def stop(done: int, total: int) -> None:
+        if done == 3 < total:
+            raise KeyboardInterrupt
+
+    peer = VehiclePeer(PX4)
+    client = connected(peer)
+    with pytest.raises(KeyboardInterrupt):
+        client.upload(MissionType.MISSION, MISSION.items, progress=stop)
+    client.poll(0.5)
+    acks = [r.message for r in peer.heard if isinstance(r.message, MissionAck)]
+    assert [ack.result for ack in acks] == [MissionResult.OPERATION_CANCELLED]
+    assert peer.server.next_timer() is None
+
+
+def test_a_listener_sees_everything_and_the_client_closes_its_link() -> None:
+    seen: list[float] = []
+    base = connected(VehiclePeer(PX4))
+    with Client(base.link, listener=lambda _, now: seen.append(now)) as client:
+        client.wait_for_vehicle(5.0)
+        client.upload(MissionType.MISSION, MISSION.items)
+    assert len(seen) > 8
+    with pytest.raises(Exception, match="closed"):
+        client.poll(0.1)
