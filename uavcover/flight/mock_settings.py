@@ -6,6 +6,7 @@ from types import MappingProxyType
 
 from mission_io.enums import AutopilotId
 from uavcover.flight.guidance import Speeds
+from uavcover.model.vehicle import Vehicle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +33,17 @@ class Settings:
         for name in self.__slots__:
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name}: {getattr(self, name)} must be above 0")
+
+    @classmethod
+    def for_vehicle(cls, vehicle: Vehicle) -> "Settings":
+        """The settings of the vehicle that a scenario plans with."""
+        return cls(
+            cruise_m_s=vehicle.cruise_speed_m_s,
+            climb_m_s=vehicle.max_climb_m_s,
+            descent_m_s=vehicle.max_descent_m_s,
+            acceptance_radius_m=vehicle.acceptance_radius_m,
+            return_height_m=vehicle.return_height_m,
+        )
 
     @property
     def speeds(self) -> Speeds:

@@ -1,0 +1,107 @@
+"""What the vehicle has said so far, whoever was waiting for it."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import TypeVar
+
+from mission_io import messages as m
+from mission_io.client import Client
+from mission_io.enums import LandedState, MissionState
+from mission_io.link import Link, open_link
+from mission_io.protocol.exchange import Timing
+
+MessageT = TypeVar("MessageT", bound=m.Message)
+
+_RESTART_S = 5.0
+
+
+class Monitor:
+    """Listens to everything that arrives, also while a command or a transfer is going on.
+
+    It is given to the client when that is made: ``Client(link, listener=monitor)``, or see :func:`open_vehicle`.
+
+    Attributes:
+        on_position: called with each position of the vehicle.
+        texts: lines for the pilot that nobody has taken yet.
+        time_s: the vehicle's latest time, seconds since it was switched on; None while it is not known.
+        position_at_s: when the latest position arrived, on the link's clock.
+        restarted: whether the vehicle's time went back: it was switched off and on.
+        reached: the highest mission item that the vehicle said it reached.
+    """
+
+    def __init__(self) -> None:
+        self.on_position: Callable[[m.GlobalPositionInt], None] | None = None
+        self.texts: deque[m.StatusText] = deque(maxlen=1000)
+        self.time_s: float | None = None
+        self.position_at_s: float | None = None
+        self.restarted = False
+        self.reached = -1
+        self.position_times_s: deque[float] = deque(maxlen=100)
+        self._system_id: int | None = None
+        self._latest: dict[type, m.Message] = {}
+
+    def listen_to(self, system_id: int) -> None:
+        """Look only at this system from here on, and forget what was heard before."""
+        self._system_id = system_id
+        self._latest.clear()
+
+    def latest(self, kind: type[MessageT]) -> MessageT | None:
+        """The latest message of a kind."""
+        message = self._latest.get(kind)
+        return message if isinstance(message, kind) else None
+
+    @property
+    def current_seq(self) -> int:
+        """The mission item that is being flown to; -1 while it is not known."""
+        current = self.latest(m.MissionCurrent)
+        return -1 if current is None else current.seq
+
+    @property
+    def mission_complete(self) -> bool:
+        """Whether the vehicle says that its mission is done."""
+        current = self.latest(m.MissionCurrent)
+        return current is not None and current.state == MissionState.COMPLETE
+
+    @property
+    def on_ground(self) -> bool | None:
+        """Whether the vehicle says that it stands on the ground; None when it does not say."""
+        state = self.latest(m.ExtendedSysState)
+        if state is None or state.landed_state == LandedState.UNDEFINED:
+            return None
+        return state.landed_state == LandedState.ON_GROUND
+
+    def __call__(self, received: m.Received, now: float) -> None:
+        """Take a message that arrived at ``now`` on the link's clock."""
+        if self._system_id is None or received.system_id != self._system_id:
+            return
+        message = received.message
+        self._latest[type(message)] = message
+        match message:
+            case m.GlobalPositionInt():
+                self._take_time(message.time_boot_s)
+                self.position_at_s = now
+                self.position_times_s.append(message.time_boot_s)
+                if self.on_position is not None:
+                    self.on_position(message)
+            case m.Attitude() | m.SystemTime():
+                self._take_time(message.time_boot_s)
+            case m.MissionItemReached():
+                self.reached = max(self.reached, message.seq)
+            case m.StatusText():
+                self.texts.append(message)
+
+    def _take_time(self, time_s: float) -> None:
+        if self.time_s is not None and time_s < self.time_s - _RESTART_S:
+            self.restarted = True
+        self.time_s = time_s if self.time_s is None or self.restarted else max(self.time_s, time_s)
+
+
+def open_vehicle(link: Link | str, *, timing: Timing | None = None) -> tuple[Client, Monitor]:
+    """A client on a link or a link's URL, with a monitor that hears everything it hears.
+
+    Raises:
+        mission_io.errors.MisuseError: a URL that is not understood.
+        mission_io.errors.LinkError: the link cannot be opened.
+    """
+    monitor = Monitor()
+    return Client(open_link(link) if isinstance(link, str) else link, timing=timing, listener=monitor), monitor
