@@ -1,0 +1,177 @@
+import dataclasses
+import math
+import random
+import typing
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from mission_io import messages as m
+from mission_io.codec import Codec, message_id
+from mission_io.enums import LandedState, MissionState
+from mission_io.errors import MisuseError
+
+SAMPLES: list[m.Message] = [
+    m.Heartbeat(3, 2, 128 + 1, 5, 4),
+    m.GlobalPositionInt(12.345, 46.1234567, -7.7654321, 1234.567, -3.21, 1.23, -4.56, 0.07, 359.99),
+    m.GlobalPositionInt(0.0, -46.1234567, 7.7654321, 0.0, 0.0, 0.0, 0.0, 0.0, None),
+    m.Attitude(1.5, 0.25, -0.5, 3.0, 0.125, 0.0, -1.0),
+    m.HomePosition(46.1234567, -7.7654321, 512.345),
+    m.MissionCurrent(4, 20, MissionState.ACTIVE),
+    m.MissionCurrent(0),
+    m.MissionItemReached(65535),
+    m.StatusText(4, "Reached waypoint #2"),
+    m.CommandLong(1, 1, 400, (1.0, 21196.0, 0.0, 0.0, 0.0, 0.0, 0.5), 3),
+    m.CommandInt(1, 1, 6, 192, (-1.0, 1.0, 0.0, 0.0), 461234567, -77654321, 30.0),
+    m.CommandAck(400, 5, 50, -1, 255, 190),
+    m.SysStatus(7, 6, 5, 0.125, 12.6, 3.5, 87),
+    m.SysStatus(0, 0, m.PREARM_CHECK_BIT),
+    m.GpsRawInt(17.25, 3, 46.1234567, -7.7654321, 512.0, 0.9, 1.2, 4.5, 271.25, 14),
+    m.GpsRawInt(0.0, 0, 0.0, 0.0, 0.0),
+    m.EkfStatusReport(0x1F, 0.25, 0.5, 0.125, 0.0625, 0.0),
+    m.ExtendedSysState(LandedState.IN_AIR, 3),
+    m.MissionCount(1, 1, 650, 1),
+    m.MissionRequest(255, 190, 7, 2),
+    m.MissionRequestInt(255, 190, 65535),
+    m.MissionItemInt(1, 1, 3, 6, 16, (1.5, 0.0, -2.0, 90.0), 461234567, -77654321, 10.5, 1, 0, 2),
+    m.MissionItemFloat(1, 1, 3, 3, 16, (1.5, 0.0, -2.0, 90.0), 46.5, -7.25, 10.5),
+    m.MissionAck(255, 190, 13, 1),
+    m.MissionRequestList(1, 1, 2),
+    m.MissionClearAll(1, 1, 255),
+    m.MissionSetCurrent(1, 1, 9),
+    m.AutopilotVersion(2**63 + 5, 0x04070000, 2**64 - 1),
+    m.SetMode(1, 209, 4),
+    m.ParamRequestRead(1, 1, "SIXTEEN_LETTERS_"),
+    m.ParamSet(1, 1, "FENCE_ALT_MAX", 120.5),
+    m.ParamValue("WPNAV_SPEED", 500.0, 9, 1200, 17),
+    m.SystemTime(1790000000.123456, 4.5),
+]
+
+
+def codec() -> Codec:
+    return Codec(system_id=1, component_id=1)
+
+
+@pytest.mark.parametrize("message", SAMPLES, ids=lambda s: type(s).__name__)
+def test_every_message_comes_back_equal_with_its_sender(message: m.Message) -> None:
+    assert codec().decode(Codec(system_id=42, component_id=7).encode(message)) == [m.Received(message, 42, 7)]
+
+
+def test_there_is_a_sample_of_every_message() -> None:
+    assert {type(sample) for sample in SAMPLES} == set(typing.get_args(m.Message))
+
+
+def test_bytes_are_mavlink_2_with_a_sequence_number() -> None:
+    sender = codec()
+    first, second = sender.encode(SAMPLES[0]), sender.encode(SAMPLES[0])
+    assert (first[0], first[4], second[4]) == (0xFD, 0, 1)
+    for _ in range(254):
+        last = sender.encode(SAMPLES[0])
+    assert (last[4], sender.encode(SAMPLES[0])[4]) == (255, 0)
+
+
+def test_a_nan_parameter_survives() -> None:
+    item = m.MissionItemInt(1, 1, 0, 6, 16, (0.0, 0.0, 0.0, math.nan), 0, 0, 0.0)
+    (received,) = codec().decode(codec().encode(item))
+    assert isinstance(received.message, m.MissionItemInt)
+    assert math.isnan(received.message.params[3])
+
+
+@settings(derandomize=True, max_examples=200)
+@given(st.integers(-900000000, 900000000), st.integers(-1800000000, 1800000000))
+def test_coordinates_are_exact_in_both_directions(lat: int, lon: int) -> None:
+    home = m.HomePosition(lat / 1e7, lon / 1e7, 0.0)
+    (received,) = codec().decode(codec().encode(home))
+    assert received.message == home
+
+
+def test_coordinates_are_rounded_not_truncated() -> None:
+    data = codec().encode(m.HomePosition(46.00000019, -7.00000019, 0.0))
+    (received,) = codec().decode(data)
+    assert received.message == m.HomePosition(46.0000002, -7.0000002, 0.0)
+
+
+def test_garbage_around_and_between_messages_is_skipped_and_counted() -> None:
+    one, two = codec().encode(SAMPLES[0]), codec().encode(SAMPLES[4])
+    reader = codec()
+    received = reader.decode(b"\x00\xfd\xfe\xfd" + one + b"\xfd\x05" + two + b"\xfe")
+    assert [r.message for r in received] == [SAMPLES[0], SAMPLES[4]]
+    assert reader.skipped_bytes == 7
+
+
+def test_a_damaged_message_is_dropped_and_the_next_one_read() -> None:
+    for position in range(len(codec().encode(SAMPLES[0]))):
+        damaged = bytearray(codec().encode(SAMPLES[0]))
+        damaged[position] ^= 0x10
+        received = codec().decode(bytes(damaged) + codec().encode(SAMPLES[4]))
+        assert m.Received(SAMPLES[4], 1, 1) in received
+        assert SAMPLES[0] not in [r.message for r in received]
+
+
+def test_random_bytes_never_raise() -> None:
+    rng, reader = random.Random(1), codec()
+    for _ in range(500):
+        assert reader.decode(bytes(rng.choices([0xFD, 0xFE, 0, 9, *range(256)], k=60))) == []
+    assert reader.skipped_bytes == 500 * 60
+
+
+def test_a_cut_off_message_holds_nothing_back() -> None:
+    reader = codec()
+    assert reader.decode(codec().encode(SAMPLES[0])[:-1]) == []
+    assert len(reader.decode(codec().encode(SAMPLES[0]))) == 1
+
+
+def test_valid_messages_of_other_kinds_are_counted() -> None:
+    other = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    reader = codec()
+    assert reader.decode(dialect.MAVLink_vfr_hud_message(1, 1, 1, 1, 1, 1).pack(other)) == []
+    assert (reader.unknown_messages, reader.skipped_bytes) == (1, 0)
+
+
+def test_mavlink_1_and_signed_messages_are_read() -> None:
+    old = dialect.MAVLink_heartbeat_message(2, 3, 128, 5, 4, 3).pack(dialect.MAVLink(None, 9, 1), force_mavlink1=True)
+    signer = dialect.MAVLink(None, 8, 1)
+    signer.signing.secret_key, signer.signing.sign_outgoing = b"k" * 32, True
+    signed = dialect.MAVLink_heartbeat_message(2, 3, 128, 5, 4, 3).pack(signer)
+    assert (old[0], signed[2]) == (0xFE, 1)
+    assert [r.system_id for r in codec().decode(bytes(old) + bytes(signed))] == [9, 8]
+
+
+@pytest.mark.parametrize(
+    ("message", "what"),
+    [
+        (m.MissionCount(1, 1, 65536), "MISSION_COUNT"),
+        (m.HomePosition(math.nan, 0.0, 0.0), "lat_deg"),
+        (m.HomePosition(46.0, 0.0, 1e9), "HOME_POSITION"),
+        (m.StatusText(3, "x" * 51), "51 bytes"),
+        (m.ParamRequestRead(1, 1, "SEVENTEEN_LETTERS"), "17 bytes"),
+        (m.MissionItemInt(1, 1, 0, 6, 16, (1e39, 0.0, 0.0, 0.0), 0, 0, 0.0), "MISSION_ITEM_INT"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_name(message: m.Message, what: str) -> None:
+    with pytest.raises(MisuseError, match=what):
+        codec().encode(message)
+
+
+@pytest.mark.parametrize("bad", [0, 256])
+def test_ids_are_bytes(bad: int) -> None:
+    with pytest.raises(MisuseError, match="1 to 255"):
+        Codec(system_id=bad, component_id=1)
+
+
+def test_message_ids() -> None:
+    assert (message_id(m.GlobalPositionInt), message_id(m.HomePosition)) == (33, 242)
+
+
+def test_armed_is_a_bit_of_the_heartbeat() -> None:
+    assert m.Heartbeat(3, 2, 0x81).armed
+    assert not m.Heartbeat(3, 2, 0x59).armed
+
+
+def test_addressing() -> None:
+    assert m.is_for(m.MissionCount(0, 0, 1), system_id=3, component_id=4)
+    assert m.is_for(m.Heartbeat(3, 2), system_id=3, component_id=4)
+    assert not m.is_for(m.MissionCount(3, 5, 1), system_id=3, component_id=4)
+    assert all(dataclasses.is_dataclass(sample) for sample in SAMPLES)
