@@ -1,0 +1,113 @@
+"""The parts of the picture, as arrays."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import shapely
+
+from tests.recording.flights import Flight
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.recording.footprint import footprints_m
+from uavcover.recording.relief import hillshade, relief_mesh
+from uavcover.recording.scene import waypoint_labels
+from uavcover.recording.tiles import coverage_tiles, lift_m, shown_from_s, tick_times_s
+from uavcover.terrain.ground import Ground, grid_ground
+
+
+def plane(slope_east: float, *, hole: bool = False) -> Ground:
+    up = np.tile(slope_east * np.arange(0.0, 501.0, 10.0), (51, 1)) + 100.0
+    if hole:
+        up[20:25, 30:35] = np.nan
+    return grid_ground(up, east0_m=0.0, north0_m=0.0, step_m=10.0, source="a plane", vertical_datum="local")
+
+
+def test_relief_lies_on_the_ground_and_faces_up() -> None:
+    mesh = relief_mesh(plane(0.5), (50.0, 50.0, 450.0, 250.0))
+    np.testing.assert_allclose(mesh.vertices_m[:, 2], 100.0 + 0.5 * mesh.vertices_m[:, 0], atol=1e-9)
+    a, b, c = (mesh.vertices_m[mesh.triangles[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    assert (normals[:, 2] > 0.0).all()
+    assert 0.5 * normals[:, 2].sum() == pytest.approx(400.0 * 200.0)
+
+
+def test_relief_leaves_out_what_has_no_data() -> None:
+    mesh = relief_mesh(plane(0.5, hole=True), (50.0, 50.0, 450.0, 450.0))
+    used = mesh.vertices_m[np.unique(mesh.triangles)]
+    inside_hole = (np.abs(used[:, 0] - 320.0) < 20.0) & (np.abs(used[:, 1] - 220.0) < 20.0)
+    assert not inside_hole.any()
+    assert np.isfinite(mesh.vertices_m).all()
+
+
+def test_light_comes_from_the_north_west() -> None:
+    level, to_north_west, to_south_east, unknown = hillshade(
+        np.array([[0.0, 0.0], [0.5, -0.5], [-0.5, 0.5], [np.nan, np.nan]])
+    )
+    assert level == pytest.approx(1.0)
+    assert to_north_west > level > to_south_east > unknown == 0.0
+
+
+def test_footprint_of_a_nadir_camera_over_a_plane_is_a_circle(flight: Flight) -> None:
+    site = dataclasses.replace(flight.site, ground=plane(0.0))
+    coverage = _over(flight, site.ground)
+    (ring,) = footprints_m(coverage, np.array([[250.0, 250.0, 180.0]]))
+    radius_m = np.hypot(ring[:, 0] - 250.0, ring[:, 1] - 250.0)
+    expected_m = 80.0 * np.tan(np.radians(site.scenario.sensor.fov_deg / 2.0))  # type: ignore[union-attr]
+    step_m = 200.0 * np.sin(np.radians(site.scenario.sensor.fov_deg / 2.0)) / 40.0  # type: ignore[union-attr]
+    assert ((radius_m <= expected_m) & (radius_m > expected_m - step_m)).all()
+    np.testing.assert_array_equal(ring[0, :2].round(9), ring[-1, :2].round(9))
+    np.testing.assert_allclose(ring[:, 2], 100.0)
+
+
+def test_footprint_is_empty_out_of_reach_and_below_ground(flight: Flight) -> None:
+    coverage = _over(flight, plane(0.0))
+    high, buried = footprints_m(coverage, np.array([[250.0, 250.0, 400.0], [250.0, 250.0, 50.0]]))
+    assert high.shape == buried.shape == (0, 3)
+
+
+def test_seen_cells_lie_in_the_footprint(flight: Flight) -> None:
+    eye = flight.track.enu_m[300:301]
+    (ring,) = footprints_m(flight.coverage, eye)
+    centres = flight.coverage.grid.cells.centre_m[flight.coverage.seen_from(eye)]
+    # The outline is known to a 40th of the reach.
+    outline = shapely.Polygon(ring[:, :2]).buffer(5.0)
+    assert len(centres) > 10
+    assert shapely.contains_xy(outline, centres[:, 0], centres[:, 1]).all()
+
+
+def test_cells_turn_at_the_tick_after_they_were_seen() -> None:
+    ticks = tick_times_s(2.0, 5.5)
+    np.testing.assert_array_equal(ticks, [2.0, 3.0, 4.0, 5.0, 5.5])
+    seen = np.array([2.0, 2.1, 3.0, 5.2, 5.5, np.nan, np.inf])
+    np.testing.assert_array_equal(shown_from_s(seen, ticks), [2.0, 3.0, 3.0, 5.5, 5.5, np.inf, np.inf])
+    np.testing.assert_array_equal(tick_times_s(4.0, 4.0), [4.0])
+
+
+def test_tiles_are_cells_on_the_ground(flight: Flight) -> None:
+    coverage = flight.coverage
+    tiles = coverage_tiles(coverage, np.full(coverage.grid.count, np.inf), 0.0)
+    assert sorted(np.concatenate([t.cells for t in tiles])) == list(range(coverage.grid.count))
+    for tile in tiles:
+        corners = tile.vertices_m.reshape(-1, 4, 3)
+        np.testing.assert_allclose(corners[..., :2].mean(axis=1), coverage.grid.cells.centre_m[tile.cells, :2])
+        ground = coverage.site.ground.heights_m(tile.vertices_m[:, :2])
+        np.testing.assert_allclose(tile.vertices_m[:, 2] - ground, lift_m(coverage), atol=1e-9)
+        a, b, c = (tile.vertices_m[tile.triangles[:, i]] for i in range(3))
+        area = 0.5 * np.cross(b - a, c - a)[:, 2]
+        np.testing.assert_allclose(area, coverage.grid.cells.size_m**2 / 2.0)
+        assert tile.rgba.shape == (1, tile.cells.size)
+
+
+def test_labels_are_thinned_out_and_keep_the_last() -> None:
+    assert waypoint_labels(3) == ["0", "1", "2"]
+    assert waypoint_labels(0) == []
+    many = [label for label in waypoint_labels(1234) if label]
+    assert len(many) <= 61
+    assert many[0] == "0"
+    assert many[1] == "50"
+    assert many[-1] == "1233"
+
+
+def _over(flight: Flight, ground: Ground) -> CoverageMap:
+    area = shapely.box(100.0, 100.0, 400.0, 400.0)
+    return CoverageMap(dataclasses.replace(flight.site, ground=ground, area=area), cell_size_m=20.0)

@@ -1,0 +1,21 @@
+"""Recordings of flights for the rerun viewer: written, read back, listed, shown. The only package that imports rerun.
+
+Importing it loads rerun, which takes about a second: commands import it where they need it.
+"""
+
+from uavcover.recording.errors import RecordingError
+from uavcover.recording.flight import FlightEvent
+from uavcover.recording.reader import RecordingRow, describe_recording, read_recorded_track
+from uavcover.recording.viewer import open_viewer, screenshot
+from uavcover.recording.writer import write_recording
+
+__all__ = [
+    "FlightEvent",
+    "RecordingError",
+    "RecordingRow",
+    "describe_recording",
+    "open_viewer",
+    "read_recorded_track",
+    "screenshot",
+    "write_recording",
+]

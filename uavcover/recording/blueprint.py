@@ -1,0 +1,152 @@
+"""How a recording looks when it is opened: scene, series, map and events side by side."""
+
+import math
+import uuid
+from collections.abc import Iterator
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from uavcover.recording import layout
+from uavcover.recording.relief import extent_m, scene_bounds_m
+from uavcover.site import Site
+
+PLAYED_IN_S = 45.0
+"""A flight that takes longer is played faster, so that it takes this long to watch."""
+
+_NAMESPACE = uuid.UUID("6f1c1a52-6d0b-4a55-8f3d-6b1a1c0e7d11")
+_BACKGROUND_RGB = (18, 20, 26)
+_EARTH_CIRCUMFERENCE_M = 40_075_016.0
+_TILE_PIXELS = 256.0
+_MAP_PIXELS = 220.0  # of a map view in a window of usual size
+
+LEGEND_TEXT = """
+| colour | what |
+|---|---|
+| green | cells that have been seen |
+| grey | cells that have not been seen yet |
+| purple | cells that cannot be seen from inside the limits |
+| white line, numbers | the planned route and its waypoints |
+| yellow line | the path flown so far |
+| red arrow | the vehicle and where its nose points |
+| cyan ring | ground inside the sensor's field of view |
+| blue outline | the area |
+| orange outline | the fence |
+"""
+
+
+def make_blueprint(site: Site, *, start_s: float, end_s: float) -> rrb.Blueprint:
+    """The default blueprint of a recording.
+
+    Args:
+        site: decides on the camera, and on whether there is a map.
+        start_s: vehicle time at the start of the flight.
+        end_s: at its end.
+    """
+    words: list[rrb.ContainerLike] = [
+        _events_view(),
+        rrb.TextDocumentView(origin=layout.LEGEND, name="Colours"),
+    ]
+    below: rrb.ContainerLike = rrb.Tabs(*words, active_tab=0)
+    if site.frame is not None:
+        below = rrb.Horizontal(_map_view(site), below)
+    whole = rr.TimeRange(
+        start=rrb.TimeRangeBoundary.absolute(seconds=start_s), end=rrb.TimeRangeBoundary.absolute(seconds=end_s)
+    )
+    root = rrb.Horizontal(
+        _scene_view(site),
+        rrb.Vertical(
+            _series_view("height", "Height above ground", whole),
+            _series_view("coverage", "Seen, percent", whole, (0.0, 102.0)),
+            _series_view("speed", "Speed", whole),
+            below,
+            row_shares=[3.0, 3.0, 2.0, 4.0],
+        ),
+        column_shares=[3.0, 2.0],
+    )
+    for number, part in enumerate(_parts(root)):
+        # Random by default, which would make two recordings of one flight differ.
+        part.id = uuid.uuid5(_NAMESPACE, str(number))
+    return rrb.Blueprint(
+        root,
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline=layout.TIMELINE,
+            playback_speed=max(1.0, (end_s - start_s) / PLAYED_IN_S),
+            play_state="playing",
+        ),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _parts(part: rrb.Container | rrb.View) -> Iterator[rrb.Container | rrb.View]:
+    yield part
+    if isinstance(part, rrb.Container):
+        for inner in part.contents:
+            yield from _parts(inner)
+
+
+def _so_far() -> rrb.VisibleTimeRanges:
+    return rrb.VisibleTimeRanges(
+        timeline=layout.TIMELINE,
+        start=rrb.TimeRangeBoundary.infinite(),
+        end=rrb.TimeRangeBoundary.cursor_relative(),
+    )
+
+
+def _scene_view(site: Site) -> rrb.Spatial3DView:
+    west, south, east, north = bounds = scene_bounds_m(site)
+    rim = np.array([[e, n] for e in np.linspace(west, east, 9) for n in np.linspace(south, north, 9)])
+    up = site.ground.heights_m(rim)
+    middle = np.array([(west + east) / 2.0, (south + north) / 2.0, float(np.nanmean(up))])
+    reach = extent_m(bounds)
+    return rrb.Spatial3DView(
+        origin=layout.WORLD,
+        name=site.scenario.name,
+        background=_BACKGROUND_RGB,
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=middle + reach * np.array([-0.42, -1.0, 0.9]),
+            look_target=middle,
+            eye_up=(0.0, 0.0, 1.0),
+        ),
+        overrides={layout.FLOWN: _so_far()},
+    )
+
+
+def _series_view(
+    folder: str, name: str, whole: rr.TimeRange, value_range: tuple[float, float] | None = None
+) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"{layout.SERIES}/{folder}",
+        name=name,
+        axis_x=rrb.TimeAxis(view_range=whole),
+        axis_y=None if value_range is None else rrb.ScalarAxis(range=value_range),
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightBottom),
+    )
+
+
+def _events_view() -> rrb.TextLogView:
+    return rrb.TextLogView(
+        origin=layout.EVENTS,
+        name="Events",
+        columns=rrb.TextLogColumns(timeline_columns=[layout.TIMELINE], text_log_columns=["loglevel", "body"]),
+    )
+
+
+def _map_view(site: Site) -> rrb.MapView:
+    lat_deg = 0.0 if site.frame is None else site.frame.lat_deg
+    circle_m = _EARTH_CIRCUMFERENCE_M * math.cos(math.radians(lat_deg))
+    zoom = math.log2(circle_m / _TILE_PIXELS * _MAP_PIXELS / extent_m(scene_bounds_m(site)))
+    return rrb.MapView(
+        origin=layout.MAP,
+        name="Map",
+        zoom=min(zoom, 19.0),
+        background=rrb.MapProvider.OpenStreetMap,
+        overrides={layout.MAP_FLOWN: _so_far()},
+    )

@@ -1,0 +1,197 @@
+"""What changes in time: vehicle, path, footprint, cells, series, events. Everything is sent in columns."""
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.model.track import COLUMNS, Track
+from uavcover.recording import layout
+from uavcover.recording.footprint import footprints_m
+from uavcover.recording.relief import extent_m, scene_bounds_m
+from uavcover.recording.stream import any_value_columns, any_values, log_static, time_column, ui_points
+from uavcover.recording.tiles import coverage_tiles, lift_m, shown_from_s, tick_times_s
+
+FloatArray = NDArray[np.float64]
+
+STEP_S = 0.5
+"""Vehicle time between footprints, and the length of the pieces in which the flown path grows."""
+
+_HEADING_SHARE = 0.06
+
+
+@dataclass(frozen=True, slots=True)
+class FlightEvent:
+    """Something that happened.
+
+    Attributes:
+        time_s: vehicle time.
+        text: one line.
+        level: how much it matters.
+    """
+
+    time_s: float
+    text: str
+    level: Literal["INFO", "WARN", "ERROR"] = "INFO"
+
+
+def track_columns(track: Track) -> dict[str, NDArray[np.float64] | NDArray[np.int64]]:
+    """The columns of ``track.csv``, each (n,)."""
+    arrays = (
+        track.time_s,
+        *track.geodetic.T,
+        *track.enu_m.T,
+        *track.attitude_deg.T,
+        track.current_waypoint,
+    )
+    return {name: np.ascontiguousarray(array) for name, array in zip(COLUMNS, arrays, strict=True)}
+
+
+def log_track(recording: rr.RecordingStream, track: Track) -> None:
+    """Log the track in float64, from which it is read back exactly."""
+    log_static(recording, layout.TRACK, any_values({layout.SAMPLE_COUNT: np.array([len(track)])}))
+    recording.send_columns(layout.TRACK, [time_column(track.time_s)], any_value_columns(track_columns(track)))
+
+
+def log_vehicle(recording: rr.RecordingStream, coverage: CoverageMap, track: Track) -> None:
+    """Log the vehicle, the path behind it and the sensor's footprint, in the local frame and on the map."""
+    site = coverage.site
+    heading_m = _HEADING_SHARE * extent_m(scene_bounds_m(site))
+    body = rr.Arrows3D(vectors=[[heading_m, 0.0, 0.0]], colors=[layout.VEHICLE_RGB], radii=heading_m / 10.0)
+    log_static(
+        recording,
+        layout.HEADING,
+        body,
+        rr.Points3D([[0.0, 0.0, 0.0]], colors=[layout.VEHICLE_RGB], radii=ui_points(6.0)),
+    )
+    recording.send_columns(
+        layout.VEHICLE,
+        [time_column(track.time_s)],
+        rr.Transform3D.columns(translation=track.enu_m, quaternion=_quaternions(track.attitude_deg)),
+    )
+    ends = _step_samples(track.time_s)
+    pieces = [(int(a), int(b) + 1) for a, b in itertools.pairwise(ends)]
+    steps = [time_column(track.time_s[ends[1:]])]
+    if pieces:
+        path = [track.enu_m[a:b] for a, b in pieces]
+        log_static(
+            recording, layout.FLOWN, rr.LineStrips3D.from_fields(colors=[layout.FLOWN_RGB], radii=ui_points(2.5))
+        )
+        recording.send_columns(layout.FLOWN, steps, rr.LineStrips3D.columns(strips=path))
+    above_m = (0.0, 0.0, 2.0 * lift_m(coverage))
+    rings = [ring + above_m for ring in footprints_m(coverage, track.enu_m[ends])]
+    log_static(
+        recording, layout.FOOTPRINT, rr.LineStrips3D.from_fields(colors=[layout.FOOTPRINT_RGB], radii=ui_points(2.0))
+    )
+    recording.send_columns(layout.FOOTPRINT, [time_column(track.time_s[ends])], rr.LineStrips3D.columns(strips=rings))
+    if site.frame is None:
+        return
+    places = track.geodetic[:, :2]
+    log_static(
+        recording, layout.MAP_VEHICLE, rr.GeoPoints.from_fields(colors=[layout.VEHICLE_RGB], radii=ui_points(6.0))
+    )
+    recording.send_columns(layout.MAP_VEHICLE, [time_column(track.time_s)], rr.GeoPoints.columns(positions=places))
+    if pieces:
+        log_static(
+            recording, layout.MAP_FLOWN, rr.GeoLineStrings.from_fields(colors=[layout.FLOWN_RGB], radii=ui_points(2.5))
+        )
+        recording.send_columns(
+            layout.MAP_FLOWN, steps, rr.GeoLineStrings.columns(line_strings=[places[a:b] for a, b in pieces])
+        )
+
+
+def log_coverage(recording: rr.RecordingStream, coverage: CoverageMap, track: Track, first_seen_s: FloatArray) -> None:
+    """Log the cells and the share that has been seen."""
+    start_s = float(track.time_s[0])
+    ticks_s = tick_times_s(start_s, float(track.time_s[-1]))
+    shown_s = shown_from_s(first_seen_s, ticks_s)
+    for number, tile in enumerate(coverage_tiles(coverage, shown_s, start_s)):
+        entity = f"{layout.COVERAGE}/tile_{number:04d}"
+        log_static(
+            recording,
+            entity,
+            rr.Mesh3D.from_fields(vertex_positions=tile.vertices_m, triangle_indices=tile.triangles),
+            any_values({layout.CELL_NUMBERS: tile.cells}),
+        )
+        colors = rr.Mesh3D.columns(vertex_colors=tile.vertex_rgba.ravel())
+        vertices_per_row = [4 * tile.cells.size] * tile.time_s.size
+        recording.send_columns(entity, [time_column(tile.time_s)], colors.partition(vertices_per_row))
+    everything = np.ones(coverage.grid.count, dtype=bool)
+    for entity, name, judged, rgb in (
+        (layout.SEEN, "of the area", everything, layout.SEEN_RGB),
+        (layout.SEEN_COVERABLE, "of what can be seen", coverage.coverable, layout.FOOTPRINT_RGB),
+    ):
+        if judged.any():
+            percent = _percent_seen(coverage.grid.weight_m2[judged], shown_s[judged], ticks_s)
+            _log_series(recording, entity, ticks_s, percent, name=name, rgb=rgb)
+
+
+def log_series(recording: rr.RecordingStream, coverage: CoverageMap, track: Track) -> None:
+    """Log height above ground with its band, and speeds."""
+    limits = coverage.site.scenario.limits
+    height_agl_m = track.enu_m[:, 2] - coverage.site.ground.heights_m(track.enu_m[:, :2])
+    _log_series(recording, layout.HEIGHT_AGL, track.time_s, height_agl_m, name="above ground, m", rgb=layout.FLOWN_RGB)
+    # The band holds from the first planned waypoint to the last; a track that flies no route shows it throughout.
+    on_route = np.flatnonzero(track.current_waypoint >= 1)
+    ends = [on_route[0], on_route[-1]] if on_route.size else [0, -1]
+    for entity, name, height_m in (
+        (layout.HEIGHT_MIN, "lowest allowed", limits.min_height_agl_m),
+        (layout.HEIGHT_MAX, "highest allowed", limits.max_height_agl_m),
+    ):
+        _log_series(recording, entity, track.time_s[ends], np.full(2, height_m), name=name, rgb=layout.LIMIT_RGB)
+    if len(track) > 1:
+        velocity_m_s = np.gradient(track.enu_m, track.time_s, axis=0)
+        ground_m_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])
+        for entity, name, speed_m_s, rgb in (
+            (layout.GROUND_SPEED, "over ground, m/s", ground_m_s, layout.FLOWN_RGB),
+            (layout.CLIMB_SPEED, "climb, m/s", velocity_m_s[:, 2], layout.FOOTPRINT_RGB),
+        ):
+            _log_series(recording, entity, track.time_s, speed_m_s, name=name, rgb=rgb)
+
+
+def log_events(recording: rr.RecordingStream, events: Iterable[FlightEvent]) -> None:
+    """Log what happened as text, in order of time."""
+    ordered: Sequence[FlightEvent] = sorted(events, key=lambda event: event.time_s)
+    if ordered:
+        recording.send_columns(
+            layout.EVENTS,
+            [time_column(np.array([event.time_s for event in ordered]))],
+            rr.TextLog.columns(text=[e.text for e in ordered], level=[e.level for e in ordered]),
+        )
+
+
+def _log_series(
+    recording: rr.RecordingStream,
+    entity: str,
+    time_s: FloatArray,
+    values: FloatArray,
+    *,
+    name: str,
+    rgb: layout.Rgb,
+) -> None:
+    log_static(recording, entity, rr.SeriesLines(names=[name], colors=[rgb], widths=[1.5]))
+    recording.send_columns(entity, [time_column(time_s)], rr.Scalars.columns(scalars=values))
+
+
+def _percent_seen(weight_m2: FloatArray, shown_s: FloatArray, ticks_s: FloatArray) -> FloatArray:
+    order = np.argsort(shown_s, kind="stable")
+    so_far = np.append(0.0, np.cumsum(weight_m2[order]))
+    return np.asarray(100.0 * so_far[np.searchsorted(shown_s[order], ticks_s, side="right")] / so_far[-1])
+
+
+def _step_samples(time_s: FloatArray) -> NDArray[np.intp]:
+    """Numbers of the samples at which a step ends: the first sample, then about one in each ``STEP_S``, the last always."""
+    step = np.floor((time_s - time_s[0]) / STEP_S)
+    return np.unique(np.append(np.flatnonzero(np.diff(step, prepend=-1.0) > 0), time_s.size - 1))
+
+
+def _quaternions(attitude_deg: FloatArray) -> FloatArray:
+    """Rotations (n, 4), x y z w, from the body (forward, left, up) to the local frame; level where attitude is unknown."""
+    roll, pitch, yaw = np.nan_to_num(attitude_deg).T
+    return np.asarray(Rotation.from_euler("ZYX", np.column_stack([90.0 - yaw, -pitch, roll]), degrees=True).as_quat())

@@ -1,0 +1,115 @@
+"""What does not move: ground, area, fence, home, planned route, in the local frame and on the map."""
+
+import math
+
+import numpy as np
+import rerun as rr
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.model.route import Route
+from uavcover.recording import layout
+from uavcover.recording.relief import extent_m, relief_mesh, scene_bounds_m
+from uavcover.recording.stream import log_static, ui_points
+from uavcover.site import Site
+
+FloatArray = NDArray[np.float64]
+
+MAX_LABELS = 60
+"""A route with more waypoints than this has every second, fifth, tenth... of them labelled, the last one always."""
+
+_OUTLINE_PIECES_PER_SIDE = 60
+
+
+def log_scene(recording: rr.RecordingStream, site: Site, planned: Route | None, *, lift_m: float) -> None:
+    """Log everything static but the cells; outlines are drawn ``lift_m`` above the ground."""
+    bounds_m = scene_bounds_m(site)
+    mesh = relief_mesh(site.ground, bounds_m)
+    log_static(recording, layout.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+    log_static(
+        recording,
+        layout.TERRAIN,
+        rr.Mesh3D(vertex_positions=mesh.vertices_m, triangle_indices=mesh.triangles, vertex_colors=mesh.colors),
+    )
+    outlines = (
+        (layout.AREA, "area", shapely.get_parts(site.area), layout.AREA_RGB),
+        (layout.FENCE, "fence", [site.fence], layout.FENCE_RGB),
+    )
+    for entity, name, polygons, rgb in outlines:
+        rings = [np.asarray(r.coords)[:, :2] for p in polygons for r in (p.exterior, *p.interiors)]
+        draped = [_draped(site, ring, bounds_m, lift_m) for ring in rings]
+        log_static(recording, entity, rr.LineStrips3D(draped, colors=[rgb], radii=ui_points(1.5)))
+        _log_map_lines(recording, site, name, draped, rgb, width=1.5)
+    if site.home_m is not None:
+        log_static(
+            recording,
+            layout.HOME,
+            rr.Points3D([site.home_m], colors=[layout.HOME_RGB], radii=ui_points(7.0), labels=["home"]),
+        )
+        _log_map_points(recording, site, "home", site.home_m[None, :], layout.HOME_RGB, size=7.0)
+    if planned is not None and len(planned) > 0:
+        _log_planned(recording, site, planned)
+
+
+def lat_lon_deg(site: Site, enu_m: FloatArray) -> FloatArray | None:
+    """(n, 2) latitude and longitude of (n, 3) ENU places, none for a site without a place on Earth."""
+    return None if site.frame is None else np.column_stack(site.frame.geodetic_from_enu(enu_m)[:2])
+
+
+def waypoint_labels(count: int) -> list[str]:
+    """Numbers as in ``plan.json``, thinned out when they would cover the picture."""
+    step = next(s for m in range(10) for s in (10**m, 2 * 10**m, 5 * 10**m) if math.ceil(count / s) <= MAX_LABELS)
+    return [str(i) if i % step == 0 or i == count - 1 else "" for i in range(count)]
+
+
+def _log_planned(recording: rr.RecordingStream, site: Site, planned: Route) -> None:
+    points = planned.waypoints_m
+    rgb = layout.PLANNED_RGB
+    log_static(recording, layout.PLANNED, rr.LineStrips3D([points], colors=[rgb], radii=ui_points(0.8)))
+    log_static(
+        recording,
+        layout.WAYPOINTS,
+        rr.Points3D(points, colors=[rgb], radii=ui_points(3.0), labels=waypoint_labels(len(points)), show_labels=True),
+    )
+    _log_map_lines(recording, site, "planned", [points], rgb, width=1.0)
+    _log_map_points(recording, site, "planned/waypoints", points, rgb, size=3.0)
+
+
+def _draped(site: Site, ring_m: FloatArray, bounds_m: tuple[float, float, float, float], lift_m: float) -> FloatArray:
+    """A ring (n, 2) laid over the ground in short pieces, a little above it: (m, 3). Parts without data are left out."""
+    line = shapely.LineString(ring_m).segmentize(extent_m(bounds_m) / _OUTLINE_PIECES_PER_SIDE)
+    places = np.asarray(line.coords)
+    up = site.ground.heights_m(places)
+    known = np.isfinite(up)
+    return np.column_stack([places, up + lift_m])[known]
+
+
+def _log_map_lines(
+    recording: rr.RecordingStream,
+    site: Site,
+    name: str,
+    lines_m: list[FloatArray],
+    rgb: layout.Rgb,
+    *,
+    width: float,
+) -> None:
+    if site.frame is None:
+        return
+    strings = [np.column_stack(site.frame.geodetic_from_enu(line)[:2]) for line in lines_m]
+    log_static(
+        recording,
+        f"{layout.MAP}/{name}",
+        rr.GeoLineStrings(lat_lon=strings, colors=[rgb], radii=ui_points(width)),
+    )
+
+
+def _log_map_points(
+    recording: rr.RecordingStream, site: Site, name: str, points_m: FloatArray, rgb: layout.Rgb, *, size: float
+) -> None:
+    places = lat_lon_deg(site, points_m)
+    if places is not None:
+        log_static(
+            recording,
+            f"{layout.MAP}/{name}",
+            rr.GeoPoints(lat_lon=places, colors=[rgb], radii=ui_points(size)),
+        )

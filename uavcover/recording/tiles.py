@@ -1,0 +1,118 @@
+"""Cells that turn from unseen to seen, in few bytes. Arrays only.
+
+Colours of all cells once a second would be most of the file, and nearly all of it would repeat. The cells are cut into
+square tiles instead; a tile gets new colours only in seconds in which one of its cells was seen for the first time.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.recording.layout import NOT_COVERABLE_RGB, SEEN_RGB, UNSEEN_RGB
+from uavcover.recording.relief import extent_m, hillshade, scene_bounds_m, shaded
+
+FloatArray = NDArray[np.float64]
+
+TICK_S = 1.0
+"""Vehicle time between updates: a cell turns at the first tick not before it was seen, so never early and at most this late."""
+
+TILE_SIDE_CELLS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Tile:
+    """Some cells and the colours they have in time.
+
+    Attributes:
+        cells: (n,) numbers of cells.
+        vertices_m: (4 n, 3) ENU metres, four corners of each cell, a little above the ground.
+        triangles: (2 n, 3) uint32 numbers of vertices, counter-clockwise seen from above.
+        time_s: (k,) when the colours change; the first is the start of the flight.
+        rgba: (k, n) uint32 colours, 0xRRGGBBAA.
+    """
+
+    cells: NDArray[np.int64]
+    vertices_m: FloatArray
+    triangles: NDArray[np.uint32]
+    time_s: FloatArray
+    rgba: NDArray[np.uint32]
+
+    @property
+    def vertex_rgba(self) -> NDArray[np.uint32]:
+        """(k, 4 n) colours of the vertices."""
+        return np.repeat(self.rgba, 4, axis=1)
+
+
+def lift_m(coverage: CoverageMap) -> float:
+    """How far above the ground cells are drawn, so that the terrain does not shine through; lines take twice that."""
+    return 0.1 * coverage.grid.cells.size_m + 0.001 * extent_m(scene_bounds_m(coverage.site))
+
+
+def tick_times_s(start_s: float, end_s: float) -> FloatArray:
+    """(k,) times from the start of a flight to its end, ``TICK_S`` apart; the last is the end itself."""
+    ticks = np.arange(start_s, end_s, TICK_S)
+    return np.append(ticks[ticks < end_s], end_s)
+
+
+def shown_from_s(first_seen_s: FloatArray, ticks_s: FloatArray) -> FloatArray:
+    """(cells,) tick from which each cell is shown as seen; infinite where it never is (not finite in ``first_seen_s``)."""
+    tick = np.searchsorted(ticks_s, first_seen_s, side="left")
+    return np.append(ticks_s, np.inf)[np.where(np.isfinite(first_seen_s), tick, ticks_s.size)]
+
+
+def coverage_tiles(coverage: CoverageMap, shown_s: FloatArray, start_s: float) -> list[Tile]:
+    """Cut the cells of a map into tiles, in order of row and column.
+
+    Args:
+        coverage: the cells.
+        shown_s: (cells,) when each cell turns, infinite for never.
+        start_s: start of the flight.
+    """
+    brightness = hillshade(coverage.site.ground.gradients(coverage.grid.cells.centre_m[:, :2]))
+    seen = _packed(shaded(SEEN_RGB, brightness))
+    unseen = _packed(shaded(UNSEEN_RGB, brightness))
+    unseen = np.where(coverage.coverable, unseen, _packed(shaded(NOT_COVERABLE_RGB, brightness)))
+    corners_m = _corners_m(coverage)
+    square = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
+    index = coverage.grid.cells.lattice
+    tiles = []
+    for row in range(0, index.shape[0], TILE_SIDE_CELLS):
+        for column in range(0, index.shape[1], TILE_SIDE_CELLS):
+            block = index[row : row + TILE_SIDE_CELLS, column : column + TILE_SIDE_CELLS].ravel()
+            cells = block[block >= 0].astype(np.int64)
+            if cells.size == 0:
+                continue
+            shown = shown_s[cells]
+            times = np.unique(np.append(shown[np.isfinite(shown)], start_s))
+            turned = shown[None, :] <= times[:, None]
+            triangles = 4 * np.arange(cells.size, dtype=np.uint32)[:, None, None] + square
+            tiles.append(
+                Tile(
+                    cells=cells,
+                    vertices_m=corners_m[cells].reshape(-1, 3),
+                    triangles=triangles.reshape(-1, 3),
+                    time_s=times,
+                    rgba=np.where(turned, seen[cells], unseen[cells]).astype(np.uint32),
+                )
+            )
+    return tiles
+
+
+def _corners_m(coverage: CoverageMap) -> FloatArray:
+    """(cells, 4, 3) south-west, south-east, north-east, north-west corner of each cell, lifted; ENU metres."""
+    cells = coverage.grid.cells
+    half_m = 0.5 * cells.size_m
+    offsets = half_m * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    places = cells.centre_m[:, None, :2] + offsets
+    up = coverage.site.ground.heights_m(places.reshape(-1, 2)).reshape(-1, 4)
+    # A corner can lie beyond the data where the centre does not.
+    up = np.where(np.isfinite(up), up, cells.centre_m[:, None, 2])
+    return np.concatenate([places, (up + lift_m(coverage))[..., None]], axis=2)
+
+
+def _packed(rgb: NDArray[np.uint8]) -> NDArray[np.uint32]:
+    wide = rgb.astype(np.uint32)
+    packed = (wide[:, 0] << 24) | (wide[:, 1] << 16) | (wide[:, 2] << 8) | 255
+    return np.asarray(packed, dtype=np.uint32)

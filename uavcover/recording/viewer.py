@@ -1,0 +1,202 @@
+"""The rerun viewer: opened on a screen, or asked for a picture without one.
+
+The viewer listens on 127.0.0.1 only and sends no usage statistics.
+"""
+
+import contextlib
+import importlib.util
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+from rerun.experimental import ViewerClient
+
+from uavcover.errors import OutputError
+from uavcover.recording import layout
+from uavcover.recording.errors import RecordingError
+from uavcover.recording.reader import check_finished
+
+LOCAL_HOST = "127.0.0.1"
+PICTURE_SIZE = (1600, 1000)
+"""Width and height of a screenshot, pixels."""
+
+_START_TIMEOUT_S = 40.0
+_LOAD_TIMEOUT_S = 60.0
+_POLL_S = 0.2
+_SETTLE_S = 1.5
+
+_NO_DRIVER = (
+    "no graphics driver: the picture needs Vulkan, a software one will do "
+    "(Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1)"
+)
+
+
+def open_viewer(path: str | Path) -> None:
+    """Open a recording in the rerun viewer, a process of its own that outlives this one.
+
+    Raises:
+        RecordingError: no readable recording, no screen, or no viewer that starts.
+    """
+    path = Path(path)
+    check_finished(path)
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise RecordingError(
+            f"{path}: no screen here (neither DISPLAY nor WAYLAND_DISPLAY is set); make a picture with "
+            "`uavcover inspect RUN --screenshot FILE.png`, or copy the file to a machine with a screen and open it there "
+            "with `rerun flight.rrd`"
+        )
+    with tempfile.TemporaryFile() as log:
+        process = _start_viewer([str(path), "--port", "auto"], log)
+        # A viewer without a window system or driver ends within a second.
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(timeout=3.0)
+            if process.returncode != 0:
+                raise RecordingError(f"{path}: {_failure(log, process.returncode)}")
+
+
+def screenshot(path: str | Path, png: str | Path, *, at_share: float = 1.0) -> None:
+    """Make a picture of a recording as the viewer shows it, without a screen.
+
+    Args:
+        path: the recording.
+        png: the picture, replaced when it exists.
+        at_share: which moment, 0 the start of the flight and 1 its end.
+
+    Raises:
+        RecordingError: no readable recording, no graphics driver, or a viewer that does not answer.
+        OutputError: the picture cannot be written.
+    """
+    path, png = Path(path), Path(png)
+    if not 0.0 <= at_share <= 1.0:
+        raise RecordingError(f"at_share: {at_share} is outside 0..1")
+    check_finished(path)
+    unfinished = png.with_name(f".{os.getpid()}.{png.stem}.png")
+    try:
+        unfinished.touch()
+        with _headless_viewer(path) as client:
+            start_ns, end_ns = _load(client, path)
+            moment_s = (start_ns + at_share * (end_ns - start_ns)) / 1e9
+            _save_picture(client, path, unfinished, moment_s)
+        os.replace(unfinished, png)
+    except OSError as error:
+        raise OutputError(f"{png}: the picture cannot be written ({error.strerror or error})") from error
+    finally:
+        with contextlib.suppress(OSError):
+            unfinished.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _headless_viewer(path: Path) -> Iterator[ViewerClient]:
+    port = _free_port()
+    width, height = PICTURE_SIZE
+    with tempfile.TemporaryFile() as log:
+        process = _start_viewer(
+            ["--headless", "--port", str(port), "--hide-welcome-screen", "--window-size", f"{width}x{height}"], log
+        )
+        try:
+            yield _connect(process, port, log, path)
+        finally:
+            process.terminate()
+            try:
+                process.wait(timeout=5.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _connect(process: subprocess.Popen[bytes], port: int, log: IO[bytes], path: Path) -> ViewerClient:
+    deadline = time.monotonic() + _START_TIMEOUT_S
+    while time.monotonic() < deadline:
+        if process.poll() is not None:
+            raise RecordingError(f"{path}: {_failure(log, process.returncode)}")
+        with contextlib.suppress(OSError), socket.create_connection((LOCAL_HOST, port), timeout=_POLL_S):
+            client = ViewerClient.connect(f"rerun+http://{LOCAL_HOST}:{port}/proxy")
+            # The server answers before the window is there; a missing driver shows only then.
+            with contextlib.suppress(Exception):
+                client.get_state()
+                return client
+        time.sleep(_POLL_S)
+    raise RecordingError(f"{path}: the viewer did not answer within {_START_TIMEOUT_S:.0f} s")
+
+
+def _load(client: ViewerClient, path: Path) -> tuple[int, int]:
+    """Open the recording and wait until all of it is there: start and end of its timeline in nanoseconds."""
+    try:
+        client.open(str(path.resolve()))
+        deadline = time.monotonic() + _LOAD_TIMEOUT_S
+        while time.monotonic() < deadline:
+            state = client.get_state()
+            for recording in state.recordings:
+                for timeline in recording.timelines:
+                    if not state.loading and timeline.name == layout.TIMELINE and timeline.start is not None:
+                        return timeline.start, timeline.end if timeline.end is not None else timeline.start
+            time.sleep(_POLL_S)
+    except Exception as error:
+        raise RecordingError(f"{path}: the viewer could not show it ({_first_line(error)})") from error
+    raise RecordingError(f"{path}: the viewer did not load it within {_LOAD_TIMEOUT_S:.0f} s")
+
+
+def _save_picture(client: ViewerClient, path: Path, png: Path, moment_s: float) -> None:
+    try:
+        client.set_time(layout.TIMELINE, duration=moment_s, play_state="paused")
+        # The viewer draws what arrived; cells and meshes of the new moment take it a few frames.
+        time.sleep(_SETTLE_S)
+        client.save_screenshot(str(png.resolve()))
+    except Exception as error:
+        raise RecordingError(f"{path}: the viewer could not make the picture ({_first_line(error)})") from error
+    if png.stat().st_size == 0:
+        raise RecordingError(f"{path}: the viewer made an empty picture")
+
+
+def _start_viewer(arguments: list[str], log: IO[bytes]) -> subprocess.Popen[bytes]:
+    # CI turns rerun's usage statistics off for this process, without touching the user's settings.
+    environment = {**os.environ, "CI": "1", "RERUN_APP_ONLY": "true"}
+    try:
+        return subprocess.Popen(
+            [str(_viewer_program()), "--bind", LOCAL_HOST, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            env=environment,
+            start_new_session=True,
+        )
+    except OSError as error:
+        raise RecordingError(f"the rerun viewer does not start ({error.strerror or error})") from error
+
+
+def _viewer_program() -> Path:
+    """The viewer that comes with rerun-sdk, started without its Python wrapper so that ending it ends it."""
+    package = importlib.util.find_spec("rerun_cli")
+    if package is None or package.origin is None:
+        raise RecordingError("the rerun viewer is not installed; `pip install rerun-sdk` brings it")
+    folder = Path(package.origin).parent
+    bundled = folder / "Rerun.app" / "Contents" / "MacOS" / "Rerun"
+    if sys.platform == "darwin" and bundled.exists():
+        return bundled
+    return folder / ("rerun.exe" if sys.platform.startswith("win") else "rerun")
+
+
+def _failure(log: IO[bytes], code: int) -> str:
+    """Why a viewer ended, by what it wrote."""
+    log.seek(0)
+    lines = [line.strip() for line in log.read().decode(errors="replace").splitlines() if line.strip()]
+    if any("graphics adapter" in line or "render context" in line for line in lines):
+        return _NO_DRIVER
+    telling = [line for line in lines if "panicked" in line or "error" in line.lower()] or lines[-1:]
+    return f"the viewer ended with code {code}" + (f" ({telling[0]})" if telling else "")
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind((LOCAL_HOST, 0))
+        return int(probe.getsockname()[1])
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -1,0 +1,135 @@
+"""Writing a recording."""
+
+import contextlib
+import hashlib
+import os
+import uuid
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.errors import OutputError
+from uavcover.model.route import Route
+from uavcover.model.track import Track
+from uavcover.recording import flight, layout
+from uavcover.recording.blueprint import LEGEND_TEXT, make_blueprint
+from uavcover.recording.errors import RecordingError
+from uavcover.recording.reader import check_finished
+from uavcover.recording.scene import log_scene
+from uavcover.recording.stream import log_static
+from uavcover.recording.tiles import lift_m
+from uavcover.site import Site
+
+_NAMESPACE = uuid.UUID("2d1f7b1e-7c1f-4a7c-9f0c-2f6b8d6f5a90")
+
+
+def write_recording(
+    path: str | Path,
+    *,
+    site: Site,
+    coverage: CoverageMap,
+    planned: Route | None,
+    track: Track,
+    first_seen_s: NDArray[np.float64],
+    events: Iterable[flight.FlightEvent] = (),
+    name: str | None = None,
+) -> None:
+    """Write a flight as a recording for the rerun viewer, with its blueprint.
+
+    The file appears under its name when it is complete: it is written beside it and renamed. An existing file is
+    replaced. Equal arguments give recordings that ``rerun rrd compare`` calls equal (their bytes differ).
+
+    Args:
+        path: of the file, ``flight.rrd`` in a run folder.
+        site: the scenario on its ground.
+        coverage: its cells, the ones that ``first_seen_s`` counts.
+        planned: the planned sensing route, if there is one.
+        track: what was flown.
+        first_seen_s: (cells,) vehicle time at which each cell was seen first, NaN or infinite where it never was. With
+            ``first = coverage.first_seen(track.enu_m)``: ``np.where(first >= 0, track.time_s[first], np.nan)``.
+        events: what happened, in any order.
+        name: of the run, shown in the viewer; default: the scenario's name.
+
+    Raises:
+        RecordingError: the track is empty or its time does not increase, or ``first_seen_s`` does not fit.
+        OutputError: the file cannot be written.
+    """
+    _check(coverage, track, first_seen_s)
+    name = name or site.scenario.name
+    blueprint = make_blueprint(site, start_s=float(track.time_s[0]), end_s=float(track.time_s[-1]))
+    with _strict_mode():
+        # The application decides which blueprint the viewer applies, so it is one for each scenario.
+        recording = rr.RecordingStream(
+            f"uavcover_{site.scenario.name}", recording_id=_recording_id(name, track), send_properties=False
+        )
+        memory = recording.memory_recording()
+        recording.send_blueprint(blueprint, make_active=False, make_default=True)
+        recording.send_recording_name(name)
+        log_static(recording, layout.LEGEND, rr.TextDocument(LEGEND_TEXT, media_type="text/markdown"))
+        log_scene(recording, site, planned, lift_m=2.0 * lift_m(coverage))
+        flight.log_coverage(recording, coverage, track, first_seen_s)
+        flight.log_series(recording, coverage, track)
+        flight.log_vehicle(recording, coverage, track)
+        flight.log_events(recording, events)
+        flight.log_track(recording, track)
+        data = memory.drain_as_bytes()
+    _write_whole(Path(path), data)
+
+
+def _check(coverage: CoverageMap, track: Track, first_seen_s: NDArray[np.float64]) -> None:
+    if len(track) == 0:
+        raise RecordingError("the track has no samples; there is nothing to record")
+    standing = np.flatnonzero(~(np.diff(track.time_s) > 0.0))
+    if standing.size or not np.isfinite(track.time_s[0]):
+        where = int(standing[0]) + 1 if standing.size else 0
+        raise RecordingError(f"the track's time does not increase at sample {where}")
+    if first_seen_s.shape != (coverage.grid.count,):
+        raise RecordingError(
+            f"first_seen_s has shape {first_seen_s.shape}, not one time for each of {coverage.grid.count} cells"
+        )
+    seen_s = first_seen_s[np.isfinite(first_seen_s)]
+    if seen_s.size and not (track.time_s[0] <= seen_s.min() and seen_s.max() <= track.time_s[-1]):
+        raise RecordingError(
+            f"first_seen_s reaches from {seen_s.min():g} to {seen_s.max():g} s, outside the flight from "
+            f"{track.time_s[0]:g} to {track.time_s[-1]:g} s"
+        )
+
+
+def _recording_id(name: str, track: Track) -> str:
+    """The same for the same flight of the same run, another for another: two with one id would merge in the viewer."""
+    digest = hashlib.sha256(name.encode())
+    for column in flight.track_columns(track).values():
+        digest.update(column.tobytes())
+    return str(uuid.uuid5(_NAMESPACE, digest.hexdigest()))
+
+
+def _write_whole(path: Path, data: bytes) -> None:
+    """Write beside ``path``, then rename.
+
+    Not rerun's own file sink: when the disk is full it logs a line, and the next flush waits for ever.
+    """
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
+    try:
+        unfinished.write_bytes(data)
+        check_finished(unfinished)
+        os.replace(unfinished, path)
+    except OSError as error:
+        raise OutputError(f"{path}: the recording cannot be written ({error.strerror or error})") from error
+    finally:
+        with contextlib.suppress(OSError):
+            unfinished.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _strict_mode() -> Iterator[None]:
+    """Wrong calls of rerun raise instead of being logged, inside the block only."""
+    before = rr.error_utils.strict_mode()
+    rr.set_strict_mode(True)
+    try:
+        yield
+    finally:
+        rr.set_strict_mode(before)
