@@ -103,7 +103,7 @@ def _row_text(number: int, item: MissionItem) -> str:
 _HEADER_PATTERN = re.compile(r"QGC[ \t]+WPL[ \t]+(\d{1,9})")
 _SEPARATORS = re.compile(r"[ \t,;]+")
 _COLUMNS = 12
-_LONGEST_NUMBER = 64
+_LONGEST_NUMBER = 400  # the smallest double has 341 characters without an exponent
 
 
 def read(text: str) -> WplFile:

@@ -1,0 +1,115 @@
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+
+from mission_io.errors import FormatError
+from mission_io.formats import plan
+from mission_io.items import Frame, Mission, same_item
+from tests.mission_io.formats.samples import FENCE, HOME, MISSION, MISSIONS, NAN_YAW, RALLY
+
+PLAN = plan.PlanFile(MISSION, FENCE, RALLY, mav_autopilot=3)
+
+
+@settings(derandomize=True, max_examples=100)
+@given(MISSIONS)
+def test_round_trip(mission: Mission) -> None:
+    whole = replace(PLAN, mission=mission)
+    assert plan.read(plan.write(whole)) == whole
+
+
+def test_the_document_is_what_qgroundcontrol_writes() -> None:
+    document = json.loads(plan.write(PLAN))
+    assert (document["fileType"], document["version"]) == ("Plan", 1)
+    mission = document["mission"]
+    assert (mission["version"], mission["firmwareType"], mission["cruiseSpeed"]) == (2, 3, 15)
+    assert mission["plannedHomePosition"] == [HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m]
+    assert [item["doJumpId"] for item in mission["items"]] == list(range(1, 9))
+    assert all(len(item["params"]) == 7 for item in mission["items"])
+    assert [item.get("AltitudeMode") for item in mission["items"]] == [1, None, None, 1, 2, 1, 1, None]
+    assert document["geoFence"]["polygons"][1]["inclusion"] is False
+    assert document["geoFence"]["circles"][0]["circle"] == {"center": [33.2, -98.15], "radius": 150.5}
+    assert document["rallyPoints"]["points"][0] == [33.2, -98.13, 50.0]
+    empty = json.loads(plan.write(plan.PlanFile(MISSION, plan.Fence(), plan.RallyPoints(), mav_autopilot=12)))
+    assert empty["geoFence"] == {"circles": [], "polygons": [], "version": 2}
+    assert empty["rallyPoints"] == {"points": [], "version": 2}
+
+
+def test_nan_is_null() -> None:
+    text = plan.write(replace(PLAN, mission=Mission(HOME, (NAN_YAW,))))
+    assert json.loads(text)["mission"]["items"][0]["params"][3] is None
+    assert same_item(plan.read(text).mission.items[0], NAN_YAW)
+
+
+@pytest.mark.parametrize(
+    ("bad", "what"),
+    [
+        (replace(PLAN, mission=replace(MISSION, home=None)), "no home"),
+        (replace(PLAN, mission=Mission(HOME, (replace(NAN_YAW, alt_m=math.nan),))), "mission item 1"),
+        (replace(PLAN, mission=Mission(replace(HOME, lat_deg=math.nan), ())), "not finite"),
+        (replace(PLAN, rally=plan.RallyPoints((plan.FramedPoint(1.0, 2.0, 3.0, Frame.AMSL),))), r"points\[0\]"),
+        (replace(PLAN, fence=plan.Fence((), (), plan.FramedPoint(1.0, 2.0, 3.0, Frame.AMSL))), "breachReturn"),
+    ],
+)
+def test_what_the_format_cannot_hold_is_refused(bad: plan.PlanFile, what: str) -> None:
+    with pytest.raises(FormatError, match=what):
+        plan.write(bad)
+
+
+def changed(path: str, value: Any) -> str:
+    """The sample with the value at a dotted path replaced, or removed by ``...``."""
+    document = json.loads(plan.write(PLAN))
+    *keys, last = [int(key) if key.isdigit() else key for key in path.split(".")]
+    node: Any = document
+    for key in keys:
+        node = node[key]
+    if value is ...:
+        del node[last]
+    else:
+        node[last] = value
+    return json.dumps(document)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("", "line 1: not JSON"),
+        ("[]", "plan: an object is expected"),
+        ("[" * 100_000, "nested too deeply"),
+        ('{"fileType": NaN}', "a number that cannot be read"),
+        ('{"fileType": ' + "9" * 5000 + "}", "a number that cannot be read"),
+        ('{"fileType": "Parameters"}', "plan.fileType: not a plan"),
+        (changed("mission", ...), "plan.mission: is missing"),
+        (changed("mission.items", {}), "plan.mission.items: a list is expected"),
+        (changed("mission.plannedHomePosition", [1.0, 2.0]), "plannedHomePosition: 2 numbers, 3 are expected"),
+        (changed("mission.plannedHomePosition.1", "7"), r"plannedHomePosition\[1\]: '7' is not a number"),
+        (changed("mission.items.0.type", "ComplexItem"), r"items\[0\]: 'ComplexItem' items cannot be read"),
+        (changed("mission.items.0.params", [0.0] * 6), r"items\[0\].params: 6 numbers"),
+        (changed("mission.items.0.params.4", None), "latitude, longitude and height must be given"),
+        (changed("mission.items.0.params.1", True), "is not a number"),
+        (changed("mission.items.0.command", 16.5), "not a whole number"),
+        (changed("mission.items.0.frame", 1), r"items\[0\].frame: unknown frame 1"),
+        (changed("mission.items.0.autoContinue", 1), "true or false"),
+        (changed("geoFence.polygons.0.polygon.0", [1.0]), "1 numbers, 2 are expected"),
+        (changed("rallyPoints.points", ...), "rallyPoints.points: is missing"),
+        (changed("mission.firmwareType", 10**400), "is not a number"),
+    ],
+)
+def test_what_cannot_be_read_is_one_error_with_its_place(text: str, what: str) -> None:
+    with pytest.raises(FormatError, match=what):
+        plan.read(text)
+
+
+def test_what_may_be_missing() -> None:
+    document = json.loads(plan.write(PLAN))
+    for part in ("geoFence", "rallyPoints"):
+        del document[part]
+    for part in ("vehicleType", "cruiseSpeed", "hoverSpeed"):
+        del document["mission"][part]
+    document["mission"]["items"][1]["params"][4:] = [None] * 3
+    back = plan.read("\ufeff" + json.dumps(document))
+    assert (back.fence, back.rally) == (plan.Fence(), plan.RallyPoints())
+    assert back.mission == MISSION

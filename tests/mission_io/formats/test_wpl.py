@@ -1,0 +1,132 @@
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mission_io.errors import FormatError
+from mission_io.formats import wpl
+from mission_io.formats.numbers import degrees_text, plain_decimal
+from mission_io.items import Frame, GeoPoint, Mission, MissionItem
+from tests.mission_io.formats.samples import FENCE, HOME, MISSION, MISSIONS, NAN_YAW, RALLY
+
+STRICT = (
+    "QGC WPL 110\n"
+    "0\t1\t0\t16\t0\t0\t0\t0\t33.21875000\t-98.12345670\t345.678\t1\n"
+    "1\t0\t3\t22\t0\t0\t0\t0\t33.21875000\t-98.12345670\t30\t1\n"
+    "2\t0\t2\t178\t1\t12.5\t-1\t0\t0\t0\t0\t1\n"
+)
+
+
+def test_the_strict_form_byte_for_byte() -> None:
+    assert wpl.write_mission(replace(MISSION, items=MISSION.items[:2])) == STRICT
+
+
+@settings(derandomize=True, max_examples=150)
+@given(MISSIONS)
+def test_round_trip(mission: Mission) -> None:
+    text = wpl.write_mission(mission)
+    back = wpl.read(text)
+    assert back.mission() == mission
+    assert back.repairs == ()
+    assert "\r" not in text
+    assert "e" not in text.split("\n", 1)[1].lower()
+    assert wpl.write_mission(back.mission()) == text
+
+
+def test_fences_and_rally_points_are_files_of_the_same_kind() -> None:
+    assert wpl.read(wpl.write_fence(FENCE, HOME)).fence() == FENCE
+    assert wpl.read(wpl.write_rally(RALLY, HOME)).rally() == RALLY
+    with pytest.raises(FormatError, match="no fence item"):
+        wpl.read(wpl.write_mission(MISSION)).fence()
+
+
+def test_any_heading_is_written_as_zero_and_every_other_nan_is_an_error() -> None:
+    text = wpl.write_mission(Mission(HOME, (NAN_YAW,)))
+    assert wpl.read(text).items[0].params[3] == 0.0
+    with pytest.raises(FormatError, match="row 1, param1: nan cannot be written"):
+        wpl.write_mission(Mission(HOME, (replace(NAN_YAW, params=(math.nan, 0.0, 0.0, 0.0)),)))
+    with pytest.raises(FormatError, match="row 1, latitude: nan is no coordinate"):
+        wpl.write_mission(Mission(HOME, (replace(NAN_YAW, lat_deg=math.nan),)))
+    with pytest.raises(FormatError, match="row 0: the mission has no home"):
+        wpl.write_mission(Mission(None, ()))
+
+
+@pytest.mark.parametrize(
+    ("text", "repair"),
+    [
+        (STRICT.replace("\n", "\r\n"), "changed the line ends to LF"),
+        (STRICT.replace("\n", "\r"), "changed the line ends to LF"),
+        ("\ufeff" + STRICT, "removed a byte order mark"),
+        ("# made by hand\n" + STRICT, "line 1: skipped a comment"),
+        (STRICT.replace("\n1\t", "\n\n1\t"), "line 3: skipped an empty line"),
+        (STRICT.replace("\t345.678\t1", "\t345.678\t1 # home"), "line 2: skipped a comment"),
+        (STRICT.replace("\t", " "), "line 2: changed the separators to tabs"),
+        (STRICT.replace("\t", ", "), "line 2: changed the separators to tabs"),
+        (STRICT.replace("\t22\t", "\t22.000\t"), "line 3: command '22.000' is written as a whole number"),
+        (STRICT.replace("1\t0\t3\t22", "1\t0\t6\t22"), "line 3: changed frame 6 to 3"),
+        (STRICT.replace("\n2\t0\t2", "\n7\t0\t2"), "line 4: renumbered from 7 to 2"),
+        (STRICT.replace("\n2\t0\t2", "\n 2\t0\t2"), "line 4: removed space around the row"),
+    ],
+)
+def test_what_is_repaired_is_listed(text: str, repair: str) -> None:
+    back = wpl.read(text)
+    assert back.mission() == wpl.read(STRICT).mission()
+    assert repair in back.repairs
+    assert wpl.write_mission(back.mission()) == STRICT
+
+
+def test_version_120_has_no_home_row() -> None:
+    back = wpl.read(STRICT.replace("110", "120"))
+    assert (back.version, back.home, len(back.items)) == (120, None, 3)
+    assert wpl.read("QGC WPL 110\n") == wpl.WplFile(110, None, (), ())
+    assert back.items[0].alt_m == 345.678
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("", "line 1: no header"),
+        ("QGC WPL 100\n", "line 1: 'QGC WPL 100' is not the header"),
+        ("hello", "'hello' is not the header"),
+        (STRICT + "3\t0\t3\t16\n", "line 5: 4 columns, a row has 12"),
+        (STRICT.replace("\t12.5\t", "\tfast\t"), "line 4, param2: 'fast' is not a finite number"),
+        (STRICT.replace("\t12.5\t", "\tnan\t"), "line 4, param2"),
+        (STRICT.replace("\t12.5\t", "\t1e999\t"), "line 4, param2"),
+        (STRICT.replace("\t12.5\t", "\t1_0\t"), "line 4, param2"),
+        (STRICT.replace("\t12.5\t", "\t" + "9" * 500 + "\t"), "line 4, param2"),
+        (STRICT.replace("\t178\t", "\t178.5\t"), "line 4, command: '178.5' is not a whole number"),
+        (STRICT.replace("\t178\t", "\t99999\t"), "command 99999"),
+        (STRICT.replace("1\t0\t3\t22", "1\t0\t1\t22"), "line 3: unknown frame 1"),
+        (STRICT.replace("33.21875000\t-98.12345670\t30", "-98.12345670\t33.21875000\t30"),
+         "line 3: latitude -98.1235, longitude 33.2188 is no place; latitude comes first"),
+        (STRICT.replace("33.21875000\t-98.12345670\t30", "33.2\t-198.1\t30"), "is no place$"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_read_is_one_error_with_its_line(text: str, what: str) -> None:
+    with pytest.raises(FormatError, match=what):
+        wpl.read(text)
+
+
+@settings(derandomize=True, max_examples=200)
+@given(st.text(alphabet="QGC WPL110\t\n\r#,.-e0123456789\ufeff", max_size=200))
+def test_nothing_but_a_format_error_is_raised(text: str) -> None:
+    for candidate in (text, STRICT + text):
+        try:
+            back = wpl.read(candidate)
+        except FormatError:
+            continue
+        assert back.version in (110, 120)
+
+
+def test_numbers_are_plain_and_shortest() -> None:
+    assert [plain_decimal(value, "x") for value in (1e-7, -0.0, 1e22, 0.1, -2.5, 100.0)] == [
+        "0.0000001", "0", "10000000000000000000000", "0.1", "-2.5", "100",
+    ]  # fmt: skip
+    assert degrees_text(-1e-12, "x") == "0.00000000"
+
+
+def test_a_command_row_keeps_its_numbers() -> None:
+    item = MissionItem(93, Frame.COMMAND, (1.5, 2.0, 3.0, 4.0), 1e6, -3.25, 7.0)
+    assert wpl.read(wpl.write_mission(Mission(GeoPoint(1.0, 2.0, 3.0), (item,)))).items == (item,)

@@ -1,0 +1,122 @@
+import dataclasses
+import math
+
+import pytest
+
+from mission_io import items as i
+from mission_io.areas import (
+    Fence,
+    FenceCircle,
+    FencePolygon,
+    FramedPoint,
+    LatLon,
+    RallyPoints,
+    fence_from_items,
+    items_from_fence,
+    items_from_rally,
+    rally_from_items,
+)
+from mission_io.autopilots import PX4
+from mission_io.content import content_of, items_of, mission_type_of
+from mission_io.errors import CommandRefusedError, FormatError, MissionIoError, TransferSilentError
+from mission_io.items import Command, Frame, MissionItem, MissionType
+
+TRIANGLE = FencePolygon((LatLon(46.0, -7.0), LatLon(46.5, -7.25), LatLon(46.75, -7.5)))
+SQUARE = FencePolygon((*TRIANGLE.vertices, LatLon(46.1, -7.6)), inclusion=False)
+FENCE = Fence(
+    (TRIANGLE, SQUARE, TRIANGLE),
+    (FenceCircle(LatLon(46.2, -7.3), 80.0), FenceCircle(LatLon(46.3, -7.4), 90.5, inclusion=False)),
+    FramedPoint(46.4, -7.7, 30.0),
+)
+
+
+def test_constructors_say_what_the_commands_mean() -> None:
+    place = {"frame": Frame.ABOVE_HOME}
+    assert i.waypoint(46.0, -7.0, 30.0, hold_s=5.0, **place).params == (5.0, 0.0, 0.0, 0.0)
+    assert i.takeoff(46.0, -7.0, 30.0, **place).command == 22
+    assert i.land(46.0, -7.0, **place).alt_m == 0.0
+    assert i.return_to_launch() == MissionItem(20, Frame.COMMAND)
+    assert i.change_speed(8.5).params == (1.0, 8.5, -1.0, 0.0)
+    assert i.change_speed(3.0, kind=i.SpeedType.CLIMB).params[0] == 2.0
+    assert i.delay(4.5).params == (4.5, -1.0, -1.0, -1.0)
+    assert i.trigger_camera_every(12.5).params == (12.5, 0.0, 1.0, 0.0)
+    assert i.trigger_camera_every(0.0).params == (0.0, 0.0, 0.0, 0.0)
+    assert i.look_at(46.0, -7.0, 5.0, **place).command == 195
+    assert i.look_ahead().command == 197
+
+
+def test_items_are_frozen_and_nan_equals_nan() -> None:
+    a = MissionItem(16, Frame.AMSL, (0.0, 0.0, 0.0, math.nan), 46.0, -7.0, 1.0)
+    b = MissionItem(16, Frame.AMSL, (0.0, 0.0, 0.0, float("nan")), 46.0, -7.0, 1.0)
+    assert i.same_item(a, b)
+    assert not i.same_item(a, dataclasses.replace(b, alt_m=2.0))
+    assert not i.same_item(a, dataclasses.replace(b, autocontinue=False))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        a.alt_m = 5.0  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(("frame", "numbers"), [(Frame.AMSL, (0, 5)), (Frame.ABOVE_HOME, (3, 6)),
+                                                (Frame.ABOVE_TERRAIN, (10, 11)), (Frame.COMMAND, (2, 2))])  # fmt: skip
+def test_frames_have_two_numbers(frame: Frame, numbers: tuple[int, int]) -> None:
+    assert [Frame.from_mav_frame(number) for number in numbers] == [frame, frame]
+    assert (int(frame), frame.wire) == numbers
+
+
+def test_unknown_frames_are_refused() -> None:
+    with pytest.raises(FormatError, match="unknown frame 1; use 0"):
+        Frame.from_mav_frame(1)
+
+
+def test_a_fence_survives_as_items() -> None:
+    items = items_from_fence(FENCE)
+    assert [item.command for item in items] == [5001] * 3 + [5002] * 4 + [5001] * 3 + [5003, 5004, 5000]
+    assert [item.params[0] for item in items[:8]] == [3.0] * 3 + [4.0] * 4 + [3.0]
+    assert fence_from_items(items) == FENCE
+    assert fence_from_items(()) == Fence()
+
+
+def test_rally_points_survive_as_items() -> None:
+    rally = RallyPoints((FramedPoint(46.0, -7.0, 20.0), FramedPoint(46.1, -7.1, 900.0, Frame.AMSL)))
+    assert rally_from_items(items_from_rally(rally)) == rally
+    assert content_of(MissionType.RALLY, items_of(rally, PX4), PX4) == rally
+    assert mission_type_of(rally) is MissionType.RALLY
+
+
+VERTEX = MissionItem(Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, Frame.AMSL, (3.0, 0.0, 0.0, 0.0), 46.0, -7.0)
+
+
+@pytest.mark.parametrize(
+    ("items", "what"),
+    [
+        ([VERTEX, VERTEX], "the last polygon has 2 of its 3"),
+        ([VERTEX, MissionItem(5003, Frame.AMSL, (9.0, 0.0, 0.0, 0.0))], "fence item 1: the polygon before it has 1"),
+        ([dataclasses.replace(VERTEX, params=(2.0, 0.0, 0.0, 0.0))], "fence item 0: a polygon of 2 vertices"),
+        ([dataclasses.replace(VERTEX, params=(math.nan, 0.0, 0.0, 0.0))], "a polygon of nan vertices"),
+        ([MissionItem(5004, Frame.AMSL)], "radius 0.0 m"),
+        ([MissionItem(5000, Frame.AMSL)] * 2, "fence item 1: a second return point"),
+        ([MissionItem(16, Frame.AMSL)], "command 16 is no fence item"),
+    ],
+)
+def test_bad_fences_are_refused_with_the_item(items: list[MissionItem], what: str) -> None:
+    with pytest.raises(FormatError, match=what):
+        fence_from_items(items)
+
+
+def test_fences_that_cannot_be_written() -> None:
+    with pytest.raises(FormatError, match="polygon 0: 2 vertices"):
+        items_from_fence(Fence((FencePolygon(TRIANGLE.vertices[:2]),)))
+    with pytest.raises(FormatError, match="circle 0: radius nan"):
+        items_from_fence(Fence((), (FenceCircle(LatLon(1.0, 2.0), math.nan),)))
+    with pytest.raises(FormatError, match="rally item 0"):
+        rally_from_items([VERTEX])
+
+
+def test_errors_share_one_root_and_say_where() -> None:
+    error = FormatError("is broken", where="line 3", advice="mend it")
+    assert str(error) == "line 3: is broken; mend it"
+    for made in (
+        error,
+        TransferSilentError("x", vehicle_holds="mixed"),
+        CommandRefusedError("x", command=1, result=2, result_name="DENIED"),
+    ):
+        assert isinstance(made, MissionIoError)
