@@ -1,0 +1,32 @@
+"""``uavcover demo``: the whole chain on real terrain, against a mock vehicle in another process."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+
+
+def demo(
+    run: Annotated[Path, typer.Option("-o", "--out", help="Run folder to write.", metavar="RUN")] = Path("out"),
+    scenario: Annotated[str, typer.Option(help="Another scenario.")] = "jacksboro",
+    evaluations: Annotated[int | None, typer.Option(help="Evaluations of the optimizer.")] = None,
+    seed: options.Seed = None,
+    autopilot: options.Autopilot = None,
+    speed: Annotated[float, typer.Option(help="How fast the mock vehicle flies, times real time.")] = 60.0,
+    force: options.Force = False,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = 0,
+) -> int:
+    """Plan on real terrain, upload to a mock vehicle over UDP, read back, fly, record, verify."""
+    from uavcover.cli.console import Console
+    from uavcover.cli.demonstration import demonstrate
+
+    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    return demonstrate(
+        run, scenario, console,
+        evaluations=evaluations, seed=seed, autopilot=autopilot, speed=speed, force=force, command=sys.argv,
+    )  # fmt: skip

@@ -1,0 +1,118 @@
+"""What ``demo`` does, stage by stage."""
+
+import json
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from uavcover import pipeline
+from uavcover.cli.console import Console, metres, percent
+from uavcover.cli.ending import INTERRUPTED
+from uavcover.cli.planning import plan_into
+from uavcover.cli.vehicle import ENDED_BY_USER, fly_run, upload_run
+from uavcover.cli.verifying import verify_run
+from uavcover.errors import VehicleError
+from uavcover.run_folder import RunFolder
+
+_MOCK_START_S = 30.0
+_WIND = ("--wind", "3", "--wind-from", "250", "--gust", "0.7")
+
+
+def demonstrate(
+    folder: Path,
+    scenario: str,
+    console: Console,
+    *,
+    evaluations: int | None,
+    seed: int | None,
+    autopilot: str | None,
+    speed: float,
+    force: bool,
+    command: Sequence[str],
+) -> int:
+    """The whole chain; returns the exit code."""
+    started = time.monotonic()
+    run = RunFolder(folder)
+    console.say("1 of 4  plan")
+    outcome = plan_into(
+        folder, scenario, console,
+        seed=seed, evaluations=evaluations, budget_s=None, algorithm=None, max_waypoints=None,
+        select=None, autopilot=autopilot, workers=None, force=force, command=command,
+    )  # fmt: skip
+    _stage(run, "demo plan", started)
+    if outcome.exit_code == INTERRUPTED:
+        console.say(f"stopped; the plan is in {run}")
+        return INTERRUPTED
+    site, route = outcome.site, outcome.plan.chosen.route
+    with mock_process(scenario, autopilot or site.scenario.vehicle.autopilot, speed, seed) as url:
+        console.say("2 of 4  upload to a mock vehicle in another process, read back, compare")
+        at = time.monotonic()
+        uploaded = upload_run(run, site, route, url, console, timeout_s=10.0)
+        _stage(run, "upload", at)
+        console.say(f"3 of 4  fly, {speed:g} times as fast as real time, in wind")
+        at = time.monotonic()
+        flight, flown = fly_run(run, site, route, url, console, timeout_s=10.0, confirmed=False, force=force)
+        _stage(run, "fly and record", at)
+    console.say("4 of 4  verify from the flown track alone")
+    at = time.monotonic()
+    verdict = verify_run(run, console)
+    _stage(run, "verify", at)
+    console.say()
+    _say_end(console, run, outcome.document, verdict, time.monotonic() - started)
+    console.result({"run": str(run), "plan": outcome.document, "upload_passed": uploaded["passed"], "flight": flown,
+                    "verification": verdict, "wall_s": time.monotonic() - started})  # fmt: skip
+    if flight.ending in ENDED_BY_USER:
+        return INTERRUPTED
+    return 0 if outcome.exit_code == 0 and uploaded["passed"] and verdict["passed"] else 1
+
+
+def _stage(run: RunFolder, name: str, started_s: float) -> None:
+    pipeline.add_stage(run, name, time.monotonic() - started_s)
+
+
+def _say_end(console: Console, run: RunFolder, plan: dict[str, Any], verdict: dict[str, Any], wall_s: float) -> None:
+    console.say(
+        f"planned {percent(plan['coverage_fraction'])}, flown {percent(verdict['coverage_fraction'])} of the area; between "
+        f"{metres(verdict['min_height_agl_m'])} and {metres(verdict['max_height_agl_m'])} above ground on the route, at least "
+        f"{metres(verdict['min_transit_clearance_m'])} on the ways there and home"
+    )
+    console.say(f"{'passed' if verdict['passed'] else 'NOT passed'} in {wall_s:.0f} s. Open next:")
+    console.say(f"  uavcover inspect {run}              the flight in 3D ({run.file('flight.rrd')})")
+    console.say(f"  {run.file('mission.waypoints')}     for Mission Planner; mission.plan for QGroundControl")
+    console.say(f"  {run.file('verification.json')}     coverage, clearance and gaps of what was flown")
+
+
+@contextmanager
+def mock_process(scenario: str, autopilot: str, speed: float, seed: int | None) -> Iterator[str]:
+    """A mock vehicle in a process of its own on a free port of 127.0.0.1; gives the URL to speak to, and ends it.
+
+    Raises:
+        VehicleError: it does not start.
+    """
+    arguments = [
+        sys.executable, "-m", "uavcover", "mock-vehicle", "--listen", "udpin://127.0.0.1:0", "--scenario", scenario,
+        "--autopilot", autopilot, "--speed", repr(speed), "--seed", str(seed or 0), "--json", "-q", *_WIND,
+    ]  # fmt: skip
+    # A session of its own: Ctrl-C is for us, and we bring the vehicle home before it ends.
+    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        if process.stdout is None or not select.select([process.stdout], [], [], _MOCK_START_S)[0]:
+            raise VehicleError(f"the mock vehicle did not start within {_MOCK_START_S:g} s")
+        line = process.stdout.readline()
+        if not line:
+            raise VehicleError(f"the mock vehicle ended at once, exit code {process.wait()}")
+        yield f"udpout://127.0.0.1:{json.loads(line)['port']}"
+    finally:
+        process.terminate()
+        try:
+            process.wait(timeout=10.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        if process.stdout is not None:
+            process.stdout.close()

@@ -1,0 +1,39 @@
+"""``uavcover export``: the chosen route of a run as a file for other software."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+
+
+def export(
+    run: Annotated[Path, typer.Argument(help="Run folder.")],
+    file_format: Annotated[str, typer.Option("--format", help="waypoints, plan, kml, geojson or csv.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="File to write.", metavar="FILE")],
+    autopilot: options.Autopilot = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = 0,
+) -> int:
+    """Write one mission file for other software."""
+    from uavcover import pipeline
+    from uavcover.cli.console import Console
+    from uavcover.errors import InputError, OutputError
+    from uavcover.run_folder import RunFolder, write_text
+
+    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    if file_format not in pipeline.EXPORT_FORMATS:
+        raise InputError(f"--format: {file_format!r} is not one of {', '.join(pipeline.EXPORT_FORMATS)}")
+    site, planned = pipeline.read_planned(RunFolder(run))
+    name = options.autopilot_name(autopilot, site.scenario.vehicle.autopilot)
+    compiled = pipeline.compile_plan(site, planned.route, autopilot=name)  # type: ignore[arg-type]
+    text = pipeline.export_text(compiled, file_format, autopilot=name, name=site.scenario.name)  # type: ignore[arg-type]
+    if out.exists() and not force:
+        raise OutputError(f"{out}: would be overwritten; use --force, or another name")
+    write_text(out, text)
+    console.say(f"written: {out}")
+    console.result({"file": str(out), "format": file_format, "items": len(compiled.mission.items)})
+    return 0

@@ -1,0 +1,35 @@
+"""``uavcover fly``: arm, start, follow, record, land."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+
+
+def fly(
+    run: Annotated[Path, typer.Argument(help="Run folder whose mission the vehicle holds.")],
+    to: options.To,
+    yes: Annotated[bool, typer.Option("--yes", help="Arm a vehicle that is not simulated.")] = False,
+    timeout_s: options.Timeout = 10.0,
+    mock_speed: Annotated[float, typer.Option(help="How fast the vehicle of mock: flies, times real time.")] = 20.0,
+    force: options.Force = False,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = 0,
+) -> int:
+    """Wait until ready, arm, start, follow, record, land. Ctrl-C: hold, then home along checked legs; twice: hold."""
+    from uavcover.cli.console import Console
+    from uavcover.cli.ending import INTERRUPTED
+    from uavcover.cli.vehicle import ENDED_BY_USER, fly_run, planned_run
+
+    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    folder, site, route = planned_run(run)
+    # A vehicle that begins with this process holds nothing yet.
+    outcome, document = fly_run(
+        folder, site, route, to, console,
+        timeout_s=timeout_s, confirmed=yes, force=force, mock_speed=mock_speed, upload_first=to.startswith("mock:"),
+    )  # fmt: skip
+    console.result(document)
+    return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0

@@ -1,0 +1,47 @@
+"""``uavcover inspect``: look at the recording of a flight."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+
+
+def inspect(
+    run: Annotated[Path, typer.Argument(help="Run folder with flight.rrd, or a .rrd file.")],
+    text: Annotated[bool, typer.Option("--text", help="Print what is in the recording.")] = False,
+    screenshot: Annotated[
+        Path | None, typer.Option(help="Make a picture, without a screen.", metavar="FILE.png")
+    ] = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = 0,
+) -> int:
+    """Open the recording in the rerun viewer; or print it; or make a picture of it."""
+    import dataclasses
+
+    from uavcover.cli.console import Console
+    from uavcover.errors import OutputError
+    from uavcover.recording import reader, viewer
+    from uavcover.run_folder import RunFolder
+
+    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    path = run if run.suffix == ".rrd" else RunFolder(run).existing("flight.rrd", made_by="uavcover fly")
+    if text or as_json:
+        rows = reader.describe_recording(path)
+        console.say(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
+        for row in rows:
+            span = "static" if row.start_s is None else f"{row.samples} rows, {row.start_s:.1f} s to {row.end_s:.1f} s"
+            console.say(f"  {row.entity:40} {span}")
+        console.result({"recording": str(path), "entities": [dataclasses.asdict(row) for row in rows]})
+    if screenshot is not None:
+        if screenshot.exists() and not force:
+            raise OutputError(f"{screenshot}: would be overwritten; use --force, or another name")
+        viewer.screenshot(path, screenshot)
+        console.say(f"written: {screenshot}")
+    if not text and not as_json and screenshot is None:
+        viewer.open_viewer(path)
+        console.say(f"the viewer shows {path}")
+    return 0

@@ -1,0 +1,112 @@
+"""Mission files of other software: which of a vehicle's lists they hold, and the other way round."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from mission_io.areas import Fence, RallyPoints, items_from_fence, items_from_rally
+from mission_io.client import Client
+from mission_io.content import Content
+from mission_io.errors import FormatError
+from mission_io.formats import plan, wpl
+from mission_io.items import Command, GeoPoint, Mission, MissionType
+from mission_io.messages import HomePosition
+from uavcover.errors import InputError, OutputError
+
+KINDS = ("mission", "fence", "rally", "all")
+_FENCE_COMMANDS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1)
+
+
+def read_contents(file: Path, kind: str | None) -> tuple[list[Content], tuple[str, ...]]:
+    """The lists in a ``.waypoints`` or ``.plan`` file, and what had to be repaired to read it.
+
+    Raises:
+        InputError: the file cannot be read, or does not hold what was asked for.
+    """
+    if kind is not None and kind not in KINDS:
+        raise InputError(f"--type: {kind!r} is not one of {', '.join(KINDS)}")
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{file}: is not a text file") from error
+    try:
+        if file.suffix == ".plan":
+            return _of_plan(plan.read(text), file, kind), ()
+        read = wpl.read(text)
+        return [_of_waypoints(read, file, kind)], read.repairs
+    except FormatError as error:
+        raise InputError(f"{file}: {error}") from error
+
+
+def _of_plan(document: plan.PlanFile, file: Path, kind: str | None) -> list[Content]:
+    every: dict[str, Content] = {"mission": document.mission, "fence": document.fence, "rally": document.rally}
+    if kind in every:
+        return [every[kind]]
+    held = [document.mission] if document.mission.items else []
+    rest: list[Content] = [
+        content
+        for content, items in (
+            (document.fence, items_from_fence(document.fence)),
+            (document.rally, items_from_rally(document.rally)),
+        )
+        if items
+    ]
+    if kind == "all":
+        return list(every.values())
+    if not held and not rest:
+        raise InputError(
+            f"{file}: holds no mission, fence or rally points; use --type all to empty the vehicle's lists"
+        )
+    return [*held, *rest]
+
+
+def _of_waypoints(read: wpl.WplFile, file: Path, kind: str | None) -> Content:
+    if kind == "all":
+        raise InputError(f"{file}: a .waypoints file holds one list; name it with --type mission, fence or rally")
+    if kind is None:
+        commands = {item.command for item in read.items}
+        fence = bool(commands) and all(command in _FENCE_COMMANDS for command in commands)
+        kind = "fence" if fence else "rally" if commands == {int(Command.NAV_RALLY_POINT)} else "mission"
+    return read.fence() if kind == "fence" else read.rally() if kind == "rally" else read.mission()
+
+
+def home_of(contents: Sequence[Content]) -> GeoPoint | None:
+    """The home of the mission among some lists, if there is one."""
+    return next((content.home for content in contents if isinstance(content, Mission)), None)
+
+
+def check_output(out: Path, kind: str, *, force: bool) -> None:
+    """Refuse a file that cannot hold what is asked for, or that would be overwritten."""
+    if kind not in KINDS:
+        raise InputError(f"--type: {kind!r} is not one of {', '.join(KINDS)}")
+    if out.suffix not in {".waypoints", ".plan"}:
+        raise InputError(f"{out}: name it .waypoints or .plan")
+    if kind == "all" and out.suffix != ".plan":
+        raise InputError(f"{out}: a .waypoints file holds one list; use a .plan file for --type all")
+    if out.exists() and not force:
+        raise OutputError(f"{out}: would be overwritten; use --force, or another name")
+
+
+def text_of(client: Client, lists: Mapping[MissionType, Content], out: Path, kind: str) -> tuple[str, int]:
+    """The text of a file with the downloaded lists, and how many items it has."""
+    mission = lists[MissionType.MISSION]
+    if not isinstance(mission, Mission):
+        raise InputError("the vehicle's mission is not one")
+    home = mission.home
+    if home is None:
+        place = client.request_message(HomePosition)
+        home = GeoPoint(place.lat_deg, place.lon_deg, place.alt_amsl_m)
+    mission = Mission(home, mission.items)
+    fence, rally = lists.get(MissionType.FENCE, Fence()), lists.get(MissionType.RALLY, RallyPoints())
+    if not isinstance(fence, Fence) or not isinstance(rally, RallyPoints):
+        raise InputError("the vehicle's fence or rally points are not what they should be")
+    if out.suffix == ".plan":
+        kept = mission if kind in {"mission", "all"} else Mission(home, ())
+        items = len(kept.items) + len(items_from_fence(fence)) + len(items_from_rally(rally))
+        return plan.write(plan.PlanFile(kept, fence, rally, mav_autopilot=client.vehicle.mav_autopilot)), items
+    if kind == "fence":
+        return wpl.write_fence(fence, home), len(items_from_fence(fence))
+    if kind == "rally":
+        return wpl.write_rally(rally, home), len(rally.points)
+    return wpl.write_mission(mission), len(mission.items)

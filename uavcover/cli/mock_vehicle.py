@@ -1,0 +1,74 @@
+"""``uavcover mock-vehicle``: a MAVLink vehicle for any ground station."""
+
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+
+
+def mock_vehicle(
+    listen: Annotated[str, typer.Option("--listen", help="udpin://HOST:PORT; port 0 is any free one.", metavar="URL")],
+    autopilot: options.Autopilot = None,
+    scenario: Annotated[
+        str, typer.Option(help="Stands at this scenario's home and flies like its vehicle.")
+    ] = "jacksboro",
+    home: Annotated[
+        str | None, typer.Option(help="Stands here instead, on flat ground.", metavar="LAT,LON,ALT_AMSL")
+    ] = None,
+    speed: Annotated[float, typer.Option(help="Vehicle seconds per second.")] = 1.0,
+    loss: Annotated[float, typer.Option(help="Share of the datagrams that get lost, each way.")] = 0.0,
+    wind_m_s: Annotated[float, typer.Option("--wind", help="Steady wind, m/s.")] = 0.0,
+    wind_from_deg: Annotated[float, typer.Option("--wind-from", help="Where it comes from, degrees.")] = 270.0,
+    gust_m_s: Annotated[float, typer.Option("--gust", help="Standard deviation of the gusts, m/s.")] = 0.0,
+    seed: options.Seed = None,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = 0,
+) -> int:
+    """Be a vehicle on a UDP port until Ctrl-C; prints the port it bound."""
+    import numpy as np
+
+    from mission_io.items import GeoPoint
+    from uavcover import pipeline
+    from uavcover.cli.console import Console
+    from uavcover.errors import InputError
+    from uavcover.flight.dynamics import Wind
+    from uavcover.flight.mock_server import run
+    from uavcover.flight.mock_settings import Settings
+    from uavcover.flight.mock_vehicle import MockVehicle
+    from uavcover.mission_compiler import AUTOPILOTS
+
+    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    used_seed = 0 if seed is None else seed
+    if home is not None:
+        try:
+            lat, lon, alt = (float(part) for part in home.split(","))
+        except ValueError as error:
+            raise InputError(f"--home: {home!r} is not LAT,LON,ALT_AMSL") from error
+        if not (abs(lat) <= 90.0 and abs(lon) <= 180.0):
+            raise InputError(
+                f"--home: {home!r} is no place on Earth; write latitude, longitude, height above sea level"
+            )
+        place, settings, name = GeoPoint(lat, lon, alt), Settings(), "ardupilot"
+    else:
+        site = pipeline.load_site(scenario)
+        if site.frame is None or site.home_m is None:
+            raise InputError(f"scenario {scenario}: has no place on Earth or no home; give --home LAT,LON,ALT_AMSL")
+        lats, lons, alts = site.frame.geodetic_from_enu(site.home_m)
+        place = GeoPoint(float(lats[0]), float(lons[0]), float(alts[0]))
+        settings, name = Settings.for_vehicle(site.scenario.vehicle), site.scenario.vehicle.autopilot
+    name = options.autopilot_name(autopilot, name)
+    wind = Wind(speed_m_s=wind_m_s, from_deg=wind_from_deg, gust_m_s=gust_m_s)
+    vehicle = MockVehicle(
+        AUTOPILOTS[name], place,
+        settings=settings, wind=wind, rng=np.random.default_rng(used_seed), speed=speed,
+    )  # fmt: skip
+
+    def tell(port: int) -> None:
+        console.say(f"{name} mock vehicle at {place.lat_deg:.6f}, {place.lon_deg:.6f}, listening on UDP port {port}")
+        console.result({"port": port, "autopilot": name, "lat_deg": place.lat_deg, "lon_deg": place.lon_deg,
+                        "alt_amsl_m": place.alt_amsl_m})  # fmt: skip
+
+    run(listen, vehicle, speed=speed, loss=loss, seed=used_seed, on_bound=tell)
+    return 0

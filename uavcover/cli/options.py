@@ -1,0 +1,60 @@
+"""Options that several commands share."""
+
+from typing import Annotated
+
+import typer
+
+from uavcover.errors import InputError
+
+Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors and warnings.")]
+Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Show logs; -vv for more.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite files that are there.")]
+Autopilot = Annotated[
+    str | None, typer.Option(help="ardupilot or px4; default: the scenario's.", metavar="ardupilot|px4")
+]
+Seed = Annotated[int | None, typer.Option(help="Seed of every random number; default: the scenario's.")]
+To = Annotated[
+    str,
+    typer.Option(
+        "--to",
+        help="Where the vehicle is: mock:, udpin://HOST:PORT (wait for it), udpout://HOST:PORT (speak first), udp:HOST:PORT.",
+        metavar="URL",
+    ),
+]
+Timeout = Annotated[float, typer.Option("--timeout", help="Seconds to wait for the vehicle's first heartbeat.")]
+
+
+def verbosity(quiet: bool, verbose: int) -> int:
+    """-1 for quiet, otherwise how often -v was given."""
+    return -1 if quiet else verbose
+
+
+def autopilot_name(text: str | None, default: str) -> str:
+    """Check the name of an autopilot.
+
+    Raises:
+        InputError: it is neither.
+    """
+    name = default if text is None else text
+    if name not in {"ardupilot", "px4"}:
+        raise InputError(f"--autopilot: {name!r} is neither ardupilot nor px4")
+    return name
+
+
+def seconds(text: str | None) -> float | None:
+    """A duration such as ``30s``, ``5m``, ``1h`` or ``45`` in seconds.
+
+    Raises:
+        InputError: it is none, or not above 0.
+    """
+    if text is None:
+        return None
+    number, unit = (text[:-1], text[-1]) if text[-1:] in {"s", "m", "h"} else (text, "s")
+    try:
+        value = float(number) * {"s": 1.0, "m": 60.0, "h": 3600.0}[unit]
+    except ValueError:
+        value = -1.0
+    if not 0.0 < value < float("inf"):
+        raise InputError(f"--budget: {text!r} is not a duration; write it as 30s, 5m or 1h")
+    return value

@@ -1,0 +1,44 @@
+"""``uavcover plan``: from a scenario to a Pareto set, a chosen route and its mission files."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+
+
+def plan(
+    scenario: Annotated[str, typer.Argument(help="A scenario file, or the name of a bundled one (see doctor).")],
+    run: Annotated[Path, typer.Option("-o", "--out", help="Run folder to write.", metavar="RUN")],
+    algorithm: Annotated[str | None, typer.Option(help="imodbo or modbo; default: the scenario's.")] = None,
+    budget: Annotated[
+        str | None, typer.Option(help="Search this long (30s, 5m) instead of a number of evaluations.")
+    ] = None,
+    evaluations: Annotated[int | None, typer.Option(help="Full route evaluations of the optimizer.")] = None,
+    max_waypoints: Annotated[int | None, typer.Option(help="Capacity of the waypoints encoding.")] = None,
+    select: Annotated[
+        str | None,
+        typer.Option(help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N.", metavar="RULE"),
+    ] = None,
+    autopilot: options.Autopilot = None,
+    workers: Annotated[int | None, typer.Option(help="Threads; the result does not depend on it.")] = None,
+    seed: options.Seed = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = 0,
+) -> int:
+    """Plan a route that sees the area, and write its mission files."""
+    from uavcover.cli.console import Console
+    from uavcover.cli.planning import plan_into
+
+    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    outcome = plan_into(
+        run, scenario, console,
+        seed=seed, evaluations=evaluations, budget_s=options.seconds(budget), algorithm=algorithm,
+        max_waypoints=max_waypoints, select=select, autopilot=autopilot, workers=workers, force=force, command=sys.argv,
+    )  # fmt: skip
+    console.result(outcome.document)
+    return outcome.exit_code

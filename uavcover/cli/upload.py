@@ -1,0 +1,43 @@
+"""``uavcover upload``: any mission file to a vehicle."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+
+
+def upload(
+    file: Annotated[Path, typer.Argument(help="A .waypoints or .plan file.")],
+    to: options.To,
+    kind: Annotated[
+        str | None, typer.Option("--type", help="mission, fence, rally or all; default: what the file holds.")
+    ] = None,
+    timeout_s: options.Timeout = 10.0,
+    in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload to a vehicle that is armed.")] = False,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = 0,
+) -> int:
+    """Upload a mission, fence or rally file, read it back and compare; the terrain is not checked."""
+    from uavcover.cli.console import Console
+    from uavcover.cli.mission_files import home_of, read_contents
+    from uavcover.cli.vehicle import connected, say_comparison
+
+    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    contents, repairs = read_contents(file, kind)
+    for repair in repairs:
+        console.warn(f"{file}: repaired: {repair}")
+    console.say(f"{file}: terrain not checked (the file carries none; plan-upload checks every leg)")
+    results = []
+    with connected(to, home_of(contents), None, timeout_s=timeout_s) as vehicle:
+        for content in contents:
+            with console.progress("uploading") as bar:
+                results.append(vehicle.client.upload_and_verify(content, progress=bar.count, in_flight=in_flight))
+            say_comparison(console, results[-1])
+    passed = all(result.passed for result in results)
+    console.result(
+        {"file": str(file), "terrain_checked": False, "passed": passed, "lists": [r.as_json() for r in results]}
+    )
+    return 0 if passed else 1

@@ -1,0 +1,144 @@
+"""The JSON and CSV documents of a run folder, from the objects they describe and back."""
+
+import csv
+import dataclasses
+import io
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.errors import InputError
+from uavcover.model.report import VerificationReport
+from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.run_folder import SCHEMA_VERSION
+from uavcover.site import Site
+
+FloatArray = NDArray[np.float64]
+
+PARETO_COLUMNS = (
+    "index",
+    "coverage_fraction",
+    "coverage_of_coverable",
+    "waypoint_count",
+    "path_length_m",
+    "flight_time_s",
+    "min_height_agl_m",
+    "max_height_agl_m",
+    "violation",
+    "made_by",
+    "chosen",
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedDocument:
+    """What later stages need of a ``plan.json``.
+
+    Attributes:
+        route: the chosen route.
+        coverage_fraction: planned share of the area.
+        coverage_of_coverable: planned share of what can be seen.
+        rule_met: whether the selection rule was met.
+    """
+
+    route: Route
+    coverage_fraction: float
+    coverage_of_coverable: float
+    rule_met: bool
+
+
+def plan_document(site: Site, plan: Plan, *, seed: int, bounds: dict[str, float]) -> dict[str, Any]:
+    """``plan.json``: equal for equal seed and evaluations in everything but ``wall_s``."""
+    frame = site.frame
+    origin = None
+    if frame is not None:
+        origin = {"lat_deg": frame.lat_deg, "lon_deg": frame.lon_deg, "alt_amsl_m": frame.alt_amsl_m}
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "name": site.scenario.name,
+        "seed": seed,
+        "algorithm": plan.algorithm,
+        "made_by": plan.chosen.origin,
+        "evaluations": plan.evaluations,
+        "interrupted": plan.interrupted,
+        "wall_s": plan.wall_s,
+        "origin": origin,
+        "select": plan.rule,
+        "rule_met": plan.rule_met,
+        "waypoints": _waypoints(site, plan.chosen.route.waypoints_m),
+        "metrics": dataclasses.asdict(plan.chosen.metrics),
+        "bounds": bounds,
+        "baselines": [
+            {"name": b.origin, "violation": b.violation, **dataclasses.asdict(b.metrics)} for b in plan.baselines
+        ],
+    }
+
+
+def _waypoints(site: Site, points_m: FloatArray) -> list[dict[str, float | None]]:
+    heights = points_m[:, 2] - site.ground.heights_m(points_m[:, :2])
+    geodetic: list[tuple[float | None, float | None, float | None]] = [(None, None, None)] * len(points_m)
+    if site.frame is not None:
+        geodetic = [tuple(map(float, row)) for row in zip(*site.frame.geodetic_from_enu(points_m), strict=True)]  # type: ignore[misc]
+    return [
+        {
+            "east_m": float(e), "north_m": float(n), "up_m": float(u),
+            "lat_deg": lat, "lon_deg": lon, "alt_amsl_m": alt, "height_agl_m": float(h),
+        }
+        for (e, n, u), (lat, lon, alt), h in zip(points_m, geodetic, heights, strict=True)
+    ]  # fmt: skip
+
+
+def read_plan_document(document: dict[str, Any], *, source: str) -> PlannedDocument:
+    """What later stages need of a plan.
+
+    Raises:
+        InputError: a key is missing or has the wrong kind; says which.
+    """
+    version = document.get("schema_version")
+    if version != SCHEMA_VERSION:
+        raise InputError(
+            f"{source}: schema_version {version} cannot be read by this version, which knows {SCHEMA_VERSION}"
+        )
+    try:
+        points = np.array([[w["east_m"], w["north_m"], w["up_m"]] for w in document["waypoints"]], dtype=float)
+        metrics = document["metrics"]
+        planned = PlannedDocument(
+            Route(points.reshape(-1, 3)),
+            float(metrics["coverage_fraction"]),
+            float(metrics["coverage_of_coverable"]),
+            bool(document["rule_met"]),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{source}: is not a plan ({type(error).__name__}: {error}); make it again with: uavcover plan"
+        ) from error
+    if not np.isfinite(points).all():
+        raise InputError(
+            f"{source}: a waypoint has a coordinate that is not a number; make it again with: uavcover plan"
+        )
+    return planned
+
+
+def pareto_csv(plan: Plan) -> str:
+    """``pareto.csv``: one row a member, numbers unrounded."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(PARETO_COLUMNS)
+    for index, member in enumerate(plan.members):
+        writer.writerow([index, *_pareto_values(member), int(member is plan.chosen)])
+    return out.getvalue()
+
+
+def _pareto_values(member: RouteMember) -> list[Any]:
+    m = member.metrics
+    return [
+        repr(m.coverage_fraction), repr(m.coverage_of_coverable), m.waypoint_count, repr(m.path_length_m),
+        repr(m.flight_time_s), repr(m.min_height_agl_m), repr(m.max_height_agl_m), repr(member.violation), member.origin,
+    ]  # fmt: skip
+
+
+def verification_document(report: VerificationReport, *, source: str) -> dict[str, Any]:
+    """``verification.json``."""
+    return {"schema_version": SCHEMA_VERSION, "track": source, **dataclasses.asdict(report)}

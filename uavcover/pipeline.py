@@ -1,0 +1,278 @@
+"""The stages in their order, as functions: what the commands call, and what a script can call.
+
+``load_site`` -> ``plan`` -> ``compile_plan`` -> ``upload`` -> ``fly`` -> ``verify``; each takes what the one before gave.
+``save_*`` and ``read_*`` put the same into a run folder and take it out again.
+"""
+
+import dataclasses
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from mission_io.client import Client
+from mission_io.formats import csv as csv_format
+from mission_io.formats import geojson, kml, wpl
+from mission_io.formats import plan as plan_format
+from mission_io.verification import Verification
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.coverage.sensors import reach_at_height_m
+from uavcover.documents import (
+    PlannedDocument,
+    pareto_csv,
+    plan_document,
+    read_plan_document,
+    verification_document,
+)
+from uavcover.errors import InputError
+from uavcover.mission_compiler import AUTOPILOTS, CompiledMission, compile_mission
+from uavcover.model.report import VerificationReport
+from uavcover.model.route import Plan, Route
+from uavcover.model.scenario import PlannerSettings, RasterTerrain, Scenario
+from uavcover.model.track import Track
+from uavcover.model.vehicle import AutopilotName
+from uavcover.planning.baselines import best_height_agl_m
+from uavcover.planning.planner import Effort, Progress, plan_routes
+from uavcover.run_folder import SCHEMA_VERSION, RunFolder
+from uavcover.scenario import dump_scenario, load_scenario, terrain_path
+from uavcover.site import Site, build_site
+from uavcover.verification.phases import PlannedRoute
+from uavcover.verification.verify import verify_track
+
+PLAN_FILES = ("scenario.toml", "run.json", "pareto.csv", "plan.json")
+MISSION_FILES = ("mission.waypoints", "mission.plan", "fence.waypoints", "rally.waypoints", "mission.kml")
+FLIGHT_FILES = ("track.csv", "flight.rrd")
+
+EXPORT_FORMATS = ("waypoints", "plan", "kml", "geojson", "csv")
+
+
+def load_site(scenario: str | Path | Scenario) -> Site:
+    """A scenario (a file, the name of a bundled one, or loaded already) on its ground.
+
+    Raises:
+        ScenarioError, TerrainError: it cannot be understood, or its elevation data cannot be used.
+    """
+    loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    terrain = loaded.terrain
+    return build_site(loaded, terrain_file=terrain_path(terrain) if isinstance(terrain, RasterTerrain) else None)
+
+
+def plan(
+    site: Site,
+    *,
+    seed: int | None = None,
+    evaluations: int | None = None,
+    budget_s: float | None = None,
+    algorithm: str | None = None,
+    max_waypoints: int | None = None,
+    select: str | None = None,
+    workers: int | None = None,
+    should_stop: Callable[[], bool] = lambda: False,
+    on_progress: Callable[[Progress], None] = lambda _: None,
+) -> Plan:
+    """Plan the sensing route. What is not given is taken from the scenario.
+
+    Args:
+        site: the scenario on its ground.
+        seed: of every random number.
+        evaluations: full route evaluations of the optimizer; equal seed and evaluations give an equal plan.
+        budget_s: search this long instead.
+        algorithm: "imodbo" or "modbo".
+        max_waypoints: capacity of the "waypoints" encoding.
+        select: the rule by which one route is chosen.
+        workers: threads; the result does not depend on it. Default: one a core.
+        should_stop: asked after every round of the search; the best so far is returned.
+        on_progress: told after every round.
+
+    Raises:
+        InfeasibleError: no route keeps the limits.
+        InputError: an argument is out of range.
+    """
+    settings = _settings(site.scenario.planner, seed, evaluations, algorithm, max_waypoints)
+    if budget_s is not None and not budget_s > 0.0:
+        raise InputError(f"budget: {budget_s} s must be above 0")
+    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as executor:
+        return plan_routes(
+            site,
+            settings=settings,
+            select_rule=select if select is not None else site.scenario.select,
+            effort=Effort(settings.evaluations, budget_s, time.monotonic),
+            executor=executor,
+            should_stop=should_stop,
+            on_progress=on_progress,
+        )
+
+
+def _settings(
+    base: PlannerSettings, seed: int | None, evaluations: int | None, algorithm: str | None, max_waypoints: int | None
+) -> PlannerSettings:
+    changes: dict[str, Any] = {"seed": seed, "evaluations": evaluations, "algorithm": algorithm, "max_waypoints": max_waypoints}
+    try:
+        return dataclasses.replace(base, **{key: value for key, value in changes.items() if value is not None})
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
+def compile_plan(site: Site, route: Route, *, autopilot: AutopilotName | None = None) -> CompiledMission:
+    """The mission of a planned route, every leg checked; see :func:`uavcover.mission_compiler.compile_mission`."""
+    return compile_mission(site, route, autopilot=autopilot or site.scenario.vehicle.autopilot)
+
+
+def upload(
+    client: Client,
+    compiled: CompiledMission,
+    *,
+    progress: Callable[[str, int, int], None] | None = None,
+    in_flight: bool = False,
+) -> list[Verification]:
+    """Upload mission, fence and rally points, read each back and compare.
+
+    Args:
+        client: connected, with a vehicle found.
+        compiled: what to send.
+        progress: told the list's name, items across and items in all.
+        in_flight: whether an armed vehicle is meant.
+
+    Raises:
+        MissionIoError: the vehicle refused, or fell silent; says what it holds now.
+    """
+    results = []
+    for name, content in (("mission", compiled.mission), ("fence", compiled.fence), ("rally", compiled.rally)):
+        results.append(client.upload_and_verify(content, progress=_named(progress, name), in_flight=in_flight))
+    return results
+
+
+def _named(progress: Callable[[str, int, int], None] | None, name: str) -> Callable[[int, int], None] | None:
+    return None if progress is None else partial(progress, name)
+
+
+def verify(site: Site, track: Track, planned: PlannedRoute | None = None) -> VerificationReport:
+    """Coverage and safety of what was flown, on the cells of the area; see :mod:`uavcover.verification`."""
+    return verify_track(site, judging_map(site), track, planned)
+
+
+def judging_map(site: Site) -> CoverageMap:
+    """The cells that results are judged on."""
+    return CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m)
+
+
+def bounds(site: Site) -> dict[str, float]:
+    """What no plan can beat, as far as it is known, and what it can be measured by.
+
+    ``coverable_fraction``: share of the area that some allowed place sees (tried places: at least this much).
+    ``length_reference_m``: area of the map over the width of flat ground that the sensor sweeps; a reference, no bound,
+    because slopes widen the swath. Only for sensors that look along the path.
+    """
+    coverage = judging_map(site)
+    found = {"coverable_fraction": coverage.share(coverage.coverable)}
+    if site.scenario.sensor.sensing == "along-path":
+        width = 2.0 * reach_at_height_m(site.scenario.sensor, best_height_agl_m(site))
+        found["length_reference_m"] = float(site.area.area) / width
+    return found
+
+
+def save_plan(run: RunFolder, site: Site, result: Plan, *, seed: int, command: Sequence[str]) -> None:
+    """Write the scenario, the Pareto set and the chosen route into a run folder that was prepared for it."""
+    run.write_text("scenario.toml", dump_scenario(site.scenario))
+    run.write_text("pareto.csv", pareto_csv(result))
+    run.write_json("plan.json", plan_document(site, result, seed=seed, bounds=bounds(site)))
+    run.write_json("run.json", _run_document(site, seed=seed, command=command, plan_wall_s=result.wall_s))
+
+
+def save_mission(run: RunFolder, compiled: CompiledMission, *, autopilot: AutopilotName, name: str) -> None:
+    """Write the mission files into a run folder."""
+    home = compiled.mission.home
+    if home is None:
+        raise InputError("the mission has no home")
+    run.write_text("mission.waypoints", wpl.write_mission(compiled.mission))
+    run.write_text("fence.waypoints", wpl.write_fence(compiled.fence, home))
+    run.write_text("rally.waypoints", wpl.write_rally(compiled.rally, home))
+    run.write_text("mission.plan", export_text(compiled, "plan", autopilot=autopilot, name=name))
+    run.write_text("mission.kml", export_text(compiled, "kml", autopilot=autopilot, name=name))
+
+
+def export_text(compiled: CompiledMission, file_format: str, *, autopilot: AutopilotName, name: str) -> str:
+    """A compiled mission in one of EXPORT_FORMATS.
+
+    Raises:
+        InputError: another format.
+    """
+    match file_format:
+        case "waypoints":
+            return wpl.write_mission(compiled.mission)
+        case "plan":
+            return plan_format.write(
+                plan_format.PlanFile(
+                    mission=compiled.mission,
+                    fence=compiled.fence,
+                    rally=compiled.rally,
+                    mav_autopilot=AUTOPILOTS[autopilot].mav_autopilot,
+                )
+            )
+        case "kml":
+            return kml.write_mission(compiled.mission, name=name)
+        case "geojson":
+            return geojson.write_mission(compiled.mission, name=name)
+        case "csv":
+            return csv_format.write_mission(compiled.mission)
+    raise InputError(f"format {file_format!r} is not one of {', '.join(EXPORT_FORMATS)}")
+
+
+def read_planned(run: RunFolder) -> tuple[Site, PlannedDocument]:
+    """Site and chosen route of a run folder.
+
+    Raises:
+        InputError: a file is missing or broken; says which command makes it.
+    """
+    site = load_site(run.existing("scenario.toml", made_by="uavcover plan"))
+    document = run.read_json("plan.json", made_by="uavcover plan")
+    return site, read_plan_document(document, source=str(run.file("plan.json")))
+
+
+def save_verification(run: RunFolder, report: VerificationReport, *, source: str) -> None:
+    """Write ``verification.json``; it follows from other files, so it may replace an older one."""
+    run.write_json("verification.json", verification_document(report, source=source))
+
+
+def upload_document(site: Site, compiled: CompiledMission, url: str, results: Sequence[Verification]) -> dict[str, Any]:
+    """``upload.json``: what was sent, what came back, every difference and why it is or is not acceptable."""
+    limit = compiled.max_height_above_home_m + 10.0
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "name": site.scenario.name,
+        "url": url,
+        "passed": all(result.passed for result in results),
+        "first_waypoint_item": compiled.first_waypoint_item,
+        "waypoint_count": compiled.waypoint_count,
+        "return_advice": dataclasses.asdict(compiled.return_advice),
+        "autopilot_max_height_above_home_m": limit,
+        "lists": [result.as_json() for result in results],
+    }
+
+
+def _run_document(site: Site, *, seed: int, command: Sequence[str], plan_wall_s: float) -> dict[str, Any]:
+    packages = ("uavcover", "numpy", "scipy", "numba", "pyproj", "rasterio", "shapely", "pymavlink", "rerun-sdk")
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "command": list(command),
+        "seed": seed,
+        "python": platform.python_version(),
+        "platform": sys.platform,
+        "packages": {name: metadata.version(name) for name in packages},
+        "inputs": {"terrain": {"source": site.ground.source, "sha256": site.ground.sha256}},
+        "stages": {"plan": {"wall_s": plan_wall_s}},
+    }
+
+
+def add_stage(run: RunFolder, name: str, wall_s: float) -> None:
+    """Note in ``run.json`` how long a stage took."""
+    document = run.read_json("run.json", made_by="uavcover plan")
+    stages = document.get("stages")
+    document["stages"] = {**(stages if isinstance(stages, dict) else {}), name: {"wall_s": wall_s}}
+    run.write_json("run.json", document)
