@@ -37,13 +37,11 @@ def test_pymavlink_reads_our_waypoints(tmp_path: Path) -> None:
 def importer(request: pytest.FixtureRequest) -> Iterator[MissionRaw]:
     """MAVSDK's importers; they go by the vehicle that is connected, so one of ours is."""
     mavsdk.log_subscribe(lambda *_: True)
-    port_holder = UdpLink.listening()
-    port = port_holder.local_port
-    port_holder.close()
+    link = UdpLink.listening()
     configuration = mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION)
     ground = mavsdk.Mavsdk(configuration)
-    ground.add_any_connection(f"udpin://127.0.0.1:{port}")
-    with flying_on(UdpLink.connecting("127.0.0.1", port), VehiclePeer(request.param)):
+    ground.add_any_connection(f"udpout://127.0.0.1:{link.local_port}")
+    with flying_on(link, VehiclePeer(request.param)):
         system = ground.first_autopilot(10.0)
         assert system is not None
         raw = MissionRaw(system)
