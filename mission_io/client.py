@@ -277,6 +277,8 @@ class Client(Connection):
         elif upload.sent_count == total and upload.state is not UploadState.REFUSED:
             holds = "unknown"
         how_far = f"after {upload.sent_count} of {total} items; the vehicle's list is now {holds}"
+        if upload.state is UploadState.UNCONFIRMED:
+            how_far = f"and what was read back is not what was sent; {how_far}"
         return self._error(f"upload of the {_name(upload.mission_type)}", upload, how_far, holds)
 
     def _error(

@@ -27,7 +27,7 @@ class UploadState(Enum):
     BACKING_OFF = "the vehicle was busy; COUNT goes out again later"
     CANCELLING = "the vehicle is being told that the upload is off"
     ACCEPTED = "the vehicle took the list"
-    UNCONFIRMED = "everything was sent but the answer is missing or doubtful: read back"
+    UNCONFIRMED = "everything was sent, the final answer is missing or doubtful"
     REFUSED = "the vehicle refused"
     VEHICLE_CANCELLED = "the vehicle cancelled"
     CANCELLED = "this side cancelled"
