@@ -112,7 +112,12 @@ def plan(
 def _settings(
     base: PlannerSettings, seed: int | None, evaluations: int | None, algorithm: str | None, max_waypoints: int | None
 ) -> PlannerSettings:
-    changes: dict[str, Any] = {"seed": seed, "evaluations": evaluations, "algorithm": algorithm, "max_waypoints": max_waypoints}
+    changes: dict[str, Any] = {
+        "seed": seed,
+        "evaluations": evaluations,
+        "algorithm": algorithm,
+        "max_waypoints": max_waypoints,
+    }
     try:
         return dataclasses.replace(base, **{key: value for key, value in changes.items() if value is not None})
     except ValueError as error:

@@ -5,6 +5,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable
+from typing import Any
 
 import typer
 
@@ -16,7 +17,7 @@ INTERRUPTED = 130
 _settings = {"traces": False}
 
 
-def ending_well(command: Callable[..., int]) -> Callable[..., None]:
+def ending_well(command: Callable[..., Any]) -> Callable[..., None]:
     """A command that returns its exit code, as typer wants it: ending in ``typer.Exit``.
 
     Exit codes: 0 done; 1 done, and the answer is no; 2 bad usage or bad input; 3 the vehicle or the link failed; 4 no
@@ -25,7 +26,7 @@ def ending_well(command: Callable[..., int]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def wrapped(*args: object, **kwargs: object) -> None:
-        raise typer.Exit(_code(lambda: command(*args, **kwargs)))
+        raise typer.Exit(_code(lambda: int(command(*args, **kwargs))))
 
     return wrapped
 

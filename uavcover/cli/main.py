@@ -1,6 +1,7 @@
 """``uavcover``: the commands in groups."""
 
 import os
+from collections.abc import Callable
 
 import typer
 
@@ -27,7 +28,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-_GROUPS = {
+_GROUPS: dict[str, dict[str, Callable[..., int]]] = {
     "Start here": {"demo": demo, "doctor": doctor},
     "Plan": {"plan": plan, "export": export},
     "Vehicle": {

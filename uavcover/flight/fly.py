@@ -102,8 +102,7 @@ def _fly(
     monitor.listen_to(vehicle.system_id)
     autopilot = vehicle.autopilot
     conversation.tell(EventKind.STAGE, f"vehicle {vehicle.system_id}, {autopilot.name}")
-    if vehicle.armed:
-        raise VehicleError(f"vehicle {vehicle.system_id} is armed already, in {conversation.mode_name}; not touched")
+    _refuse_armed(conversation)
     simulator = simulated_by(client)
     if simulator is None and not confirmed:
         raise VehicleError(
@@ -124,6 +123,7 @@ def _fly(
         wait_until_ready(conversation)
         check_home(conversation, plan)
         check_mission(conversation, plan)
+        _refuse_armed(conversation)
         monitor.reached = -1
         recorder.start()
         arm_and_start(conversation)
@@ -144,3 +144,9 @@ def _fly(
             f"in {conversation.mode_name}{conversation.complaints}"
         )
     return outcome(Ending.LANDED)
+
+
+def _refuse_armed(conversation: Conversation) -> None:
+    vehicle = conversation.client.vehicle
+    if vehicle.armed:
+        raise VehicleError(f"vehicle {vehicle.system_id} is armed already, in {conversation.mode_name}; not touched")

@@ -70,6 +70,24 @@ def sees(
     de = eye[0] - centre[0]
     dn = eye[1] - centre[1]
     du = eye[2] - centre[2]
+    if not in_view(sight, de, dn, du, normal[0], normal[1], normal[2]):
+        return False
+    return in_line_of_sight(surface, sight, eye, centre)
+
+
+@kernel
+def in_view(sight: Sight, de: float, dn: float, du: float, ne: float, nn: float, nu: float) -> bool:
+    """Whether a cell is in range, inside the field of view and not too oblique.
+
+    Args:
+        sight: the sensor.
+        de: from the cell to the sensor, east.
+        dn: north.
+        du: up.
+        ne: unit normal of the cell, east.
+        nn: north.
+        nu: up.
+    """
     horizontal2 = de * de + dn * dn
     if sight.kind == DISC:
         return bool(horizontal2 <= sight.reach_m * sight.reach_m)
@@ -79,12 +97,18 @@ def sees(
     if sight.kind == CONE:
         if du <= 0.0 or horizontal2 > (du * sight.tan_half_fov) ** 2:
             return False
-        along_normal = de * normal[0] + dn * normal[1] + du * normal[2]
-        if along_normal < sight.cos_max_incidence * math.sqrt(distance2):
-            return False
+        return bool(de * ne + dn * nn + du * nu >= sight.cos_max_incidence * math.sqrt(distance2))
+    return True
+
+
+@kernel
+def in_line_of_sight(surface: Surface, sight: Sight, eye: NDArray[np.float64], centre: NDArray[np.float64]) -> bool:
+    """Whether nothing of the ground stands between ``eye`` (3,) and the centre (3,) of a cell."""
     if sight.line_of_sight == RAY:
-        lowest = height_range_above(surface, eye, centre, -GRAZING_M)[0]
-        return lowest >= -GRAZING_M
+        if eye[2] - centre[2] >= surface.steepest * math.hypot(eye[0] - centre[0], eye[1] - centre[1]):
+            # The ray leaves the ground more steeply than the ground can rise anywhere: nothing stands in its way.
+            return True
+        return bool(height_range_above(surface, eye, centre, -GRAZING_M)[0] >= -GRAZING_M)
     if sight.line_of_sight == MIDPOINT:
         middle = height(surface, 0.5 * (eye[0] + centre[0]), 0.5 * (eye[1] + centre[1]))
         return bool(0.5 * (eye[2] + centre[2]) >= middle)
@@ -95,6 +119,7 @@ def sees(
 def look(surface: Surface, sight: Sight, cells: Cells, eye: NDArray[np.float64], seen: NDArray[np.bool_]) -> int:
     """Mark in ``seen`` (n,) every cell that the sensor at ``eye`` (3,) sees; returns how many are new."""
     rows, columns = cells.lattice.shape
+    centre, normal = cells.centre_m, cells.normal
     reach = sight.reach_m
     if sight.kind == CONE:
         # The slant range bounds the radius: r = range sin(half angle).
@@ -109,7 +134,18 @@ def look(surface: Surface, sight: Sight, cells: Cells, eye: NDArray[np.float64],
         last = min(columns - 1, math.floor((eye[0] + half - cells.east0_m) / cells.size_m + 1e-9))
         for j in range(first, last + 1):
             cell = cells.lattice[i, j]
-            if cell >= 0 and not seen[cell] and sees(surface, sight, eye, cells.centre_m[cell], cells.normal[cell]):
+            if cell < 0 or seen[cell]:
+                continue
+            # Numbers, not array slices: this is the innermost loop of all planning.
+            if in_view(
+                sight,
+                eye[0] - centre[cell, 0],
+                eye[1] - centre[cell, 1],
+                eye[2] - centre[cell, 2],
+                normal[cell, 0],
+                normal[cell, 1],
+                normal[cell, 2],
+            ) and in_line_of_sight(surface, sight, eye, centre[cell]):
                 seen[cell] = True
                 new += 1
     return new

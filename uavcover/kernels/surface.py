@@ -34,6 +34,8 @@ class Surface(NamedTuple):
         north0_m: north of the first row of nodes (GRID).
         step_m: spacing of the nodes (GRID), or the scale s (SINE_COSINE).
         up_m: (rows, columns) float64 heights of the nodes, rows going north; (1, 1) and unused for SINE_COSINE.
+        steepest: no two places of the surface have a steeper slope between them (tangent). Infinite when it is not known,
+            as with no-data.
     """
 
     kind: int
@@ -41,6 +43,7 @@ class Surface(NamedTuple):
     north0_m: float
     step_m: float
     up_m: NDArray[np.float64]
+    steepest: float
 
 
 @kernel
@@ -83,6 +86,26 @@ def gradient(surface: Surface, east: float, north: float) -> tuple[float, float]
     to_east = (1.0 - v) * (z[i, j + 1] - z[i, j]) + v * (z[i + 1, j + 1] - z[i + 1, j])
     to_north = (1.0 - u) * (z[i + 1, j] - z[i, j]) + u * (z[i + 1, j + 1] - z[i, j + 1])
     return to_east / surface.step_m, to_north / surface.step_m
+
+
+@kernel
+def steepest_slope(nodes: NDArray[np.float64], step: float) -> float:
+    """Bound on the slope between any two places of a bilinear grid, tangent; infinite when a node has no data.
+
+    Inside a cell the slope towards east lies between those of its south and north edge, and likewise towards north; the
+    larger of both edges in each direction gives a bound for the cell, and a path is no steeper than the cells it crosses.
+    """
+    rows, columns = nodes.shape
+    steepest2 = 0.0
+    for i in range(rows - 1):
+        for j in range(columns - 1):
+            east = max(abs(nodes[i, j + 1] - nodes[i, j]), abs(nodes[i + 1, j + 1] - nodes[i + 1, j]))
+            north = max(abs(nodes[i + 1, j] - nodes[i, j]), abs(nodes[i + 1, j + 1] - nodes[i, j + 1]))
+            slope2 = east * east + north * north
+            if math.isnan(slope2):
+                return math.inf
+            steepest2 = max(steepest2, slope2)
+    return math.sqrt(steepest2) / step
 
 
 @kernel

@@ -51,7 +51,7 @@ class Ground:
 def sine_cosine_ground(scale_m: float) -> Ground:
     """The paper's surface, Eq. 26, with ``scale_m`` metres to its unit."""
     empty = np.zeros((1, 1))
-    return Ground(Surface(SINE_COSINE, 0.0, 0.0, scale_m, empty), "sine-cosine (paper, Eq. 26)", "local")
+    return Ground(Surface(SINE_COSINE, 0.0, 0.0, scale_m, empty, 1.0), "sine-cosine (paper, Eq. 26)", "local")
 
 
 def grid_ground(
@@ -77,4 +77,6 @@ def grid_ground(
     """
     nodes = np.ascontiguousarray(up_m, dtype=float).copy()
     nodes.flags.writeable = False
-    return Ground(Surface(GRID, float(east0_m), float(north0_m), float(step_m), nodes), source, vertical_datum, sha256)
+    steepest = kernels.steepest_slope(nodes, float(step_m))
+    surface = Surface(GRID, float(east0_m), float(north0_m), float(step_m), nodes, steepest)
+    return Ground(surface, source, vertical_datum, sha256)

@@ -1,0 +1,172 @@
+"""``track.csv``: written row by row as it is flown, and read back with every doubt said."""
+
+import contextlib
+import csv
+import io
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from uavcover.errors import OutputError, TrackError
+from uavcover.model.track import COLUMNS, Track, TrackSample
+
+_WAYPOINT = COLUMNS.index("current_waypoint")
+
+
+class TrackWriter:
+    """Writes samples as they come; each row is in the file as soon as it is given. A context manager.
+
+    Args:
+        path: the file.
+        overwrite: whether a file that is there may be replaced.
+
+    Raises:
+        OutputError: the file is there already, or cannot be written.
+    """
+
+    def __init__(self, path: Path, *, overwrite: bool = False) -> None:
+        self.path = path
+        self.count = 0
+        try:
+            self._file = path.open("w" if overwrite else "x", encoding="ascii", newline="\n", buffering=1)
+        except FileExistsError:
+            raise OutputError(f"{path}: is there already; use --force to replace it") from None
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+        self._write(",".join(COLUMNS))
+
+    def write(self, sample: TrackSample) -> None:
+        """Add a sample.
+
+        Raises:
+            OutputError: the file cannot be written any more, for instance because the disk is full.
+        """
+        self._write(
+            ",".join([repr(float(getattr(sample, name))) for name in COLUMNS[:_WAYPOINT]])
+            + f",{sample.current_waypoint}"
+        )
+        self.count += 1
+
+    def close(self) -> None:
+        """Close the file; closing twice is fine."""
+        try:
+            self._file.close()
+        except OSError as error:
+            raise self._failed(error) from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _write(self, line: str) -> None:
+        try:
+            self._file.write(line + "\n")
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                self._file.close()
+            raise self._failed(error) from None
+
+    def _failed(self, error: OSError) -> OutputError:
+        return OutputError(f"{self.path}: cannot be written after {self.count} samples: {error.strerror}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReadTrack:
+    """A track as it was read.
+
+    Attributes:
+        track: the samples.
+        warnings: what was left out, a line for people each.
+    """
+
+    track: Track
+    warnings: tuple[str, ...]
+
+
+def read_track(path: Path) -> Track:
+    """The track in a file; what :func:`read_track_with_warnings` would warn of is left out.
+
+    Raises:
+        TrackError: see :func:`read_track_with_warnings`.
+    """
+    return read_track_with_warnings(path).track
+
+
+def read_track_with_warnings(path: Path) -> ReadTrack:
+    """The track in a file, and what was left out of it.
+
+    Columns may stand in any order and others may stand beside them. A last line that was cut off, as by a crash, is
+    left out with a warning. Anything else that is wrong is an error, which names line and column.
+
+    Raises:
+        TrackError: no such file, a column is missing, a value is missing, is no number or not finite, a latitude or
+            longitude is out of range, time does not go on, or there is no sample at all.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise TrackError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise TrackError(f"{path}: is no text; {path.suffix or 'this'} is no track.csv") from None
+    warnings: list[str] = []
+    cut_off = bool(text) and not text.endswith("\n")
+    if cut_off:
+        text, _, last = text.rpartition("\n")
+        warnings.append(f"{path}: the last line was cut off and is left out: {last[:40]!r}")
+    rows = csv.reader(io.StringIO(text))
+    header = [name.strip() for name in next(rows, [])]
+    missing = [name for name in COLUMNS if name not in header]
+    if missing:
+        raise TrackError(f"{path}: line 1: the column {missing[0]} is missing; a track has {', '.join(COLUMNS)}")
+    places = [header.index(name) for name in COLUMNS]
+    values = np.array(list(_numbers(path, rows, places)), dtype=float).reshape(-1, len(COLUMNS))
+    if len(values) == 0:
+        raise TrackError(f"{path}: there are no samples in it")
+    return ReadTrack(
+        Track(
+            time_s=values[:, 0].copy(),
+            geodetic=values[:, 1:4].copy(),
+            enu_m=values[:, 4:7].copy(),
+            attitude_deg=values[:, 7:10].copy(),
+            current_waypoint=values[:, _WAYPOINT].astype(np.int64),
+        ),
+        tuple(warnings),
+    )
+
+
+def _numbers(path: Path, rows: Iterable[list[str]], places: list[int]) -> Iterable[list[float]]:
+    """The rows in the order of COLUMNS, each value checked."""
+    before_s = -math.inf
+    for line, row in enumerate(rows, start=2):
+        if not row:
+            continue
+        values = [_number(path, line, name, row, place) for name, place in zip(COLUMNS, places, strict=True)]
+        time_s, lat_deg, lon_deg = values[:3]
+        if time_s <= before_s:
+            raise TrackError(
+                f"{path}: line {line}, time_s: {time_s!r} does not come after {before_s!r} of the line before"
+            )
+        if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
+            raise TrackError(f"{path}: line {line}, lat_deg: {lat_deg!r}, {lon_deg!r} is no place on Earth")
+        if not values[_WAYPOINT].is_integer():
+            raise TrackError(f"{path}: line {line}, current_waypoint: {values[_WAYPOINT]!r} is no whole number")
+        before_s = time_s
+        yield values
+
+
+def _number(path: Path, line: int, name: str, row: list[str], place: int) -> float:
+    if place >= len(row):
+        raise TrackError(f"{path}: line {line}, {name}: is missing; the line has {len(row)} values")
+    try:
+        value = float(row[place])
+    except ValueError:
+        raise TrackError(f"{path}: line {line}, {name}: {row[place]!r} is no number") from None
+    if not math.isfinite(value):
+        raise TrackError(f"{path}: line {line}, {name}: {row[place]!r} is not a finite number")
+    return value
