@@ -53,9 +53,7 @@ def mission(route: list[tuple[float, float, float]] | None = None, speed_m_s: fl
 
 def plan_for(wanted: Mission, *, home: GeoPoint = HOME, **changes: Any) -> FlightPlan:
     count = len(wanted.items) - 5
-    return FlightPlan(
-        mission=wanted, first_waypoint_item=3, waypoint_count=count, frame=FRAME, home=home, **changes
-    )
+    return FlightPlan(mission=wanted, first_waypoint_item=3, waypoint_count=count, frame=FRAME, home=home, **changes)
 
 
 def way_home(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Mission:

@@ -138,7 +138,7 @@ def _fly(
         landed = return_home(conversation, plan_return)
         return outcome(Ending.RETURNED if landed else Ending.LEFT_HOLDING)
     progress.update()
-    if not (progress.all_reached or monitor.mission_complete):
+    if not progress.all_reached:
         raise VehicleError(
             f"the vehicle landed and disarmed after {progress.reached_count} of {plan.waypoint_count} planned waypoints, "
             f"in {conversation.mode_name}{conversation.complaints}"

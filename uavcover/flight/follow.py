@@ -39,7 +39,8 @@ class Progress:
         number = plan.waypoint_of(monitor.current_seq, autopilot)
         last_reached = plan.waypoint_of(monitor.reached, autopilot)
         self.reached_count = max(self.reached_count, number, last_reached + 1)
-        if plan.is_past_waypoints(monitor.current_seq, autopilot):
+        at_the_end = number == plan.waypoint_count - 1 and monitor.mission_complete
+        if at_the_end or plan.is_past_waypoints(monitor.current_seq, autopilot):
             self.reached_count = plan.waypoint_count
         if number == self.heading_for:
             return

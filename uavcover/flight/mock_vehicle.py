@@ -76,7 +76,7 @@ class MockVehicle:
         self._missions = MissionServer(autopilot, local=self.address, booted_at=booted_at)
         self._streams = Streams(autopilot)
         self._steps_done = 0
-        self._quiet_since_s = 0.0
+        self._disarm_at_s = 0.0
         self._outbox: list[m.Message] = []
 
     # How the vehicle is.
@@ -171,7 +171,7 @@ class MockVehicle:
             self.say(_CRITICAL, "Preflight Fail: no valid mission")
             return CommandResult.TEMPORARILY_REJECTED
         self.armed = True
-        self._quiet_since_s = self.time_s
+        self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S
         self.speeds = self.settings.speeds
         self.current_seq = self._first_seq()
         self.mission_state = MissionState.NOT_STARTED
@@ -267,8 +267,7 @@ class MockVehicle:
             if was_landed != body.on_ground:
                 self._landing_changed(now)
             self._follow_progress()
-            idle_s = _DISARM_AFTER_LANDING_S if self.mission_state is MissionState.COMPLETE else _DISARM_WHEN_IDLE_S
-            if body.on_ground and (body.crashed or now - self._quiet_since_s >= idle_s):
+            if body.on_ground and (body.crashed or now >= self._disarm_at_s):
                 self.disarm()
         if now + 1e-9 >= self._streams.next_due_s:
             for kind in self._streams.due(now):
@@ -278,15 +277,15 @@ class MockVehicle:
         self.tell(m.ExtendedSysState)
         if not self.body.on_ground:
             return
-        self._quiet_since_s = now
+        self._disarm_at_s = now + _DISARM_AFTER_LANDING_S
         if self.body.crashed:
             self.say(_CRITICAL, "Crash: Disarming: hit the ground")
             return
         self.say(_INFO, "Landed")
         step = self.body.itinerary.step
-        if step is not None and step.seq is not None:
+        if self.mission_state is MissionState.ACTIVE and step is not None and step.seq is not None:
             self._outbox.append(m.MissionItemReached(step.seq))
-        self._complete()
+            self._complete()
         self._follow([])
 
     def _follow_progress(self) -> None:
@@ -315,7 +314,7 @@ class MockVehicle:
             self.mission_items, self.current_seq, place=self.body.place, settings=self.settings, speeds=self.speeds
         )
         self.mission_state = MissionState.ACTIVE
-        self._quiet_since_s = self.time_s
+        self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S
         self._follow(steps)
         self.tell(m.MissionCurrent)
 
