@@ -1,17 +1,21 @@
 """The flying part of the mock vehicle: a body in the air or on the ground, and the itinerary that it follows."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from mission_io.enums import LandedState
-from mission_io.items import Frame, GeoPoint, MissionItem
+from mission_io.items import Command, Frame, GeoPoint, MissionItem
 from uavcover.flight.dynamics import Airframe, PointMass, Vector, Wind, WindField
 from uavcover.flight.itinerary import Itinerary, Step
 from uavcover.frames import LocalFrame
 
 STEP_S = 0.02
 """One step of the simulation, seconds of vehicle time."""
+
+_TOUCH_M = 0.1
+"""So deep below the ground a vehicle that does not mean to land has crashed; less is standing on it."""
 
 Ground = Callable[[float, float], float]
 """Height of the ground above mean sea level in metres, at a latitude and a longitude in degrees."""
@@ -60,7 +64,10 @@ class MockBody:
         self.itinerary = Itinerary(steps, self.point, now, land_m_s=land_m_s)
 
     def place(self, item: MissionItem) -> Vector:
-        """The position that a mission item names."""
+        """The position that a mission item names; a take-off goes straight up, whatever place it names."""
+        if item.command == Command.NAV_TAKEOFF:
+            here = self.geodetic()
+            item = replace(item, lat_deg=here.lat_deg, lon_deg=here.lon_deg)
         alt_amsl_m = item.alt_m
         if item.frame is Frame.ABOVE_HOME:
             alt_amsl_m += self.home.alt_amsl_m
@@ -79,9 +86,9 @@ class MockBody:
         ground_up_m = self._ground_up_m()
         wanted = self.itinerary.wanted_velocity(now, ground_up_m)
         self.point.step(wanted, wind)
-        touching = self.point.position_m[2] <= ground_up_m
-        if touching and (self.itinerary.landing or self._ground is not None) and self.point.velocity_m_s[2] < 0.0:
-            self.crashed = not self.itinerary.landing
+        landing, above_m = self.itinerary.landing, self.point.position_m[2] - ground_up_m
+        if (landing and above_m <= 0.0) or (self._ground is not None and above_m < -_TOUCH_M):
+            self.crashed = not landing
             self.on_ground = True
             self.point.rest(up_m=ground_up_m)
 

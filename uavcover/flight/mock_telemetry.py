@@ -55,8 +55,8 @@ class Streams:
         self._interval_s = dict(DEFAULT_INTERVALS_S)
         if autopilot.mav_autopilot != AutopilotId.ARDUPILOT:
             del self._interval_s[m.EkfStatusReport]
-        self._due_s = dict.fromkeys(self._interval_s, 0.0)
-        self.next_due_s = 0.0
+        self._due_s = dict(self._interval_s)
+        self.next_due_s = min(self._due_s.values())
 
     def set_interval(self, kind: type[m.Message], interval_s: float | None, now: float) -> None:
         """Send a kind each ``interval_s`` seconds; None is never."""

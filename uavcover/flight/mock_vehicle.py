@@ -170,7 +170,7 @@ class MockVehicle:
         if self.mode is Mode.MISSION and not self._has_mission():
             self.say(_CRITICAL, "Preflight Fail: no valid mission")
             return CommandResult.TEMPORARILY_REJECTED
-        self.armed = True
+        self.armed, self.body.crashed = True, False
         self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S
         self.speeds = self.settings.speeds
         self.current_seq = self._first_seq()
@@ -187,7 +187,7 @@ class MockVehicle:
         if self.armed:
             self.say(_INFO, "Disarming motors")
         self.armed = False
-        self.body.crashed = not self.body.on_ground
+        self.body.crashed |= not self.body.on_ground
         self.body.on_ground = True
         self.body.point.rest(up_m=self.body.point.position_m[2])
         self.body.follow([], self.time_s, land_m_s=self.settings.land_m_s)
