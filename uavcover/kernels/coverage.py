@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
-from uavcover.kernels.surface import Surface, height, height_range_above
+from uavcover.kernels.surface import Surface, has_node_cell, height, height_range_between
 
 SPHERE = 0
 DISC = 1
@@ -66,7 +66,9 @@ class Sight(NamedTuple):
 def sees(
     surface: Surface, sight: Sight, eye: NDArray[np.float64], centre: NDArray[np.float64], normal: NDArray[np.float64]
 ) -> bool:
-    """Whether the sensor at ``eye`` (3,) sees the cell with this centre (3,) and normal (3,)."""
+    """Whether the sensor at ``eye`` (3,) sees the cell with this centre (3,) and normal (3,); False where it is not finite."""
+    if not math.isfinite(eye[0] + eye[1] + eye[2]):
+        return False
     de = eye[0] - centre[0]
     dn = eye[1] - centre[1]
     du = eye[2] - centre[2]
@@ -104,48 +106,59 @@ def in_view(sight: Sight, de: float, dn: float, du: float, ne: float, nn: float,
 @kernel
 def in_line_of_sight(surface: Surface, sight: Sight, eye: NDArray[np.float64], centre: NDArray[np.float64]) -> bool:
     """Whether nothing of the ground stands between ``eye`` (3,) and the centre (3,) of a cell."""
+    return _nothing_between(surface, sight, eye[0], eye[1], eye[2], centre[0], centre[1], centre[2])
+
+
+@kernel
+def _nothing_between(
+    surface: Surface, sight: Sight, ee: float, en: float, eu: float, ce: float, cn: float, cu: float
+) -> bool:
+    """:func:`in_line_of_sight` by coordinates."""
     if sight.line_of_sight == RAY:
-        if eye[2] - centre[2] >= surface.steepest * math.hypot(eye[0] - centre[0], eye[1] - centre[1]):
+        if eu - cu >= surface.steepest * math.hypot(ee - ce, en - cn) and has_node_cell(surface, ee, en):
             # The ray leaves the ground more steeply than the ground can rise anywhere: nothing stands in its way.
             return True
-        return bool(height_range_above(surface, eye, centre, -GRAZING_M)[0] >= -GRAZING_M)
+        lowest = height_range_between(surface, ee, en, eu, ce, cn, cu, -GRAZING_M)[0]
+        return bool(lowest >= -GRAZING_M)
     if sight.line_of_sight == MIDPOINT:
-        middle = height(surface, 0.5 * (eye[0] + centre[0]), 0.5 * (eye[1] + centre[1]))
-        return bool(0.5 * (eye[2] + centre[2]) >= middle)
+        return bool(0.5 * (eu + cu) >= height(surface, 0.5 * (ee + ce), 0.5 * (en + cn)))
     return True
 
 
 @kernel
 def look(surface: Surface, sight: Sight, cells: Cells, eye: NDArray[np.float64], seen: NDArray[np.bool_]) -> int:
-    """Mark in ``seen`` (n,) every cell that the sensor at ``eye`` (3,) sees; returns how many are new."""
+    """Mark in ``seen`` (n,) every cell that the sensor at ``eye`` (3,) sees; returns how many are new.
+
+    A place that is not finite sees nothing.
+    """
+    if not math.isfinite(eye[0] + eye[1] + eye[2]):
+        return 0
     rows, columns = cells.lattice.shape
     centre, normal = cells.centre_m, cells.normal
+    ee, en, eu = eye[0], eye[1], eye[2]
     reach = sight.reach_m
     if sight.kind == CONE:
         # The slant range bounds the radius: r = range sin(half angle).
         reach *= sight.tan_half_fov / math.sqrt(1.0 + sight.tan_half_fov * sight.tan_half_fov)
-    first_row = max(0, math.ceil((eye[1] - reach - cells.north0_m) / cells.size_m - 1e-9))
-    last_row = min(rows - 1, math.floor((eye[1] + reach - cells.north0_m) / cells.size_m + 1e-9))
+    # A little wider against rounding: in_view decides.
+    reach += 1e-6 * cells.size_m
+    first_row = max(0, math.ceil((eye[1] - reach - cells.north0_m) / cells.size_m))
+    last_row = min(rows - 1, math.floor((eye[1] + reach - cells.north0_m) / cells.size_m))
     new = 0
     for i in range(first_row, last_row + 1):
         dn = cells.north0_m + i * cells.size_m - eye[1]
         half = math.sqrt(max(0.0, reach * reach - dn * dn))
-        first = max(0, math.ceil((eye[0] - half - cells.east0_m) / cells.size_m - 1e-9))
-        last = min(columns - 1, math.floor((eye[0] + half - cells.east0_m) / cells.size_m + 1e-9))
+        first = max(0, math.ceil((eye[0] - half - cells.east0_m) / cells.size_m))
+        last = min(columns - 1, math.floor((eye[0] + half - cells.east0_m) / cells.size_m))
         for j in range(first, last + 1):
             cell = cells.lattice[i, j]
             if cell < 0 or seen[cell]:
                 continue
             # Numbers, not array slices: this is the innermost loop of all planning.
+            ce, cn, cu = centre[cell, 0], centre[cell, 1], centre[cell, 2]
             if in_view(
-                sight,
-                eye[0] - centre[cell, 0],
-                eye[1] - centre[cell, 1],
-                eye[2] - centre[cell, 2],
-                normal[cell, 0],
-                normal[cell, 1],
-                normal[cell, 2],
-            ) and in_line_of_sight(surface, sight, eye, centre[cell]):
+                sight, ee - ce, en - cn, eu - cu, normal[cell, 0], normal[cell, 1], normal[cell, 2]
+            ) and _nothing_between(surface, sight, ee, en, eu, ce, cn, cu):
                 seen[cell] = True
                 new += 1
     return new
@@ -183,15 +196,19 @@ def sample_path(route: NDArray[np.float64], spacing: float) -> NDArray[np.float6
     out = np.empty((count, 3))
     if n == 0:
         return out
-    out[0] = route[0]
+    # Axis by axis: an array assignment takes numba 2 s to compile.
+    for axis in range(3):
+        out[0, axis] = route[0, axis]
     k = 1
     for i in range(n - 1):
         pieces = max(1, math.ceil(_distance(route[i], route[i + 1]) / spacing - 1e-9))
-        for piece in range(1, pieces + 1):
+        for piece in range(1, pieces):
             t = piece / pieces
             for axis in range(3):
                 out[k, axis] = route[i, axis] + t * (route[i + 1, axis] - route[i, axis])
             k += 1
+        out[k] = route[i + 1]
+        k += 1
     return out
 
 
@@ -208,9 +225,8 @@ def sees_each(
     centres: NDArray[np.float64],
     normals: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """(k,) whether the sensor at each (k, 3) place sees the cell of the same row; False where a place is NaN."""
+    """(k,) whether the sensor at each (k, 3) place sees the cell of the same row; False where a place is not finite."""
     out = np.zeros(eyes.shape[0], dtype=np.bool_)
     for i in range(eyes.shape[0]):
-        if not math.isnan(eyes[i, 2]):
-            out[i] = sees(surface, sight, eyes[i], centres[i], normals[i])
+        out[i] = sees(surface, sight, eyes[i], centres[i], normals[i])
     return out
