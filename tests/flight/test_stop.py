@@ -118,3 +118,11 @@ def test_a_vehicle_that_does_not_hold_is_an_error(monkeypatch):
     monkeypatch.setattr(MockVehicle, "set_mode", refuses_guided_in_the_air)
     with pytest.raises(VehicleError, match=r"DO_SET_MODE \(176\) with DENIED"):
         scene.fly(stop=presses(scene, 35.0))
+
+
+def test_a_vehicle_that_has_just_left_the_ground_is_flown_home(monkeypatch):
+    scene = scene_with_mission()
+    monkeypatch.setattr("uavcover.flight.fly.is_flying", lambda _: False)
+    outcome = scene.fly(stop=presses(scene, 20.0))
+    assert outcome.ending is Ending.RETURNED
+    assert not scene.vehicle.armed

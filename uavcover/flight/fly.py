@@ -6,7 +6,6 @@ from enum import Enum
 
 from mission_io.client import Client
 from mission_io.errors import MissionIoError
-from mission_io.items import Command
 from uavcover.errors import VehicleError
 from uavcover.flight.conversation import Conversation, Stopped
 from uavcover.flight.events import EventKind, FlightEvent
@@ -17,7 +16,7 @@ from uavcover.flight.readiness import check_home, check_mission, request_telemet
 from uavcover.flight.recorder import Recorder
 from uavcover.flight.return_home import PlanReturn, return_home
 from uavcover.flight.simulation import simulated_by
-from uavcover.flight.start import arm_and_start, is_flying
+from uavcover.flight.start import arm_and_start, disarm_on_ground, is_flying
 from uavcover.model.track import TrackSample
 
 
@@ -130,9 +129,7 @@ def _fly(
         follow(conversation, progress=progress, longest_wait_s=longest_wait_s(plan), stops_before=0)
     except Stopped:
         progress.update()
-        if not is_flying(conversation):
-            if client.vehicle.armed:
-                client.command(Command.COMPONENT_ARM_DISARM, 0.0)
+        if not is_flying(conversation) and disarm_on_ground(conversation):
             return outcome(Ending.NOT_FLOWN)
         recorder.waypoint_of = lambda _: -1  # the items of the way home are no planned waypoints
         landed = return_home(conversation, plan_return)

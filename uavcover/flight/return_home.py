@@ -7,7 +7,7 @@ from mission_io import messages as m
 from mission_io.errors import MissionIoError
 from mission_io.items import Mission
 from uavcover.errors import UavcoverError, VehicleError
-from uavcover.flight.conversation import Conversation, Stopped, Timer
+from uavcover.flight.conversation import Conversation, Stopped
 from uavcover.flight.events import EventKind
 from uavcover.flight.follow import follow
 from uavcover.flight.start import first_seq, hold_mode, is_flying, set_current_item, set_mode, start_mission
@@ -75,13 +75,6 @@ def return_home(conversation: Conversation, plan_return: PlanReturn, *, longest_
         hold(conversation)
         return _leave(conversation, "second stop")
     return True
-
-
-def settle(conversation: Conversation, seconds: float) -> None:
-    """Listen for some vehicle time, so that the record shows how the flight was left."""
-    timer = Timer(conversation, seconds)
-    while not timer.over:
-        conversation.pump()
 
 
 def _leave(conversation: Conversation, why: str) -> bool:

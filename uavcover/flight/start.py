@@ -1,13 +1,14 @@
 """Arming and starting, in the order that each autopilot wants."""
 
 from mission_io.enums import AutopilotId, CommandResult
-from mission_io.errors import CommandRefusedError
+from mission_io.errors import CommandRefusedError, VehicleSilentError
 from mission_io.items import Command
 from mission_io.messages import MissionSetCurrent
 from uavcover.flight.conversation import Conversation, Stopped, Timer
 from uavcover.flight.events import EventKind
 from uavcover.flight.modes import Mode, custom_mode
 
+_ANSWER_S = 3.0
 _AGAIN = (CommandResult.TEMPORARILY_REJECTED, CommandResult.FAILED)
 
 
@@ -67,12 +68,23 @@ def first_seq(conversation: Conversation) -> int:
 def set_current_item(conversation: Conversation, seq: int) -> None:
     """Go on with item ``seq``, by command, or by the older message where the command is not known."""
     try:
-        conversation.client.command(Command.DO_SET_MISSION_CURRENT, float(seq))
-    except CommandRefusedError as error:
-        if error.result != CommandResult.UNSUPPORTED:
+        conversation.client.command(Command.DO_SET_MISSION_CURRENT, float(seq), timeout_s=_ANSWER_S)
+    except (CommandRefusedError, VehicleSilentError) as error:
+        if isinstance(error, CommandRefusedError) and error.result != CommandResult.UNSUPPORTED:
             raise
         to = conversation.client.vehicle
         conversation.client.send(MissionSetCurrent(to.system_id, to.component_id, seq))
+
+
+def disarm_on_ground(conversation: Conversation) -> bool:
+    """Disarm a vehicle that is not known to fly; False when it refuses, because it has just left the ground."""
+    if not conversation.client.vehicle.armed:
+        return True
+    try:
+        conversation.client.command(Command.COMPONENT_ARM_DISARM, 0.0)
+    except CommandRefusedError:
+        return False
+    return True
 
 
 def is_flying(conversation: Conversation) -> bool:
