@@ -207,7 +207,8 @@ def sample_path(route: NDArray[np.float64], spacing: float) -> NDArray[np.float6
             for axis in range(3):
                 out[k, axis] = route[i, axis] + t * (route[i + 1, axis] - route[i, axis])
             k += 1
-        out[k] = route[i + 1]
+        for axis in range(3):
+            out[k, axis] = route[i + 1, axis]
         k += 1
     return out
 
