@@ -108,9 +108,11 @@ def main() -> None:
     head = [
         "# What the planner reaches",
         "",
-        f"Command: `.venv/bin/python scripts/bench_planning.py -o {arguments.out} --seeds {arguments.seeds}`, "
-        f"{datetime.date.today().isoformat()}, uavcover {pipeline.metadata.version('uavcover')}, Python {platform.python_version()}.",
-        "Mean ± standard deviation over the seeds; lengths in metres (jacksboro) or the paper's units; every run in the .csv beside this.",
+        f"Command: `.venv/bin/python scripts/bench_planning.py -o {arguments.out} --seeds {arguments.seeds}`, ",
+        f"{datetime.date.today().isoformat()}, uavcover {pipeline.metadata.version('uavcover')}, Python "
+        f"{platform.python_version()}.",
+        "Mean ± standard deviation over the seeds; lengths in metres (jacksboro) or the paper's units. Every run is a row of the",
+        ".csv beside this page.",
         "",
     ]
     arguments.out.write_text("\n".join(head + summarise(rows)) + "\n")
