@@ -186,8 +186,9 @@ def follow_terrain(
             t = piece / pieces
             k = k + 1 if piece > 0 else k
             along[k] = start + t * length
-            east[k] = polyline[i, 0] + t * (polyline[i + 1, 0] - polyline[i, 0])
-            north[k] = polyline[i, 1] + t * (polyline[i + 1, 1] - polyline[i, 1])
+            # The corner itself at the end, not a sum that rounds beside it.
+            east[k] = polyline[i, 0] + t * (polyline[i + 1, 0] - polyline[i, 0]) if t < 1.0 else polyline[i + 1, 0]
+            north[k] = polyline[i, 1] + t * (polyline[i + 1, 1] - polyline[i, 1]) if t < 1.0 else polyline[i + 1, 1]
             ground = height(surface, east[k], north[k])
             reference[k] = ground + wanted[i] + t * (wanted[i + 1] - wanted[i])
             lowest[k] = ground + low
@@ -201,17 +202,22 @@ def follow_terrain(
     _widen(along, highest, max_slope)
     for i in range(count):
         highest[i] = -highest[i]
-        reference[i] = max(lowest[i], min(highest[i], reference[i]))
+        if not math.isnan(reference[i]):
+            reference[i] = max(lowest[i], min(highest[i], reference[i]))
     return _chords(along, east, north, reference, lowest, highest, corner, tolerance)
 
 
 @kernel
 def _widen(along: NDArray[np.float64], profile: NDArray[np.float64], max_slope: float) -> None:
-    """Raise ``profile`` in place until it is nowhere steeper than ``max_slope``."""
+    """Raise ``profile`` in place until it is nowhere steeper than ``max_slope``; NaN stays, and reaches no neighbour."""
     for i in range(1, profile.size):
-        profile[i] = max(profile[i], profile[i - 1] - max_slope * (along[i] - along[i - 1]))
+        least = profile[i - 1] - max_slope * (along[i] - along[i - 1])
+        if profile[i] < least:
+            profile[i] = least
     for i in range(profile.size - 2, -1, -1):
-        profile[i] = max(profile[i], profile[i + 1] - max_slope * (along[i + 1] - along[i]))
+        least = profile[i + 1] - max_slope * (along[i + 1] - along[i])
+        if profile[i] < least:
+            profile[i] = least
 
 
 @kernel
@@ -234,6 +240,9 @@ def _chords(
         # Slopes from here that pass between floor and ceiling at every sample so far.
         shallowest, steepest = -math.inf, math.inf
         for j in range(at + 1, along.size):
+            if math.isnan(reference[j]):
+                # No chord over ground that is not known: each sample without data stays, as NaN.
+                break
             run = along[j] - along[at]
             if run > 0.0:
                 slope = (reference[j] - reference[at]) / run
