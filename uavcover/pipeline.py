@@ -5,6 +5,7 @@
 """
 
 import dataclasses
+import hashlib
 import os
 import platform
 import sys
@@ -39,7 +40,7 @@ from uavcover.model.track import Track
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planning.baselines import best_height_agl_m
 from uavcover.planning.planner import Effort, Progress, plan_routes
-from uavcover.run_folder import SCHEMA_VERSION, RunFolder
+from uavcover.run_folder import SCHEMA_VERSION, RunFolder, json_text
 from uavcover.scenario import dump_scenario, load_scenario, terrain_path
 from uavcover.site import Site, build_site
 from uavcover.verification.phases import PlannedRoute
@@ -47,7 +48,9 @@ from uavcover.verification.verify import verify_track
 
 PLAN_FILES = ("scenario.toml", "run.json", "pareto.csv", "plan.json")
 MISSION_FILES = ("mission.waypoints", "mission.plan", "fence.waypoints", "rally.waypoints", "mission.kml")
-FLIGHT_FILES = ("track.csv", "flight.rrd")
+AFTER_FLIGHT_FILES = ("track.csv", "flight.rrd", "verification.json")
+OF_A_PLAN = (*MISSION_FILES, "upload.json", *AFTER_FLIGHT_FILES)
+"""What belongs to one plan, and says nothing about the next one in the same folder."""
 
 EXPORT_FORMATS = ("waypoints", "plan", "kml", "geojson", "csv")
 
@@ -97,6 +100,8 @@ def plan(
     settings = _settings(site.scenario.planner, seed, evaluations, algorithm, max_waypoints)
     if budget_s is not None and not budget_s > 0.0:
         raise InputError(f"budget: {budget_s} s must be above 0")
+    if workers is not None and workers < 1:
+        raise InputError(f"workers: {workers} must be at least 1")
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as executor:
         return plan_routes(
             site,
@@ -182,24 +187,42 @@ def bounds(site: Site) -> dict[str, float]:
     return found
 
 
-def save_plan(run: RunFolder, site: Site, result: Plan, *, seed: int, command: Sequence[str]) -> None:
-    """Write the scenario, the Pareto set and the chosen route into a run folder that was prepared for it."""
-    run.write_text("scenario.toml", dump_scenario(site.scenario))
-    run.write_text("pareto.csv", pareto_csv(result))
-    run.write_json("plan.json", plan_document(site, result, seed=seed, bounds=bounds(site)))
-    run.write_json("run.json", _run_document(site, seed=seed, command=command, plan_wall_s=result.wall_s))
+def save_plan(
+    run: RunFolder,
+    site: Site,
+    result: Plan,
+    *,
+    compiled: CompiledMission | None,
+    autopilot: AutopilotName,
+    seed: int,
+    command: Sequence[str],
+) -> None:
+    """Write the scenario, the Pareto set, the chosen route and its mission files, all or none.
+
+    What belonged to an older plan in the same folder (its upload, flight and verdict) is removed.
+    """
+    scenario = dump_scenario(site.scenario)
+    texts = {"scenario.toml": scenario, "pareto.csv": pareto_csv(result)}
+    if compiled is not None:
+        texts |= mission_texts(compiled, autopilot=autopilot, name=site.scenario.name)
+    about = _run_document(site, scenario, seed=seed, command=command, plan_wall_s=result.wall_s)
+    texts["run.json"] = json_text(about)
+    texts["plan.json"] = json_text(plan_document(site, result, seed=seed, bounds=bounds(site)))
+    run.write_together(texts, stale=[name for name in OF_A_PLAN if name not in texts])
 
 
-def save_mission(run: RunFolder, compiled: CompiledMission, *, autopilot: AutopilotName, name: str) -> None:
-    """Write the mission files into a run folder."""
+def mission_texts(compiled: CompiledMission, *, autopilot: AutopilotName, name: str) -> dict[str, str]:
+    """The texts of MISSION_FILES by their names."""
     home = compiled.mission.home
     if home is None:
         raise InputError("the mission has no home")
-    run.write_text("mission.waypoints", wpl.write_mission(compiled.mission))
-    run.write_text("fence.waypoints", wpl.write_fence(compiled.fence, home))
-    run.write_text("rally.waypoints", wpl.write_rally(compiled.rally, home))
-    run.write_text("mission.plan", export_text(compiled, "plan", autopilot=autopilot, name=name))
-    run.write_text("mission.kml", export_text(compiled, "kml", autopilot=autopilot, name=name))
+    return {
+        "mission.waypoints": wpl.write_mission(compiled.mission),
+        "fence.waypoints": wpl.write_fence(compiled.fence, home),
+        "rally.waypoints": wpl.write_rally(compiled.rally, home),
+        "mission.plan": export_text(compiled, "plan", autopilot=autopilot, name=name),
+        "mission.kml": export_text(compiled, "kml", autopilot=autopilot, name=name),
+    }
 
 
 def export_text(compiled: CompiledMission, file_format: str, *, autopilot: AutopilotName, name: str) -> str:
@@ -261,7 +284,9 @@ def upload_document(site: Site, compiled: CompiledMission, url: str, results: Se
     }
 
 
-def _run_document(site: Site, *, seed: int, command: Sequence[str], plan_wall_s: float) -> dict[str, Any]:
+def _run_document(
+    site: Site, scenario: str, *, seed: int, command: Sequence[str], plan_wall_s: float
+) -> dict[str, Any]:
     packages = ("uavcover", "numpy", "scipy", "numba", "pyproj", "rasterio", "shapely", "pymavlink", "rerun-sdk")
     return {
         "schema_version": SCHEMA_VERSION,
@@ -269,10 +294,20 @@ def _run_document(site: Site, *, seed: int, command: Sequence[str], plan_wall_s:
         "seed": seed,
         "python": platform.python_version(),
         "platform": sys.platform,
-        "packages": {name: metadata.version(name) for name in packages},
-        "inputs": {"terrain": {"source": site.ground.source, "sha256": site.ground.sha256}},
+        "packages": {name: _version(name) for name in packages},
+        "inputs": {
+            "scenario": {"sha256": hashlib.sha256(scenario.encode()).hexdigest()},
+            "terrain": {"source": site.ground.source, "sha256": site.ground.sha256},
+        },
         "stages": {"plan": {"wall_s": plan_wall_s}},
     }
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:  # run from a source folder that is not installed
+        return None
 
 
 def add_stage(run: RunFolder, name: str, wall_s: float) -> None:

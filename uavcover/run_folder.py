@@ -5,7 +5,7 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -38,24 +38,62 @@ class RunFolder:
             InputError: it is not; says which command makes it.
         """
         path = self.file(name)
+        if not self.path.is_dir():
+            raise InputError(f"{self.path}: no such run folder; it is made by: uavcover plan")
         if not path.is_file():
             raise InputError(f"{self.path}: has no {name}; it is made by: {made_by}")
         return path
 
-    def prepare(self, names: Iterable[str], *, force: bool) -> None:
-        """Make the folder and see that the files can be written.
+    @contextlib.contextmanager
+    def reserved(self, names: Iterable[str], *, force: bool) -> Iterator[None]:
+        """Make the folder, keep other processes of uavcover out of it, and see that the files can be written.
+
+        A folder that was made here and is still empty after an error is removed again.
 
         Raises:
-            OutputError: a file is there already and ``force`` was not said, or the folder cannot be made.
+            OutputError: a file is there already and ``force`` was not said, the folder cannot be made or written to,
+                or another process has reserved it.
         """
-        there = [name for name in names if self.file(name).exists()]
-        if there and not force:
-            raise OutputError(f"{self.path}: {', '.join(there)} would be overwritten; use --force, or another folder")
+        made = not self.path.exists()
         with _writing(self.path):
             self.path.mkdir(parents=True, exist_ok=True)
-            # A folder that cannot be written to is better known before an hour of planning than after.
-            with tempfile.TemporaryFile(dir=self.path):
-                pass
+        try:
+            with self._locked():
+                there = [name for name in names if self.file(name).exists()]
+                if there and not force:
+                    raise OutputError(
+                        f"{self.path}: {', '.join(there)} would be overwritten; use --force, or another folder"
+                    )
+                with _writing(self.path), tempfile.TemporaryFile(dir=self.path):
+                    pass  # a folder that cannot be written to is better known before an hour of planning than after
+                yield
+        except BaseException:
+            if made:
+                with contextlib.suppress(OSError):
+                    self.path.rmdir()
+            raise
+
+    @contextlib.contextmanager
+    def _locked(self) -> Iterator[None]:
+        try:
+            import fcntl
+        except ImportError:  # Windows: two planners in one folder are not noticed there
+            yield
+            return
+        with _writing(self.path):
+            handle = os.open(self.path, os.O_RDONLY)
+        try:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise OutputError(
+                    f"{self.path}: another uavcover is working in this folder; wait for it, or use another folder"
+                ) from None
+            except OSError:
+                pass  # a file system without locks
+            yield
+        finally:
+            os.close(handle)
 
     def write_text(self, name: str, text: str) -> Path:
         """Write a file whole or not at all.
@@ -63,13 +101,28 @@ class RunFolder:
         Raises:
             OutputError: it cannot be written; the file that was there before is untouched.
         """
-        path = self.file(name)
-        write_text(path, text)
-        return path
+        self.write_together({name: text})
+        return self.file(name)
 
     def write_json(self, name: str, document: dict[str, Any]) -> Path:
         """Write a JSON file whole or not at all; numbers unrounded, NaN as null."""
         return self.write_text(name, json_text(document))
+
+    def write_together(self, texts: Mapping[str, str], *, stale: Iterable[str] = ()) -> None:
+        """Write several files that belong together, and remove those that belonged to what was there before.
+
+        Raises:
+            OutputError: one cannot be written; then all the files that were there before are untouched.
+        """
+        _write_together({self.file(name): text for name, text in texts.items()}, [self.file(name) for name in stale])
+
+    def remove(self, names: Iterable[str]) -> None:
+        """Remove files, where they are there.
+
+        Raises:
+            OutputError: one cannot be removed.
+        """
+        _write_together({}, [self.file(name) for name in names])
 
     def read_json(self, name: str, *, made_by: str) -> dict[str, Any]:
         """Read a JSON file of the folder.
@@ -93,21 +146,37 @@ def write_text(path: Path, text: str) -> None:
     Raises:
         OutputError: it cannot be written; the file that was there before is untouched.
     """
-    with _writing(path):
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            umask = os.umask(0)
-            os.umask(umask)
-            os.chmod(temporary, 0o666 & ~umask)
-            os.replace(temporary, path)
-        except BaseException:
+    _write_together({path: text}, ())
+
+
+def _write_together(texts: Mapping[Path, str], stale: Iterable[Path]) -> None:
+    unfinished: dict[Path, str] = {}
+    path = next(iter(texts), Path())
+    try:
+        for path, text in texts.items():
+            with _writing(path):
+                handle, unfinished[path] = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+                with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+                    file.write(text)
+                    file.flush()
+                    os.fsync(file.fileno())
+                os.chmod(unfinished[path], 0o666 & ~_umask())
+        for path in stale:
+            with _writing(path):
+                path.unlink(missing_ok=True)
+        for path, temporary in unfinished.items():
+            with _writing(path):
+                os.replace(temporary, path)
+    finally:
+        for temporary in unfinished.values():
             with contextlib.suppress(OSError):
                 os.unlink(temporary)
-            raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
 
 
 def json_text(document: dict[str, Any]) -> str:
@@ -115,18 +184,23 @@ def json_text(document: dict[str, Any]) -> str:
     return json.dumps(_without_nan(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
+def json_line(document: dict[str, Any]) -> str:
+    """The same on one line, without its end."""
+    return json.dumps(_without_nan(document), ensure_ascii=False, allow_nan=False)
+
+
 def _without_nan(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
+        return {str(key): _without_nan(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_without_nan(item) for item in value]
     return value
 
 
 @contextlib.contextmanager
-def _writing(path: Path) -> Any:
+def _writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:

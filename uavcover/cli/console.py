@@ -1,18 +1,21 @@
 """What the commands say, and how: text or one JSON object on stdout, progress and logs on stderr."""
 
-import json
+import contextlib
 import logging
-import math
+import os
 import signal
 import sys
-import time
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import Any, TextIO
 
 from rich.console import Console as RichConsole
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+from uavcover.errors import OutputError
+from uavcover.run_folder import json_line
 
 _SHOW_AFTER_S = 2.0
 
@@ -30,29 +33,48 @@ class Console:
         self.quiet = verbosity < 0
         level = logging.WARNING if verbosity <= 0 else logging.INFO if verbosity == 1 else logging.DEBUG
         logging.basicConfig(level=level, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s", force=True)
-        self._errors = RichConsole(stderr=True)
+        self._terminal = RichConsole(stderr=True)
+        self._bar_is_there = False
 
     def say(self, line: str = "") -> None:
         """A line for people; on stderr under --json, nowhere under -q."""
         if not self.quiet:
-            sys.stderr.write(line + "\n") if self.as_json else sys.stdout.write(line + "\n")
-            (sys.stderr if self.as_json else sys.stdout).flush()
+            self._write(sys.stderr if self.as_json else sys.stdout, line)
 
     def warn(self, line: str) -> None:
         """A line that should not be missed; always on stderr."""
-        sys.stderr.write(f"warning: {line}\n")
-        sys.stderr.flush()
+        self._write(sys.stderr, f"warning: {line}")
 
     def result(self, document: dict[str, Any]) -> None:
-        """The command's answer as JSON, when that was asked for."""
-        if self.as_json:
-            sys.stdout.write(json.dumps(_plain(document), ensure_ascii=False) + "\n")
+        """The command's answer as JSON, when that was asked for.
+
+        Raises:
+            OutputError: stdout cannot be written to.
+        """
+        if not self.as_json:
+            return
+        try:
+            sys.stdout.write(json_line(document) + "\n")
             sys.stdout.flush()
+        except OSError as error:
+            discard(sys.stdout)
+            raise OutputError(f"standard output: cannot be written ({error.strerror})") from error
+
+    def _write(self, stream: TextIO, line: str) -> None:
+        if self._bar_is_there and stream.isatty():
+            self._terminal.print(line, markup=False, highlight=False, emoji=False, soft_wrap=True)
+            return
+        try:
+            stream.write(line + "\n")
+            stream.flush()
+        except OSError:
+            # The reader has gone (`uavcover fly ... | head`) or its disk is full. A vehicle in the air needs us all the same.
+            discard(stream)
 
     @contextmanager
     def progress(self, what: str, total: float | None = None) -> Iterator["Bar"]:
         """A progress bar on a terminal, for what takes over two seconds; nothing when stderr is piped."""
-        if self.quiet or not self._errors.is_terminal:
+        if self.quiet or not self._terminal.is_interactive:
             yield Bar(None, None)
             return
         columns = (
@@ -61,10 +83,21 @@ class Console:
             TextColumn("{task.fields[note]}"),
             TimeRemainingColumn(),
         )
-        with Progress(*columns, console=self._errors, transient=True) as progress:
-            progress.live.auto_refresh = True
-            task = progress.add_task(what, total=total, note="", visible=False)
+        progress = Progress(
+            *columns, console=self._terminal, transient=True, redirect_stdout=False, redirect_stderr=False
+        )
+        task = progress.add_task(what, total=total, note="")
+        appears = threading.Timer(_SHOW_AFTER_S, progress.start)
+        appears.daemon = True
+        appears.start()
+        self._bar_is_there = True
+        try:
             yield Bar(progress, task)
+        finally:
+            self._bar_is_there = False
+            appears.cancel()
+            appears.join()
+            progress.stop()
 
 
 class Bar:
@@ -72,13 +105,11 @@ class Bar:
 
     def __init__(self, progress: Progress | None, task: TaskID | None) -> None:
         self._progress, self._task = progress, task
-        self._started_s = time.monotonic()
 
     def update(self, done: float, *, total: float | None = None, note: str = "") -> None:
-        """Show how far it is; appears once it has taken two seconds."""
+        """Show how far it is."""
         if self._progress is not None and self._task is not None:
-            visible = time.monotonic() - self._started_s > _SHOW_AFTER_S
-            self._progress.update(self._task, completed=done, total=total, note=note, visible=visible)
+            self._progress.update(self._task, completed=done, total=total, note=note)
 
     def count(self, done: int, total: int) -> None:
         """Show ``done`` of ``total``."""
@@ -86,10 +117,15 @@ class Bar:
 
 
 class Interrupts:
-    """Counts Ctrl-C (and SIGTERM) instead of raising, so that work can end in good order; a third one raises."""
+    """Counts Ctrl-C (and SIGTERM) instead of raising, so that work can end in good order; a third one raises.
 
-    def __init__(self) -> None:
+    Args:
+        first: what to say at once when the first one comes.
+    """
+
+    def __init__(self, first: str) -> None:
         self.count = 0
+        self._first = first
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> "Interrupts":
@@ -104,6 +140,9 @@ class Interrupts:
     def _take(self, number: int, frame: FrameType | None) -> None:
         del number, frame
         self.count += 1
+        if self.count == 1:
+            with contextlib.suppress(OSError):
+                os.write(2, f"\n{self._first}\n".encode())  # sys.stderr may be in the middle of a write
         if self.count > 2:
             raise KeyboardInterrupt
 
@@ -112,14 +151,10 @@ class Interrupts:
         return self.count > 0
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value
+def discard(stream: TextIO) -> None:
+    """Let a stream that cannot be written to swallow what still comes, also at the end of the process."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def percent(share: float | None) -> str:

@@ -1,6 +1,7 @@
 """What ``demo`` does, stage by stage."""
 
 import json
+import math
 import select
 import subprocess
 import sys
@@ -13,10 +14,13 @@ from typing import Any
 from uavcover import pipeline
 from uavcover.cli.console import Console, metres, percent
 from uavcover.cli.ending import INTERRUPTED
-from uavcover.cli.planning import plan_into
-from uavcover.cli.vehicle import ENDED_BY_USER, fly_run, upload_run
+from uavcover.cli.flying import ENDED_BY_USER, fly_run
+from uavcover.cli.planning import PlanRequest, plan_into
+from uavcover.cli.uploading import upload_run
 from uavcover.cli.verifying import verify_run
-from uavcover.errors import VehicleError
+from uavcover.errors import InputError, VehicleError
+from uavcover.flight.fly import Ending
+from uavcover.on_vehicle import require_home
 from uavcover.run_folder import RunFolder
 
 _MOCK_START_S = 30.0
@@ -37,16 +41,18 @@ def demonstrate(
 ) -> int:
     """The whole chain; returns the exit code."""
     started = time.monotonic()
+    if not 0.0 < speed < math.inf:
+        raise InputError(f"--speed: {speed:g} is not a number above 0")
     run = RunFolder(folder)
     console.say("1 of 4  plan")
-    outcome = plan_into(
-        folder, scenario, console,
-        seed=seed, evaluations=evaluations, budget_s=None, algorithm=None, max_waypoints=None,
-        select=None, autopilot=autopilot, workers=None, force=force, command=command,
+    request = PlanRequest(
+        scenario=scenario, folder=folder, command=command, force=force, seed=seed, evaluations=evaluations,
+        autopilot=autopilot,
     )  # fmt: skip
-    _stage(run, "demo plan", started)
+    outcome = plan_into(request, console, check_site=require_home)
     if outcome.exit_code == INTERRUPTED:
         console.say(f"stopped; the plan is in {run}")
+        console.result({"run": str(run), "plan": outcome.document})
         return INTERRUPTED
     site, route = outcome.site, outcome.plan.chosen.route
     with mock_process(scenario, autopilot or site.scenario.vehicle.autopilot, speed, seed) as url:
@@ -56,8 +62,13 @@ def demonstrate(
         _stage(run, "upload", at)
         console.say(f"3 of 4  fly, {speed:g} times as fast as real time, in wind")
         at = time.monotonic()
-        flight, flown = fly_run(run, site, route, url, console, timeout_s=10.0, confirmed=False, force=force)
+        flight, flown = fly_run(run, site, route, url, console, timeout_s=10.0, confirmed=False, force=True)
         _stage(run, "fly and record", at)
+    if flight.ending is Ending.NOT_FLOWN:
+        console.result(
+            {"run": str(run), "plan": outcome.document, "upload_passed": uploaded["passed"], "flight": flown}
+        )
+        return INTERRUPTED
     console.say("4 of 4  verify from the flown track alone")
     at = time.monotonic()
     verdict = verify_run(run, console)

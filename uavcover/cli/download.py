@@ -22,13 +22,13 @@ def download(
     from mission_io.items import MissionType
     from uavcover.cli.console import Console
     from uavcover.cli.mission_files import check_output, text_of
-    from uavcover.cli.vehicle import connected
+    from uavcover.on_vehicle import connect
     from uavcover.run_folder import write_text
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     check_output(out, kind, force=force)
     wanted = list(MissionType) if kind == "all" else [MissionType.MISSION, MissionType[kind.upper()]]
-    with connected(url, None, None, timeout_s=timeout_s) as vehicle:
+    with connect(url, timeout_s=timeout_s) as vehicle, console.progress("downloading"):
         # A file needs home, which comes with the mission or from the vehicle.
         lists = {t: vehicle.client.download_content(t) for t in dict.fromkeys(wanted)}
         text, items = text_of(vehicle.client, lists, out, kind)

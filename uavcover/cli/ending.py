@@ -1,18 +1,22 @@
 """How commands end: every error becomes one line on stderr and an exit code."""
 
 import functools
-import os
+import signal
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import typer
 
 from mission_io.errors import FormatError, MissionIoError, MisuseError
 from uavcover.errors import UavcoverError
+from uavcover.run_folder import json_line
 
 INTERRUPTED = 130
+BAD_USAGE = 2
+FAULT = 70
+"""A fault of uavcover itself; 70 is what sysexits.h calls it, so that no script takes it for an answer."""
 
 _settings = {"traces": False}
 
@@ -21,36 +25,60 @@ def ending_well(command: Callable[..., Any]) -> Callable[..., None]:
     """A command that returns its exit code, as typer wants it: ending in ``typer.Exit``.
 
     Exit codes: 0 done; 1 done, and the answer is no; 2 bad usage or bad input; 3 the vehicle or the link failed; 4 no
-    feasible plan; 130 interrupted.
+    feasible plan; 130 interrupted. Under --json an error is also an object on stdout: ``error`` and ``exit_code``.
     """
 
     @functools.wraps(command)
     def wrapped(*args: object, **kwargs: object) -> None:
-        raise typer.Exit(_code(lambda: int(command(*args, **kwargs))))
+        raise typer.Exit(_code(lambda: int(command(*args, **kwargs)), as_json=bool(kwargs.get("as_json"))))
 
     return wrapped
 
 
-def _code(call: Callable[[], int]) -> int:
+def run_app(app: Callable[..., Any], arguments: Sequence[str]) -> int:
+    """Run the commands on ``arguments``; bad usage becomes one line, too. Returns the exit code."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends in as good an order as Ctrl-C
+    as_json = "--json" in arguments
+    try:
+        return int(app(list(arguments), standalone_mode=False) or 0)
+    except _UsageError as error:
+        context = getattr(error, "ctx", None)
+        command = context.command_path if context is not None else "uavcover"
+        told = getattr(error, "format_message", None)
+        text = (str(error) if told is None else str(told())).rstrip(".")
+        return _fail(f"{text}; see: {command} --help", BAD_USAGE, as_json=as_json)
+    except (KeyboardInterrupt, typer.Abort):
+        return _fail("interrupted", INTERRUPTED, as_json=as_json)
+
+
+_UsageError: type[Exception] = typer.BadParameter.__mro__[1]
+"""The root of what typer raises for bad usage; it has no public name in every version."""
+
+
+def _code(call: Callable[[], int], *, as_json: bool) -> int:
     try:
         return call()
     except UavcoverError as error:
-        return _fail(error, error.exit_code)
+        code, shown = error.exit_code, error
     except MissionIoError as error:
-        return _fail(error, 2 if isinstance(error, FormatError | MisuseError) else 3)
+        code, shown = BAD_USAGE if isinstance(error, FormatError | MisuseError) else 3, error  # type: ignore[assignment]
+    except OSError as error:
+        code, shown = BAD_USAGE, error  # type: ignore[assignment]
     except KeyboardInterrupt:
-        sys.stderr.write("interrupted\n")
-        return INTERRUPTED
-    except BrokenPipeError:
-        # Whoever read our output has gone, as in `uavcover ... | head`.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-
-
-def _fail(error: Exception, code: int) -> int:
-    if _settings["traces"]:
+        return _fail("interrupted", INTERRUPTED, as_json=as_json)
+    except Exception as error:
         traceback.print_exception(error)
-    sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
+        return _fail(f"a fault of uavcover: {type(error).__name__}: {error}", FAULT, as_json=as_json)
+    if _settings["traces"]:
+        traceback.print_exception(shown)
+    return _fail(str(shown), code, as_json=as_json)
+
+
+def _fail(text: str, code: int, *, as_json: bool) -> int:
+    line = " ".join(text.split())
+    sys.stderr.write(f"error: {line}\n" if code != INTERRUPTED else f"{line}\n")
+    if as_json:
+        sys.stdout.write(json_line({"error": line, "exit_code": code}) + "\n")
     return code
 
 

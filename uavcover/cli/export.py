@@ -29,8 +29,8 @@ def export(
         raise InputError(f"--format: {file_format!r} is not one of {', '.join(pipeline.EXPORT_FORMATS)}")
     site, planned = pipeline.read_planned(RunFolder(run))
     name = options.autopilot_name(autopilot, site.scenario.vehicle.autopilot)
-    compiled = pipeline.compile_plan(site, planned.route, autopilot=name)  # type: ignore[arg-type]
-    text = pipeline.export_text(compiled, file_format, autopilot=name, name=site.scenario.name)  # type: ignore[arg-type]
+    compiled = pipeline.compile_plan(site, planned.route, autopilot=name)
+    text = pipeline.export_text(compiled, file_format, autopilot=name, name=site.scenario.name)
     if out.exists() and not force:
         raise OutputError(f"{out}: would be overwritten; use --force, or another name")
     write_text(out, text)

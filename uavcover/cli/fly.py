@@ -13,22 +13,32 @@ def fly(
     to: options.To,
     yes: Annotated[bool, typer.Option("--yes", help="Arm a vehicle that is not simulated.")] = False,
     timeout_s: options.Timeout = 10.0,
-    mock_speed: Annotated[float, typer.Option(help="How fast the vehicle of mock: flies, times real time.")] = 20.0,
-    force: options.Force = False,
+    mock_speed: Annotated[
+        float, typer.Option(metavar="X", help="How fast the vehicle of mock: flies, times real time.")
+    ] = 20.0,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace the track, recording and verdict of an older flight.")
+    ] = False,
     as_json: options.Json = False,
     quiet: options.Quiet = False,
     verbose: options.Verbose = 0,
 ) -> int:
-    """Wait until ready, arm, start, follow, record, land. Ctrl-C: hold, then home along checked legs; twice: hold."""
+    """Wait until ready, arm, start, follow, record, land.
+
+    Ctrl-C: hold, then home along checked legs, and land; twice: hold, and leave it there; both end with 130.
+    """
+    from uavcover import pipeline
     from uavcover.cli.console import Console
     from uavcover.cli.ending import INTERRUPTED
-    from uavcover.cli.vehicle import ENDED_BY_USER, fly_run, planned_run
+    from uavcover.cli.flying import ENDED_BY_USER, fly_run
+    from uavcover.run_folder import RunFolder
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
-    folder, site, route = planned_run(run)
+    folder = RunFolder(run)
+    site, planned = pipeline.read_planned(folder)
     # A vehicle that begins with this process holds nothing yet.
     outcome, document = fly_run(
-        folder, site, route, to, console,
+        folder, site, planned.route, to, console,
         timeout_s=timeout_s, confirmed=yes, force=force, mock_speed=mock_speed, upload_first=to.startswith("mock:"),
     )  # fmt: skip
     console.result(document)

@@ -1,6 +1,7 @@
 """``uavcover``: the commands in groups."""
 
 import os
+import sys
 from collections.abc import Callable
 
 import typer
@@ -8,11 +9,12 @@ import typer
 from uavcover.cli.demo import demo
 from uavcover.cli.doctor import doctor
 from uavcover.cli.download import download
-from uavcover.cli.ending import ending_well, show_traces
+from uavcover.cli.ending import ending_well, run_app, show_traces
 from uavcover.cli.export import export
 from uavcover.cli.fly import fly
 from uavcover.cli.inspect import inspect
 from uavcover.cli.mock_vehicle import mock_vehicle
+from uavcover.cli.overview import Overview
 from uavcover.cli.plan import plan
 from uavcover.cli.plan_upload import plan_upload
 from uavcover.cli.upload import upload
@@ -20,30 +22,39 @@ from uavcover.cli.verify import verify
 
 app = typer.Typer(
     name="uavcover",
-    help="Plan flights that see all of a rugged terrain, fly them over MAVLink, and prove from the track what was seen.",
-    no_args_is_help=True,
+    cls=Overview,
+    help="Plan flights that see all of a rugged terrain, fly them, prove what was seen.",
     add_completion=False,
-    rich_markup_mode="rich",
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-_GROUPS: dict[str, dict[str, Callable[..., int]]] = {
-    "Start here": {"demo": demo, "doctor": doctor},
-    "Plan": {"plan": plan, "export": export},
-    "Vehicle": {
-        "plan-upload": plan_upload,
-        "upload": upload,
-        "download": download,
-        "fly": fly,
-        "mock-vehicle": mock_vehicle,
+_GROUPS: dict[str, dict[str, tuple[Callable[..., int], str]]] = {
+    "Start": {
+        "demo": (demo, "the whole chain on real terrain, with a mock vehicle"),
+        "doctor": (doctor, "what is installed, what works, what is missing"),
     },
-    "After the flight": {"verify": verify, "inspect": inspect},
+    "Plan": {
+        "plan": (plan, "a route that sees the area, and its mission files"),
+        "export": (export, "the mission as one file for other software"),
+    },
+    "Vehicle": {
+        "plan-upload": (plan_upload, "plan if needed, check, upload, read back, compare"),
+        "upload": (upload, "send any .waypoints or .plan file, read it back"),
+        "download": (download, "a vehicle's mission, fence or rally as a file"),
+        "fly": (fly, "arm, start, follow, record, land"),
+        "mock-vehicle": (mock_vehicle, "a MAVLink vehicle for any ground station"),
+    },
+    "After": {
+        "verify": (verify, "coverage and safety of what was flown"),
+        "inspect": (inspect, "look at the recording in 3D, as text or picture"),
+    },
 }
 
 for _title, _commands in _GROUPS.items():
-    for _name, _command in _commands.items():
-        app.command(_name, rich_help_panel=_title)(ending_well(_command))
+    for _name, (_command, _short) in _commands.items():
+        app.command(_name, short_help=_short, rich_help_panel=_title)(ending_well(_command))
 
 
 @app.callback()
@@ -55,4 +66,4 @@ def run() -> None:
     """Entry point of the ``uavcover`` command."""
     # numpy's threads would fight the planner's own for the cores.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    app()
+    sys.exit(run_app(app, sys.argv[1:] or ["--help"]))

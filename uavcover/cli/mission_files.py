@@ -1,18 +1,22 @@
 """Mission files of other software: which of a vehicle's lists they hold, and the other way round."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from mission_io.areas import Fence, RallyPoints, items_from_fence, items_from_rally
 from mission_io.client import Client
 from mission_io.content import Content
-from mission_io.errors import FormatError
+from mission_io.errors import FormatError, MissionIoError
 from mission_io.formats import plan, wpl
 from mission_io.items import Command, GeoPoint, Mission, MissionType
 from mission_io.messages import HomePosition
+from uavcover.cli.console import Console
 from uavcover.errors import InputError, OutputError
+from uavcover.frames import LocalFrame
 
 KINDS = ("mission", "fence", "rally", "all")
+_HOME_WARNING_M = 10.0
 _FENCE_COMMANDS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1)
 
 
@@ -74,6 +78,25 @@ def _of_waypoints(read: wpl.WplFile, file: Path, kind: str | None) -> Content:
 def home_of(contents: Sequence[Content]) -> GeoPoint | None:
     """The home of the mission among some lists, if there is one."""
     return next((content.home for content in contents if isinstance(content, Mission)), None)
+
+
+def warn_of_home(client: Client, home: GeoPoint | None, console: Console) -> None:
+    """Warn when the vehicle's home is not the one that the file was made for: heights above home differ by it."""
+    if home is None:
+        return
+    try:
+        here = client.request_message(HomePosition, timeout_s=3.0)
+    except MissionIoError:
+        console.warn("the vehicle does not tell its home; it was not compared with the file's")
+        return
+    east, north, up = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m).enu_from_geodetic(
+        here.lat_deg, here.lon_deg, here.alt_amsl_m
+    )[0]
+    if max(abs(east), abs(north), abs(up)) > _HOME_WARNING_M:
+        console.warn(
+            f"the vehicle's home is {math.hypot(east, north):.0f} m from the file's, {abs(up):.0f} m "
+            f"{'above' if up > 0 else 'below'} it; heights above home differ from what the file was made for"
+        )
 
 
 def check_output(out: Path, kind: str, *, force: bool) -> None:

@@ -38,6 +38,8 @@ def mock_vehicle(
     from uavcover.flight.mock_settings import Settings
     from uavcover.flight.mock_vehicle import MockVehicle
     from uavcover.mission_compiler import AUTOPILOTS
+    from uavcover.model.vehicle import AutopilotName
+    from uavcover.on_vehicle import home_of
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     used_seed = 0 if seed is None else seed
@@ -50,15 +52,16 @@ def mock_vehicle(
             raise InputError(
                 f"--home: {home!r} is no place on Earth; write latitude, longitude, height above sea level"
             )
-        place, settings, name = GeoPoint(lat, lon, alt), Settings(), "ardupilot"
+        place, settings = GeoPoint(lat, lon, alt), Settings()
+        default: AutopilotName = "ardupilot"
     else:
         site = pipeline.load_site(scenario)
-        if site.frame is None or site.home_m is None:
+        at_home = home_of(site)
+        if at_home is None:
             raise InputError(f"scenario {scenario}: has no place on Earth or no home; give --home LAT,LON,ALT_AMSL")
-        lats, lons, alts = site.frame.geodetic_from_enu(site.home_m)
-        place = GeoPoint(float(lats[0]), float(lons[0]), float(alts[0]))
-        settings, name = Settings.for_vehicle(site.scenario.vehicle), site.scenario.vehicle.autopilot
-    name = options.autopilot_name(autopilot, name)
+        place = at_home
+        settings, default = Settings.for_vehicle(site.scenario.vehicle), site.scenario.vehicle.autopilot
+    name = options.autopilot_name(autopilot, default)
     wind = Wind(speed_m_s=wind_m_s, from_deg=wind_from_deg, gust_m_s=gust_m_s)
     vehicle = MockVehicle(
         AUTOPILOTS[name], place,

@@ -5,11 +5,16 @@ from typing import Annotated
 import typer
 
 from uavcover.errors import InputError
+from uavcover.model.vehicle import AutopilotName
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors and warnings.")]
 Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Show logs; -vv for more.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite files that are there.")]
+ForcePlan = Annotated[
+    bool,
+    typer.Option("--force", help="Replace the plan that is there, and remove its mission, upload, flight and verdict."),
+]
 Autopilot = Annotated[
     str | None, typer.Option(help="ardupilot or px4; default: the scenario's.", metavar="ardupilot|px4")
 ]
@@ -22,7 +27,9 @@ To = Annotated[
         metavar="URL",
     ),
 ]
-Timeout = Annotated[float, typer.Option("--timeout", help="Seconds to wait for the vehicle's first heartbeat.")]
+Timeout = Annotated[
+    float, typer.Option("--timeout", help="Seconds to wait for the vehicle's first heartbeat.", metavar="SECONDS")
+]
 
 
 def verbosity(quiet: bool, verbose: int) -> int:
@@ -30,16 +37,18 @@ def verbosity(quiet: bool, verbose: int) -> int:
     return -1 if quiet else verbose
 
 
-def autopilot_name(text: str | None, default: str) -> str:
+def autopilot_name(text: str | None, default: AutopilotName) -> AutopilotName:
     """Check the name of an autopilot.
 
     Raises:
         InputError: it is neither.
     """
-    name = default if text is None else text
-    if name not in {"ardupilot", "px4"}:
-        raise InputError(f"--autopilot: {name!r} is neither ardupilot nor px4")
-    return name
+    match text:
+        case None:
+            return default
+        case "ardupilot" | "px4":
+            return text
+    raise InputError(f"--autopilot: {text!r} is neither ardupilot nor px4")
 
 
 def seconds(text: str | None) -> float | None:

@@ -25,20 +25,24 @@ def plan(
     autopilot: options.Autopilot = None,
     workers: Annotated[int | None, typer.Option(help="Threads; the result does not depend on it.")] = None,
     seed: options.Seed = None,
-    force: options.Force = False,
+    force: options.ForcePlan = False,
     as_json: options.Json = False,
     quiet: options.Quiet = False,
     verbose: options.Verbose = 0,
 ) -> int:
-    """Plan a route that sees the area, and write its mission files."""
+    """Plan a route that sees the area, and write its mission files.
+
+    Ctrl-C writes the best route so far and ends with 130.
+    """
     from uavcover.cli.console import Console
-    from uavcover.cli.planning import plan_into
+    from uavcover.cli.planning import PlanRequest, plan_into
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
-    outcome = plan_into(
-        run, scenario, console,
-        seed=seed, evaluations=evaluations, budget_s=options.seconds(budget), algorithm=algorithm,
-        max_waypoints=max_waypoints, select=select, autopilot=autopilot, workers=workers, force=force, command=sys.argv,
+    request = PlanRequest(
+        scenario=scenario, folder=run, command=sys.argv, force=force, seed=seed, evaluations=evaluations,
+        budget_s=options.seconds(budget), algorithm=algorithm, max_waypoints=max_waypoints, select=select,
+        autopilot=autopilot, workers=workers,
     )  # fmt: skip
+    outcome = plan_into(request, console, check_site=lambda _: None)
     console.result(outcome.document)
     return outcome.exit_code

@@ -21,32 +21,46 @@ def plan_upload(
     seed: options.Seed = None,
     timeout_s: options.Timeout = 10.0,
     in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload to a vehicle that is armed.")] = False,
-    force: options.Force = False,
+    force: options.ForcePlan = False,
     as_json: options.Json = False,
     quiet: options.Quiet = False,
     verbose: options.Verbose = 0,
 ) -> int:
-    """Plan if needed, check every leg, upload mission, fence and rally points, read back and compare."""
+    """Plan if needed, check every leg, upload mission, fence and rally points, read back and compare.
+
+    upload.json tells of the last upload; an older one is replaced.
+    """
+    from uavcover import pipeline
     from uavcover.cli.console import Console
-    from uavcover.cli.planning import plan_into
-    from uavcover.cli.vehicle import planned_run, upload_run
+    from uavcover.cli.planning import PlanRequest, plan_into
+    from uavcover.cli.uploading import upload_run
+    from uavcover.errors import InputError
+    from uavcover.on_vehicle import require_home
     from uavcover.run_folder import RunFolder
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     if Path(source).is_dir():
-        folder, site, route = planned_run(Path(source))
+        given = {"-o": run, "--select": select, "--budget": budget, "--evaluations": evaluations, "--seed": seed}
+        unused = [name for name, value in given.items() if value is not None]
+        if unused:
+            raise InputError(
+                f"{source}: is a run folder and has its plan already; {', '.join(unused)} would do nothing"
+            )
+        folder = RunFolder(source)
+        site, planned = pipeline.read_planned(folder)
+        route = planned.route
     else:
-        out = run if run is not None else Path(Path(source).stem)
-        outcome = plan_into(
-            out, source, console,
-            seed=seed, evaluations=evaluations, budget_s=options.seconds(budget), algorithm=None, max_waypoints=None,
-            select=select, autopilot=None, workers=None, force=force, command=sys.argv,
+        folder = RunFolder(run if run is not None else Path(source).stem)
+        request = PlanRequest(
+            scenario=source, folder=folder.path, command=sys.argv, force=force, seed=seed, evaluations=evaluations,
+            budget_s=options.seconds(budget), select=select,
         )  # fmt: skip
+        outcome = plan_into(request, console, check_site=require_home)
         if outcome.exit_code:
             console.warn("nothing was uploaded")
             console.result(outcome.document)
             return outcome.exit_code
-        folder, site, route = RunFolder(out), outcome.site, outcome.plan.chosen.route
+        site, route = outcome.site, outcome.plan.chosen.route
     document = upload_run(folder, site, route, to, console, timeout_s=timeout_s, in_flight=in_flight)
     console.say(f"written: {folder.file('upload.json')}")
     console.result({"run": str(folder), **document})

@@ -1,22 +1,57 @@
 """Planning into a run folder, as ``plan``, ``plan-upload`` and ``demo`` do it."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from uavcover import pipeline
-from uavcover.cli.console import Console, Interrupts, metres, percent
+from uavcover.cli.console import Bar, Console, Interrupts, metres, percent
 from uavcover.cli.ending import INTERRUPTED
 from uavcover.cli.options import autopilot_name
-from uavcover.errors import InputError
+from uavcover.errors import InfeasibleError, InputError
 from uavcover.mission_compiler import CompiledMission
 from uavcover.model.route import Plan, RouteMember
 from uavcover.planning.planner import Progress
 from uavcover.planning.selection import parse_rule
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
+
+_FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanRequest:
+    """What to plan, where to, and how; what is None is taken from the scenario.
+
+    Attributes:
+        scenario: a file, or the name of a bundled one.
+        folder: the run folder.
+        command: how it was asked for, for ``run.json``.
+        force: whether a plan that is there may be replaced, with all that belongs to it.
+        seed: of every random number.
+        evaluations: of the optimizer.
+        budget_s: search this long instead.
+        algorithm: which optimizer.
+        max_waypoints: capacity of the waypoints encoding.
+        select: rule.
+        autopilot: for whom the mission files are.
+        workers: threads.
+    """
+
+    scenario: str
+    folder: Path
+    command: Sequence[str]
+    force: bool
+    seed: int | None = None
+    evaluations: int | None = None
+    budget_s: float | None = None
+    algorithm: str | None = None
+    max_waypoints: int | None = None
+    select: str | None = None
+    autopilot: str | None = None
+    workers: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,51 +73,39 @@ class PlanOutcome:
     exit_code: int
 
 
-def plan_into(
-    folder: Path,
-    scenario: str,
-    console: Console,
-    *,
-    seed: int | None,
-    evaluations: int | None,
-    budget_s: float | None,
-    algorithm: str | None,
-    max_waypoints: int | None,
-    select: str | None,
-    autopilot: str | None,
-    workers: int | None,
-    force: bool,
-    command: Sequence[str],
-) -> PlanOutcome:
-    """Plan a scenario into a run folder, saying what happens."""
-    if select is not None:
-        parse_rule(select)
-    if algorithm is not None and algorithm not in {"imodbo", "modbo"}:
-        raise InputError(f"--algorithm: {algorithm!r} is neither imodbo nor modbo")
-    site = pipeline.load_site(scenario)
-    name = autopilot_name(autopilot, site.scenario.vehicle.autopilot)
-    run = RunFolder(folder)
-    run.prepare((*pipeline.PLAN_FILES, *pipeline.MISSION_FILES, "upload.json", *pipeline.FLIGHT_FILES), force=force)
+def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[Site], object]) -> PlanOutcome:
+    """Plan a scenario into a run folder, saying what happens; ``check_site`` may refuse the site by raising.
+
+    Raises:
+        InfeasibleError: no route keeps the limits, or the chosen one has no checked mission; in the second case the plan
+            is written all the same, without mission files.
+    """
+    if request.select is not None:
+        parse_rule(request.select)
+    if request.algorithm is not None and request.algorithm not in {"imodbo", "modbo"}:
+        raise InputError(f"--algorithm: {request.algorithm!r} is neither imodbo nor modbo")
+    site = pipeline.load_site(request.scenario)
+    check_site(site)
+    name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
+    run = RunFolder(request.folder)
     console.say(f"planning {site.scenario.name}: {site.scenario.description}".rstrip(": "))
     started = time.monotonic()
-    with Interrupts() as interrupts, console.progress("planning") as bar:
-
-        def show(progress: Progress) -> None:
-            shortest = "" if progress.shortest_m is None else f", {progress.shortest_m:.0f} m"
-            bar.update(
-                progress.evaluations, total=progress.total, note=f"{100 * progress.best_coverage:.1f} %{shortest}"
-            )
-
-        result = pipeline.plan(
-            site, seed=seed, evaluations=evaluations, budget_s=budget_s, algorithm=algorithm, max_waypoints=max_waypoints,
-            select=select, workers=workers, should_stop=interrupts.any, on_progress=show,
-        )  # fmt: skip
-        used_seed = site.scenario.planner.seed if seed is None else seed
-        pipeline.save_plan(run, site, result, seed=used_seed, command=command)
-        compiled = None
+    with (
+        run.reserved((*pipeline.PLAN_FILES, *pipeline.OF_A_PLAN), force=request.force),
+        Interrupts(_FIRST_STOP) as stops,
+    ):
+        with console.progress("planning") as bar:
+            result = _search(site, request, stops, bar)
+        compiled, refused = None, None
         if site.frame is not None and site.home_m is not None:
-            compiled = pipeline.compile_plan(site, result.chosen.route, autopilot=name)  # type: ignore[arg-type]
-            pipeline.save_mission(run, compiled, autopilot=name, name=site.scenario.name)  # type: ignore[arg-type]
+            try:
+                compiled = pipeline.compile_plan(site, result.chosen.route, autopilot=name)
+            except InfeasibleError as error:
+                refused = error
+        seed = site.scenario.planner.seed if request.seed is None else request.seed
+        pipeline.save_plan(run, site, result, compiled=compiled, autopilot=name, seed=seed, command=request.command)
+    if refused is not None:
+        raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
     _say_plan(console, run, result, compiled, time.monotonic() - started)
     code = INTERRUPTED if result.interrupted else 0 if result.rule_met else 1
     document = {
@@ -99,6 +122,18 @@ def plan_into(
     return PlanOutcome(site, result, compiled, document, code)
 
 
+def _search(site: Site, request: PlanRequest, stops: Interrupts, bar: Bar) -> Plan:
+    def show(progress: Progress) -> None:
+        shortest = "" if progress.shortest_m is None else f", {progress.shortest_m:.0f} m"
+        bar.update(progress.evaluations, total=progress.total, note=f"{100 * progress.best_coverage:.1f} %{shortest}")
+
+    return pipeline.plan(
+        site, seed=request.seed, evaluations=request.evaluations, budget_s=request.budget_s, algorithm=request.algorithm,
+        max_waypoints=request.max_waypoints, select=request.select, workers=request.workers,
+        should_stop=stops.any, on_progress=show,
+    )  # fmt: skip
+
+
 def _say_plan(console: Console, run: RunFolder, result: Plan, compiled: CompiledMission | None, wall_s: float) -> None:
     console.say(f"{'':22}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}")
     shown = [("chosen route", result.chosen)]
@@ -112,7 +147,7 @@ def _say_plan(console: Console, run: RunFolder, result: Plan, compiled: Compiled
     if not result.rule_met:
         console.warn(f"no route meets {result.rule}; the best there is has been written")
     if result.interrupted:
-        console.warn("interrupted: the best route found so far has been written")
+        console.warn(f"interrupted: the best route found so far has been written to {run}")
     if compiled is None:
         console.say("the scenario has no place on Earth: no mission files (give it an [origin] and a [home])")
         return

@@ -22,16 +22,18 @@ def upload(
 ) -> int:
     """Upload a mission, fence or rally file, read it back and compare; the terrain is not checked."""
     from uavcover.cli.console import Console
-    from uavcover.cli.mission_files import home_of, read_contents
-    from uavcover.cli.vehicle import connected, say_comparison
+    from uavcover.cli.mission_files import home_of, read_contents, warn_of_home
+    from uavcover.cli.uploading import say_comparison
+    from uavcover.on_vehicle import connect
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     contents, repairs = read_contents(file, kind)
     for repair in repairs:
         console.warn(f"{file}: repaired: {repair}")
-    console.say(f"{file}: terrain not checked (the file carries none; plan-upload checks every leg)")
+    console.warn(f"{file}: terrain not checked (the file carries none; plan-upload checks every leg)")
     results = []
-    with connected(to, home_of(contents), None, timeout_s=timeout_s) as vehicle:
+    with connect(to, home=home_of(contents), timeout_s=timeout_s) as vehicle:
+        warn_of_home(vehicle.client, home_of(contents), console)
         for content in contents:
             with console.progress("uploading") as bar:
                 results.append(vehicle.client.upload_and_verify(content, progress=bar.count, in_flight=in_flight))

@@ -45,7 +45,8 @@ def verify_run(run: RunFolder, console: Console, *, log: Path | None = None) -> 
         planned = PlannedRoute(document.route.waypoints_m, document.coverage_fraction)
     path = log if log is not None else run.existing("track.csv", made_by="uavcover fly")
     track = read_log(path, console)
-    report = pipeline.verify(site, track, planned)
+    with console.progress("verifying"):
+        report = pipeline.verify(site, track, planned)
     pipeline.save_verification(run, report, source=path.name)
     _say(console, run, report)
     return verification_document(report, source=path.name)

@@ -1,0 +1,60 @@
+"""Uploading a run's mission, as ``plan-upload`` and ``demo`` do it."""
+
+from typing import Any
+
+from mission_io.verification import Verification
+from uavcover import pipeline
+from uavcover.cli.console import Console
+from uavcover.model.route import Route
+from uavcover.on_vehicle import check_home, connect, require_home
+from uavcover.run_folder import RunFolder
+from uavcover.site import Site
+
+UPLOAD_FILE = "upload.json"
+
+
+def upload_run(
+    run: RunFolder, site: Site, route: Route, url: str, console: Console, *, timeout_s: float, in_flight: bool = False
+) -> dict[str, Any]:
+    """Check every leg and the vehicle's home, upload, read back, compare; writes ``upload.json`` and returns it.
+
+    The file tells of the last upload only: it is gone from the moment at which something is sent.
+    """
+    require_home(site)
+    pipeline.compile_plan(site, route)  # a bad leg is known before anybody is asked
+    with run.reserved((), force=True), connect(url, site, timeout_s=timeout_s) as vehicle:
+        console.say(f"vehicle {vehicle.client.vehicle.system_id} at {url}: {vehicle.client.vehicle.autopilot.name}")
+        compiled = pipeline.compile_plan(site, route, autopilot=vehicle.autopilot)
+        check_home(vehicle, site, compiled)
+        run.remove([UPLOAD_FILE])
+        with console.progress("uploading") as bar:
+            results = pipeline.upload(
+                vehicle.client,
+                compiled,
+                progress=lambda name, done, total: bar.update(done, total=total, note=name),
+                in_flight=in_flight,
+            )
+        document = pipeline.upload_document(site, compiled, url, results)
+        run.write_json(UPLOAD_FILE, document)
+    for result in results:
+        say_comparison(console, result)
+    console.say(
+        f"set the autopilot's maximum height to at least {document['autopilot_max_height_above_home_m']:.0f} m above home "
+        "(fence items carry no height)"
+    )
+    return document
+
+
+def say_comparison(console: Console, result: Verification) -> None:
+    """Say what came back differently, and warn of what should not have."""
+    name = result.mission_type.name.lower()
+    if not result.differences:
+        console.say(f"{name}: {len(result.sent)} items sent, read back equal")
+        return
+    faults = [difference for difference in result.differences if not difference.acceptable]
+    console.say(
+        f"{name}: {len(result.sent)} items sent, {len(result.differences)} fields came back changed, "
+        f"{len(result.differences) - len(faults)} by the autopilot's design"
+    )
+    for fault in faults[:5]:
+        console.warn(f"{name}: {fault}")
