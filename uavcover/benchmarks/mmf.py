@@ -1,0 +1,236 @@
+"""The 24 problems of the CEC 2020 suite for multimodal multi-objective optimization, as vectorised functions.
+
+Source: Liang, Suganthan, Qu, Gong, Yue, "Problem Definitions and Evaluation Criteria for the CEC 2020 Special Session on
+Multimodal Multiobjective Optimization", 2019; where the report and its published code and data disagree, the code and data
+are followed (docs/mmf.md lists each). All problems are minimised and have no constraints but their bounds.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Function = Callable[[FloatArray], FloatArray]
+
+_PI: Final = np.pi
+_LG2: Final = np.log10(2.0)  # base 10, as the reference data confirm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MmfProblem:
+    """One problem of the suite.
+
+    Attributes:
+        name: as in the report.
+        lower: (n,) lower bounds, read-only.
+        upper: (n,) upper bounds, read-only.
+        n_objectives: m.
+        hypervolume_reference: (m,) reference point of the suite.
+        local_sets_wanted: whether local Pareto sets belong to the reference (the problems whose names end in ``_l``, ``_l1``...).
+        function: (k, n) points to (k, m) objectives, without checks.
+    """
+
+    name: str
+    lower: FloatArray
+    upper: FloatArray
+    n_objectives: int
+    hypervolume_reference: FloatArray
+    local_sets_wanted: bool
+    function: Function
+
+    @property
+    def n_variables(self) -> int:
+        """How many variables the problem has."""
+        return int(self.lower.size)
+
+    def evaluate(self, x: FloatArray) -> FloatArray:
+        """Objectives (k, m) of (k, n) points.
+
+        Raises:
+            ValueError: the points have another number of variables.
+        """
+        points = np.asarray(x, dtype=float)
+        if points.ndim != 2 or points.shape[1] != self.n_variables:
+            raise ValueError(f"{self.name}: points of shape {points.shape}; expected (k, {self.n_variables})")
+        return self.function(points)
+
+
+def _two(f1: FloatArray, f2: FloatArray) -> FloatArray:
+    return np.column_stack([f1, f2])
+
+
+def envelope(t: FloatArray) -> FloatArray:
+    """E(t) = exp(-2 log10(2) ((t - 0.1) / 0.8)^2): makes the peaks lower from left to right."""
+    return np.asarray(np.exp(-2.0 * _LG2 * ((t - 0.1) / 0.8) ** 2))
+
+
+def _mmf1(x: FloatArray) -> FloatArray:
+    a = np.abs(x[:, 0] - 2.0)
+    return _two(a, 1.0 - np.sqrt(a) + 2.0 * (x[:, 1] - np.sin(6.0 * _PI * a + _PI)) ** 2)
+
+
+def _mmf1_e(x: FloatArray) -> FloatArray:
+    a = np.abs(x[:, 0] - 2.0)
+    amplitude = np.where(x[:, 0] < 2.0, 1.0, np.exp(x[:, 0]))
+    return _two(a, 1.0 - np.sqrt(a) + 2.0 * (x[:, 1] - amplitude * np.sin(6.0 * _PI * a + _PI)) ** 2)
+
+
+def _mmf2(x: FloatArray) -> FloatArray:
+    z = np.where(x[:, 1] <= 1.0, x[:, 1], x[:, 1] - 1.0)
+    y = z - np.sqrt(x[:, 0])
+    return _two(
+        x[:, 0], 1.0 - np.sqrt(x[:, 0]) + 2.0 * (4.0 * y**2 - 2.0 * np.cos(20.0 * _PI * y / np.sqrt(2.0)) + 2.0)
+    )
+
+
+def _mmf4(x: FloatArray) -> FloatArray:
+    z = np.where(x[:, 1] <= 1.0, x[:, 1], x[:, 1] - 1.0)
+    a = np.abs(x[:, 0])
+    return _two(a, 1.0 - x[:, 0] ** 2 + 2.0 * (z - np.sin(_PI * a)) ** 2)
+
+
+def _mmf5(x: FloatArray) -> FloatArray:
+    z = np.where(x[:, 1] <= 1.0, x[:, 1], x[:, 1] - 2.0)
+    a = np.abs(x[:, 0] - 2.0)
+    return _two(a, 1.0 - np.sqrt(a) + 2.0 * (z - np.sin(6.0 * _PI * a + _PI)) ** 2)
+
+
+def mmf7_set(a: FloatArray) -> FloatArray:
+    """The second variable on the Pareto set of MMF7, as a function of |x1 - 2|."""
+    return np.asarray((0.3 * a**2 * np.cos(24.0 * _PI * a + 4.0 * _PI) + 0.6 * a) * np.sin(6.0 * _PI * a + _PI))
+
+
+def _mmf7(x: FloatArray) -> FloatArray:
+    a = np.abs(x[:, 0] - 2.0)
+    return _two(a, 1.0 - np.sqrt(a) + (x[:, 1] - mmf7_set(a)) ** 2)
+
+
+def _mmf8(x: FloatArray) -> FloatArray:
+    z = np.where(x[:, 1] <= 4.0, x[:, 1], x[:, 1] - 4.0)
+    a = np.abs(x[:, 0])
+    s = np.sin(a)
+    return _two(s, np.sqrt(np.maximum(0.0, 1.0 - s**2)) + 2.0 * (z - s - a) ** 2)
+
+
+def _mmf10(x: FloatArray) -> FloatArray:
+    g = 2.0 - np.exp(-(((x[:, 1] - 0.2) / 0.004) ** 2)) - 0.8 * np.exp(-(((x[:, 1] - 0.6) / 0.4) ** 2))
+    return _two(x[:, 0], g / x[:, 0])
+
+
+def two_peaks(t: FloatArray) -> FloatArray:
+    """The g of MMF11 to MMF13: 2 - E(t) sin^6(2 pi t)."""
+    return np.asarray(2.0 - envelope(t) * np.sin(2.0 * _PI * t) ** 6)
+
+
+def _mmf11(x: FloatArray) -> FloatArray:
+    return _two(x[:, 0], two_peaks(x[:, 1]) / x[:, 0])
+
+
+def _mmf12(x: FloatArray) -> FloatArray:
+    g = two_peaks(x[:, 1])
+    h = 1.0 - (x[:, 0] / g) ** 2 - (x[:, 0] / g) * np.sin(8.0 * _PI * x[:, 0])
+    return _two(x[:, 0], g * h)
+
+
+def _mmf13(x: FloatArray) -> FloatArray:
+    return _two(x[:, 0], two_peaks(x[:, 1] + np.sqrt(x[:, 2])) / x[:, 0])
+
+
+def _sphere(x: FloatArray, g: FloatArray) -> FloatArray:
+    """Points of the octant of radius 1 + g that the angles x1, x2 point at."""
+    r = 1.0 + g
+    a, b = 0.5 * _PI * x[:, 0], 0.5 * _PI * x[:, 1]
+    return np.column_stack([r * np.cos(a) * np.cos(b), r * np.cos(a) * np.sin(b), r * np.sin(a)])
+
+
+def bent(x: FloatArray) -> FloatArray:
+    """The t of the ``_a`` problems: their sheets are bent along x2."""
+    return np.asarray(x[:, 2] - 0.5 * np.sin(_PI * x[:, 1]) + 0.25)
+
+
+def _mmf14(x: FloatArray) -> FloatArray:
+    return _sphere(x, 2.0 - np.sin(2.0 * _PI * x[:, 2]) ** 2)
+
+
+def _mmf14_a(x: FloatArray) -> FloatArray:
+    return _sphere(x, 2.0 - np.sin(2.0 * _PI * bent(x)) ** 2)
+
+
+def _mmf15(x: FloatArray) -> FloatArray:
+    return _sphere(x, 2.0 - envelope(x[:, 2]) * np.sin(2.0 * _PI * x[:, 2]) ** 2)
+
+
+def _mmf15_a(x: FloatArray) -> FloatArray:
+    t = bent(x)
+    return _sphere(x, 2.0 - envelope(t) * np.sin(2.0 * _PI * t) ** 2)
+
+
+def _mmf16(n_global: int, n_local: int) -> Function:
+    def function(x: FloatArray) -> FloatArray:
+        t = x[:, 2]
+        left = 2.0 - np.sin(2.0 * n_global * _PI * t) ** 2
+        right = 2.0 - envelope(t) * np.sin(2.0 * n_local * _PI * t) ** 2
+        return _sphere(x, np.where(t < 0.5, left, right))
+
+    return function
+
+
+MMF16_SETS: Final = MappingProxyType({"MMF16_l1": (2, 1), "MMF16_l2": (1, 2), "MMF16_l3": (2, 2)})
+"""Numbers of global and local Pareto sets of the MMF16 problems."""
+
+
+def _problem(
+    name: str, lower: tuple[float, ...], upper: tuple[float, ...], reference: tuple[float, ...], function: Function
+) -> MmfProblem:
+    arrays = [np.array(values, dtype=float) for values in (lower, upper, reference)]
+    for array in arrays:
+        array.flags.writeable = False
+    return MmfProblem(
+        name=name,
+        lower=arrays[0],
+        upper=arrays[1],
+        n_objectives=len(reference),
+        hypervolume_reference=arrays[2],
+        local_sets_wanted="_l" in name,
+        function=function,
+    )
+
+
+_UNIT2, _UNIT3 = ((0.0, 0.0), (1.0, 1.0)), ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+_TENTH2, _TENTH3 = ((0.1, 0.1), (1.1, 1.1)), ((0.1, 0.1, 0.1), (1.1, 1.1, 1.1))
+_R2, _R22, _R25 = (1.1, 1.1), (2.2, 2.2, 2.2), (2.5, 2.5, 2.5)
+
+PROBLEMS: Final = MappingProxyType(
+    {
+        problem.name: problem
+        for problem in (
+            _problem("MMF1", (1.0, -1.0), (3.0, 1.0), _R2, _mmf1),
+            _problem("MMF2", (0.0, 0.0), (1.0, 2.0), _R2, _mmf2),
+            _problem("MMF4", (-1.0, 0.0), (1.0, 2.0), _R2, _mmf4),
+            _problem("MMF5", (1.0, -1.0), (3.0, 3.0), _R2, _mmf5),
+            _problem("MMF7", (1.0, -1.0), (3.0, 1.0), _R2, _mmf7),
+            _problem("MMF8", (-_PI, 0.0), (_PI, 9.0), _R2, _mmf8),
+            _problem("MMF10", *_TENTH2, (1.21, 13.2), _mmf10),
+            _problem("MMF11", *_TENTH2, (1.21, 15.4), _mmf11),
+            _problem("MMF12", *_UNIT2, (1.54, 1.1), _mmf12),
+            _problem("MMF13", *_TENTH3, (1.54, 15.4), _mmf13),
+            _problem("MMF14", *_UNIT3, _R22, _mmf14),
+            _problem("MMF15", *_UNIT3, _R25, _mmf15),
+            _problem("MMF1_e", (1.0, -20.0), (3.0, 20.0), _R2, _mmf1_e),
+            _problem("MMF14_a", *_UNIT3, _R22, _mmf14_a),
+            _problem("MMF15_a", *_UNIT3, _R25, _mmf15_a),
+            _problem("MMF10_l", *_TENTH2, (1.21, 13.2), _mmf10),
+            _problem("MMF11_l", *_TENTH2, (1.21, 15.4), _mmf11),
+            _problem("MMF12_l", *_UNIT2, (1.54, 1.1), _mmf12),
+            _problem("MMF13_l", *_TENTH3, (1.54, 15.4), _mmf13),
+            _problem("MMF15_l", *_UNIT3, _R25, _mmf15),
+            _problem("MMF15_a_l", *_UNIT3, _R25, _mmf15_a),
+            *(_problem(name, *_UNIT3, _R25, _mmf16(*sets)) for name, sets in MMF16_SETS.items()),
+        )
+    }
+)
+"""The 24 problems by name, in the order of the report."""
