@@ -4,6 +4,9 @@ Planning sums these figures up as constraint violations; the mission compiler re
 not use them: it judges the flown track by itself.
 """
 
+import dataclasses
+import threading
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -17,40 +20,49 @@ FloatArray = NDArray[np.float64]
 
 CLIMB_TOLERANCE_DEG = 1e-6
 HEIGHT_TOLERANCE_M = 1e-6
+_ON_THE_FENCE_M = 1e-6
+_FENCE_LOCK = threading.Lock()
+"""A prepared polygon, as other modules may have made of the fence, builds its indices on first use, unsafely with threads."""
+
+
+ProblemKind = Literal[
+    "no elevation data", "too low", "too high", "below sea-level limit", "above sea-level limit", "climb", "fence"
+]
 
 
 @dataclass(frozen=True, slots=True)
 class LegProblem:
-    """A leg that breaks a limit.
+    """A leg, or a waypoint by itself, that breaks a limit.
 
     Attributes:
         leg: number of the waypoint at its end, counted from 0; leg k goes from waypoint k - 1 to k.
         kind: which limit.
-        value: what the leg has there.
+        value: what the leg has where it is worst; for the fence, metres outside of it.
         limit: what is allowed.
         unit: of both.
         east_m: where it is worst.
         north_m: where it is worst.
+        waypoint_alone: whether only the waypoint was looked at, not the leg that leads to it.
     """
 
     leg: int
-    kind: Literal[
-        "no elevation data", "too low", "too high", "below sea-level limit", "above sea-level limit", "climb", "fence"
-    ]
+    kind: ProblemKind
     value: float
     limit: float
     unit: str
     east_m: float
     north_m: float
+    waypoint_alone: bool = False
 
     def __str__(self) -> str:
+        what = f"waypoint {self.leg}" if self.waypoint_alone else f"leg to waypoint {self.leg}"
         where = f"at {self.east_m:.0f} m east, {self.north_m:.0f} m north"
         if self.kind == "no elevation data":
-            return f"leg to waypoint {self.leg}: no elevation data {where}"
+            return f"{what}: no elevation data {where}"
         if self.kind == "fence":
-            return f"leg to waypoint {self.leg}: {self.value:.1f} m outside the fence {where}"
+            return f"{what}: {self.value:.1f} m outside the fence {where}"
         amounts = f"{self.value:.1f} {self.unit} against {self.limit:.1f} {self.unit}"
-        return f"leg to waypoint {self.leg}: {self.kind}, {amounts} {where}"
+        return f"{what}: {self.kind}, {amounts} {where}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +132,9 @@ def measure_violations(site: Site, route_m: FloatArray, *, margin_m: float) -> V
 def find_problems(
     site: Site, route_m: FloatArray, *, lowest_agl_m: float, highest_agl_m: float | None
 ) -> list[LegProblem]:
-    """Every leg of an (n, 3) ENU route that breaks a limit, in flying order; legs are always looked at in full.
+    """Every leg of an (n, 3) ENU route that breaks a limit, in flying order, whatever the limits apply to.
+
+    A route of one waypoint has no leg; its waypoint is looked at instead.
 
     Args:
         site: the scenario on its ground.
@@ -128,50 +142,82 @@ def find_problems(
         lowest_agl_m: lowest height above ground.
         highest_agl_m: largest height above ground, or none.
     """
+    if len(route_m) == 1:
+        return find_waypoint_problems(site, route_m, lowest_agl_m=lowest_agl_m, highest_agl_m=highest_agl_m)
     limits = site.scenario.limits
     problems: list[LegProblem] = []
     ranges = site.ground.leg_height_ranges_m(route_m)
     alts = site.alts_amsl_m(route_m)
     angles = climb_angles_deg(route_m)
-    for leg, (low, low_at, high, high_at) in enumerate(ranges, start=1):
+    for leg, row in enumerate(ranges, start=1):
         a, b = route_m[leg - 1], route_m[leg]
-
-        def problem(
-            kind: str,
-            value: float,
-            limit: float,
-            unit: str,
-            t: float,
-            *,
-            leg: int = leg,
-            a: FloatArray = a,
-            b: FloatArray = b,
-        ) -> LegProblem:
-            place = a + t * (b - a)
-            return LegProblem(leg, kind, float(value), float(limit), unit, float(place[0]), float(place[1]))  # type: ignore[arg-type]
-
-        if not np.isfinite(low):
-            problems.append(problem("no elevation data", 0.0, 0.0, "", 0.5))
-            continue
-        if low < lowest_agl_m - HEIGHT_TOLERANCE_M:
-            problems.append(problem("too low", low, lowest_agl_m, "m above ground", low_at))
-        if highest_agl_m is not None and high > highest_agl_m + HEIGHT_TOLERANCE_M:
-            problems.append(problem("too high", high, highest_agl_m, "m above ground", high_at))
-        lowest, highest = sorted((alts[leg - 1], alts[leg]))
-        if limits.min_alt_amsl_m is not None and lowest < limits.min_alt_amsl_m - HEIGHT_TOLERANCE_M:
-            problems.append(
-                problem("below sea-level limit", lowest, limits.min_alt_amsl_m, "m AMSL", float(alts[leg] == lowest))
-            )
-        if limits.max_alt_amsl_m is not None and highest > limits.max_alt_amsl_m + HEIGHT_TOLERANCE_M:
-            problems.append(
-                problem("above sea-level limit", highest, limits.max_alt_amsl_m, "m AMSL", float(alts[leg] == highest))
-            )
+        problems += _height_problems(site, leg, (a, b), row, alts[leg - 1 : leg + 1], lowest_agl_m, highest_agl_m)
         if angles[leg - 1] > limits.max_climb_angle_deg + CLIMB_TOLERANCE_DEG:
-            problems.append(problem("climb", angles[leg - 1], limits.max_climb_angle_deg, "degrees", 1.0))
-        outside = _length_outside_fence_m(site, route_m[leg - 1 : leg + 1])
+            angle = float(angles[leg - 1])
+            problems.append(
+                LegProblem(leg, "climb", angle, limits.max_climb_angle_deg, "degrees", float(b[0]), float(b[1]))
+            )
+        outside, at = _furthest_outside_fence(site, a, b)
         if outside > 0.0:
-            problems.append(problem("fence", outside, 0.0, "m", 1.0))
+            problems.append(LegProblem(leg, "fence", outside, 0.0, "m", float(at[0]), float(at[1])))
     return problems
+
+
+def find_waypoint_problems(
+    site: Site, route_m: FloatArray, *, lowest_agl_m: float, highest_agl_m: float | None
+) -> list[LegProblem]:
+    """Every waypoint of an (n, 3) ENU route that breaks a limit by itself; the legs between are not looked at.
+
+    Args:
+        site: the scenario on its ground.
+        route_m: waypoints in flying order.
+        lowest_agl_m: lowest height above ground.
+        highest_agl_m: largest height above ground, or none.
+    """
+    problems: list[LegProblem] = []
+    rows = _waypoint_figures(site, route_m)
+    alts = site.alts_amsl_m(route_m)
+    for k, (point, row) in enumerate(zip(route_m, rows, strict=True)):
+        problems += _height_problems(site, k, (point, point), row, alts[[k, k]], lowest_agl_m, highest_agl_m)
+        outside, _ = _furthest_outside_fence(site, point, point)
+        if outside > 0.0:
+            problems.append(LegProblem(k, "fence", outside, 0.0, "m", float(point[0]), float(point[1])))
+    return [dataclasses.replace(problem, waypoint_alone=True) for problem in problems]
+
+
+def _height_problems(
+    site: Site,
+    leg: int,
+    ends_m: tuple[FloatArray, FloatArray],
+    heights: FloatArray,
+    alts_amsl_m: FloatArray,
+    lowest_agl_m: float,
+    highest_agl_m: float | None,
+) -> Iterator[LegProblem]:
+    """What is wrong with the heights of a leg between two (3,) ends; ``heights`` is its row of figures."""
+    limits = site.scenario.limits
+    a, b = ends_m
+
+    def problem(kind: ProblemKind, value: float, limit: float, unit: str, t: float) -> LegProblem:
+        place = a + t * (b - a)
+        return LegProblem(leg, kind, float(value), limit, unit, float(place[0]), float(place[1]))
+
+    low, low_at, high, high_at = heights
+    if not np.isfinite(low):
+        yield problem("no elevation data", 0.0, 0.0, "", 0.5)
+        return
+    if low < lowest_agl_m - HEIGHT_TOLERANCE_M:
+        yield problem("too low", low, lowest_agl_m, "m above ground", low_at)
+    if highest_agl_m is not None and high > highest_agl_m + HEIGHT_TOLERANCE_M:
+        yield problem("too high", high, highest_agl_m, "m above ground", high_at)
+    # Height above sea level is linear along a leg, so it is worst at an end.
+    lowest, highest = float(np.min(alts_amsl_m)), float(np.max(alts_amsl_m))
+    if limits.min_alt_amsl_m is not None and lowest < limits.min_alt_amsl_m - HEIGHT_TOLERANCE_M:
+        at = float(np.argmin(alts_amsl_m))
+        yield problem("below sea-level limit", lowest, limits.min_alt_amsl_m, "m AMSL", at)
+    if limits.max_alt_amsl_m is not None and highest > limits.max_alt_amsl_m + HEIGHT_TOLERANCE_M:
+        at = float(np.argmax(alts_amsl_m))
+        yield problem("above sea-level limit", highest, limits.max_alt_amsl_m, "m AMSL", at)
 
 
 def climb_angles_deg(route_m: FloatArray) -> FloatArray:
@@ -184,6 +230,10 @@ def _leg_figures(site: Site, route_m: FloatArray) -> FloatArray:
     """Rows as of :meth:`Ground.leg_height_ranges_m`, for the legs or for the waypoints alone, as the limits apply."""
     if site.scenario.limits.applies_to == "legs" and len(route_m) > 1:
         return site.ground.leg_height_ranges_m(route_m)
+    return _waypoint_figures(site, route_m)
+
+
+def _waypoint_figures(site: Site, route_m: FloatArray) -> FloatArray:
     heights = route_m[:, 2] - site.ground.heights_m(route_m[:, :2])
     return np.column_stack([heights, np.zeros_like(heights), heights, np.zeros_like(heights)])
 
@@ -197,11 +247,30 @@ def route_height_range_m(site: Site, route_m: FloatArray) -> tuple[float, float]
 def _length_outside_fence_m(site: Site, route_m: FloatArray) -> float:
     places = route_m[:, :2]
     if site.scenario.limits.applies_to == "waypoints" or len(places) < 2:
-        inside = shapely.intersects_xy(site.fence, places[:, 0], places[:, 1])
-        return float(sum(site.fence.distance(shapely.Point(place)) for place in places[~inside]))
-    line = shapely.LineString(places)
-    shapely.prepare(site.fence)
-    if site.fence.covers(line):
-        return 0.0
-    # A leg along the fence can differ from it by rounding: that much is no violation.
-    return float(line.difference(site.fence.buffer(1e-6)).length)
+        return float(shapely.distance(site.fence, shapely.points(places)).sum())
+    outside = _outside_fence(site, shapely.LineString(places))
+    return 0.0 if outside is None else float(shapely.length(outside))
+
+
+def _furthest_outside_fence(site: Site, a: FloatArray, b: FloatArray) -> tuple[float, FloatArray]:
+    """How far the straight line between two (3,) points leaves the fence, metres, and where (2,)."""
+    if np.array_equal(a[:2], b[:2]):
+        return float(site.fence.distance(shapely.Point(a[:2]))), a[:2]
+    outside = _outside_fence(site, shapely.LineString([a[:2], b[:2]]))
+    if outside is None:
+        return 0.0, b[:2]
+    # Corners of the parts outside and points between them: right away from a straight fence, near enough in its bays.
+    places = shapely.get_coordinates(shapely.segmentize(outside, max(float(shapely.length(outside)) / 64.0, 1e-3)))
+    distances = np.atleast_1d(shapely.distance(site.fence, shapely.points(places)))
+    worst = int(np.argmax(distances))
+    return float(distances[worst]), places[worst]
+
+
+def _outside_fence(site: Site, line: shapely.LineString) -> shapely.Geometry | None:
+    """The parts of a line outside the fence; none when it is inside. Rounding of a leg along the fence is no violation."""
+    with _FENCE_LOCK:
+        inside = site.fence.covers(line)
+    if inside:
+        return None
+    outside = line.difference(site.fence.buffer(_ON_THE_FENCE_M))
+    return None if outside.is_empty else outside

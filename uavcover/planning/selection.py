@@ -108,7 +108,7 @@ def select(members: Sequence[RouteMember], rule: Rule) -> Choice:
     if rule.kind == "coverage":
         enough = np.flatnonzero(coverage >= rule.numbers[0])
         if enough.size:
-            return Choice(int(enough[np.argmin(length[enough])]), met=True)
+            return Choice(int(enough[np.lexsort((-coverage[enough], length[enough]))[0]]), met=True)
     if rule.kind in {"coverage", "max-coverage"}:
         return Choice(int(np.lexsort((length, -coverage))[0]), met=rule.kind == "max-coverage")
     scaled = _scaled(members)
@@ -120,7 +120,7 @@ def select(members: Sequence[RouteMember], rule: Rule) -> Choice:
 def _scaled(members: Sequence[RouteMember]) -> FloatArray:
     """(n, 3) objectives, all minimised, brought to 0..1 over the set; 0 where the set has no spread."""
     values = np.array(
-        [[-m.metrics.coverage_fraction, m.metrics.waypoint_count, m.metrics.path_length_m] for m in members]
+        [[-m.metrics.coverage_of_coverable, m.metrics.waypoint_count, m.metrics.path_length_m] for m in members]
     )
     spread = np.ptp(values, axis=0)
     return np.asarray((values - values.min(axis=0)) / np.where(spread > 0.0, spread, 1.0))

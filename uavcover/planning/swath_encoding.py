@@ -57,7 +57,7 @@ class SwathEncoding:
             heights_agl_m=np.clip(heights, self._low, self._high),
             inset=max(0.0, centre.inset + float(genes[2])),
             tolerance_m=centre.tolerance_m * 4.0 ** float(genes[3]),
-            start=(centre.start + round(2.0 * (float(genes[4]) + 1.0))) % 4,
+            start=(centre.start + round(2.0 * float(genes[4]))) % 4,
         )
 
     def decode(self, genes: FloatArray) -> Route:
@@ -68,7 +68,14 @@ class SwathEncoding:
         """Genes (d,) whose layout is ``layout``, a regular one, as nearly as the genes reach."""
         centre = self._centre
         genes = np.zeros(self.lower.size)
-        genes[0] = math.remainder(layout.angle_rad - centre.angle_rad, math.pi) / (0.5 * math.pi)
+        turn = layout.angle_rad - centre.angle_rad
+        quarter_turn = math.remainder(turn, math.pi)
+        genes[0] = quarter_turn / (0.5 * math.pi)
+        start = layout.start
+        if round((turn - quarter_turn) / math.pi) % 2:
+            # Half a turn further the same lines are flown from the opposite corner.
+            start ^= 2 if len(layout.heights_agl_m) % 2 else 3
+        genes[4] = math.remainder(start - centre.start, 4) / 2.0
         genes[1] = (len(layout.heights_agl_m) - len(centre.heights_agl_m)) / SPARE_LINES
         genes[2] = layout.inset - centre.inset
         genes[3] = math.log(layout.tolerance_m / centre.tolerance_m, 4.0)

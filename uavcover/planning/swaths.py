@@ -62,7 +62,8 @@ def width_across_m(site: Site, angle_rad: float) -> float:
 def fly_layout(site: Site, layout: SwathLayout) -> Route:
     """The route of a layout, laid over the terrain.
 
-    Each line runs over the whole extent of the area inside its strip. Concave areas and holes are flown across.
+    Each line runs over the whole extent of the area inside its strip. Concave areas and holes are flown across; a strip
+    between two parts of an area that nothing lies in has no line.
     """
     c, s = math.cos(layout.angle_rad), math.sin(layout.angle_rad)
     to_lines = np.array([[c, s], [-s, c]])
@@ -75,25 +76,28 @@ def fly_layout(site: Site, layout: SwathLayout) -> Route:
     polyline: list[tuple[float, float]] = []
     wanted: list[float] = []
     for k, (across, height_agl_m) in enumerate(zip(borders, layout.heights_agl_m, strict=True)):
-        west, east = _extent(edges, strips[k], strips[k + 1])
+        extent = _extent(edges, strips[k], strips[k + 1])
+        if extent is None:
+            continue
+        west, east = extent
         inset = layout.inset * reach_at_height_m(site.scenario.sensor, float(height_agl_m))
         # Never past the middle of the line.
         inset = min(inset, 0.5 * (east - west) - 0.5) if east - west > 1.0 else 0.0
         ends = [(west + inset, across), (east - inset, across)]
-        polyline.extend(ends if k % 2 == 0 else ends[::-1])
+        polyline.extend(ends if len(polyline) % 4 == 0 else ends[::-1])
         wanted.extend([float(height_agl_m)] * 2)
     points = np.array(polyline)
     heights = np.array(wanted)
     if layout.start & 1:
         # The other end of every line first.
-        points, heights = points.reshape(-1, 2, 2)[:, ::-1].reshape(-1, 2), heights
+        points = points.reshape(-1, 2, 2)[:, ::-1].reshape(-1, 2)
     if layout.start & 2:
         points, heights = points[::-1], heights[::-1]
     return Route(lay_over_terrain(site, points @ to_lines, heights, tolerance_m=layout.tolerance_m))
 
 
-def _extent(edges: FloatArray, low: float, high: float) -> tuple[float, float]:
-    """Smallest and largest coordinate along the lines of what (n, 4) edges x1 y1 x2 y2 have inside low <= y <= high."""
+def _extent(edges: FloatArray, low: float, high: float) -> tuple[float, float] | None:
+    """Smallest and largest x of what (n, 4) edges x1 y1 x2 y2 have inside low <= y <= high; none when they have nothing."""
     x1, y1, x2, y2 = edges.T
     dy = y2 - y1
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -103,4 +107,4 @@ def _extent(edges: FloatArray, low: float, high: float) -> tuple[float, float]:
     end = np.clip(np.maximum(t_low, t_high), 0.0, 1.0)
     inside = np.where(dy != 0.0, start < end, (y1 >= low) & (y1 <= high))
     xs = np.concatenate([(x1 + start * (x2 - x1))[inside], (x1 + end * (x2 - x1))[inside]])
-    return float(xs.min()), float(xs.max())
+    return (float(xs.min()), float(xs.max())) if xs.size else None

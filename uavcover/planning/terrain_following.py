@@ -25,12 +25,13 @@ def lay_over_terrain(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArra
         tolerance_m: how far the straight chords may leave the wanted height.
 
     Returns:
-        (m, 3) ENU waypoints, corners among them.
+        (m, 3) ENU waypoints, corners among them. Where the ground has no data their height is read from the neighbours:
+        a finite number, so that the route can be compared with others; the leg checks say that data is missing there.
     """
     limits = site.scenario.limits
     band = limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m
     slack = SLACK * band
-    return follow_terrain(
+    points = follow_terrain(
         site.ground.surface,
         np.ascontiguousarray(polyline_m, dtype=float),
         np.ascontiguousarray(wanted_agl_m, dtype=float),
@@ -41,3 +42,15 @@ def lay_over_terrain(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArra
         max(tolerance_m, 0.0),
         SAMPLE_SPACING_M,
     )
+    return finite_heights(points)
+
+
+def finite_heights(points_m: FloatArray) -> FloatArray:
+    """(n, 3) points with every missing height read from its neighbours in the row; 0 when all are missing."""
+    known = np.isfinite(points_m[:, 2])
+    if known.all():
+        return points_m
+    filled = points_m.copy()
+    numbers = np.arange(len(points_m))
+    filled[:, 2] = np.interp(numbers, numbers[known], points_m[known, 2]) if known.any() else 0.0
+    return filled

@@ -3,12 +3,11 @@
 from typing import Literal
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from uavcover.kernels import route as kernels
 from uavcover.model.route import Route
-from uavcover.planning.terrain_following import lay_over_terrain
+from uavcover.planning.terrain_following import finite_heights, lay_over_terrain
 from uavcover.site import Site
 
 FloatArray = NDArray[np.float64]
@@ -48,7 +47,7 @@ class WaypointEncoding:
             active[np.argmax(nodes[:, 3])] = True
         places = nodes[active, :2]
         low, high = allowed_band_m(self._site, places)
-        points = np.column_stack([places, low + nodes[active, 2] * (high - low)])
+        points = finite_heights(np.column_stack([places, low + nodes[active, 2] * (high - low)]))
         order = kernels.nearest_neighbour_order(points, self._reference_m)
         if self._order == "improved":
             order = kernels.two_opt(points, order)
@@ -72,8 +71,3 @@ def allowed_band_m(site: Site, places_m: FloatArray) -> tuple[FloatArray, FloatA
         if limits.max_alt_amsl_m is not None:
             high = np.minimum(high, limits.max_alt_amsl_m + sea)
     return low, high
-
-
-def inside_fence(site: Site, places_m: FloatArray) -> NDArray[np.bool_]:
-    """(n,) whether (n, 2) places lie inside the fence or on it."""
-    return np.asarray(shapely.intersects_xy(site.fence, places_m[:, 0], places_m[:, 1]))

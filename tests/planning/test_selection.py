@@ -1,0 +1,99 @@
+import numpy as np
+import pytest
+
+from uavcover.errors import InputError
+from uavcover.model.route import Route, RouteMember, RouteMetrics
+from uavcover.planning.selection import Choice, parse_rule, select
+
+
+def member(coverage: float, waypoints: int, length_m: float) -> RouteMember:
+    # The share of the whole area is misleading on purpose: every rule speaks of what is coverable.
+    metrics = RouteMetrics(1.0 - coverage, coverage, waypoints, length_m, 1.0, 1.0, 1.0)
+    return RouteMember(Route(np.zeros((1, 3))), metrics, 0.0, "test")
+
+
+MEMBERS = [member(0.5, 10, 100.0), member(0.8, 20, 150.0), member(0.9, 12, 220.0), member(1.0, 30, 300.0)]
+
+
+@pytest.mark.parametrize(
+    ("rule", "index"),
+    [
+        # Scaled to 0..1: costs of coverage 1, .4, .2, 0; waypoints 0, .5, .1, 1; length 0, .25, .6, 1.
+        ("weighted", 2),  # 0.6/0.2/0.2: 0.6, 0.39, 0.26, 0.4
+        ("weighted:1,0,0", 3),
+        ("weighted:0,1,0", 0),
+        ("weighted:0,1,1", 0),
+        ("weighted:3,0,4", 1),  # 3, 2.2, 3.0, 4
+        ("weighted: 3, 0, 4", 1),
+        ("knee", 2),  # squares: 1, 0.4725, 0.41, 2
+        ("max-coverage", 3),
+        ("coverage>=0.8", 1),
+        (" coverage >= 0.81 ", 2),
+        ("coverage>=0", 0),
+        ("coverage>=1", 3),
+        ("index:1", 1),
+    ],
+)
+def test_each_rule(rule: str, index: int) -> None:
+    assert select(MEMBERS, parse_rule(rule)) == Choice(index, met=True)
+
+
+def test_coverage_out_of_reach_takes_the_best_and_says_so() -> None:
+    assert select(MEMBERS[:3], parse_rule("coverage>=0.95")) == Choice(2, met=False)
+
+
+def test_ties() -> None:
+    twins = [member(0.9, 5, 100.0), member(0.9, 4, 100.0), member(0.9, 4, 100.0)]
+    assert select(twins, parse_rule("max-coverage")).index == 0
+    assert select(twins, parse_rule("coverage>=0.5")).index == 0
+    assert select(twins, parse_rule("knee")).index == 1
+    assert select(twins, parse_rule("weighted")).index == 1
+    # Equal length: the one that sees more.
+    assert select([member(0.9, 4, 100.0), member(0.95, 5, 100.0)], parse_rule("coverage>=0.8")).index == 1
+    # Equal coverage: the shorter one, reached or not.
+    longer_first = [member(0.9, 4, 120.0), member(0.9, 5, 100.0)]
+    assert select(longer_first, parse_rule("max-coverage")).index == 1
+    assert select(longer_first, parse_rule("coverage>=0.99")) == Choice(1, met=False)
+
+
+def test_a_set_of_one() -> None:
+    for rule in ("weighted", "knee", "max-coverage", "coverage>=0.1", "index:0"):
+        assert select(MEMBERS[:1], parse_rule(rule)) == Choice(0, met=True)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "weighted:1,2", "weighted:1,2,3,4", "weighted:a,b,c", "weighted:-1,1,1", "weighted:0,0,0", "weighted:nan,1,1",
+        "weighted:inf,1,1", "weighted:1,,1",
+    ],
+)  # fmt: skip
+def test_weights_that_make_no_sense(text: str) -> None:
+    with pytest.raises(InputError, match="needs three weights"):
+        parse_rule(text)
+
+
+@pytest.mark.parametrize("text", ["coverage>=1.5", "coverage>=-0.1", "coverage>=1e", "coverage>=1e9"])
+def test_shares_that_make_no_sense(text: str) -> None:
+    with pytest.raises(InputError, match="needs a share between 0 and 1"):
+        parse_rule(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "best", "weighted:", "coverage>0.9", "coverage>=", "index:-1", "index:1.5", "KNEE"]
+)
+def test_words_that_are_no_rule(text: str) -> None:
+    with pytest.raises(InputError, match="is no rule; use weighted"):
+        parse_rule(text)
+
+
+def test_an_index_outside_the_set_and_an_empty_set() -> None:
+    with pytest.raises(InputError, match=r"index:4 is outside the set of 4 members \(0\.\.3\)"):
+        select(MEMBERS, parse_rule("index:4"))
+    with pytest.raises(InputError, match="empty"):
+        select([], parse_rule("knee"))
+
+
+def test_only_one_rule_asks_for_a_coverage() -> None:
+    assert parse_rule("coverage>=0.95").required_coverage == 0.95
+    assert parse_rule("knee").required_coverage is None

@@ -1,0 +1,145 @@
+"""The search itself: an optimizer asks, routes are decoded and evaluated, the optimizer is told."""
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.model.route import Route
+from uavcover.optimizers.interface import Optimizer
+from uavcover.planning.objectives import evaluate_routes
+
+FloatArray = NDArray[np.float64]
+
+_TIMED_ROUTES = 8
+_SHORTEST_EVALUATION_S = 1e-5
+
+
+class Encoding(Protocol):
+    """Genes on one side, routes on the other.
+
+    Attributes:
+        lower: (d,) lower bounds.
+        upper: (d,) upper bounds.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+
+    def decode(self, genes: FloatArray) -> Route:
+        """The route of a (d,) vector of genes."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Where the search is.
+
+    Attributes:
+        evaluations: routes evaluated so far.
+        total: routes that will be evaluated, or an estimate under a time budget.
+        best_coverage: largest share of the planner's cells that a feasible route sees.
+        shortest_m: shortest feasible route that reaches the required coverage, none yet or none required.
+    """
+
+    evaluations: int
+    total: int
+    best_coverage: float
+    shortest_m: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How long to search: a number of evaluations, or a time budget in seconds measured by ``now``.
+
+    The budget covers baselines and search: the baselines get at most half of it, the search at least one round. Judging
+    what was found comes on top.
+    """
+
+    evaluations: int
+    budget_s: float | None
+    now: Callable[[], float]
+
+    def is_over(self, started: float, *, share: float = 1.0) -> bool:
+        """Whether a share of the time budget, if there is one, has been used since ``started``."""
+        return self.budget_s is not None and self.now() - started >= share * self.budget_s
+
+
+def rounds_of(
+    effort: Effort,
+    started: float,
+    *,
+    encoding: Encoding,
+    coverage: CoverageMap,
+    population_size: int,
+    executor: Executor | None,
+) -> int:
+    """How many rounds the optimizer should plan for; its steps shrink with the rounds that are left (Eq. 12, 20, 21).
+
+    Under a time budget a few routes from all over the encoding are timed, after one that warms up the compiled code, and
+    what is left of the budget is divided by that. The clock ends the search all the same.
+    """
+    if effort.budget_s is None:
+        return max(1, effort.evaluations // population_size)
+    # A fixed sample: it only measures time, and must not depend on the seed of the search.
+    genes = np.random.default_rng(0).uniform(encoding.lower, encoding.upper, (_TIMED_ROUTES + 1, encoding.lower.size))
+    evaluate_routes(coverage, [encoding.decode(genes[0])])
+    before = effort.now()
+    evaluate_routes(coverage, [encoding.decode(row) for row in genes[1:]], executor)
+    each_s = max((effort.now() - before) / _TIMED_ROUTES, _SHORTEST_EVALUATION_S)
+    left_s = effort.budget_s - (effort.now() - started)
+    return max(2, math.ceil(left_s / each_s / population_size))
+
+
+def search(
+    optimizer: Optimizer,
+    *,
+    rounds: int,
+    encoding: Encoding,
+    coverage: CoverageMap,
+    effort: Effort,
+    started: float,
+    at_least_one_round: bool,
+    goal: float | None,
+    executor: Executor | None,
+    should_stop: Callable[[], bool],
+    on_progress: Callable[[Progress], None],
+) -> bool:
+    """Run the optimizer to its end, the end of the budget or the user's stop; True in the last case.
+
+    Args:
+        optimizer: fresh.
+        rounds: that it was made for.
+        encoding: of the routes.
+        coverage: on the planner's cells.
+        effort: when to stop.
+        started: when planning started.
+        at_least_one_round: whether the user's stop waits for the first round, because there is no other route yet.
+        goal: share of the planner's cells that is asked for, if one is.
+        executor: evaluates routes side by side.
+        should_stop: asked before every round.
+        on_progress: told after every round.
+    """
+    best, shortest = 0.0, math.inf
+    while not optimizer.should_stop:
+        first = optimizer.iteration == 0
+        if should_stop() and not (first and at_least_one_round):
+            return True
+        if not first and effort.is_over(started):
+            return False
+        genes = optimizer.ask()
+        values = evaluate_routes(coverage, [encoding.decode(row) for row in genes], executor)
+        optimizer.tell(values.objectives, values.violations)
+        keeps = values.violations[:, 0] <= 0.0
+        seen = -values.objectives[:, 0]
+        best = max(best, float(seen[keeps].max(initial=0.0)))
+        if goal is not None:
+            shortest = min(shortest, float(values.objectives[keeps & (seen >= goal), 2].min(initial=math.inf)))
+        total = max(rounds * len(genes), optimizer.evaluations)
+        on_progress(Progress(optimizer.evaluations, total, best, shortest if math.isfinite(shortest) else None))
+    return False
