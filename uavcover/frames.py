@@ -45,7 +45,8 @@ class LocalFrame:
     def _pipeline(self) -> Transformer:
         return Transformer.from_pipeline(
             "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 "
-            f"+step +proj=topocentric +ellps=WGS84 +lat_0={self.lat_deg!r} +lon_0={self.lon_deg!r} +h_0={self.alt_amsl_m!r}"
+            f"+step +proj=topocentric +ellps=WGS84 +lat_0={float(self.lat_deg)!r} "
+            f"+lon_0={float(self.lon_deg)!r} +h_0={float(self.alt_amsl_m)!r}"
         )
 
     def enu_from_geodetic(self, lat_deg: ArrayLike, lon_deg: ArrayLike, alt_amsl_m: ArrayLike) -> FloatArray:

@@ -14,10 +14,12 @@ from pydantic_core import ErrorDetails
 
 from uavcover.errors import ScenarioError
 from uavcover.model.area import Area, Ring
+from uavcover.model.limits import FlightLimits
 from uavcover.model.scenario import RasterTerrain, Scenario
 
 _BUNDLED = "bundled:"
-_ADAPTER = TypeAdapter(Scenario)
+_SCENARIO = TypeAdapter(Scenario)
+_AREA = TypeAdapter(Area)
 
 
 def bundled_scenarios() -> tuple[str, ...]:
@@ -36,10 +38,10 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     """
     path = Path(name_or_path)
     bundled = bundled_scenarios()
-    if str(name_or_path) in bundled and not path.exists():
+    if str(name_or_path) in bundled and not path.is_file():
         path = Path(str(resources.files("uavcover") / "scenarios" / f"{name_or_path}.toml"))
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(
             f"{name_or_path}: neither a readable scenario file ({error.__class__.__name__}) nor a bundled scenario "
@@ -61,18 +63,25 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
     """
     try:
         raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ScenarioError(f"{source}: not valid TOML: {error}") from error
+    # By way of JSON: there the validator takes a list for a tuple and a table for a dataclass, and is strict otherwise.
+    document = json.dumps(raw, default=str)
+    mistakes: list[str] = []
     try:
-        scenario = _ADAPTER.validate_python(raw)
+        scenario = _SCENARIO.validate_json(document, strict=True)
     except ValidationError as error:
-        mistakes = "; ".join(_mistake(details) for details in error.errors(include_url=False))
-        raise ScenarioError(f"{source}: {mistakes}") from error
-    scenario = dataclasses.replace(
-        scenario, area=_inline_geojson(scenario.area, source, folder), terrain=_absolute_file(scenario.terrain, folder)
+        mistakes += _mistakes(error.errors(include_url=False), raw)
+        if not any(mistake.startswith("area") for mistake in mistakes):
+            # The rest is wrong already; say in the same breath what is wrong with the shape of the area.
+            mistakes += _shape_mistakes(_AREA.validate_json(json.dumps(raw["area"], default=str), strict=True), folder)
+        raise ScenarioError(f"{source}: {'; '.join(mistakes)}") from error
+    mistakes += _shape_mistakes(scenario.area, folder) + _fence_mistakes(scenario.limits)
+    if mistakes:
+        raise ScenarioError(f"{source}: {'; '.join(mistakes)}")
+    return dataclasses.replace(
+        scenario, area=_inline_geojson(scenario.area, folder), terrain=_absolute_file(scenario.terrain, folder)
     )
-    _check_rings(scenario.area, source)
-    return scenario
 
 
 def dump_scenario(scenario: Scenario) -> str:
@@ -89,56 +98,124 @@ def terrain_path(terrain: RasterTerrain) -> Path:
     return Path(terrain.file)
 
 
-def _mistake(details: ErrorDetails) -> str:
-    # A tagged union puts its tag into the path; the user never wrote it.
-    keys = [str(part) for part in details["loc"]]
-    path = ".".join(key for key in keys if key not in _UNION_CLASS_NAMES)
-    if details["type"] in {"extra_forbidden", "unexpected_keyword_argument"}:
-        known = sorted(_known_keys())
-        close = difflib.get_close_matches(keys[-1], known, n=1)
-        return f"{path}: unknown key" + (f" (did you mean {close[0]}?)" if close else "")
-    message = details["msg"].removeprefix("Value error, ")
-    if details["type"] in {"missing", "missing_argument"}:
-        message = "is missing"
-    if details["type"] == "value_error" and ": " in message and path:
-        # Rules start with the key they speak of, seen from their own section.
-        return f"{path}.{message}"
-    return f"{path}: {message}" if path else message
-
-
-def _classes(root: type) -> set[type]:
-    found = {root}
-    for hint in get_type_hints(root).values():
-        for part in (hint, *get_args(hint)):
-            if dataclasses.is_dataclass(part) and isinstance(part, type):
-                found |= _classes(part)
+def _mistakes(errors: list[ErrorDetails], raw: dict[str, Any]) -> list[str]:
+    """One line for each thing that is wrong, each once, with the path of its key as the user wrote it."""
+    found: list[str] = []
+    for details in errors:
+        keys = list(details["loc"])
+        classes = _section_classes(keys[0]) if keys else []
+        if len(classes) > 1 and len(keys) > 1:
+            # A section of several kinds is tried as each of them; only what its own kind says is of interest.
+            section = raw[str(keys[0])]
+            by_kind = {get_args(get_type_hints(cls)["kind"])[0]: cls.__name__ for cls in classes}
+            kind = section.get("kind") if isinstance(section, dict) else None
+            if not isinstance(kind, str) or kind not in by_kind:
+                names = " or ".join(repr(name) for name in by_kind)
+                if not isinstance(section, dict):
+                    message = f"{keys[0]}: must be a table with a kind ({names}), not {_shown(section)}"
+                elif "kind" in section:
+                    message = f"{keys[0]}.kind: must be {names}, not {_shown(kind)}"
+                else:
+                    message = f"{keys[0]}.kind: is missing; give {names}"
+            elif keys[1] == by_kind[kind]:
+                message = _mistake(details, [keys[0], *keys[2:]], [cls for cls in classes if cls.__name__ == keys[1]])
+            else:
+                continue
+        else:
+            message = _mistake(details, keys, classes or [Scenario])
+        if message not in found:
+            found.append(message)
     return found
 
 
-_UNION_CLASS_NAMES = {cls.__name__ for cls in _classes(Scenario)}
+def _mistake(details: ErrorDetails, keys: list[str | int], classes: list[type]) -> str:
+    path = ".".join(str(key) for key in keys)
+    given = _shown(details["input"])
+    match details["type"]:
+        case "unexpected_keyword_argument":
+            return f"{path}: unknown key{_suggestion(str(keys[-1]), classes[0] if len(keys) > 1 else Scenario)}"
+        case "missing" | "missing_argument" if isinstance(keys[-1], int):
+            return f"{path}: is missing; a corner is a pair of numbers"
+        case "missing" | "missing_argument":
+            return f"{path}: is missing"
+        case "float_type" | "finite_number":
+            return f"{path}: must be a finite number, not {given} (the unit is the one in the name of the key)"
+        case "int_type" | "int_from_float":
+            return f"{path}: must be a whole number, not {given}"
+        case "string_type":
+            return f"{path}: must be text in quotes, not {given}"
+        case "literal_error":
+            return f"{path}: must be {details['ctx']['expected']}, not {given}"
+        case "tuple_type":
+            return f"{path}: must be a list, not {given}"
+        case "too_long":
+            return f"{path}: a corner is a pair of numbers, not {given}"
+        case "dataclass_type":
+            return f"{path}: must be a table, not {given}"
+        case "value_error":
+            # Rules start with the key they speak of, seen from their own section.
+            message = details["msg"].removeprefix("Value error, ")
+            key = message.split(":")[0]
+            own = any(key == field.name for cls in classes for field in dataclasses.fields(cls))
+            return f"{path}.{message}" if path and own else f"{path}: {message}" if path else message
+    return f"{path}: {details['msg']}"
 
 
-def _known_keys() -> set[str]:
-    return {field.name for cls in _classes(Scenario) for field in dataclasses.fields(cls)}
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _inline_geojson(area: Area, source: str, folder: Path) -> Area:
+def _section_classes(section: str | int) -> list[type]:
+    """The dataclasses that a section of the file can be."""
+    hint = get_type_hints(Scenario).get(str(section))
+    return [part for part in (hint, *get_args(hint)) if isinstance(part, type) and dataclasses.is_dataclass(part)]
+
+
+def _suggestion(key: str, cls: type) -> str:
+    here = [field.name for field in dataclasses.fields(cls)]
+    if cls is not Scenario and key in {field.name for field in dataclasses.fields(Scenario)}:
+        return " (it belongs above the first [section])"
+    for section in dataclasses.fields(Scenario):
+        if any(key == field.name for other in _section_classes(section.name) for field in dataclasses.fields(other)):
+            another = cls in _section_classes(section.name)
+            return f" (of another kind of {section.name})" if another else f" (it belongs in [{section.name}])"
+    close = difflib.get_close_matches(key, here, n=1)
+    return f" (did you mean {close[0]}?)" if close else f" (known: {', '.join(here)})"
+
+
+def _inline_geojson(area: Area, folder: Path) -> Area:
+    """The area with the rings of its GeoJSON file in place of the file.
+
+    Raises:
+        ScenarioError: the file cannot be used.
+    """
     if area.geojson is None:
         return area
     path = folder / area.geojson
-    where = f"{source}: area.geojson"
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
-        raise ScenarioError(f"{where}: {path} cannot be read as GeoJSON ({error})") from error
-    polygons = list(_polygons(document))
-    if len(polygons) != 1:
-        raise ScenarioError(f"{where}: {path} has {len(polygons)} polygons; exactly one is needed")
+        raise ScenarioError(f"area.geojson: {path} cannot be read as GeoJSON ({error})") from error
     try:
+        _check_geojson_crs(document, path)
+        polygons = list(_polygons(document))
+        if len(polygons) != 1:
+            raise ScenarioError(f"area.geojson: {path} has {len(polygons)} polygons; exactly one is needed")
         rings = tuple(tuple((float(p[0]), float(p[1])) for p in ring) for ring in polygons[0])
         return dataclasses.replace(area, geojson=None, polygon_lon_lat_deg=rings[0], holes_lon_lat_deg=rings[1:])
-    except (TypeError, ValueError, IndexError, KeyError) as error:
-        raise ScenarioError(f"{where}: {path}: not a GeoJSON polygon ({error})") from error
+    except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
+        raise ScenarioError(f"area.geojson: {path}: not a GeoJSON polygon ({error})") from error
+
+
+def _check_geojson_crs(document: Any, path: Path) -> None:
+    # RFC 7946 has longitude and latitude on WGS 84 only; older files may name another system.
+    crs = document.get("crs") if isinstance(document, dict) else None
+    if crs and not any(name in json.dumps(crs) for name in ("CRS84", "EPSG::4326", "EPSG:4326")):
+        raise ScenarioError(
+            f"area.geojson: {path} names another coordinate system ({_shown(crs)}); convert it to longitude and latitude "
+            "on WGS 84 (ogr2ogr -t_srs EPSG:4326)"
+        )
 
 
 def _polygons(document: Any) -> list[Any]:
@@ -160,28 +237,49 @@ def _absolute_file(terrain: Any, folder: Path) -> Any:
     return dataclasses.replace(terrain, file=str((folder / terrain.file).resolve()))
 
 
-def _check_rings(area: Area, source: str) -> None:
-    geographic = area.polygon_lon_lat_deg is not None
-    key = "polygon_lon_lat_deg" if geographic else "polygon_east_north_m"
-    holes_key = "holes_lon_lat_deg" if geographic else "holes_east_north_m"
-    outer = _valid_ring(area.polygon_lon_lat_deg or area.polygon_east_north_m or (), f"{source}: area.{key}")
-    polygon = outer
+def _shape_mistakes(area: Area, folder: Path) -> list[str]:
+    """What is wrong with the rings of an area."""
+    geojson = area.geojson is not None
+    try:
+        area = _inline_geojson(area, folder)
+    except ScenarioError as error:
+        return [str(error)]
+    kind = "lon_lat_deg" if area.polygon_lon_lat_deg is not None else "east_north_m"
+    outer_key = "area.geojson" if geojson else f"area.polygon_{kind}"
+    found: list[str] = []
+    outer = _valid_ring(area.polygon_lon_lat_deg or area.polygon_east_north_m or (), outer_key, found)
+    left = outer
     for number, ring in enumerate(area.holes_lon_lat_deg or area.holes_east_north_m):
-        where = f"{source}: area.{holes_key}.{number}"
-        hole = _valid_ring(ring, where)
+        key = f"area.geojson: hole {number}" if geojson else f"area.holes_{kind}.{number}"
+        hole = _valid_ring(ring, key, found)
+        if hole is None or outer is None:
+            continue
         if not outer.covers(hole):
-            raise ScenarioError(f"{where}: the hole reaches outside the polygon")
-        polygon = polygon.difference(hole)
-    if polygon.is_empty or not polygon.area > 0.0:
-        raise ScenarioError(f"{source}: area.{key}: nothing is left of the area inside its holes")
+            found.append(f"{key}: the hole reaches outside the polygon")
+        left = left.difference(hole)
+    if not found and not left.area > 0.0:
+        found.append(f"{outer_key}: nothing is left of the area inside its holes")
+    return found
 
 
-def _valid_ring(ring: Ring, where: str) -> Any:
+def _fence_mistakes(limits: FlightLimits) -> list[str]:
+    found: list[str] = []
+    for key in ("fence_lon_lat_deg", "fence_east_north_m"):
+        ring = getattr(limits, key)
+        if ring is not None:
+            _valid_ring(ring, f"limits.{key}", found)
+    return found
+
+
+def _valid_ring(ring: Ring, where: str, found: list[str]) -> Any:
+    """The polygon of a ring; none when it is not one, and ``found`` then has a line more."""
     if len({*ring}) < 3:
-        raise ScenarioError(f"{where}: a ring needs at least 3 different corners, this one has {len({*ring})}")
+        found.append(f"{where}: a ring needs at least 3 different corners, this one has {len({*ring})}")
+        return None
     polygon = shapely.Polygon(ring)
     if not polygon.is_valid:
-        raise ScenarioError(f"{where}: {shapely.is_valid_reason(polygon)}; a ring must not cross or touch itself")
+        found.append(f"{where}: {shapely.is_valid_reason(polygon)}; a ring must not cross or touch itself")
+        return None
     return polygon
 
 
@@ -202,5 +300,6 @@ def _toml(value: Any) -> str:
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
+        # A JSON string is a TOML string, but for one character that TOML wants escaped.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return "[" + ", ".join(_toml(item) for item in value) + "]"

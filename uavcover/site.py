@@ -16,6 +16,12 @@ from uavcover.terrain.raster import read_ground, read_height_amsl_m
 
 FloatArray = NDArray[np.float64]
 
+MAX_REACH_M = 100_000.0
+"""Farther from the origin than this, a place in a scenario is a mistake."""
+
+TERRAIN_MARGIN_M = 100.0
+"""The terrain is read this far beyond everything that is flown over or looked at."""
+
 
 @dataclass(frozen=True, eq=False)
 class Site:
@@ -63,7 +69,9 @@ def build_site(scenario: Scenario, *, terrain_file: Path | None = None) -> Site:
     area = _area(scenario, frame)
     home_en = _home_en(scenario, frame)
     fence = _fence(scenario, frame, area, home_en)
-    ground = _ground(scenario, frame, fence, terrain_file)
+    if frame is not None:
+        _check_near(scenario, area, fence, home_en)
+    ground = _ground(scenario, frame, shapely.union_all([area, fence]).bounds, terrain_file)
     home = None
     if home_en is not None:
         home_up = float(ground.heights_m(home_en)[0])
@@ -72,7 +80,7 @@ def build_site(scenario: Scenario, *, terrain_file: Path | None = None) -> Site:
         home = np.array([home_en[0], home_en[1], home_up])
         home.flags.writeable = False
         if not fence.covers(shapely.Point(home_en)):
-            raise ScenarioError("home: the take-off place is outside limits.fence")
+            raise ScenarioError("home: the take-off place is outside limits.fence; move one of the two")
     return Site(scenario=scenario, frame=frame, ground=ground, area=area, fence=fence, home_m=home)
 
 
@@ -103,9 +111,27 @@ def _area(scenario: Scenario, frame: LocalFrame | None) -> shapely.Polygon | sha
     holes = [_polygon(ring, None, frame) for ring in area.holes_lon_lat_deg]
     holes += [_polygon(None, ring, frame) for ring in area.holes_east_north_m]
     left = outer.difference(shapely.union_all(holes))
-    if not isinstance(left, shapely.Polygon | shapely.MultiPolygon):
+    if left.is_empty or not isinstance(left, shapely.Polygon | shapely.MultiPolygon):
         raise ScenarioError("area: nothing is left of the polygon inside its holes")
     return left
+
+
+def _check_near(scenario: Scenario, area: shapely.Geometry, fence: shapely.Polygon, home_en: FloatArray | None) -> None:
+    """Refuse places that cannot be meant: degrees in the wrong order, or map coordinates taken for local ones."""
+    area_key = "polygon_lon_lat_deg" if scenario.area.is_geographic else "polygon_east_north_m"
+    fence_key = "fence_margin_m"
+    if scenario.limits.fence_lon_lat_deg is not None:
+        fence_key = "fence_lon_lat_deg"
+    elif scenario.limits.fence_east_north_m is not None:
+        fence_key = "fence_east_north_m"
+    home = [] if home_en is None else [("home", shapely.Point(home_en))]
+    for key, place in [*home, (f"area.{area_key}", area), (f"limits.{fence_key}", fence)]:
+        reach_m = float(np.abs(place.bounds).max())
+        if not reach_m <= MAX_REACH_M:
+            raise ScenarioError(
+                f"{key}: lies {reach_m / 1000.0:.0f} km from the origin of the local frame, more than "
+                f"{MAX_REACH_M / 1000.0:.0f} km (longitude and latitude swapped, or map coordinates taken for local ones?)"
+            )
 
 
 def _polygon(lon_lat_deg: Ring | None, east_north_m: Ring | None, frame: LocalFrame | None) -> shapely.Polygon:
@@ -137,7 +163,10 @@ def _fence(
             raise ScenarioError("limits.fence_lon_lat_deg: needs a place on Earth; give fence_east_north_m")
         fence = _polygon(limits.fence_lon_lat_deg, limits.fence_east_north_m, frame)
         if not fence.is_valid:
-            raise ScenarioError(f"limits.fence: {shapely.is_valid_reason(fence)}")
+            key = "fence_lon_lat_deg" if limits.fence_lon_lat_deg is not None else "fence_east_north_m"
+            raise ScenarioError(
+                f"limits.{key}: {shapely.is_valid_reason(fence)}; a ring must not cross or touch itself"
+            )
         return fence
     places = [area] if home_en is None else [area, shapely.Point(home_en)]
     grown = shapely.union_all(places).convex_hull.buffer(limits.fence_margin_m, join_style="mitre")
@@ -145,15 +174,22 @@ def _fence(
     return grown if isinstance(grown, shapely.Polygon) else shapely.Polygon(grown.exterior)
 
 
-def _ground(scenario: Scenario, frame: LocalFrame | None, fence: shapely.Polygon, terrain_file: Path | None) -> Ground:
+def _ground(
+    scenario: Scenario,
+    frame: LocalFrame | None,
+    bounds_m: tuple[float, float, float, float],
+    terrain_file: Path | None,
+) -> Ground:
     terrain = scenario.terrain
     if isinstance(terrain, SineCosineTerrain):
         return sine_cosine_ground(terrain.scale_m)
     if frame is None or terrain_file is None:
         raise ScenarioError("terrain: raster terrain needs a place on Earth")
-    # Beyond the fence by a sensor's reach: what lies outside can still stand in the line of sight of a way home.
-    west, south, east, north = fence.bounds
+    west, south, east, north = bounds_m
     return read_ground(
         terrain_file, terrain.vertical_datum, frame=frame,
-        bounds_m=(west - 100.0, south - 100.0, east + 100.0, north + 100.0), grid_step_m=terrain.grid_step_m,
+        bounds_m=(
+            west - TERRAIN_MARGIN_M, south - TERRAIN_MARGIN_M, east + TERRAIN_MARGIN_M, north + TERRAIN_MARGIN_M
+        ),
+        grid_step_m=terrain.grid_step_m,
     )  # fmt: skip

@@ -8,7 +8,7 @@ from hypothesis.extra import numpy as hnp
 
 from tests.naive import surface as naive
 from uavcover.kernels import surface as kernels
-from uavcover.kernels.surface import GRID, SINE_COSINE, Surface
+from uavcover.kernels.surface import GRID, Surface
 from uavcover.terrain.ground import grid_ground, sine_cosine_ground
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=40)
@@ -246,7 +246,3 @@ def test_stopping_early_above_the_analytic_surface():
     assert kernels.height_range_above(surface, p, q, -0.6)[0] == low
     # A point is a segment of no length.
     assert kernels.height_range_above(surface, p, p, -math.inf)[0] == 0.5
-
-
-def test_surface_kinds_are_distinct():
-    assert GRID != SINE_COSINE

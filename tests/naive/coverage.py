@@ -1,5 +1,6 @@
 """What a sensor sees, by its definition: angles as angles, every cell against every place."""
 
+import itertools
 import math
 
 from tests.naive import surface as naive_surface
@@ -67,7 +68,7 @@ def sample_path(route, spacing):
     """Each leg in the fewest equal pieces not longer than ``spacing``."""
     route = [tuple(point) for point in route]
     points = route[:1]
-    for a, b in zip(route, route[1:], strict=False):
+    for a, b in itertools.pairwise(route):
         pieces = 1
         while math.dist(a, b) / pieces > spacing * (1 + 1e-9):
             pieces += 1

@@ -1,5 +1,6 @@
 """The bilinear surface, its slopes and the height of a segment above it, in exact fractions."""
 
+import itertools
 import math
 from fractions import Fraction
 
@@ -56,7 +57,7 @@ def height_range_above(nodes, east0, north0, step, p, q):
         cuts |= {(line - a) / (b - a) for line in range(lines) if a != b and 0 < (line - a) / (b - a) < 1}
     cuts = sorted(cuts)
     low, high = math.inf, -math.inf
-    for start, end in zip(cuts, cuts[1:], strict=False):
+    for start, end in itertools.pairwise(cuts):
         middle = (start + end) / 2
         i = min(math.floor(v0 + middle * (v1 - v0)), len(nodes) - 2)
         j = min(math.floor(u0 + middle * (u1 - u0)), len(nodes[0]) - 2)

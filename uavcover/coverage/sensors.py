@@ -34,4 +34,6 @@ def reach_at_height_m(sensor: Sensor, height_agl_m: float) -> float:
             return math.sqrt(max(0.0, sensor.range_m**2 - height_agl_m**2))
         case NadirCamera():
             slant = math.sqrt(max(0.0, sensor.range_m**2 - height_agl_m**2))
-            return min(slant, height_agl_m * math.tan(math.radians(sensor.fov_deg) / 2.0))
+            # On flat ground the incidence angle is the angle off the vertical.
+            half_angle_deg = min(0.5 * sensor.fov_deg, sensor.max_incidence_deg)
+            return min(slant, height_agl_m * math.tan(math.radians(half_angle_deg)))

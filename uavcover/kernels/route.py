@@ -35,18 +35,25 @@ def nearest_neighbour_order(points: NDArray[np.float64], reference: NDArray[np.f
 
 @kernel
 def two_opt(points: NDArray[np.float64], order: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Shorten an open tour over (n, 3) points by 2-opt and Or-opt moves until none helps; its first point stays first.
+    """Shorten an open tour by 2-opt and Or-opt moves until none helps; its first point stays first.
 
     2-opt reverses a stretch of the tour; Or-opt moves a stretch of up to three points elsewhere. O(n^2) a sweep.
+
+    Args:
+        points: (m, 3) metres.
+        order: (n,) which of them, in the order to start from.
+
+    Returns:
+        (n,) the same numbers in an order that is not longer.
     """
     n = order.size
-    tour = order.copy()
+    tour = np.arange(n)
     if n < 3:
-        return tour
+        return order.copy()
     distance = np.empty((n, n))
     for i in range(n):
         for j in range(n):
-            a, b = points[i], points[j]
+            a, b = points[order[i]], points[order[j]]
             distance[i, j] = math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
     improved = True
     while improved:
@@ -62,7 +69,7 @@ def two_opt(points: NDArray[np.float64], order: NDArray[np.int64]) -> NDArray[np
                     improved = True
         if _or_opt_sweep(distance, tour):
             improved = True
-    return tour
+    return order[tour]
 
 
 @kernel

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from uavcover.model.checks import STRICT, require, require_positive
+from uavcover.model.checks import STRICT, require, require_lon_lat, require_positive
 
 Ring = tuple[tuple[float, float], ...]
 
@@ -42,11 +42,9 @@ class Area:
             not self.holes_east_north_m or self.polygon_east_north_m is not None,
             "holes_east_north_m: goes with polygon_east_north_m",
         )
-        for lon, lat in (self.polygon_lon_lat_deg or ()) + tuple(p for hole in self.holes_lon_lat_deg for p in hole):
-            require(
-                abs(lat) <= 90.0 and abs(lon) <= 180.0,
-                f"polygon_lon_lat_deg: ({lon}, {lat}) is not a longitude and a latitude in degrees, in this order",
-            )
+        require_lon_lat(self.polygon_lon_lat_deg or (), "polygon_lon_lat_deg")
+        for hole in self.holes_lon_lat_deg:
+            require_lon_lat(hole, "holes_lon_lat_deg")
 
     @property
     def is_geographic(self) -> bool:

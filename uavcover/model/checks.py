@@ -23,3 +23,12 @@ def require_not_negative(**values: float) -> None:
     """Every named value must be a finite number of at least zero."""
     for key, value in values.items():
         require(math.isfinite(value) and value >= 0.0, f"{key}: {value} must not be negative")
+
+
+def require_lon_lat(ring: tuple[tuple[float, float], ...], key: str) -> None:
+    """Every corner must be a longitude and a latitude on Earth."""
+    for lon, lat in ring:
+        require(
+            abs(lat) <= 90.0 and abs(lon) <= 180.0,
+            f"{key}: ({lon}, {lat}) is not a longitude and a latitude in degrees, in this order",
+        )

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from uavcover.model.checks import STRICT, require, require_not_negative, require_positive
+from uavcover.model.checks import STRICT, require, require_lon_lat, require_not_negative, require_positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,3 +66,4 @@ class FlightLimits:
             self.fence_lon_lat_deg is None or self.fence_east_north_m is None,
             "fence_lon_lat_deg: give the fence once, not also as fence_east_north_m",
         )
+        require_lon_lat(self.fence_lon_lat_deg or (), "fence_lon_lat_deg")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uavcover.errors import TerrainError
 from uavcover.kernels import surface as kernels
 from uavcover.kernels.surface import GRID, SINE_COSINE, Surface
 
@@ -74,8 +75,13 @@ def grid_ground(
         source: for people.
         vertical_datum: of the source.
         sha256: of the source.
+
+    Raises:
+        TerrainError: fewer than 2 x 2 nodes.
     """
-    nodes = np.ascontiguousarray(up_m, dtype=float).copy()
+    nodes = np.array(up_m, dtype=float, order="C")
+    if nodes.ndim != 2 or min(nodes.shape) < 2:
+        raise TerrainError(f"{source}: a grid needs at least 2 x 2 nodes, this one has {nodes.shape}")
     nodes.flags.writeable = False
     steepest = kernels.steepest_slope(nodes, float(step_m))
     surface = Surface(GRID, float(east0_m), float(north0_m), float(step_m), nodes, steepest)

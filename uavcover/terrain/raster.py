@@ -12,6 +12,7 @@ import rasterio
 import rasterio.errors
 from numpy.typing import NDArray
 from pyproj import CRS, Transformer
+from pyproj.exceptions import ProjError
 from rasterio.windows import Window
 
 from uavcover.errors import TerrainError
@@ -71,9 +72,10 @@ class _Raster:
         pixels[~np.isfinite(pixels)] = np.nan
         wrong = (pixels < LOWEST_PLAUSIBLE_M) | (pixels > HIGHEST_PLAUSIBLE_M)
         if wrong.any():
+            row, column = np.argwhere(wrong)[0] + (window.row_off, window.col_off)
             raise TerrainError(
-                f"{self.path}: a height of {pixels[wrong][0]:g} m; if that value marks missing data, "
-                "declare it as the no-data value of the file (gdal_edit.py -a_nodata)"
+                f"{self.path}: a height of {pixels[wrong][0]:g} m in row {row}, column {column}; if that value "
+                "marks missing data, declare it as the no-data value of the file (gdal_edit.py -a_nodata)"
             )
         return pixels
 
@@ -103,11 +105,20 @@ def _open(path: Path, vertical_datum: str) -> Iterator[_Raster]:
             raise TerrainError(
                 f"{path}: has no coordinate reference system; assign the right one (gdal_edit.py -a_srs)"
             )
-        crs = CRS.from_wkt(dataset.crs.to_wkt())
+        try:
+            crs = CRS.from_wkt(dataset.crs.to_wkt())
+            horizontal = crs.sub_crs_list[0] if crs.is_compound else crs
+            # Without a ballpark: a datum that cannot be reached exactly would be off by up to hundreds of metres, unsaid.
+            to_source = Transformer.from_crs(4326, horizontal, always_xy=True, allow_ballpark=False)
+        except ProjError as error:
+            reason = str(error).strip().splitlines()[0]
+            raise TerrainError(
+                f"{path}: positions cannot be brought to its coordinate reference system ({reason}); assign or convert to a "
+                "known one (gdalwarp -t_srs EPSG:4326)"
+            ) from error
         _check_vertical(path, crs, vertical_datum, dataset.units[0])
-        _check_pixel_size(path, crs, dataset)
-        horizontal = crs.sub_crs_list[0] if crs.is_compound else crs
-        yield _Raster(path, dataset, Transformer.from_crs(4326, horizontal, always_xy=True), vertical_datum)
+        _check_pixel_size(path, horizontal, dataset)
+        yield _Raster(path, dataset, to_source, vertical_datum)
 
 
 def _check_vertical(path: Path, crs: CRS, vertical_datum: str, unit: str | None) -> None:
@@ -117,13 +128,24 @@ def _check_vertical(path: Path, crs: CRS, vertical_datum: str, unit: str | None)
         vertical = crs.sub_crs_list[1]
         words = f"{vertical.name} {vertical.to_authority()}".lower()
         if not any(word in words for word in _SEA_LEVEL_DATUMS[vertical_datum]):
-            raise TerrainError(
-                f"terrain.vertical_datum: the scenario says {vertical_datum}, the file says {vertical.name} ({path})"
-            )
+            raise _contradiction(path, vertical_datum, vertical.name)
+        axis = vertical.axis_info[0]
+        if axis.unit_conversion_factor != 1.0:
+            raise TerrainError(f"{path}: heights are in {axis.unit_name!r}; convert them to metres first")
+    elif len(crs.axis_info) == 3:
+        raise _contradiction(path, vertical_datum, f"heights above the ellipsoid of {crs.name}")
+
+
+def _contradiction(path: Path, vertical_datum: str, found: str) -> TerrainError:
+    return TerrainError(
+        f"terrain.vertical_datum: the scenario says {vertical_datum}, the file says {found} ({path}); correct the scenario, "
+        "or convert the file (gdalwarp with -t_srs EPSG:4326+5773 for EGM96, EPSG:4326+3855 for EGM2008)"
+    )
 
 
 def _check_pixel_size(path: Path, crs: CRS, dataset: Any) -> None:
-    width, height = dataset.res
+    # A south-up file has a negative height.
+    width, height = (abs(side) for side in dataset.res)
     bounds = dataset.bounds
     if crs.is_projected and min(width, height) * crs.axis_info[0].unit_conversion_factor < 0.01:
         raise TerrainError(
@@ -176,16 +198,22 @@ def read_ground(
     with _open(path, vertical_datum) as raster:
         step = grid_step_m if grid_step_m is not None else 0.5 * _pixel_side_m(raster, frame)
         west, south, east, north = bounds_m
+        if not np.isfinite(step):
+            raise TerrainError(
+                f"{path}: its coordinate system does not reach the origin of the scenario ({_extent(raster)})"
+            )
+        wide, high = (east - west) / step + 3.0, (north - south) / step + 3.0
+        if wide * high > MAX_NODES:
+            raise TerrainError(
+                f"terrain.grid_step_m: {wide:.0f} x {high:.0f} nodes of {step:g} m are more than {MAX_NODES:,}; "
+                "set a larger step (in metres) or a smaller area"
+            )
         columns = np.arange(np.floor(west / step) - 1, np.ceil(east / step) + 2)
         rows = np.arange(np.floor(south / step) - 1, np.ceil(north / step) + 2)
-        if columns.size * rows.size > MAX_NODES:
-            raise TerrainError(
-                f"terrain.grid_step_m: {columns.size} x {rows.size} nodes of {step:g} m are more than {MAX_NODES:,}; "
-                "set a larger step or a smaller area"
-            )
         e, n = np.meshgrid(columns * step, rows * step)
         up = np.zeros(e.size)
-        # East and north of a place depend a little on its height: three rounds bring the change below a micrometre.
+        # East and north of a place depend a little on its height, by height difference times distance over the Earth's
+        # radius. Each round makes the rest smaller by about distance / radius.
         for _ in range(3):
             known = np.where(np.isfinite(up), up, 0.0)
             lat, lon, _alt = frame.geodetic_from_enu(np.column_stack([e.ravel(), n.ravel(), known]))

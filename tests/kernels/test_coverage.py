@@ -1,0 +1,247 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.naive import coverage as naive
+from uavcover.kernels import coverage as kernels
+from uavcover.kernels.coverage import (
+    CONE,
+    DISC,
+    MIDPOINT,
+    NO_LINE_OF_SIGHT,
+    RAY,
+    SPHERE,
+    Cells,
+    Sight,
+)
+from uavcover.kernels.surface import gradients, heights
+from uavcover.terrain.ground import grid_ground, sine_cosine_ground
+
+deterministic = settings(derandomize=True, deadline=None, max_examples=25)
+
+sights = st.builds(
+    Sight,
+    kind=st.sampled_from([SPHERE, DISC, CONE]),
+    reach_m=st.sampled_from([0.7, 2.0, 3.3]),
+    tan_half_fov=st.sampled_from([0.4, 1.3]),
+    cos_max_incidence=st.sampled_from([0.0, 0.6, 0.9]),
+    line_of_sight=st.sampled_from([NO_LINE_OF_SIGHT, RAY, MIDPOINT]),
+)
+
+
+def rough_ground(seed, *, gaps=False):
+    rng = np.random.default_rng(seed)
+    nodes = rng.uniform(-1.0, 1.0, (5, 6)) * rng.choice([0.2, 1.0, 3.0])
+    if gaps:
+        nodes[rng.integers(5), rng.integers(6)] = math.nan
+    return grid_ground(nodes, east0_m=-1.0, north0_m=2.0, step_m=1.0, source="test", vertical_datum="local").surface
+
+
+def cells_on(surface, seed=0):
+    """Cells of 0.45 on most of the lattice, in a shuffled order, none where the ground has no data."""
+    rng = np.random.default_rng(seed)
+    east0, north0, size = -0.8, 2.1, 0.45
+    east, north = np.meshgrid(east0 + np.arange(10) * size, north0 + np.arange(8) * size)
+    up = heights(surface, east.ravel(), north.ravel()).reshape(east.shape)
+    there = np.isfinite(up) & (rng.random(up.shape) < 0.8)
+    lattice = np.full(up.shape, -1, dtype=np.int32)
+    lattice[there] = rng.permutation(int(there.sum()))
+    order = np.argsort(lattice[there])
+    places = np.column_stack([east[there], north[there], up[there]])[order]
+    slopes = gradients(surface, np.ascontiguousarray(places[:, 0]), np.ascontiguousarray(places[:, 1]))
+    normals = np.column_stack([-slopes, np.ones(len(places))])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    for array in (lattice, places, normals):
+        array.setflags(write=False)
+    return Cells(east0, north0, size, lattice, places, normals)
+
+
+def eyes_over(seed, count=3):
+    rng = np.random.default_rng(seed)
+    # Some of them outside the lattice, some outside the grid, some under the ground.
+    return rng.uniform([-2.0, 1.5, -1.0], [5.0, 6.5, 3.5], (count, 3))
+
+
+@deterministic
+@given(sights, st.integers(0, 1000), st.booleans())
+def test_seen_cells_equal_the_naive_twin(sight, seed, gaps):
+    surface = rough_ground(seed, gaps=gaps)
+    cells = cells_on(surface, seed)
+    eyes = eyes_over(seed)
+    expected = naive.first_seen(surface, sight, cells, eyes)
+    assert kernels.first_seen(surface, sight, cells, eyes).tolist() == expected
+    assert kernels.seen_from_points(surface, sight, cells, eyes).tolist() == [k >= 0 for k in expected]
+
+
+@deterministic
+@given(sights, st.integers(0, 1000))
+def test_each_pair_equals_the_naive_twin(sight, seed):
+    surface = rough_ground(seed)
+    cells = cells_on(surface, seed)
+    count = len(cells.centre_m)
+    eyes = cells.centre_m + np.random.default_rng(seed).uniform([-2, -2, 0], [2, 2, 3], (count, 3))
+    expected = [
+        naive.sees(surface, sight, eye, centre, normal)
+        for eye, centre, normal in zip(eyes.tolist(), cells.centre_m.tolist(), cells.normal.tolist(), strict=True)
+    ]
+    assert kernels.sees_each(surface, sight, eyes, cells.centre_m, cells.normal).tolist() == expected
+    assert [kernels.sees(surface, sight, eyes[i], cells.centre_m[i], cells.normal[i]) for i in range(count)] == expected
+    for i in range(count):
+        view = kernels.in_view(sight, *(eyes[i] - cells.centre_m[i]), *cells.normal[i])
+        assert view == naive.in_view(sight, eyes[i].tolist(), cells.centre_m[i].tolist(), cells.normal[i].tolist())
+        clear = kernels.in_line_of_sight(surface, sight, eyes[i], cells.centre_m[i])
+        assert (view and clear) == expected[i]
+
+
+@deterministic
+@given(sights, st.integers(0, 1000))
+def test_above_the_analytic_surface_the_naive_twin_agrees(sight, seed):
+    surface = sine_cosine_ground(1.5).surface
+    cells = cells_on(surface, seed)
+    eyes = eyes_over(seed, 2)
+    assert kernels.first_seen(surface, sight, cells, eyes).tolist() == naive.first_seen(surface, sight, cells, eyes)
+
+
+@deterministic
+@given(st.integers(0, 1000), st.booleans())
+def test_the_shortcut_by_the_steepest_slope_never_changes_an_answer(seed, analytic):
+    surface = sine_cosine_ground(1.5).surface if analytic else rough_ground(seed)
+    slow = surface._replace(steepest=math.inf)
+    assert surface.steepest < math.inf
+    cells = cells_on(surface, seed)
+    # High enough for the shortcut to be taken often; some places lie outside the grid.
+    eyes = np.random.default_rng(seed).uniform([-3.0, 0.0, 0.0], [6.0, 8.0, 15.0], (6, 3))
+    for eye in eyes:
+        sight = Sight(SPHERE, 20.0, 0.0, -1.0, RAY)
+        fast_seen = kernels.seen_from_points(surface, sight, cells, eye[None])
+        slow_seen = kernels.seen_from_points(slow, sight, cells, eye[None])
+        assert fast_seen.tolist() == slow_seen.tolist()
+
+
+def test_regression_shortcut_saw_from_outside_the_data():
+    surface = grid_ground(np.zeros((3, 3)), east0_m=0, north0_m=0, step_m=1, source="", vertical_datum="").surface
+    sight = Sight(SPHERE, 20.0, 0.0, -1.0, RAY)
+    centre, normal = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    assert kernels.sees(surface, sight, np.array([2.0, 1.0, 9.0]), centre, normal)
+    assert not kernels.sees(surface, sight, np.array([2.5, 1.0, 9.0]), centre, normal)
+
+
+def test_regression_a_place_that_is_not_finite_saw_everything():
+    for surface in (rough_ground(1), sine_cosine_ground(1.0).surface):
+        cells = cells_on(surface)
+        for axis in range(3):
+            for bad in (math.nan, math.inf, -math.inf):
+                eye = np.array([[1.0, 4.0, 3.0]])
+                eye[0, axis] = bad
+                for kind in (SPHERE, DISC, CONE):
+                    for line_of_sight in (NO_LINE_OF_SIGHT, RAY, MIDPOINT):
+                        sight = Sight(kind, 9.0, 1.0, -1.0, line_of_sight)
+                        assert not kernels.seen_from_points(surface, sight, cells, eye).any()
+                        assert not kernels.sees_each(surface, sight, eye, cells.centre_m[:1], cells.normal[:1])[0]
+
+
+def test_no_data_is_never_seen_through():
+    nodes = np.zeros((3, 12))
+    nodes[:, 5] = math.nan
+    surface = grid_ground(nodes, east0_m=0, north0_m=0, step_m=1, source="", vertical_datum="").surface
+    centre, normal = np.array([2.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    sight = Sight(SPHERE, 50.0, 0.0, -1.0, RAY)
+    assert kernels.sees(surface, sight, np.array([3.9, 1.0, 1.0]), centre, normal)
+    # Beyond the gap, and above it, however high.
+    assert not kernels.sees(surface, sight, np.array([9.0, 1.0, 1.0]), centre, normal)
+    assert not kernels.sees(surface, sight, np.array([9.0, 1.0, 40.0]), centre, normal)
+    assert not kernels.sees(surface, sight, np.array([4.5, 1.0, 40.0]), centre, normal)
+    midpoint = sight._replace(line_of_sight=MIDPOINT)
+    assert not kernels.sees(surface, midpoint, np.array([8.0, 1.0, 40.0]), centre, normal)
+
+
+def test_a_wall_hides_what_is_behind_it():
+    nodes = np.zeros((3, 21))
+    nodes[:, 10] = 5.0
+    surface = grid_ground(nodes, east0_m=0, north0_m=0, step_m=1, source="", vertical_datum="").surface
+    centre, normal = np.array([5.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    ray = Sight(SPHERE, 50.0, 0.0, -1.0, RAY)
+    # By the intercept theorem the wall of 5 m at 5 m just hides a place 10 m away below 10 m.
+    assert not kernels.sees(surface, ray, np.array([15.0, 1.0, 9.99]), centre, normal)
+    assert kernels.sees(surface, ray, np.array([15.0, 1.0, 10.01]), centre, normal)
+    # The paper's midpoint test looks only at the middle: a wall elsewhere escapes it.
+    midpoint = ray._replace(line_of_sight=MIDPOINT)
+    assert kernels.sees(surface, midpoint, np.array([19.0, 1.0, 3.0]), centre, normal)
+    assert not kernels.sees(surface, ray, np.array([19.0, 1.0, 3.0]), centre, normal)
+    assert kernels.sees(
+        surface, ray._replace(line_of_sight=NO_LINE_OF_SIGHT), np.array([19.0, 1.0, 3.0]), centre, normal
+    )
+
+
+@pytest.mark.parametrize(
+    ("sight", "radius"),
+    [
+        (Sight(SPHERE, 5.0, 0.0, -1.0, RAY), 4.0),
+        (Sight(DISC, 5.0, 0.0, -1.0, NO_LINE_OF_SIGHT), 5.0),
+        (Sight(CONE, 50.0, 0.5, -1.0, RAY), 1.5),
+        (Sight(CONE, 5.0, 9.0, -1.0, RAY), 4.0),
+        (Sight(CONE, 50.0, 9.0, math.cos(math.atan(0.75)), RAY), 2.25),
+    ],
+    ids=["sphere", "disc", "cone by its angle", "cone by its range", "cone by incidence"],
+)
+def test_reach_on_flat_ground_from_three_metres(sight, radius):
+    surface = grid_ground(np.zeros((2, 2)), east0_m=-9, north0_m=-9, step_m=18, source="", vertical_datum="").surface
+    eye, up = np.array([0.0, 0.0, 3.0]), np.array([0.0, 0.0, 1.0])
+    for angle in np.arange(0.0, 6.0, 0.7):
+        direction = np.array([math.cos(angle), math.sin(angle), 0.0])
+        assert kernels.sees(surface, sight, eye, direction * (radius - 1e-6), up)
+        assert not kernels.sees(surface, sight, eye, direction * (radius + 1e-6), up)
+
+
+def test_a_cell_exactly_at_the_reach_is_seen():
+    surface = grid_ground(np.zeros((2, 2)), east0_m=-9, north0_m=-9, step_m=18, source="", vertical_datum="").surface
+    centre = np.array([[0.1 * k, 0.0, 0.0] for k in range(8)])
+    lattice, normals = np.arange(8, dtype=np.int32)[None], np.tile([0.0, 0.0, 1.0], (8, 1))
+    for array in (lattice, centre, normals):
+        array.setflags(write=False)
+    cells = Cells(0.0, 0.0, 0.1, lattice, centre, normals)
+    for radius in (0.3, 0.30000000000000004, 0.7):
+        sight = Sight(DISC, radius, 0.0, -1.0, NO_LINE_OF_SIGHT)
+        seen = kernels.seen_from_points(surface, sight, cells, np.zeros((1, 3)))
+        assert seen.tolist() == (centre[:, 0] ** 2 <= radius**2).tolist()
+
+
+def test_a_camera_never_sees_upwards():
+    surface = grid_ground(np.zeros((2, 2)), east0_m=-9, north0_m=-9, step_m=18, source="", vertical_datum="").surface
+    camera = Sight(CONE, 9.0, 1.0, -1.0, NO_LINE_OF_SIGHT)
+    centre, normal = np.array([0.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    assert kernels.sees(surface, camera, np.array([0.0, 0.0, 1.0]), centre, normal)
+    assert not kernels.sees(surface, camera, np.array([0.0, 0.0, -1.0]), centre, normal)
+    assert not kernels.sees(surface, camera, np.array([0.0, 0.0, 0.0]), centre, normal)
+
+
+def test_look_counts_only_what_is_new_and_changes_nothing_else():
+    surface = rough_ground(3)
+    cells = cells_on(surface)
+    sight = Sight(DISC, 1.0, 0.0, -1.0, NO_LINE_OF_SIGHT)
+    seen = np.zeros(len(cells.centre_m), dtype=bool)
+    eye = np.array([1.0, 3.5, 5.0])
+    new = kernels.look(surface, sight, cells, eye, seen)
+    assert 0 < new == seen.sum() < len(seen)
+    assert kernels.look(surface, sight, cells, eye, seen) == 0
+    everywhere = np.ones_like(seen)
+    assert kernels.look(surface, sight, cells, eye, everywhere) == 0
+    assert kernels.seen_from_points(surface, sight, cells, np.empty((0, 3))).sum() == 0
+    assert set(kernels.first_seen(surface, sight, cells, np.empty((0, 3))).tolist()) == {-1}
+
+
+@deterministic
+@given(st.integers(0, 5), st.integers(0, 1000), st.sampled_from([0.3, 1.0, 50.0]))
+def test_samples_of_a_path_equal_the_naive_twin(count, seed, spacing):
+    route = np.random.default_rng(seed).choice([0.0, 0.1, 1.0, 2.7], (count, 3))
+    route.setflags(write=False)
+    samples = kernels.sample_path(route, spacing)
+    expected = np.array(naive.sample_path(route.tolist(), spacing)).reshape(-1, 3)
+    np.testing.assert_allclose(samples, expected, rtol=0, atol=1e-12)
+    # Waypoints are among them to the last bit.
+    assert {tuple(p) for p in route.tolist()} <= {tuple(p) for p in samples.tolist()}
+    gaps = np.linalg.norm(np.diff(samples, axis=0), axis=1)
+    assert (gaps <= spacing * (1 + 1e-8)).all()

@@ -1,0 +1,205 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from tests.naive import route as naive
+from uavcover.kernels import route as kernels
+from uavcover.kernels.surface import height
+from uavcover.terrain.ground import grid_ground, sine_cosine_ground
+
+deterministic = settings(derandomize=True, deadline=None, max_examples=25)
+
+coordinates = st.one_of(st.integers(-2, 2).map(float), st.floats(-100, 100, width=32))
+
+
+def points(least, most):
+    return hnp.arrays(np.float64, st.tuples(st.integers(least, most), st.just(3)), elements=coordinates)
+
+
+@deterministic
+@given(points(0, 9), points(1, 1))
+def test_nearest_neighbour_order_equals_the_naive_twin(places, reference):
+    places.setflags(write=False)
+    expected = naive.nearest_neighbour_order(places.tolist(), reference[0].tolist())
+    assert kernels.nearest_neighbour_order(places, reference[0]).tolist() == expected
+
+
+@deterministic
+@given(points(0, 8), st.randoms(use_true_random=False))
+def test_two_opt_is_a_permutation_never_longer_with_the_first_in_place(places, random):
+    order = list(range(len(places)))
+    random.shuffle(order)
+    before = np.array(order, dtype=np.int64)
+    after = kernels.two_opt(places, before)
+    assert before.tolist() == order
+    assert sorted(after.tolist()) == list(range(len(places)))
+    assert after[:1].tolist() == order[:1]
+    assert kernels.path_length(places[after]) <= kernels.path_length(places[before]) + 1e-9
+
+
+def test_regression_two_opt_of_part_of_the_points_read_beyond_its_distances():
+    places = np.random.default_rng(2).random((9, 3))
+    assert sorted(kernels.two_opt(places, np.array([7, 1, 4, 8, 2])).tolist()) == [1, 2, 4, 7, 8]
+
+
+def test_two_opt_comes_close_to_the_best_order():
+    gaps = []
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        places = rng.random((7, 3))
+        order = kernels.two_opt(places, rng.permutation(7))
+        best = naive.best_open_tour_length(places.tolist(), int(order[0]))
+        gaps.append(kernels.path_length(places[order]) / best - 1.0)
+    # Stated: the optimum in most cases, within 15 % in all, 2 % on average.
+    assert min(gaps) >= -1e-12
+    assert sum(gap < 1e-9 for gap in gaps) >= 15
+    assert max(gaps) < 0.15
+    assert np.mean(gaps) < 0.02
+
+
+def test_two_opt_shortens_what_nearest_neighbour_leaves():
+    places = np.random.default_rng(8).random((60, 3)) * [1000.0, 1000.0, 10.0]
+    start = kernels.nearest_neighbour_order(places, np.zeros(3))
+    order = kernels.two_opt(places, start)
+    # Nearest neighbour wastes a quarter on average.
+    assert kernels.path_length(places[order]) < 0.9 * kernels.path_length(places[start])
+    # Nothing is left to gain: running it again changes nothing.
+    assert kernels.two_opt(places, order).tolist() == order.tolist()
+
+
+def test_or_opt_moves_a_stretch_that_reversing_cannot():
+    line = np.array([[x, 0.0, 0.0] for x in range(12)], dtype=float)
+    for order in (
+        [0, 5, 6, 7, 1, 2, 3, 4, 8, 9, 10, 11],
+        [0, 1, 2, 3, 7, 8, 9, 10, 4, 5, 6, 11],
+        [0, *range(2, 12), 1],
+    ):
+        assert kernels.two_opt(line, np.array(order)).tolist() == list(range(12))
+
+
+@deterministic
+@given(points(0, 6), st.sampled_from([1.0, 10.0]), st.sampled_from([0.5, 4.0]), st.sampled_from([0.25, 3.0]))
+def test_length_and_time_equal_the_naive_twins(route, cruise, climb, descent):
+    route.setflags(write=False)
+    assert kernels.path_length(route) == pytest.approx(naive.path_length(route.tolist()), rel=1e-12)
+    time = kernels.flight_time(route, cruise, climb, descent)
+    assert time == pytest.approx(naive.flight_time(route.tolist(), cruise, climb, descent), rel=1e-12)
+
+
+def test_time_by_hand():
+    route = np.array([[0.0, 0.0, 0.0], [30.0, 40.0, 0.0], [30.0, 40.0, 8.0], [30.0, 40.0, 2.0], [130.0, 40.0, 1.0]])
+    assert kernels.flight_time(route, 10.0, 4.0, 3.0) == 5.0 + 2.0 + 2.0 + 10.0
+
+
+def hills(seed):
+    nodes = np.random.default_rng(seed).uniform(0.0, 60.0, (9, 9))
+    return grid_ground(nodes, east0_m=0, north0_m=0, step_m=50, source="", vertical_datum="").surface
+
+
+def densely(route, polyline, spacing):
+    """Samples of the polyline as the kernel makes them, with the height of the route above each."""
+    out = []
+    for a, b in itertools.pairwise(polyline):
+        pieces = max(1, math.ceil(math.dist(a, b) / spacing))
+        out += [a + k / pieces * (b - a) for k in range(pieces)]
+    out.append(polyline[-1])
+    places = np.array(out)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
+    run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(route[:, :2], axis=0), axis=1))])
+    return places, along, np.interp(along, run, route[:, 2])
+
+
+@deterministic
+@given(st.integers(0, 1000), st.sampled_from([0.3, 0.6, 2.0]), st.sampled_from([0.0, 3.0, 25.0]))
+def test_terrain_following_keeps_band_slope_tolerance_and_corners(seed, max_slope, tolerance):
+    surface = hills(seed)
+    rng = np.random.default_rng(seed)
+    low, high, spacing = 20.0, 70.0, 10.0
+    polyline = rng.uniform(0.0, 400.0, (rng.integers(2, 5), 2))
+    wanted = rng.uniform(0.0, 90.0, len(polyline))
+    polyline.setflags(write=False)
+    wanted.setflags(write=False)
+    route = kernels.follow_terrain(surface, polyline, wanted, low, high, max_slope, tolerance, spacing)
+    assert np.isfinite(route).all()
+    assert {tuple(corner) for corner in polyline.tolist()} <= {tuple(p) for p in route[:, :2].tolist()}
+    assert route[0, :2].tolist() == polyline[0].tolist()
+    assert route[-1, :2].tolist() == polyline[-1].tolist()
+    runs = np.linalg.norm(np.diff(route[:, :2], axis=0), axis=1)
+    assert (np.abs(np.diff(route[:, 2])) <= max_slope * runs * (1 + 1e-9) + 1e-9).all()
+    places, along, up = densely(route, polyline, spacing)
+    ground = np.array([height(surface, *place) for place in places])
+    assert (up >= ground + low - 1e-6).all(), "below the band"
+    # The ceiling of the widened profiles, by their definition: no place forces more than its own floor less the slope.
+    reachable_floor = (ground + low - max_slope * np.abs(along[:, None] - along)).max(axis=1)
+    reachable_ceiling = (ground + high + max_slope * np.abs(along[:, None] - along)).min(axis=1)
+    assert (up <= np.maximum(reachable_floor, reachable_ceiling) + 1e-6).all(), "above the band for no reason"
+    if (reachable_floor <= reachable_ceiling).all():
+        assert (up <= ground + high + 1e-6).all(), "above the band though both limits can hold"
+    # The reference, by its definition, and the tolerance around it.
+    corner_along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(polyline, axis=0), axis=1))])
+    wish = ground + np.interp(along, corner_along, wanted)
+    wish = (wish - max_slope * np.abs(along[:, None] - along)).max(axis=1)
+    reference = np.maximum(reachable_floor, np.minimum(reachable_ceiling, wish))
+    assert (np.abs(up - reference) <= tolerance + 1e-6).all()
+
+
+def test_where_both_limits_cannot_hold_the_lower_one_wins():
+    nodes = np.zeros((2, 21))
+    nodes[:, 10:] = 100.0
+    surface = grid_ground(nodes, east0_m=0, north0_m=0, step_m=10, source="", vertical_datum="").surface
+    polyline = np.array([[0.0, 5.0], [200.0, 5.0]])
+    route = kernels.follow_terrain(surface, polyline, np.full(2, 15.0), 10.0, 20.0, 1.0, 0.0, 1.0)
+    up_at = np.interp([60.0, 90.0, 100.0, 150.0], route[:, 0], route[:, 2])
+    # 45 degrees up to the lower limit above the edge, 110 m; 10 m of cliff are too steep to keep under 20 m.
+    assert up_at[1] == pytest.approx(100.0)
+    assert up_at[2] >= 110.0
+    assert (np.diff(route[:, 2]) <= np.diff(route[:, 0]) + 1e-9).all()
+
+
+def test_on_flat_ground_and_a_tolerance_saves_waypoints():
+    flat = grid_ground(np.zeros((5, 5)), east0_m=0, north0_m=0, step_m=100, source="", vertical_datum="").surface
+    polyline = np.array([[0.0, 0.0], [400.0, 0.0], [400.0, 300.0]])
+    route = kernels.follow_terrain(flat, polyline, np.full(3, 50.0), 40.0, 60.0, 0.5, 0.5, 7.0)
+    np.testing.assert_allclose(route, [[0, 0, 50], [400, 0, 50], [400, 300, 50]])
+    tight, loose = (
+        kernels.follow_terrain(hills(1), polyline, np.full(3, 50.0), 20.0, 90.0, 2.0, tolerance, 5.0)
+        for tolerance in (0.1, 10.0)
+    )
+    assert len(loose) < len(tight)
+
+
+def test_a_corner_given_twice_changes_nothing():
+    polyline = np.array([[10.0, 10.0], [200.0, 30.0], [200.0, 30.0], [300.0, 300.0], [300.0, 300.0]])
+    once = polyline[[0, 1, 3]]
+    twice = kernels.follow_terrain(hills(4), polyline, np.full(5, 40.0), 20.0, 90.0, 1.0, 2.0, 5.0)
+    expected = kernels.follow_terrain(hills(4), once, np.full(3, 40.0), 20.0, 90.0, 1.0, 2.0, 5.0)
+    different = np.concatenate([[True], np.abs(np.diff(twice, axis=0)).sum(axis=1) > 0])
+    np.testing.assert_allclose(twice[different], expected)
+
+
+def test_no_chord_crosses_ground_without_data_and_the_rest_is_as_if_it_were_not_there():
+    nodes = np.zeros((3, 41))
+    nodes[:, 20] = math.nan
+    surface = grid_ground(nodes, east0_m=0, north0_m=0, step_m=10, source="", vertical_datum="").surface
+    polyline = np.array([[0.0, 10.0], [400.0, 10.0]])
+    route = kernels.follow_terrain(surface, polyline, np.full(2, 50.0), 40.0, 60.0, 0.5, 5.0, 5.0)
+    gap = np.isnan(route[:, 2])
+    assert gap.any()
+    assert ((route[gap, 0] >= 190.0) & (route[gap, 0] <= 210.0)).all()
+    assert route[~gap, 2].tolist() == [50.0] * int((~gap).sum())
+    # Waypoints at both rims of the gap: nothing without data lies under a leg between two of the others.
+    assert 185.0 <= route[~gap, 0][route[~gap, 0] < 200.0].max() <= 190.0
+    assert 210.0 <= route[~gap, 0][route[~gap, 0] > 200.0].min() <= 215.0
+
+
+def test_terrain_following_over_the_analytic_surface():
+    surface = sine_cosine_ground(50.0).surface
+    polyline = np.array([[0.0, 0.0], [300.0, 200.0]])
+    route = kernels.follow_terrain(surface, polyline, np.full(2, 30.0), 20.0, 40.0, 1.0, 1.0, 1.0)
+    above = [p[2] - height(surface, p[0], p[1]) for p in route]
+    assert 20.0 <= min(above) <= max(above) <= 40.0
