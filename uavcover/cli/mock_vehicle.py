@@ -42,6 +42,8 @@ def mock_vehicle(
     from uavcover.on_vehicle import home_of
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    if not 0.0 < speed < float("inf"):
+        raise InputError(f"--speed: {speed:g} is not a number above 0")
     used_seed = 0 if seed is None else seed
     if home is not None:
         try:

@@ -88,12 +88,12 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
     check_site(site)
     name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
     run = RunFolder(request.folder)
-    console.say(f"planning {site.scenario.name}: {site.scenario.description}".rstrip(": "))
     started = time.monotonic()
     with (
         run.reserved((*pipeline.PLAN_FILES, *pipeline.OF_A_PLAN), force=request.force),
         Interrupts(_FIRST_STOP) as stops,
     ):
+        console.say(f"planning {site.scenario.name}: {site.scenario.description}".rstrip(": "))
         with console.progress("planning") as bar:
             result = _search(site, request, stops, bar)
         compiled, refused = None, None

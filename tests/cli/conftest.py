@@ -1,0 +1,168 @@
+"""One demo for all tests, commands in this process or in another, mock vehicles that end with the test."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from uavcover.cli.ending import run_app
+from uavcover.cli.main import app
+
+EVALUATIONS = "40"
+WATCHDOG_S = 120.0
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The one JSON object on stdout."""
+        lines = self.out.splitlines()
+        assert len(lines) == 1, self.out
+        document = json.loads(lines[0])
+        assert isinstance(document, dict)
+        return document
+
+    @property
+    def error(self) -> str:
+        """The one line on stderr."""
+        lines = [line for line in self.err.splitlines() if line]
+        assert len(lines) == 1, self.err
+        return lines[0]
+
+
+Cli = Callable[..., Ended]
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "uavcover", *map(str, arguments)]
+
+
+def in_process(*arguments: object, **options: Any) -> Ended:
+    """A command in a process of its own."""
+    done = subprocess.run(
+        command(*arguments), capture_output=True, text=True, timeout=WATCHDOG_S, check=False, **options
+    )
+    return Ended(done.returncode, done.stdout, done.stderr)
+
+
+@contextmanager
+def started(arguments: list[str], **options: Any) -> Iterator[subprocess.Popen[str]]:
+    """A process that is gone at the end, whatever happens; a watchdog ends one that hangs."""
+    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+    watchdog = threading.Timer(WATCHDOG_S, process.kill)
+    watchdog.start()
+    try:
+        yield process
+    finally:
+        watchdog.cancel()
+        if process.poll() is None:
+            process.send_signal(signal.SIGCONT)
+            process.kill()
+        process.communicate()
+
+
+def wait_for_line(process: subprocess.Popen[str], text: str) -> str:
+    """Read stdout up to the line that contains a text."""
+    assert process.stdout is not None
+    seen = ""
+    for line in process.stdout:
+        seen += line
+        if text in line:
+            return line
+    raise AssertionError(f"{text!r} never came: {seen}")
+
+
+@contextmanager
+def mock_vehicle(*arguments: object) -> Iterator[tuple[int, subprocess.Popen[str]]]:
+    """A mock vehicle in a process of its own: its port and its process."""
+    with started(command("mock-vehicle", "--listen", "udpin://127.0.0.1:0", "--json", *arguments)) as process:
+        assert process.stdout is not None
+        yield json.loads(process.stdout.readline())["port"], process
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
+    """A command in this process."""
+
+    def run(*arguments: object) -> Ended:
+        capsys.readouterr()
+        before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+        try:
+            code = run_app(app, [str(argument) for argument in arguments])
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+        out, err = capsys.readouterr()
+        return Ended(code, out, err)
+
+    return run
+
+
+@dataclass(frozen=True)
+class DemoRun:
+    """What a demo left."""
+
+    folder: Path
+    ended: Ended
+
+
+@pytest.fixture(scope="session")
+def demo_run(tmp_path_factory: pytest.TempPathFactory) -> DemoRun:
+    """The demo with few evaluations, in processes of its own. Not to be changed: copy it."""
+    folder = tmp_path_factory.mktemp("demo") / "run"
+    ended = in_process("demo", "-o", folder, "--evaluations", EVALUATIONS, "--speed", 100, "--json")
+    return DemoRun(folder, ended)
+
+
+@pytest.fixture
+def flown(demo_run: DemoRun, tmp_path: Path) -> Path:
+    """A run folder with everything in it."""
+    return Path(shutil.copytree(demo_run.folder, tmp_path / "run"))
+
+
+@pytest.fixture
+def planned(demo_run: DemoRun, tmp_path: Path) -> Path:
+    """A run folder with a plan and mission files only."""
+    return Path(
+        shutil.copytree(
+            demo_run.folder,
+            tmp_path / "run",
+            ignore=lambda _, names: [n for n in names if n.startswith(("upload", "track", "flight", "verification"))],
+        )
+    )
+
+
+@pytest.fixture(scope="session")
+def nowhere_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plan of a scenario that has no place on Earth."""
+    folder = tmp_path_factory.mktemp("nowhere") / "run"
+    ended = in_process("plan", "paper-R2", "--evaluations", 100, "-o", folder)
+    assert ended.code == 0
+    assert "no mission files" in ended.out
+    return folder
+
+
+def limited_to(kilobytes: int) -> list[str]:
+    """Put before a command: files can grow to this size only, as on a full disk."""
+    return ["sh", "-c", f'ulimit -f {2 * kilobytes}; exec "$@"', "sh"]
+
+
+def files(folder: Path) -> set[str]:
+    return set(os.listdir(folder))

@@ -1,0 +1,95 @@
+import signal
+import subprocess
+from pathlib import Path
+
+from tests.cli.conftest import Cli, command, files, limited_to, mock_vehicle, started, wait_for_line
+from uavcover.flight.track_file import read_track
+from uavcover.recording.reader import read_recorded_track
+
+
+def test_whole_flight_on_the_mock_of_this_process(cli: Cli, flown: Path) -> None:
+    before = (flown / "track.csv").read_bytes()
+    assert cli("fly", flown, "--to", "mock:").code == 2, "a track is there"
+    assert (flown / "track.csv").read_bytes() == before
+    ended = cli("fly", flown, "--to", "mock:", "--mock-speed", 200, "--force", "--json")
+    assert ended.code == 0, ended.err
+    assert ended.document["ending"] == "landed"
+    assert ended.document["simulated_by"] == "uavcover's mock vehicle"
+    assert (flown / "track.csv").read_bytes() != before
+    assert not (flown / "verification.json").exists(), "it spoke of the older track"
+    assert len(read_recorded_track(flown / "flight.rrd")) == ended.document["samples"]
+
+
+def upload(cli: Cli, run: Path, port: int) -> str:
+    url = f"udpout://127.0.0.1:{port}"
+    assert cli("plan-upload", run, "--to", url).code == 0
+    return url
+
+
+def test_interrupt_brings_it_home(cli: Cli, planned: Path) -> None:
+    with mock_vehicle("--speed", 30) as (port, _):
+        url = upload(cli, planned, port)
+        with started(command("fly", planned, "--to", url)) as process:
+            wait_for_line(process, "in the air")
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=100)
+    assert process.returncode == 130, err
+    assert "flying home along checked legs" in out
+    assert "flown home along checked legs, landed and disarmed" in out
+    track = read_track(planned / "track.csv")
+    assert len(read_recorded_track(planned / "flight.rrd")) == len(track)
+
+
+def test_second_interrupt_leaves_it_holding(cli: Cli, planned: Path) -> None:
+    with mock_vehicle("--speed", 30) as (port, _):
+        url = upload(cli, planned, port)
+        with started(command("fly", planned, "--to", url)) as process:
+            wait_for_line(process, "in the air")
+            process.send_signal(signal.SIGINT)
+            wait_for_line(process, "told to hold")
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=100)
+    assert process.returncode == 130, err
+    assert "the vehicle is left holding" in out
+    assert "armed and in the air" in out
+    assert len(read_track(planned / "track.csv")) > 10
+    assert (planned / "flight.rrd").exists()
+
+
+def test_vehicle_that_dies_in_flight(cli: Cli, planned: Path) -> None:
+    with mock_vehicle("--speed", 30) as (port, vehicle):
+        url = upload(cli, planned, port)
+        with started(command("fly", planned, "--to", url)) as process:
+            wait_for_line(process, "in the air")
+            vehicle.kill()
+            _, err = process.communicate(timeout=100)
+    assert process.returncode == 3
+    assert len(err.splitlines()) == 1
+    assert len(read_track(planned / "track.csv")) > 10
+    assert (planned / "flight.rrd").exists()
+
+
+def test_vehicle_without_the_mission_is_not_armed(cli: Cli, flown: Path) -> None:
+    before = (flown / "track.csv").read_bytes()
+    with mock_vehicle("--speed", 30) as (port, _):
+        ended = cli("fly", flown, "--to", f"udpout://127.0.0.1:{port}", "--force", "-q")
+    assert ended.code == 3
+    assert "not armed" in ended.error
+    assert (flown / "track.csv").read_bytes() == before, "the older flight is there until a new one begins"
+
+
+def test_full_disk_does_not_end_the_flight(planned: Path) -> None:
+    fly = command("fly", planned, "--to", "mock:", "--mock-speed", 200)
+    done = subprocess.run([*limited_to(200), *fly], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 2, done.stderr
+    assert "landed and disarmed" in done.stdout
+    assert "the flight goes on without a record" in done.stderr
+    assert done.stderr.splitlines()[-1].startswith(f"error: {planned / 'track.csv'}: cannot be written after")
+    assert "flight.rrd" not in files(planned)
+    assert len(read_track(planned / "track.csv")) > 100
+
+
+def test_bad_usage(cli: Cli, tmp_path: Path) -> None:
+    ended = cli("fly", tmp_path / "nope", "--to", "mock:")
+    assert ended.code == 2
+    assert "no such run folder" in ended.error

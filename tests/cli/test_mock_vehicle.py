@@ -1,0 +1,42 @@
+import signal
+import socket
+
+import pytest
+
+from tests.cli.conftest import Cli, mock_vehicle
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_tells_its_port_and_ends_when_told(number: signal.Signals) -> None:
+    with mock_vehicle("-q") as (port, process):
+        assert port > 0
+        process.send_signal(number)
+        out, err = process.communicate(timeout=30)
+    assert (process.returncode, out, err) == (0, "", "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "telling"),
+    [
+        (("--listen", "tcp://127.0.0.1:0"), "udpin://HOST:PORT"),
+        (("--listen", "nonsense"), "nonsense"),
+        (("--listen", "udpin://127.0.0.1:0", "--home", "here"), "--home"),
+        (("--listen", "udpin://127.0.0.1:0", "--home", "95,0,0"), "--home"),
+        (("--listen", "udpin://127.0.0.1:0", "--speed", "0"), "speed"),
+        (("--listen", "udpin://127.0.0.1:0", "--loss", "1"), "loss"),
+        (("--listen", "udpin://127.0.0.1:0", "--autopilot", "dji"), "--autopilot"),
+        (("--listen", "udpin://127.0.0.1:0", "--scenario", "paper-R2"), "no place on Earth"),
+    ],
+)
+def test_bad_usage(cli: Cli, arguments: tuple[str, ...], telling: str) -> None:
+    ended = cli("mock-vehicle", *arguments)
+    assert ended.code == 2
+    assert telling in ended.error
+
+
+def test_port_that_is_taken(cli: Cli) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        ended = cli("mock-vehicle", "--listen", f"udpin://127.0.0.1:{taken.getsockname()[1]}")
+    assert ended.code == 3
+    assert "is the port taken?" in ended.error

@@ -1,0 +1,205 @@
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.cli.conftest import EVALUATIONS, Cli, command, files, in_process, limited_to, started, wait_for_line
+from uavcover.cli.console import Console
+from uavcover.cli.planning import PlanRequest, plan_into
+
+PLANNED = {
+    "scenario.toml", "run.json", "pareto.csv", "plan.json", "mission.waypoints", "mission.plan", "fence.waypoints",
+    "rally.waypoints", "mission.kml",
+}  # fmt: skip
+
+
+def plan_of(folder: Path) -> dict[str, Any]:
+    document = json.loads((folder / "plan.json").read_text())
+    assert isinstance(document, dict)
+    return document
+
+
+def without_times(folder: Path) -> dict[str, Any]:
+    return {key: value for key, value in plan_of(folder).items() if key != "wall_s"}
+
+
+def test_equal_on_one_thread_two_threads_and_one_core(cli: Cli, tmp_path: Path) -> None:
+    base = ("plan", "jacksboro", "--evaluations", 80, "--seed", 7)
+    one = cli(*base, "-o", tmp_path / "one", "--workers", 1, "--json")
+    assert one.code == 0
+    assert one.document["rule_met"] is True
+    assert files(tmp_path / "one") == PLANNED
+    assert cli(*base, "-o", tmp_path / "two", "--workers", 2).code == 0
+    done = subprocess.run(
+        ["taskset", "-c", "0", *command(*base, "-o", tmp_path / "core")], capture_output=True, timeout=120, check=False
+    )
+    assert done.returncode == 0
+    assert without_times(tmp_path / "one") == without_times(tmp_path / "two") == without_times(tmp_path / "core")
+    assert plan_of(tmp_path / "one")["seed"] == 7
+
+
+def test_rule_that_cannot_be_met_writes_the_best_and_ends_with_1(cli: Cli, tmp_path: Path) -> None:
+    scenario = tmp_path / "narrow.toml"
+    text = (Path("uavcover/scenarios/jacksboro.toml")).read_text()
+    scenario.write_text(text.replace("max_incidence_deg = 75.0", "max_incidence_deg = 42.0"))
+    ended = cli("plan", scenario, "-o", tmp_path / "run", "--evaluations", EVALUATIONS, "--select", "coverage>=1.0")
+    assert ended.code == 1
+    assert "no route meets coverage>=1.0" in ended.err
+    assert plan_of(tmp_path / "run")["rule_met"] is False
+
+
+def test_scenario_without_a_place_plans_and_says_what_it_cannot(cli: Cli, nowhere_run: Path, tmp_path: Path) -> None:
+    assert files(nowhere_run) == {"scenario.toml", "run.json", "pareto.csv", "plan.json"}
+    assert plan_of(nowhere_run)["origin"] is None
+    for arguments in (
+        ("export", nowhere_run, "--format", "plan", "-o", tmp_path / "x.plan"),
+        ("plan-upload", nowhere_run, "--to", "mock:"),
+        ("plan-upload", "paper-R2", "--to", "mock:", "-o", tmp_path / "new"),
+        ("fly", nowhere_run, "--to", "mock:"),
+    ):
+        ended = cli(*arguments)
+        assert ended.code == 2
+        assert "no place on Earth" in ended.error
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "telling"),
+    [
+        (("--budget", "3x"), "--budget"),
+        (("--budget", "0s"), "--budget"),
+        (("--evaluations", "0"), "evaluations"),
+        (("--select", "best"), "select"),
+        (("--algorithm", "beetle"), "--algorithm"),
+        (("--autopilot", "dji"), "--autopilot"),
+        (("--workers", "0"), "workers"),
+    ],
+)
+def test_bad_values_leave_nothing(cli: Cli, tmp_path: Path, arguments: tuple[str, ...], telling: str) -> None:
+    ended = cli("plan", "jacksboro", "-o", tmp_path / "run", "-q", *arguments)
+    assert ended.code == 2
+    assert telling in ended.error
+    assert not (tmp_path / "run").exists()
+
+
+def test_three_mistakes_are_one_line_with_three_keys(cli: Cli, tmp_path: Path) -> None:
+    scenario = tmp_path / "wrong.toml"
+    text = Path("uavcover/scenarios/jacksboro.toml").read_text()
+    for right, wrong in (
+        ("cruise_speed_m_s = 10.0", "cruise_sped_m_s = 10.0"),
+        ("min_height_agl_m = 40.0", 'min_height_agl_m = "low"'),
+        ("cell_size_m = 5.0", "cell_size_m = -5.0"),
+    ):
+        assert right in text
+        text = text.replace(right, wrong)
+    scenario.write_text(text)
+    ended = cli("plan", scenario, "-o", tmp_path / "run")
+    assert ended.code == 2
+    for key in ("vehicle.cruise_sped_m_s", "limits.min_height_agl_m", "area.cell_size_m"):
+        assert key in ended.error
+    assert "did you mean cruise_speed_m_s" in ended.error
+
+
+def test_unknown_scenario(cli: Cli, tmp_path: Path) -> None:
+    ended = cli("plan", "nosuch", "-o", tmp_path / "run")
+    assert ended.code == 2
+    assert "jacksboro" in ended.error
+
+
+def test_folder_that_cannot_be_made(cli: Cli) -> None:
+    ended = cli("plan", "jacksboro", "-o", "/proc/run", "-q")
+    assert ended.code == 2
+    assert ended.error.startswith("error: /proc/run: cannot be written")
+
+
+def test_full_disk_leaves_the_older_plan(flown: Path) -> None:
+    before = {path.name: path.read_bytes() for path in flown.iterdir()}
+    done = subprocess.run(
+        [*limited_to(4), *command("plan", "jacksboro", "-o", flown, "--force", "--evaluations", EVALUATIONS, "-q")],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2, done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert "File too large" in done.stderr
+    assert {path.name: path.read_bytes() for path in flown.iterdir()} == before
+
+
+def test_force_removes_what_belonged_to_the_older_plan(cli: Cli, flown: Path) -> None:
+    assert cli("plan", "jacksboro", "-o", flown, "--evaluations", EVALUATIONS).code == 2
+    ended = cli("plan", "jacksboro", "-o", flown, "--evaluations", EVALUATIONS, "--seed", 3, "--force")
+    assert ended.code == 0
+    assert files(flown) == PLANNED
+    assert plan_of(flown)["seed"] == 3
+
+
+def test_two_planners_in_one_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    with started(command("plan", "jacksboro", "-o", folder, "--budget", "60s")) as first:
+        wait_for_line(first, "planning")
+        second = in_process("plan", "jacksboro", "-o", folder, "--force", "--evaluations", EVALUATIONS, "-q")
+        assert second.code == 2
+        assert "another uavcover is working in this folder" in second.error
+        first.send_signal(signal.SIGINT)
+        first.communicate(timeout=60)
+    assert plan_of(folder)["interrupted"] is True
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_writes_the_best_so_far(tmp_path: Path, number: signal.Signals) -> None:
+    with started(command("plan", "jacksboro", "-o", tmp_path / "run", "--budget", "60s")) as process:
+        wait_for_line(process, "planning")
+        process.send_signal(number)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert f"the best route found so far has been written to {tmp_path / 'run'}" in err
+    assert files(tmp_path / "run") == PLANNED
+    assert plan_of(tmp_path / "run")["waypoints"]
+
+
+def test_third_interrupt_aborts(tmp_path: Path) -> None:
+    with started(command("plan", "jacksboro", "-o", tmp_path / "run", "--budget", "60s")) as process:
+        wait_for_line(process, "planning")
+        while process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            time.sleep(0.02)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert not (tmp_path / "run").exists() or plan_of(tmp_path / "run")["interrupted"]
+
+
+def test_infeasible_plan_ends_with_4(cli: Cli, tmp_path: Path) -> None:
+    scenario = tmp_path / "steep.toml"
+    text = Path("uavcover/scenarios/jacksboro.toml").read_text()
+    scenario.write_text(text.replace("max_climb_angle_deg = 30.0", "max_climb_angle_deg = 1.0"))
+    ended = cli("plan", scenario, "-o", tmp_path / "run", "--evaluations", EVALUATIONS, "-q")
+    assert ended.code == 4
+    assert not (tmp_path / "run").exists()
+
+
+def test_progress_bar_only_on_a_terminal_and_after_two_seconds(tmp_path: Path) -> None:
+    arguments = command("plan", "jacksboro", "-o", tmp_path / "long", "--budget", "5s")
+    seen = subprocess.run(
+        ["script", "-qec", " ".join(arguments), str(tmp_path / "typescript")],
+        capture_output=True, text=True, timeout=120, check=False, stdin=subprocess.DEVNULL,
+        env={"PATH": "/usr/bin:/bin", "TERM": "xterm", "HOME": str(tmp_path)},
+    )  # fmt: skip
+    assert seen.returncode == 0
+    assert "━" in seen.stdout
+    piped = in_process("plan", "jacksboro", "-o", tmp_path / "piped", "--evaluations", EVALUATIONS)
+    assert "━" not in piped.out + piped.err
+    assert piped.err == "" or all(line.startswith("warning:") for line in piped.err.splitlines())
+
+
+def test_request_is_all_that_planning_needs(tmp_path: Path) -> None:
+    request = PlanRequest(
+        scenario="paper-R2", folder=tmp_path / "run", command=sys.argv, force=False, evaluations=100, seed=2
+    )
+    outcome = plan_into(request, Console(verbosity=-1), check_site=lambda _: None)
+    assert outcome.exit_code == 0
+    assert outcome.compiled is None

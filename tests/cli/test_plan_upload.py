@@ -1,0 +1,104 @@
+import contextlib
+import json
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import EVALUATIONS, Cli, command, mock_vehicle, started
+from tests.cli.relay import Relay
+
+
+def test_run_folder_to_a_vehicle_in_another_process(cli: Cli, planned: Path) -> None:
+    with mock_vehicle() as (port, _):
+        ended = cli("plan-upload", planned, "--to", f"udpout://127.0.0.1:{port}", "--json")
+    assert ended.code == 0
+    assert ended.document["passed"] is True
+    written = json.loads((planned / "upload.json").read_text())
+    assert {**written, "run": str(planned)} == ended.document
+    assert [part["mission_type"] for part in written["lists"]] == ["mission", "fence", "rally"]
+    assert all(len(part["sent"]) == len(part["received"]) for part in written["lists"])
+    assert all(difference["why"] for part in written["lists"] for difference in part["differences"])
+
+
+def test_px4_vehicle_and_lossy_link(cli: Cli, planned: Path) -> None:
+    with mock_vehicle("--autopilot", "px4", "--loss", 0.05) as (port, _):
+        ended = cli("plan-upload", planned, "--to", f"udpout://127.0.0.1:{port}")
+    assert ended.code == 0, ended.err
+    assert "PX4" in ended.out
+
+
+def test_scenario_is_planned_first(cli: Cli, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    ended = cli("plan-upload", "jacksboro", "--to", "mock:", "-o", run, "--evaluations", EVALUATIONS, "--json")
+    assert ended.code == 0
+    assert ended.document["run"] == str(run)
+    assert (run / "mission.waypoints").exists()
+
+
+def test_planning_options_do_nothing_for_a_run_folder(cli: Cli, planned: Path) -> None:
+    ended = cli("plan-upload", planned, "--to", "mock:", "--seed", 3, "--select", "knee")
+    assert ended.code == 2
+    assert "--select, --seed would do nothing" in ended.error
+
+
+@pytest.mark.parametrize("name", ["plan-upload", "fly"])
+def test_vehicle_that_never_answers(cli: Cli, planned: Path, name: str) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+        silent.bind(("127.0.0.1", 0))
+        began = time.monotonic()
+        ended = cli(name, planned, "--to", f"udpout://127.0.0.1:{silent.getsockname()[1]}", "--timeout", 1)
+    assert ended.code == 3
+    assert "no vehicle sent a heartbeat within 1 s" in ended.error
+    assert time.monotonic() - began < 5.0
+    assert not (planned / "track.csv").exists()
+
+
+def test_vehicle_that_stops_in_the_middle_of_an_upload(flown: Path, tmp_path: Path) -> None:
+    """Killed, and stopped: both at once, because each takes as long as the upload is patient."""
+    numbers = (signal.SIGKILL, signal.SIGSTOP)
+    with contextlib.ExitStack() as stack:
+        uploads = []
+        for number in numbers:
+            run = Path(shutil.copytree(flown, tmp_path / number.name))
+            port, vehicle = stack.enter_context(mock_vehicle())
+            relay = stack.enter_context(Relay(port, partial(end_at_the_fifth_item, vehicle, number)))
+            url = f"udpout://127.0.0.1:{relay.port}"
+            uploads.append((run, stack.enter_context(started(command("plan-upload", run, "--to", url, "-q")))))
+        for run, upload in uploads:
+            out, err = upload.communicate(timeout=100)
+            assert (upload.returncode, out) == (3, ""), err
+            assert err.startswith("error: upload of the mission")
+            assert len(err.splitlines()) == 1
+            assert not (run / "upload.json").exists(), "the older upload is no longer what the vehicle holds"
+
+
+def end_at_the_fifth_item(vehicle: subprocess.Popen[str], number: signal.Signals, items: int) -> None:
+    if items == 5:
+        vehicle.send_signal(number)
+
+
+def test_vehicle_at_another_place_is_refused(cli: Cli, planned: Path) -> None:
+    with mock_vehicle("--home", "36.4772,-84.2160,485.4") as (port, _):
+        ended = cli("plan-upload", planned, "--to", f"udpout://127.0.0.1:{port}", "-q")
+    assert ended.code == 3
+    assert "from the planned home" in ended.error
+    assert not (planned / "upload.json").exists()
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "nan"])
+def test_bad_timeout(cli: Cli, planned: Path, seconds: str) -> None:
+    ended = cli("plan-upload", planned, "--to", "mock:", "--timeout", seconds)
+    assert ended.code == 2
+    assert "timeout" in ended.error
+
+
+def test_bad_url(cli: Cli, planned: Path) -> None:
+    ended = cli("plan-upload", planned, "--to", "carrier-pigeon://x")
+    assert ended.code == 2
+    assert "udpout://HOST:PORT" in ended.error

@@ -1,0 +1,90 @@
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.cli.conftest import Cli
+
+
+def shifted(run: Path, north_m: float) -> None:
+    with (run / "track.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    with (run / "track.csv").open("w") as file:
+        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
+        writer.writeheader()
+        for row in rows:
+            row["lat_deg"] = repr(float(row["lat_deg"]) + float(np.degrees(north_m / 6.36e6)))
+            row["north_m"] = repr(float(row["north_m"]) + north_m)
+            writer.writerow(row)
+
+
+def test_recomputed_from_the_track(cli: Cli, flown: Path) -> None:
+    before = json.loads((flown / "verification.json").read_text())
+    ended = cli("verify", flown, "--json")
+    assert ended.code == 0
+    assert ended.document == before == json.loads((flown / "verification.json").read_text())
+
+
+def test_shifted_by_200_m_does_not_pass(cli: Cli, flown: Path) -> None:
+    shifted(flown, 200.0)
+    ended = cli("verify", flown)
+    assert ended.code == 1
+    assert "NOT passed" in ended.out
+    verdict = json.loads((flown / "verification.json").read_text())
+    assert verdict["passed"] is False
+    assert verdict["max_deviation_m"] > 100.0
+
+
+def test_recording_gives_the_same_verdict(cli: Cli, flown: Path) -> None:
+    by_csv = cli("verify", flown, "--json").document
+    by_rrd = cli("verify", flown, "--log", flown / "flight.rrd", "--json").document
+    assert by_rrd.pop("track") == "flight.rrd"
+    assert by_csv.pop("track") == "track.csv"
+    assert by_rrd == by_csv
+
+
+def test_needs_no_plan(cli: Cli, flown: Path) -> None:
+    (flown / "plan.json").unlink()
+    ended = cli("verify", flown, "--json")
+    assert ended.code == 0
+    assert ended.document["planned_coverage_fraction"] is None
+
+
+def test_last_line_cut_off(cli: Cli, flown: Path) -> None:
+    text = (flown / "track.csv").read_text()
+    (flown / "track.csv").write_text(text[:-20])
+    ended = cli("verify", flown)
+    assert ended.code == 0
+    assert "cut off" in ended.err
+
+
+@pytest.mark.parametrize("name", ["flight.log", "flight", "plan.json"])
+def test_other_endings(cli: Cli, flown: Path, name: str) -> None:
+    if not (flown / name).exists():
+        shutil.copy(flown / "track.csv", flown / name)
+    ended = cli("verify", flown, "--log", flown / name)
+    assert ended.code == 2
+    assert ".csv or .rrd" in ended.error
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("x.csv", b""), ("x.csv", b"a,b\n1,2\n"), ("x.rrd", b"no recording"), ("x.csv", b"\xff\xfe"), ("gone.csv", None)],
+)
+def test_files_that_are_no_track(cli: Cli, flown: Path, tmp_path: Path, name: str, content: bytes | None) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    before = (flown / "verification.json").read_bytes()
+    ended = cli("verify", flown, "--log", tmp_path / name)
+    assert ended.code == 2
+    assert name in ended.error
+    assert (flown / "verification.json").read_bytes() == before
+
+
+def test_nothing_flown(cli: Cli, planned: Path) -> None:
+    ended = cli("verify", planned)
+    assert ended.code == 2
+    assert "uavcover fly" in ended.error
