@@ -3,6 +3,7 @@
 Heights are given above home, so a wrong home would move all of them: ``fly`` and ``plan-upload`` compare it first.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -13,9 +14,11 @@ from numpy.typing import NDArray
 from mission_io import autopilots
 from mission_io.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.checks import check_for_autopilot
-from mission_io.items import Frame, GeoPoint, Mission, MissionItem, MissionType, change_speed, land, takeoff, waypoint
+from mission_io.content import Content, items_of, mission_type_of
+from mission_io.items import Frame, GeoPoint, Mission, MissionItem, change_speed, land, takeoff, waypoint
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.frames import LocalFrame
+from uavcover.kernels.coverage import sample_path
 from uavcover.kernels.route import flight_time, follow_terrain
 from uavcover.leg_checks import LegProblem, find_problems
 from uavcover.model.route import Route
@@ -29,6 +32,8 @@ AUTOPILOTS = {"ardupilot": autopilots.ARDUPILOT, "px4": autopilots.PX4}
 _NO_CEILING_M = 1e5
 _TRANSIT_TOLERANCE_M = 15.0
 _TRANSIT_SLACK_M = 1.0
+"""Added to the height that a transit aims at, for the ground between two samples and for rounding."""
+_TRANSIT_TRIES = 5
 _SAMPLE_SPACING_M = 5.0
 _COLUMN_M = 0.1
 """Legs with less horizontal way than this are vertical columns, which the climb limit does not speak of."""
@@ -38,11 +43,15 @@ _COLUMN_M = 0.1
 class ReturnAdvice:
     """Whether the autopilot's own return, straight home at one height, is safe from every waypoint.
 
+    Checked from all along the legs, not only from the waypoints: a ridge can stand between home and the middle of a leg.
+
     Attributes:
         return_height_m: height above home that was checked.
-        unsafe_waypoints: numbers of the planned waypoints from which it is not.
-        worst_clearance_m: lowest point of all straight lines above ground.
-        safe_return_height_m: height above home from which every straight line keeps the transit clearance.
+        unsafe_waypoints: numbers of the planned waypoints at which, or on the leg to which, it is not. The way there
+            counts as the leg to waypoint 0, the way home as the last waypoint's.
+        worst_clearance_m: lowest point of all straight lines above ground; NaN when some ground is not known.
+        safe_return_height_m: height above home from which every straight line keeps the transit clearance; infinite when
+            some ground is not known.
     """
 
     return_height_m: float
@@ -58,7 +67,7 @@ class CompiledMission:
     Attributes:
         mission: home and items.
         fence: one inclusion polygon.
-        rally: empty, or home at a safe height.
+        rally: home at a safe height; empty when no height is known to be safe.
         first_waypoint_item: index in ``mission.items`` of the first planned waypoint.
         waypoint_count: how many planned waypoints follow it, one item each.
         path_m: (k, 3) ENU: column top at home, way there, planned waypoints, way home, column top.
@@ -96,8 +105,10 @@ def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName) -> Co
     )
     there = transit(site, home[:2], planned[0], ground_end_height_m=vehicle.takeoff_height_m)
     back = transit(site, home[:2], planned[-1], ground_end_height_m=vehicle.takeoff_height_m)[::-1]
-    _check_transit(site, "the way there", there)
-    _check_transit(site, "the way home", back)
+    # Where a way ends straight above or below a planned waypoint, the band of the route applies, which may be lower.
+    lowest_agl_m = min(limits.transit_clearance_m, limits.min_height_agl_m)
+    _check_transit(site, "the way there", there, far_end=len(there) - 1, far_end_lowest_agl_m=lowest_agl_m)
+    _check_transit(site, "the way home", back, far_end=0, far_end_lowest_agl_m=lowest_agl_m)
 
     items = [_item(takeoff, frame, there[0], home), change_speed(vehicle.cruise_speed_m_s)]
     items += [_item(waypoint, frame, point, home) for point in there[1:-1]]
@@ -106,9 +117,6 @@ def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName) -> Co
     items += [_item(waypoint, frame, point, home) for point in back[1:]]
     items.append(_item(land, frame, home, home))
     mission = Mission(_geo_point(frame, home), tuple(items))
-    problems = check_for_autopilot(mission.items, AUTOPILOTS[autopilot], MissionType.MISSION)
-    if problems:
-        raise InfeasibleError(f"{AUTOPILOTS[autopilot].name} would not take this mission: {problems[0]}")
     path = np.vstack([there[:-1], planned, back[1:]])
     time_s = _flight_time_s(site, path, home)
     if vehicle.endurance_s is not None and time_s > vehicle.endurance_s:
@@ -116,16 +124,19 @@ def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName) -> Co
             f"the flight takes {time_s:.0f} s with the ways there and home, vehicle.endurance_s is {vehicle.endurance_s:.0f} s; "
             "ask for less coverage (--select), or plan a smaller area"
         )
-    advice = check_straight_return(site, planned)
+    advice = check_straight_return(site, path, first_waypoint=len(there) - 1, waypoint_count=len(planned))
+    fence, rally = _fence(site, frame), _rally(frame, home, advice)
+    for content in (mission, fence, rally):
+        _check_autopilot(content, AUTOPILOTS[autopilot])
     return CompiledMission(
         mission=mission,
-        fence=_fence(site, frame),
-        rally=RallyPoints((_rally(frame, home, advice),)),
+        fence=fence,
+        rally=rally,
         first_waypoint_item=first,
         waypoint_count=len(planned),
         path_m=path,
         return_advice=advice,
-        max_height_above_home_m=float(path[:, 2].max() - home[2]),
+        max_height_above_home_m=float(site.alts_amsl_m(path).max() - site.alts_amsl_m(home)[0]),
         flight_time_s=time_s,
     )
 
@@ -139,14 +150,16 @@ def compile_return(site: Site, *, lat_deg: float, lon_deg: float, alt_amsl_m: fl
     frame, home = _place(site)
     here = frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
     back = transit(site, home[:2], here, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)[::-1]
-    # The vehicle may be lower than the clearance right now; from the next point on the way is checked.
-    _check_transit(site, "the way home", back if len(back) < 3 else back[1:])
+    # The vehicle may be lower than the clearance right now, wherever that is: then it goes straight up from there first.
+    _check_transit(site, "the way home", back, far_end=0, far_end_lowest_agl_m=-math.inf)
     items = [_item(waypoint, frame, point, home) for point in back[1:]]
     return Mission(_geo_point(frame, home), (*items, _item(land, frame, home, home)))
 
 
 def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_height_m: float) -> FloatArray:
     """A way between the column above home and a point, over the terrain.
+
+    It aims at the transit clearance and the height margin above it, for what the vehicle adds in flight.
 
     Args:
         site: the scenario on its ground.
@@ -158,21 +171,29 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
         (k, 3) ENU from the column's top to the point.
     """
     limits = site.scenario.limits
+    wanted_m = limits.transit_clearance_m + limits.height_margin_m
     end_ground = float(site.ground.heights_m(end_m[:2])[0])
     if math.hypot(*(end_m[:2] - home_en_m)) < _COLUMN_M:
-        return np.vstack(
-            [[*home_en_m, max(end_m[2], site.ground.heights_m(home_en_m)[0] + ground_end_height_m)], end_m]
+        home_ground = float(site.ground.heights_m(home_en_m)[0])
+        top = home_ground + max(ground_end_height_m, wanted_m + _TRANSIT_SLACK_M)
+        return np.vstack([[*home_en_m, max(end_m[2], top)], end_m])
+    aim_m = wanted_m + _TRANSIT_SLACK_M
+    for attempt in range(_TRANSIT_TRIES):
+        points = follow_terrain(
+            site.ground.surface,
+            np.vstack([home_en_m, end_m[:2]]),
+            np.array([ground_end_height_m, max(end_m[2] - end_ground, aim_m)]),
+            aim_m,
+            _NO_CEILING_M,
+            math.tan(math.radians(limits.max_climb_angle_deg)) * (1.0 - 1e-9),
+            _TRANSIT_TOLERANCE_M,
+            _SAMPLE_SPACING_M / 2.0**attempt,
         )
-    points = follow_terrain(
-        site.ground.surface,
-        np.vstack([home_en_m, end_m[:2]]),
-        np.array([ground_end_height_m, max(end_m[2] - end_ground, limits.transit_clearance_m)]),
-        limits.transit_clearance_m + _TRANSIT_SLACK_M,
-        _NO_CEILING_M,
-        math.tan(math.radians(limits.max_climb_angle_deg)) * (1.0 - 1e-9),
-        _TRANSIT_TOLERANCE_M,
-        _SAMPLE_SPACING_M,
-    )
+        lowest = float(site.ground.leg_height_ranges_m(points)[:, 0].min())
+        if not lowest < wanted_m:
+            break
+        # The ground rises between two samples by more than the slack: once more, as much higher and looking closer.
+        aim_m += wanted_m - lowest + _TRANSIT_SLACK_M
     if abs(points[-1, 2] - end_m[2]) <= _COLUMN_M:
         # So close: end in the point itself, at the price of a hair of slope.
         points[-1] = end_m
@@ -180,28 +201,50 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
     return np.vstack([points, end_m])
 
 
-def check_straight_return(site: Site, planned_m: FloatArray) -> ReturnAdvice:
-    """Check the autopilot's own return from every planned waypoint: up to the return height, then straight home."""
+def check_straight_return(site: Site, path_m: FloatArray, *, first_waypoint: int, waypoint_count: int) -> ReturnAdvice:
+    """Check the autopilot's own return from all along a path: up to the return height, then straight home.
+
+    Args:
+        site: the scenario on its ground.
+        path_m: (k, 3) ENU, the whole flight between the columns above home.
+        first_waypoint: row of the first planned waypoint in it.
+        waypoint_count: how many planned waypoints follow.
+    """
     _, home = _place(site)
     height = site.scenario.vehicle.return_height_m
     clearance = site.scenario.limits.transit_clearance_m
-    lowest = np.empty(len(planned_m))
+    spacing = min(_SAMPLE_SPACING_M, site.ground.surface.step_m)
+    lowest = np.full(len(path_m), np.inf)
     highest_ground = -math.inf
-    for k, point in enumerate(planned_m):
-        up = max(point[2], home[2] + height)
-        # The last metres are the landing column.
-        along = home[:2] - point[:2]
-        distance = max(float(np.hypot(*along)), 1e-9)
-        end = point[:2] + along * max(0.0, 1.0 - site.scenario.vehicle.acceptance_radius_m / distance)
-        line = np.array([[*point[:2], up], [*end, up]])
-        lowest[k] = site.ground.leg_height_ranges_m(line)[0, 0]
-        highest_ground = max(highest_ground, up - lowest[k])
+    for row in range(len(path_m)):
+        starts = sample_path(np.ascontiguousarray(path_m[max(row - 1, 0) : row + 1]), spacing)
+        ups = np.maximum(starts[:, 2], home[2] + height)
+        clear = _lowest_on_the_way_home_m(site, starts, ups, home)
+        lowest[row] = np.min(clear, initial=np.inf)
+        # A level line: the highest ground below it is where it is lowest above ground.
+        highest_ground = float(np.maximum(highest_ground, np.max(ups - clear, initial=-np.inf)))
+    unsafe = np.flatnonzero(~(lowest >= clearance)) - first_waypoint
+    known = math.isfinite(highest_ground)
     return ReturnAdvice(
         return_height_m=height,
-        unsafe_waypoints=tuple(int(k) for k in np.flatnonzero(lowest < clearance)),
+        unsafe_waypoints=tuple(int(k) for k in np.unique(np.clip(unsafe, 0, waypoint_count - 1))),
         worst_clearance_m=float(lowest.min()),
-        safe_return_height_m=float(max(0.0, highest_ground + clearance - home[2])),
+        safe_return_height_m=max(0.0, highest_ground + clearance - float(home[2])) if known else math.inf,
     )
+
+
+def _lowest_on_the_way_home_m(site: Site, starts_m: FloatArray, ups_m: FloatArray, home_m: FloatArray) -> FloatArray:
+    """(n,) lowest height above ground of level lines from above (n, 3) places to the landing column; NaN if not known."""
+    to_home = home_m[:2] - starts_m[:, :2]
+    distance = np.hypot(to_home[:, 0], to_home[:, 1])
+    # The last metres are the landing column.
+    share = np.maximum(0.0, 1.0 - site.scenario.vehicle.acceptance_radius_m / np.maximum(distance, 1e-9))
+    ends = starts_m[:, :2] + share[:, None] * to_home
+    # There and back in one line of (2 n) points: every second leg is one way home.
+    line = np.empty((2 * len(starts_m), 3))
+    line[0::2] = np.column_stack([starts_m[:, :2], ups_m])
+    line[1::2] = np.column_stack([ends, ups_m])
+    return site.ground.leg_height_ranges_m(line)[0::2, 0]
 
 
 def _place(site: Site) -> tuple[LocalFrame, FloatArray]:
@@ -223,15 +266,31 @@ def _refuse(what: str, problems: list[LegProblem]) -> None:
         raise InfeasibleError(f"{what}: {problems[0]}{more}")
 
 
-def _check_transit(site: Site, what: str, points_m: FloatArray) -> None:
-    problems = find_problems(site, points_m, lowest_agl_m=site.scenario.limits.transit_clearance_m, highest_agl_m=None)
-    columns = {
-        leg for leg in range(1, len(points_m)) if math.hypot(*(points_m[leg, :2] - points_m[leg - 1, :2])) < _COLUMN_M
-    }
-    _refuse(
-        what,
-        [p for p in problems if not (p.kind == "climb" and p.leg in columns) and p.kind != "below sea-level limit"],
-    )
+def _check_transit(site: Site, what: str, points_m: FloatArray, *, far_end: int, far_end_lowest_agl_m: float) -> None:
+    """Refuse a transit that breaks a limit at any place.
+
+    The leg at its far end, point number ``far_end``, may go straight up or down; then it has its own lowest height, and the
+    climb limit does not speak of it. Nor does the lower sea-level limit of transits: home may lie below it.
+    """
+    leg = max(far_end, 1)
+    ignored = {"below sea-level limit"}
+    lowest_agl_m = site.scenario.limits.transit_clearance_m
+    if math.hypot(*(points_m[leg, :2] - points_m[leg - 1, :2])) < _COLUMN_M:
+        column = points_m[leg - 1 : leg + 1]
+        problems = find_problems(site, column, lowest_agl_m=far_end_lowest_agl_m, highest_agl_m=None)
+        _refuse(what, [dataclasses.replace(p, leg=leg) for p in problems if p.kind not in {*ignored, "climb"}])
+        points_m = np.delete(points_m, far_end, axis=0)
+    problems = find_problems(site, points_m, lowest_agl_m=lowest_agl_m, highest_agl_m=None)
+    _refuse(what, [p for p in problems if p.kind not in ignored])
+
+
+def _check_autopilot(content: Content, autopilot: autopilots.Autopilot) -> None:
+    """Refuse a list that the autopilot would not take or would understand otherwise."""
+    problems = check_for_autopilot(items_of(content, autopilot), autopilot, mission_type_of(content))
+    if problems:
+        raise InfeasibleError(
+            f"{autopilot.name} would not take this {mission_type_of(content).name.lower()}: {problems[0]}"
+        )
 
 
 def _item(make: object, frame: LocalFrame, point_m: FloatArray, home_m: FloatArray) -> MissionItem:
@@ -251,10 +310,12 @@ def _fence(site: Site, frame: LocalFrame) -> Fence:
     return Fence((FencePolygon(tuple(LatLon(float(a), float(o)) for a, o in zip(lat, lon, strict=True))),))
 
 
-def _rally(frame: LocalFrame, home_m: FloatArray, advice: ReturnAdvice) -> FramedPoint:
+def _rally(frame: LocalFrame, home_m: FloatArray, advice: ReturnAdvice) -> RallyPoints:
+    if not math.isfinite(advice.safe_return_height_m):
+        return RallyPoints(())
     place = _geo_point(frame, home_m)
     height = max(advice.return_height_m, math.ceil(advice.safe_return_height_m))
-    return FramedPoint(place.lat_deg, place.lon_deg, height, Frame.ABOVE_HOME)
+    return RallyPoints((FramedPoint(place.lat_deg, place.lon_deg, float(height), Frame.ABOVE_HOME),))
 
 
 def _flight_time_s(site: Site, path_m: FloatArray, home_m: FloatArray) -> float:
