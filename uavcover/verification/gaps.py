@@ -18,19 +18,24 @@ def find_gaps(coverage: CoverageMap, seen: NDArray[np.bool_]) -> list[Gap]:
     labels, count = ndimage.label(lattice, structure=np.ones((3, 3)))
     label_of_cell = np.zeros(coverage.grid.count, dtype=np.int64)
     label_of_cell[cells.lattice[inside]] = labels[inside]
-    gaps = []
-    for label in range(1, count + 1):
-        members = np.flatnonzero(label_of_cell == label)
-        weight = coverage.grid.weight_m2[members]
-        middle = np.average(cells.centre_m[members], axis=0, weights=weight)
-        lat, lon = float("nan"), float("nan")
-        if coverage.site.frame is not None:
-            lats, lons, _ = coverage.site.frame.geodetic_from_enu(middle)
-            lat, lon = float(lats[0]), float(lons[0])
-        gaps.append(
-            Gap(
-                cells=int(members.size), area_m2=float(weight.sum()), lat_deg=lat, lon_deg=lon,
-                east_m=float(middle[0]), north_m=float(middle[1]),
-            )
-        )  # fmt: skip
+    members = np.flatnonzero(label_of_cell)
+    label, weight = label_of_cell[members] - 1, coverage.grid.weight_m2[members]
+    number = np.bincount(label, minlength=count)
+    area = np.bincount(label, weights=weight, minlength=count)
+    middle = np.column_stack(
+        [
+            np.bincount(label, weights=weight * cells.centre_m[members, axis], minlength=count) / area
+            for axis in range(3)
+        ]
+    )
+    lat, lon = np.full(count, np.nan), np.full(count, np.nan)
+    if coverage.site.frame is not None:
+        lat, lon, _ = coverage.site.frame.geodetic_from_enu(middle)
+    gaps = [
+        Gap(
+            cells=int(number[k]), area_m2=float(area[k]), lat_deg=float(lat[k]), lon_deg=float(lon[k]),
+            east_m=float(middle[k, 0]), north_m=float(middle[k, 1]),
+        )
+        for k in range(count)
+    ]  # fmt: skip
     return sorted(gaps, key=lambda gap: -gap.area_m2)

@@ -1,0 +1,65 @@
+"""Synthetic tracks: a perfect vehicle along a path."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from uavcover.model.track import Track
+from uavcover.site import Site
+
+
+def fly_along(
+    site: Site,
+    path_m: np.ndarray,
+    *,
+    first: int = 0,
+    count: int | None = None,
+    speed_m_s: float = 10.0,
+    rate_hz: float = 5.0,
+) -> Track:
+    """A track exactly along an (n, 3) path; the planned waypoints are rows ``first`` to ``first + count - 1`` of it."""
+    count = len(path_m) - first if count is None else count
+    flown = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path_m, axis=0), axis=1))])
+    # The last sample at every waypoint belongs to the way to it.
+    along = np.append(np.arange(0.0, flown[-1], speed_m_s / rate_hz), flown[-1])
+    enu = np.column_stack([np.interp(along, flown, path_m[:, axis]) for axis in range(3)])
+    heading_for = np.searchsorted(flown, along, side="left") - first
+    heading_for = np.where((heading_for >= 0) & (heading_for < count), heading_for, -1)
+    return track_of(site, enu, time_s=100.0 + along / speed_m_s, current_waypoint=heading_for)
+
+
+def track_of(site: Site, enu: np.ndarray, *, time_s: np.ndarray, current_waypoint: np.ndarray) -> Track:
+    if site.frame is None:
+        geodetic = np.column_stack([np.zeros_like(enu[:, :2]), enu[:, 2]])
+    else:
+        geodetic = np.column_stack(site.frame.geodetic_from_enu(enu))
+    return Track(
+        time_s=np.array(time_s, float),
+        geodetic=geodetic,
+        enu_m=np.array(enu, float),
+        attitude_deg=np.zeros((len(enu), 3)),
+        current_waypoint=np.array(current_waypoint, dtype=np.int64),
+    )
+
+
+def changed(track: Track, **changes: Any) -> Track:
+    return dataclasses.replace(track, **changes)
+
+
+def taken(track: Track, keep: np.ndarray) -> Track:
+    return Track(
+        track.time_s[keep].copy(),
+        track.geodetic[keep].copy(),
+        track.enu_m[keep].copy(),
+        track.attitude_deg[keep].copy(),
+        track.current_waypoint[keep].copy(),
+    )
+
+
+def moved(site: Site, track: Track, by_m: tuple[float, float, float], *, which: str = "both") -> Track:
+    """The track somewhere else: its latitudes and longitudes, its local columns, or both."""
+    other = track_of(site, track.enu_m + np.array(by_m), time_s=track.time_s, current_waypoint=track.current_waypoint)
+    if which == "local":
+        return changed(track, enu_m=other.enu_m)
+    return other if which == "both" else changed(track, geodetic=other.geodetic)
