@@ -13,7 +13,7 @@ from pathlib import Path
 import matplotlib.cbook
 import numpy as np
 import rasterio
-from rasterio.transform import from_bounds
+from rasterio.transform import Affine
 
 OUT = Path(__file__).resolve().parents[1] / "uavcover" / "data" / "jacksboro.tif"
 
@@ -30,7 +30,7 @@ def main() -> None:
     OUT.parent.mkdir(exist_ok=True)
     with rasterio.open(
         OUT, "w", driver="GTiff", width=columns, height=rows, count=1, dtype="int16", crs="EPSG:4326+5773",
-        transform=from_bounds(west, south, east, north, columns, rows), nodata=-32768,
+        transform=Affine((east - west) / columns, 0.0, west, 0.0, -(north - south) / rows, north), nodata=-32768,
         compress="deflate", predictor=2, zlevel=9,
     ) as file:  # fmt: skip
         file.write(heights, 1)

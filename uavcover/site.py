@@ -71,6 +71,8 @@ def build_site(scenario: Scenario, *, terrain_file: Path | None = None) -> Site:
     fence = _fence(scenario, frame, area, home_en)
     if frame is not None:
         _check_near(scenario, area, fence, home_en)
+    if home_en is not None and not fence.covers(shapely.Point(home_en)):
+        raise ScenarioError("home: the take-off place is outside limits.fence; move one of the two")
     ground = _ground(scenario, frame, shapely.union_all([area, fence]).bounds, terrain_file)
     home = None
     if home_en is not None:
@@ -79,8 +81,6 @@ def build_site(scenario: Scenario, *, terrain_file: Path | None = None) -> Site:
             raise TerrainError(f"home: no elevation at the take-off place ({ground.source})")
         home = np.array([home_en[0], home_en[1], home_up])
         home.flags.writeable = False
-        if not fence.covers(shapely.Point(home_en)):
-            raise ScenarioError("home: the take-off place is outside limits.fence; move one of the two")
     return Site(scenario=scenario, frame=frame, ground=ground, area=area, fence=fence, home_m=home)
 
 
@@ -116,7 +116,12 @@ def _area(scenario: Scenario, frame: LocalFrame | None) -> shapely.Polygon | sha
     return left
 
 
-def _check_near(scenario: Scenario, area: shapely.Geometry, fence: shapely.Polygon, home_en: FloatArray | None) -> None:
+def _check_near(
+    scenario: Scenario,
+    area: shapely.Polygon | shapely.MultiPolygon,
+    fence: shapely.Polygon,
+    home_en: FloatArray | None,
+) -> None:
     """Refuse places that cannot be meant: degrees in the wrong order, or map coordinates taken for local ones."""
     area_key = "polygon_lon_lat_deg" if scenario.area.is_geographic else "polygon_east_north_m"
     fence_key = "fence_margin_m"
@@ -126,7 +131,7 @@ def _check_near(scenario: Scenario, area: shapely.Geometry, fence: shapely.Polyg
         fence_key = "fence_east_north_m"
     home = [] if home_en is None else [("home", shapely.Point(home_en))]
     for key, place in [*home, (f"area.{area_key}", area), (f"limits.{fence_key}", fence)]:
-        reach_m = float(np.abs(place.bounds).max())
+        reach_m = float(np.abs(shapely.bounds(place)).max())
         if not reach_m <= MAX_REACH_M:
             raise ScenarioError(
                 f"{key}: lies {reach_m / 1000.0:.0f} km from the origin of the local frame, more than "

@@ -146,15 +146,15 @@ def _contradiction(path: Path, vertical_datum: str, found: str) -> TerrainError:
 def _check_pixel_size(path: Path, crs: CRS, dataset: Any) -> None:
     # A south-up file has a negative height.
     width, height = (abs(side) for side in dataset.res)
-    bounds = dataset.bounds
+    top = float(np.abs(_corners(dataset)[1]).max())
     if crs.is_projected and min(width, height) * crs.axis_info[0].unit_conversion_factor < 0.01:
         raise TerrainError(
             f"{path}: pixels of {width:g} x {height:g} in a projected system ({crs.name}): these look like degrees taken "
             "for metres; assign the right coordinate reference system (gdal_edit.py -a_srs EPSG:4326)"
         )
-    if crs.is_geographic and (max(abs(bounds.top), abs(bounds.bottom)) > 90.5 or width > 10.0):
+    if crs.is_geographic and (top > 90.5 or width > 10.0):
         raise TerrainError(
-            f"{path}: reaches latitude {bounds.top:g} with pixels of {width:g} degrees: these look like metres taken for "
+            f"{path}: reaches latitude {top:g} with pixels of {width:g} degrees: these look like metres taken for "
             "degrees; assign the right coordinate reference system (gdal_edit.py -a_srs)"
         )
 
@@ -236,11 +236,19 @@ def _pixel_side_m(raster: _Raster, frame: LocalFrame) -> float:
     return float(min(np.hypot(*(enu[1, :2] - enu[0, :2])), np.hypot(*(enu[2, :2] - enu[0, :2]))))
 
 
+def _corners(dataset: Any) -> tuple[FloatArray, FloatArray]:
+    """The four outer corners (4,), (4,) of a file in its own coordinates, also when it is rotated or south-up."""
+    transform = dataset.transform
+    columns = np.array([0.0, dataset.width, 0.0, dataset.width])
+    rows = np.array([0.0, 0.0, dataset.height, dataset.height])
+    return (
+        transform.a * columns + transform.b * rows + transform.c,
+        transform.d * columns + transform.e * rows + transform.f,
+    )
+
+
 def _extent(raster: _Raster) -> str:
-    bounds = raster.dataset.bounds
-    corners_x = np.array([bounds.left, bounds.left, bounds.right, bounds.right])
-    corners_y = np.array([bounds.bottom, bounds.top, bounds.bottom, bounds.top])
-    lon, lat = raster.to_source.transform(corners_x, corners_y, direction="INVERSE")
+    lon, lat = raster.to_source.transform(*_corners(raster.dataset), direction="INVERSE")
     return f"data from {min(lat):.4f}, {min(lon):.4f} to {max(lat):.4f}, {max(lon):.4f}"
 
 
