@@ -45,7 +45,7 @@ def test_forty_random_nodes_see_what_the_reference_measured(name, line_of_sight,
         # Discs know no ground: there the nodes lie evenly over the plane.
         return rng.uniform([0, 0, -1], [10, 10, 1], (40, 3)) if name == "paper-planar" else random_nodes(site, rng)
 
-    shares = [coverage.share(coverage.seen(nodes())) for _ in range(50)]
+    shares = [coverage.share(coverage.seen(nodes())) for _ in range(30)]
     assert 100.0 * np.mean(shares) == pytest.approx(mean, abs=1.5)
 
 
