@@ -33,7 +33,7 @@ def test_zdt1(name):
     assert (
         inverted_generational_distance(problem.pareto_front(), result.objectives) < 0.010
     )  # seeds 0-9: at most 0.0068
-    floor = solve("random_search", problem, population_size=60, max_iterations=120)
+    floor = solve("random", problem, population_size=60, max_iterations=120)
     assert inverted_generational_distance(problem.pareto_front(), floor.objectives) > 1.0
 
 

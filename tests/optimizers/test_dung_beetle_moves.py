@@ -5,35 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from tests.optimizers.given_numbers import GivenNumbers, near
 from uavcover.optimizers import dung_beetle_moves as moves
-
-
-class GivenNumbers:
-    """Stands in for a Generator: hands out what it was given, and checks who asks for what."""
-
-    def __init__(self, *draws):
-        self.draws = list(draws)
-
-    def _next(self, name, shape):
-        expected, values = self.draws.pop(0)
-        array = np.array(values)
-        assert (name, shape) == (expected, array.shape)
-        return array
-
-    def random(self, shape):
-        return self._next("random", shape)
-
-    def standard_normal(self, shape):
-        return self._next("standard_normal", shape)
-
-    def integers(self, low, high, shape):
-        assert (low, high) == (0, 181)
-        return self._next("integers", shape)
-
-
-def near(values):
-    return pytest.approx(np.array(values), abs=1e-12)
-
 
 X, PREVIOUS, WORST = np.array([[1.0, -2.0]]), np.array([[2.0, 4.0]]), np.array([[3.0, -5.0]])
 

@@ -3,19 +3,44 @@
 from types import MappingProxyType
 from typing import Final
 
+from uavcover.optimizers.ablation import (
+    ImodboMinusDynamicParameters,
+    ImodboMinusLatinHypercube,
+    ImodboMinusSineCosine,
+    ModboPlusDynamicParameters,
+    ModboPlusLatinHypercube,
+    ModboPlusSineCosine,
+)
 from uavcover.optimizers.ask_tell import AskTellOptimizer
+from uavcover.optimizers.dbo import DBO
 from uavcover.optimizers.imodbo import IMODBO
 from uavcover.optimizers.interface import Optimizer, ParetoSet
 from uavcover.optimizers.modbo import MODBO
+from uavcover.optimizers.mogwo import MOGWO
+from uavcover.optimizers.mossa import MOSSA
+from uavcover.optimizers.mowoa import MOWOA
+from uavcover.optimizers.pymoo_adapters import MOEAD, NSGA2
 from uavcover.optimizers.random_search import RandomSearch
 
 ALGORITHMS: Final = MappingProxyType[str, type[AskTellOptimizer]](
     {
         "imodbo": IMODBO,
         "modbo": MODBO,
-        "random_search": RandomSearch,
+        "dbo": DBO,
+        "mogwo": MOGWO,
+        "mossa": MOSSA,
+        "mowoa": MOWOA,
+        "nsga2": NSGA2,
+        "moead": MOEAD,
+        "random": RandomSearch,
+        "modbo+lhs": ModboPlusLatinHypercube,
+        "modbo+dynamic": ModboPlusDynamicParameters,
+        "modbo+sine-cosine": ModboPlusSineCosine,
+        "imodbo-lhs": ImodboMinusLatinHypercube,
+        "imodbo-dynamic": ImodboMinusDynamicParameters,
+        "imodbo-sine-cosine": ImodboMinusSineCosine,
     }
 )
-"""Every algorithm and variant by its name, all built with the same arguments."""
+"""Every algorithm and variant by its name, all built with the same arguments; ``dbo`` takes one objective only."""
 
-__all__ = ["ALGORITHMS", "IMODBO", "MODBO", "Optimizer", "ParetoSet", "RandomSearch"]
+__all__ = ["ALGORITHMS", "DBO", "IMODBO", "MODBO", "MOGWO", "MOSSA", "MOWOA", "Optimizer", "ParetoSet", "RandomSearch"]

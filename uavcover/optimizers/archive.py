@@ -30,10 +30,14 @@ class Archive:
         Above capacity the most crowded solution (in objectives) is removed, one at a time, until the rest fits; so the
         ends of the front stay.
         """
+        merged = self.non_dominated_with(told)
+        return Archive(merged.rows(least_crowded(merged.objectives, self.capacity)), self.capacity)
+
+    def non_dominated_with(self, told: Solutions) -> Solutions:
+        """What the archive would be after ``told`` if it had room for all: none dominated, none repeated."""
         merged = self.solutions.followed_by(told)
         merged = merged.rows(non_dominated_mask(merged.objectives, merged.total_violation))
-        merged = merged.rows(first_occurrences(np.hstack([merged.objectives, merged.x])))
-        return Archive(merged.rows(least_crowded(merged.objectives, self.capacity)), self.capacity)
+        return merged.rows(first_occurrences(np.hstack([merged.objectives, merged.x])))
 
     @cached_property
     def crowding(self) -> FloatArray:

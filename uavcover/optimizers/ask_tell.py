@@ -16,12 +16,13 @@ from uavcover.optimizers.solutions import Solutions, finite_array, read_only
 class AskTellOptimizer(Optimizer, ABC):
     """An optimizer of a fixed number of rounds of one population each, with an external archive.
 
-    Subclasses say what to propose and what to remember. All random numbers are drawn while asking.
+    Subclasses say what to propose and what to remember. Random numbers are drawn while asking, or while telling once
+    everything told has been checked.
 
     Args:
         lower: ``(d,)`` smallest allowed values, d = variables.
         upper: ``(d,)`` largest allowed values.
-        n_objectives: m >= 1.
+        n_objectives: m >= 1, and at most the algorithm's ``most_objectives``.
         n_constraints: c >= 0.
         population_size: n, the candidates of each round.
         max_iterations: rounds in all, so ``population_size * max_iterations`` evaluations.
@@ -34,6 +35,7 @@ class AskTellOptimizer(Optimizer, ABC):
     """
 
     smallest_population: ClassVar[int] = 1
+    most_objectives: ClassVar[int | None] = None  # no limit
 
     def __init__(
         self,
@@ -50,6 +52,11 @@ class AskTellOptimizer(Optimizer, ABC):
     ) -> None:
         self._box = Box.checked(lower, upper)
         self._n_objectives = _at_least(1, n_objectives, "n_objectives")
+        if self.most_objectives is not None and self._n_objectives > self.most_objectives:
+            raise OptimizerError(
+                f"n_objectives is {n_objectives}: {type(self).__name__} minimises at most {self.most_objectives}: "
+                "choose another algorithm"
+            )
         self._n_constraints = _at_least(0, n_constraints, "n_constraints")
         self._population_size = _at_least(self.smallest_population, population_size, "population_size")
         self._max_iterations = _at_least(1, max_iterations, "max_iterations")
@@ -70,15 +77,19 @@ class AskTellOptimizer(Optimizer, ABC):
     def _move(self, rng: np.random.Generator) -> FloatArray:
         """The next candidates ``(n, d)``; those outside the bounds are clipped to them."""
 
+    def _archive_with(self, told: Solutions) -> Archive:
+        """The archive after ``told``; an algorithm that thins its archive in its own way says so here."""
+        return self._archive.with_told(told)
+
     def _learn(self, told: Solutions) -> None:
         """Take in the values of the candidates proposed last; the archive has them already."""
 
     def _memory(self) -> dict[str, npt.NDArray[Any]]:
-        """What the algorithm remembers between rounds."""
+        """What the algorithm remembers between rounds; empty as long as it remembers nothing."""
         return {}
 
     def _recall(self, memory: dict[str, npt.NDArray[Any]]) -> None:
-        """Take up what ``_memory`` gave."""
+        """Take up what ``_memory`` gave, unless that was empty."""
 
     @property
     def iteration(self) -> int:
@@ -115,7 +126,7 @@ class AskTellOptimizer(Optimizer, ABC):
             self._checked_values(objectives, "objectives", self._n_objectives),
             self._checked_violations(violations),
         )
-        self._archive = self._archive.with_told(told)
+        self._archive = self._archive_with(told)
         self._learn(told)
         self._iteration += 1
         self._asked = None
@@ -167,7 +178,7 @@ class AskTellOptimizer(Optimizer, ABC):
         optimizer._asked = None if saved["asked"] is None else read_only(saved["asked"].copy())
         best = Solutions(**{name: values.copy() for name, values in saved["archive"].items()})
         optimizer._archive = Archive(best, saved["settings"]["archive_size"])
-        if optimizer._iteration > 0:
+        if saved["memory"]:
             optimizer._recall({name: values.copy() for name, values in saved["memory"].items()})
         return optimizer
 

@@ -1,0 +1,136 @@
+"""The hypercubes of MOGWO: an archive thinned, and leaders chosen, by how many solutions share a cell of objective space.
+
+Source: Mirjalili, Saremi, Mirjalili and Coelho, "Multi-objective grey wolf optimizer: a novel algorithm for multi-criterion
+optimization", Expert Systems with Applications 47, 2016, section 3, and the authors' published code where the text is silent.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.optimizers.interface import FloatArray, IntArray
+
+
+def cells(objectives: FloatArray, *, n_grid: int, inflation: float) -> IntArray:
+    """Which cell each solution lies in; cells that hold something are numbered from 0.
+
+    Along each objective the range, made wider by ``inflation`` times itself at both ends, gets ``n_grid - 1`` evenly spaced
+    borders; so there are ``n_grid`` intervals, the first and last of which have no outer end.
+
+    Args:
+        objectives: ``(k, m)``, k >= 1.
+        n_grid: intervals per objective, >= 3.
+        inflation: alpha, >= 0.
+
+    Returns:
+        ``(k,)`` cell numbers, 0 to the number of occupied cells - 1.
+
+    >>> cells(np.array([[0.0, 1.0], [0.01, 0.99], [1.0, 0.0]]), n_grid=10, inflation=0.1).tolist()
+    [0, 0, 1]
+    """
+    low, high = objectives.min(axis=0), objectives.max(axis=0)
+    margin = inflation * (high - low)
+    borders = np.linspace(low - margin, high + margin, n_grid - 1)
+    place = np.zeros(len(objectives), np.int64)
+    for j in range(objectives.shape[1]):
+        interval = np.searchsorted(borders[:, j], objectives[:, j], side="right")
+        # number pairs densely at once, so that many objectives do not overflow
+        place = np.unique(place * n_grid + interval, return_inverse=True)[1].astype(np.int64)
+    return place
+
+
+def thinned(cell: IntArray, keep: int, *, pressure: float, rng: np.random.Generator) -> IntArray:
+    """Rows that remain when one is removed at a time from a cell drawn in proportion to its count ** pressure.
+
+    Draws ``random((r, 2))``, r = rows to remove: which cell, and which of its members.
+
+    Args:
+        cell: ``(k,)`` the cell of each row, as `cells` numbers them.
+        keep: how many to keep.
+        pressure: gamma.
+        rng: source of random numbers.
+
+    Returns:
+        ``(min(k, keep),)`` row numbers, ascending.
+    """
+    if len(cell) <= keep:
+        return np.arange(len(cell), dtype=np.int64)
+    members = [rows.tolist() for rows in _members(cell)]
+    weights = np.array([len(rows) for rows in members], dtype=np.float64) ** pressure
+    for which, member in rng.random((len(cell) - keep, 2)).tolist():
+        steps = weights.cumsum()
+        mark = min(which * steps[-1], np.nextafter(steps[-1], 0.0))  # below the end, also after rounding
+        crowded = int(np.searchsorted(steps, mark, side="right"))
+        rows = members[crowded]
+        rows.pop(int(member * len(rows)))
+        weights[crowded] = len(rows) ** pressure if rows else 0.0  # an empty cell is not drawn, whatever the pressure
+    return np.array(sorted(row for rows in members for row in rows), dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeaderChoice:
+    """The archive by cells, ready to draw leaders from.
+
+    Attributes:
+        by_cell: ``(k,)`` row numbers, those of cell 0 first.
+        starts: ``(c,)`` where each cell begins in ``by_cell``.
+        counts: ``(c,)`` members of each cell.
+        place: ``(k,)`` where each row stands in ``by_cell``.
+        cell: ``(k,)`` the cell of each row.
+        pressure: beta.
+    """
+
+    by_cell: IntArray
+    starts: IntArray
+    counts: IntArray
+    place: IntArray
+    cell: IntArray
+    pressure: float
+
+    @classmethod
+    def of(cls, cell: IntArray, *, pressure: float) -> "LeaderChoice":
+        """For rows in these cells ``(k,)``, k >= 1, with selection pressure beta."""
+        by_cell = np.argsort(cell, kind="stable").astype(np.int64)
+        counts = np.bincount(cell).astype(np.int64)
+        place = np.empty_like(by_cell)
+        place[by_cell] = np.arange(len(cell))
+        return cls(by_cell, np.cumsum(counts) - counts, counts, place, cell, pressure)
+
+    def drawn(self, count: int, taken: IntArray, rng: np.random.Generator) -> IntArray:
+        """For each of ``count`` wolves a row that it has not taken yet.
+
+        A cell is drawn in proportion to its count ** -beta (the roulette P = c / N of the paper, with the pressure of the
+        authors' code), then one of its members. What a wolf has taken does not count. Draws ``random((count, 2))``.
+
+        Args:
+            count: wolves, g.
+            taken: ``(g, j)`` different rows each wolf already has; if the archive holds no others, nothing is barred.
+            rng: source of random numbers.
+
+        Returns:
+            ``(g,)`` row numbers.
+        """
+        which, member = rng.random((count, 2)).T
+        if taken.shape[1] >= len(self.cell):
+            taken = taken[:, :0]
+        left = np.tile(self.counts, (count, 1))
+        wolves = np.arange(count)
+        for column in taken.T:
+            left[wolves, self.cell[column]] -= 1
+        with np.errstate(divide="ignore"):
+            weights = np.where(left > 0, left.astype(np.float64) ** -self.pressure, 0.0)
+        steps = weights.cumsum(axis=1)
+        end = steps[:, -1]
+        mark = np.minimum(which * end, np.nextafter(end, 0.0))  # below the end, also after rounding
+        chosen = (steps <= mark[:, None]).sum(axis=1)
+        position = self.starts[chosen] + (member * left[wolves, chosen]).astype(np.int64)
+        # step over those of the same cell that are taken, in ascending order
+        for barred in np.sort(self.place[taken], axis=1).T:
+            position += (self.cell[self.by_cell[barred]] == chosen) & (barred <= position)
+        chosen_rows: IntArray = self.by_cell[position]
+        return chosen_rows
+
+
+def _members(cell: IntArray) -> list[IntArray]:
+    order = np.argsort(cell, kind="stable")
+    return np.split(order, np.cumsum(np.bincount(cell))[:-1])

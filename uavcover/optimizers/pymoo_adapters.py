@@ -1,0 +1,165 @@
+"""Algorithms of pymoo behind our ask and tell: NSGA-II and MOEA/D, and any other by a subclass of three lines.
+
+pymoo is imported when such an algorithm is built, not before. The other direction, our algorithms in
+``pymoo.optimize.minimize``, is `uavcover.optimizers.pymoo_algorithm`.
+"""
+
+import pickle
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from uavcover.errors import OptimizerError
+from uavcover.optimizers.ask_tell import AskTellOptimizer
+from uavcover.optimizers.interface import FloatArray
+from uavcover.optimizers.solutions import Solutions
+
+
+class PymooOptimizer(AskTellOptimizer):
+    """A pymoo algorithm that proposes one population per round; arguments as `AskTellOptimizer`.
+
+    A subclass builds the algorithm:
+
+        class SmsEmoa(PymooOptimizer):
+            def _build(self):
+                return SMSEMOA(pop_size=self._population_size)
+
+    The result is our external archive, as for every other algorithm. Should pymoo propose fewer candidates than the
+    population has (it gives up when it only finds duplicates), uniform samples fill the round.
+
+    The saved state holds the pymoo algorithm pickled, as bytes: load only states that you trust.
+    """
+
+    knows_constraints: ClassVar[bool] = True  # False: pymoo's algorithm refuses them and gets the total violation only
+
+    _algorithm: Any = None
+    _pending: Any = None  # the pymoo population asked last
+    _pickled: npt.NDArray[np.uint8] | None = None  # the state, until something moves
+
+    @abstractmethod
+    def _build(self) -> Any:
+        """The pymoo algorithm, for ``self._population_size`` candidates per round."""
+
+    def _sample(self, rng: np.random.Generator) -> FloatArray:
+        self._algorithm = self._set_up()
+        return self._proposed(rng)
+
+    def _move(self, rng: np.random.Generator) -> FloatArray:
+        return self._proposed(rng)
+
+    def _set_up(self) -> Any:
+        try:
+            from pymoo.core.problem import Problem
+            from pymoo.core.termination import NoTermination
+        except ImportError as error:
+            raise OptimizerError(f"{type(self).__name__} needs pymoo ({error}): pip install pymoo") from error
+        problem = Problem(
+            n_var=self._box.n_variables,
+            n_obj=self._n_objectives,
+            n_ieq_constr=self._n_constraints if self.knows_constraints else 0,
+            xl=self._box.lower.copy(),
+            xu=self._box.upper.copy(),
+        )
+        # the seed is replaced by our own stream before anything is drawn
+        return self._build().setup(problem, termination=NoTermination(), seed=0, output=None)
+
+    def _proposed(self, rng: np.random.Generator) -> FloatArray:
+        from pymoo.core.population import Population
+
+        n, algorithm = self._population_size, self._algorithm
+        algorithm.random_state = rng
+        offered = algorithm.infill()
+        if offered is None:
+            offered = Population.empty()
+        if len(offered) > n:
+            raise OptimizerError(
+                f"{type(algorithm).__name__} proposed {len(offered)} candidates for a population of {n}: "
+                "build it with as many offspring as the population has"
+            )
+        if len(offered) < n:
+            offered = Population.merge(offered, Population.new("X", self._box.uniform(n - len(offered), rng)))
+        self._pending, self._pickled = offered, None
+        x: FloatArray = np.array(offered.get("X"), dtype=np.float64)
+        return x
+
+    def _learn(self, told: Solutions) -> None:
+        pending = self._pending
+        pending.set("X", told.x.copy())  # a known start may stand in the place of a sample
+        pending.set("F", told.objectives.copy())
+        if self.knows_constraints:
+            pending.set("G", told.violations.copy())
+        else:
+            pending.set("total_violation", told.total_violation.copy())
+        for individual in pending:
+            individual.evaluated.update(("F", "G", "H"))
+        self._algorithm.random_state = self._rngs["moves"]
+        self._algorithm.advance(infills=pending)
+        self._pending = self._pickled = None
+
+    def _memory(self) -> dict[str, npt.NDArray[Any]]:
+        if self._algorithm is None:
+            return {}
+        if self._pickled is None:
+            algorithm, stream = self._algorithm, self._algorithm.random_state
+            algorithm.random_state = None  # the streams are saved with all others
+            try:
+                self._pickled = np.frombuffer(pickle.dumps((algorithm, self._pending)), np.uint8)
+            finally:
+                algorithm.random_state = stream
+        return {"pickled": self._pickled}
+
+    def _recall(self, memory: dict[str, npt.NDArray[Any]]) -> None:
+        if "pickled" in memory:
+            self._algorithm, self._pending = pickle.loads(memory["pickled"].tobytes())
+            self._pickled = memory["pickled"]
+
+
+class NSGA2(PymooOptimizer):
+    """pymoo's NSGA-II (Deb et al. 2002) with the probabilities of Table 2."""
+
+    crossover_probability: ClassVar[float] = 0.8  # Pc, Table 2
+    mutation_probability: ClassVar[float] = 0.1  # Pr, Table 2: of each variable
+
+    def _build(self) -> Any:
+        from pymoo.algorithms.moo import nsga2
+        from pymoo.operators.crossover.sbx import SBX
+        from pymoo.operators.mutation.pm import PM
+
+        return nsga2.NSGA2(
+            pop_size=self._population_size,
+            crossover=SBX(prob=self.crossover_probability, eta=15),
+            mutation=PM(prob=1.0, prob_var=self.mutation_probability, eta=20),
+        )
+
+
+class MOEAD(PymooOptimizer):
+    """pymoo's MOEA/D (Zhang and Li 2007), generation by generation, with the parameters of Table 2.
+
+    pymoo has no n_r and no constraints: the replacement is ours, see `uavcover.optimizers.pymoo_moead`. The objectives are
+    compared as they are: bring them to comparable scale.
+    """
+
+    smallest_population: ClassVar[int] = 2
+    knows_constraints: ClassVar[bool] = False
+    neighbourhood_share: ClassVar[float] = 0.1  # T, Table 2
+    replaced_share: ClassVar[float] = 0.01  # n_r, Table 2
+    neighbour_mating_probability: ClassVar[float] = 0.9  # delta, Table 2
+    distribution_index: ClassVar[int] = 30  # eta, Table 2
+
+    def _build(self) -> Any:
+        from pymoo.operators.crossover.sbx import SBX
+        from pymoo.operators.mutation.pm import PM
+
+        from uavcover.optimizers.pymoo_moead import GenerationalMOEAD, spread_weights
+
+        n = self._population_size
+        return GenerationalMOEAD(
+            spread_weights(n, self._n_objectives),
+            n_replaced=max(1, round(self.replaced_share * n)),
+            n_neighbors=max(2, round(self.neighbourhood_share * n)),
+            prob_neighbor_mating=self.neighbour_mating_probability,
+            crossover=SBX(prob=1.0, eta=self.distribution_index),
+            mutation=PM(prob_var=None, eta=self.distribution_index),
+        )

@@ -1,0 +1,123 @@
+"""Our algorithms in pymoo: ``minimize(problem, UavcoverAlgorithm("imodbo"), ("n_gen", 200), seed=1)``.
+
+This module imports pymoo; `uavcover.optimizers` itself does not.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from pymoo.core.algorithm import Algorithm
+from pymoo.core.population import Population
+from pymoo.util.display.multi import MultiObjectiveOutput
+
+from uavcover.errors import OptimizerError
+from uavcover.optimizers import ALGORITHMS
+from uavcover.optimizers.ask_tell import AskTellOptimizer
+from uavcover.optimizers.interface import FloatArray
+
+
+class UavcoverAlgorithm(Algorithm):  # type: ignore[misc]
+    """One of our algorithms as pymoo knows algorithms; its ``pop`` and ``opt`` are the external archive.
+
+    Constraints are pymoo's: G <= 0, and H = 0 within the tolerance that pymoo's individuals carry (1e-4). The same seed gives
+    the same result, and the same as our own ask and tell. Without a seed one is drawn.
+
+    Args:
+        name: a key of `ALGORITHMS`.
+        population_size: n.
+        max_iterations: the rounds that the algorithm plans for (its parameters change with t/Tmax) and makes at most; None
+            takes them from the termination, which then has to be ``("n_gen", ...)`` or ``("n_eval", ...)``.
+        archive_size: most solutions to return; the population size if None.
+        **settings: those of pymoo's `Algorithm`.
+
+    Raises:
+        OptimizerError: no such name, or the rounds cannot be told from the termination.
+    """
+
+    seed: int | None
+    termination: Any
+    pop: Any
+    opt: Any
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        population_size: int = 50,
+        max_iterations: int | None = None,
+        archive_size: int | None = None,
+        **settings: Any,
+    ) -> None:
+        if name not in ALGORITHMS:
+            raise OptimizerError(f"algorithm {name!r} is not known: choose one of {', '.join(sorted(ALGORITHMS))}")
+        if max_iterations is not None:
+            settings = {"termination": ("n_gen", max_iterations)} | settings
+        super().__init__(**{"output": MultiObjectiveOutput()} | settings)
+        self.name = name
+        self.population_size = population_size
+        self.max_iterations = max_iterations
+        self.archive_size = archive_size
+        self.optimizer: AskTellOptimizer | None = None
+
+    def _setup(self, problem: Any, **_: Any) -> None:
+        if self.seed is None:
+            self.seed = int(np.random.SeedSequence().generate_state(1)[0])
+        self.optimizer = ALGORITHMS[self.name](
+            problem.xl,
+            problem.xu,
+            n_objectives=problem.n_obj,
+            n_constraints=problem.n_ieq_constr + problem.n_eq_constr,
+            population_size=self.population_size,
+            max_iterations=self.max_iterations or self._planned_rounds(),
+            archive_size=self.archive_size,
+            seed=self.seed,
+        )
+
+    def _planned_rounds(self) -> int:
+        generations = getattr(self.termination, "n_max_gen", None)
+        evaluations = getattr(self.termination, "n_max_evals", None)
+        if generations is not None and math.isfinite(generations):
+            return int(generations)
+        if evaluations is not None and math.isfinite(evaluations):
+            return math.ceil(int(evaluations) / self.population_size)
+        raise OptimizerError(
+            f"{self.name}: the termination does not say how many rounds there will be: give max_iterations=..., "
+            'or a termination like ("n_gen", 200)'
+        )
+
+    def _initialize_infill(self) -> Any:
+        return self._infill()
+
+    def _initialize_advance(self, infills: Any = None, **settings: Any) -> None:
+        self.pop = Population.empty()
+        self._advance(infills, **settings)
+
+    def _infill(self) -> Any:
+        assert self.optimizer is not None  # pymoo calls setup first
+        return Population.new("X", self.optimizer.ask().copy())
+
+    def _advance(self, infills: Any = None, **_: Any) -> None:
+        assert self.optimizer is not None
+        self.optimizer.tell(infills.get("F"), _violations(infills))
+        known = {individual.X.tobytes(): individual for individual in Population.merge(self.pop, infills)}
+        self.pop = Population.create(*(known[x.tobytes()] for x in self.optimizer.pareto_set().x))
+        if self.optimizer.should_stop:
+            self.termination.terminate()
+
+    def _set_optimum(self) -> None:
+        if self.problem.n_obj == 1:
+            super()._set_optimum()
+        else:
+            self.opt = self.pop  # nothing in the archive dominates anything else in it
+
+
+def _violations(population: Any) -> FloatArray:
+    """``(n, c)``: G, then by how much the size of H exceeds its tolerance."""
+    tolerance = np.array([individual.config["cv_eq"]["eps"] for individual in population])[:, None]
+    inequalities, equalities = population.get("G"), population.get("H")
+    n = len(population)
+    columns: FloatArray = np.hstack(
+        [inequalities.reshape(n, -1), np.abs(equalities.reshape(n, -1).astype(float)) - tolerance]
+    )
+    return columns
