@@ -131,59 +131,96 @@ def look(surface: Surface, sight: Sight, cells: Cells, eye: NDArray[np.float64],
 
     A place that is not finite sees nothing.
     """
-    if not math.isfinite(eye[0] + eye[1] + eye[2]):
+    first = np.full(seen.size, -1, dtype=np.int64)
+    for cell in range(seen.size):
+        if seen[cell]:
+            first[cell] = 0
+    new = _look(surface, sight, cells, eye[0], eye[1], eye[2], 1, first, _open_columns(cells, first))
+    for cell in range(seen.size):
+        seen[cell] = first[cell] >= 0
+    return new
+
+
+@kernel
+def _open_columns(cells: Cells, first: NDArray[np.int64]) -> NDArray[np.int32]:
+    """(rows, columns + 1) for each place of the lattice, the next column, itself included, with a cell not yet seen.
+
+    ``columns`` stands for none. :func:`_look` keeps the table up to date and jumps over runs of seen cells: along a path
+    seven of ten cells in reach were seen from the place before.
+    """
+    rows, columns = cells.lattice.shape
+    table = np.empty((rows, columns + 1), dtype=np.int32)
+    for i in range(rows):
+        table[i, columns] = columns
+        for j in range(columns - 1, -1, -1):
+            cell = cells.lattice[i, j]
+            table[i, j] = j if cell >= 0 and first[cell] < 0 else table[i, j + 1]
+    return table
+
+
+@kernel
+def _look(
+    surface: Surface,
+    sight: Sight,
+    cells: Cells,
+    ee: float,
+    en: float,
+    eu: float,
+    number: int,
+    first: NDArray[np.int64],
+    table: NDArray[np.int32],
+) -> int:
+    """Set ``first`` (n,) to ``number`` for every open cell that is seen from (ee, en, eu), and close it in ``table``."""
+    if not math.isfinite(ee + en + eu):
         return 0
     rows, columns = cells.lattice.shape
     centre, normal = cells.centre_m, cells.normal
-    ee, en, eu = eye[0], eye[1], eye[2]
     reach = sight.reach_m
     if sight.kind == CONE:
         # The slant range bounds the radius: r = range sin(half angle).
         reach *= sight.tan_half_fov / math.sqrt(1.0 + sight.tan_half_fov * sight.tan_half_fov)
     # A little wider against rounding: in_view decides.
     reach += 1e-6 * cells.size_m
-    first_row = max(0, math.ceil((eye[1] - reach - cells.north0_m) / cells.size_m))
-    last_row = min(rows - 1, math.floor((eye[1] + reach - cells.north0_m) / cells.size_m))
+    first_row = max(0, math.ceil((en - reach - cells.north0_m) / cells.size_m))
+    last_row = min(rows - 1, math.floor((en + reach - cells.north0_m) / cells.size_m))
     new = 0
     for i in range(first_row, last_row + 1):
-        dn = cells.north0_m + i * cells.size_m - eye[1]
+        dn = cells.north0_m + i * cells.size_m - en
         half = math.sqrt(max(0.0, reach * reach - dn * dn))
-        first = max(0, math.ceil((eye[0] - half - cells.east0_m) / cells.size_m))
-        last = min(columns - 1, math.floor((eye[0] + half - cells.east0_m) / cells.size_m))
-        for j in range(first, last + 1):
-            cell = cells.lattice[i, j]
-            if cell < 0 or seen[cell]:
+        last = min(columns - 1, math.floor((ee + half - cells.east0_m) / cells.size_m))
+        j = max(0, math.ceil((ee - half - cells.east0_m) / cells.size_m))
+        while j <= last:
+            if table[i, j] != j:
+                # Seen already: jump, and shorten the way there for the next time (path halving).
+                table[i, j] = table[i, table[i, j]]
+                j = table[i, j]
                 continue
-            # Numbers, not array slices: this is the innermost loop of all planning.
+            cell = cells.lattice[i, j]
             ce, cn, cu = centre[cell, 0], centre[cell, 1], centre[cell, 2]
             if in_view(
                 sight, ee - ce, en - cn, eu - cu, normal[cell, 0], normal[cell, 1], normal[cell, 2]
             ) and _nothing_between(surface, sight, ee, en, eu, ce, cn, cu):
-                seen[cell] = True
+                first[cell] = number
+                table[i, j] = j + 1
                 new += 1
+            j += 1
     return new
-
-
-@kernel
-def seen_from_points(surface: Surface, sight: Sight, cells: Cells, eyes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) whether each cell is seen from any of the (m, 3) points."""
-    seen = np.zeros(cells.centre_m.shape[0], dtype=np.bool_)
-    for k in range(eyes.shape[0]):
-        look(surface, sight, cells, eyes[k], seen)
-    return seen
 
 
 @kernel
 def first_seen(surface: Surface, sight: Sight, cells: Cells, eyes: NDArray[np.float64]) -> NDArray[np.int64]:
     """(n,) number of the first of the (m, 3) points that sees each cell, -1 where none does."""
-    seen = np.zeros(cells.centre_m.shape[0], dtype=np.bool_)
     first = np.full(cells.centre_m.shape[0], -1, dtype=np.int64)
+    table = _open_columns(cells, first)
     for k in range(eyes.shape[0]):
-        if look(surface, sight, cells, eyes[k], seen) > 0:
-            for cell in range(seen.size):
-                if seen[cell] and first[cell] < 0:
-                    first[cell] = k
+        _look(surface, sight, cells, eyes[k, 0], eyes[k, 1], eyes[k, 2], k, first, table)
     return first
+
+
+@kernel
+def seen_from_points(surface: Surface, sight: Sight, cells: Cells, eyes: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n,) whether each cell is seen from any of the (m, 3) points."""
+    return first_seen(surface, sight, cells, eyes) >= 0
 
 
 @kernel

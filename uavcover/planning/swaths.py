@@ -75,17 +75,18 @@ def fly_layout(site: Site, layout: SwathLayout) -> Route:
     strips = np.concatenate([[first], 0.5 * (borders[1:] + borders[:-1]), [last]])
     polyline: list[tuple[float, float]] = []
     wanted: list[float] = []
-    for k, (across, height_agl_m) in enumerate(zip(borders, layout.heights_agl_m, strict=True)):
-        extent = _extent(edges, strips[k], strips[k + 1])
-        if extent is None:
+    extents = _extents(edges, strips).tolist()
+    for (west, east), across, height_agl_m in zip(
+        extents, borders.tolist(), layout.heights_agl_m.tolist(), strict=True
+    ):
+        if west > east:
             continue
-        west, east = extent
-        inset = layout.inset * reach_at_height_m(site.scenario.sensor, float(height_agl_m))
+        inset = layout.inset * reach_at_height_m(site.scenario.sensor, height_agl_m)
         # Never past the middle of the line.
         inset = min(inset, 0.5 * (east - west) - 0.5) if east - west > 1.0 else 0.0
         ends = [(west + inset, across), (east - inset, across)]
         polyline.extend(ends if len(polyline) % 4 == 0 else ends[::-1])
-        wanted.extend([float(height_agl_m)] * 2)
+        wanted.extend([height_agl_m] * 2)
     points = np.array(polyline)
     heights = np.array(wanted)
     if layout.start & 1:
@@ -96,15 +97,18 @@ def fly_layout(site: Site, layout: SwathLayout) -> Route:
     return Route(lay_over_terrain(site, points @ to_lines, heights, tolerance_m=layout.tolerance_m))
 
 
-def _extent(edges: FloatArray, low: float, high: float) -> tuple[float, float] | None:
-    """Smallest and largest x of what (n, 4) edges x1 y1 x2 y2 have inside low <= y <= high; none when they have nothing."""
+def _extents(edges: FloatArray, strips: FloatArray) -> FloatArray:
+    """Smallest and largest x (k, 2) of what (n, 4) edges x1 y1 x2 y2 have between (k + 1,) rising y; inf, -inf for nothing."""
     x1, y1, x2, y2 = edges.T
+    low, high = strips[:-1, None], strips[1:, None]
     dy = y2 - y1
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t_low = np.where(dy != 0.0, (low - y1) / dy, 0.0)
-        t_high = np.where(dy != 0.0, (high - y1) / dy, 1.0)
-    start = np.clip(np.minimum(t_low, t_high), 0.0, 1.0)
-    end = np.clip(np.maximum(t_low, t_high), 0.0, 1.0)
-    inside = np.where(dy != 0.0, start < end, (y1 >= low) & (y1 <= high))
-    xs = np.concatenate([(x1 + start * (x2 - x1))[inside], (x1 + end * (x2 - x1))[inside]])
-    return (float(xs.min()), float(xs.max())) if xs.size else None
+    slanted = dy != 0.0
+    run = np.where(slanted, dy, 1.0)
+    t_low, t_high = (low - y1) / run, (high - y1) / run
+    start = np.where(slanted, np.clip(np.minimum(t_low, t_high), 0.0, 1.0), 0.0)
+    end = np.where(slanted, np.clip(np.maximum(t_low, t_high), 0.0, 1.0), 1.0)
+    inside = np.where(slanted, start < end, (y1 >= low) & (y1 <= high))
+    ends = np.stack([x1 + start * (x2 - x1), x1 + end * (x2 - x1)])
+    west = np.where(inside, ends, np.inf).min(axis=(0, 2))
+    east = np.where(inside, ends, -np.inf).max(axis=(0, 2))
+    return np.column_stack([west, east])
