@@ -70,14 +70,21 @@ def test_reserved_refuses_what_is_there(tmp_path: Path) -> None:
     assert run.file("a").read_text() == "1", "reserving removes nothing"
 
 
+def fails(run: RunFolder, texts: dict[str, str]) -> None:
+    def work() -> None:
+        with run.reserved([], force=False):
+            run.write_together(texts)
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        work()
+
+
 def test_an_error_leaves_no_empty_folder(tmp_path: Path) -> None:
     run = RunFolder(tmp_path / "run")
-    with pytest.raises(KeyError), run.reserved([], force=False):
-        raise KeyError
+    fails(run, {})
     assert not run.path.exists()
-    with pytest.raises(KeyError), run.reserved([], force=False):
-        run.write_text("a", "1")
-        raise KeyError
+    fails(run, {"a": "1"})
     assert names(run.path) == {"a"}, "what was written stays"
 
 

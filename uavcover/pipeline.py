@@ -38,6 +38,7 @@ from uavcover.model.route import Plan, Route
 from uavcover.model.scenario import PlannerSettings, RasterTerrain, Scenario
 from uavcover.model.track import Track
 from uavcover.model.vehicle import AutopilotName
+from uavcover.optimizers import ALGORITHMS
 from uavcover.planning.baselines import best_height_agl_m
 from uavcover.planning.planner import Effort, Progress, plan_routes
 from uavcover.run_folder import SCHEMA_VERSION, RunFolder, json_text
@@ -86,7 +87,7 @@ def plan(
         seed: of every random number.
         evaluations: full route evaluations of the optimizer; equal seed and evaluations give an equal plan.
         budget_s: search this long instead.
-        algorithm: "imodbo" or "modbo".
+        algorithm: "imodbo", "modbo" or "random".
         max_waypoints: capacity of the "waypoints" encoding.
         select: the rule by which one route is chosen.
         workers: threads; the result does not depend on it. Default: one a core.
@@ -117,6 +118,8 @@ def plan(
 def _settings(
     base: PlannerSettings, seed: int | None, evaluations: int | None, algorithm: str | None, max_waypoints: int | None
 ) -> PlannerSettings:
+    if algorithm is not None and algorithm not in ALGORITHMS:
+        raise InputError(f"algorithm: {algorithm!r} is not one of {', '.join(sorted(ALGORITHMS))}")
     changes: dict[str, Any] = {
         "seed": seed,
         "evaluations": evaluations,

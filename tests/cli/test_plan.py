@@ -75,7 +75,7 @@ def test_scenario_without_a_place_plans_and_says_what_it_cannot(cli: Cli, nowher
         (("--budget", "0s"), "--budget"),
         (("--evaluations", "0"), "evaluations"),
         (("--select", "best"), "select"),
-        (("--algorithm", "beetle"), "--algorithm"),
+        (("--algorithm", "beetle"), "imodbo, modbo"),
         (("--autopilot", "dji"), "--autopilot"),
         (("--workers", "0"), "workers"),
     ],

@@ -10,7 +10,7 @@ from uavcover import pipeline
 from uavcover.cli.console import Bar, Console, Interrupts, metres, percent
 from uavcover.cli.ending import INTERRUPTED
 from uavcover.cli.options import autopilot_name
-from uavcover.errors import InfeasibleError, InputError
+from uavcover.errors import InfeasibleError
 from uavcover.mission_compiler import CompiledMission
 from uavcover.model.route import Plan, RouteMember
 from uavcover.planning.planner import Progress
@@ -82,8 +82,6 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
     """
     if request.select is not None:
         parse_rule(request.select)
-    if request.algorithm is not None and request.algorithm not in {"imodbo", "modbo"}:
-        raise InputError(f"--algorithm: {request.algorithm!r} is neither imodbo nor modbo")
     site = pipeline.load_site(request.scenario)
     check_site(site)
     name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
