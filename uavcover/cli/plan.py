@@ -12,7 +12,9 @@ from uavcover.cli import options
 def plan(
     scenario: Annotated[str, typer.Argument(help="A scenario file, or the name of a bundled one (see doctor).")],
     run: Annotated[Path, typer.Option("-o", "--out", help="Run folder to write.", metavar="RUN")],
-    algorithm: Annotated[str | None, typer.Option(help="imodbo or modbo; default: the scenario's.")] = None,
+    algorithm: Annotated[
+        str | None, typer.Option(help="imodbo, modbo or another of the optimizers; default: the scenario's.")
+    ] = None,
     budget: Annotated[
         str | None, typer.Option(help="Search this long (30s, 5m) instead of a number of evaluations.")
     ] = None,
