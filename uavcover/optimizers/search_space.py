@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import qmc
 
 from uavcover.errors import OptimizerError
 from uavcover.optimizers.interface import FloatArray
@@ -62,6 +61,9 @@ class Box:
 
     def latin_hypercube(self, n: int, rng: np.random.Generator) -> FloatArray:
         """``(n, d)`` samples, exactly one in each of the n equal slices of every variable."""
+        # scipy.stats takes a second to import, which commands that plan nothing need not wait for.
+        from scipy.stats import qmc
+
         # A drawn integer and not rng itself: scipy would spawn from it, which depends on more than its saved state.
         own_seed = int(rng.integers(2**63))
         return self.scaled(qmc.LatinHypercube(self.n_variables, rng=own_seed).random(n))

@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.model.report import Gap
@@ -10,6 +9,9 @@ from uavcover.model.report import Gap
 
 def find_gaps(coverage: CoverageMap, seen: NDArray[np.bool_]) -> list[Gap]:
     """Groups of coverable cells that were not seen, touching by side or corner; the largest first."""
+    # Importing scipy.ndimage takes most of a second, which commands that judge nothing need not wait for.
+    from scipy import ndimage
+
     cells = coverage.grid.cells
     missing = ~seen & coverage.coverable
     lattice = np.zeros(cells.lattice.shape, dtype=bool)
