@@ -1,5 +1,6 @@
 """Planning into a run folder, as ``plan``, ``plan-upload`` and ``demo`` do it."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -154,10 +155,14 @@ def _say_plan(console: Console, run: RunFolder, result: Plan, compiled: Compiled
         numbers = ", ".join(map(str, advice.unsafe_waypoints[:8])) + (
             " ..." if len(advice.unsafe_waypoints) > 8 else ""
         )
+        remedy = (
+            f"set the autopilot's return height to at least {advice.safe_return_height_m:.0f} m"
+            if math.isfinite(advice.safe_return_height_m)
+            else "some ground on the way is not known, so no height is"
+        )
         console.warn(
             f"a straight return at {advice.return_height_m:.0f} m above home is not safe from waypoints {numbers} "
-            f"(lowest {metres(advice.worst_clearance_m)} above ground); set the autopilot's return height to at least "
-            f"{advice.safe_return_height_m:.0f} m"
+            f"(lowest {metres(advice.worst_clearance_m)} above ground); {remedy}"
         )
     console.say(f"written: {run.file('mission.waypoints')} and mission.plan, fence, rally, kml beside it")
 

@@ -15,7 +15,8 @@ class FlightLimits:
         max_height_agl_m: largest height above ground on the sensing route.
         min_alt_amsl_m: lowest height above sea level, or none.
         max_alt_amsl_m: largest height above sea level, or none.
-        height_margin_m: the planner stays this far inside both ends of the band, for what the vehicle adds in flight.
+        height_margin_m: the planner stays this far inside both ends of the band, and above the transit clearance, for what
+            the vehicle adds in flight.
         transit_clearance_m: lowest height above ground on the way there and home (take-off and landing columns apart).
         max_climb_angle_deg: steepest leg, up or down.
         fence_margin_m: the fence, unless given, is the convex hull of area and home grown by this.
