@@ -110,11 +110,11 @@ NONE = np.ones((12, 1))
     ("objectives", "violations", "message"),
     [
         (lambda m: np.ones((11, m)), NONE, r"objectives have shape \(11, {m}\): give \(12, {m}\)"),
-        (lambda m: np.ones((12, 3)), NONE, r"objectives have shape \(12, 3\)"),
-        (lambda m: np.ones(12), NONE, r"objectives have shape \(12,\)"),
+        (lambda _: np.ones((12, 3)), NONE, r"objectives have shape \(12, 3\)"),
+        (lambda _: np.ones(12), NONE, r"objectives have shape \(12,\)"),
         (lambda m: np.where(np.eye(12, m) > 0, np.nan, 1.0), NONE, r"objectives: entry \(0, 0\) is nan"),
         (lambda m: np.where(np.eye(12, m, -1) > 0, -np.inf, 1.0), NONE, r"objectives: entry \(1, 0\) is -inf"),
-        (lambda m: [[1.0, 2.0], [3.0]], NONE, "objectives: not an array of numbers"),
+        (lambda _: [[1.0, 2.0], [3.0]], NONE, "objectives: not an array of numbers"),
         (lambda m: np.ones((12, m)), None, "violations are missing"),
         (lambda m: np.ones((12, m)), np.ones((12, 2)), r"violations have shape \(12, 2\)"),
         (lambda m: np.ones((12, m)), NONE * np.nan, r"violations: entry \(0, 0\) is nan"),
@@ -249,12 +249,12 @@ def test_memory_does_not_grow(algorithm):
     sizes = []
     while not optimizer.should_stop:
         tell(optimizer)
-        sizes.append(size(optimizer.state_dict()))
+        if optimizer.iteration % 10 == 0:
+            sizes.append(size(optimizer.state_dict()))
     archive = 12 * (3 + width(algorithm)) * 8
     # only the archive changes, up to its capacity; a pickle, too, by what repeats itself in it
-    slack = archive + (max(sizes[:20]) // 4 if issubclass(algorithm, PymooOptimizer) else 0)
-    assert max(sizes[1:]) - min(sizes[1:]) <= slack
-    assert max(sizes[100:]) <= max(sizes[:100]) + archive
+    slack = archive + (sizes[0] // 4 if issubclass(algorithm, PymooOptimizer) else 0)
+    assert max(sizes) - min(sizes) <= slack
 
 
 @pytest.mark.parametrize("m", [1, 3, 4])

@@ -10,7 +10,13 @@ PAGE = Path(__file__).parents[2] / "docs" / "optimizers.md"
 
 @pytest.mark.parametrize(
     "module",
-    ["uavcover.kernels.dominance", "uavcover.optimizers.dung_beetle", "uavcover.optimizers.indicators"],
+    [
+        "uavcover.kernels.dominance",
+        "uavcover.optimizers.dung_beetle",
+        "uavcover.optimizers.grid",
+        "uavcover.optimizers.indicators",
+        "uavcover.optimizers.pymoo_moead",
+    ],
 )
 def test_examples_in_docstrings(module):
     result = doctest.testmod(importlib.import_module(module))
@@ -18,7 +24,10 @@ def test_examples_in_docstrings(module):
     assert result.failed == 0
 
 
-def test_the_example_of_the_page_runs(capsys):
-    (example,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
-    exec(compile(example, str(PAGE), "exec"), {})
-    assert capsys.readouterr().out.startswith("50 True")
+def test_the_examples_of_the_page_run(capsys):
+    ask_and_tell, ours_in_pymoo, pymoo_in_ours = re.findall(
+        r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL
+    )
+    for example, start in ((ask_and_tell, "50 True"), (ours_in_pymoo, "(50, 2) True"), (pymoo_in_ours, "(40, 2)")):
+        exec(compile(example, str(PAGE), "exec"), {})
+        assert capsys.readouterr().out.startswith(start)

@@ -39,15 +39,14 @@ def cells(objectives: FloatArray, *, n_grid: int, inflation: float) -> IntArray:
     return place
 
 
-def thinned(cell: IntArray, keep: int, *, pressure: float, rng: np.random.Generator) -> IntArray:
-    """Rows that remain when one is removed at a time from a cell drawn in proportion to its count ** pressure.
+def thinned(cell: IntArray, keep: int, *, rng: np.random.Generator) -> IntArray:
+    """Rows that remain when a random member of the most crowded cell is removed, one at a time.
 
-    Draws ``random((r, 2))``, r = rows to remove: which cell, and which of its members.
+    Draws ``random((r, 2))``, r = rows to remove: which of the equally crowded cells, and which of its members.
 
     Args:
         cell: ``(k,)`` the cell of each row, as `cells` numbers them.
         keep: how many to keep.
-        pressure: gamma.
         rng: source of random numbers.
 
     Returns:
@@ -55,15 +54,15 @@ def thinned(cell: IntArray, keep: int, *, pressure: float, rng: np.random.Genera
     """
     if len(cell) <= keep:
         return np.arange(len(cell), dtype=np.int64)
-    members = [rows.tolist() for rows in _members(cell)]
-    weights = np.array([len(rows) for rows in members], dtype=np.float64) ** pressure
+    order = np.argsort(cell, kind="stable")
+    members = [rows.tolist() for rows in np.split(order, np.cumsum(np.bincount(cell))[:-1])]
+    counts = [len(rows) for rows in members]
     for which, member in rng.random((len(cell) - keep, 2)).tolist():
-        steps = weights.cumsum()
-        mark = min(which * steps[-1], np.nextafter(steps[-1], 0.0))  # below the end, also after rounding
-        crowded = int(np.searchsorted(steps, mark, side="right"))
-        rows = members[crowded]
-        rows.pop(int(member * len(rows)))
-        weights[crowded] = len(rows) ** pressure if rows else 0.0  # an empty cell is not drawn, whatever the pressure
+        most = max(counts)
+        crowded = [i for i, count in enumerate(counts) if count == most]
+        chosen = crowded[int(which * len(crowded))]
+        members[chosen].pop(int(member * most))
+        counts[chosen] -= 1
     return np.array(sorted(row for rows in members for row in rows), dtype=np.int64)
 
 
@@ -129,8 +128,3 @@ class LeaderChoice:
             position += (self.cell[self.by_cell[barred]] == chosen) & (barred <= position)
         chosen_rows: IntArray = self.by_cell[position]
         return chosen_rows
-
-
-def _members(cell: IntArray) -> list[IntArray]:
-    order = np.argsort(cell, kind="stable")
-    return np.split(order, np.cumsum(np.bincount(cell))[:-1])

@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from uavcover.errors import OptimizerError
+from uavcover.optimizers.archive import Archive
 from uavcover.optimizers.ask_tell import AskTellOptimizer
-from uavcover.optimizers.interface import FloatArray
+from uavcover.optimizers.interface import FloatArray, ParetoSet
 from uavcover.optimizers.solutions import Solutions
 
 
@@ -26,10 +27,11 @@ class PymooOptimizer(AskTellOptimizer):
             def _build(self):
                 return SMSEMOA(pop_size=self._population_size)
 
-    The result is our external archive, as for every other algorithm. Should pymoo propose fewer candidates than the
+    The result is our external archive, unless a subclass says otherwise. Should pymoo propose fewer candidates than the
     population has (it gives up when it only finds duplicates), uniform samples fill the round.
 
-    The saved state holds the pymoo algorithm pickled, as bytes: load only states that you trust.
+    The saved state holds the pymoo algorithm pickled, as bytes: load only states that you trust. Some algorithms of pymoo
+    cannot be pickled; then saving raises an OptimizerError, and nothing else is affected.
     """
 
     knows_constraints: ClassVar[bool] = True  # False: pymoo's algorithm refuses them and gets the total violation only
@@ -106,6 +108,10 @@ class PymooOptimizer(AskTellOptimizer):
             algorithm.random_state = None  # the streams are saved with all others
             try:
                 self._pickled = np.frombuffer(pickle.dumps((algorithm, self._pending)), np.uint8)
+            except (pickle.PicklingError, AttributeError, TypeError) as error:
+                raise OptimizerError(
+                    f"state: {type(algorithm).__name__} of pymoo cannot be pickled ({error}): run it in one go"
+                ) from error
             finally:
                 algorithm.random_state = stream
         return {"pickled": self._pickled}
@@ -117,7 +123,10 @@ class PymooOptimizer(AskTellOptimizer):
 
 
 class NSGA2(PymooOptimizer):
-    """pymoo's NSGA-II (Deb et al. 2002) with the probabilities of Table 2."""
+    """pymoo's NSGA-II (Deb et al. 2002) with the probabilities of Table 2.
+
+    As published it has no archive: the result is the best front of its population.
+    """
 
     crossover_probability: ClassVar[float] = 0.8  # Pc, Table 2
     mutation_probability: ClassVar[float] = 0.1  # Pr, Table 2: of each variable
@@ -132,6 +141,14 @@ class NSGA2(PymooOptimizer):
             crossover=SBX(prob=self.crossover_probability, eta=15),
             mutation=PM(prob=1.0, prob_var=self.mutation_probability, eta=20),
         )
+
+    def pareto_set(self) -> ParetoSet:
+        """See `Optimizer.pareto_set`: the best front of the population, at most ``archive_size`` of it."""
+        if self._iteration == 0:
+            return super().pareto_set()
+        alive = Solutions(*self._algorithm.pop.get("X", "F", "G"))
+        nothing = Solutions.none(self._box.n_variables, self._n_objectives, self._n_constraints)
+        return Archive(nothing, self._archive.capacity).with_told(alive).pareto_set()
 
 
 class MOEAD(PymooOptimizer):

@@ -15,6 +15,7 @@ from uavcover.errors import OptimizerError
 from uavcover.optimizers import ALGORITHMS
 from uavcover.optimizers.ask_tell import AskTellOptimizer
 from uavcover.optimizers.interface import FloatArray
+from uavcover.optimizers.pymoo_adapters import PymooOptimizer
 
 
 class UavcoverAlgorithm(Algorithm):  # type: ignore[misc]
@@ -24,7 +25,7 @@ class UavcoverAlgorithm(Algorithm):  # type: ignore[misc]
     the same result, and the same as our own ask and tell. Without a seed one is drawn.
 
     Args:
-        name: a key of `ALGORITHMS`.
+        name: a key of `ALGORITHMS`, but not one of those that come from pymoo.
         population_size: n.
         max_iterations: the rounds that the algorithm plans for (its parameters change with t/Tmax) and makes at most; None
             takes them from the termination, which then has to be ``("n_gen", ...)`` or ``("n_eval", ...)``.
@@ -49,8 +50,14 @@ class UavcoverAlgorithm(Algorithm):  # type: ignore[misc]
         archive_size: int | None = None,
         **settings: Any,
     ) -> None:
-        if name not in ALGORITHMS:
-            raise OptimizerError(f"algorithm {name!r} is not known: choose one of {', '.join(sorted(ALGORITHMS))}")
+        ours = sorted(key for key, algorithm in ALGORITHMS.items() if not issubclass(algorithm, PymooOptimizer))
+        if name not in ours:
+            what = (
+                "is pymoo's own: use it directly"
+                if name in ALGORITHMS
+                else f"is not known: choose one of {', '.join(ours)}"
+            )
+            raise OptimizerError(f"algorithm {name!r} {what}")
         if max_iterations is not None:
             settings = {"termination": ("n_gen", max_iterations)} | settings
         super().__init__(**{"output": MultiObjectiveOutput()} | settings)
