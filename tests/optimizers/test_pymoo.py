@@ -44,27 +44,30 @@ class TestTheirsInOurs:
         assert (result.violations <= 0).all()
         assert hypervolume(result.objectives, reference) > limit * hypervolume(problem.pareto_front(), reference)
 
-    def test_any_other_algorithm_by_a_subclass(self):
-        class Nsga3(PymooOptimizer):
+    @pytest.mark.parametrize(
+        "theirs", [lambda n: NSGA3(spread_weights(n, 2), pop_size=n), lambda n: SMSEMOA(pop_size=n)]
+    )
+    def test_any_other_algorithm_by_a_subclass(self, theirs):
+        class Other(PymooOptimizer):
             def _build(self):
-                return NSGA3(spread_weights(self._population_size, 2), pop_size=self._population_size)
+                return theirs(self._population_size)
 
-        def build(cls):
-            return cls([0.0, 0.0], [2.0, 2.0], n_objectives=2, population_size=16, max_iterations=12, seed=3)
+        def build():
+            return Other([0.0, 0.0], [2.0, 2.0], n_objectives=2, population_size=16, max_iterations=12, seed=3)
 
-        whole, part = build(Nsga3), build(Nsga3)
+        whole, part = build(), build()
         for _ in range(5):
             part.tell(two_spheres(part.ask()))
         part.ask()
-        resumed = Nsga3.from_state(part.state_dict())
+        resumed = Other.from_state(part.state_dict())
         assert np.array_equal(minimise(whole, two_spheres).x, minimise(resumed, two_spheres).x)
 
     def test_what_cannot_be_pickled_runs_but_is_not_saved(self):
-        class SmsEmoa(PymooOptimizer):
+        class Unsaved(PymooOptimizer):
             def _build(self):
-                return SMSEMOA(pop_size=self._population_size)
+                return SMSEMOA(pop_size=self._population_size, callback=lambda _: None)
 
-        optimizer = SmsEmoa([0.0], [1.0], n_objectives=2, population_size=8, max_iterations=3, seed=0)
+        optimizer = Unsaved([0.0], [1.0], n_objectives=2, population_size=8, max_iterations=3, seed=0)
         optimizer.tell(two_spheres(optimizer.ask()))
         with pytest.raises(OptimizerError, match="state: SMSEMOA of pymoo cannot be pickled"):
             optimizer.state_dict()

@@ -15,6 +15,7 @@ from uavcover.errors import OptimizerError
 from uavcover.optimizers.archive import Archive
 from uavcover.optimizers.ask_tell import AskTellOptimizer
 from uavcover.optimizers.interface import FloatArray, ParetoSet
+from uavcover.optimizers.pymoo_state import pickled
 from uavcover.optimizers.solutions import Solutions
 
 
@@ -30,8 +31,8 @@ class PymooOptimizer(AskTellOptimizer):
     The result is our external archive, unless a subclass says otherwise. Should pymoo propose fewer candidates than the
     population has (it gives up when it only finds duplicates), uniform samples fill the round.
 
-    The saved state holds the pymoo algorithm pickled, as bytes: load only states that you trust. Some algorithms of pymoo
-    cannot be pickled; then saving raises an OptimizerError, and nothing else is affected.
+    The saved state holds the pymoo algorithm pickled, as bytes: load only states that you trust. If what you build cannot be
+    pickled (it holds a lambda), saving raises an OptimizerError, and nothing else is affected.
     """
 
     knows_constraints: ClassVar[bool] = True  # False: pymoo's algorithm refuses them and gets the total violation only
@@ -107,7 +108,7 @@ class PymooOptimizer(AskTellOptimizer):
             algorithm, stream = self._algorithm, self._algorithm.random_state
             algorithm.random_state = None  # the streams are saved with all others
             try:
-                self._pickled = np.frombuffer(pickle.dumps((algorithm, self._pending)), np.uint8)
+                self._pickled = np.frombuffer(pickled((algorithm, self._pending)), np.uint8)
             except (pickle.PicklingError, AttributeError, TypeError) as error:
                 raise OptimizerError(
                     f"state: {type(algorithm).__name__} of pymoo cannot be pickled ({error}): run it in one go"
