@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from mission_io.client import Client
 from mission_io.formats import csv as csv_format
@@ -35,10 +35,9 @@ from uavcover.errors import InputError
 from uavcover.mission_compiler import AUTOPILOTS, CompiledMission, compile_mission
 from uavcover.model.report import VerificationReport
 from uavcover.model.route import Plan, Route
-from uavcover.model.scenario import PlannerSettings, RasterTerrain, Scenario
+from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings, RasterTerrain, Scenario
 from uavcover.model.track import Track
 from uavcover.model.vehicle import AutopilotName
-from uavcover.optimizers import ALGORITHMS
 from uavcover.planning.baselines import best_height_agl_m
 from uavcover.planning.planner import Effort, Progress, plan_routes
 from uavcover.run_folder import SCHEMA_VERSION, RunFolder, json_text
@@ -118,8 +117,8 @@ def plan(
 def _settings(
     base: PlannerSettings, seed: int | None, evaluations: int | None, algorithm: str | None, max_waypoints: int | None
 ) -> PlannerSettings:
-    if algorithm is not None and algorithm not in ALGORITHMS:
-        raise InputError(f"algorithm: {algorithm!r} is not one of {', '.join(sorted(ALGORITHMS))}")
+    if algorithm is not None and algorithm not in get_args(PlannerAlgorithm):
+        raise InputError(f"algorithm: {algorithm!r} is not one of {', '.join(get_args(PlannerAlgorithm))}")
     changes: dict[str, Any] = {
         "seed": seed,
         "evaluations": evaluations,

@@ -75,7 +75,7 @@ def test_scenario_without_a_place_plans_and_says_what_it_cannot(cli: Cli, nowher
         (("--budget", "0s"), "--budget"),
         (("--evaluations", "0"), "evaluations"),
         (("--select", "best"), "select"),
-        (("--algorithm", "beetle"), "dbo, imodbo"),
+        (("--algorithm", "beetle"), "imodbo, modbo"),
         (("--autopilot", "dji"), "--autopilot"),
         (("--workers", "0"), "workers"),
     ],
@@ -168,7 +168,8 @@ def test_third_interrupt_aborts(tmp_path: Path) -> None:
             process.send_signal(signal.SIGINT)
             time.sleep(0.1)  # two that come at once are one
         _, err = process.communicate(timeout=60)
-    assert process.returncode == 130
+    # One that comes while the interpreter shuts down ends it by the signal, which a shell shows as 130 too.
+    assert process.returncode in {130, -signal.SIGINT}
     assert "Traceback" not in err
     assert not (tmp_path / "run").exists() or plan_of(tmp_path / "run")["interrupted"]
 

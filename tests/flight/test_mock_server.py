@@ -100,12 +100,13 @@ def background(speed: float = SPEED, autopilot=PX4, **options):
 
 def test_the_url_mock_starts_a_vehicle_that_ends_with_its_link():
     register_mock(lambda: MockVehicle(PX4, HOME, speed=SPEED), speed=SPEED)
-    before = threading.active_count()
+    before = set(threading.enumerate())
     client, _ = open_vehicle("mock:")
     with client:
         assert client.wait_for_vehicle().autopilot is PX4
-        assert threading.active_count() == before + 1
-    assert threading.active_count() == before
+        (vehicle,) = set(threading.enumerate()) - before
+        assert vehicle.is_alive()
+    assert not vehicle.is_alive()
 
 
 def test_several_ground_stations_hear_the_vehicle_and_each_gets_its_own_answers():

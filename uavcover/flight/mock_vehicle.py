@@ -23,6 +23,7 @@ from uavcover.flight.modes import Mode, mode_from_custom
 
 _DISARM_AFTER_LANDING_S = 2.0
 _DISARM_WHEN_IDLE_S = 10.0
+"""Waiting for the ground station's next command: on the link's clock, however fast the vehicle's runs."""
 _INFO, _WARNING, _CRITICAL = 6, 4, 2
 
 
@@ -171,7 +172,7 @@ class MockVehicle:
             self.say(_CRITICAL, "Preflight Fail: no valid mission")
             return CommandResult.TEMPORARILY_REJECTED
         self.armed, self.body.crashed = True, False
-        self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S
+        self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S * self._speed
         self.speeds = self.settings.speeds
         self.current_seq = self._first_seq()
         self.mission_state = MissionState.NOT_STARTED
@@ -314,7 +315,7 @@ class MockVehicle:
             self.mission_items, self.current_seq, place=self.body.place, settings=self.settings, speeds=self.speeds
         )
         self.mission_state = MissionState.ACTIVE
-        self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S
+        self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S * self._speed
         self._follow(steps)
         self.tell(m.MissionCurrent)
 

@@ -9,6 +9,7 @@ from uavcover.model.limits import FlightLimits
 from uavcover.model.sensor import Sensor
 from uavcover.model.vehicle import Vehicle
 
+PlannerAlgorithm = Literal["imodbo", "modbo"]
 VerticalDatum = Literal["EGM96", "EGM2008", "WGS84-ellipsoid"]
 
 
@@ -126,7 +127,7 @@ class PlannerSettings:
 
     __pydantic_config__: ClassVar = STRICT
 
-    algorithm: Literal["imodbo", "modbo"] = "imodbo"
+    algorithm: PlannerAlgorithm = "imodbo"
     encoding: Literal["swaths", "waypoints"] = "swaths"
     population_size: int = 50
     evaluations: int = 5000
