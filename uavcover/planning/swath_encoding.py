@@ -22,8 +22,8 @@ class SwathEncoding:
     The dung beetle's moves are drawn to the origin of the genes (Eq. 9 and 12 to 16 multiply positions; measured in
     docs/optimizers.md), so the origin is a good layout: the tuned boustrophedon. In order: direction (a quarter turn
     either way), number of lines (up to two more or fewer), inset, tolerance, start corner; then the width of every gap
-    (1 / 1.6 to 1.6 times) and the height of every line (half the band either way). Genes of lines that a layout does not
-    have are ignored.
+    (1 / 1.6 to 1.6 times) and the height of every line (half the band either way, inside the band by what
+    the legs may leave it). Genes of lines that a layout does not have are ignored.
 
     Attributes:
         lower: (d,) lower bounds, all -1; d = 5 + 2 capacity + 1.
@@ -51,12 +51,15 @@ class SwathEncoding:
         gaps[[0, -1]] *= 0.5
         heights = np.full(lines, float(np.mean(centre.heights_agl_m)))
         heights += genes[_FIXED + self._capacity + 1 :][:lines] * 0.5 * (self._high - self._low)
+        tolerance = centre.tolerance_m * 4.0 ** float(genes[3])
+        # A leg that may leave its height both ways needs a tenth of the waypoints of one pressed against the ceiling.
+        inner = min(tolerance, 0.25 * (self._high - self._low))
         return SwathLayout(
             angle_rad=centre.angle_rad + float(genes[0]) * 0.5 * math.pi,
             gaps=gaps,
-            heights_agl_m=np.clip(heights, self._low, self._high),
+            heights_agl_m=np.clip(heights, self._low + inner, self._high - inner),
             inset=max(0.0, centre.inset + float(genes[2])),
-            tolerance_m=centre.tolerance_m * 4.0 ** float(genes[3]),
+            tolerance_m=tolerance,
             start=(centre.start + round(2.0 * float(genes[4]))) % 4,
         )
 
