@@ -15,7 +15,7 @@ from uavcover.errors import InfeasibleError
 from uavcover.mission_compiler import CompiledMission
 from uavcover.model.route import Plan, RouteMember
 from uavcover.planning.planner import Progress
-from uavcover.planning.selection import parse_rule
+from uavcover.planning.selection import parse_rule, select
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
 
@@ -137,8 +137,12 @@ def _say_plan(console: Console, run: RunFolder, result: Plan, compiled: Compiled
     console.say(f"{'':22}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}")
     shown = [("chosen route", result.chosen)]
     plain = [member for member in result.baselines if member.origin == "boustrophedon"][:1]
-    tuned = [member for member in result.baselines if member.origin != "boustrophedon"][:1]
-    for label, member in shown + [(m.origin, m) for m in plain + tuned]:
+    tuned = [member for member in result.baselines if member.origin != "boustrophedon"]
+    rule = parse_rule(result.rule)
+    if tuned and rule.kind != "index":
+        # The one that the same rule would have chosen: what the optimizer has to beat.
+        tuned = [tuned[select(tuned, rule).index]]
+    for label, member in shown + [(m.origin, m) for m in plain + tuned[:1]]:
         console.say(_figures(label, member))
     console.say(
         f"{len(result.members)} routes in the Pareto set, {result.evaluations} evaluations of {result.algorithm}, {wall_s:.1f} s"
