@@ -1,0 +1,264 @@
+"""Niches in decision space: who is beaten near by, who stands too close, and which few stand for many.
+
+``x`` are points of the unit cube (or anything else in which plain distance makes sense), objectives are minimised.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from uavcover.kernels._jit import kernel
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@kernel
+def distance(points: FloatArray, i: int, j: int) -> float:
+    """Plain distance between two rows of ``points`` ``(n, d)``."""
+    total = 0.0
+    for k in range(points.shape[1]):
+        total += (points[i, k] - points[j, k]) ** 2
+    return float(np.sqrt(total))
+
+
+@kernel
+def _squared_distance_above(x: FloatArray, i: int, j: int, limit: float) -> bool:
+    total = 0.0
+    for k in range(x.shape[1]):
+        total += (x[i, k] - x[j, k]) ** 2
+        if total > limit:
+            return True
+    return False
+
+
+@kernel
+def niche_survivors(
+    x: FloatArray, objectives: FloatArray, start: int, radius: float, slack: FloatArray, spacing: float
+) -> BoolArray:
+    """Which rows stay when each row from ``start`` on meets all rows before it, in their order.
+
+    Of two rows of which one dominates the other, the dominated one goes if they are at most ``radius`` apart in ``x``, or
+    if it is worse by more than ``slack`` in some objective (infinite slack: distant rows do not compete). Of two rows
+    that do not dominate each other and are at most ``spacing`` apart, the later one stays; of exact repetitions in x the
+    earlier one.
+
+    Args:
+        x: ``(n, d)``.
+        objectives: ``(n, m)``.
+        start: rows before it have met already.
+        radius: of a niche.
+        slack: ``(m,)``.
+        spacing: least distance between equals.
+
+    Returns:
+        ``(n,)``; O((n - start) n (d + m)).
+    """
+    n, m = objectives.shape
+    gone = np.zeros(n, np.bool_)
+    for i in range(start, n):
+        for j in range(i):
+            if gone[j]:
+                continue
+            less, more = False, False  # whether i is below, above j in some objective
+            for k in range(m):
+                if objectives[i, k] < objectives[j, k]:
+                    less = True
+                elif objectives[i, k] > objectives[j, k]:
+                    more = True
+                if less and more:
+                    break
+            if less == more:
+                if _squared_distance_above(x, i, j, spacing * spacing):
+                    continue
+                if _squared_distance_above(x, i, j, 0.0):
+                    gone[j] = True
+                    continue
+                gone[i] = True
+                break
+            competes = not _squared_distance_above(x, i, j, radius * radius)
+            for k in range(m):
+                competes = competes or abs(objectives[i, k] - objectives[j, k]) > slack[k]
+            if competes and less:
+                gone[j] = True
+            elif competes:
+                gone[i] = True
+                break
+    return ~gone
+
+
+@kernel
+def last_apart(x: FloatArray, spacing: float) -> BoolArray:
+    """Which rows stay when each, from the last to the first, goes if one that stays is at most ``spacing`` away.
+
+    Args:
+        x: ``(n, d)``.
+        spacing: >= 0.
+
+    Returns:
+        ``(n,)``; O(n k d), k = rows that stay.
+    """
+    n = len(x)
+    stays = np.zeros(n, np.bool_)
+    kept = np.empty(n, np.int64)
+    count = 0
+    for i in range(n - 1, -1, -1):
+        stays[i] = True
+        for q in range(count):
+            if not _squared_distance_above(x, i, kept[q], spacing * spacing):
+                stays[i] = False
+                break
+        if stays[i]:
+            kept[count] = i
+            count += 1
+    return stays
+
+
+@kernel
+def dominated_near(
+    x: FloatArray, objectives: FloatArray, other_x: FloatArray, other_objectives: FloatArray, radius: float
+) -> BoolArray:
+    """Which rows are dominated by a row of the others at most ``radius`` away: ``(n,)``; O(n k (d + m)).
+
+    Args:
+        x: ``(n, d)``.
+        objectives: ``(n, m)``.
+        other_x: ``(k, d)``.
+        other_objectives: ``(k, m)``.
+        radius: >= 0.
+    """
+    n, m = objectives.shape
+    dominated = np.zeros(n, np.bool_)
+    for i in range(n):
+        for j in range(len(other_x)):
+            below, not_above = False, True
+            for k in range(m):
+                if other_objectives[j, k] > objectives[i, k]:
+                    not_above = False
+                    break
+                below = below or other_objectives[j, k] < objectives[i, k]
+            if below and not_above:
+                total = 0.0
+                for k in range(x.shape[1]):
+                    total += (x[i, k] - other_x[j, k]) ** 2
+                if total <= radius * radius:
+                    dominated[i] = True
+                    break
+    return dominated
+
+
+@kernel
+def spread_out(points: FloatArray, first: IntArray, count: int) -> IntArray:
+    """``first`` and then, one at a time, the row farthest from all chosen ones (Gonzalez 1985).
+
+    Args:
+        points: ``(n, d)``.
+        first: ``(s,)`` rows chosen already, s >= 1, no repetitions.
+        count: rows to choose, s <= count <= n; fewer are returned if the others repeat chosen ones.
+
+    Returns:
+        ``(k,)`` rows in the order of choice; O(n count d).
+    """
+    n = len(points)
+    chosen = np.empty(count, np.int64)
+    away = np.full(n, np.inf)
+    for c in range(count):
+        pick = int(first[c] if c < len(first) else np.argmax(away))
+        if c >= len(first) and away[pick] <= 0.0:
+            return chosen[:c]
+        chosen[c] = pick
+        for i in range(n):
+            away[i] = min(away[i], distance(points, i, pick))
+    return chosen
+
+
+@kernel
+def _two_nearest(points: FloatArray, medoids: IntArray, i: int) -> tuple[int, int, float, float]:
+    one, two, near, next_near = -1, -1, np.inf, np.inf
+    for q in range(len(medoids)):
+        away = distance(points, i, medoids[q])
+        if away < near:
+            one, two, near, next_near = q, one, away, near
+        elif away < next_near:
+            two, next_near = q, away
+    return one, two, near, next_near
+
+
+@kernel
+def two_space_medoids(
+    x: FloatArray,
+    f: FloatArray,
+    x_weights: FloatArray,
+    f_weights: FloatArray,
+    first: IntArray,
+    fixed: int,
+    passes: int,
+) -> IntArray:
+    """Rows that stand for all rows in two spaces at once: k-medoids by eager swaps (FasterPAM, Schubert and Rousseeuw 2021).
+
+    The cost is the sum over rows i of ``x_weights[i]`` times the distance in x to the nearest medoid in x, plus
+    ``f_weights[i]`` times the distance in f to the nearest medoid in f. Each row in turn replaces the medoid whose loss
+    costs least, if that lowers the cost.
+
+    Args:
+        x: ``(n, d)``.
+        f: ``(n, m)``.
+        x_weights: ``(n,)``, >= 0.
+        f_weights: ``(n,)``, >= 0.
+        first: ``(k,)`` medoids to begin with, no repetitions, k >= 2.
+        fixed: the first so many of them stay.
+        passes: over all rows; it ends before when nothing changes.
+
+    Returns:
+        ``(k,)`` rows; O(n^2 (d + m)) for each pass.
+    """
+    n, k = len(x), len(first)
+    medoids = first.copy()
+    is_medoid = np.zeros(n, np.bool_)
+    is_medoid[medoids] = True
+    spaces, weights = (x, f), (x_weights, f_weights)
+    one, two = np.empty((2, n), np.int64), np.empty((2, n), np.int64)
+    near, next_near, away = np.empty((2, n)), np.empty((2, n)), np.empty((2, n))
+    for s in range(2):
+        for i in range(n):
+            one[s, i], two[s, i], near[s, i], next_near[s, i] = _two_nearest(spaces[s], medoids, i)
+    loss = np.empty(k)
+    for _ in range(passes):
+        swapped = False
+        for candidate in range(n):
+            if is_medoid[candidate]:
+                continue
+            loss[:] = 0.0
+            change = 0.0
+            for s in range(2):
+                points, weight = spaces[s], weights[s]
+                for i in range(n):
+                    d = distance(points, i, candidate)
+                    away[s, i] = d
+                    if d < near[s, i]:
+                        change += weight[i] * (d - near[s, i])
+                    else:
+                        loss[one[s, i]] += weight[i] * (min(d, next_near[s, i]) - near[s, i])
+            worst = -1
+            for q in range(fixed, k):
+                if worst == -1 or loss[q] < loss[worst]:
+                    worst = q
+            if worst == -1 or change + loss[worst] >= -1e-12:
+                continue
+            swapped = True
+            is_medoid[medoids[worst]] = False
+            is_medoid[candidate] = True
+            medoids[worst] = candidate
+            for s in range(2):
+                for i in range(n):
+                    d = away[s, i]
+                    if one[s, i] == worst or two[s, i] == worst:
+                        one[s, i], two[s, i], near[s, i], next_near[s, i] = _two_nearest(spaces[s], medoids, i)
+                    elif d < near[s, i]:
+                        two[s, i], next_near[s, i] = one[s, i], near[s, i]
+                        one[s, i], near[s, i] = worst, d
+                    elif d < next_near[s, i]:
+                        two[s, i], next_near[s, i] = worst, d
+        if not swapped:
+            break
+    return medoids
