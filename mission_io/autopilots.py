@@ -56,7 +56,8 @@ class Autopilot:
         position_free_frames: The frames it takes for commands without a position.
         command_frame_returned: The frame that such a command comes back with.
         storage: What it changes in the numbers it stores.
-        keeps_autocontinue: Whether that flag comes back as it was sent.
+        keeps_autocontinue: Whether that flag comes back as it was sent. If not, it comes back set, and not set from fences
+            and rally points (seen with ArduCopter 4.7).
         nan_allowed: For each command, the parameters (1 to 4) that may be NaN; key 0 is every other command.
         refuses_bad_numbers: Whether an item with an impossible number is refused, or taken as it is.
         item_limit: More items than this are refused (None: it depends on the board).
@@ -120,10 +121,16 @@ def _to_metres(value: float) -> float:
     return float(math.trunc(value)) if math.isfinite(value) else 0.0
 
 
+def _turn_direction(value: float) -> float:
+    return -1.0 if value < 0.0 else 1.0
+
+
 _PLACES = frozenset({Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND, Command.DO_SET_ROI_LOCATION})
 _WAYPOINT = frozenset({Command.NAV_WAYPOINT})
 _FENCE = frozenset(range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1))
 _RALLY = frozenset({Command.NAV_RALLY_POINT})
+NOT_STEPS = _FENCE | _RALLY
+"""The commands of fences and rally points: they are never flown one after the other."""
 
 
 def _drop(names: Sequence[str], commands: frozenset[int], why: str) -> tuple[StorageRule, ...]:
@@ -140,6 +147,13 @@ ARDUPILOT = Autopilot(
     storage=(
         StorageRule(
             "param1", _WAYPOINT, _whole_uint16, 0.9999999, "ArduPilot stores a waypoint's hold time in whole seconds"
+        ),
+        StorageRule(
+            "param4",
+            frozenset({Command.NAV_LAND}),
+            _turn_direction,
+            math.inf,
+            "ArduPilot keeps only the sign of a landing's fourth parameter, as 1 or -1 (seen with ArduCopter 4.7)",
         ),
         *_drop(("param2", "param3", "param4"), _PLACES, "ArduPilot keeps only the first parameter of this command"),
         *_drop(("param2", "param4"), frozenset({Command.DO_SET_CAM_TRIGG_DIST}), "ArduPilot has no use for it"),
@@ -266,5 +280,5 @@ def stored_item(item: MissionItem, autopilot: Autopilot) -> MissionItem:
         item.lat_deg,
         item.lon_deg,
         kept("alt_m", item.alt_m),
-        item.autocontinue if autopilot.keeps_autocontinue else True,
+        item.autocontinue if autopilot.keeps_autocontinue else item.command not in NOT_STEPS,
     )

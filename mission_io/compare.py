@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mission_io.autopilots import WITHOUT_POSITION, Autopilot
+from mission_io.autopilots import NOT_STEPS, WITHOUT_POSITION, Autopilot
 from mission_io.items import MissionItem, MissionType, same_number
 from mission_io.wire import degrees_on_wire, float32
 
@@ -77,7 +77,7 @@ def _item_differences(number: int, a: MissionItem, b: MissionItem, autopilot: Au
             acceptable, why = _verdict(a, name, x, y, autopilot)
             found.append(Difference(number, name, x, y, acceptable, why))
     if a.autocontinue != b.autocontinue:
-        by_design = not autopilot.keeps_autocontinue and b.autocontinue
+        by_design = a.command in NOT_STEPS or (not autopilot.keeps_autocontinue and b.autocontinue)
         why = f"{autopilot.name} does not store it" if by_design else "the vehicle would stop at another item"
         found.append(Difference(number, "autocontinue", a.autocontinue, b.autocontinue, by_design, why))
     return found

@@ -24,6 +24,7 @@ from mission_io.items import (
     MissionType,
     change_speed,
     delay,
+    land,
     return_to_launch,
     trigger_camera_every,
     waypoint,
@@ -70,7 +71,7 @@ def test_autopilots_are_found_by_their_number() -> None:
         (replace(WAYPOINT, alt_m=-0.019), {"alt_m": float32(-0.01)}),
         (replace(WAYPOINT, autocontinue=False), {"autocontinue": True}),
         (MissionItem(5100, Frame.ABOVE_HOME, (1.0, 2.0, 3.0, 4.0), 46.0, -7.0, 20.9),
-         {"params": (0.0, 0.0, 0.0, 0.0), "alt_m": 20.0}),
+         {"params": (0.0, 0.0, 0.0, 0.0), "alt_m": 20.0, "autocontinue": False}),
         (return_to_launch(), {"frame": Frame.AMSL}),
     ],
 )  # fmt: skip
@@ -209,3 +210,21 @@ def test_what_messages_cannot_carry() -> None:
     with pytest.raises(MisuseError, match="32-bit"):
         float32(1e39)
     assert degrees_on_wire(46.12345678) == 46.1234568
+
+
+def test_what_arducopter_gives_back_of_a_landing_a_fence_and_a_rally_point_is_no_fault():
+    """Seen with ArduCopter 4.7: the landing's fourth parameter came back as 1, and autocontinue as not set."""
+    home = land(36.4762, -84.216, frame=Frame.ABOVE_HOME)
+    assert stored_item(home, ARDUPILOT).params == (0.0, 0.0, 0.0, 1.0)
+    sent = wire_items(Mission(HOME, (home,)), ARDUPILOT)
+    for value, acceptable in ((1.0, True), (2.0, False)):
+        received = (sent[0], replace(home, params=(0.0, 0.0, 0.0, value)))
+        (difference,) = compare_items(sent, received, ARDUPILOT, MissionType.MISSION)
+        assert (difference.field, difference.acceptable) == ("param4", acceptable)
+    for command, kind in (
+        (Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, MissionType.FENCE),
+        (Command.NAV_RALLY_POINT, MissionType.RALLY),
+    ):
+        item = MissionItem(command, Frame.ABOVE_HOME, (3.0, 0.0, 0.0, 0.0), 36.4762, -84.216, 0.0)
+        assert all(d.acceptable for d in compare_items([item], [replace(item, autocontinue=False)], ARDUPILOT, kind))
+        assert stored_item(item, ARDUPILOT).autocontinue is False
