@@ -20,9 +20,13 @@ echo "gate: mypy --strict"
 "$bin/mypy"
 echo "gate: import contracts"
 "$bin/lint-imports"
+# Whole flights, and set-ups in processes of their own, are not measured: tracing every line slows a flying vehicle down.
+whole="tests/cli tests/test_pipeline.py tests/test_setup.py tests/test_wheel.py"
 echo "gate: tests"
 rm -f .coverage .coverage.*
-"$bin/python" -m pytest --cov --cov-report=
+"$bin/python" -m pytest -q --cov --cov-report= $(printf -- '--ignore=%s ' $whole)
+echo "gate: tests of commands, whole flights and set-up"
+"$bin/python" -m pytest -q $whole
 echo "gate: tests of the kernels and what stands on them, JIT off, so that their coverage can be measured"
 NUMBA_DISABLE_JIT=1 "$bin/python" -m pytest -q --cov --cov-append --cov-report= tests/kernels
 echo "gate: branch coverage over 90 % of mission_io and of the planner's core"
