@@ -36,7 +36,7 @@ from uavcover.planning.swaths import fly_layout
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from tests.naive.coverage import seen_from_points as naive_seen_from_points  # noqa: E402
+from tests.naive.coverage import first_seen as naive_first_seen  # noqa: E402
 
 Row = tuple[str, str, str]
 
@@ -58,8 +58,8 @@ def coverage_rows() -> list[Row]:
     looks = coverage.looks(fly_layout(site, plain_boustrophedon(site)).waypoints_m)
     coverage.seen_from(looks)
     fast_s = best_s(lambda: coverage.seen_from(looks), 20)
-    few = looks[:: max(1, len(looks) // 12)]
-    naive_s = best_s(lambda: naive_seen_from_points(site.ground.surface, coverage.sight, coverage.grid.cells, few), 1)
+    few = looks[:: max(1, len(looks) // 3)]
+    naive_s = best_s(lambda: naive_first_seen(site.ground.surface, coverage.sight, coverage.grid.cells, few), 1)
     few_s = best_s(lambda: coverage.seen_from(few), 20)
     return [
         ("coverage of a whole route, jacksboro, 10 m cells", f"{1 / fast_s:.0f} a second", f"{len(looks)} looks"),
