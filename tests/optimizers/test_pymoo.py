@@ -13,12 +13,13 @@ from pymoo.problems import get_problem
 
 from tests.optimizers.problems import minimise, outside_the_corner, two_spheres
 from tests.optimizers.test_convergence import solve
+from uavcover.benchmarks.mmf import PROBLEMS
 from uavcover.errors import OptimizerError
-from uavcover.optimizers import ALGORITHMS
+from uavcover.optimizers import ALGORITHMS, ImodboNiching
 from uavcover.optimizers.indicators import hypervolume, inverted_generational_distance
 from uavcover.optimizers.pymoo_adapters import PymooOptimizer
 from uavcover.optimizers.pymoo_algorithm import UavcoverAlgorithm
-from uavcover.optimizers.pymoo_moead import spread_weights
+from uavcover.optimizers.weight_vectors import spread_weights
 
 OCTANT = spread_weights(200, 3) / np.linalg.norm(spread_weights(200, 3), axis=1, keepdims=True)
 
@@ -164,6 +165,51 @@ class TestOursInTheirs:
             problem = get_problem("sphere") if algorithm.most_objectives == 1 else get_problem("bnh")
             result = minimize(problem, UavcoverAlgorithm(name, population_size=12), ("n_gen", 4), seed=1)
             assert np.isfinite(result.F).all(), name
+
+    def test_a_choice_from_a_pool_is_made_once_at_the_end(self, monkeypatch):
+        asked = []
+        choose = ImodboNiching.pareto_set
+        monkeypatch.setattr(ImodboNiching, "pareto_set", lambda self: asked.append(self.iteration) or choose(self))
+        problem, algorithm = get_problem("zdt1"), UavcoverAlgorithm("imodbo-niching", population_size=20)
+        result = minimize(problem, algorithm, ("n_gen", 30), seed=1)
+        own = solve("imodbo-niching", problem, population_size=20, max_iterations=30, seed=1)
+        assert np.array_equal(result.X, own.x)
+        assert np.array_equal(result.F, own.objectives)
+        assert asked == [30, 30]
+
+    def test_whether_local_sets_are_wanted_is_read_from_the_problem(self):
+        class WithLocalSets(Problem):
+            local_sets_wanted = True
+
+            def __init__(self):
+                mmf = PROBLEMS["MMF11_l"]
+                super().__init__(n_var=2, n_obj=2, xl=mmf.lower, xu=mmf.upper)
+
+            def _evaluate(self, x, out, *_, **__):
+                out["F"] = PROBLEMS["MMF11_l"].evaluate(x)
+
+        algorithm = UavcoverAlgorithm("imodbo-niching", population_size=40)
+        found = minimize(WithLocalSets(), algorithm, ("n_gen", 100), seed=1).X
+        assert np.count_nonzero(np.abs(found[:, 1] - 0.745) < 0.03) >= 6
+
+    def test_a_run_that_is_ended_early_returns_the_chosen_set(self):
+        algorithm = UavcoverAlgorithm("imodbo-niching", population_size=20, max_iterations=50)
+        result = minimize(get_problem("zdt1"), algorithm, ("n_gen", 10), seed=1)
+        assert np.array_equal(result.X, result.algorithm.optimizer.pareto_set().x)
+
+    def test_equality_constraints_keep_their_sign(self):
+        class OffTheLine(Problem):
+            def __init__(self):
+                super().__init__(n_var=2, n_obj=2, n_eq_constr=1, xl=[0.0, 0.5], xu=[0.25, 1.0])
+
+            def _evaluate(self, x, out, *_, **__):
+                out["F"] = two_spheres(x)
+                out["H"] = x[:, :1] - x[:, 1:]
+
+        algorithm = UavcoverAlgorithm("modbo", population_size=20, return_least_infeasible=True)
+        result = minimize(OffTheLine(), algorithm, ("n_gen", 40), seed=1)
+        np.testing.assert_allclose(result.H, result.X[:, :1] - result.X[:, 1:])
+        np.testing.assert_allclose(result.CV, 0.25 - 1e-4)
 
     def test_one_objective_gives_one_solution(self):
         result = minimize(get_problem("sphere"), UavcoverAlgorithm("dbo", population_size=20), ("n_gen", 60), seed=1)

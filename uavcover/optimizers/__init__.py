@@ -14,6 +14,7 @@ from uavcover.optimizers.ablation import (
 from uavcover.optimizers.ask_tell import AskTellOptimizer
 from uavcover.optimizers.dbo import DBO
 from uavcover.optimizers.imodbo import IMODBO
+from uavcover.optimizers.imodbo_niching import ImodboNiching
 from uavcover.optimizers.interface import Optimizer, ParetoSet
 from uavcover.optimizers.modbo import MODBO
 from uavcover.optimizers.mogwo import MOGWO
@@ -25,6 +26,7 @@ from uavcover.optimizers.random_search import RandomSearch
 ALGORITHMS: Final = MappingProxyType[str, type[AskTellOptimizer]](
     {
         "imodbo": IMODBO,
+        "imodbo-niching": ImodboNiching,
         "modbo": MODBO,
         "dbo": DBO,
         "mogwo": MOGWO,
@@ -41,6 +43,21 @@ ALGORITHMS: Final = MappingProxyType[str, type[AskTellOptimizer]](
         "imodbo-sine-cosine": ImodboMinusSineCosine,
     }
 )
-"""Every algorithm and variant by its name, all built with the same arguments; ``dbo`` takes one objective only."""
+"""Every algorithm and variant by its name, all built with the same arguments; ``dbo`` takes one objective only.
 
-__all__ = ["ALGORITHMS", "DBO", "IMODBO", "MODBO", "MOGWO", "MOSSA", "MOWOA", "Optimizer", "ParetoSet", "RandomSearch"]
+``imodbo-niching`` takes one argument more, ``local_sets_wanted``, which may be left out.
+"""
+
+__all__ = [
+    "ALGORITHMS",
+    "DBO",
+    "IMODBO",
+    "MODBO",
+    "MOGWO",
+    "MOSSA",
+    "MOWOA",
+    "ImodboNiching",
+    "Optimizer",
+    "ParetoSet",
+    "RandomSearch",
+]

@@ -137,6 +137,10 @@ class AskTellOptimizer(Optimizer, ABC):
             raise OptimizerError("pareto_set: nothing has been told yet: complete one ask and tell first")
         return self._archive.pareto_set()
 
+    def interim_set(self) -> ParetoSet:
+        """What to show between rounds: the `pareto_set`, or, where that takes long to choose, something close to it."""
+        return self.pareto_set()
+
     def state_dict(self) -> State:
         """See `Optimizer.state_dict`."""
         best = self._archive.solutions

@@ -136,6 +136,10 @@ class ImodboNiching(IMODBO):
             self._chosen = (self._iteration, result)
         return self._chosen[1]
 
+    def interim_set(self) -> ParetoSet:
+        """What to show between rounds, without a choice from the pool: the archive of non-dominated solutions."""
+        return super().pareto_set()
+
     def state_dict(self) -> State:
         """See `Optimizer.state_dict`."""
         state: dict[str, Any] = super().state_dict()

@@ -3,6 +3,7 @@
 This module imports pymoo; `uavcover.optimizers` itself does not.
 """
 
+import inspect
 import math
 from typing import Any
 
@@ -14,15 +15,17 @@ from pymoo.util.display.multi import MultiObjectiveOutput
 from uavcover.errors import OptimizerError
 from uavcover.optimizers import ALGORITHMS
 from uavcover.optimizers.ask_tell import AskTellOptimizer
-from uavcover.optimizers.interface import FloatArray
+from uavcover.optimizers.interface import FloatArray, ParetoSet
 from uavcover.optimizers.pymoo_adapters import PymooOptimizer
 
 
 class UavcoverAlgorithm(Algorithm):  # type: ignore[misc]
-    """One of our algorithms as pymoo knows algorithms; its ``pop`` and ``opt`` are the external archive.
+    """One of our algorithms as pymoo knows algorithms.
 
-    Constraints are pymoo's: G <= 0, and H = 0 within the tolerance that pymoo's individuals carry (1e-4). The same seed gives
-    the same result, and the same as our own ask and tell. Without a seed one is drawn.
+    On the way its ``pop`` and ``opt`` are the optimizer's ``interim_set``, at the end its ``pareto_set``. Constraints are
+    pymoo's: G <= 0, and H = 0 within the tolerance that pymoo's individuals carry (1e-4). The same seed gives the same
+    result, and the same as our own ask and tell. Without a seed one is drawn. An algorithm that takes ``local_sets_wanted``
+    reads it from the attribute of that name of the problem, if there is one.
 
     Args:
         name: a key of `ALGORITHMS`, but not one of those that come from pymoo.
@@ -70,15 +73,20 @@ class UavcoverAlgorithm(Algorithm):  # type: ignore[misc]
     def _setup(self, problem: Any, **_: Any) -> None:
         if self.seed is None:
             self.seed = int(np.random.SeedSequence().generate_state(1)[0])
-        self.optimizer = ALGORITHMS[self.name](
+        algorithm = ALGORITHMS[self.name]
+        declared: dict[str, Any] = {}
+        if "local_sets_wanted" in inspect.signature(algorithm).parameters:
+            declared["local_sets_wanted"] = getattr(problem, "local_sets_wanted", False)
+        self.optimizer = algorithm(
             problem.xl,
             problem.xu,
             n_objectives=problem.n_obj,
-            n_constraints=problem.n_ieq_constr + problem.n_eq_constr,
+            n_constraints=problem.n_ieq_constr + 2 * problem.n_eq_constr,
             population_size=self.population_size,
             max_iterations=self.max_iterations or self._planned_rounds(),
             archive_size=self.archive_size,
             seed=self.seed,
+            **declared,
         )
 
     def _planned_rounds(self) -> int:
@@ -97,7 +105,6 @@ class UavcoverAlgorithm(Algorithm):  # type: ignore[misc]
         return self._infill()
 
     def _initialize_advance(self, infills: Any = None, **settings: Any) -> None:
-        self.pop = Population.empty()
         self._advance(infills, **settings)
 
     def _infill(self) -> Any:
@@ -107,24 +114,31 @@ class UavcoverAlgorithm(Algorithm):  # type: ignore[misc]
     def _advance(self, infills: Any = None, **_: Any) -> None:
         assert self.optimizer is not None
         self.optimizer.tell(infills.get("F"), _violations(infills))
-        known = {individual.X.tobytes(): individual for individual in Population.merge(self.pop, infills)}
-        self.pop = Population.create(*(known[x.tobytes()] for x in self.optimizer.pareto_set().x))
+        self.pop = self._population(self.optimizer.interim_set())
         if self.optimizer.should_stop:
             self.termination.terminate()
+
+    def _finalize(self) -> None:
+        assert self.optimizer is not None
+        self.pop = self._population(self.optimizer.pareto_set())
+        self._set_optimum()
+
+    def _population(self, best: ParetoSet) -> Any:
+        n_g, n_h = self.problem.n_ieq_constr, self.problem.n_eq_constr
+        g, above, below = np.split(best.violations, [n_g, n_g + n_h], axis=1)
+        return Population.new("X", best.x, "F", best.objectives, "G", g, "H", (above - below) / 2)
 
     def _set_optimum(self) -> None:
         if self.problem.n_obj == 1:
             super()._set_optimum()
         else:
-            self.opt = self.pop  # nothing in the archive dominates anything else in it
+            self.opt = self.pop  # nothing in it dominates anything else, or it is meant to be returned all the same
 
 
 def _violations(population: Any) -> FloatArray:
-    """``(n, c)``: G, then by how much the size of H exceeds its tolerance."""
+    """``(n, c)``: G, then by how much H and by how much -H exceeds the tolerance."""
     tolerance = np.array([individual.config["cv_eq"]["eps"] for individual in population])[:, None]
-    inequalities, equalities = population.get("G"), population.get("H")
     n = len(population)
-    columns: FloatArray = np.hstack(
-        [inequalities.reshape(n, -1), np.abs(equalities.reshape(n, -1).astype(float)) - tolerance]
-    )
+    g, h = (population.get(name).reshape(n, -1).astype(float) for name in ("G", "H"))
+    columns: FloatArray = np.hstack([g, h - tolerance, -h - tolerance])
     return columns
