@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import typer
 
+from uavcover.cli.bench import bench
 from uavcover.cli.demo import demo
 from uavcover.cli.doctor import doctor
 from uavcover.cli.download import download
@@ -55,6 +56,8 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str]]] = {
 for _title, _commands in _GROUPS.items():
     for _name, (_command, _short) in _commands.items():
         app.command(_name, short_help=_short, rich_help_panel=_title)(ending_well(_command))
+
+app.add_typer(bench, name="bench", short_help="the benchmarks of this project: mmf", rich_help_panel="Measure")
 
 
 @app.callback()

@@ -1,5 +1,6 @@
 """Options that several commands share."""
 
+from collections.abc import Iterable
 from typing import Annotated
 
 import typer
@@ -67,3 +68,20 @@ def seconds(text: str | None) -> float | None:
     if not 0.0 < value < float("inf"):
         raise InputError(f"--budget: {text!r} is not a duration; write it as 30s, 5m or 1h")
     return value
+
+
+def names(option: str, text: str | None, known: Iterable[str]) -> list[str]:
+    """A list such as ``A,B`` as names, in the order of ``known`` and each once; None is all of them.
+
+    Raises:
+        InputError: one is not known, or there is none.
+    """
+    every = list(known)
+    if text is None:
+        return every
+    asked = [name.strip() for name in text.split(",") if name.strip()]
+    unknown = [name for name in asked if name not in every]
+    if unknown or not asked:
+        what = f"{', '.join(map(repr, unknown))} not known" if unknown else "no name given"
+        raise InputError(f"{option}: {what}; choose from {', '.join(every)}")
+    return [name for name in every if name in asked]

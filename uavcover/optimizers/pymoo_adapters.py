@@ -17,6 +17,7 @@ from uavcover.optimizers.ask_tell import AskTellOptimizer
 from uavcover.optimizers.interface import FloatArray, ParetoSet
 from uavcover.optimizers.pymoo_state import pickled
 from uavcover.optimizers.solutions import Solutions
+from uavcover.optimizers.weight_vectors import spread_weights
 
 
 class PymooOptimizer(AskTellOptimizer):
@@ -170,7 +171,7 @@ class MOEAD(PymooOptimizer):
         from pymoo.operators.crossover.sbx import SBX
         from pymoo.operators.mutation.pm import PM
 
-        from uavcover.optimizers.pymoo_moead import GenerationalMOEAD, spread_weights
+        from uavcover.optimizers.pymoo_moead import GenerationalMOEAD
 
         n = self._population_size
         return GenerationalMOEAD(

@@ -1,0 +1,25 @@
+"""``uavcover bench``: the benchmarks of this project, each a command of its own."""
+
+import typer
+
+from uavcover.cli.bench_mmf import bench_mmf
+from uavcover.cli.ending import ending_well
+from uavcover.cli.overview import Overview
+
+bench = typer.Typer(
+    cls=Overview,
+    help="Measure what is claimed. Every benchmark can be stopped at any time; the same command goes on.",
+    rich_markup_mode=None,
+)
+
+_BENCHMARKS = {
+    "mmf": (bench_mmf, "the paper's 24 functions: Tables 3 and 4, tests, figures"),
+}
+
+for _name, (_command, _short) in _BENCHMARKS.items():
+    bench.command(_name, short_help=_short, rich_help_panel="Measure")(ending_well(_command))
+
+
+@bench.callback()
+def _group() -> None:
+    """Keep ``mmf`` a command also while it is the only one."""
