@@ -64,16 +64,33 @@ class Command(IntEnum):
     """The commands (MAV_CMD) that mission_io knows by name; items carry any other number unchanged."""
 
     NAV_WAYPOINT = 16
+    NAV_LOITER_UNLIM = 17
+    NAV_LOITER_TURNS = 18
     NAV_LOITER_TIME = 19
     NAV_RETURN_TO_LAUNCH = 20
     NAV_LAND = 21
     NAV_TAKEOFF = 22
+    NAV_LOITER_TO_ALT = 31
+    NAV_SPLINE_WAYPOINT = 82
+    NAV_VTOL_TAKEOFF = 84
+    NAV_VTOL_LAND = 85
     NAV_DELAY = 93
+    CONDITION_DELAY = 112
+    CONDITION_DISTANCE = 114
+    CONDITION_YAW = 115
+    DO_JUMP = 177
     DO_CHANGE_SPEED = 178
+    DO_LAND_START = 189
     DO_SET_ROI_LOCATION = 195
     DO_SET_ROI_NONE = 197
+    DO_DIGICAM_CONTROL = 203
     DO_MOUNT_CONTROL = 205
     DO_SET_CAM_TRIGG_DIST = 206
+    DO_GIMBAL_MANAGER_PITCHYAW = 1000
+    IMAGE_START_CAPTURE = 2000
+    IMAGE_STOP_CAPTURE = 2001
+    VIDEO_START_CAPTURE = 2500
+    VIDEO_STOP_CAPTURE = 2501
     NAV_FENCE_RETURN_POINT = 5000
     NAV_FENCE_POLYGON_VERTEX_INCLUSION = 5001
     NAV_FENCE_POLYGON_VERTEX_EXCLUSION = 5002
@@ -147,6 +164,8 @@ class MissionItem:
 @dataclass(frozen=True, slots=True)
 class Mission:
     """What a vehicle flies: its items in order, without home.
+
+    The first item is number 1 (home is 0), and that is how a DO_JUMP names the item it goes to, for every autopilot.
 
     Attributes:
         home: Where the mission was planned to start; None when that is not known (a vehicle that does not tell).
