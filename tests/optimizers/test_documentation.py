@@ -15,7 +15,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "optimizers.md"
         "uavcover.optimizers.dung_beetle",
         "uavcover.optimizers.grid",
         "uavcover.optimizers.indicators",
-        "uavcover.optimizers.pymoo_moead",
+        "uavcover.optimizers.weight_vectors",
     ],
 )
 def test_examples_in_docstrings(module):

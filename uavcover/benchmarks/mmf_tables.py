@@ -24,7 +24,8 @@ _ABLATION = (
     "imodbo-sine-cosine",
     "imodbo",
 )
-_VARIANTS = tuple(name for name in _ABLATION if "+" in name or "-" in name)
+_READINGS = ("modbo", "modbo+own-best", "imodbo", "imodbo+own-best")
+_VARIANTS = tuple(name for name in (*_ABLATION, *_READINGS) if "+" in name or "-" in name)
 
 
 def contestants(samples: Samples) -> list[str]:
@@ -50,8 +51,8 @@ def tables_markdown(samples: Samples, budget: Budget, *, version: str) -> str:
     parts += [_limits(samples, pivot) for pivot in pivots(samples)]
     parts += [_wins(samples, pivot) for pivot in pivots(samples)]
     parts.append(_ranks(samples))
-    if any(key[1] in _VARIANTS for key in samples):
-        parts.append(_ablation(samples))
+    parts.append(_ablation(samples, _ABLATION, "The three improvements of IMODBO, one by one"))
+    parts.append(_ablation(samples, _READINGS, "Survival by front and crowding, or each beetle its own best"))
     return "\n".join(part for part in parts if part)
 
 
@@ -230,12 +231,12 @@ def _ranks(samples: Samples) -> str:
     return f"## Friedman's mean ranks over {len(shared)} functions (1 is best)\n\n{markdown(['', *names, 'p'], rows)}\n"
 
 
-def _ablation(samples: Samples) -> str:
-    names = [name for name in _ABLATION if any(key[1] == name for key in samples)]
+def _ablation(samples: Samples, variants: Sequence[str], title: str) -> str:
+    names = [name for name in variants if any(key[1] == name for key in samples)]
     shared = complete(samples, names)
-    if not shared or "modbo" not in names:
+    if not shared or "modbo" not in names or not set(names) & set(_VARIANTS):
         return ""
-    parts = ["## The three improvements of IMODBO, one by one\n"]
+    parts = [f"## {title}\n"]
     for metric in ("IGD", "PSP"):
         means = np.array([[samples[function, name][metric].mean() for name in names] for function in shared])
         ratio = np.exp(np.log(means / means[:, [names.index("modbo")]]).mean(axis=0))

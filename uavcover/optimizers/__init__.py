@@ -20,6 +20,7 @@ from uavcover.optimizers.modbo import MODBO
 from uavcover.optimizers.mogwo import MOGWO
 from uavcover.optimizers.mossa import MOSSA
 from uavcover.optimizers.mowoa import MOWOA
+from uavcover.optimizers.own_best import ImodboOwnBest, ModboOwnBest
 from uavcover.optimizers.pymoo_adapters import MOEAD, NSGA2
 from uavcover.optimizers.random_search import RandomSearch
 
@@ -41,6 +42,8 @@ ALGORITHMS: Final = MappingProxyType[str, type[AskTellOptimizer]](
         "imodbo-lhs": ImodboMinusLatinHypercube,
         "imodbo-dynamic": ImodboMinusDynamicParameters,
         "imodbo-sine-cosine": ImodboMinusSineCosine,
+        "modbo+own-best": ModboOwnBest,
+        "imodbo+own-best": ImodboOwnBest,
     }
 )
 """Every algorithm and variant by its name, all built with the same arguments; ``dbo`` takes one objective only.
