@@ -7,6 +7,7 @@ from uavcover.model.area import Area
 from uavcover.model.checks import STRICT, require, require_positive
 from uavcover.model.limits import FlightLimits
 from uavcover.model.sensor import Sensor
+from uavcover.model.uncertainty import Uncertainty
 from uavcover.model.vehicle import Vehicle
 
 PlannerAlgorithm = Literal["imodbo", "modbo"]
@@ -154,14 +155,18 @@ class Requirements:
 
     Attributes:
         min_coverage_of_coverable: share of what can be seen from inside the limits.
+        min_sure_coverage_of_coverable: share of it that is seen whatever the errors of [uncertainty] were, or none.
         max_deviation_m: largest distance of the flown track from the planned route, or none.
+        max_ground_speed_m_s: largest speed over ground on the planned route, or none.
         max_gap_s: samples further apart in time than this are not joined by a straight line.
     """
 
     __pydantic_config__: ClassVar = STRICT
 
     min_coverage_of_coverable: float = 0.95
+    min_sure_coverage_of_coverable: float | None = None
     max_deviation_m: float | None = None
+    max_ground_speed_m_s: float | None = None
     max_gap_s: float = 2.0
 
     def __post_init__(self) -> None:
@@ -169,8 +174,14 @@ class Requirements:
             0.0 <= self.min_coverage_of_coverable <= 1.0,
             f"min_coverage_of_coverable: {self.min_coverage_of_coverable} is a share, 0..1",
         )
+        sure = self.min_sure_coverage_of_coverable
+        require(sure is None or 0.0 <= sure <= 1.0, f"min_sure_coverage_of_coverable: {sure} is a share, 0..1")
         require_positive(max_gap_s=self.max_gap_s)
         require(self.max_deviation_m is None or self.max_deviation_m > 0.0, "max_deviation_m: must be above 0")
+        require(
+            self.max_ground_speed_m_s is None or self.max_ground_speed_m_s > 0.0,
+            "max_ground_speed_m_s: must be above 0",
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -189,6 +200,7 @@ class Scenario:
         planner: how the route is searched for.
         select: the rule by which one route of the Pareto set is chosen.
         requirements: what the flown track must reach.
+        uncertainty: how well it is known where vehicle and ground were.
         description: one line for people.
     """
 
@@ -205,6 +217,7 @@ class Scenario:
     planner: PlannerSettings = field(default_factory=PlannerSettings)
     select: str = "weighted:0.6,0.2,0.2"
     requirements: Requirements = field(default_factory=Requirements)
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
     description: str = ""
 
     def __post_init__(self) -> None:

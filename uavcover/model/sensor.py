@@ -7,6 +7,7 @@ from uavcover.model.checks import STRICT, require, require_positive
 
 Sensing = Literal["at-waypoints", "along-path"]
 LineOfSight = Literal["ray", "midpoint"]
+Mount = Literal["fixed", "stabilised"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +58,9 @@ class DiscSensor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NadirCamera:
-    """A stabilised camera that looks straight down through a round field of view.
+    """A camera that looks straight down through a round field of view.
+
+    Planning takes it as level. Verification takes the flown track's roll and pitch, unless a gimbal keeps it level.
 
     Attributes:
         kind: names this sensor in a scenario.
@@ -67,6 +70,8 @@ class NadirCamera:
         sensing: at waypoints or all along the path.
         line_of_sight: "ray" or "midpoint".
         sample_spacing_m: distance between looks when sensing along the path.
+        mount: "fixed" to the vehicle, whose roll and pitch it shares, or "stabilised" by a gimbal that keeps it level.
+        pixels_across: pixels along the diameter of the field of view, for ground sample distances; none: not known.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -78,8 +83,11 @@ class NadirCamera:
     sensing: Sensing = "along-path"
     line_of_sight: LineOfSight = "ray"
     sample_spacing_m: float = 10.0
+    mount: Mount = "fixed"
+    pixels_across: int | None = None
 
     def __post_init__(self) -> None:
+        require(self.pixels_across is None or self.pixels_across > 0, "pixels_across: must be above 0")
         require_positive(range_m=self.range_m, sample_spacing_m=self.sample_spacing_m)
         require(0.0 < self.fov_deg < 180.0, f"fov_deg: {self.fov_deg} is outside 0..180 degrees")
         require(

@@ -15,7 +15,12 @@ from uavcover.site import Site
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-HEIGHT_TOLERANCE_M = 1e-6
+Phase = Literal["route", "transit"]
+Unit = Literal["m", "m/s"]
+
+TOLERANCE = 1e-6
+"""A limit counts as kept within this much of its own unit: rounding is no violation."""
+
 _FENCE_STEP_M = 0.25
 _ON_THE_FENCE_M = 1e-6
 
@@ -42,38 +47,114 @@ class Phases:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Figures:
+    """A value for each sample, and where along the track it was taken.
+
+    Attributes:
+        values: (n,).
+        at: (n,) place along the track: sample 7 and a quarter of the way to sample 8 is 7.25.
+    """
+
+    values: FloatArray
+    at: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Heights:
     """Lowest and highest point above ground next to each sample: on the legs before and after it.
 
     A leg between two phases counts for the sample of the phase that asks for less: column, then transit, then route.
 
     Attributes:
-        lowest_agl_m: (n,) NaN where the ground, there or on such a leg, is not known.
-        highest_agl_m: (n,) likewise.
+        lowest: metres above ground; NaN where the ground, there or on such a leg, is not known.
+        highest: likewise.
     """
 
-    lowest_agl_m: FloatArray
-    highest_agl_m: FloatArray
+    lowest: Figures
+    highest: Figures
 
 
 def track_heights(site: Site, enu_m: FloatArray, joined: BoolArray, phases: Phases) -> Heights:
     """Heights above ground of an (n, 3) track, between samples too where ``joined`` (n - 1,) says so."""
     here = enu_m[:, 2] - site.ground.heights_m(enu_m[:, :2])
-    lowest, highest = here.copy(), here.copy()
+    number = np.arange(len(enu_m), dtype=float)
+    lowest, highest, lowest_at, highest_at = here.copy(), here.copy(), number.copy(), number.copy()
     ranges = site.ground.leg_height_ranges_m(enu_m)
     laxity = np.where(phases.column, 2, np.where(phases.route, 0, 1))
     of_leg = np.maximum(laxity[:-1], laxity[1:])
     for side in (slice(None, -1), slice(1, None)):
         counts = joined & (laxity[side] == of_leg)
-        lowest[side] = np.where(counts, np.minimum(lowest[side], ranges[:, 0]), lowest[side])
-        highest[side] = np.where(counts, np.maximum(highest[side], ranges[:, 2]), highest[side])
-    return Heights(lowest, highest)
+        # A height that is not known on the leg is not known next to the sample, whatever the leg on the other side says.
+        unknown = np.isnan(ranges[:, 0])
+        lower = counts & (unknown | (ranges[:, 0] < lowest[side]))
+        higher = counts & (unknown | (ranges[:, 2] > highest[side]))
+        lowest[side] = np.where(lower, ranges[:, 0], lowest[side])
+        highest[side] = np.where(higher, ranges[:, 2], highest[side])
+        lowest_at[side] = np.where(lower, number[:-1] + ranges[:, 1], lowest_at[side])
+        highest_at[side] = np.where(higher, number[:-1] + ranges[:, 3], highest_at[side])
+    return Heights(Figures(lowest, lowest_at), Figures(highest, highest_at))
+
+
+class ViolationFinder:
+    """Finds the stretches of a track on which a limit was not kept.
+
+    Args:
+        track: the flown track.
+        enu_m: (n, 3) its positions.
+    """
+
+    def __init__(self, track: Track, enu_m: FloatArray) -> None:
+        self._track, self._enu_m = track, enu_m
+
+    def above(
+        self, kind: ViolationKind, where: BoolArray, figures: Figures, limit: float, *, phase: Phase, unit: Unit = "m"
+    ) -> Iterator[Violation]:
+        """Stretches of the samples ``where`` (n,) with a value above the limit."""
+        for run in _runs(where & (figures.values > limit + TOLERANCE)):
+            worst = int(run[int(np.argmax(figures.values[run]))])
+            yield self._violation(kind, run, worst, figures, limit, float(figures.values[worst]) - limit, phase, unit)
+
+    def below(
+        self, kind: ViolationKind, where: BoolArray, figures: Figures, limit: float, *, phase: Phase
+    ) -> Iterator[Violation]:
+        """Stretches of the samples ``where`` (n,) with a value below the limit."""
+        for run in _runs(where & (figures.values < limit - TOLERANCE)):
+            worst = int(run[int(np.argmin(figures.values[run]))])
+            yield self._violation(kind, run, worst, figures, limit, limit - float(figures.values[worst]), phase, "m")
+
+    def _violation(
+        self,
+        kind: ViolationKind,
+        run: NDArray[np.int64],
+        worst: int,
+        figures: Figures,
+        limit: float,
+        excess: float,
+        phase: Phase,
+        unit: Unit,
+    ) -> Violation:
+        track = self._track
+        at = float(figures.at[worst])
+        before = min(int(at), len(track) - 1)
+        after, share = min(before + 1, len(track) - 1), at - before
+
+        def read(values: FloatArray) -> FloatArray:
+            return np.asarray(values[before] + share * (values[after] - values[before]))
+
+        lat_deg, lon_deg, _ = read(track.geodetic)
+        east_m, north_m, _ = read(self._enu_m)
+        return Violation(
+            kind=kind, start_s=float(track.time_s[run[0]]), end_s=float(track.time_s[run[-1]]),
+            worst_s=float(read(track.time_s)), worst=float(figures.values[worst]), limit=float(limit), excess=float(excess),
+            unit=unit, lat_deg=float(lat_deg), lon_deg=float(lon_deg), east_m=float(east_m), north_m=float(north_m),
+            phase=phase,
+        )  # fmt: skip
 
 
 def find_violations(
     site: Site, track: Track, enu_m: FloatArray, heights: Heights, phases: Phases, joined: BoolArray
 ) -> list[Violation]:
-    """Every stretch of the track on which a limit was not kept, in order of time.
+    """Every stretch of the track on which a limit of height or place was not kept, in order of time.
 
     Where the ground is not known no height is judged here; the verdict says so apart.
 
@@ -86,51 +167,29 @@ def find_violations(
         joined: (n - 1,) whether a straight line was flown between two samples.
     """
     limits = site.scenario.limits
-    alts = track.geodetic[:, 2]
-    distance = _outside_fence_m(site, enu_m, joined)
-    outside = distance > 0.0
     route, transit = phases.route, phases.transit
-    low, high = heights.lowest_agl_m, heights.highest_agl_m
-    tolerance = HEIGHT_TOLERANCE_M
-    found: list[Violation] = []
-
-    def add(
-        kind: ViolationKind,
-        broken: BoolArray,
-        value: FloatArray,
-        limit: float,
-        *,
-        smallest: bool,
-        phase: Literal["route", "transit"],
-    ) -> None:
-        for run in _runs(broken):
-            worst = run[int(np.argmin(value[run]) if smallest else np.argmax(value[run]))]
-            found.append(
-                Violation(
-                    kind=kind, start_s=float(track.time_s[run[0]]), end_s=float(track.time_s[run[-1]]),
-                    worst=float(value[worst]), limit=float(limit),
-                    lat_deg=float(track.geodetic[worst, 0]), lon_deg=float(track.geodetic[worst, 1]), phase=phase,
-                )
-            )  # fmt: skip
-
-    minimum, maximum = limits.min_height_agl_m, limits.max_height_agl_m
-    add("below-band", route & (low < minimum - tolerance), low, minimum, smallest=True, phase="route")
-    add("above-band", route & (high > maximum + tolerance), high, maximum, smallest=False, phase="route")
-    clearance = limits.transit_clearance_m
-    open_way = transit & ~phases.junction
-    add("clearance", open_way & (low < clearance - tolerance), low, clearance, smallest=True, phase="transit")
-    clearance = min(clearance, minimum)
-    junction = transit & phases.junction
-    add("clearance", junction & (low < clearance - tolerance), low, clearance, smallest=True, phase="transit")
+    low, high = heights.lowest, heights.highest
+    numbers = np.arange(len(track), dtype=float)
+    # Along a straight line height above sea level is linear: it is worst at a sample.
+    sea = Figures(track.geodetic[:, 2], numbers)
+    outside = Figures(_outside_fence_m(site, enu_m, joined), numbers)
+    find = ViolationFinder(track, enu_m)
+    found = [
+        *find.below("below-band", route, low, limits.min_height_agl_m, phase="route"),
+        *find.above("above-band", route, high, limits.max_height_agl_m, phase="route"),
+        *find.below("clearance", transit & ~phases.junction, low, limits.transit_clearance_m, phase="transit"),
+        *find.below(
+            "clearance", transit & phases.junction, low, min(limits.transit_clearance_m, limits.min_height_agl_m),
+            phase="transit",
+        ),
+        *find.above("fence", route, outside, 0.0, phase="route"),
+        *find.above("fence", ~route, outside, 0.0, phase="transit"),
+    ]  # fmt: skip
     if limits.min_alt_amsl_m is not None:
-        limit = limits.min_alt_amsl_m
-        add("below-sea-level-limit", route & (alts < limit - tolerance), alts, limit, smallest=True, phase="route")
+        found += find.below("below-sea-level-limit", route, sea, limits.min_alt_amsl_m, phase="route")
     if limits.max_alt_amsl_m is not None:
-        limit = limits.max_alt_amsl_m
-        add("above-sea-level-limit", route & (alts > limit + tolerance), alts, limit, smallest=False, phase="route")
-        add("above-sea-level-limit", ~route & (alts > limit + tolerance), alts, limit, smallest=False, phase="transit")
-    add("fence", outside & route, distance, 0.0, smallest=False, phase="route")
-    add("fence", outside & ~route, distance, 0.0, smallest=False, phase="transit")
+        found += find.above("above-sea-level-limit", route, sea, limits.max_alt_amsl_m, phase="route")
+        found += find.above("above-sea-level-limit", ~route, sea, limits.max_alt_amsl_m, phase="transit")
     return sorted(found, key=lambda violation: violation.start_s)
 
 

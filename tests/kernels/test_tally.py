@@ -1,0 +1,165 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.kernels.test_coverage import cells_on, deterministic, rough_ground, sights
+from tests.naive import tally as naive
+from uavcover.kernels import tally as kernels
+from uavcover.kernels.coverage import CONE, DISC, NO_LINE_OF_SIGHT, RAY, SPHERE, Cells, Sight
+from uavcover.kernels.tally import NOT_IN_RANGE, OCCLUDED, SEEN, TOO_OBLIQUE, Camera
+from uavcover.terrain.ground import grid_ground
+
+EXACT = Camera(focal_px=900.0, pass_gap_s=1.5, offset_m=0.0, horizontal_m=0.0, lift_m=0.0, turn_rad=0.0)
+DOWN = np.array([[0.0, 0.0, -1.0]])
+seeds = st.integers(0, 2**16)
+
+
+def flat_ground():
+    return grid_ground(
+        np.zeros((60, 60)), east0_m=-300.0, north0_m=-300.0, step_m=10.0, source="test", vertical_datum="local"
+    ).surface
+
+
+def one_cell(east=0.0, north=0.0, up=0.0, normal=(0.0, 0.0, 1.0)):
+    return Cells(
+        east,
+        north,
+        1.0,
+        np.zeros((1, 1), dtype=np.int32),
+        np.array([[east, north, up]]),
+        np.array([normal], dtype=float),
+    )
+
+
+def tallied(surface, sight, camera, cells, eyes, axes, times, *, workers=1):
+    tally = kernels.empty_tally(cells.centre_m.shape[0])
+    for first_row in range(workers):
+        kernels.tally_rows(
+            surface, sight, camera, cells, np.ascontiguousarray(eyes, dtype=float), np.ascontiguousarray(axes, dtype=float),
+            np.asarray(times, dtype=float), first_row, workers, tally,
+        )  # fmt: skip
+    return tally
+
+
+def some_looks(rng, count, *, tilt):
+    eyes = np.column_stack([rng.uniform(-1.0, 4.0, count), rng.uniform(1.9, 6.0, count), rng.uniform(-0.5, 4.0, count)])
+    axes = np.column_stack([rng.normal(0.0, tilt, count), rng.normal(0.0, tilt, count), -np.ones(count)])
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    return eyes, axes, np.cumsum(rng.choice([0.5, 1.0, 2.0], count))
+
+
+@deterministic
+@given(seeds, sights, st.sampled_from([0.0, 0.5]))
+def test_equals_its_naive_twin(seed, sight, tilt):
+    rng = np.random.default_rng(seed)
+    surface = rough_ground(seed)
+    cells = cells_on(surface, seed)
+    eyes, axes, times = some_looks(rng, 6, tilt=tilt)
+    eyes[rng.integers(6), 2] = math.nan
+    known = np.isfinite(eyes).all(axis=1)
+    expected = naive.tally(surface, sight, EXACT, cells, eyes[known], axes[known], times[known])
+    tally = tallied(surface, sight, EXACT, cells, eyes, axes, times, workers=int(rng.integers(1, 4)))
+    numbers = np.flatnonzero(known)
+    assert tally.outcome.tolist() == [cell["outcome"] for cell in expected]
+    assert tally.passes.tolist() == [cell["passes"] for cell in expected]
+    assert tally.first.tolist() == [numbers[cell["first"]] if cell["first"] >= 0 else -1 for cell in expected]
+    np.testing.assert_allclose(tally.nearest_m, [cell["nearest"] for cell in expected])
+    np.testing.assert_allclose(tally.ground_sample_m, [cell["sample"] for cell in expected], rtol=1e-6)
+    np.testing.assert_allclose(
+        tally.cos_incidence, np.cos(np.radians([cell["incidence"] for cell in expected])), atol=1e-9
+    )
+    assert not tally.sure.any()
+
+
+def test_ground_sample_distance_of_a_level_camera_over_flat_ground_is_height_by_focal_length_everywhere():
+    sight = Sight(CONE, 500.0, 1.0, 0.0, RAY)
+    for east in (0.0, 40.0, 79.0):
+        tally = tallied(flat_ground(), sight, EXACT, one_cell(east), [[0.0, 0.0, 80.0]], DOWN, [0.0])
+        assert tally.ground_sample_m[0] == pytest.approx(80.0 / 900.0)
+        assert tally.cos_incidence[0] == pytest.approx(80.0 / math.hypot(80.0, east))
+
+
+def test_a_camera_rolled_by_30_degrees_sees_other_ground():
+    sight = Sight(CONE, 500.0, math.tan(math.radians(20.0)), 0.0, RAY)
+    rolled = [[math.sin(math.radians(30.0)), 0.0, -math.cos(math.radians(30.0))]]
+    below, beside = one_cell(0.0), one_cell(80.0 * math.tan(math.radians(45.0)))
+    eye = [[0.0, 0.0, 80.0]]
+    assert tallied(flat_ground(), sight, EXACT, below, eye, DOWN, [0.0]).outcome[0] == SEEN
+    assert tallied(flat_ground(), sight, EXACT, below, eye, rolled, [0.0]).outcome[0] == NOT_IN_RANGE
+    assert tallied(flat_ground(), sight, EXACT, beside, eye, DOWN, [0.0]).outcome[0] == NOT_IN_RANGE
+    assert tallied(flat_ground(), sight, EXACT, beside, eye, rolled, [0.0]).outcome[0] == SEEN
+
+
+def test_why_a_cell_was_not_seen():
+    wall = np.zeros((60, 60))
+    wall[:, 33] = 60.0
+    surface = grid_ground(
+        wall, east0_m=-300.0, north0_m=-300.0, step_m=10.0, source="test", vertical_datum="local"
+    ).surface
+    sight = Sight(CONE, 150.0, 1.0, math.cos(math.radians(40.0)), RAY)
+    cell = one_cell(50.0)
+    assert tallied(surface, sight, EXACT, cell, [[-200.0, 0.0, 80.0]], DOWN, [0.0]).outcome[0] == NOT_IN_RANGE
+    assert tallied(surface, sight, EXACT, cell, [[-29.0, 0.0, 80.0]], DOWN, [0.0]).outcome[0] == TOO_OBLIQUE
+    behind = [[-2.0, 0.0, 80.0]]
+    assert tallied(surface, sight, EXACT, cell, behind, DOWN, [0.0]).outcome[0] == OCCLUDED
+    assert tallied(flat_ground(), sight, EXACT, cell, behind, DOWN, [0.0]).outcome[0] == SEEN
+    # The furthest any look got counts, in whatever order they come.
+    eyes = [behind[0], [-29.0, 0.0, 80.0], [-200.0, 0.0, 80.0]]
+    assert tallied(surface, sight, EXACT, cell, eyes, np.repeat(DOWN, 3, 0), [0.0, 1.0, 2.0]).outcome[0] == OCCLUDED
+
+
+def test_passes_are_separate_when_the_cell_was_out_of_sight_for_longer_than_the_gap():
+    sight = Sight(SPHERE, 100.0, 0.0, -1.0, NO_LINE_OF_SIGHT)
+    eye = np.repeat([[0.0, 0.0, 80.0]], 5, axis=0)
+    axes = np.repeat(DOWN, 5, axis=0)
+    times = [0.0, 1.5, 3.1, 4.0, 9.0]
+    assert tallied(flat_ground(), sight, EXACT, one_cell(), eye, axes, times).passes[0] == 3
+
+
+@deterministic
+@given(seeds, sights, st.floats(0.01, 0.4), st.floats(0.0, 0.4), st.sampled_from([0.0, 0.1]))
+def test_sure_and_possible_bound_what_any_error_would_have_made(seed, sight, horizontal, vertical, turn):
+    rng = np.random.default_rng(seed)
+    surface = rough_ground(seed)
+    cells = cells_on(surface, seed)
+    eyes, axes, times = some_looks(rng, 1, tilt=0.3)
+    camera = Camera(
+        math.nan, 1.0, math.hypot(horizontal, vertical), horizontal, vertical + horizontal * surface.steepest, turn
+    )
+    tally = tallied(surface, sight, camera, cells, eyes, axes, times)
+    seen = tally.outcome == SEEN
+    assert not (tally.sure & ~seen).any()
+    assert not (seen & ~tally.possible).any()
+    for _ in range(30):
+        angle, radius = rng.uniform(0.0, math.tau), horizontal * math.sqrt(rng.random())
+        by = np.array([radius * math.cos(angle), radius * math.sin(angle), rng.uniform(-vertical, vertical)])
+        moved = eyes + by
+        turned = axes + math.tan(turn) * rng.random() * np.cross(axes, rng.normal(size=3) / 3.0)
+        turned /= np.linalg.norm(turned, axis=1)[:, None]
+        if math.acos(min(1.0, float((turned * axes).sum()))) > turn:
+            turned = axes
+        other = tallied(surface, sight, EXACT, cells, moved, turned, times).outcome == SEEN
+        assert not (tally.sure & ~other).any()
+        assert not (other & ~tally.possible).any()
+
+
+def test_a_sure_cell_keeps_its_distance_from_the_edge_of_the_view():
+    radius = 80.0
+    sight = Sight(CONE, 500.0, 1.0, 0.0, NO_LINE_OF_SIGHT)
+    camera = Camera(900.0, 1.0, 5.0, 5.0, 0.0, 0.0)
+    eye = [[0.0, 0.0, 80.0]]
+
+    def at(east):
+        tally = tallied(flat_ground(), sight, camera, one_cell(east), eye, DOWN, [0.0])
+        return bool(tally.sure[0]), bool(tally.outcome[0] == SEEN), bool(tally.possible[0])
+
+    assert at(radius - 8.0) == (True, True, True)
+    assert at(radius - 4.0) == (False, True, True)
+    assert at(radius + 4.0) == (False, False, True)
+    assert at(radius + 8.0) == (False, False, False)
+    disc = Sight(DISC, 80.0, 0.0, -1.0, NO_LINE_OF_SIGHT)
+    sure = [tallied(flat_ground(), disc, camera, one_cell(e), eye, DOWN, [0.0]).sure[0] for e in (74.9, 75.1)]
+    assert sure == [True, False]

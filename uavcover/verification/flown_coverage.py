@@ -1,0 +1,130 @@
+"""What was seen from a flown track: when, how often, how closely, how surely, and why the rest was not."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.kernels import tally as kernels
+from uavcover.kernels.surface import GRID, Surface
+from uavcover.kernels.tally import Camera, Tally
+from uavcover.model.sensor import NadirCamera
+from uavcover.model.uncertainty import Uncertainty
+from uavcover.verification.looks import Looks
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+WORKERS = 2
+"""Threads that share out the rows of the lattice; the result does not depend on it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlownCoverage:
+    """What was seen; every array has one value a cell.
+
+    Attributes:
+        seen: whether it was seen, measured positions and terrain taken as exact.
+        surely_seen: whether it was seen whatever the errors of the scenario's [uncertainty] were; part of ``seen``.
+        possibly_seen: whether it may have been seen, these errors being as they may; ``seen`` is part of it.
+        first_seen_s: time at which it was first seen, NaN where it was not.
+        looks: separate passes that saw it.
+        nearest_m: shortest distance from which it was seen, NaN where it was not.
+        ground_sample_m: smallest ground sample distance with which it was seen, NaN where it was not or none is known.
+        incidence_deg: smallest incidence angle under which it was seen, NaN where it was not.
+        outcome: the furthest that any look got, see :class:`uavcover.kernels.tally.Tally`.
+    """
+
+    seen: BoolArray
+    surely_seen: BoolArray
+    possibly_seen: BoolArray
+    first_seen_s: FloatArray
+    looks: NDArray[np.int32]
+    nearest_m: FloatArray
+    ground_sample_m: FloatArray
+    incidence_deg: FloatArray
+    outcome: NDArray[np.uint8]
+
+
+def tally_looks(coverage: CoverageMap, looks: Looks) -> FlownCoverage:
+    """Every look at every cell of a map."""
+    site = coverage.site
+    camera = _camera(coverage, site.scenario.uncertainty)
+    tally: Tally = kernels.empty_tally(coverage.grid.count)
+
+    def add(first_row: int) -> None:
+        kernels.tally_rows(
+            site.ground.surface, coverage.sight, camera, coverage.grid.cells, looks.places_m, looks.axes, looks.times_s,
+            first_row, WORKERS, tally,
+        )  # fmt: skip
+
+    with ThreadPoolExecutor(WORKERS) as executor:
+        list(executor.map(add, range(WORKERS)))
+    seen = tally.first >= 0
+    when = np.full(seen.size, np.nan)
+    when[seen] = looks.times_s[tally.first[seen]]
+    exact = camera.offset_m == 0.0 and camera.turn_rad == 0.0
+    return FlownCoverage(
+        seen=seen,
+        surely_seen=seen if exact else tally.sure,
+        possibly_seen=seen if exact else tally.possible,
+        first_seen_s=when,
+        looks=tally.passes,
+        nearest_m=_finite(tally.nearest_m),
+        ground_sample_m=_finite(tally.ground_sample_m),
+        # Rounding may leave a cosine of 1 a hair above it.
+        incidence_deg=np.where(seen, np.degrees(np.arccos(np.clip(tally.cos_incidence, -1.0, 1.0))), np.nan),
+        outcome=tally.outcome,
+    )
+
+
+def joined_looks(parts: Sequence[Looks], *, pause_s: float) -> Looks:
+    """The looks of several tracks as one flight: each begins ``pause_s`` after the last look of the one before."""
+    times: list[FloatArray] = []
+    for part in parts:
+        before = [t for t in times if t.size]
+        shift = before[-1][-1] + pause_s - part.times_s[0] if before and len(part) else 0.0
+        times.append(part.times_s + shift)
+    return Looks(
+        np.vstack([part.places_m for part in parts]),
+        np.vstack([part.axes for part in parts]),
+        np.concatenate(times),
+        sum(part.level_assumed for part in parts),
+    )
+
+
+def _camera(coverage: CoverageMap, uncertainty: Uncertainty) -> Camera:
+    sensor = coverage.site.scenario.sensor
+    focal_px = float("nan")
+    if isinstance(sensor, NadirCamera) and sensor.pixels_across is not None:
+        focal_px = sensor.pixels_across / (2.0 * coverage.sight.tan_half_fov)
+    horizontal, vertical = uncertainty.position_m, uncertainty.vertical_m
+    # A ray that is moved sideways by p at the eye and not at all at the cell meets ground that is higher by at most its slope
+    # times the way it was moved: as much as lowering the eye by p times the steepest slope does.
+    lift = vertical + (horizontal * _steepest_known_slope(coverage.site.ground.surface) if horizontal > 0.0 else 0.0)
+    return Camera(
+        focal_px=focal_px,
+        pass_gap_s=coverage.site.scenario.requirements.max_gap_s,
+        offset_m=float(np.hypot(horizontal, vertical)),
+        horizontal_m=horizontal,
+        lift_m=lift,
+        turn_rad=float(np.radians(uncertainty.attitude_deg)) if isinstance(sensor, NadirCamera) else 0.0,
+    )
+
+
+def _steepest_known_slope(surface: Surface) -> float:
+    """Like ``Surface.steepest``, of the cells that have data: no ray is seen along that passes over the others."""
+    if surface.kind != GRID or np.isfinite(surface.steepest):
+        return surface.steepest
+    east = np.abs(np.diff(surface.up_m, axis=1))
+    north = np.abs(np.diff(surface.up_m, axis=0))
+    slope2 = np.maximum(east[:-1], east[1:]) ** 2 + np.maximum(north[:, :-1], north[:, 1:]) ** 2
+    known = slope2[np.isfinite(slope2)]
+    return float(np.sqrt(known.max(initial=0.0))) / surface.step_m
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    return np.where(np.isfinite(values), values, np.nan)
