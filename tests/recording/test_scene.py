@@ -9,10 +9,11 @@ import shapely
 from tests.recording.flights import Flight
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.recording.footprint import footprints_m
-from uavcover.recording.relief import hillshade, relief_mesh
+from uavcover.recording.relief import relief_mesh
 from uavcover.recording.scene import waypoint_labels
 from uavcover.recording.tiles import coverage_tiles, lift_m, shown_from_s, tick_times_s
 from uavcover.terrain.ground import Ground, grid_ground
+from uavcover.terrain.shading import hillshade
 
 
 def plane(slope_east: float, *, hole: bool = False) -> Ground:

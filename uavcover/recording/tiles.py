@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.recording.layout import NOT_COVERABLE_RGB, SEEN_RGB, UNSEEN_RGB
-from uavcover.recording.relief import extent_m, hillshade, scene_bounds_m, shaded
+from uavcover.recording.relief import extent_m, scene_bounds_m
+from uavcover.terrain.shading import hillshade, shaded
 
 FloatArray = NDArray[np.float64]
 
