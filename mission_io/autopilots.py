@@ -4,8 +4,8 @@ Every fact was observed on a simulated vehicle of ArduCopter 4.7 or PX4 1.17, or
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from mission_io.enums import AutopilotId, MissionResult
 from mission_io.errors import MisuseError
@@ -231,12 +231,22 @@ def wire_items(mission: Mission, autopilot: Autopilot) -> tuple[MissionItem, ...
     """A mission's items as they are sent to an autopilot: with home in front where item 0 is home.
 
     An autopilot that keeps home in item 0 puts its own home there, so a mission without a home is sent with a
-    waypoint at latitude 0, longitude 0, only to keep the place.
+    waypoint at latitude 0, longitude 0, only to keep the place. Jumps name items as the vehicle counts them.
     """
     if not autopilot.home_in_item_0:
-        return mission.items
+        return tuple(jumps_moved(mission.items, by=-1))
     home = mission.home if mission.home is not None else GeoPoint(0.0, 0.0, 0.0)
     return (home_item(home), *mission.items)
+
+
+def jumps_moved(items: Iterable[MissionItem], *, by: int) -> Iterator[MissionItem]:
+    """The items with every DO_JUMP going to an item so many further on."""
+    for item in items:
+        if item.command == Command.DO_JUMP:
+            p1, p2, p3, p4 = item.params
+            yield replace(item, params=(p1 + by, p2, p3, p4))
+        else:
+            yield item
 
 
 def home_item(home: GeoPoint) -> MissionItem:
@@ -255,6 +265,8 @@ def mission_from_wire(items: Sequence[MissionItem], autopilot: Autopilot) -> Mis
     if autopilot.home_in_item_0 and items:
         first, *items = items
         home = GeoPoint(first.lat_deg, first.lon_deg, first.alt_m)
+    elif not autopilot.home_in_item_0:
+        items = tuple(jumps_moved(items, by=1))
     return Mission(home, tuple(_without_frame(item) for item in items))
 
 

@@ -1,10 +1,26 @@
-"""CSV writer: every item of a mission, one row each, with units in the column names."""
+"""CSV: every item of a mission, one row each, with units in the column names."""
 
+import csv
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 
-from mission_io.items import Mission
+from mission_io.errors import FormatError
+from mission_io.formats.numbers import finite_number, place_problem
+from mission_io.formats.text import clean_text
+from mission_io.items import Frame, GeoPoint, Mission, MissionItem
 
 HEADER = "item,command,frame,param1,param2,param3,param4,lat_deg,lon_deg,alt_m,alt_datum,autocontinue"
+_COLUMNS = tuple(HEADER.split(","))
+_VALUES = _COLUMNS[3:10]
+
+
+@dataclass(frozen=True, slots=True)
+class CsvFile:
+    """What a CSV file holds, and what had to be repaired to read it."""
+
+    mission: Mission
+    repairs: tuple[str, ...]
 
 
 def write_mission(mission: Mission) -> str:
@@ -23,6 +39,76 @@ def write_mission(mission: Mission) -> str:
             f"{number},{int(item.command)},{int(item.frame)},{values},{item.frame.name},{int(item.autocontinue)}"
         )
     return "\n".join(lines) + "\n"
+
+
+def read_mission(text: str) -> CsvFile:
+    """Read what ``write_mission`` writes; columns may stand in any order, and others are left out and listed.
+
+    Raises:
+        FormatError: with the line and the column, for what is missing, no number, no place, or out of order.
+    """
+    clean = clean_text(text)
+    repairs = list(clean.repairs)
+    reader = csv.reader(clean.text.split("\n"), strict=True)
+    try:
+        header = [name.strip() for name in next(reader, [])]
+        for name in _COLUMNS:
+            if header.count(name) != 1:
+                raise FormatError(f"{header.count(name)} columns {name}, there has to be 1", where="line 1")
+        left_out = [name for name in header if name not in _COLUMNS]
+        if left_out:
+            repairs.append(f"line 1: left out {len(left_out)} columns, the first is {left_out[0][:30]!r}")
+        home: GeoPoint | None = None
+        items: list[MissionItem] = []
+        for cells in reader:
+            if not any(cells):
+                continue
+            where = f"line {reader.line_num}"
+            if len(cells) != len(header):
+                raise FormatError(f"{len(cells)} columns, the header has {len(header)}", where=where)
+            row = dict(zip(header, cells, strict=True))
+            number, item = _whole(row, "item", where), _item(row, where)
+            if number == 0 and home is None and not items:
+                home = GeoPoint(item.lat_deg, item.lon_deg, item.alt_m)
+                continue
+            items.append(item)
+            if number != len(items):
+                repairs.append(f"{where}: renumbered from {number} to {len(items)}")
+    except csv.Error as error:
+        raise FormatError(f"no CSV: {error}", where=f"line {reader.line_num}") from None
+    return CsvFile(Mission(home, tuple(items)), tuple(repairs))
+
+
+def _item(row: Mapping[str, str], where: str) -> MissionItem:
+    try:
+        frame = Frame[row["alt_datum"].strip()]
+    except KeyError:
+        what = f"{row['alt_datum'][:20]!r} is no datum"
+        raise FormatError(what, where=f"{where}, alt_datum", advice=f"use {', '.join(Frame.__members__)}") from None
+    if _whole(row, "frame", where) != frame:
+        raise FormatError(f"frame {row['frame']} is not {frame.name}", where=where, advice=f"use {int(frame)}")
+    command = _whole(row, "command", where)
+    if not 0 <= command <= 65535:
+        raise FormatError(f"command {command} is not from 0 to 65535", where=where)
+    p1, p2, p3, p4, lat, lon, alt = (_value(row[name].strip(), f"{where}, {name}") for name in _VALUES)
+    problem = None if frame is Frame.COMMAND else place_problem(lat, lon)
+    if problem is not None:
+        raise FormatError(problem.what, where=where, advice=problem.advice)
+    autocontinue = row["autocontinue"].strip()
+    if autocontinue not in ("0", "1"):
+        raise FormatError(f"{autocontinue[:20]!r} is not 0 or 1", where=f"{where}, autocontinue")
+    return MissionItem(command, frame, (p1, p2, p3, p4), lat, lon, alt, autocontinue == "1")
+
+
+def _value(text: str, where: str) -> float:
+    return finite_number(text, where) if text else math.nan
+
+
+def _whole(row: Mapping[str, str], name: str, where: str) -> int:
+    value = finite_number(row[name].strip(), f"{where}, {name}")
+    if not value.is_integer():
+        raise FormatError(f"{row[name][:20]!r} is not a whole number", where=f"{where}, {name}")
+    return int(value)
 
 
 def _text(value: float) -> str:

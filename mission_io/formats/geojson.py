@@ -1,11 +1,16 @@
-"""GeoJSON writer (RFC 7946): the route as a line and its points."""
+"""GeoJSON (RFC 7946): routes are written as a line and its points, drawings are read."""
 
 import json
 import math
 from typing import Any
 
+from mission_io.areas import LatLon
+from mission_io.drawings import Area, Drawing, Line, Spot, open_ring
 from mission_io.errors import FormatError
+from mission_io.formats.json_node import Node, parse_json
+from mission_io.formats.numbers import place_problem
 from mission_io.formats.route import RoutePoint, alt_amsl_m, route_of
+from mission_io.formats.text import clean_text
 from mission_io.items import Mission
 
 
@@ -44,3 +49,83 @@ def _position(point: RoutePoint, mission: Mission) -> list[float]:
     if not all(math.isfinite(value) for value in position):
         raise FormatError("a coordinate is not finite", where=f"item {point.number}")
     return position
+
+
+def read_drawing(text: str) -> Drawing:
+    """Areas with holes, lines and points of a GeoJSON document, in its order; a feature's ``name`` is theirs.
+
+    Heights are left out. A closed ring is expected; others are closed, and listed.
+
+    Raises:
+        FormatError: with the place in the document, for what is no GeoJSON, another reference system than WGS 84 (the
+            only one of RFC 7946) and coordinates that are no places.
+    """
+    clean = clean_text(text)
+    areas: list[Area] = []
+    lines: list[Line] = []
+    spots: list[Spot] = []
+    repairs = list(clean.repairs)
+    todo = [(parse_json(clean.text, "document"), "")]
+    while todo:
+        node, name = todo.pop()
+        kind = node.get("type").text()
+        _check_reference_system(node)
+        if kind == "FeatureCollection":
+            todo += [(feature, name) for feature in reversed(node.get("features").nodes())]
+        elif kind == "Feature":
+            if node.get("geometry").value is None:
+                repairs.append(f"{node.where}: left out a feature without a geometry")
+            else:
+                todo.append((node.get("geometry"), _name_of(node)))
+        elif kind == "GeometryCollection":
+            todo += [(geometry, name) for geometry in reversed(node.get("geometries").nodes())]
+        elif kind in ("Polygon", "MultiPolygon"):
+            for polygon in _one_or_many(node, kind):
+                rings = [open_ring(_places(ring), ring.where, repairs) for ring in polygon.nodes()]
+                if not rings:
+                    repairs.append(f"{polygon.where}: left out an empty polygon")
+                    continue
+                areas.append(Area(rings[0], tuple(rings[1:]), name))
+        elif kind in ("LineString", "MultiLineString"):
+            lines += [Line(tuple(_places(line)), name) for line in _one_or_many(node, kind)]
+        elif kind in ("Point", "MultiPoint"):
+            spots += [Spot(_place(point), name) for point in _one_or_many(node, kind)]
+        else:
+            raise FormatError(f"{kind[:30]!r} is no type of GeoJSON", where=f"{node.where}.type")
+    return Drawing(tuple(areas), tuple(lines), tuple(spots), tuple(repairs))
+
+
+def _name_of(feature: Node) -> str:
+    properties = feature.value.get("properties")
+    name = properties.get("name") if isinstance(properties, dict) else None
+    return name if isinstance(name, str) else ""
+
+
+def _one_or_many(node: Node, kind: str) -> list[Node]:
+    coordinates = node.get("coordinates")
+    return coordinates.nodes() if kind.startswith("Multi") else [coordinates]
+
+
+def _places(node: Node) -> list[LatLon]:
+    return [_place(position) for position in node.nodes()]
+
+
+def _place(node: Node) -> LatLon:
+    numbers = node.nodes()
+    if len(numbers) < 2:
+        raise FormatError(f"a position of {len(numbers)} numbers", where=node.where, advice="give longitude, latitude")
+    lon_deg, lat_deg = numbers[0].number(), numbers[1].number()
+    if place_problem(lat_deg, lon_deg) is not None:
+        what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is no place"
+        raise FormatError(what, where=node.where, advice="longitude comes first")
+    return LatLon(lat_deg, lon_deg)
+
+
+def _check_reference_system(node: Node) -> None:
+    """Documents before RFC 7946 could name another reference system; read as WGS 84 they would lie elsewhere."""
+    if node.value.get("crs") is None:
+        return
+    crs = node.get("crs")
+    name = crs.get("properties").get("name").text()
+    if name.upper().replace("::", ":").rpartition(":")[2] not in ("CRS84", "4326"):
+        raise FormatError(f"the reference system {name[:40]!r}", where=crs.where, advice="export it as WGS 84")

@@ -1,9 +1,16 @@
-"""KML writer: the route as a line and its points, for Google Earth and map programs."""
+"""KML, for Google Earth and map programs: routes are written as a line and its points, drawings are read."""
 
+import re
+from collections.abc import Callable
+from xml.parsers import expat
 from xml.sax.saxutils import escape
 
-from mission_io.formats.numbers import degrees_text, plain_decimal
+from mission_io.areas import LatLon
+from mission_io.drawings import Area, Drawing, Line, Spot, open_ring
+from mission_io.errors import FormatError
+from mission_io.formats.numbers import degrees_text, finite_number, place_problem, plain_decimal
 from mission_io.formats.route import RoutePoint, alt_amsl_m, route_of
+from mission_io.formats.text import clean_text
 from mission_io.items import Mission
 
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
@@ -36,4 +43,138 @@ def write_mission(mission: Mission, *, name: str = "mission") -> str:
     points = [(point.number, coordinates(point)) for point in route_of(mission)]
     line = _LINE.format(coordinates="\n".join(text for _, text in points)) if len(points) > 1 else ""
     marks = "".join(_POINT.format(number=number, coordinates=text) for number, text in points)
-    return _HEAD.format(name=escape(name)) + line + marks + _TAIL
+    return _HEAD.format(name=escape(_xml_text(name))) + line + marks + _TAIL
+
+
+def _xml_text(text: str) -> str:
+    """Without the control characters that XML cannot hold in any form."""
+    bad = next((character for character in text if ord(character) < 32 and character not in "\t\n\r"), None)
+    if bad is not None:
+        raise FormatError(f"the name holds {bad!r}, which XML cannot", where="name", advice="leave it out")
+    return text
+
+
+def read_drawing(text: str) -> Drawing:
+    """Areas with holes, lines and points of a KML document, in its order, with the names of their placemarks.
+
+    Heights are left out, and so is everything else (pictures, tracks, styles). Liberal: any KML version, or no
+    namespace; rings that are not closed are closed, and listed.
+
+    Raises:
+        FormatError: with the line, for what is no XML or no KML, for a document type or entities of its own (with
+            which a small file can stand for gigabytes), and for coordinates that are no places.
+    """
+    clean = clean_text(text)
+    reader = _DrawingReader(list(clean.repairs))
+    parser = expat.ParserCreate("utf-8", "}")
+    parser.StartElementHandler = reader.start
+    parser.EndElementHandler = reader.end
+    parser.CharacterDataHandler = reader.text
+    parser.StartDoctypeDeclHandler = reader.refuse_document_type
+    reader.line = lambda: parser.CurrentLineNumber
+    try:
+        parser.Parse(clean.text.encode("utf-8"), True)
+    except expat.ExpatError as error:
+        raise FormatError(f"no XML: {expat.errors.messages[error.code]}", where=f"line {error.lineno}") from None
+    except UnicodeEncodeError:
+        raise FormatError("half a character (a lone surrogate)", where="text", advice="save it as UTF-8") from None
+    return reader.drawing()
+
+
+_GEOMETRIES = {"Point": 1, "LineString": 2, "LinearRing": 1}
+_COORDINATE_SEPARATORS = re.compile(r"\s*,\s*")
+
+
+class _DrawingReader:
+    """What expat calls while it reads a document."""
+
+    def __init__(self, repairs: list[str]) -> None:
+        self.line: Callable[[], int] = int
+        self._repairs = repairs
+        self._path: list[str] = []
+        self._kept: list[str] | None = None
+        self._name = ""
+        self._points: list[LatLon] = []
+        self._exterior: tuple[LatLon, ...] | None = None
+        self._holes: list[tuple[LatLon, ...]] = []
+        self._areas: list[Area] = []
+        self._lines: list[Line] = []
+        self._spots: list[Spot] = []
+
+    def start(self, tag: str, _: dict[str, str]) -> None:
+        name = tag.rpartition("}")[2]
+        if not self._path and name != "kml":
+            raise FormatError(f"<{name[:30]}> is not the beginning of KML", where=self._where())
+        self._path.append(name)
+        if name == "Placemark":
+            self._name = ""
+        elif name == "Polygon":
+            self._exterior, self._holes = None, []
+        elif name in _GEOMETRIES:
+            self._points = []
+        if name == "coordinates" or self._path[-2:] == ["Placemark", "name"]:
+            self._kept = []
+
+    def text(self, data: str) -> None:
+        if self._kept is not None:
+            self._kept.append(data)
+
+    def end(self, _: str) -> None:
+        name = self._path.pop()
+        parent = self._path[-1] if self._path else ""
+        if name == "coordinates" and self._kept is not None:
+            self._points = self._places("".join(self._kept)) if parent in _GEOMETRIES else []
+            self._kept = None
+        elif name == "name" and self._kept is not None:
+            self._name, self._kept = "".join(self._kept).strip(), None
+        elif name in _GEOMETRIES and len(self._points) < _GEOMETRIES[name]:
+            self._repairs.append(f"{self._where()}: left out an empty {name}")
+        elif name == "Point":
+            self._spots.append(Spot(self._points[0], self._name))
+        elif name == "LineString":
+            self._lines.append(Line(tuple(self._points), self._name))
+        elif name == "LinearRing":
+            self._end_ring(parent)
+        elif name == "Polygon":
+            if self._exterior is None:
+                raise FormatError("a polygon without an outer boundary", where=self._where())
+            self._areas.append(Area(self._exterior, tuple(self._holes), self._name))
+            self._exterior = None
+
+    def refuse_document_type(self, *_: object) -> None:
+        raise FormatError("a document type, which may define entities", where=self._where(), advice="remove <!DOCTYPE>")
+
+    def drawing(self) -> Drawing:
+        return Drawing(tuple(self._areas), tuple(self._lines), tuple(self._spots), tuple(self._repairs))
+
+    def _end_ring(self, boundary: str) -> None:
+        ring = open_ring(self._points, self._where(), self._repairs)
+        if boundary == "innerBoundaryIs":
+            self._holes.append(ring)
+        elif boundary == "outerBoundaryIs" and self._exterior is None:
+            self._exterior = ring
+        elif boundary == "outerBoundaryIs":
+            raise FormatError("a second outer boundary", where=self._where(), advice="make it a polygon of its own")
+        else:
+            self._areas.append(Area(ring, (), self._name))
+
+    def _places(self, text: str) -> list[LatLon]:
+        where = self._where()
+        if ", " in text or " ," in text:
+            self._repairs.append(f"{where}: removed space around commas")
+            text = _COORDINATE_SEPARATORS.sub(",", text)
+        places: list[LatLon] = []
+        for number, entry in enumerate(text.split()):
+            numbers = entry.split(",")
+            here = f"{where}, coordinate {number}"
+            if len(numbers) not in (2, 3):
+                raise FormatError(f"{entry[:40]!r} is not longitude,latitude or longitude,latitude,height", where=here)
+            lon_deg, lat_deg = finite_number(numbers[0], here), finite_number(numbers[1], here)
+            if place_problem(lat_deg, lon_deg) is not None:
+                what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is no place"
+                raise FormatError(what, where=here, advice="longitude comes first")
+            places.append(LatLon(lat_deg, lon_deg))
+        return places
+
+    def _where(self) -> str:
+        return f"line {self.line()}"

@@ -1,20 +1,40 @@
-"""``.plan`` files (QGroundControl's JSON): a mission of simple items, a geofence and rally points in one document."""
+"""``.plan`` files (QGroundControl's JSON): a mission, a geofence and rally points in one document.
 
+What the file says beyond ``mission_io``'s model is kept and written again: the forms of surveys and other complex items,
+heights above calculated terrain, keys of other programs.
+"""
+
+import dataclasses
 import json
-import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
+from mission_io.diff import diff_items
 from mission_io.enums import VehicleClass
 from mission_io.errors import FormatError
-from mission_io.items import Frame, GeoPoint, Mission, MissionItem
+from mission_io.formats.json_node import Node, parse_json
+from mission_io.formats.plan_items import PlanEntry, read_complex, read_simple, simple_json
+from mission_io.formats.text import clean_text
+from mission_io.items import Command, Frame, GeoPoint, Mission, MissionItem, same_item
+from mission_io.plausibility import doubts_about
 
-_ALTITUDE_MODES = {Frame.ABOVE_HOME: 1, Frame.AMSL: 2, Frame.ABOVE_TERRAIN: 4}
-_PARAMS = 7
-
-ResultT = TypeVar("ResultT")
+_CONSTANTS: Mapping[str, Mapping[str, Any]] = {
+    "": {"fileType": "Plan", "groundStation": "QGroundControl", "version": 1},
+    "mission": {"globalPlanAltitudeMode": 0, "version": 2},
+    "geoFence": {"version": 2},
+    "rallyPoints": {"version": 2},
+}
+_MODELLED = {
+    "": {"mission", "geoFence", "rallyPoints"},
+    "mission": {"cruiseSpeed", "firmwareType", "hoverSpeed", "items", "plannedHomePosition", "vehicleType"},
+    "geoFence": {"circles", "polygons", "breachReturn"},
+    "rallyPoints": {"points"},
+}
+_COMPACT = json.JSONEncoder(allow_nan=False)
+_FENCE_ENTRIES = {"polygons": {"inclusion", "polygon", "version"}, "circles": {"inclusion", "circle", "version"}}
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,13 +42,16 @@ class PlanFile:
     """What a ``.plan`` file holds.
 
     Attributes:
-        mission: Its mission; home is the planned home position.
+        mission: Its mission with the items of complex items in their places; home is the planned home position.
         fence: Its geofence, empty when it has none.
         rally: Its rally points, empty when it has none.
         mav_autopilot: The MAV_AUTOPILOT number it was planned for.
         vehicle_type: The MAV_TYPE number it was planned for.
         cruise_speed_m_s: The planner's cruise speed, for display only.
         hover_speed_m_s: The planner's hover speed, for display only.
+        entries: The entries of its list of items that say more than the items they fly, in order.
+        extras: Other keys of the document and of its parts ``mission``, ``geoFence`` and ``rallyPoints``.
+        repairs: What was missing or had to be left out to read it, one line each.
     """
 
     mission: Mission
@@ -38,59 +61,100 @@ class PlanFile:
     vehicle_type: int = VehicleClass.QUADROTOR
     cruise_speed_m_s: float = 15.0
     hover_speed_m_s: float = 5.0
+    entries: tuple[PlanEntry, ...] = ()
+    extras: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    repairs: tuple[str, ...] = field(default=(), compare=False)
+
+    def doubts(self) -> tuple[str, ...]:
+        """What is probably a mistake, such as a route far from home; see ``plausibility.doubts_about``."""
+        return doubts_about(self.mission)
+
+    def with_mission(self, mission: Mission) -> "PlanFile":
+        """The same plan with another mission. Entries whose items were changed become simple items.
+
+        Simple entries that moved are written anew too, because their numbers are what jumps go by.
+        """
+        kept: list[PlanEntry] = []
+        edits = deque(diff_items(self.mission.items, mission.items))
+        changed, shift = bool(edits), 0
+        for entry in self.entries:
+            end = entry.first + len(entry.items)
+            while edits and edits[0].at + len(edits[0].removed) <= entry.first:
+                edit = edits.popleft()
+                shift += len(edit.inserted) - len(edit.removed)
+            if edits and edits[0].at < end:
+                continue
+            renumbered = shift or (changed and entry.document.get("doJumpId") != entry.first + 1)
+            if entry.kind == "SimpleItem" and renumbered:
+                continue
+            kept.append(dataclasses.replace(entry, first=entry.first + shift))
+        return dataclasses.replace(self, mission=mission, entries=tuple(kept))
 
 
 def write(plan: PlanFile) -> str:
-    """A plan as text.
-
-    Speeds are written in whole metres per second, because Mission Planner reads no others; they are for display.
+    """A plan as text. Speeds are written in whole metres per second (see ``losses``).
 
     Raises:
-        FormatError: no home, an infinite number, or a height that is not a number; with the item.
+        FormatError: no home, an infinite number, a height that is not a number, heights of rally points or of the
+            return point that are not above home, or items that no longer are what a kept entry flies.
     """
     home = plan.mission.home
     if home is None:
         raise FormatError("the mission has no home", where="plannedHomePosition", advice="give where it starts")
-    document = {
-        "fileType": "Plan",
-        "geoFence": _fence_json(plan.fence),
-        "groundStation": "QGroundControl",
-        "mission": {
-            "cruiseSpeed": round(plan.cruise_speed_m_s),
-            "firmwareType": int(plan.mav_autopilot),
-            "globalPlanAltitudeMode": 0,
-            "hoverSpeed": round(plan.hover_speed_m_s),
-            "items": [_item_json(number, item) for number, item in enumerate(plan.mission.items, start=1)],
-            "plannedHomePosition": [home.lat_deg, home.lon_deg, home.alt_amsl_m],
-            "vehicleType": int(plan.vehicle_type),
-            "version": 2,
-        },
-        "rallyPoints": {"points": [_point_json(n, point) for n, point in enumerate(plan.rally.points)], "version": 2},
-        "version": 1,
+    mission = {
+        "cruiseSpeed": round(plan.cruise_speed_m_s),
+        "firmwareType": int(plan.mav_autopilot),
+        "hoverSpeed": round(plan.hover_speed_m_s),
+        "items": _items_json(plan),
+        "plannedHomePosition": [home.lat_deg, home.lon_deg, home.alt_amsl_m],
+        "vehicleType": int(plan.vehicle_type),
     }
+    points = [_framed_json(point, f"rallyPoints.points[{n}]") for n, point in enumerate(plan.rally.points)]
+    parts = {"geoFence": _fence_json(plan.fence), "mission": mission, "rallyPoints": {"points": points}}
     try:
-        return json.dumps(document, indent=4, allow_nan=False) + "\n"
+        texts = {name: _part_text(plan, name, part, indent=8) for name, part in parts.items()}
+        return _part_text(plan, "", texts, indent=4) + "\n"
     except ValueError:
         raise FormatError("a number is not finite", where="plan", advice="give finite places and speeds") from None
+    except RecursionError:
+        raise FormatError("a kept entry is nested too deeply", where="plan") from None
 
 
-def _item_json(number: int, item: MissionItem) -> dict[str, Any]:
-    values = [*item.params, item.lat_deg, item.lon_deg, item.alt_m]
-    if any(math.isinf(value) for value in values) or any(math.isnan(value) for value in values[4:]):
-        raise FormatError("a number is not finite", where=f"mission item {number}")
-    entry: dict[str, Any] = {
-        "autoContinue": item.autocontinue,
-        "command": int(item.command),
-        "doJumpId": number,
-        "frame": int(item.frame),
-        "params": [None if math.isnan(value) else value for value in values],
-        "type": "SimpleItem",
-    }
-    if item.has_position:
-        entry["Altitude"] = item.alt_m
-        entry["AltitudeMode"] = _ALTITUDE_MODES[item.frame]
-        entry["AMSLAltAboveTerrain"] = None
-    return entry
+def _part_text(plan: PlanFile, name: str, part: Mapping[str, Any], *, indent: int) -> str:
+    """A part of the document with its constants and the keys of other programs: a line for each key and each item."""
+    lines = []
+    for key, value in sorted({**_CONSTANTS[name], **plan.extras.get(name, {}), **part}.items()):
+        if name == "" and key in part:
+            text = value  # a part, which is text already
+        elif key == "items" and value:
+            text = "[\n" + ",\n".join(" " * 12 + _COMPACT.encode(item) for item in value) + "\n" + " " * indent + "]"
+        else:
+            text = _COMPACT.encode(value)
+        lines.append(f"{' ' * indent}{_COMPACT.encode(key)}: {text}")
+    return "{\n" + ",\n".join(lines) + "\n" + " " * (indent - 4) + "}"
+
+
+def losses(plan: PlanFile) -> tuple[str, ...]:
+    """What ``write`` rounds, one line each: Mission Planner reads speeds only as whole numbers."""
+    speeds = (("cruiseSpeed", plan.cruise_speed_m_s), ("hoverSpeed", plan.hover_speed_m_s))
+    return tuple(f"mission.{key}: {value} is written as {round(value)}" for key, value in speeds if value % 1.0)
+
+
+def _items_json(plan: PlanFile) -> list[Mapping[str, Any]]:
+    items = plan.mission.items
+    found: list[Mapping[str, Any]] = []
+    position = 0
+    for entry in plan.entries:
+        end = entry.first + len(entry.items)
+        there = items[entry.first : end]
+        same = len(there) == len(entry.items) and all(map(same_item, there, entry.items))
+        if entry.first < position or not same:
+            what = f"the {entry.kind} kept from the file no longer flies the mission's items from {entry.first + 1} on"
+            raise FormatError(what, where="entries", advice="use PlanFile.with_mission to change a mission")
+        found += [simple_json(number + 1, items[number]) for number in range(position, entry.first)]
+        found.append(entry.document)
+        position = end
+    return found + [simple_json(number + 1, items[number]) for number in range(position, len(items))]
 
 
 def _fence_json(fence: Fence) -> dict[str, Any]:
@@ -107,15 +171,10 @@ def _fence_json(fence: Fence) -> dict[str, Any]:
             {"inclusion": p.inclusion, "polygon": [[v.lat_deg, v.lon_deg] for v in p.vertices], "version": 1}
             for p in fence.polygons
         ],
-        "version": 2,
     }
     if fence.return_point is not None:
         document["breachReturn"] = _framed_json(fence.return_point, "geoFence.breachReturn")
     return document
-
-
-def _point_json(number: int, point: FramedPoint) -> list[float]:
-    return _framed_json(point, f"rallyPoints.points[{number}]")
 
 
 def _framed_json(point: FramedPoint, where: str) -> list[float]:
@@ -125,115 +184,119 @@ def _framed_json(point: FramedPoint, where: str) -> list[float]:
 
 
 def read(text: str) -> PlanFile:
-    """Read a ``.plan`` file.
+    """Read a ``.plan`` file whose mission can be flown.
 
     Raises:
-        FormatError: with the place in the document, for what is missing, of another type, or not supported, such as
-            surveys and other complex items.
+        FormatError: with the place in the document, for what is missing, of another type or of an unknown version, and
+            for complex items whose items the file does not say (``read_to_keep`` reads those too).
     """
-    try:
-        document = json.loads(text.removeprefix("\ufeff"), parse_constant=_refuse_constant)
-    except RecursionError:
-        raise FormatError("nested too deeply", where="plan") from None
-    except json.JSONDecodeError as error:
-        raise FormatError(f"not JSON: {error.msg}", where=f"line {error.lineno}") from None
-    except ValueError as error:
-        raise FormatError(f"a number that cannot be read: {error}", where="plan") from None
-    root = _Node(document, "plan")
+    plan = read_to_keep(text)
+    for entry in plan.entries:
+        if not entry.is_flyable:
+            raise FormatError(
+                f"the items of a {entry.kind} are not in the file",
+                where=f"plan.mission.items, after mission item {entry.first}",
+                advice="upload it with QGroundControl and download the mission",
+            )
+    return plan
+
+
+def read_to_keep(text: str) -> PlanFile:
+    """Read a ``.plan`` file to change other parts of it: its mission may lack what cannot be known from the file.
+
+    Raises:
+        FormatError: as ``read``, but for complex items that cannot be flown.
+    """
+    clean = clean_text(text)
+    root = parse_json(clean.text, "plan")
     if root.get("fileType").value != "Plan":
         raise FormatError("not a plan", where="plan.fileType", advice="it has to be 'Plan'")
+    repairs = list(clean.repairs)
+    extras: dict[str, Mapping[str, Any]] = {}
+    _read_part(root, "", repairs, extras)
+    for name in ("mission", "geoFence", "rallyPoints"):
+        if name != "mission" and name not in root.value:
+            repairs.append(f"plan.{name}: is missing, there is none")
+        else:
+            _read_part(root.get(name), name, repairs, extras)
     mission = root.get("mission")
     home = mission.get("plannedHomePosition").floats(3)
+    items, entries = _read_items(mission.get("items"))
     return PlanFile(
-        Mission(GeoPoint(*home), tuple(_read_item(node) for node in mission.get("items").nodes())),
-        root.optional("geoFence", _read_fence, Fence()),
+        Mission(GeoPoint(*home), items),
+        root.optional("geoFence", lambda node: _read_fence(node, repairs), Fence()),
         root.optional("rallyPoints", _read_rally, RallyPoints()),
         mav_autopilot=mission.get("firmwareType").whole(),
-        vehicle_type=mission.optional("vehicleType", _Node.whole, int(VehicleClass.QUADROTOR)),
-        cruise_speed_m_s=mission.optional("cruiseSpeed", _Node.number, 15.0),
-        hover_speed_m_s=mission.optional("hoverSpeed", _Node.number, 5.0),
+        vehicle_type=mission.optional("vehicleType", Node.whole, int(VehicleClass.QUADROTOR)),
+        cruise_speed_m_s=mission.optional("cruiseSpeed", Node.number, 15.0),
+        hover_speed_m_s=mission.optional("hoverSpeed", Node.number, 5.0),
+        entries=entries,
+        extras=extras,
+        repairs=tuple(repairs),
     )
 
 
-def _refuse_constant(name: str) -> float:
-    raise ValueError(name)
+def _read_part(node: Node, name: str, repairs: list[str], extras: dict[str, Mapping[str, Any]]) -> None:
+    """The version of a part of the document, and the keys that are not modelled."""
+    version = _CONSTANTS[name]["version"]
+    found = node.optional("version", lambda entry: entry.value, None)
+    if found is None:
+        repairs.append(f"{node.where}.version: is missing, read as {version}")
+    elif found != version:
+        what = f"version {str(found)[:20]} is not known"
+        raise FormatError(what, where=f"{node.where}.version", advice=f"it has to be {version}; save the plan anew")
+    constants = _CONSTANTS[name]
+    others = {
+        key: value
+        for key, value in node.value.items()
+        if key not in _MODELLED[name] and not (key in constants and constants[key] == value)
+    }
+    if others:
+        extras[name] = others
 
 
-@dataclass(frozen=True, slots=True)
-class _Node:
-    """A value in the document and where it is."""
-
-    value: Any
-    where: str
-
-    def get(self, key: str) -> "_Node":
-        if not isinstance(self.value, Mapping):
-            raise FormatError("an object is expected here", where=self.where)
-        if key not in self.value:
-            raise FormatError("is missing", where=f"{self.where}.{key}")
-        return _Node(self.value[key], f"{self.where}.{key}")
-
-    def optional(self, key: str, read_node: "Callable[[_Node], ResultT]", default: ResultT) -> ResultT:
-        missing = isinstance(self.value, Mapping) and key not in self.value
-        return default if missing else read_node(self.get(key))
-
-    def nodes(self) -> list["_Node"]:
-        if not isinstance(self.value, list):
-            raise FormatError("a list is expected here", where=self.where)
-        return [_Node(value, f"{self.where}[{index}]") for index, value in enumerate(self.value)]
-
-    def number(self) -> float:
-        if isinstance(self.value, bool) or not isinstance(self.value, int | float) or abs(self.value) > 1e300:
-            raise FormatError(f"{str(self.value)[:20]!r} is not a number", where=self.where)
-        return float(self.value)
-
-    def whole(self) -> int:
-        value = self.number()
-        if value != int(value):
-            raise FormatError(f"{value} is not a whole number", where=self.where)
-        return int(value)
-
-    def truth(self) -> bool:
-        if not isinstance(self.value, bool):
-            raise FormatError("true or false is expected here", where=self.where)
-        return self.value
-
-    def floats(self, size: int) -> list[float]:
-        nodes = self.nodes()
-        if len(nodes) != size:
-            raise FormatError(f"{len(nodes)} numbers, {size} are expected", where=self.where)
-        return [node.number() for node in nodes]
+def _read_items(node: Node) -> tuple[tuple[MissionItem, ...], tuple[PlanEntry, ...]]:
+    items: list[MissionItem] = []
+    entries: list[PlanEntry] = []
+    by_jump_id: dict[object, int] = {}
+    jumps: list[tuple[int, Node]] = []
+    for entry in node.nodes():
+        first = len(items)
+        kind = entry.get("type").value
+        if kind == "ComplexItem":
+            flown = read_complex(entry)
+            items += flown or ()
+            entries.append(PlanEntry(first, flown or (), entry.value, flown is not None))
+            continue
+        if kind != "SimpleItem":
+            raise FormatError(f"{str(kind)[:30]!r} is neither SimpleItem nor ComplexItem", where=f"{entry.where}.type")
+        item = read_simple(entry)
+        items.append(item)
+        by_jump_id.setdefault(entry.optional("doJumpId", Node.whole, first + 1), first + 1)
+        if item.command == Command.DO_JUMP:
+            jumps.append((first, entry))
+        if entry.value != simple_json(first + 1, item):
+            entries.append(PlanEntry(first, (item,), entry.value))
+    for first, entry in jumps:
+        target = by_jump_id.get(items[first].params[0])
+        if target is None:
+            what = f"a jump to {items[first].params[0]:g}, which no simple item has as its doJumpId"
+            raise FormatError(what, where=f"{entry.where}.params[0]")
+        _, p2, p3, p4 = items[first].params
+        items[first] = dataclasses.replace(items[first], params=(float(target), p2, p3, p4))
+    kept = (dataclasses.replace(e, items=tuple(items[e.first : e.first + len(e.items)])) for e in entries)
+    return tuple(items), tuple(kept)
 
 
-def _read_item(node: _Node) -> MissionItem:
-    kind = node.get("type").value
-    if kind != "SimpleItem":
-        raise FormatError(
-            f"{str(kind)[:30]!r} items cannot be read by this version", where=node.where, advice="only SimpleItem can"
-        )
-    params = node.get("params").nodes()
-    if len(params) != _PARAMS:
-        raise FormatError(f"{len(params)} numbers, {_PARAMS} are expected", where=f"{node.where}.params")
-    values = [math.nan if param.value is None else param.number() for param in params]
-    frame_node, command = node.get("frame"), node.get("command").whole()
-    try:
-        frame = Frame.from_mav_frame(frame_node.whole())
-    except FormatError as error:
-        raise FormatError(error.what, where=frame_node.where, advice=error.advice) from None
-    if any(math.isnan(value) for value in values[4:]):
-        if frame is not Frame.COMMAND:
-            raise FormatError("latitude, longitude and height must be given", where=f"{node.where}.params")
-        values[4:] = [0.0 if math.isnan(value) else value for value in values[4:]]
-    p1, p2, p3, p4, lat, lon, alt = values
-    autocontinue = node.optional("autoContinue", _Node.truth, default=True)
-    return MissionItem(command, frame, (p1, p2, p3, p4), lat, lon, alt, autocontinue)
-
-
-def _lat_lon(node: _Node) -> LatLon:
+def _lat_lon(node: Node) -> LatLon:
     return LatLon(*node.floats(2))
 
 
-def _read_fence(node: _Node) -> Fence:
+def _read_fence(node: Node, repairs: list[str]) -> Fence:
+    for key, known in _FENCE_ENTRIES.items():
+        for entry in _entries(node, key):
+            others = sorted(set(entry.value) - known) if isinstance(entry.value, Mapping) else []
+            repairs += [f"{entry.where}: left out {other[:30]!r}" for other in others]
     polygons = tuple(
         FencePolygon(tuple(_lat_lon(v) for v in p.get("polygon").nodes()), p.get("inclusion").truth())
         for p in _entries(node, "polygons")
@@ -250,15 +313,15 @@ def _read_fence(node: _Node) -> Fence:
     return Fence(polygons, circles, node.optional("breachReturn", _read_point, none))
 
 
-def _entries(node: _Node, key: str) -> list[_Node]:
-    nothing: list[_Node] = []
-    return node.optional(key, _Node.nodes, nothing)
+def _entries(node: Node, key: str) -> list[Node]:
+    nothing: list[Node] = []
+    return node.optional(key, Node.nodes, nothing)
 
 
-def _read_point(node: _Node) -> FramedPoint:
+def _read_point(node: Node) -> FramedPoint:
     lat_deg, lon_deg, alt_m = node.floats(3)
     return FramedPoint(lat_deg, lon_deg, alt_m, Frame.ABOVE_HOME)
 
 
-def _read_rally(node: _Node) -> RallyPoints:
+def _read_rally(node: Node) -> RallyPoints:
     return RallyPoints(tuple(_read_point(point) for point in node.get("points").nodes()))

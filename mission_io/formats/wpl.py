@@ -4,18 +4,24 @@ One item per line, twelve columns: number, current, frame, command, four paramet
 autocontinue. In version 110 the first row is home. Fences and rally points are files of the same kind.
 """
 
+import itertools
 import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mission_io.areas import Fence, RallyPoints, fence_from_items, items_from_fence, items_from_rally, rally_from_items
-from mission_io.autopilots import home_item
+from mission_io.autopilots import home_item, jumps_moved
 from mission_io.errors import FormatError
-from mission_io.formats.numbers import degrees_text, plain_decimal
+from mission_io.formats.numbers import degrees_text, finite_number, place_problem, plain_decimal
+from mission_io.formats.text import clean_text
 from mission_io.items import Command, Frame, GeoPoint, Mission, MissionItem
+from mission_io.plausibility import doubts_about
 
 _HEADER = "QGC WPL 110"
+_HEADER_PATTERN = re.compile(r"QGC[ \t]+WPL[ \t]+([0-9]{1,9})")
+_SEPARATORS = re.compile(r"[ \t,;]+")
+_COLUMNS = 12
 _YAW_IS_FREE = frozenset({Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND})
 
 
@@ -38,6 +44,10 @@ class WplFile:
     def mission(self) -> Mission:
         """The file as a mission."""
         return Mission(self.home, self.items)
+
+    def doubts(self) -> tuple[str, ...]:
+        """What is probably a mistake, such as a route far from home; see ``plausibility.doubts_about``."""
+        return doubts_about(self.mission())
 
     def fence(self) -> Fence:
         """The file as a fence.
@@ -80,51 +90,69 @@ def write_rally(rally: RallyPoints, home: GeoPoint) -> str:
     return _write(home, items_from_rally(rally))
 
 
+def losses(mission: Mission) -> tuple[str, ...]:
+    """What ``write_mission`` leaves out or rounds, one line each; empty when the file holds every bit."""
+    headings = [n for n, item in enumerate(mission.items, start=1) if _heading_is_free(item)]
+    home = () if mission.home is None else ((0, mission.home.lat_deg), (0, mission.home.lon_deg))
+    degrees = itertools.chain(
+        home,
+        *(((n, i.lat_deg), (n, i.lon_deg)) for n, i in enumerate(mission.items, start=1) if i.has_position),
+    )
+    rounded = [n for n, value in degrees if math.isfinite(value) and float(degrees_text(value, "")) != value]
+    found = []
+    if headings:
+        found.append(f"row {headings[0]}: 'any heading' is written as 0, as in {len(headings)} rows")
+    if rounded:
+        count = len(dict.fromkeys(rounded))
+        found.append(f"row {rounded[0]}: degrees are rounded to 8 decimals (0.6 mm), as in {count} rows")
+    return tuple(found)
+
+
 def _write(home: GeoPoint, items: Sequence[MissionItem]) -> str:
     rows = [home_item(home), *items]
     lines = [_HEADER, *(_row_text(number, item) for number, item in enumerate(rows))]
     return "\n".join(lines) + "\n"
 
 
+def _heading_is_free(item: MissionItem) -> bool:
+    return item.command in _YAW_IS_FREE and math.isnan(item.params[3])
+
+
 def _row_text(number: int, item: MissionItem) -> str:
-    where = f"row {number}"
-    columns = [str(number), "1" if number == 0 else "0", str(int(item.frame)), str(int(item.command))]
-    for index, value in enumerate(item.params, start=1):
-        free = index == 4 and item.command in _YAW_IS_FREE and math.isnan(value)
-        columns.append("0" if free else plain_decimal(value, f"{where}, param{index}"))
-    if item.has_position:
-        columns += [degrees_text(item.lat_deg, f"{where}, latitude"), degrees_text(item.lon_deg, f"{where}, longitude")]
-    else:
-        columns += [plain_decimal(item.lat_deg, f"{where}, param5"), plain_decimal(item.lon_deg, f"{where}, param6")]
-    columns += [plain_decimal(item.alt_m, f"{where}, altitude"), "1" if item.autocontinue else "0"]
+    place = degrees_text if item.has_position else plain_decimal
+    p4 = 0.0 if _heading_is_free(item) else item.params[3]
+    try:
+        columns = (
+            str(number),
+            "1" if number == 0 else "0",
+            str(int(item.frame)),
+            str(int(item.command)),
+            *(plain_decimal(value, f"param{index}") for index, value in enumerate((*item.params[:3], p4), start=1)),
+            place(item.lat_deg, "latitude" if item.has_position else "param5"),
+            place(item.lon_deg, "longitude" if item.has_position else "param6"),
+            plain_decimal(item.alt_m, "altitude"),
+            "1" if item.autocontinue else "0",
+        )
+    except FormatError as error:
+        raise FormatError(error.what, where=f"row {number}, {error.where}", advice=error.advice) from None
     return "\t".join(columns)
-
-
-_HEADER_PATTERN = re.compile(r"QGC[ \t]+WPL[ \t]+(\d{1,9})")
-_SEPARATORS = re.compile(r"[ \t,;]+")
-_COLUMNS = 12
-_LONGEST_NUMBER = 400  # the smallest double has 341 characters without an exponent
 
 
 def read(text: str) -> WplFile:
     """Read a ``.waypoints`` file, version 110 or 120.
 
     Repaired, and listed: other line ends than LF, a byte order mark, comments and empty lines, spaces or commas for
-    tabs, whole numbers written with decimals, the frames of MISSION_ITEM_INT, numbers that do not count up by one.
+    tabs, whole numbers written with decimals, the frames of MISSION_ITEM_INT, numbers that do not count up by one, a
+    home row that says more than where home is. The jumps of version 120, which has no home row, are counted from 1.
 
     Raises:
         FormatError: with the line, for anything that would have to be guessed.
     """
-    repairs: list[str] = []
-    if text.startswith("\ufeff"):
-        repairs.append("removed a byte order mark")
-        text = text[1:]
-    if "\r" in text:
-        repairs.append("changed the line ends to LF")
-        text = text.replace("\r\n", "\n").replace("\r", "\n")
+    clean = clean_text(text)
+    repairs = list(clean.repairs)
     version: int | None = None
     items: list[MissionItem] = []
-    lines = text.split("\n")
+    lines = clean.text.split("\n")
     for line_number, line in enumerate(lines, start=1):
         content = line.split("#", 1)[0].strip()
         if "#" in line:
@@ -135,12 +163,17 @@ def read(text: str) -> WplFile:
             continue
         if version is None:
             version = _version(content, line_number)
-        else:
-            items.append(_item(line, content, line_number, len(items), repairs))
+            continue
+        row = _Row(line_number, content, line)
+        items.append(row.item(len(items), repairs))
+        if version == 110 and len(items) == 1:
+            _note_what_home_says(items[0], row, repairs)
     if version is None:
         raise FormatError("no header", where="line 1", advice=f"a .waypoints file starts with {_HEADER!r}")
-    if version == 120 or not items:
-        return WplFile(version, None, tuple(items), tuple(repairs))
+    if version == 120:
+        return WplFile(version, None, tuple(jumps_moved(items, by=1)), tuple(repairs))
+    if not items:
+        return WplFile(version, None, (), tuple(repairs))
     first, *rest = items
     return WplFile(version, GeoPoint(first.lat_deg, first.lon_deg, first.alt_m), tuple(rest), tuple(repairs))
 
@@ -157,53 +190,76 @@ def _version(content: str, line_number: int) -> int:
     return version
 
 
-def _item(line: str, content: str, line_number: int, number: int, repairs: list[str]) -> MissionItem:
-    where = f"line {line_number}"
-    columns = content.split("\t")
-    if len(columns) != _COLUMNS or any(not column or column != column.strip() for column in columns):
-        columns = _SEPARATORS.split(content)
-        if len(columns) == _COLUMNS:
-            repairs.append(f"{where}: changed the separators to tabs")
-    elif line != content:
-        repairs.append(f"{where}: removed space around the row")
-    if len(columns) != _COLUMNS:
-        raise FormatError(f"{len(columns)} columns, a row has {_COLUMNS}", where=where)
+def _note_what_home_says(item: MissionItem, row: "_Row", repairs: list[str]) -> None:
+    """The first row of version 110 is home; whatever else it says is not kept, so it is listed."""
+    if item.command not in (Command.NAV_WAYPOINT, 0):
+        repairs.append(f"line {row.number}: the first row is home, its command {item.command} is not kept")
+    if item.frame is not Frame.AMSL:
+        repairs.append(f"line {row.number}: the height of home is read as above sea level, not {item.frame.name}")
+    if any(item.params):
+        repairs.append(f"line {row.number}: the first row is home, its parameters are not kept")
 
-    def whole(column: int, name: str) -> int:
-        value = _number(columns[column], f"{where}, {name}")
-        if value != int(value):
-            raise FormatError(f"{columns[column]!r} is not a whole number", where=f"{where}, {name}")
-        if not columns[column].lstrip("+-").isdigit():
-            repairs.append(f"{where}: {name} {columns[column]!r} is written as a whole number")
+
+_NAMES = (
+    "number", "current", "frame", "command", "param1", "param2", "param3", "param4", "latitude", "longitude",
+    "altitude", "autocontinue",
+)  # fmt: skip
+
+
+class _Row:
+    """A line on its way to an item."""
+
+    def __init__(self, number: int, content: str, line: str) -> None:
+        self.number, self._content, self._line = number, content, line
+        self._columns: list[str] = []
+
+    def item(self, number: int, repairs: list[str]) -> MissionItem:
+        columns = self._columns = self._split(repairs)
+        if self._whole(0, repairs) != number:
+            repairs.append(f"line {self.number}: renumbered from {columns[0]} to {number}")
+        self._whole(1, repairs)
+        frame_number, command = self._whole(2, repairs), self._whole(3, repairs)
+        if not 0 <= command <= 65535:
+            raise FormatError(f"command {command} is not from 0 to 65535", where=f"line {self.number}")
+        try:
+            frame = Frame.from_mav_frame(frame_number)
+        except FormatError as error:
+            raise FormatError(error.what, where=f"line {self.number}", advice=error.advice) from None
+        if frame_number != frame:
+            repairs.append(f"line {self.number}: changed frame {frame_number} to {int(frame)}")
+        p1, p2, p3, p4, lat, lon, alt = (self._number(column) for column in range(4, 11))
+        problem = None if frame is Frame.COMMAND else place_problem(lat, lon)
+        if problem is not None:
+            raise FormatError(problem.what, where=f"line {self.number}", advice=problem.advice)
+        return MissionItem(command, frame, (p1, p2, p3, p4), lat, lon, alt, bool(self._whole(11, repairs)))
+
+    def _split(self, repairs: list[str]) -> list[str]:
+        columns = self._content.split("\t")
+        if len(columns) != _COLUMNS or " " in self._content or "" in columns:
+            columns = _SEPARATORS.split(self._content)
+            if len(columns) == _COLUMNS:
+                repairs.append(f"line {self.number}: changed the separators to tabs")
+        elif self._line != self._content:
+            repairs.append(f"line {self.number}: removed space around the row")
+        if len(columns) != _COLUMNS:
+            raise FormatError(f"{len(columns)} columns, a row has {_COLUMNS}", where=f"line {self.number}")
+        return columns
+
+    def _number(self, column: int) -> float:
+        text = self._columns[column]
+        try:
+            return finite_number(text, "")
+        except FormatError as error:
+            raise FormatError(error.what, where=f"line {self.number}, {_NAMES[column]}") from None
+
+    def _whole(self, column: int, repairs: list[str]) -> int:
+        text = self._columns[column]
+        if text.isdecimal() and text.isascii() and len(text) < 10:
+            return int(text)
+        value = self._number(column)
+        where = f"line {self.number}"
+        if not value.is_integer():
+            raise FormatError(f"{text!r} is not a whole number", where=f"{where}, {_NAMES[column]}")
+        if not text.lstrip("+-").isdigit():
+            repairs.append(f"{where}: {_NAMES[column]} {text!r} is written as a whole number")
         return int(value)
-
-    if whole(0, "number") != number:
-        repairs.append(f"{where}: renumbered from {columns[0]} to {number}")
-    whole(1, "current")
-    frame_number, command = whole(2, "frame"), whole(3, "command")
-    if not 0 <= command <= 65535:
-        raise FormatError(f"command {command} is not from 0 to 65535", where=where)
-    try:
-        frame = Frame.from_mav_frame(frame_number)
-    except FormatError as error:
-        raise FormatError(error.what, where=where, advice=error.advice) from None
-    if frame_number != frame:
-        repairs.append(f"{where}: changed frame {frame_number} to {int(frame)}")
-    names = ("param1", "param2", "param3", "param4", "latitude", "longitude", "altitude")
-    p1, p2, p3, p4, lat, lon, alt = (
-        _number(columns[column], f"{where}, {name}") for column, name in enumerate(names, start=4)
-    )
-    if frame is not Frame.COMMAND and not (abs(lat) <= 90.0 and abs(lon) <= 180.0):
-        advice = "latitude comes first" if abs(lon) <= 90.0 else ""
-        raise FormatError(f"latitude {lat:g}, longitude {lon:g} is no place", where=where, advice=advice)
-    return MissionItem(command, frame, (p1, p2, p3, p4), lat, lon, alt, bool(whole(11, "autocontinue")))
-
-
-def _number(text: str, where: str) -> float:
-    try:
-        value = float(text) if len(text) <= _LONGEST_NUMBER and "_" not in text and text.isascii() else math.nan
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise FormatError(f"{text[:20]!r} is not a finite number", where=where)
-    return value

@@ -86,7 +86,12 @@ def changed(path: str, value: Any) -> str:
         (changed("mission.items", {}), "plan.mission.items: a list is expected"),
         (changed("mission.plannedHomePosition", [1.0, 2.0]), "plannedHomePosition: 2 numbers, 3 are expected"),
         (changed("mission.plannedHomePosition.1", "7"), r"plannedHomePosition\[1\]: '7' is not a number"),
-        (changed("mission.items.0.type", "ComplexItem"), r"items\[0\]: 'ComplexItem' items cannot be read"),
+        (changed("mission.items.0.type", "ComplexItem"), r"items\[0\].complexItemType: is missing"),
+        (changed("mission.items.0.type", "Item"), r"items\[0\].type: 'Item' is neither"),
+        (changed("mission.items.0.command", 65536), r"items\[0\].command: command 65536 is not from 0 to 65535"),
+        (changed("version", 2), "plan.version: version 2 is not known"),
+        (changed("mission.version", 1), "plan.mission.version: version 1 is not known"),
+        (changed("mission", []), "plan.mission: an object is expected"),
         (changed("mission.items.0.params", [0.0] * 6), r"items\[0\].params: 6 numbers"),
         (changed("mission.items.0.params.4", None), "latitude, longitude and height must be given"),
         (changed("mission.items.0.params.1", True), "is not a number"),
@@ -113,3 +118,6 @@ def test_what_may_be_missing() -> None:
     back = plan.read("\ufeff" + json.dumps(document))
     assert (back.fence, back.rally) == (plan.Fence(), plan.RallyPoints())
     assert back.mission == MISSION
+    assert back.repairs == (
+        "removed a byte order mark", "plan.geoFence: is missing, there is none", "plan.rallyPoints: is missing, there is none",
+    )  # fmt: skip

@@ -68,6 +68,15 @@ def test_any_heading_is_written_as_zero_and_every_other_nan_is_an_error() -> Non
         (STRICT.replace("1\t0\t3\t22", "1\t0\t6\t22"), "line 3: changed frame 6 to 3"),
         (STRICT.replace("\n2\t0\t2", "\n7\t0\t2"), "line 4: renumbered from 7 to 2"),
         (STRICT.replace("\n2\t0\t2", "\n 2\t0\t2"), "line 4: removed space around the row"),
+        (
+            STRICT.replace("0\t1\t0\t16", "0\t1\t3\t16"),
+            "line 2: the height of home is read as above sea level, not ABOVE_HOME",
+        ),
+        (
+            STRICT.replace("0\t1\t0\t16\t0", "0\t1\t0\t16\t5"),
+            "line 2: the first row is home, its parameters are not kept",
+        ),
+        (STRICT.replace("0\t1\t0\t16", "0\t1\t0\t22"), "line 2: the first row is home, its command 22 is not kept"),
     ],
 )
 def test_what_is_repaired_is_listed(text: str, repair: str) -> None:
@@ -130,3 +139,34 @@ def test_numbers_are_plain_and_shortest() -> None:
 def test_a_command_row_keeps_its_numbers() -> None:
     item = MissionItem(93, Frame.COMMAND, (1.5, 2.0, 3.0, 4.0), 1e6, -3.25, 7.0)
     assert wpl.read(wpl.write_mission(Mission(GeoPoint(1.0, 2.0, 3.0), (item,)))).items == (item,)
+
+
+def test_jumps_of_version_120_are_counted_from_the_first_item_as_one() -> None:
+    jump = "2\t0\t2\t177\t1\t3\t0\t0\t0\t0\t0\t1\n"
+    rows = "0\t0\t3\t22\t0\t0\t0\t0\t33.2\t-98.1\t30\t1\n1\t0\t3\t16\t0\t0\t0\t0\t33.3\t-98.1\t30\t1\n"
+    assert wpl.read("QGC WPL 120\n" + rows + jump).items[2].params[:2] == (2.0, 3.0)
+    assert wpl.read("QGC WPL 110\n" + STRICT.splitlines()[1] + "\n" + jump).items[0].params[:2] == (1.0, 3.0)
+
+
+def test_what_is_not_kept_to_the_bit_is_listed() -> None:
+    assert wpl.losses(MISSION) == ()
+    exact = replace(NAN_YAW, lat_deg=33.123456789)
+    assert wpl.losses(Mission(replace(HOME, lon_deg=1e-12), (exact, NAN_YAW))) == (
+        "row 1: 'any heading' is written as 0, as in 2 rows",
+        "row 0: degrees are rounded to 8 decimals (0.6 mm), as in 2 rows",
+    )
+    assert wpl.losses(Mission(None, ())) == ()
+
+
+def test_what_a_mission_planner_home_row_says_is_no_repair() -> None:
+    planner = STRICT.replace("0\t1\t0\t16", "0\t1\t0\t0")
+    assert wpl.read(planner).repairs == ()
+
+
+def test_swapped_coordinates_are_doubted() -> None:
+    swapped = STRICT.replace("33.21875000\t-98.12345670\t345", "-48.1\t33.2\t345").replace(
+        "33.21875000\t-98.12345670", "33.2\t-48.1"
+    )
+    (doubt,) = wpl.read(swapped).doubts()
+    assert doubt == "item 1: 12075 km from home, the farthest of 1 beyond 100 km; latitude and longitude are swapped"
+    assert wpl.read(STRICT).doubts() == ()

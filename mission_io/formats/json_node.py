@@ -1,0 +1,101 @@
+"""A JSON document with the place of each value in it, so that an error can say where."""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from mission_io.errors import FormatError
+
+ResultT = TypeVar("ResultT")
+
+_LARGEST = 1e300
+"""Beyond this a number is taken for a mistake (and 1e999 would be read as infinite)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A value in the document and where it is."""
+
+    value: Any
+    where: str
+
+    def get(self, key: str) -> "Node":
+        """The value of a key that has to be there."""
+        if not isinstance(self.value, Mapping):
+            raise FormatError("an object is expected here", where=self.where)
+        if key not in self.value:
+            raise FormatError("is missing", where=f"{self.where}.{key}")
+        return Node(self.value[key], f"{self.where}.{key}")
+
+    def optional(self, key: str, read_node: "Callable[[Node], ResultT]", default: ResultT) -> ResultT:
+        """What a key that may be missing says."""
+        missing = isinstance(self.value, Mapping) and key not in self.value
+        return default if missing else read_node(self.get(key))
+
+    def nodes(self) -> list["Node"]:
+        """The entries of a list."""
+        if not isinstance(self.value, list):
+            raise FormatError("a list is expected here", where=self.where)
+        return [Node(value, f"{self.where}[{index}]") for index, value in enumerate(self.value)]
+
+    def number(self) -> float:
+        """A number as a double."""
+        if isinstance(self.value, bool) or not isinstance(self.value, int | float) or abs(self.value) > _LARGEST:
+            raise FormatError(f"{_shown(self.value)} is not a number", where=self.where)
+        return float(self.value)
+
+    def whole(self) -> int:
+        """A number without a fraction."""
+        value = self.number()
+        if value != int(value):
+            raise FormatError(f"{value} is not a whole number", where=self.where)
+        return int(value)
+
+    def truth(self) -> bool:
+        """True or false."""
+        if not isinstance(self.value, bool):
+            raise FormatError("true or false is expected here", where=self.where)
+        return self.value
+
+    def text(self) -> str:
+        """A string."""
+        if not isinstance(self.value, str):
+            raise FormatError("a text is expected here", where=self.where)
+        return self.value
+
+    def floats(self, size: int) -> list[float]:
+        """A list of so many numbers."""
+        nodes = self.nodes()
+        if len(nodes) != size:
+            raise FormatError(f"{len(nodes)} numbers, {size} are expected", where=self.where)
+        return [node.number() for node in nodes]
+
+
+def parse_json(text: str, name: str) -> Node:
+    """The document in a text, whose first value is called ``name`` in errors.
+
+    Raises:
+        FormatError: no JSON, nested too deeply, or NaN and other numbers that JSON does not have.
+    """
+    try:
+        return Node(json.loads(text, parse_constant=_refuse_constant), name)
+    except RecursionError:
+        raise FormatError("nested too deeply", where=name) from None
+    except json.JSONDecodeError as error:
+        raise FormatError(f"not JSON: {error.msg}", where=f"line {error.lineno}") from None
+    except ValueError as error:
+        raise FormatError(f"a number that cannot be read: {error}"[:80], where=name) from None
+
+
+def _refuse_constant(name: str) -> float:
+    raise ValueError(name)
+
+
+def _shown(value: Any) -> str:
+    """A short picture of a value, also of one with a million entries or digits."""
+    if isinstance(value, str):
+        return repr(value[:20])
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return "a number too large"
+    return {dict: "an object", list: "a list", bool: "true or false"}.get(type(value), "null")

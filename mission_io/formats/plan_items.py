@@ -1,0 +1,159 @@
+"""The items of a ``.plan`` file: simple ones, and what QGroundControl flies for its complex ones.
+
+A complex item is a form that QGroundControl fills with items. Surveys and corridor scans carry those items in the file;
+a landing pattern's follow from its few numbers; a structure scan's cannot be known from the file.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from mission_io.errors import FormatError
+from mission_io.formats.json_node import Node
+from mission_io.items import Command, Frame, MissionItem
+
+_ALTITUDE_MODES = {Frame.ABOVE_HOME: 1, Frame.AMSL: 2, Frame.ABOVE_TERRAIN: 4}
+_PARAMS = 7
+_LARGEST = 1e300
+_NOTHING = (math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class PlanEntry:
+    """One entry of a plan's list of items, kept as the file has it because it says more than the items it flies.
+
+    Attributes:
+        first: Where its items begin in the mission, from 0.
+        items: The items that it flies.
+        document: Its JSON, to be written again as it is. Not to be changed.
+        is_flyable: Whether the file says which items it flies.
+    """
+
+    first: int
+    items: tuple[MissionItem, ...]
+    document: Mapping[str, Any]
+    is_flyable: bool = True
+
+    @property
+    def kind(self) -> str:
+        """SimpleItem, or the type of the complex item, such as ``survey``."""
+        return str(self.document.get("complexItemType", "SimpleItem"))[:30]
+
+
+def simple_json(number: int, item: MissionItem) -> dict[str, Any]:
+    """The JSON of a simple item, whose number counts from 1.
+
+    Raises:
+        FormatError: an infinite number, or a place that is not a number.
+    """
+    values = (*item.params, item.lat_deg, item.lon_deg, item.alt_m)
+    if not all(map(math.isfinite, values)) and (
+        any(math.isinf(value) for value in values) or any(math.isnan(value) for value in values[4:])
+    ):
+        raise FormatError("a number is not finite", where=f"mission item {number}")
+    entry: dict[str, Any] = {
+        "autoContinue": item.autocontinue,
+        "command": int(item.command),
+        "doJumpId": number,
+        "frame": int(item.frame),
+        "params": [None if value != value else value for value in values],
+        "type": "SimpleItem",
+    }
+    if item.has_position:
+        entry["Altitude"] = item.alt_m
+        entry["AltitudeMode"] = _ALTITUDE_MODES[item.frame]
+        entry["AMSLAltAboveTerrain"] = None
+    return entry
+
+
+def read_simple(node: Node) -> MissionItem:
+    """The item of a simple entry.
+
+    Raises:
+        FormatError: with the place in the document.
+    """
+    p1, p2, p3, p4, lat, lon, alt = _params(node.get("params"))
+    frame_node, command = node.get("frame"), node.get("command").whole()
+    if not 0 <= command <= 65535:
+        raise FormatError(f"command {command} is not from 0 to 65535", where=f"{node.where}.command")
+    try:
+        frame = Frame.from_mav_frame(frame_node.whole())
+    except FormatError as error:
+        raise FormatError(error.what, where=frame_node.where, advice=error.advice) from None
+    if lat != lat or lon != lon or alt != alt:
+        if frame is not Frame.COMMAND:
+            raise FormatError("latitude, longitude and height must be given", where=f"{node.where}.params")
+        lat, lon, alt = (0.0 if math.isnan(value) else value for value in (lat, lon, alt))
+    autocontinue = node.optional("autoContinue", Node.truth, default=True)
+    return MissionItem(command, frame, (p1, p2, p3, p4), lat, lon, alt, autocontinue)
+
+
+def read_complex(node: Node) -> tuple[MissionItem, ...] | None:
+    """The items that a complex entry flies; None when the file does not say.
+
+    Raises:
+        FormatError: with the place in the document.
+    """
+    kind = node.get("complexItemType").text()
+    transects = node.value.get("TransectStyleComplexItem")
+    if isinstance(transects, Mapping) and "Items" in transects:
+        entries = node.get("TransectStyleComplexItem").get("Items").nodes()
+        return tuple(read_simple(_simple(entry)) for entry in entries)
+    if kind in ("fwLandingPattern", "vtolLandingPattern"):
+        land = Command.NAV_LAND if kind == "fwLandingPattern" else Command.NAV_VTOL_LAND
+        return _landing(node, land)
+    return None
+
+
+def _simple(node: Node) -> Node:
+    kind = node.get("type").value
+    if kind != "SimpleItem":
+        raise FormatError("a complex item within a complex item", where=node.where, advice="save the plan anew")
+    return node
+
+
+def _params(node: Node) -> list[float]:
+    raw = node.value
+    if type(raw) is list and len(raw) == _PARAMS:
+        values = [math.nan if value is None else value for value in raw]
+        if all(type(value) is float or type(value) is int for value in values) and not any(
+            abs(value) > _LARGEST for value in values
+        ):
+            return [float(value) for value in values]
+    nodes = node.nodes()
+    if len(nodes) != _PARAMS:
+        raise FormatError(f"{len(nodes)} numbers, {_PARAMS} are expected", where=node.where)
+    return [math.nan if value.value is None else value.number() for value in nodes]
+
+
+def _landing(node: Node, land: Command) -> tuple[MissionItem, ...]:
+    """A landing pattern: start of landing, camera off, approach, landing, as QGroundControl sends it."""
+    approach_key = "landingApproachCoordinate" if "landingApproachCoordinate" in node.value else "loiterCoordinate"
+    approach_lat, approach_lon, approach_alt = node.get(approach_key).floats(3)
+    land_lat, land_lon, land_alt = node.get("landCoordinate").floats(3)
+    frame = Frame.ABOVE_HOME if _is_relative(node) else Frame.AMSL
+    items = [MissionItem(Command.DO_LAND_START, Frame.COMMAND)]
+    if node.optional("stopTakingPhotos", Node.truth, default=False):
+        items.append(MissionItem(Command.DO_SET_CAM_TRIGG_DIST, Frame.COMMAND))
+        items.append(MissionItem(Command.IMAGE_STOP_CAPTURE, Frame.COMMAND, (0.0, *_NOTHING)))
+    if node.optional("stopVideoPhotos", Node.truth, default=False):
+        items.append(MissionItem(Command.VIDEO_STOP_CAPTURE, Frame.COMMAND, (0.0, *_NOTHING)))
+    if node.optional("useLoiterToAlt", Node.truth, default=True):
+        radius_m = node.get("loiterRadius").number() * (1.0 if node.get("loiterClockwise").truth() else -1.0)
+        command, params = Command.NAV_LOITER_TO_ALT, (1.0, radius_m, 0.0, 1.0)
+    else:
+        command, params = Command.NAV_WAYPOINT, (0.0, 0.0, 0.0, math.nan)
+    items.append(MissionItem(command, frame, params, approach_lat, approach_lon, approach_alt))
+    items.append(MissionItem(land, frame, (0.0, 0.0, 0.0, 0.0), land_lat, land_lon, land_alt))
+    return tuple(items)
+
+
+def _is_relative(node: Node) -> bool:
+    if "altitudesAreRelative" in node.value:
+        return node.get("altitudesAreRelative").truth()
+    approach, land = node.get("loiterAltitudeRelative").truth(), node.get("landAltitudeRelative").truth()
+    if approach != land:
+        what = "approach and landing have heights above different things"
+        raise FormatError(what, where=node.where, advice="make both above home, or both above sea level")
+    return land

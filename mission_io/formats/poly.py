@@ -1,0 +1,122 @@
+"""``.poly`` and ``.fen`` files of MAVProxy and Mission Planner: one place a line, latitude and longitude.
+
+A ``.poly`` file is an area. A ``.fen`` file is a fence of the old kind: the return point first, then one polygon to stay
+inside of. Both begin with a comment and repeat the first corner at the end.
+"""
+
+import re
+from dataclasses import dataclass
+
+from mission_io.areas import Fence, FencePolygon, FramedPoint, LatLon
+from mission_io.drawings import Area, open_ring
+from mission_io.errors import FormatError
+from mission_io.formats.numbers import degrees_text, finite_number, place_problem
+from mission_io.formats.text import clean_text
+from mission_io.items import Frame
+
+_HEADER = "#saved by mission_io"
+_SEPARATORS = re.compile(r"[ \t,;]+")
+
+
+@dataclass(frozen=True, slots=True)
+class PolyFile:
+    """What a ``.poly`` file holds, and what had to be repaired to read it."""
+
+    area: Area
+    repairs: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FenFile:
+    """What a ``.fen`` file holds, and what had to be repaired to read it.
+
+    The return point has no height in the file: it is given as 0 m above home, which autopilots take for "the height that
+    is set in the parameters".
+    """
+
+    fence: Fence
+    repairs: tuple[str, ...]
+
+
+def read_area(text: str) -> PolyFile:
+    """Read a ``.poly`` file.
+
+    Raises:
+        FormatError: with the line, for what is no place, and for fewer than three corners.
+    """
+    places, repairs = _places(text)
+    ring = open_ring(places, "the area", repairs)
+    return PolyFile(Area(ring), tuple(repairs))
+
+
+def read_fence(text: str) -> FenFile:
+    """Read a ``.fen`` file.
+
+    Raises:
+        FormatError: with the line, for what is no place, and for fewer than a return point and three corners.
+    """
+    places, repairs = _places(text)
+    if not places:
+        raise FormatError("holds no place", where="line 1", advice="the first line is the return point")
+    ring = open_ring(places[1:], "the fence", repairs)
+    return_point = FramedPoint(places[0].lat_deg, places[0].lon_deg, 0.0, Frame.ABOVE_HOME)
+    return FenFile(Fence((FencePolygon(ring),), (), return_point), tuple(repairs))
+
+
+def write_area(area: Area) -> str:
+    """An area as a ``.poly`` file.
+
+    Raises:
+        FormatError: an area with holes, which the format cannot hold, or a corner that is no place.
+    """
+    if area.holes:
+        raise FormatError(f"the area has {len(area.holes)} holes, the format has none", where="area", advice="use KML")
+    return _text([*area.exterior, *area.exterior[:1]])
+
+
+def write_fence(fence: Fence) -> str:
+    """A fence as a ``.fen`` file.
+
+    Raises:
+        FormatError: anything but a return point and one polygon to stay inside of, a height of the return point, or a
+            corner that is no place.
+    """
+    whole = len(fence.polygons) == 1 and fence.polygons[0].inclusion and not fence.circles
+    if not whole or fence.return_point is None:
+        what = "the format holds one inclusion polygon and a return point"
+        raise FormatError(what, where="fence", advice="write it as .waypoints")
+    point, ring = fence.return_point, fence.polygons[0].vertices
+    if point.alt_m != 0.0:
+        what = f"the return point is at {point.alt_m:g} m, the format has no heights"
+        raise FormatError(what, where="return point", advice="set it to 0, or write the fence as .waypoints")
+    return _text([LatLon(point.lat_deg, point.lon_deg), *ring, *ring[:1]])
+
+
+def _text(places: list[LatLon]) -> str:
+    lines = [_HEADER]
+    for number, place in enumerate(places):
+        where = f"place {number}"
+        lines.append(f"{degrees_text(place.lat_deg, where)} {degrees_text(place.lon_deg, where)}")
+    return "\n".join(lines) + "\n"
+
+
+def _places(text: str) -> tuple[list[LatLon], list[str]]:
+    clean = clean_text(text)
+    repairs = list(clean.repairs)
+    places: list[LatLon] = []
+    for line_number, line in enumerate(clean.text.split("\n"), start=1):
+        content = line.split("#", 1)[0].strip()
+        if not content:
+            continue
+        where = f"line {line_number}"
+        columns = _SEPARATORS.split(content)
+        if len(columns) != 2:
+            raise FormatError(f"{len(columns)} numbers, a place has 2", where=where, advice="latitude, then longitude")
+        if "," in content or ";" in content:
+            repairs.append(f"{where}: changed the separators to spaces")
+        lat_deg, lon_deg = (finite_number(column, where) for column in columns)
+        problem = place_problem(lat_deg, lon_deg)
+        if problem is not None:
+            raise FormatError(problem.what, where=where, advice=problem.advice)
+        places.append(LatLon(lat_deg, lon_deg))
+    return places, repairs

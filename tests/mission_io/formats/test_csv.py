@@ -1,0 +1,58 @@
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+
+from mission_io.errors import FormatError
+from mission_io.formats import csv
+from mission_io.items import Mission
+from tests.mission_io.formats.samples import MISSION, MISSIONS, NAN_YAW
+
+TEXT = csv.write_mission(MISSION)
+
+
+@settings(derandomize=True, max_examples=150)
+@given(MISSIONS)
+def test_round_trip(mission: Mission) -> None:
+    assert csv.read_mission(csv.write_mission(mission)) == csv.CsvFile(mission, ())
+    without_home = replace(mission, home=None)
+    assert csv.read_mission(csv.write_mission(without_home)).mission == without_home
+
+
+def test_no_value_is_an_empty_cell() -> None:
+    read = csv.read_mission(csv.write_mission(Mission(None, (NAN_YAW,)))).mission
+    assert math.isnan(read.items[0].params[3])
+
+
+def test_what_a_spreadsheet_does_to_it_is_repaired_and_listed() -> None:
+    rows = [line.split(",") for line in TEXT.splitlines()]
+    shuffled = "\r\n".join(",".join(['"a, b"', *row[::-1]]) for row in rows).replace('"a, b"', "note", 1) + "\r\n\r\n"
+    read = csv.read_mission("\ufeff" + shuffled.replace(",8\r\n", ",18\r\n"))
+    assert read.mission == MISSION
+    assert read.repairs == (
+        "removed a byte order mark", "changed the line ends to LF", "line 1: left out 1 columns, the first is 'note'",
+        "line 10: renumbered from 18 to 8",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("", "line 1: 0 columns item, there has to be 1"),
+        (TEXT.replace("lat_deg", "latitude"), "line 1: 0 columns lat_deg"),
+        (TEXT.replace("ABOVE_HOME", "AGL", 1), "line 3, alt_datum: 'AGL' is no datum; use AMSL, COMMAND"),
+        (TEXT.replace(",AMSL,", ",ABOVE_HOME,", 1), "line 2: frame 0 is not ABOVE_HOME; use 3"),
+        (TEXT.replace("\n1,22,", "\n1,99999,"), "line 3: command 99999"),
+        (TEXT.replace("\n1,22,", "\n1.5,22,"), "line 3, item: '1.5' is not a whole number"),
+        (TEXT.replace("12.5", "fast"), "line 4, param2: 'fast' is not a finite number"),
+        (TEXT.replace("33.21875,-98.1234567", "-98.1234567,33.21875", 1), "latitude comes first"),
+        (TEXT[:-2] + "7\n", "line 10, autocontinue: '7' is not 0 or 1"),
+        (TEXT + "9,16\n", "line 11: 2 columns, the header has 12"),
+        (TEXT + '9,"16', "line 11: no CSV"),
+        (TEXT + "x" * 200_000, "line 11: no CSV: field larger"),
+    ],
+)
+def test_what_cannot_be_read_is_one_error_with_its_line(text: str, what: str) -> None:
+    with pytest.raises(FormatError, match=what):
+        csv.read_mission(text)

@@ -1,0 +1,200 @@
+"""Areas, lines and places out of KML, GeoJSON, ``.poly`` and ``.fen``; GeoJSON as shapely writes it."""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import shapely
+from shapely.geometry import mapping
+
+from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
+from mission_io.drawings import Area, Drawing, Line, Spot, fence_from_areas
+from mission_io.errors import FormatError
+from mission_io.formats import geojson, kml, poly
+
+RING = (LatLon(33.1, -98.2), LatLon(33.3, -98.25), LatLon(33.35, -98.05), LatLon(33.12, -98.04))
+HOLE = (LatLon(33.2, -98.15), LatLon(33.21, -98.15), LatLon(33.21, -98.14))
+AREA = Area(RING, (HOLE,), "field <1>")
+
+
+def pairs(ring: tuple[LatLon, ...]) -> str:
+    return " ".join(f"{p.lon_deg},{p.lat_deg},0" for p in (*ring, ring[0]))
+
+
+def kml_of(body: str, head: str = '<kml xmlns="http://www.opengis.net/kml/2.2">') -> str:
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{head}<Document><name>all</name>{body}</Document></kml>'
+
+
+POLYGON = (
+    "<Placemark><name>field &lt;1></name><Polygon><outerBoundaryIs><LinearRing><coordinates>"
+    f"{pairs(RING)}</coordinates></LinearRing></outerBoundaryIs><innerBoundaryIs><LinearRing><coordinates>\n{pairs(HOLE)}\n"
+    "</coordinates></LinearRing></innerBoundaryIs></Polygon></Placemark>"
+)
+REST = (
+    "<Placemark><name>way</name><LineString><coordinates>-98.2,33.1 -98.25,33.3,77</coordinates></LineString></Placemark>"
+    "<Placemark><Point><coordinates>-98.2,33.1</coordinates></Point></Placemark>"
+)
+WHOLE = Drawing((AREA,), (Line(RING[:2], "way"),), (Spot(RING[0]),))
+
+
+@pytest.mark.parametrize(
+    "head",
+    ['<kml xmlns="http://www.opengis.net/kml/2.2">', '<kml xmlns="http://earth.google.com/kml/2.0">', "<kml>",
+     '<k:kml xmlns:k="http://www.opengis.net/kml/2.2" xmlns="http://www.opengis.net/kml/2.2">'],
+)  # fmt: skip
+def test_kml_of_any_version_is_read(head: str) -> None:
+    text = kml_of(POLYGON + REST, head)
+    assert kml.read_drawing(text.replace("</kml>", "</k:kml>") if head.startswith("<k:") else text) == WHOLE
+
+
+def test_kml_multigeometries_folders_and_bare_rings() -> None:
+    ring = f"<LinearRing><coordinates>{pairs(HOLE)}</coordinates></LinearRing>"
+    text = kml_of(
+        f"<Folder><name>f</name><Placemark><name>m</name><MultiGeometry>{ring}{ring}</MultiGeometry></Placemark></Folder>"
+    )
+    assert kml.read_drawing(text).areas == (Area(HOLE, (), "m"),) * 2
+
+
+def geo(*geometries: dict[str, Any], name: str = "") -> str:
+    features = [{"type": "Feature", "geometry": g, "properties": {"name": name}} for g in geometries]
+    return json.dumps({"type": "FeatureCollection", "features": features})
+
+
+SHAPE = shapely.Polygon([(p.lon_deg, p.lat_deg) for p in RING], [[(p.lon_deg, p.lat_deg) for p in HOLE]])
+
+
+def test_geojson_as_shapely_writes_it() -> None:
+    line, point = shapely.LineString([(-98.2, 33.1), (-98.25, 33.3)]), shapely.Point(-98.2, 33.1, 50.0)
+    assert geojson.read_drawing(geo(mapping(SHAPE), name="field <1>")).areas == (AREA,)
+    two = shapely.MultiPolygon([SHAPE, shapely.Polygon([(1, 2), (3, 2), (3, 4)])])
+    both = geojson.read_drawing(json.dumps(mapping(two)))
+    assert [len(area.holes) for area in both.areas] == [1, 0]
+    assert both.areas[1].exterior == (LatLon(2.0, 1.0), LatLon(2.0, 3.0), LatLon(4.0, 3.0))
+    collection = shapely.GeometryCollection(
+        [line, point, shapely.MultiLineString([line, line]), shapely.MultiPoint([point])]
+    )
+    read = geojson.read_drawing(json.dumps(mapping(collection)))
+    assert read.lines == (Line(RING[:2]),) * 3
+    assert read.spots == (Spot(RING[0]),) * 2
+
+
+def test_what_is_repaired_or_left_out_is_listed() -> None:
+    open_kml = kml_of(POLYGON.replace(f" {RING[0].lon_deg},{RING[0].lat_deg},0<", "<")).replace("-98.25,", "-98.25 , ")
+    assert kml.read_drawing(open_kml).areas == (AREA,)
+    assert kml.read_drawing(open_kml).repairs == (
+        "line 2: removed space around commas",
+        "line 2: the ring was not closed",
+    )
+    empty = kml_of("<Placemark><Point></Point></Placemark>")
+    assert kml.read_drawing("\ufeff" + empty).repairs == (
+        "removed a byte order mark",
+        "line 2: left out an empty Point",
+    )
+    assert geojson.read_drawing(geo(None, {"type": "Polygon", "coordinates": []})).repairs == (  # type: ignore[arg-type]
+        "document.features[0]: left out a feature without a geometry",
+        "document.features[1].geometry.coordinates: left out an empty polygon",
+    )
+
+
+BOMB = '<!DOCTYPE kml [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
+
+
+@pytest.mark.parametrize(
+    ("read", "text", "what"),
+    [
+        (kml.read_drawing, "", "line 1: no XML: no element found"),
+        (kml.read_drawing, kml_of(POLYGON)[:-9], "no XML"),
+        (kml.read_drawing, "<html></html>", "line 1: <html> is not the beginning of KML"),
+        (kml.read_drawing, f"{BOMB}<kml><name>&b;</name></kml>", "a document type, which may define entities; remove"),
+        (kml.read_drawing, "<!DOCTYPE kml SYSTEM 'file:///etc/passwd'><kml/>", "a document type"),
+        (kml.read_drawing, "<kml>&undefined;</kml>", "no XML: undefined entity"),
+        (kml.read_drawing, "<kml>\ud800</kml>", "half a character"),
+        (kml.read_drawing, kml_of("<Point><coordinates>1</coordinates></Point>"), "coordinate 0: '1' is not longitude,lat"),
+        (kml.read_drawing, kml_of("<Point><coordinates>1,nan</coordinates></Point>"), "'nan' is not a finite number"),
+        (kml.read_drawing, kml_of("<Point><coordinates>33,-98</coordinates></Point>"), "longitude 33, latitude -98 is no place"),
+        (kml.read_drawing, kml_of("<Polygon></Polygon>"), "a polygon without an outer boundary"),
+        (kml.read_drawing, kml_of(POLYGON.replace("inner", "outer")), "a second outer boundary"),
+        (kml.read_drawing, kml_of("<LinearRing><coordinates>1,2 3,4 1,2</coordinates></LinearRing>"), "a ring of 2 corners"),
+        (geojson.read_drawing, "", "line 1: not JSON"),
+        (geojson.read_drawing, "[" * 200_000, "document: nested too deeply"),
+        (geojson.read_drawing, "{}", "document.type: is missing"),
+        (geojson.read_drawing, '{"type": 5}', "document.type: a text is expected"),
+        (geojson.read_drawing, '{"type": "Circle"}', "'Circle' is no type of GeoJSON"),
+        (geojson.read_drawing, '{"type": "Point", "coordinates": [33, -98]}', "longitude 33, latitude -98 is no"),
+        (geojson.read_drawing, '{"type": "Point", "coordinates": [1e999, 0]}', "a number too large is not a number"),
+        (geojson.read_drawing, '{"type": "Point", "coordinates": [null, true]}', "null is not a number"),
+        (geojson.read_drawing, '{"type": "Point", "coordinates": [5]}', "a position of 1 numbers"),
+        (geojson.read_drawing, '{"type": "Polygon", "coordinates": [[[1, 2], [3, 4], [1, 2]]]}', "a ring of 2 corners"),
+        (geojson.read_drawing, '{"type": "Point", "coordinates": [1, 2], "crs": {"type": "name", "properties":'
+         ' {"name": "urn:ogc:def:crs:EPSG::3857"}}}', "the reference system 'urn:ogc:def:crs:EPSG::3857'; export"),
+        (poly.read_area, "33.1 -98.2\n33.2 -98.2\n", "the area: a ring of 2 corners"),
+        (poly.read_area, "33.1 -98.2 5\n", "line 1: 3 numbers, a place has 2; latitude, then longitude"),
+        (poly.read_area, "-98.2 33.1\n", "line 1: latitude -98.2, longitude 33.1 is no place; latitude comes first"),
+        (poly.read_area, "x y\n", "line 1: 'x' is not a finite number"),
+        (poly.read_fence, "# nothing\n", "holds no place; the first line is the return point"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_read_is_one_error_with_its_place(read: Callable[[str], Any], text: str, what: str) -> None:
+    with pytest.raises(FormatError, match=what):
+        read(text)
+
+
+def test_the_old_wgs84_name_of_geojson_is_taken() -> None:
+    point = {"type": "Point", "coordinates": [-98.2, 33.1]}
+    for name in ("urn:ogc:def:crs:OGC:1.3:CRS84", "EPSG:4326"):
+        text = json.dumps({**point, "crs": {"type": "name", "properties": {"name": name}}})
+        assert geojson.read_drawing(text).spots == (Spot(RING[0]),)
+
+
+def test_a_name_that_xml_cannot_hold_is_refused() -> None:
+    from tests.mission_io.formats.samples import MISSION
+
+    with pytest.raises(FormatError, match=r"the name holds '\\x07'"):
+        kml.write_mission(MISSION, name="a\x07")
+
+
+FENCE = Fence((FencePolygon(RING),), (), FramedPoint(33.21, -98.12, 0.0))
+
+
+def test_poly_and_fen_files_survive_a_round_trip() -> None:
+    assert poly.read_area(poly.write_area(Area(RING))) == poly.PolyFile(Area(RING), ())
+    assert poly.read_fence(poly.write_fence(FENCE)) == poly.FenFile(FENCE, ())
+    lines = poly.write_area(Area(RING)).splitlines()
+    assert lines[0].startswith("#")
+    assert lines[1] == lines[-1] == "33.10000000 -98.20000000"
+
+
+def test_poly_files_of_mission_planner_are_read() -> None:
+    theirs = "\ufeff#saved by Mission Planner 1.3.80\r\n33.1 -98.2\r\n33.3, -98.25\r\n33.35\t-98.05\r\n33.12 -98.04\r\n"
+    read = poly.read_area(theirs)
+    assert read.area == Area(RING)
+    assert read.repairs == (
+        "removed a byte order mark", "changed the line ends to LF", "line 3: changed the separators to spaces",
+        "the area: the ring was not closed",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "fence",
+    [
+        Fence(),
+        Fence((FencePolygon(RING),)),
+        Fence((FencePolygon(RING, inclusion=False),), (), FENCE.return_point),
+        Fence((FencePolygon(RING),) * 2, (), FENCE.return_point),
+        Fence((FencePolygon(RING),), (FenceCircle(RING[0], 5.0),), FENCE.return_point),
+        Fence((FencePolygon(RING),), (), FramedPoint(33.21, -98.12, 5.0)),
+    ],
+)
+def test_what_a_fen_file_cannot_hold_is_refused(fence: Fence) -> None:
+    with pytest.raises(FormatError, match="the format"):
+        poly.write_fence(fence)
+
+
+def test_what_a_poly_file_cannot_hold_is_refused() -> None:
+    with pytest.raises(FormatError, match="the area has 1 holes"):
+        poly.write_area(AREA)
+
+
+def test_a_fence_of_drawn_areas_keeps_the_vehicle_out_of_their_holes() -> None:
+    assert fence_from_areas([AREA]) == Fence((FencePolygon(RING), FencePolygon(HOLE, inclusion=False)))
