@@ -15,6 +15,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "optimizers.md"
         "uavcover.optimizers.dung_beetle",
         "uavcover.optimizers.grid",
         "uavcover.optimizers.indicators",
+        "uavcover.optimizers.pymoo_missing",
         "uavcover.optimizers.weight_vectors",
     ],
 )
@@ -25,9 +26,14 @@ def test_examples_in_docstrings(module):
 
 
 def test_the_examples_of_the_page_run(capsys):
-    ask_and_tell, ours_in_pymoo, pymoo_in_ours = re.findall(
+    ask_and_tell, ours_in_pymoo, problems_in_pymoo, pymoo_in_ours = re.findall(
         r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL
     )
-    for example, start in ((ask_and_tell, "50 True"), (ours_in_pymoo, "(50, 2) True"), (pymoo_in_ours, "(40, 2)")):
+    for example, start in (
+        (ask_and_tell, "50 True"),
+        (ours_in_pymoo, "(50, 2) True"),
+        (problems_in_pymoo, "0.005 False"),
+        (pymoo_in_ours, "(40, 2)"),
+    ):
         exec(compile(example, str(PAGE), "exec"), {})
         assert capsys.readouterr().out.startswith(start)

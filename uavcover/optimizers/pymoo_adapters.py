@@ -15,6 +15,7 @@ from uavcover.errors import OptimizerError
 from uavcover.optimizers.archive import Archive
 from uavcover.optimizers.ask_tell import AskTellOptimizer
 from uavcover.optimizers.interface import FloatArray, ParetoSet
+from uavcover.optimizers.pymoo_missing import pymoo_missing
 from uavcover.optimizers.pymoo_state import pickled
 from uavcover.optimizers.solutions import Solutions
 from uavcover.optimizers.weight_vectors import spread_weights
@@ -58,7 +59,7 @@ class PymooOptimizer(AskTellOptimizer):
             from pymoo.core.problem import Problem
             from pymoo.core.termination import NoTermination
         except ImportError as error:
-            raise OptimizerError(f"{type(self).__name__} needs pymoo ({error}): pip install pymoo") from error
+            raise pymoo_missing(type(self).__name__, error) from error
         problem = Problem(
             n_var=self._box.n_variables,
             n_obj=self._n_objectives,

@@ -8,15 +8,20 @@ import math
 from typing import Any
 
 import numpy as np
-from pymoo.core.algorithm import Algorithm
-from pymoo.core.population import Population
-from pymoo.util.display.multi import MultiObjectiveOutput
 
 from uavcover.errors import OptimizerError
 from uavcover.optimizers import ALGORITHMS
 from uavcover.optimizers.ask_tell import AskTellOptimizer
 from uavcover.optimizers.interface import FloatArray, ParetoSet
 from uavcover.optimizers.pymoo_adapters import PymooOptimizer
+from uavcover.optimizers.pymoo_missing import pymoo_missing
+
+try:
+    from pymoo.core.algorithm import Algorithm
+    from pymoo.core.population import Population
+    from pymoo.util.display.multi import MultiObjectiveOutput
+except ImportError as error:
+    raise pymoo_missing("uavcover.optimizers.pymoo_algorithm", error) from error
 
 
 class UavcoverAlgorithm(Algorithm):  # type: ignore[misc]
