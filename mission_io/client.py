@@ -1,7 +1,9 @@
 """A ground station in calls that wait: find the vehicle, upload, download, compare, clear, command. Nothing hangs."""
 
+import logging
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from enum import Enum
+from typing import TypedDict, TypeVar
 
 from mission_io import commands
 from mission_io.autopilots import Autopilot
@@ -10,19 +12,34 @@ from mission_io.clock import Clock
 from mission_io.compare import Difference, compare_items
 from mission_io.connection import Connection
 from mission_io.content import Content, content_of, items_of, mission_type_of
-from mission_io.errors import MisuseError, TransferError, TransferSilentError, VehicleHolds
+from mission_io.errors import (
+    FormatError,
+    MisuseError,
+    TransferCancelledError,
+    TransferError,
+    TransferInterrupted,
+    TransferSilentError,
+    VehicleHolds,
+)
 from mission_io.items import MissionItem, MissionType
 from mission_io.link import Link
 from mission_io.messages import CommandAck, Message, ParamValue, Received
+from mission_io.outcome import description, held_as_read, held_by_design
 from mission_io.protocol.clear import Clear, ClearState
 from mission_io.protocol.download import Download, DownloadState
-from mission_io.protocol.exchange import Timing
-from mission_io.protocol.upload import Upload, UploadState
+from mission_io.protocol.exchange import Address, Timing
+from mission_io.protocol.round_trip import Patience
+from mission_io.protocol.upload import Upload
+from mission_io.protocol.upload_table import UploadState
 from mission_io.verification import Verification
 
 MessageT = TypeVar("MessageT", bound=Message)
+_log = logging.getLogger(__name__)
+
 Progress = Callable[[int, int], None]
 """Called with the number of items that are across and the number of all, when the first changes."""
+Stop = Callable[[], bool]
+"""Asked all the time whether to cancel."""
 
 NO_PROGRESS_S = 60.0
 """A transfer that answers but does not get on for this long is given up."""
@@ -30,6 +47,16 @@ NO_PROGRESS_S = 60.0
 _STALE_READ_BACK_S = 0.1
 _ANSWER_S = 10.0
 _CLEAR_TRIES = 3
+
+
+class _Terms(TypedDict):
+    """The arguments that every conversation takes."""
+
+    local: Address
+    vehicle: Address
+    timing: Timing
+    patience: Patience
+    now: float
 
 
 class Client(Connection):
@@ -40,8 +67,11 @@ class Client(Connection):
         clock: Times everything; None takes the link's own.
         system_id: This side's MAVLink system; ground stations use 255.
         component_id: This side's component; 190 is a mission planner.
-        timing: How patient transfers are.
+        timing: How patient transfers are; see ``mission_io.protocol.presets`` for kinds of links.
         listener: Called with every message that arrives, whoever waits for it, with the time in seconds: for logs.
+
+    Attributes:
+        patience: What the transfers learnt about the link so far, for instance its round trip.
     """
 
     def __init__(
@@ -56,6 +86,7 @@ class Client(Connection):
     ) -> None:
         super().__init__(link, clock, system_id=system_id, component_id=component_id, listener=listener)
         self.timing = timing if timing is not None else Timing()
+        self.patience = Patience()
 
     # Transfers.
 
@@ -65,51 +96,52 @@ class Client(Connection):
         items: Sequence[MissionItem],
         *,
         progress: Progress | None = None,
+        stop: Stop | None = None,
         in_flight: bool = False,
     ) -> None:
         """Replace one of the vehicle's lists by ``items`` as they go on the wire (see ``wire_items``).
 
-        When the final acknowledgement is lost or doubtful, the list is read back to find out.
+        When the final acknowledgement is lost or doubtful, the list is read back to find out. When the upload fails or
+        is cancelled, it is read back to say what the vehicle holds now.
 
         Raises:
             MisuseError: the vehicle is armed and ``in_flight`` was not said.
-            TransferError: the vehicle refused or cancelled; ``vehicle_holds`` says what it has now.
+            TransferError: the vehicle refused or cancelled; ``vehicle_holds`` and ``held_items`` say what it has now.
+            TransferCancelledError: ``stop`` said so.
             TransferSilentError: the vehicle stopped answering; also a VehicleSilentError.
+            TransferInterrupted: Ctrl-C; a KeyboardInterrupt that knows what the vehicle holds now.
         """
         self._refuse_armed("upload", in_flight=in_flight)
-        now = self.clock.now()
-        upload = Upload(
-            items,
-            mission_type=mission_type,
-            local=self.local,
-            vehicle=self.vehicle.address,
-            timing=self.timing,
-            now=now,
-        )
-        self._run(upload, lambda: upload.sent_count, len(items), progress)
+        upload = Upload(items, mission_type=mission_type, **self._terms())
+        interrupted = self._run(upload, lambda: (upload.across_count, len(items)), progress, stop)
         if upload.state is UploadState.ACCEPTED:
             return
-        if upload.state is UploadState.UNCONFIRMED and self._holds(mission_type, items):
-            return
-        raise self._upload_error(upload, len(items))
+        failure = self._upload_failure(upload, items)
+        if interrupted:
+            raise TransferInterrupted(failure)
+        if upload.state is not UploadState.UNCONFIRMED or failure.vehicle_holds != "replaced":
+            raise failure
 
-    def download(self, mission_type: MissionType, *, progress: Progress | None = None) -> tuple[MissionItem, ...]:
+    def download(
+        self, mission_type: MissionType, *, progress: Progress | None = None, stop: Stop | None = None
+    ) -> tuple[MissionItem, ...]:
         """One of the vehicle's lists, as it is on the wire (see ``mission_from_wire``).
 
         Raises:
             TransferError: the vehicle refused or cancelled.
+            TransferCancelledError: ``stop`` said so.
             TransferSilentError: the vehicle stopped answering; also a VehicleSilentError.
             FormatError: the vehicle holds an item in a frame that mission_io does not know.
         """
-        now = self.clock.now()
-        download = Download(
-            mission_type=mission_type, local=self.local, vehicle=self.vehicle.address, timing=self.timing, now=now
-        )
-        self._run(download, lambda: download.received_count, None, progress)
+        # A vehicle that keeps nothing about a download serves its items in any order.
+        any_order = self.vehicle.autopilot.download_blocks_s == 0.0
+        download = Download(mission_type=mission_type, any_order=any_order, **self._terms())
+        interrupted = self._run(download, lambda: (download.received_count, download.count), progress, stop)
         if download.state is DownloadState.DONE:
             return download.items()
-        got = f"{download.received_count} of {download.count} items"
-        raise self._error(f"download of the {_name(mission_type)}", download, f"after {got}", "unchanged")
+        got = f"after {download.received_count} of {download.count} items"
+        failure = self._error(f"download of the {_name(mission_type)}", download, got, "unchanged")
+        raise TransferInterrupted(failure) if interrupted else failure
 
     def clear(self, mission_type: MissionType, *, in_flight: bool = False) -> None:
         """Empty one of the vehicle's lists, and read back that it is empty but for home.
@@ -120,16 +152,17 @@ class Client(Connection):
             TransferSilentError: the vehicle did not answer; also a VehicleSilentError.
         """
         self._refuse_armed("clear", in_flight=in_flight)
-        left = 0
+        left: tuple[MissionItem, ...] = ()
         for _ in range(_CLEAR_TRIES):  # an acknowledgement may be a late one of an earlier upload
             self._clear_once(mission_type)
-            left = len(self.download(mission_type))
+            left = self.download(mission_type)
             home_stays = self.vehicle.autopilot.home_in_item_0 and mission_type is MissionType.MISSION
-            if left <= int(home_stays):
+            if len(left) <= int(home_stays):
                 return
         raise TransferError(
-            f"clearing the {_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged and holds {left} items",
+            f"clearing the {_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged and holds {len(left)} items",
             vehicle_holds="unknown",
+            held_items=left,
         )
 
     def upload_and_verify(
@@ -137,6 +170,7 @@ class Client(Connection):
         content: Content,
         *,
         progress: Progress | None = None,
+        stop: Stop | None = None,
         in_flight: bool = False,
         autopilot: Autopilot | None = None,
     ) -> Verification:
@@ -145,6 +179,7 @@ class Client(Connection):
         Args:
             content: What the vehicle is to hold.
             progress: Called while the items go across.
+            stop: Asked whether to cancel.
             in_flight: Whether an armed vehicle is meant.
             autopilot: Whose ways to expect; None takes the vehicle's own.
 
@@ -159,7 +194,7 @@ class Client(Connection):
         if problems:
             more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
             raise MisuseError(f"the {_name(mission_type)} was not sent: {problems[0]}{more}")
-        self.upload(mission_type, items, progress=progress, in_flight=in_flight)
+        self.upload(mission_type, items, progress=progress, stop=stop, in_flight=in_flight)
         received, differences = self._read_back(mission_type, items, autopilot)
         return Verification(mission_type, autopilot.name, items, received, differences)
 
@@ -199,48 +234,80 @@ class Client(Connection):
 
     # How transfers are driven, and what their ends mean.
 
-    def _run(
-        self, exchange: Upload | Download | Clear, done: Callable[[], int], total: int | None, progress: Progress | None
-    ) -> None:
-        reported, progress_at = -1, self.clock.now()
-        try:
-            while True:
-                now = self.clock.now()
-                for message in exchange.messages_to_send(now):
-                    self.send(message)
-                count = done()
-                all_items = exchange.count if isinstance(exchange, Download) else total
-                if count != reported and all_items is not None:
-                    reported, progress_at = count, now
-                    if progress is not None:
-                        progress(count, all_items)
-                wake = exchange.next_timer()
-                if exchange.finished or wake is None:
-                    return
-                if now > progress_at + NO_PROGRESS_S:
-                    raise TransferError(
-                        f"vehicle {self.vehicle.system_id} answers but does not get on: item {count} for "
-                        f"{NO_PROGRESS_S:g} s",
-                        vehicle_holds="unknown",
-                    )
-                for received in self._next_messages(wake):
-                    exchange.receive(received, self.clock.now())
-        except KeyboardInterrupt:
-            if not isinstance(exchange, Clear):
-                exchange.cancel(self.clock.now())
-                for message in exchange.messages_to_send(self.clock.now()):
-                    self.send(message)
-            raise
-
-    def _clear_once(self, mission_type: MissionType) -> None:
-        clear = Clear(
-            mission_type=mission_type,
+    def _terms(self) -> _Terms:
+        """What every conversation with the vehicle begins with."""
+        return _Terms(
             local=self.local,
             vehicle=self.vehicle.address,
             timing=self.timing,
+            patience=self.patience,
             now=self.clock.now(),
         )
-        self._run(clear, lambda: 0, None, None)
+
+    def _run(
+        self,
+        exchange: Upload | Download | Clear,
+        counts: Callable[[], tuple[int, int | None]],
+        progress: Progress | None,
+        stop: Stop | None,
+    ) -> bool:
+        """Drive a conversation to its end; whether Ctrl-C came (the conversation is cancelled then, not dropped).
+
+        Args:
+            exchange: The conversation.
+            counts: How many items are across, and how many there are if that is known.
+            progress: Told when the first changes.
+            stop: Asked whether to cancel.
+        """
+        interrupted = False
+        while True:
+            try:
+                self._run_on(exchange, counts, progress, stop)
+                return interrupted
+            except KeyboardInterrupt:
+                if interrupted or isinstance(exchange, Clear):
+                    raise
+                interrupted, progress, stop = True, None, None
+                exchange.cancel(self.clock.now())
+            finally:
+                self.patience = exchange.patience
+
+    def _run_on(
+        self,
+        exchange: Upload | Download | Clear,
+        counts: Callable[[], tuple[int, int | None]],
+        progress: Progress | None,
+        stop: Stop | None,
+    ) -> None:
+        reported, progress_at = -1, self.clock.now()
+        while True:
+            now = self.clock.now()
+            for message in exchange.messages_to_send(now):
+                self.send(message)
+            count, total = counts()
+            if count != reported and total is not None:
+                reported, progress_at = count, now
+                if progress is not None:
+                    progress(count, total)
+            wake = exchange.next_timer()
+            if exchange.finished or wake is None:
+                return
+            if stop is not None and stop() and not isinstance(exchange, Clear):
+                exchange.cancel(now)
+                stop = None
+                continue
+            if now > progress_at + NO_PROGRESS_S:
+                raise TransferError(
+                    f"vehicle {self.vehicle.system_id} answers but does not get on: item {count} for "
+                    f"{NO_PROGRESS_S:g} s",
+                    vehicle_holds="unknown",
+                )
+            for received in self._next_messages(wake):
+                exchange.receive(received, self.clock.now())
+
+    def _clear_once(self, mission_type: MissionType) -> None:
+        clear = Clear(mission_type=mission_type, **self._terms())
+        self._run(clear, lambda: (0, None), None, None)
         if clear.state is not ClearState.CLEARED:
             holds: VehicleHolds = "unchanged" if clear.state is ClearState.REFUSED else "unknown"
             raise self._error(f"clearing the {_name(mission_type)}", clear, "", holds)
@@ -262,38 +329,56 @@ class Client(Connection):
             differences = compare_items(items, received, autopilot, mission_type)
         return received, differences
 
-    def _holds(self, mission_type: MissionType, items: Sequence[MissionItem]) -> bool:
-        try:
-            _, differences = self._read_back(mission_type, items, self.vehicle.autopilot)
-        except TransferError:
-            return False
-        return all(difference.acceptable for difference in differences)
-
-    def _upload_error(self, upload: Upload, total: int) -> TransferError:
-        atomic = upload.mission_type in self.vehicle.autopilot.atomic
-        holds: VehicleHolds = "unchanged" if atomic else "mixed"
-        if upload.sent_count == 0 and not atomic:
-            holds = "unchanged" if upload.state is UploadState.REFUSED else "unknown"
-        elif upload.sent_count == total and upload.state is not UploadState.REFUSED:
-            holds = "unknown"
-        how_far = f"after {upload.sent_count} of {total} items; the vehicle's list is now {holds}"
-        if upload.state is UploadState.UNCONFIRMED:
+    def _upload_failure(self, upload: Upload, items: Sequence[MissionItem]) -> TransferError:
+        """The error for an upload that was not acknowledged, with what the vehicle holds now."""
+        autopilot, mission_type = self.vehicle.autopilot, upload.mission_type
+        holds, held = held_by_design(upload, len(items), autopilot), None
+        silent = upload.state is UploadState.SILENT
+        nothing_began = upload.state is UploadState.REFUSED and upload.sent_count == 0
+        if not silent and not nothing_began:
+            try:
+                held, _ = self._read_back(mission_type, items, autopilot)
+                holds = held_as_read(upload, items, held, autopilot)
+            except TransferSilentError:
+                silent = True
+            except (TransferError, FormatError) as error:
+                _log.info("what the vehicle holds could not be read back: %s", error)
+        how_far = f"after {upload.across_count} of {len(items)} items"
+        if upload.state is UploadState.UNCONFIRMED and held is not None:
             how_far = f"and what was read back is not what was sent; {how_far}"
-        return self._error(f"upload of the {_name(upload.mission_type)}", upload, how_far, holds)
+        how_far += f"; {description(holds, items, held, autopilot, mission_type)}"
+        failure = self._error(f"upload of the {_name(mission_type)}", upload, how_far, holds, held)
+        if silent and not isinstance(failure, TransferSilentError | TransferCancelledError):
+            return TransferSilentError(f"{failure} (it fell silent)", vehicle_holds=holds)
+        return failure
 
     def _error(
-        self, doing: str, exchange: Upload | Download | Clear, how_far: str, holds: VehicleHolds
+        self,
+        doing: str,
+        exchange: Upload | Download | Clear,
+        how_far: str,
+        holds: VehicleHolds,
+        held_items: tuple[MissionItem, ...] | None = None,
     ) -> TransferError:
         result = exchange.last_result
         reason = f" with {getattr(result, 'name', result)}" if result else ""
         text = f"{doing}: vehicle {self.vehicle.system_id}: {exchange.state.value}{reason}"
         text += f" {how_far}" if how_far else ""
-        silent = exchange.state in (UploadState.SILENT, DownloadState.SILENT, ClearState.SILENT)
-        return (TransferSilentError if silent else TransferError)(text, vehicle_holds=holds)
+        kind = _ERRORS.get(exchange.state, TransferError)
+        return kind(text, vehicle_holds=holds, held_items=held_items)
 
     def _refuse_armed(self, what: str, *, in_flight: bool) -> None:
         if self.vehicle.armed and not in_flight:
             raise MisuseError(f"vehicle {self.vehicle.system_id} is armed; {what} only when in_flight is said")
+
+
+_ERRORS: dict[Enum, type[TransferError]] = {
+    UploadState.SILENT: TransferSilentError,
+    DownloadState.SILENT: TransferSilentError,
+    ClearState.SILENT: TransferSilentError,
+    UploadState.CANCELLED: TransferCancelledError,
+    DownloadState.CANCELLED: TransferCancelledError,
+}
 
 
 def _name(mission_type: MissionType) -> str:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from mission_io.errors import FormatError
 from mission_io.protocol.table import mermaid
-from mission_io.protocol.upload import UPLOAD_TABLE, UploadState
+from mission_io.protocol.upload_table import UPLOAD_TABLE, UploadState
 
 _BEGIN, _END = "<!-- upload table: begin -->\n", "<!-- upload table: end -->"
 

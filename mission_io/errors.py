@@ -1,6 +1,6 @@
 """The errors of mission_io: one root, and one class for each way in which a mission can fail to get across."""
 
-from typing import Literal
+from typing import Any, Literal
 
 VehicleHolds = Literal["unchanged", "replaced", "mixed", "unknown"]
 """What the vehicle has in its memory after a transfer failed."""
@@ -41,15 +41,39 @@ class TransferError(MissionIoError):
 
     Attributes:
         vehicle_holds: What the vehicle has now, as far as it can be known.
+        held_items: The list (of MissionItem) that was read back from it, as it is on the wire; None when it could not be read.
     """
 
-    def __init__(self, message: str, *, vehicle_holds: VehicleHolds) -> None:
+    def __init__(
+        self,
+        message: str,
+        *,
+        vehicle_holds: VehicleHolds,
+        held_items: tuple[Any, ...] | None = None,
+    ) -> None:
         self.vehicle_holds: VehicleHolds = vehicle_holds
+        self.held_items = held_items
         super().__init__(message)
 
 
 class TransferSilentError(TransferError, VehicleSilentError):
     """A mission transfer in which the vehicle stopped answering."""
+
+
+class TransferCancelledError(TransferError):
+    """A mission transfer that this side cancelled."""
+
+
+class TransferInterrupted(KeyboardInterrupt):
+    """Ctrl-C during a transfer; the vehicle was told.
+
+    Attributes:
+        outcome: What the vehicle holds now.
+    """
+
+    def __init__(self, outcome: TransferError) -> None:
+        self.outcome = outcome
+        super().__init__(str(outcome))
 
 
 class CommandRefusedError(MissionIoError):

@@ -6,6 +6,7 @@ minutes of radio trouble take milliseconds and happen the same way every time. `
 
 import heapq
 import itertools
+import math
 from collections import deque
 from dataclasses import dataclass
 from random import Random
@@ -52,7 +53,8 @@ class Conditions:
     """What happens to datagrams in each direction; fractions from 0 to 1, times in seconds.
 
     Jitter adds up to that much to the delay of each datagram, so more jitter than the time between two datagrams
-    means that some arrive in another order.
+    means that some arrive in another order. With a limited ``bytes_per_s`` datagrams wait for those before them, and
+    what finds more than ``queue_bytes`` waiting is dropped, as by a radio whose buffer is full.
     """
 
     loss: float = 0.0
@@ -60,6 +62,8 @@ class Conditions:
     corruption: float = 0.0
     delay_s: float = 0.001
     jitter_s: float = 0.0
+    bytes_per_s: float = math.inf
+    queue_bytes: float = math.inf
 
     def __post_init__(self) -> None:
         """Refuse what is no fraction or no time."""
@@ -68,6 +72,28 @@ class Conditions:
                 raise MisuseError(f"{name} is {getattr(self, name)}, give a fraction from 0 to 1")
         if not (self.delay_s >= 0.0 and self.jitter_s >= 0.0):
             raise MisuseError(f"delay {self.delay_s} s and jitter {self.jitter_s} s must not be negative")
+        if not (self.bytes_per_s > 0.0 and self.queue_bytes > 0.0):
+            raise MisuseError(f"bytes_per_s {self.bytes_per_s} and queue_bytes {self.queue_bytes} must be above 0")
+
+
+class _Direction:
+    """One way of a link: when a datagram that is sent now arrives, if it does."""
+
+    def __init__(self, conditions: Conditions, rng: Random) -> None:
+        self._conditions, self._rng = conditions, rng
+        self._free_at = -math.inf
+
+    def arrivals(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
+        """The copies that arrive, with their times."""
+        conditions = self._conditions
+        leaves = max(now, self._free_at)
+        if (leaves - now) * conditions.bytes_per_s > conditions.queue_bytes:
+            return []
+        self._free_at = leaves + len(data) / conditions.bytes_per_s
+        return [
+            (self._free_at + conditions.delay_s + self._rng.random() * conditions.jitter_s, copy)
+            for copy in _fate(data, conditions, self._rng)
+        ]
 
 
 def _fate(data: bytes, conditions: Conditions, rng: Random) -> list[bytes]:
@@ -92,8 +118,9 @@ class SimulatedLink:
     def __init__(
         self, peer: Peer, *, rng: Random, conditions: Conditions | None = None, clock: ManualClock | None = None
     ) -> None:
-        self._peer, self._rng = peer, rng
-        self._conditions = conditions if conditions is not None else Conditions()
+        self._peer = peer
+        conditions = conditions if conditions is not None else Conditions()
+        self._to_peer, self._from_peer = _Direction(conditions, rng), _Direction(conditions, rng)
         self._clock = clock if clock is not None else ManualClock()
         self._in_flight: list[tuple[float, int, bool, bytes]] = []
         self._order = itertools.count()
@@ -150,13 +177,13 @@ class SimulatedLink:
             self._dispatch(data, to_peer=False)
 
     def _dispatch(self, data: bytes, *, to_peer: bool) -> None:
-        for copy in _fate(data, self._conditions, self._rng):
-            arrival = self._clock.now() + self._conditions.delay_s + self._rng.random() * self._conditions.jitter_s
+        direction = self._to_peer if to_peer else self._from_peer
+        for arrival, copy in direction.arrivals(data, self._clock.now()):
             heapq.heappush(self._in_flight, (arrival, next(self._order), to_peer, copy))
 
 
 class LossyLink:
-    """A real link that loses, repeats and damages datagrams both ways; delay and jitter are not applied."""
+    """A real link that loses, repeats and damages datagrams both ways; delay, jitter and bandwidth are not applied."""
 
     def __init__(self, link: Link, *, rng: Random, conditions: Conditions) -> None:
         self._link, self._rng, self._conditions = link, rng, conditions

@@ -7,7 +7,8 @@ from typing import ClassVar
 from mission_io.enums import MissionResult
 from mission_io.items import MissionType
 from mission_io.messages import Message, MissionAck, MissionClearAll
-from mission_io.protocol.exchange import Address, Exchange, Timing
+from mission_io.protocol.exchange import OPENING, Address, Exchange, Timing
+from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.table import Row, Table, staying
 
 
@@ -38,7 +39,7 @@ _S, _E = ClearState, ClearEvent
 
 CLEAR_TABLE: Table[ClearState, ClearEvent] = Table(
     [
-        Row(_S.ASKED, _E.ACK_ACCEPTED, _S.CLEARED),
+        Row(_S.ASKED, _E.ACK_ACCEPTED, _S.CLEARED, "finish"),
         Row(_S.ASKED, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
         Row(_S.ASKED, _E.ACK_REFUSED, _S.REFUSED),
         Row(_S.ASKED, _E.RESEND, _S.ASKED, "resend"),
@@ -47,7 +48,7 @@ CLEAR_TABLE: Table[ClearState, ClearEvent] = Table(
         #
         Row(_S.BACKING_OFF, _E.ACK_ACCEPTED, _S.CLEARED),
         Row(_S.BACKING_OFF, _E.ACK_REFUSED, _S.REFUSED),
-        Row(_S.BACKING_OFF, _E.RETRY, _S.ASKED, "resend"),
+        Row(_S.BACKING_OFF, _E.RETRY, _S.ASKED, "ask_anew"),
         Row(_S.BACKING_OFF, _E.EXHAUSTED, _S.REFUSED),
         # A denied clear is answered twice by ArduPilot.
         *staying([_S.BACKING_OFF], [_E.ACK_BUSY, _E.ACK_STRAY]),
@@ -68,23 +69,27 @@ _ACK_EVENTS: dict[int, ClearEvent] = {
 
 
 class Clear(Exchange[ClearState, ClearEvent]):
-    """One request to empty the list ``mission_type``.
-
-    Attributes:
-        last_result: The last MissionResult that the vehicle named; None when it named none.
-    """
+    """One request to empty the list ``mission_type``."""
 
     table: ClassVar = CLEAR_TABLE
 
     def __init__(
-        self, *, mission_type: MissionType, local: Address, vehicle: Address, now: float, timing: Timing | None = None
+        self,
+        *,
+        mission_type: MissionType,
+        local: Address,
+        vehicle: Address,
+        now: float,
+        timing: Timing | None = None,
+        patience: Patience | None = None,
     ) -> None:
         super().__init__(
             ClearState.ASKED,
             mission_type=mission_type,
             local=local,
             vehicle=vehicle,
-            timing=timing if timing is not None else Timing(),
+            timing=timing,
+            patience=patience,
             now=now,
         )
         self._ask(now)
@@ -94,7 +99,8 @@ class Clear(Exchange[ClearState, ClearEvent]):
         """Whether the clear is over; ``state`` says how."""
         return self.state in CLEAR_ENDS
 
-    def _event_of(self, message: Message) -> ClearEvent | None:
+    def _event_of(self, message: Message, now: float) -> ClearEvent | None:
+        del now
         if isinstance(message, MissionAck):
             return _ACK_EVENTS.get(message.result, ClearEvent.ACK_REFUSED)
         return None
@@ -112,10 +118,23 @@ class Clear(Exchange[ClearState, ClearEvent]):
         ]
 
     def _actions(self) -> Mapping[str, Callable[[float], None]]:
-        return {"resend": self._resend, "note_busy": self._note_busy}
+        return {
+            "finish": self._finish,
+            "resend": self._resend,
+            "ask_anew": self._ask_anew,
+            "note_busy": self._note_busy,
+        }
 
     def _ask(self, now: float) -> None:
-        self._send(MissionClearAll(self.vehicle.system_id, self.vehicle.component_id, self.mission_type), now)
+        to = self.vehicle
+        self._send(MissionClearAll(to.system_id, to.component_id, self.mission_type), now, question=OPENING)
+
+    def _finish(self, now: float) -> None:
+        self._answered(OPENING, now)
+
+    def _ask_anew(self, now: float) -> None:
+        self._departures.clear()
+        self._ask(now)
 
     def _resend(self, now: float) -> None:
         self._count_silence()

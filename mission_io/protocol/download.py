@@ -1,4 +1,8 @@
-"""Fetching a list from a vehicle, as a state machine: ask for the list, then for each item, then say thanks."""
+"""Fetching a list from a vehicle, as a state machine: ask for the list, then for each item, then say thanks.
+
+Where the vehicle serves items in any order, one more is asked for before the last one is here; PX4 ends a download whose
+requests come out of order, so there it is one after the other.
+"""
 
 from collections.abc import Callable, Mapping
 from enum import Enum
@@ -15,7 +19,8 @@ from mission_io.messages import (
     MissionRequestInt,
     MissionRequestList,
 )
-from mission_io.protocol.exchange import Address, Exchange, Timing
+from mission_io.protocol.exchange import OPENING, Address, Exchange, Timing
+from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.table import Row, Table, staying
 from mission_io.wire import item_from_message
 
@@ -39,8 +44,8 @@ class DownloadEvent(Enum):
     COUNT = "the number of items"
     COUNT_ZERO = "the list is empty"
     COUNT_CHANGED = "another number of items than before"
-    ITEM = "the item that was asked for"
-    ITEM_LAST = "the item that was asked for, and the last"
+    ITEM = "an item that was asked for"
+    ITEM_LAST = "an item that was asked for, and none is missing now"
     ITEM_STRAY = "an item that was not asked for: a duplicate or a late one"
     ACK_ACCEPTED = "an acknowledgement, left over from before"
     ACK_BUSY = "busy, or the list changed meanwhile"
@@ -70,19 +75,19 @@ DOWNLOAD_TABLE: Table[DownloadState, DownloadEvent] = Table(
         Row(_S.FETCHING, _E.ITEM, _S.FETCHING, "store"),
         Row(_S.FETCHING, _E.ITEM_LAST, _S.DONE, "store_last"),
         # One of the two counts is a leftover of an earlier download: ask again which is true.
-        Row(_S.FETCHING, _E.COUNT_ZERO, _S.LISTING, "resend_list"),
-        Row(_S.FETCHING, _E.COUNT_CHANGED, _S.LISTING, "resend_list"),
+        Row(_S.FETCHING, _E.COUNT_ZERO, _S.LISTING, "begin_anew"),
+        Row(_S.FETCHING, _E.COUNT_CHANGED, _S.LISTING, "begin_anew"),
         Row(_S.FETCHING, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
         Row(_S.FETCHING, _E.ACK_REFUSED, _S.REFUSED),
         Row(_S.FETCHING, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
-        Row(_S.FETCHING, _E.RESEND, _S.FETCHING, "resend_request"),
-        Row(_S.FETCHING, _E.STALL, _S.LISTING, "resend_list"),
+        Row(_S.FETCHING, _E.RESEND, _S.FETCHING, "resend_requests"),
+        Row(_S.FETCHING, _E.STALL, _S.LISTING, "begin_anew"),
         *staying([_S.FETCHING], [_E.COUNT, _E.ITEM_STRAY, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE]),
         #
         Row(_S.BACKING_OFF, _E.COUNT, _S.FETCHING, "begin"),
         Row(_S.BACKING_OFF, _E.COUNT_ZERO, _S.DONE, "finish"),
         Row(_S.BACKING_OFF, _E.ACK_REFUSED, _S.REFUSED),
-        Row(_S.BACKING_OFF, _E.RETRY, _S.LISTING, "resend_list"),
+        Row(_S.BACKING_OFF, _E.RETRY, _S.LISTING, "begin_anew"),
         Row(_S.BACKING_OFF, _E.EXHAUSTED, _S.REFUSED),
         *staying([_S.BACKING_OFF], [_E.ITEM_STRAY, _E.ACK_ACCEPTED, _E.ACK_BUSY, _E.ACK_SEQUENCE, _E.ACK_CANCELLED]),
         #
@@ -92,6 +97,8 @@ DOWNLOAD_TABLE: Table[DownloadState, DownloadEvent] = Table(
 """Every transition of a download. A finished download listens to nothing."""
 
 DOWNLOAD_ENDS = frozenset({_S.DONE, _S.REFUSED, _S.VEHICLE_CANCELLED, _S.CANCELLED, _S.SILENT})
+
+_THANKS_ON_A_BAD_LINK = 3
 
 _ACK_EVENTS: dict[int, DownloadEvent] = {
     MissionResult.ACCEPTED: _E.ACK_ACCEPTED,
@@ -106,27 +113,39 @@ _ACK_EVENTS: dict[int, DownloadEvent] = {
 class Download(Exchange[DownloadState, DownloadEvent]):
     """One download of the list ``mission_type``.
 
-    Attributes:
-        last_result: The last MissionResult that the vehicle named; None when it named none.
+    Args:
+        any_order: Whether the vehicle serves items in any order; only then is one asked for before its turn.
     """
 
     table: ClassVar = DOWNLOAD_TABLE
 
     def __init__(
-        self, *, mission_type: MissionType, local: Address, vehicle: Address, now: float, timing: Timing | None = None
+        self,
+        *,
+        mission_type: MissionType,
+        local: Address,
+        vehicle: Address,
+        now: float,
+        timing: Timing | None = None,
+        patience: Patience | None = None,
+        any_order: bool = False,
     ) -> None:
         super().__init__(
             DownloadState.LISTING,
             mission_type=mission_type,
             local=local,
             vehicle=vehicle,
-            timing=timing if timing is not None else Timing(),
+            timing=timing,
+            patience=patience,
             now=now,
         )
+        self._any_order = any_order
         self._count: int | None = None
         self._announced = 0
-        self._arrived: list[MissionItemInt | MissionItemFloat] = []
+        self._arrived: dict[int, MissionItemInt | MissionItemFloat] = {}
         self._latest: MissionItemInt | MissionItemFloat | None = None
+        self._missing = 0  # the first item that is not here
+        self._asked_to = 0  # the items before this one were asked for
         self._send_list(now)
 
     @property
@@ -150,14 +169,15 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         Raises:
             FormatError: an item in a frame that mission_io does not know.
         """
-        return tuple(item_from_message(message) for message in self._arrived)
+        return tuple(item_from_message(self._arrived[seq]) for seq in range(len(self._arrived)))
 
     def cancel(self, now: float) -> None:
         """Stop and tell the vehicle. No effect on a finished download."""
         if not self.finished:
             self._step(DownloadEvent.CANCEL, now)
 
-    def _event_of(self, message: Message) -> DownloadEvent | None:
+    def _event_of(self, message: Message, now: float) -> DownloadEvent | None:
+        del now
         if isinstance(message, MissionCount):
             self._announced = message.count
             if message.count == 0:
@@ -165,10 +185,11 @@ class Download(Exchange[DownloadState, DownloadEvent]):
             fetching = self.state is DownloadState.FETCHING
             return DownloadEvent.COUNT_CHANGED if fetching and message.count != self._count else DownloadEvent.COUNT
         if isinstance(message, MissionItemInt | MissionItemFloat):
-            if self.state is not DownloadState.FETCHING or message.seq != len(self._arrived):
+            fetching = self.state is DownloadState.FETCHING
+            if not fetching or message.seq in self._arrived or message.seq >= self._asked_to:
                 return DownloadEvent.ITEM_STRAY
             self._latest = message
-            return DownloadEvent.ITEM_LAST if message.seq + 1 == self._count else DownloadEvent.ITEM
+            return DownloadEvent.ITEM_LAST if len(self._arrived) + 1 == self._count else DownloadEvent.ITEM
         if isinstance(message, MissionAck):
             return _ACK_EVENTS.get(message.result, DownloadEvent.ACK_REFUSED)
         return None
@@ -196,52 +217,79 @@ class Download(Exchange[DownloadState, DownloadEvent]):
             "finish": self._finish,
             "store": self._store,
             "store_last": self._store_last,
-            "resend_request": self._resend_request,
+            "resend_requests": self._resend_requests,
             "resend_list": self._resend_list,
+            "begin_anew": self._begin_anew,
             "note_busy": self._note_busy,
             "send_cancel": self._send_cancel,
         }
 
     def _send_list(self, now: float) -> None:
-        self._send(MissionRequestList(self.vehicle.system_id, self.vehicle.component_id, self.mission_type), now)
+        to = self.vehicle
+        self._send(MissionRequestList(to.system_id, to.component_id, self.mission_type), now, question=OPENING)
 
     def _resend_list(self, now: float) -> None:
         self._count_silence()
         self._send_list(now)
 
+    def _begin_anew(self, now: float) -> None:
+        self._departures.clear()
+        self._send_list(now)
+
     def _begin(self, now: float) -> None:
+        self._answered(OPENING, now)
         self._busy_since = None
         self._count = self._announced
-        self._arrived = []
-        self._ask(now)
+        self._arrived = {}
+        self._missing = self._asked_to = 0
+        self._ask_ahead(now)
 
-    def _keep_latest(self) -> None:
-        if self._latest is not None:
-            self._arrived.append(self._latest)
+    def _keep_latest(self, now: float) -> None:
+        if self._latest is None:
+            return
+        self._arrived[self._latest.seq] = self._latest
+        while self._missing in self._arrived:
+            self._missing += 1
+        self._answered(self._latest.seq, now)
 
     def _store(self, now: float) -> None:
-        self._keep_latest()
-        self._ask(now)
+        self._keep_latest(now)
+        self._ask_ahead(now)
 
     def _store_last(self, now: float) -> None:
-        self._keep_latest()
+        self._keep_latest(now)
         self._send_thanks(now)
 
-    def _ask(self, now: float) -> None:
-        to, seq = self.vehicle, len(self._arrived)
-        self._send(MissionRequestInt(to.system_id, to.component_id, seq, self.mission_type), now)
+    def _window_end(self) -> int:
+        ahead = self._ahead if self._any_order else 0
+        return min(self._missing + 1 + ahead, self._count or 0)
 
-    def _resend_request(self, now: float) -> None:
+    def _ask_ahead(self, now: float) -> None:
+        """Ask for what of the first missing item and those ahead of their turn was not asked for yet."""
+        for seq in range(max(self._missing, self._asked_to), self._window_end()):
+            self._ask(seq, now)
+
+    def _ask(self, seq: int, now: float) -> None:
+        self._asked_to = max(self._asked_to, seq + 1)
+        to = self.vehicle
+        self._send(MissionRequestInt(to.system_id, to.component_id, seq, self.mission_type), now, question=seq)
+
+    def _resend_requests(self, now: float) -> None:
         self._count_silence()
-        self._ask(now)
+        for seq in range(self._missing, self._asked_to):
+            if seq not in self._arrived:
+                self._ask(seq, now)
 
     def _finish(self, now: float) -> None:
+        self._answered(OPENING, now)
         self._count = 0
-        self._arrived = []
+        self._arrived = {}
         self._send_thanks(now)
 
     def _send_thanks(self, now: float) -> None:
-        self._send_ack(MissionResult.ACCEPTED, now)
+        """Nobody answers it, and without it PX4 takes no upload for 5 s: on a link that loses things it is said thrice."""
+        for _ in range(_THANKS_ON_A_BAD_LINK if self.silences else 1):
+            self._send_ack(MissionResult.ACCEPTED, now)
 
     def _send_cancel(self, now: float) -> None:
         self._send_ack(MissionResult.OPERATION_CANCELLED, now)

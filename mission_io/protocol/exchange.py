@@ -1,5 +1,6 @@
 """What the client's three conversations (upload, download, clear) have in common."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from mission_io.enums import MissionResult
 from mission_io.errors import MisuseError
 from mission_io.items import MissionType
 from mission_io.messages import Message, MissionAck, Received, is_for
+from mission_io.protocol.round_trip import Departures, Patience
 from mission_io.protocol.table import Table
 
 StateT = TypeVar("StateT", bound=Enum)
@@ -26,37 +28,58 @@ class Address:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """How patient a client is; all in seconds.
+    """How patient a client is, and how far ahead it works; times in seconds.
 
     Attributes:
-        resend_s: First silence after which the last thing the vehicle waits for is sent again.
+        resend_s: Silence after which the last thing the vehicle waits for is sent again, while the round trip is
+            not measured yet. From then on it follows the measured one (``RoundTrip.time_out_s``) ...
+        resend_shortest_s: ... but is never shorter than this.
         resend_growth: Each further silence in a row is longer by this factor ...
-        resend_longest_s: ... up to this. Any answer starts over.
+        resend_longest_s: ... up to this.
+        items_ahead: How many items are sent (or asked for, where the vehicle serves any) before their turn. A silence
+            sets it to 0, eight answers in a row bring one back.
         stall_s: Silence after which a conversation that had begun is begun anew. Longer than PX4 takes to drop one.
         give_up_s: Silence after which the vehicle counts as silent.
         busy_retry_s: Wait after "busy" or "no space" before asking again.
         busy_give_up_s: A vehicle that is busy for longer has refused. Longer than ArduPilot's own time-out.
         doubt_s: Wait after an ERROR that may only answer a duplicate, for a sign that the transfer goes on.
+        recheck_s: The same after an ERROR when everything was sent. Longer than a vehicle takes to ask again.
         linger_s: How long a cancelled transfer keeps telling the vehicle so.
     """
 
-    resend_s: float = 0.05
-    resend_growth: float = 1.5
-    resend_longest_s: float = 0.4
+    resend_s: float = 0.1
+    resend_shortest_s: float = 0.02
+    resend_growth: float = 1.25
+    resend_longest_s: float = 0.5
+    items_ahead: int = 1
     stall_s: float = 6.0
     give_up_s: float = 15.0
     busy_retry_s: float = 0.5
     busy_give_up_s: float = 15.0
     doubt_s: float = 2.5
+    recheck_s: float = 0.8
     linger_s: float = 1.0
 
     def __post_init__(self) -> None:
         """Refuse times that would never end or never begin."""
-        for name in ("resend_s", "stall_s", "give_up_s", "busy_retry_s", "busy_give_up_s", "doubt_s", "linger_s"):
-            if not getattr(self, name) > 0.0:
+        for name in (
+            "resend_s", "resend_shortest_s", "stall_s", "give_up_s", "busy_retry_s", "busy_give_up_s", "doubt_s",
+            "recheck_s", "linger_s",
+        ):  # fmt: skip
+            if not 0.0 < getattr(self, name) < math.inf:
                 raise MisuseError(f"Timing.{name} is {getattr(self, name)}, give a positive number of seconds")
-        if not (self.resend_growth >= 1.0 and self.resend_longest_s >= self.resend_s):
-            raise MisuseError("Timing: resend_growth must be at least 1 and resend_longest_s at least resend_s")
+        if not (self.resend_growth >= 1.0 and self.resend_longest_s >= max(self.resend_s, self.resend_shortest_s)):
+            raise MisuseError(
+                "Timing: resend_growth must be at least 1, and resend_longest_s at least resend_s and resend_shortest_s"
+            )
+        if self.items_ahead < 0:
+            raise MisuseError(f"Timing.items_ahead is {self.items_ahead}, give 0 or more")
+
+
+OPENING = -1
+"""Stands for the first message of a conversation (COUNT, REQUEST_LIST, CLEAR_ALL) among the item numbers."""
+
+_CLEAN_ANSWERS = 8
 
 
 class Exchange(ABC, Generic[StateT, EventT]):
@@ -64,6 +87,11 @@ class Exchange(ABC, Generic[StateT, EventT]):
 
     Feed it with ``receive`` and ask ``messages_to_send`` after that and whenever ``next_timer`` is over, until
     ``finished``. Messages from others, for others, or about another list pass by without effect.
+
+    Attributes:
+        patience: What was learnt about the link; give it to the next conversation with the same vehicle.
+        last_result: The last MissionResult that the vehicle named; None when it named none.
+        silences: How often something was sent again because nothing came.
     """
 
     table: ClassVar[Table]  # type: ignore[type-arg]
@@ -75,15 +103,22 @@ class Exchange(ABC, Generic[StateT, EventT]):
         mission_type: MissionType,
         local: Address,
         vehicle: Address,
-        timing: Timing,
+        timing: Timing | None,
+        patience: Patience | None,
         now: float,
     ) -> None:
         self.state: StateT = start
-        self.mission_type, self.local, self.vehicle, self.timing = mission_type, local, vehicle, timing
+        self.mission_type, self.local, self.vehicle = mission_type, local, vehicle
+        self.timing = timing if timing is not None else Timing()
+        self.patience = patience if patience is not None else Patience()
         self.last_result: MissionResult | int | None = None
         self._outbox: list[Message] = []
         self._last_heard = self._last_sent = now
-        self._silences = 0
+        self.silences = 0
+        self._backed_off = 0
+        self._departures = Departures()
+        self._ahead = self.timing.items_ahead
+        self._clean = 0
         self._busy_since: float | None = None
         self._waiting_since = now
 
@@ -93,12 +128,16 @@ class Exchange(ABC, Generic[StateT, EventT]):
         """Whether the conversation is over; ``state`` says how."""
 
     @abstractmethod
-    def _event_of(self, message: Message) -> EventT | None:
+    def _event_of(self, message: Message, now: float) -> EventT | None:
         """What a message of the vehicle means; None when it is no part of this conversation."""
 
     @abstractmethod
     def _deadlines(self) -> list[tuple[float, EventT]]:
         """The times at which something happens in the present state although nothing arrives."""
+
+    def _event_when_due(self, event: EventT) -> EventT:
+        """What a deadline's event turns out to be once its time has come."""
+        return event
 
     @abstractmethod
     def _actions(self) -> Mapping[str, Callable[[float], None]]:
@@ -114,13 +153,12 @@ class Exchange(ABC, Generic[StateT, EventT]):
             return
         if getattr(message, "mission_type", None) != self.mission_type:
             return
-        event = self._event_of(message)
+        event = self._event_of(message, now)
         if event is None:
             return
         if isinstance(message, MissionAck):
             self.last_result = _named(message.result)
         self._last_heard = now
-        self._silences = 0
         self._step(event, now)
 
     def messages_to_send(self, now: float) -> list[Message]:
@@ -129,7 +167,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
             due, event = min(self._deadlines(), key=lambda deadline: deadline[0])
             if due > now:
                 break
-            self._step(event, now)
+            self._step(self._event_when_due(event), now)
         outbox, self._outbox = self._outbox, []
         return outbox
 
@@ -147,16 +185,49 @@ class Exchange(ABC, Generic[StateT, EventT]):
         if row.action:
             self._actions()[row.action](now)
 
-    def _send(self, message: Message, now: float) -> None:
+    def _send(self, message: Message, now: float, *, question: int | None = None) -> None:
+        """Send; ``question`` is the number under which its answer will be told to ``_answered``."""
         self._outbox.append(message)
         self._last_sent = now
+        if question is not None:
+            self._departures.sent(question, now)
+
+    def _answered(self, question: int, now: float) -> None:
+        """The vehicle answered a question: learn how long that takes, and trust the link a bit more."""
+        answer = self._departures.answered(question, now)
+        if answer is not None:
+            self.patience = self.patience.after(answer)
+        self._backed_off = 0
+        self._clean += 1
+        if self._clean >= _CLEAN_ANSWERS:
+            self._clean = 0
+            self._ahead = min(self._ahead + 1, self.timing.items_ahead)
 
     def _count_silence(self) -> None:
-        self._silences += 1
+        self.silences += 1
+        self._backed_off += 1
+        self._ahead = self._clean = 0
+
+    def _on_its_way(self, question: int, now: float) -> bool:
+        """Whether what is asked for went out less than a round trip ago, so that the two crossed on the way."""
+        return self._sent_within(1.0, question, now)
+
+    def _just_sent(self, question: int, now: float) -> bool:
+        """Whether it went out so short a time ago that it cannot be there yet."""
+        return self._sent_within(0.5, question, now)
+
+    def _sent_within(self, round_trips: float, question: int, now: float) -> bool:
+        age_s = self._departures.age_s(question, now)
+        round_trip = self.patience.round_trip
+        return age_s is not None and round_trip is not None and age_s < round_trips * round_trip.smoothed_s
 
     def _resend_at(self) -> float:
         timing = self.timing
-        return self._last_sent + min(timing.resend_s * timing.resend_growth**self._silences, timing.resend_longest_s)
+        round_trip = self.patience.round_trip
+        first_s = timing.resend_s if round_trip is None else round_trip.time_out_s
+        first_s = max(first_s, timing.resend_shortest_s)
+        wait_s = first_s * timing.resend_growth ** min(self._backed_off, 64)
+        return self._last_sent + min(wait_s, max(timing.resend_longest_s, first_s))
 
     def _busy_until(self) -> float:
         since = self._busy_since if self._busy_since is not None else self._waiting_since

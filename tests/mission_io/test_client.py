@@ -13,6 +13,7 @@ from mission_io.errors import (
     FormatError,
     MisuseError,
     TransferError,
+    TransferInterrupted,
     TransferSilentError,
     VehicleHolds,
     VehicleSilentError,
@@ -127,8 +128,8 @@ def test_a_vehicle_that_stops_in_the_middle(autopilot: Autopilot, holds: Vehicle
             self.silent = isinstance(received.message, MissionItemInt) and received.message.seq == 2
 
     client = connected(Stops(autopilot))
-    with pytest.raises(TransferSilentError, match="fell silent after 3 of 9 items") as caught:
-        client.upload(MissionType.MISSION, wire_items(MISSION, ARDUPILOT))
+    with pytest.raises(TransferSilentError, match="fell silent after 2 of 30 items") as caught:
+        client.upload(MissionType.MISSION, (*MISSION.items[:1], *(MISSION.items[2],) * 29))
     assert caught.value.vehicle_holds == holds
     assert isinstance(caught.value, VehicleSilentError)
 
@@ -177,6 +178,7 @@ def test_everything_was_sent_but_the_vehicle_does_not_hold_it() -> None:
     with pytest.raises(TransferError, match="read back") as caught:
         client.upload(MissionType.MISSION, MISSION.items)
     assert caught.value.vehicle_holds == "unknown"
+    assert len(caught.value.held_items or ()) == 7
     result = connected(Forgets(PX4)).upload_and_verify(MISSION)
     assert not result.passed
     assert [d.field for d in result.differences if not d.acceptable] == ["count"]
@@ -211,7 +213,7 @@ def test_refused_before_anything_is_sent() -> None:
 def test_an_item_the_vehicle_refuses() -> None:
     client = connected(VehiclePeer(PX4))
     items = (*MISSION.items, waypoint(46.0, -7.0, 20.0, frame=Frame.ABOVE_TERRAIN), MISSION.items[0])
-    with pytest.raises(TransferError, match="refused with UNSUPPORTED_FRAME after 9 of 10 items") as caught:
+    with pytest.raises(TransferError, match="refused with UNSUPPORTED_FRAME after 8 of 10 items") as caught:
         client.upload(MissionType.MISSION, items)
     assert caught.value.vehicle_holds == "unchanged"
 
@@ -265,11 +267,14 @@ def test_interrupting_tells_the_vehicle() -> None:
 
     peer = VehiclePeer(PX4)
     client = connected(peer)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt) as caught:
         client.upload(MissionType.MISSION, MISSION.items, progress=stop)
+    assert isinstance(caught.value, TransferInterrupted)
+    assert (caught.value.outcome.vehicle_holds, caught.value.outcome.held_items) == ("unchanged", ())
+    assert "this side cancelled" in str(caught.value)
     client.poll(0.5)
     acks = [r.message for r in peer.heard if isinstance(r.message, MissionAck)]
-    assert [ack.result for ack in acks] == [MissionResult.OPERATION_CANCELLED]
+    assert acks[0].result == MissionResult.OPERATION_CANCELLED
     assert peer.server.next_timer() is None
 
 

@@ -28,13 +28,16 @@ GROUND, VEHICLE = Address(255, 190), Address(1, 1)
 
 @dataclass(frozen=True)
 class Script:
-    """What happens, the state it ends in, and what the last step made the machine send."""
+    """What happens, the state it ends in, and what the last step made the machine send.
+
+    In ``sends``, ``x *`` stands for one or more x, and ``...`` in front for anything.
+    """
 
     shows: str
     steps: str
     state: str
     sends: str = ""
-    items: int = 3
+    items: int = 5
     autopilot: str = "PX4"
 
 
