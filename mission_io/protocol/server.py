@@ -86,7 +86,9 @@ class MissionServer:
         self._lists: dict[MissionType, tuple[MissionItem, ...]] = dict.fromkeys(MissionType, ())
         self._incoming: _Incoming | None = None
         self._ended: tuple[Address, MissionType, int] | None = None
+        self._served: tuple[Address, int] | None = None  # whose download of which list is going on
         self._served_at = 0.0
+        self._serve_next = 0
         self._outbox: list[Message] = []
         self._events: list[ListChanged] = []
         # About the message at hand: who sent it, which list and which item or count it speaks of, and why it is refused.
@@ -173,9 +175,7 @@ class MissionServer:
                     return ServerEvent.REQUEST_UNKNOWN
                 return ServerEvent.LIST_HELD if self.autopilot.download_blocks_s else ServerEvent.LIST
             case MissionRequest() | MissionRequestInt():
-                self._number = message.seq
-                known = self._about in self._lists and message.seq < len(self._lists[MissionType(self._about)])
-                return ServerEvent.REQUEST if known else ServerEvent.REQUEST_UNKNOWN
+                return self._request_event(message.seq)
             case MissionClearAll():
                 known = self._about in (*self._lists, ALL_MISSION_TYPES)
                 return ServerEvent.CLEAR if known else ServerEvent.REQUEST_UNKNOWN
@@ -185,6 +185,15 @@ class MissionServer:
                 return ServerEvent.ACK_CANCEL if cancelled and concerned else ServerEvent.ACK
             case _:
                 return None
+
+    def _request_event(self, seq: int) -> ServerEvent:
+        self._number = seq
+        known = self._about in self._lists and seq < len(self._lists[MissionType(self._about)])
+        if self._incoming is None and self.autopilot.download_blocks_s:
+            if self.state is not ServerState.SENDING or self._served != (self._sender, self._about):
+                return ServerEvent.REQUEST_UNHEARD
+            known = known and seq in (self._serve_next, self._serve_next - 1)
+        return ServerEvent.REQUEST if known else ServerEvent.REQUEST_UNKNOWN
 
     def _count_event(self, message: MissionCount, now: float) -> ServerEvent:
         self._number = message.count
@@ -300,12 +309,13 @@ class MissionServer:
     # What the table's actions do: downloads and answers.
 
     def _send_count(self, now: float) -> None:
-        self._served_at = now
+        self._served, self._served_at, self._serve_next = (self._sender, self._about), now, 0
         to, held = self._sender, self.items(MissionType(self._about))
         self._outbox.append(MissionCount(to.system_id, to.component_id, len(held), self._about))
 
     def _send_item(self, now: float) -> None:
         self._served_at = now
+        self._serve_next = max(self._serve_next, self._number + 1)
         to, mission_type = self._sender, MissionType(self._about)
         item = self.items(mission_type)[self._number]
         message = message_from_item(

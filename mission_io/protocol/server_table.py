@@ -30,7 +30,8 @@ class ServerEvent(Enum):
     LIST = "a list is asked for"
     LIST_HELD = "a list is asked for, and this autopilot takes no upload until it is acknowledged"
     REQUEST = "an item of a list is asked for"
-    REQUEST_UNKNOWN = "an item that does not exist is asked for"
+    REQUEST_UNKNOWN = "an item that does not exist is asked for, or one that is not the next of the download"
+    REQUEST_UNHEARD = "an item is asked for outside of a download, and this autopilot wants one to be begun"
     CLEAR = "a list is to be emptied"
     ACK = "the ground station has everything"
     ACK_CANCEL = "the ground station stops"
@@ -53,7 +54,7 @@ SERVER_TABLE: Table[ServerState, ServerEvent] = Table(
         Row(_S.IDLE, _E.REQUEST, _S.IDLE, "send_item"),
         Row(_S.IDLE, _E.REQUEST_UNKNOWN, _S.IDLE, "answer_error"),
         Row(_S.IDLE, _E.CLEAR, _S.IDLE, "clear"),
-        *staying([_S.IDLE], [_E.ACK, _E.ACK_CANCEL]),
+        *staying([_S.IDLE], [_E.REQUEST_UNHEARD, _E.ACK, _E.ACK_CANCEL]),
         #
         Row(_S.RECEIVING, _E.COUNT, _S.RECEIVING, "begin"),
         Row(_S.RECEIVING, _E.COUNT_ZERO, _S.IDLE, "empty"),
@@ -87,6 +88,7 @@ SERVER_TABLE: Table[ServerState, ServerEvent] = Table(
         Row(_S.SENDING, _E.ACK, _S.IDLE),
         Row(_S.SENDING, _E.ACK_CANCEL, _S.IDLE),
         Row(_S.SENDING, _E.DOWNLOAD_OVER, _S.IDLE),
+        *staying([_S.SENDING], [_E.REQUEST_UNHEARD]),
     ]
 )
 """Every transition of the vehicle's side."""
