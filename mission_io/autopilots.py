@@ -4,44 +4,40 @@ Every fact was observed on a simulated vehicle of ArduCopter 4.7 or PX4 1.17, or
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from mission_io.enums import AutopilotId, MissionResult
+from mission_io.enums import AutopilotId, MissionResult, VehicleClass
 from mission_io.errors import MisuseError
 from mission_io.items import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
-from mission_io.wire import float32
-
-WITHOUT_POSITION = frozenset(
-    {
-        Command.NAV_RETURN_TO_LAUNCH,
-        Command.NAV_DELAY,
-        Command.DO_CHANGE_SPEED,
-        Command.DO_SET_ROI_NONE,
-        Command.DO_MOUNT_CONTROL,
-        Command.DO_SET_CAM_TRIGG_DIST,
-    }
+from mission_io.storage import (
+    ARDUPILOT_COPTER_STORAGE,
+    ARDUPILOT_PLANE_STORAGE,
+    NOT_STEPS,
+    PX4_STORAGE,
+    WITHOUT_POSITION,
+    StorageRule,
 )
-"""The commands mission_io knows to have no position, whatever frame they come with."""
+from mission_io.wire import DEGREES_SCALE, float32
 
-
-@dataclass(frozen=True, slots=True)
-class StorageRule:
-    """One way in which an autopilot changes what it is given, by design.
-
-    Attributes:
-        field: The changed field: ``param1`` to ``param4`` or ``alt_m``.
-        commands: The commands it concerns.
-        store: From the number sent to the number that comes back.
-        largest_change: A larger change is not by design, even when ``store`` predicts it.
-        why: The reason, for people.
-    """
-
-    field: str
-    commands: frozenset[int]
-    store: Callable[[float], float]
-    largest_change: float
-    why: str
+__all__ = [
+    "ARDUPILOT",
+    "ARDUPILOT_PLANE",
+    "ARDUPILOT_ROVER",
+    "AUTOPILOTS",
+    "NOT_STEPS",
+    "PX4",
+    "WITHOUT_POSITION",
+    "Autopilot",
+    "StorageRule",
+    "autopilot_for",
+    "command_read_back",
+    "home_item",
+    "jumps_moved",
+    "mission_from_wire",
+    "stored_item",
+    "wire_items",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,39 +100,6 @@ class Autopilot:
         return next((r for r in self.storage if r.field == field_name and item.command in r.commands), None)
 
 
-def _dropped(_: float) -> float:
-    return 0.0
-
-
-def _whole_uint16(value: float) -> float:
-    return float(math.trunc(value) & 0xFFFF) if math.isfinite(value) else 0.0
-
-
-def _to_centimetres(value: float) -> float:
-    """Truncated toward zero, as a C cast does, in the arithmetic of 32-bit floats."""
-    return math.trunc(float32(float32(value) * 100.0)) / 100.0 if math.isfinite(value) else 0.0
-
-
-def _to_metres(value: float) -> float:
-    return float(math.trunc(value)) if math.isfinite(value) else 0.0
-
-
-def _turn_direction(value: float) -> float:
-    return -1.0 if value < 0.0 else 1.0
-
-
-_PLACES = frozenset({Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND, Command.DO_SET_ROI_LOCATION})
-_WAYPOINT = frozenset({Command.NAV_WAYPOINT})
-_FENCE = frozenset(range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1))
-_RALLY = frozenset({Command.NAV_RALLY_POINT})
-NOT_STEPS = _FENCE | _RALLY
-"""The commands of fences and rally points: they are never flown one after the other."""
-
-
-def _drop(names: Sequence[str], commands: frozenset[int], why: str) -> tuple[StorageRule, ...]:
-    return tuple(StorageRule(name, commands, _dropped, math.inf, why) for name in names)
-
-
 ARDUPILOT = Autopilot(
     name="ArduPilot",
     mav_autopilot=AutopilotId.ARDUPILOT,
@@ -144,29 +107,14 @@ ARDUPILOT = Autopilot(
     frames=frozenset({Frame.AMSL, Frame.ABOVE_HOME, Frame.ABOVE_TERRAIN}),
     position_free_frames=frozenset(Frame),
     command_frame_returned=Frame.AMSL,
-    storage=(
-        StorageRule(
-            "param1", _WAYPOINT, _whole_uint16, 0.9999999, "ArduPilot stores a waypoint's hold time in whole seconds"
-        ),
-        StorageRule(
-            "param4",
-            frozenset({Command.NAV_LAND}),
-            _turn_direction,
-            math.inf,
-            "ArduPilot keeps only the sign of a landing's fourth parameter, as 1 or -1 (seen with ArduCopter 4.7)",
-        ),
-        *_drop(("param2", "param3", "param4"), _PLACES, "ArduPilot keeps only the first parameter of this command"),
-        *_drop(("param2", "param4"), frozenset({Command.DO_SET_CAM_TRIGG_DIST}), "ArduPilot has no use for it"),
-        StorageRule("alt_m", _PLACES, _to_centimetres, 0.01001, "ArduPilot truncates altitudes to centimetres"),
-        *_drop(("param2", "param3", "param4", "alt_m"), _FENCE, "ArduPilot keeps only the place and size of a fence"),
-        *_drop(("param1", "param2", "param3", "param4"), _RALLY, "ArduPilot keeps only the place of a rally point"),
-        StorageRule("alt_m", _RALLY, _to_metres, 1.0, "ArduPilot truncates rally altitudes to metres"),
-    ),
+    storage=ARDUPILOT_COPTER_STORAGE,
     keeps_autocontinue=False,
     nan_allowed={
         Command.NAV_WAYPOINT: frozenset({4}),
         Command.NAV_LAND: frozenset({4}),
         Command.NAV_TAKEOFF: frozenset({4}),
+        Command.NAV_VTOL_TAKEOFF: frozenset({4}),
+        Command.NAV_VTOL_LAND: frozenset({3, 4}),
     },
     refuses_bad_numbers=True,
     item_limit=650,
@@ -183,7 +131,13 @@ ARDUPILOT = Autopilot(
     download_blocks_s=0.0,
     boot_refusal_s=2.0,
 )
-"""ArduPilot (ArduCopter)."""
+"""ArduPilot on multicopters and helicopters (ArduCopter)."""
+
+ARDUPILOT_PLANE = replace(ARDUPILOT, name="ArduPilot (plane)", storage=ARDUPILOT_PLANE_STORAGE)
+"""ArduPilot on fixed wings, with or without vertical take-off (ArduPlane)."""
+
+ARDUPILOT_ROVER = replace(ARDUPILOT, name="ArduPilot (rover)")
+"""ArduPilot on the ground and on water (Rover): it stores what a copter does."""
 
 PX4 = Autopilot(
     name="PX4",
@@ -192,7 +146,7 @@ PX4 = Autopilot(
     frames=frozenset({Frame.AMSL, Frame.ABOVE_HOME}),
     position_free_frames=frozenset({Frame.COMMAND}),
     command_frame_returned=Frame.COMMAND,
-    storage=_drop(("param3",), _WAYPOINT, "PX4 does not store a waypoint's pass radius"),
+    storage=PX4_STORAGE,
     keeps_autocontinue=True,
     nan_allowed={0: frozenset({1, 2, 3, 4})},
     refuses_bad_numbers=False,
@@ -212,31 +166,41 @@ PX4 = Autopilot(
 )
 """PX4."""
 
-AUTOPILOTS = (ARDUPILOT, PX4)
+AUTOPILOTS = (ARDUPILOT, ARDUPILOT_PLANE, ARDUPILOT_ROVER, PX4)
+
+_FIXED_WINGS = frozenset({VehicleClass.FIXED_WING, *range(19, 26)})
+"""MAV_TYPE 19 to 25 take off vertically and fly on wings."""
+_ON_THE_GROUND = frozenset({VehicleClass.ROVER, 11})
+"""MAV_TYPE 11 is a boat."""
 
 
-def autopilot_for(mav_autopilot: int) -> Autopilot:
-    """The autopilot with a MAV_AUTOPILOT number.
+def autopilot_for(mav_autopilot: int, vehicle_type: int = VehicleClass.GENERIC) -> Autopilot:
+    """The autopilot with a MAV_AUTOPILOT number, on a vehicle with a MAV_TYPE number.
 
     Raises:
         MisuseError: one that mission_io does not know.
     """
-    for autopilot in AUTOPILOTS:
-        if autopilot.mav_autopilot == mav_autopilot:
-            return autopilot
-    raise MisuseError(f"autopilot {mav_autopilot} is not known; mission_io knows ArduPilot (3) and PX4 (12)")
+    if mav_autopilot == AutopilotId.PX4:
+        return PX4
+    if mav_autopilot != AutopilotId.ARDUPILOT:
+        raise MisuseError(f"autopilot {mav_autopilot} is not known; mission_io knows ArduPilot (3) and PX4 (12)")
+    if vehicle_type in _FIXED_WINGS:
+        return ARDUPILOT_PLANE
+    return ARDUPILOT_ROVER if vehicle_type in _ON_THE_GROUND else ARDUPILOT
 
 
 def wire_items(mission: Mission, autopilot: Autopilot) -> tuple[MissionItem, ...]:
     """A mission's items as they are sent to an autopilot: with home in front where item 0 is home.
 
     An autopilot that keeps home in item 0 puts its own home there, so a mission without a home is sent with a
-    waypoint at latitude 0, longitude 0, only to keep the place. Jumps name items as the vehicle counts them.
+    waypoint at latitude 0, longitude 0, only to keep the place. Jumps name items as the vehicle counts them, and
+    commands known to have no position go in the frame COMMAND, the only one that both autopilots take them in.
     """
+    items = [_in_command_frame(item) for item in mission.items]
     if not autopilot.home_in_item_0:
-        return tuple(jumps_moved(mission.items, by=-1))
+        return tuple(jumps_moved(items, by=-1))
     home = mission.home if mission.home is not None else GeoPoint(0.0, 0.0, 0.0)
-    return (home_item(home), *mission.items)
+    return (home_item(home), *items)
 
 
 def jumps_moved(items: Iterable[MissionItem], *, by: int) -> Iterator[MissionItem]:
@@ -267,13 +231,24 @@ def mission_from_wire(items: Sequence[MissionItem], autopilot: Autopilot) -> Mis
         home = GeoPoint(first.lat_deg, first.lon_deg, first.alt_m)
     elif not autopilot.home_in_item_0:
         items = tuple(jumps_moved(items, by=1))
-    return Mission(home, tuple(_without_frame(item) for item in items))
+    return Mission(home, tuple(command_read_back(item) for item in items))
 
 
-def _without_frame(item: MissionItem) -> MissionItem:
+def _in_command_frame(item: MissionItem) -> MissionItem:
+    return replace(item, frame=Frame.COMMAND) if item.command in WITHOUT_POSITION else item
+
+
+def command_read_back(item: MissionItem) -> MissionItem:
+    """The item with the frame COMMAND when its command has no position, whichever frame the autopilot returned.
+
+    What was read as degrees becomes the whole numbers again that parameters 5 and 6 are.
+    """
     if item.command not in WITHOUT_POSITION or not item.has_position:
         return item
-    return MissionItem(item.command, Frame.COMMAND, item.params, autocontinue=item.autocontinue)
+    lat, lon = (
+        float(round(value * DEGREES_SCALE)) if math.isfinite(value) else value for value in (item.lat_deg, item.lon_deg)
+    )
+    return replace(item, frame=Frame.COMMAND, lat_deg=lat, lon_deg=lon)
 
 
 def stored_item(item: MissionItem, autopilot: Autopilot) -> MissionItem:
@@ -284,13 +259,18 @@ def stored_item(item: MissionItem, autopilot: Autopilot) -> MissionItem:
         return float32(rule.store(value) if rule is not None else value)
 
     p1, p2, p3, p4 = (kept(f"param{i}", value) for i, value in enumerate(item.params, start=1))
-    free = not item.has_position or item.command in WITHOUT_POSITION
+    item = _in_command_frame(item)
+    lat, lon = item.lat_deg, item.lon_deg
+    if not item.has_position:
+        lat, lon = kept("lat_deg", lat), kept("lon_deg", lon)
+        if autopilot.command_frame_returned is not Frame.COMMAND:
+            lat, lon = lat / DEGREES_SCALE, lon / DEGREES_SCALE
     return MissionItem(
         item.command,
-        autopilot.command_frame_returned if free else item.frame,
+        item.frame if item.has_position else autopilot.command_frame_returned,
         (p1, p2, p3, p4),
-        item.lat_deg,
-        item.lon_deg,
+        lat,
+        lon,
         kept("alt_m", item.alt_m),
         item.autocontinue if autopilot.keeps_autocontinue else item.command not in NOT_STEPS,
     )

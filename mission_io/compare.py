@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mission_io.autopilots import NOT_STEPS, WITHOUT_POSITION, Autopilot
+from mission_io.autopilots import NOT_STEPS, Autopilot, command_read_back
 from mission_io.items import MissionItem, MissionType, same_number
 from mission_io.wire import degrees_on_wire, float32
 
@@ -63,15 +63,14 @@ def _item_differences(number: int, a: MissionItem, b: MissionItem, autopilot: Au
         return [Difference(number, "command", int(a.command), int(b.command), False, "it is another command")]
     found: list[Difference] = []
     if a.frame != b.frame:
-        by_design = b.frame is autopilot.command_frame_returned and (
-            not a.has_position or a.command in WITHOUT_POSITION
-        )
+        by_design = b.frame is autopilot.command_frame_returned and not command_read_back(a).has_position
         why = (
             f"{autopilot.name} returns commands without a position in this frame"
             if by_design
             else "the height would be measured from something else"
         )
         found.append(Difference(number, "frame", a.frame.name, b.frame.name, by_design, why))
+    a, b = command_read_back(a), command_read_back(b)
     for (name, x), (_, y) in zip(a.values(), b.values(), strict=True):
         if not same_number(x, y):
             acceptable, why = _verdict(a, name, x, y, autopilot)
@@ -84,8 +83,8 @@ def _item_differences(number: int, a: MissionItem, b: MissionItem, autopilot: Au
 
 
 def _verdict(item: MissionItem, name: str, sent: float, received: float, autopilot: Autopilot) -> tuple[bool, str]:
-    if name in ("lat_deg", "lon_deg"):
-        if item.has_position and math.isfinite(sent) and abs(received - degrees_on_wire(sent)) < _HALF_UNIT_DEG:
+    if name in ("lat_deg", "lon_deg") and item.has_position:
+        if math.isfinite(sent) and abs(received - degrees_on_wire(sent)) < _HALF_UNIT_DEG:
             return True, "MAVLink carries coordinates in steps of 1e-7 degrees"
         return False, "it is another place"
     rule = autopilot.rule_for(item, name)

@@ -168,7 +168,7 @@ def test_home_is_the_vehicles_own_and_lengths_must_agree() -> None:
         (replace(WAYPOINT, frame=Frame.ABOVE_TERRAIN), "", "frame"),
         (delay(-1.0), "param1", "param1"),
         (replace(return_to_launch(), frame=Frame.ABOVE_HOME), "", "frame"),
-        (MissionItem(178, Frame.COMMAND, lat_deg=0.5), "parameters 5 and 6", "parameters 5 and 6"),
+        (MissionItem(197, Frame.COMMAND, lat_deg=0.5), "parameters 5 and 6", "parameters 5 and 6"),
     ],
 )
 def test_checked_before_it_is_sent(item: MissionItem, ardupilot: str, px4: str) -> None:

@@ -7,10 +7,13 @@ from typing import Any
 import mavsdk
 import pytest
 from mavsdk.plugins.mission_raw import MissionRaw
-from pymavlink import mavwp
+from pymavlink import mavutil, mavwp
+from pymavlink.dialects.v20 import ardupilotmega
 
+from mission_io.areas import Fence, items_from_fence, items_from_rally
 from mission_io.autopilots import ARDUPILOT, PX4, home_item
-from mission_io.formats import plan, wpl
+from mission_io.drawings import Area
+from mission_io.formats import plan, poly, wpl
 from mission_io.items import Frame, MissionItem
 from mission_io.link import UdpLink
 from mission_io.wire import float32
@@ -31,6 +34,84 @@ def test_pymavlink_reads_our_waypoints(tmp_path: Path) -> None:
     loader = mavwp.MAVWPLoader()
     assert loader.load(str(path)) == 9
     assert [of_mavwp(loader.wp(number)) for number in range(9)] == [home_item(HOME), *MISSION.items]
+
+
+@pytest.fixture
+def mavlink_2(monkeypatch: pytest.MonkeyPatch) -> None:
+    """pymavlink's fence and rally loaders want MAVLink 2, which it is told by the environment."""
+    monkeypatch.setenv("MAVLINK20", "1")
+    monkeypatch.setattr(mavutil, "mavlink", ardupilotmega)
+
+
+@pytest.mark.usefixtures("mavlink_2")
+def test_pymavlinks_fence_and_rally_loaders_read_our_waypoints(tmp_path: Path) -> None:
+    path = tmp_path / "list.waypoints"
+    for loader, text, items in (
+        (mavwp.MissionItemProtocol_Fence(), wpl.write_fence(FENCE, HOME), items_from_fence(FENCE)),
+        (mavwp.MissionItemProtocol_Rally(), wpl.write_rally(RALLY, HOME), items_from_rally(RALLY)),
+    ):
+        path.write_text(text, newline="")
+        assert loader.load(str(path)) == len(items) + 1
+        assert [of_mavwp(loader.wp(number)) for number in range(1, len(items) + 1)] == list(items)
+
+
+def test_what_pymavlink_writes_is_read_to_its_six_decimals(tmp_path: Path) -> None:
+    ours, theirs = tmp_path / "ours.waypoints", tmp_path / "theirs.waypoints"
+    ours.write_text(wpl.write_mission(MISSION), newline="")
+    loader = mavwp.MAVWPLoader()
+    loader.load(str(ours))
+    loader.save(str(theirs))
+    back = wpl.read(theirs.read_text())
+    assert back.repairs == ()
+    assert len(back.items) == len(MISSION.items)
+    for read, item in zip(back.items, MISSION.items, strict=True):
+        assert (read.command, read.frame, read.params) == (item.command, item.frame, item.params)
+        assert (read.lat_deg, read.lon_deg) == pytest.approx((item.lat_deg, item.lon_deg), abs=5.1e-7)
+
+
+ONE_POLYGON = Fence(FENCE.polygons[:1], (), plan.FramedPoint(33.21, -98.12, 0.0))
+
+
+def test_pymavlinks_old_fence_loader_reads_our_fen(tmp_path: Path) -> None:
+    path = tmp_path / "one.fen"
+    path.write_text(poly.write_fence(ONE_POLYGON), newline="")
+    loader = mavwp.MAVFenceLoader()
+    assert loader.load(str(path)) == 5
+    assert (loader.point(0).lat, loader.point(0).lng) == (33.21, -98.12)
+    corners = [(vertex.lat_deg, vertex.lon_deg) for vertex in ONE_POLYGON.polygons[0].vertices]
+    assert loader.polygon() == [*corners, corners[0]]
+    loader.save(str(path))
+    assert poly.read_fence(path.read_text()).fence == ONE_POLYGON
+
+
+MAVPROXY_IS_HERE = "MAVProxy is not installed; pip install --no-deps MAVProxy (its own needs include vtk and OpenCV)"
+
+
+def test_mavproxy_reads_our_poly(tmp_path: Path) -> None:
+    mp_util = pytest.importorskip("MAVProxy.modules.lib.mp_util", reason=MAVPROXY_IS_HERE)
+    path = tmp_path / "area.poly"
+    ring = FENCE.polygons[1].vertices
+    path.write_text(poly.write_area(Area(ring)), newline="")
+    corners = [(vertex.lat_deg, vertex.lon_deg) for vertex in ring]
+    assert mp_util.polygon_load(str(path)) == [*corners, corners[0]]
+
+
+@pytest.mark.usefixtures("mavlink_2")
+def test_mavproxys_fence_module_finds_our_polygons(tmp_path: Path) -> None:
+    fence_module = pytest.importorskip("MAVProxy.modules.mavproxy_fence", reason=MAVPROXY_IS_HERE).FenceModule
+
+    class Module:
+        wploader = fence_module.loader_class()()
+        polygons_of_type = fence_module.polygons_of_type
+
+    path = tmp_path / "fence.waypoints"
+    path.write_text(wpl.write_fence(FENCE, HOME), newline="")
+    Module.wploader.load(str(path))
+    Module.wploader.remove(Module.wploader.item(0))
+    inside, outside = fence_module.inclusion_polygons(Module()), fence_module.exclusion_polygons(Module())
+    for polygons, ours in ((inside, FENCE.polygons[0]), (outside, FENCE.polygons[1])):
+        (polygon,) = polygons
+        assert [(p.x, p.y) for p in polygon] == [(v.lat_deg, v.lon_deg) for v in ours.vertices]
 
 
 @pytest.fixture(scope="module", params=[ARDUPILOT, PX4], ids=lambda a: a.name)
