@@ -8,7 +8,7 @@ from tests.optimizers.test_contract import *  # noqa: F403 -- its tests run here
 from uavcover.benchmarks.mmf import PROBLEMS
 from uavcover.kernels.niching import dominated_near, last_apart, niche_survivors, spread_out, two_space_medoids
 from uavcover.optimizers.imodbo_niching import ImodboNiching
-from uavcover.optimizers.niching import NichePool, neighbours, representatives
+from uavcover.optimizers.niching import NichePool, neighbours, representatives, smoothed
 from uavcover.optimizers.solutions import Solutions
 
 
@@ -111,28 +111,81 @@ def test_kernels_equal_their_naive_twins(seed):
 
 def test_representatives_of_an_even_line_are_even_and_hold_its_ends():
     t = np.linspace(0.0, 1.0, 401)[:, None]
-    rows = representatives(t, np.hstack([t, 1 - t]), 11, shortlist=401, front_weight=1.0, passes=5)
+    rows = representatives(
+        t, np.hstack([t, 1 - t]), 11, shortlist=401, front_weights=(1.0,), front_allowance=1.0, passes=5
+    )
     assert {rows[0], rows[-1]} == {0, 400}
     assert np.diff(t[rows, 0]) == pytest.approx(0.1, abs=0.04)
+
+
+def test_the_least_front_weight_that_covers_the_front_is_taken():
+    t = np.linspace(0.0, 1.0, 301)
+    unit, objectives = np.column_stack([t, np.zeros(301)]), np.column_stack([t**8, 1 - t**8])  # the front: near t = 1
+
+    def chosen(weights, allowance):
+        return representatives(
+            unit, objectives, 12, shortlist=301, front_weights=weights, front_allowance=allowance, passes=5
+        ).tolist()
+
+    weak, strong = chosen((0.01,), np.inf), chosen((50.0,), np.inf)
+    assert np.mean(t[weak]) < np.mean(t[strong]) - 0.1
+    assert chosen((0.01, 50.0), np.inf) == weak
+    assert chosen((0.01, 50.0), 1.0) == strong
+    assert chosen((0.01, 50.0), 0.0) == strong  # out of reach: the last weight
+
+
+class TestSmoothed:
+    def test_points_of_a_parabola_stay_where_they_are(self):
+        t = np.linspace(-0.5, 0.5, 7)
+        curve = np.column_stack([t, 0.3 * t**2])
+        near = np.array([np.roll(curve, -i, axis=0) for i in range(7)])
+        np.testing.assert_allclose(smoothed(near, 1), curve, atol=1e-12)
+
+    def test_what_scatters_around_a_tilted_plane_comes_closer_to_it(self):
+        rng = np.random.default_rng(4)
+        plane = rng.random((300, 2)) @ np.array([[1.0, 0.0, 0.5], [0.0, 1.0, -0.25]])
+        normal = np.cross([1.0, 0.0, 0.5], [0.0, 1.0, -0.25])
+        normal /= np.linalg.norm(normal)
+        scattered = plane + 0.01 * rng.standard_normal((300, 1)) * normal
+        moved = smoothed(scattered[neighbours(scattered, np.arange(300), 23)], 2)
+        before, after = np.abs(scattered @ normal).mean(), np.abs(moved @ normal).mean()
+        assert (
+            after < 0.65 * before
+        )  # 6 coefficients through 24 points: sqrt(6 / 24) of the noise is left, more at the rim
+        assert np.abs((moved - scattered) - ((moved - scattered) @ normal)[:, None] * normal).max() < 0.01
+
+    @pytest.mark.parametrize(("d", "dimension"), [(1, 1), (2, 2), (2, 5), (1, 0)])
+    def test_a_surface_that_fills_the_space_moves_nothing(self, d, dimension):
+        near = np.random.default_rng(0).random((3, 5, d))
+        np.testing.assert_allclose(smoothed(near, dimension), near[:, 0], atol=1e-12)
+
+    @pytest.mark.parametrize("k", [1, 2, 6])
+    def test_repetitions_stay(self, k):
+        same = np.full((2, k, 3), 0.25)
+        np.testing.assert_allclose(smoothed(same, 2), 0.25)
 
 
 def test_representatives_share_equivalent_sets_fairly():
     t = np.linspace(0.0, 1.0, 200)
     unit = np.vstack([np.column_stack([t, np.zeros(200)]), np.column_stack([t, np.ones(200)])])
     objectives = np.tile(np.column_stack([t, 1 - t]), (2, 1))
-    rows = representatives(unit, objectives, 20, shortlist=400, front_weight=1.0, passes=5)
+    rows = representatives(unit, objectives, 20, shortlist=400, front_weights=(1.0,), front_allowance=1.0, passes=5)
     assert 9 <= np.count_nonzero(rows < 200) <= 11
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_few_rows_are_all_returned(n):
     same = np.zeros((n, 2))
-    assert representatives(same, same, 5, shortlist=10, front_weight=1.0, passes=1).tolist() == list(range(n))
+    assert representatives(
+        same, same, 5, shortlist=10, front_weights=(1.0,), front_allowance=1.0, passes=1
+    ).tolist() == list(range(n))
 
 
 def test_repetitions_and_flat_objectives_do_not_disturb_the_choice():
     unit = np.repeat(np.linspace(0, 1, 4), 3)[:, None]
-    rows = representatives(unit, np.zeros((12, 2)), 6, shortlist=12, front_weight=1.0, passes=2)
+    rows = representatives(
+        unit, np.zeros((12, 2)), 6, shortlist=12, front_weights=(1.0,), front_allowance=1.0, passes=2
+    )
     assert sorted(set(unit[rows, 0])) == sorted(set(unit[:, 0]))
 
 

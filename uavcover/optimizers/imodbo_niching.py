@@ -8,7 +8,7 @@ import numpy.typing as npt
 from uavcover.optimizers.dung_beetle_moves import breeder, roller, thief
 from uavcover.optimizers.imodbo import IMODBO
 from uavcover.optimizers.interface import FloatArray, IntArray, ParetoSet, State
-from uavcover.optimizers.niching import NichePool, neighbours, representatives
+from uavcover.optimizers.niching import NichePool, neighbours, representatives, smoothed
 from uavcover.optimizers.solutions import Solutions
 
 
@@ -23,21 +23,23 @@ class ImodboNiching(IMODBO):
         **arguments: see `AskTellOptimizer`.
     """
 
-    # rollers, breeders, small beetles, thieves; followers are the rest
-    exploring_groups: ClassVar[tuple[float, float, float, float]] = (0.1, 0.1, 0.1, 0.3)
-    settling_groups: ClassVar[tuple[float, float, float, float]] = (0.0, 0.0, 0.0, 0.4)
+    # rollers, breeders, small beetles, thieves, followers, smoothers
+    exploring_groups: ClassVar[tuple[float, ...]] = (0.1, 0.1, 0.1, 0.3, 0.4, 0.0)
+    settling_groups: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0, 0.2, 0.4, 0.4)
     scouting_share: ClassVar[float] = 0.15  # of the rounds: Latin hypercubes, Eq. 19
-    settling_share: ClassVar[float] = 0.1  # of the rounds, at the end: thieves and followers only
+    settling_share: ClassVar[float] = 0.1  # of the rounds, at the end: thieves, followers and smoothers only
     pool_share: ClassVar[int] = 15  # rows in the pool for each one returned
     shortlist_share: ClassVar[int] = 15
     leaders_at_hand: ClassVar[int] = 8  # neighbours a beetle can follow
+    surface_neighbours: ClassVar[int] = 11  # that a smoother fits its surface through
     stride: ClassVar[float] = 0.7  # of followers, standard deviation
     global_niche_radius: ClassVar[float] = 0.1  # box widths
     local_niche_radius: ClassVar[float] = 0.2
     first_slack: ClassVar[float] = 1e-1  # of the front's range, within which distant niches count as equivalent
     last_slack: ClassVar[float] = 1e-2
     review_interval: ClassVar[int] = 20  # rounds
-    front_weight: ClassVar[float] = 1.2
+    front_weights: ClassVar[tuple[float, ...]] = (0.15, 0.3, 0.6, 1.2)
+    front_allowance: ClassVar[float] = 0.95
     medoid_passes: ClassVar[int] = 3
 
     _pool: NichePool
@@ -67,12 +69,14 @@ class ImodboNiching(IMODBO):
             self._came_from = self._sample(rng)  # Eq. 19, once more
             return self._came_from
         parents = rng.integers(0, len(pool), n)
-        near = neighbours(pool.unit, parents, self.leaders_at_hand)
+        unit = pool.unit
+        around = neighbours(unit, parents, max(self.leaders_at_hand, self.surface_neighbours))
+        near, on_surface = around[:, : self.leaders_at_hand + 1], around[:, : self.surface_neighbours + 1]
         x, leaders = pool.solutions.x[parents], pool.solutions.x
         settling = self._iteration >= (1 - self.settling_share) * self._max_iterations
         shares = self.settling_groups if settling else self.exploring_groups
-        groups = np.split(np.arange(n), np.cumsum([int(share * n) for share in shares]))
-        rollers, breeders, smalls, thieves, followers = groups
+        groups = np.split(np.arange(n), np.rint(np.cumsum(shares)[:-1] * n).astype(int))
+        rollers, breeders, smalls, thieves, followers, smoothers = groups
 
         worst = leaders[rng.integers(0, len(pool), len(rollers))]
         k, b = self._roller_coefficients()
@@ -90,8 +94,10 @@ class ImodboNiching(IMODBO):
         one, other = leaders[_drawn(near[followers], rng)], leaders[_drawn(near[followers], rng)]
         followed = x[followers] + self.stride * rng.standard_normal((len(followers), 1)) * (one - other)
 
+        smooth = smoothed(unit[on_surface[smoothers]], self._n_objectives - 1) * pool.widths
+
         self._came_from = x
-        return np.concatenate([rolled, bred, walked, stolen, followed])
+        return np.concatenate([rolled, bred, walked, stolen, followed, smooth])
 
     @property
     def _slack(self) -> float:
@@ -128,7 +134,8 @@ class ImodboNiching(IMODBO):
                 pool.solutions.objectives,
                 count,
                 shortlist=self.shortlist_share * count,
-                front_weight=self.front_weight,
+                front_weights=self.front_weights,
+                front_allowance=self.front_allowance,
                 passes=self.medoid_passes,
             )
             best = pool.solutions.rows(rows)

@@ -11,6 +11,7 @@ from uavcover.optimizers.solutions import Solutions
 
 _NEIGHBOURS = 8  # for the local stretch of the map from x to f
 _SPACING_GROWTH, _SPACING_DECAY = 1.15, 0.97
+_EVENNESS = 0.75  # share of the set's extent in a row's weight in decision space; the rest is that of the front's
 _ROOMY = 0.7  # share of the capacity below which the spacing shrinks
 
 
@@ -120,29 +121,71 @@ def neighbours(unit: FloatArray, rows: IntArray, count: int) -> IntArray:
     return _nearest(unit, unit[rows], k)[1]
 
 
+def smoothed(near: FloatArray, dimension: int) -> FloatArray:
+    """Points moved onto a smooth surface through their neighbours.
+
+    The surface is the least-squares quadratic over the neighbours' first principal axes; a point keeps its place along
+    these axes. A connected Pareto set is piecewise a surface of m - 1 dimensions (the regularity that RM-MEDA, Zhang, Zhou
+    and Jin 2008, builds on), so what scatters around it is averaged away.
+
+    Args:
+        near: ``(g, k, d)`` each point, then its neighbours.
+        dimension: of the surface; at least 1 and at most d are used.
+
+    Returns:
+        ``(g, d)``; the points themselves where the surface fills the space.
+    """
+    g, k, d = near.shape
+    q = min(max(dimension, 1), d)
+    centre = near.mean(axis=1, keepdims=True)
+    axes = np.linalg.svd(near - centre, full_matrices=True)[2]
+    local = (near - centre) @ axes.transpose(0, 2, 1)
+    along = local[:, :, :q]
+    reach = np.abs(along).max(axis=(1, 2), keepdims=True)
+    along = along / np.where(reach > 0, reach, 1.0)
+    squares = [along[:, :, i] * along[:, :, j] for i in range(q) for j in range(i, q)]
+    basis = np.stack([np.ones((g, k)), *along.transpose(2, 0, 1), *squares], axis=2)
+    coefficients = np.linalg.pinv(basis, rcond=1e-8) @ local
+    fitted = (basis[:, :1] @ coefficients)[:, 0]
+    fitted[:, :q] = local[:, 0, :q]
+    moved: FloatArray = centre[:, 0] + (fitted[:, None] @ axes)[:, 0]
+    return moved
+
+
 def representatives(
-    unit: FloatArray, objectives: FloatArray, count: int, *, shortlist: int, front_weight: float, passes: int
+    unit: FloatArray,
+    objectives: FloatArray,
+    count: int,
+    *,
+    shortlist: int,
+    front_weights: tuple[float, ...],
+    front_allowance: float,
+    passes: int,
 ) -> IntArray:
     """Rows that stand for all in decision and in objective space.
 
-    A shortlist, evenly spread in decision space, is reduced by k-medoids in both spaces. The rows with the smallest and
-    largest value of each variable always stay. In decision space a row weighs half by its share of the set's extent
-    there and half by its share of the front's extent, in objective space by the latter alone; extents of dimension
-    m - 1, from the ratio of distances between neighbours.
+    A shortlist, evenly spread in decision space, is reduced by k-medoids in both spaces, with the first of the weights
+    for the front under which the front is covered well enough: not worse than by as many rows spread over the front
+    alone (each the farthest from those before). The rows with the smallest and largest value of each variable always
+    stay. In decision space a row weighs three quarters by its share of the set's extent there and one quarter by its share
+    of the front's extent, in objective space by the latter alone; extents of dimension m - 1, from the ratio of distances
+    between neighbours.
 
     Args:
         unit: ``(n, d)`` decision vectors in box widths.
         objectives: ``(n, m)``.
         count: how many to choose; all if there are no more.
         shortlist: rows that k-medoids works on, at least ``count``.
-        front_weight: cost of distances in objective space, where those in decision space cost 1 together at the start.
+        front_weights: ascending; cost of distances in objective space, where those in decision space cost 1, each for the
+            shortlist's first ``count`` rows. The last is used if none is enough.
+        front_allowance: mean distance to the front's representatives that is well enough, in those of a spread front.
         passes: of k-medoids.
 
     Returns:
         ``(min(n, count),)`` row numbers, ascending.
     """
     n, m = objectives.shape
-    ends = np.unique(np.concatenate([unit.argmin(axis=0), unit.argmax(axis=0)])).astype(np.int64, copy=False)
+    ends = _ends(unit)
     if n <= count or len(ends) >= count:
         return np.arange(n, dtype=np.int64) if n <= count else np.sort(spread_out(unit, ends[:1], count))
     listed = spread_out(unit, ends, min(shortlist, n))  # the ends first, then ever finer
@@ -153,12 +196,26 @@ def representatives(
     steps = np.linalg.norm(f[near[:, 1:]] - f[:, None], axis=2)
     stretch = np.median(steps / np.maximum(away[:, 1:], 1e-12), axis=1) ** (m - 1)
     front_share = stretch / stretch.sum() if stretch.sum() > 0 else np.full(len(x), 1.0 / len(x))
-    set_share = 0.5 / len(x) + 0.5 * front_share
+    set_share = _EVENNESS / len(x) + (1 - _EVENNESS) * front_share
     start = np.arange(min(count, len(x)), dtype=np.int64)
-    x_cost = float(set_share @ _nearest(x[start], x, 1)[0][:, 0])
-    f_cost = float(front_share @ _nearest(f[start], f, 1)[0][:, 0])
+    x_cost, f_cost = _cost(x, start, set_share), _cost(f, start, front_share)
     if x_cost == 0.0 or len(start) < 2:
         return np.sort(listed[start])
-    f_weights = front_share * (front_weight / f_cost if f_cost > 0 else 0.0)
-    medoids = two_space_medoids(x, f, set_share / x_cost, f_weights, start, len(ends), passes)
+    spread_front = _cost(f, spread_out(f, _ends(f)[:count], count), front_share)
+    medoids = start
+    for weight in front_weights:
+        f_weights = front_share * (weight / f_cost if f_cost > 0 else 0.0)
+        medoids = two_space_medoids(x, f, set_share / x_cost, f_weights, start, len(ends), passes)
+        if _cost(f, medoids, front_share) <= front_allowance * spread_front:
+            break
     return np.sort(listed[medoids])
+
+
+def _ends(points: FloatArray) -> IntArray:
+    """Rows with the smallest and largest value of each column."""
+    return np.unique(np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])).astype(np.int64, copy=False)
+
+
+def _cost(points: FloatArray, chosen: IntArray, shares: FloatArray) -> float:
+    """Mean distance of the points, weighted by their shares, to the nearest of the chosen rows."""
+    return float(shares @ _nearest(points[chosen], points, 1)[0][:, 0])
