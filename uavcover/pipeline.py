@@ -29,7 +29,6 @@ from uavcover.documents import (
     pareto_csv,
     plan_document,
     read_plan_document,
-    verification_document,
 )
 from uavcover.errors import InputError
 from uavcover.mission_compiler import AUTOPILOTS, CompiledMission, compile_mission
@@ -48,7 +47,14 @@ from uavcover.verification.verify import verify_track
 
 PLAN_FILES = ("scenario.toml", "run.json", "pareto.csv", "plan.json")
 MISSION_FILES = ("mission.waypoints", "mission.plan", "fence.waypoints", "rally.waypoints", "mission.kml")
-AFTER_FLIGHT_FILES = ("track.csv", "flight.rrd", "verification.json")
+AFTER_FLIGHT_FILES = (
+    "track.csv",
+    "flight.rrd",
+    "verification.json",
+    "coverage.tif",
+    "gaps.geojson",
+    "gap_mission.waypoints",
+)
 OF_A_PLAN = (*MISSION_FILES, "upload.json", *AFTER_FLIGHT_FILES)
 """What belongs to one plan, and says nothing about the next one in the same folder."""
 
@@ -263,11 +269,6 @@ def read_planned(run: RunFolder) -> tuple[Site, PlannedDocument]:
     site = load_site(run.existing("scenario.toml", made_by="uavcover plan"))
     document = run.read_json("plan.json", made_by="uavcover plan")
     return site, read_plan_document(document, source=str(run.file("plan.json")))
-
-
-def save_verification(run: RunFolder, report: VerificationReport, *, source: str) -> None:
-    """Write ``verification.json``; it follows from other files, so it may replace an older one."""
-    run.write_json("verification.json", verification_document(report, source=source))
 
 
 def upload_document(site: Site, compiled: CompiledMission, url: str, results: Sequence[Verification]) -> dict[str, Any]:

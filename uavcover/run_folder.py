@@ -104,6 +104,15 @@ class RunFolder:
         self.write_together({name: text})
         return self.file(name)
 
+    def write_bytes(self, name: str, content: bytes) -> Path:
+        """Write a binary file whole or not at all.
+
+        Raises:
+            OutputError: it cannot be written; the file that was there before is untouched.
+        """
+        _write_together({self.file(name): content}, ())
+        return self.file(name)
+
     def write_json(self, name: str, document: dict[str, Any]) -> Path:
         """Write a JSON file whole or not at all; numbers unrounded, NaN as null."""
         return self.write_text(name, json_text(document))
@@ -149,15 +158,15 @@ def write_text(path: Path, text: str) -> None:
     _write_together({path: text}, ())
 
 
-def _write_together(texts: Mapping[Path, str], stale: Iterable[Path]) -> None:
+def _write_together(texts: Mapping[Path, str | bytes], stale: Iterable[Path]) -> None:
     unfinished: dict[Path, str] = {}
     path = next(iter(texts), Path())
     try:
         for path, text in texts.items():
             with _writing(path):
                 handle, unfinished[path] = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-                with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-                    file.write(text)
+                with os.fdopen(handle, "wb") as file:
+                    file.write(text.encode() if isinstance(text, str) else text)
                     file.flush()
                     os.fsync(file.fileno())
                 os.chmod(unfinished[path], 0o666 & ~_umask())

@@ -144,7 +144,9 @@ def planned(demo_run: DemoRun, tmp_path: Path) -> Path:
         shutil.copytree(
             demo_run.folder,
             tmp_path / "run",
-            ignore=lambda _, names: [n for n in names if n.startswith(("upload", "track", "flight", "verification"))],
+            ignore=lambda _, names: [
+                n for n in names if n.startswith(("upload", "track", "flight", "verification", "coverage"))
+            ],
         )
     )
 

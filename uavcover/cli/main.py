@@ -13,6 +13,7 @@ from uavcover.cli.download import download
 from uavcover.cli.ending import ending_well, run_app, show_traces
 from uavcover.cli.export import export
 from uavcover.cli.fly import fly
+from uavcover.cli.gaps import gaps
 from uavcover.cli.inspect import inspect
 from uavcover.cli.mock_vehicle import mock_vehicle
 from uavcover.cli.overview import Overview
@@ -49,6 +50,7 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str]]] = {
     },
     "After": {
         "verify": (verify, "coverage and safety of what was flown"),
+        "gaps": (gaps, "what was not seen, and a mission that flies only that"),
         "inspect": (inspect, "look at the recording in 3D, as text or picture"),
     },
 }

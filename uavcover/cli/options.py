@@ -1,6 +1,7 @@
 """Options that several commands share."""
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -26,6 +27,14 @@ To = Annotated[
         "--to",
         help="Where the vehicle is: mock:, udpin://HOST:PORT (wait for it), udpout://HOST:PORT (speak first), udp:HOST:PORT.",
         metavar="URL",
+    ),
+]
+Logs = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--log",
+        "--track",
+        help="A flown track: .csv, .rrd, .bin, .tlog, .ulg or .gpx; can be given several times. Default: RUN/track.csv.",
     ),
 ]
 Timeout = Annotated[

@@ -12,19 +12,20 @@ def verify(
     run: Annotated[
         Path, typer.Argument(help="Run folder with scenario.toml; plan.json and track.csv where there are.")
     ],
-    log: Annotated[
-        Path | None, typer.Option("--log", help="The flown track: a .csv or .rrd of uavcover; default RUN/track.csv.")
-    ] = None,
+    logs: options.Logs = None,
     as_json: options.Json = False,
     quiet: options.Quiet = False,
     verbose: options.Verbose = 0,
 ) -> int:
-    """Recompute coverage and safety from the flown track; exit 1 when it does not pass."""
+    """Recompute coverage and safety from the flown track; exit 1 when it does not pass.
+
+    Several logs count as one flight: what any of them saw was seen, and each has to keep the limits.
+    """
     from uavcover.cli.console import Console
     from uavcover.cli.verifying import verify_run
     from uavcover.run_folder import RunFolder
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
-    report = verify_run(RunFolder(run), console, log=log)
+    report = verify_run(RunFolder(run), console, logs=logs or ())
     console.result(report)
     return 0 if report["passed"] else 1

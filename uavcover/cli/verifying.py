@@ -1,64 +1,63 @@
-"""Verifying a run folder, as ``verify`` and ``demo`` do it."""
+"""Verifying a run folder, as ``verify``, ``gaps`` and ``demo`` do it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from uavcover import pipeline
+from uavcover import after_flight, pipeline
 from uavcover.cli.console import Console, metres, percent
-from uavcover.documents import read_plan_document, verification_document
-from uavcover.errors import InputError
-from uavcover.flight.track_file import read_track_with_warnings
 from uavcover.model.report import VerificationReport
 from uavcover.model.track import Track
 from uavcover.run_folder import RunFolder
+from uavcover.site import Site
 from uavcover.verification.phases import PlannedRoute
+from uavcover.verification.verify import Verdict
+
+_SHOWN_VIOLATIONS = 5
 
 
-def read_log(path: Path, console: Console) -> Track:
-    """A flown track from a file, by its ending.
-
-    Raises:
-        InputError: an ending that is not known, or a file that is not there.
-    """
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; a track is recorded by: uavcover fly")
-    if path.suffix == ".rrd":
-        from uavcover.recording.reader import read_recorded_track
-
-        return read_recorded_track(path)
-    if path.suffix != ".csv":
-        raise InputError(f"{path}: {path.suffix or 'no ending'} is not a track that can be read; use .csv or .rrd")
-    loaded = read_track_with_warnings(path)
-    for warning in loaded.warnings:
-        console.warn(warning)
-    return loaded.track
+def verify_run(run: RunFolder, console: Console, *, logs: Sequence[Path] = ()) -> dict[str, Any]:
+    """Verify the tracks of a run folder, write its files and say the verdict; returns ``verification.json``."""
+    site, verdict, sources = judge_run(run, console, logs=logs)
+    document = after_flight.save_verdict(run, verdict, sources=sources)
+    _say(console, run, site, verdict.report)
+    return document
 
 
-def verify_run(run: RunFolder, console: Console, *, log: Path | None = None) -> dict[str, Any]:
-    """Verify the track of a run folder, write ``verification.json`` and say the verdict; returns the document."""
+def judge_run(run: RunFolder, console: Console, *, logs: Sequence[Path]) -> tuple[Site, Verdict, list[str]]:
+    """The verdict on the logs of a run, by default its own track, and the logs' names; nothing is written."""
     site = pipeline.load_site(run.existing("scenario.toml", made_by="uavcover plan"))
-    planned = None
-    if run.file("plan.json").exists():
-        document = read_plan_document(
-            run.read_json("plan.json", made_by="uavcover plan"), source=str(run.file("plan.json"))
-        )
-        planned = PlannedRoute(document.route.waypoints_m, document.coverage_fraction)
-    path = log if log is not None else run.existing("track.csv", made_by="uavcover fly")
-    track = read_log(path, console)
+    paths = list(logs) or [run.existing("track.csv", made_by="uavcover fly")]
+    tracks: list[tuple[Track, PlannedRoute | None]] = []
+    for path in paths:
+        loaded = after_flight.read_log(path, site)
+        for warning in loaded.warnings:
+            console.warn(warning)
+        tracks.append((loaded.track, after_flight.planned_for(path, run)))
     with console.progress("verifying"):
-        report = pipeline.verify(site, track, planned)
-    pipeline.save_verification(run, report, source=path.name)
-    _say(console, run, report)
-    return verification_document(report, source=path.name)
+        verdict = after_flight.judge_tracks(site, tracks)
+    return site, verdict, [_name(path, run) for path in paths]
 
 
-def _say(console: Console, run: RunFolder, report: VerificationReport) -> None:
+def _name(path: Path, run: RunFolder) -> str:
+    """A log's path inside the run folder, or its name alone: no path of this machine."""
+    inside = path.resolve().is_relative_to(run.path.resolve())
+    return path.resolve().relative_to(run.path.resolve()).as_posix() if inside else path.name
+
+
+def _say(console: Console, run: RunFolder, site: Site, report: VerificationReport) -> None:
     console.say(
         f"coverage flown    {percent(report.coverage_fraction)} of the area, "
         f"{percent(report.coverage_of_coverable)} of what can be seen"
     )
+    if report.surely_covered_fraction != report.possibly_covered_fraction:
+        console.say(
+            f"                  surely {percent(report.surely_covered_fraction)}, "
+            f"possibly {percent(report.possibly_covered_fraction)} of the area"
+        )
     if report.planned_coverage_fraction is not None:
         console.say(f"coverage planned  {percent(report.planned_coverage_fraction)} of the area")
+    _say_cells(console, report)
     console.say(
         f"height on route   {metres(report.min_height_agl_m)} to {metres(report.max_height_agl_m)} above ground; "
         f"clearance in transit {metres(report.min_transit_clearance_m)}"
@@ -67,11 +66,33 @@ def _say(console: Console, run: RunFolder, report: VerificationReport) -> None:
         console.say(f"deviation         at most {metres(report.max_deviation_m)} from the planned route")
     missed = sum(gap.area_m2 for gap in report.gaps)
     console.say(f"gaps              {len(report.gaps)}, {missed:.0f} square metres in all")
-    for violation in report.violations[:5]:
+    for violation in report.violations[:_SHOWN_VIOLATIONS]:
+        place = (
+            f"{violation.lat_deg:.6f}, {violation.lon_deg:.6f}"
+            if site.frame is not None
+            else f"{violation.east_m:.0f} m east, {violation.north_m:.0f} m north"
+        )
         console.say(
             f"violation         {violation.kind} from {violation.start_s:.1f} s to {violation.end_s:.1f} s: "
-            f"{violation.worst:.1f} against {violation.limit:.1f} at {violation.lat_deg:.6f}, {violation.lon_deg:.6f}"
+            f"{violation.worst:.1f} against {violation.limit:.1f} {violation.unit} at {place}, {violation.worst_s:.1f} s"
         )
-    if len(report.violations) > 5:
-        console.say(f"                  and {len(report.violations) - 5} more in {run.file('verification.json')}")
+    if len(report.violations) > _SHOWN_VIOLATIONS:
+        more = len(report.violations) - _SHOWN_VIOLATIONS
+        console.say(f"                  and {more} more in {run.file('verification.json')}")
+    if report.level_assumed:
+        console.say(f"attitude          not known for {report.level_assumed} looks: the camera was taken as level")
     console.say("verdict           " + ("passed" if report.passed else "NOT passed: " + "; ".join(report.reasons)))
+
+
+def _say_cells(console: Console, report: VerificationReport) -> None:
+    cells = report.cells
+    if cells.looks_mean is None or cells.incidence_median_deg is None:
+        return
+    line = f"looks             {cells.looks_mean:.1f} a cell, {percent(cells.seen_twice_fraction)} of the area twice or more"
+    line += f"; incidence {cells.incidence_median_deg:.0f} degrees (median)"
+    if cells.ground_sample_median_m is not None and cells.ground_sample_p95_m is not None:
+        line += (
+            f"; ground sample {100 * cells.ground_sample_median_m:.1f} cm (median), "
+            f"95 % below {100 * cells.ground_sample_p95_m:.1f} cm"
+        )
+    console.say(line)

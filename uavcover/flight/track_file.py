@@ -5,14 +5,13 @@ import csv
 import io
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 
 from uavcover.errors import OutputError, TrackError
-from uavcover.model.track import COLUMNS, Track, TrackSample
+from uavcover.model.track import COLUMNS, ReadTrack, Track, TrackSample
 
 _WAYPOINT = COLUMNS.index("current_waypoint")
 
@@ -74,19 +73,6 @@ class TrackWriter:
 
     def _failed(self, error: OSError) -> OutputError:
         return OutputError(f"{self.path}: cannot be written after {self.count} samples: {error.strerror}")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ReadTrack:
-    """A track as it was read.
-
-    Attributes:
-        track: the samples.
-        warnings: what was left out, a line for people each.
-    """
-
-    track: Track
-    warnings: tuple[str, ...]
 
 
 def read_track(path: Path) -> Track:

@@ -58,7 +58,7 @@ class Violation:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A connected region of cells that were not seen.
+    """A connected region of cells that were not seen for the same reason.
 
     Attributes:
         cells: how many.
@@ -67,9 +67,8 @@ class Gap:
         lon_deg: middle.
         east_m: middle.
         north_m: middle.
-        reason: why most of it was not seen.
-        area_m2_by_reason: ground area for each reason.
-        coverable: whether it could have been seen from inside the limits; a region is either or.
+        reason: why not.
+        coverable: whether it could have been seen from inside the limits.
     """
 
     cells: int
@@ -79,7 +78,6 @@ class Gap:
     east_m: float
     north_m: float
     reason: GapReason
-    area_m2_by_reason: dict[GapReason, float]
     coverable: bool
 
 

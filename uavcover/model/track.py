@@ -63,7 +63,7 @@ class Track:
         time_s: (n,) vehicle time, increasing.
         geodetic: (n, 3) latitude and longitude in degrees, height above sea level in metres.
         enu_m: (n, 3) east, north, up in metres.
-        attitude_deg: (n, 3) roll, pitch, yaw.
+        attitude_deg: (n, 3) roll, pitch, yaw; NaN where the log does not tell.
         current_waypoint: (n,) see :class:`TrackSample`.
     """
 
@@ -79,3 +79,16 @@ class Track:
 
     def __len__(self) -> int:
         return int(self.time_s.size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReadTrack:
+    """A track as it was read from a file.
+
+    Attributes:
+        track: the samples.
+        warnings: what was left out or assumed, a line for people each.
+    """
+
+    track: Track
+    warnings: tuple[str, ...]

@@ -57,11 +57,13 @@ class Verdict:
     """Everything that verification found out.
 
     Attributes:
+        coverage: the cells that were judged.
         report: the verdict in figures.
         flown: what was seen, cell by cell.
         gaps: what was not seen, with the cells.
     """
 
+    coverage: CoverageMap
     report: VerificationReport
     flown: FlownCoverage
     gaps: tuple[GapRegion, ...]
@@ -156,7 +158,7 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
         passed=not reasons,
         reasons=tuple(reasons),
     )
-    return Verdict(report, flown, gaps)
+    return Verdict(coverage, report, flown, gaps)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

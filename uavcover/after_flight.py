@@ -1,0 +1,241 @@
+"""The stages after a flight: read its logs, judge them, close the gaps; and their files in the run folder."""
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover import pipeline
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.documents import read_plan_document, verification_document
+from uavcover.errors import InfeasibleError, InputError
+from uavcover.flight.track_file import read_track_with_warnings
+from uavcover.gap_planning.closing_route import ClosingRoute, plan_closing_route
+from uavcover.leg_checks import measure_violations
+from uavcover.local_raster import Band, geotiff
+from uavcover.mission_compiler import CompiledMission
+from uavcover.model.route import Plan, RouteMember
+from uavcover.model.track import ReadTrack, Track
+from uavcover.planning.objectives import judge
+from uavcover.run_folder import RunFolder
+from uavcover.site import Site
+from uavcover.track_logs.reading import READERS, read_foreign_log
+from uavcover.verification.flown_coverage import FlownCoverage
+from uavcover.verification.gaps import REASONS, reason_codes
+from uavcover.verification.gaps_geojson import gaps_geojson
+from uavcover.verification.phases import PlannedRoute
+from uavcover.verification.verify import FlownTrack, Verdict, verify_flight
+
+FloatArray = NDArray[np.float64]
+
+GAP_FOLDER = "gaps"
+"""The run folder, inside that of the flight, of the mission that closes its gaps."""
+
+LOG_ENDINGS = (".csv", ".rrd", *READERS)
+
+
+def read_log(path: Path, site: Site) -> ReadTrack:
+    """A flown track from a file, by its ending: uavcover's own (.csv, .rrd), or another program's.
+
+    Raises:
+        InputError: no such file, an ending that is not known, a file without a track; or a log of another program for a
+            scenario that has no place on Earth.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; a track is recorded by: uavcover fly")
+    ending = path.suffix.lower()
+    if ending == ".csv":
+        return read_track_with_warnings(path)
+    if ending == ".rrd":
+        # Importing rerun takes a second that other logs need not wait for.
+        from uavcover.recording.reader import read_recorded_track
+
+        return ReadTrack(read_recorded_track(path), ())
+    if ending not in READERS:
+        raise InputError(
+            f"{path}: {path.suffix or 'no ending'} is not a track that can be read; use {', '.join(LOG_ENDINGS)}"
+        )
+    if site.frame is None:
+        raise InputError(f"{path}: scenario {site.scenario.name} has no place on Earth, so this log has no place in it")
+    return read_foreign_log(path, site.frame)
+
+
+def read_planned_route(run: RunFolder) -> PlannedRoute | None:
+    """What a run folder's plan promised; none when it has no plan.
+
+    Raises:
+        InputError: the plan cannot be read.
+    """
+    if not run.file("plan.json").exists():
+        return None
+    document = run.read_json("plan.json", made_by="uavcover plan")
+    planned = read_plan_document(document, source=str(run.file("plan.json")))
+    return PlannedRoute(planned.route.waypoints_m, planned.coverage_fraction)
+
+
+def planned_for(log: Path, run: RunFolder) -> PlannedRoute | None:
+    """The plan that a log followed: the one beside it, as in the folder of a gap mission, otherwise the run folder's.
+
+    Raises:
+        InputError: the plan cannot be read.
+    """
+    beside = RunFolder(log.parent)
+    return read_planned_route(beside if beside.file("plan.json").exists() else run)
+
+
+def judge_tracks(site: Site, tracks: Sequence[tuple[Track, PlannedRoute | None]]) -> Verdict:
+    """The verdict on one or several tracks as one flight, each with the plan it followed, on the cells of the area."""
+    return verify_flight(site, pipeline.judging_map(site), [FlownTrack(track, planned) for track, planned in tracks])
+
+
+def save_verdict(run: RunFolder, verdict: Verdict, *, sources: Sequence[str]) -> dict[str, Any]:
+    """Write ``verification.json`` and, for a site on Earth, ``coverage.tif``; they may replace older ones.
+
+    Returns:
+        what ``verification.json`` says.
+    """
+    raster = coverage_raster(verdict.coverage, verdict.flown)
+    if raster is not None:
+        run.write_bytes("coverage.tif", raster)
+    document = verification_document(verdict.report, source=", ".join(sources))
+    run.write_json("verification.json", document)
+    return document
+
+
+def coverage_raster(coverage: CoverageMap, flown: FlownCoverage) -> bytes | None:
+    """What was seen of each cell as a GeoTIFF; none for a site that has no place on Earth."""
+    site, cells = coverage.site, coverage.grid.cells
+    if site.frame is None:
+        return None
+    sureness = flown.seen.astype(float) + flown.possibly_seen + flown.surely_seen
+    codes = ", ".join(f"{code} {reason}" for code, reason in enumerate(("seen", *REASONS)))
+    layers: list[tuple[str, str, NDArray[Any]]] = [
+        ("looks", "separate passes that saw the cell", flown.looks),
+        ("first_seen_s", "vehicle time in seconds", flown.first_seen_s),
+        ("ground_sample_m", "smallest ground sample distance in metres", flown.ground_sample_m),
+        ("incidence_deg", "smallest incidence angle in degrees", flown.incidence_deg),
+        ("distance_m", "shortest distance in metres", flown.nearest_m),
+        ("sureness", "0 not seen, 1 possibly, 2 seen if measurements are exact, 3 surely", sureness),
+        ("reason", codes, reason_codes(coverage, flown)),
+    ]
+    inside = cells.lattice >= 0
+
+    def on_lattice(values: NDArray[Any]) -> FloatArray:
+        out = np.full(cells.lattice.shape, np.nan)
+        out[inside] = values[cells.lattice[inside]]
+        return out
+
+    return geotiff(
+        site.frame,
+        [Band(name, unit, on_lattice(values)) for name, unit, values in layers],
+        east0_m=cells.east0_m,
+        north0_m=cells.north0_m,
+        up_m=float(cells.centre_m[:, 2].mean()),
+        step_m=cells.size_m,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GapMission:
+    """A mission that sees what a flight has missed.
+
+    Attributes:
+        closing: the route, and what it sees of the gaps.
+        compiled: the mission.
+        plan: the same as a plan of its own, for its run folder.
+        coverage_after: share of the coverable area that is seen after it, together with the flight.
+    """
+
+    closing: ClosingRoute
+    compiled: CompiledMission
+    plan: Plan
+    coverage_after: float
+
+
+def plan_gap_mission(
+    site: Site, verdict: Verdict, *, min_area_m2: float = 0.0, target: float | None = None
+) -> GapMission:
+    """The mission from home and back that closes the coverable gaps of a flight.
+
+    Args:
+        site: the scenario on its ground.
+        verdict: on what was flown.
+        min_area_m2: smaller gaps are left open.
+        target: share of the coverable area that is enough, 0..1; default: everything.
+
+    Raises:
+        InputError: an argument is out of range, or the site has no home.
+        InfeasibleError: there is nothing to close, or no checked mission for it.
+    """
+    if not min_area_m2 >= 0.0 or not math.isfinite(min_area_m2):
+        raise InputError(f"min area: {min_area_m2} square metres must not be negative")
+    if target is not None and not 0.0 < target <= 1.0:
+        raise InputError(f"target: {target} is a share of the coverable area, 0..1")
+    if site.home_m is None:
+        raise InputError(
+            f"scenario {site.scenario.name}: has no [home]; a mission needs the place to take off and land"
+        )
+    started = time.monotonic()
+    coverage, seen = verdict.coverage, verdict.flown.seen
+    missing = np.zeros(coverage.grid.count, dtype=bool)
+    for region in verdict.gaps:
+        if region.gap.coverable and region.gap.area_m2 >= min_area_m2:
+            missing[region.cells] = True
+    if not missing.any():
+        raise InfeasibleError("there are no gaps to close that could be seen and are large enough")
+    needed_m2 = None
+    if target is not None:
+        lacking = target - coverage.share_of_coverable(seen)
+        if lacking <= 0.0:
+            raise InfeasibleError(f"there is nothing to close: the flight has reached {100 * target:g} % already")
+        needed_m2 = lacking * float(coverage.grid.weight_m2[coverage.coverable].sum())
+    closing = plan_closing_route(coverage, missing, start_m=site.home_m, end_m=site.home_m, needed_m2=needed_m2)
+    compiled = pipeline.compile_plan(site, closing.route)
+    route = closing.route
+    margin_m = site.scenario.limits.height_margin_m
+    member = RouteMember(
+        route,
+        judge(coverage, route),
+        measure_violations(site, route.waypoints_m, margin_m=margin_m).total,
+        "gap-closing",
+    )
+    after = coverage.share_of_coverable(seen | coverage.seen(route.waypoints_m))
+    plan = Plan(
+        chosen=member, members=(member,), baselines=(), rule="gaps", rule_met=target is None or after >= target,
+        algorithm="gap-closing", evaluations=0, wall_s=time.monotonic() - started,
+    )  # fmt: skip
+    return GapMission(closing, compiled, plan, after)
+
+
+def save_gaps(run: RunFolder, verdict: Verdict) -> None:
+    """Write ``gaps.geojson``; it may replace an older one.
+
+    Raises:
+        InputError: the scenario has no place on Earth.
+    """
+    run.write_json("gaps.geojson", gaps_geojson(verdict.coverage, verdict.gaps))
+
+
+def save_gap_mission(
+    run: RunFolder, site: Site, mission: GapMission, *, command: Sequence[str], force: bool
+) -> RunFolder:
+    """Write ``gap_mission.waypoints``, and a run folder inside this one that can be uploaded and flown.
+
+    Raises:
+        OutputError: there is such a folder already and ``force`` was not said.
+    """
+    folder = RunFolder(run.file(GAP_FOLDER))
+    autopilot = site.scenario.vehicle.autopilot
+    with folder.reserved((*pipeline.PLAN_FILES, *pipeline.OF_A_PLAN), force=force):
+        pipeline.save_plan(
+            folder, site, mission.plan, compiled=mission.compiled, autopilot=autopilot,
+            seed=site.scenario.planner.seed, command=command,
+        )  # fmt: skip
+    texts = pipeline.mission_texts(mission.compiled, autopilot=autopilot, name=site.scenario.name)
+    run.write_text("gap_mission.waypoints", texts["mission.waypoints"])
+    return folder

@@ -1,0 +1,85 @@
+"""Finding and closing the gaps of a run, as ``gaps`` does it."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uavcover import after_flight
+from uavcover.cli.console import Console, percent
+from uavcover.cli.verifying import judge_run
+from uavcover.model.report import VerificationReport
+from uavcover.run_folder import RunFolder
+
+
+def close_gaps(
+    run: RunFolder,
+    console: Console,
+    *,
+    logs: Sequence[Path],
+    target: float | None,
+    min_area_m2: float,
+    force: bool,
+    command: Sequence[str],
+) -> dict[str, Any]:
+    """Write the gaps of a run and the mission that closes them, and say what it takes; returns the answer for ``--json``."""
+    site, verdict, sources = judge_run(run, console, logs=logs)
+    report = verdict.report
+    _say_gaps(console, report)
+    document: dict[str, Any] = {
+        "run": str(run),
+        "tracks": sources,
+        "gaps": len(report.gaps),
+        "coverage_of_coverable": report.coverage_of_coverable,
+        "mission": None,
+        "target_met": True,
+    }
+    after_flight.save_gaps(run, verdict)
+    wanted = [gap for gap in report.gaps if gap.coverable and gap.area_m2 >= min_area_m2]
+    if not wanted or (target is not None and report.coverage_of_coverable >= target):
+        console.say(f"nothing to close; written: {run.file('gaps.geojson')}")
+        return document
+    with console.progress("planning the gap mission"):
+        mission = after_flight.plan_gap_mission(site, verdict, min_area_m2=min_area_m2, target=target)
+    folder = after_flight.save_gap_mission(run, site, mission, command=command, force=force)
+    path = mission.compiled.path_m
+    length_m = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    document |= {
+        "mission": str(run.file("gap_mission.waypoints")),
+        "folder": str(folder),
+        "waypoint_count": len(mission.closing.route),
+        "path_length_m": length_m,
+        "flight_time_s": mission.compiled.flight_time_s,
+        "coverage_after": mission.coverage_after,
+        "target_met": mission.plan.rule_met,
+    }
+    console.say(
+        f"gap mission       {len(mission.closing.route)} waypoints, {length_m:.0f} m and "
+        f"{mission.compiled.flight_time_s:.0f} s with the ways there and home; after it {percent(mission.coverage_after)} of "
+        "what can be seen"
+    )
+    if mission.closing.seen_m2 < mission.closing.wanted_m2 and target is None:
+        left_m2 = mission.closing.wanted_m2 - mission.closing.seen_m2
+        console.warn(f"{left_m2:.0f} square metres of the gaps stay open: no leg inside the limits was found for them")
+    if not mission.plan.rule_met and target is not None:
+        console.warn(f"the mission does not reach {percent(target)}; the best there is has been written")
+    console.say(f"written: {run.file('gaps.geojson')}, {run.file('gap_mission.waypoints')}. Next:")
+    console.say(f"  uavcover plan-upload {folder} --to URL; uavcover fly {folder} --to URL")
+    own = " ".join(f"--log {path}" for path in (*(logs or (run.file("track.csv"),)), folder.file("track.csv")))
+    console.say(f"  uavcover verify {run} {own}")
+    return document
+
+
+def _say_gaps(console: Console, report: VerificationReport) -> None:
+    areas: dict[str, float] = defaultdict(float)
+    for gap in report.gaps:
+        areas[gap.reason] += gap.area_m2
+    console.say(
+        f"coverage flown    {percent(report.coverage_fraction)} of the area, "
+        f"{percent(report.coverage_of_coverable)} of what can be seen"
+    )
+    console.say(f"gaps              {len(report.gaps)}, {sum(areas.values()):.0f} square metres in all")
+    for name, area_m2 in sorted(areas.items(), key=lambda item: -item[1]):
+        console.say(f"                  {name}: {area_m2:.0f} square metres")

@@ -1,0 +1,43 @@
+"""``uavcover gaps``: what was not seen, and a mission that flies only that."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+
+
+def gaps(
+    run: Annotated[Path, typer.Argument(help="Run folder of a flight.")],
+    logs: options.Logs = None,
+    target: Annotated[
+        float | None,
+        typer.Option(
+            help="Share of what can be seen that is enough, such as 0.98; default: everything.", metavar="SHARE"
+        ),
+    ] = None,
+    min_area_m2: Annotated[
+        float, typer.Option("--min-area", help="Leave smaller gaps open, square metres.", metavar="M2")
+    ] = 0.0,
+    force: Annotated[bool, typer.Option("--force", help="Replace an older gap mission, and its flight.")] = False,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = 0,
+) -> int:
+    """Group what was not seen by place and reason, and plan the mission that closes the gaps.
+
+    Writes gaps.geojson, gap_mission.waypoints, and RUN/gaps, a run folder to upload, fly and verify. Exit 1 when the mission
+    cannot reach what was asked for.
+    """
+    from uavcover.cli.closing import close_gaps
+    from uavcover.cli.console import Console
+    from uavcover.run_folder import RunFolder
+
+    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    document = close_gaps(
+        RunFolder(run), console, logs=logs or (), target=target, min_area_m2=min_area_m2, force=force, command=sys.argv
+    )
+    console.result(document)
+    return 0 if document["target_met"] else 1

@@ -1,0 +1,1 @@
+"""A short route that sees just what an earlier flight has missed."""

@@ -1,0 +1,1 @@
+"""Flown tracks from the logs of other software: dataflash, telemetry, ULog, GPX."""
