@@ -92,11 +92,11 @@ class _Direction:
         self._free_at = leaves + len(data) / conditions.bytes_per_s
         return [
             (self._free_at + conditions.delay_s + self._rng.random() * conditions.jitter_s, copy)
-            for copy in _fate(data, conditions, self._rng)
+            for copy in fate(data, conditions, self._rng)
         ]
 
 
-def _fate(data: bytes, conditions: Conditions, rng: Random) -> list[bytes]:
+def fate(data: bytes, conditions: Conditions, rng: Random) -> list[bytes]:
     """The copies of a datagram that arrive: none, one or two, perhaps damaged."""
     if rng.random() < conditions.loss:
         return []
@@ -196,7 +196,7 @@ class LossyLink:
 
     def send(self, data: bytes) -> None:
         """Send one datagram, or lose it."""
-        for copy in _fate(data, self._conditions, self._rng):
+        for copy in fate(data, self._conditions, self._rng):
             self._link.send(copy)
 
     def receive(self, timeout_s: float) -> bytes | None:
@@ -206,7 +206,7 @@ class LossyLink:
             data = self._link.receive(max(0.0, deadline - self._link.clock.now()))
             if data is None:
                 return None
-            self._waiting.extend(_fate(data, self._conditions, self._rng))
+            self._waiting.extend(fate(data, self._conditions, self._rng))
         return self._waiting.popleft()
 
     def close(self) -> None:

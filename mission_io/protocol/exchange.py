@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from operator import itemgetter
 from typing import ClassVar, Generic, TypeVar
 
 from mission_io.enums import MissionResult
@@ -121,6 +122,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
         self._clean = 0
         self._busy_since: float | None = None
         self._waiting_since = now
+        self._next_timer: float | None = None
 
     @property
     @abstractmethod
@@ -164,8 +166,9 @@ class Exchange(ABC, Generic[StateT, EventT]):
     def messages_to_send(self, now: float) -> list[Message]:
         """Everything that has to be sent by ``now``."""
         while not self.finished:
-            due, event = min(self._deadlines(), key=lambda deadline: deadline[0])
+            due, event = min(self._deadlines(), key=_due)
             if due > now:
+                self._next_timer = due
                 break
             self._step(self._event_when_due(event), now)
         outbox, self._outbox = self._outbox, []
@@ -175,9 +178,12 @@ class Exchange(ABC, Generic[StateT, EventT]):
         """When to ask ``messages_to_send`` again although nothing arrives; None when finished."""
         if self.finished:
             return None
-        return min(due for due, _ in self._deadlines())
+        if self._next_timer is None:
+            self._next_timer = min(self._deadlines(), key=_due)[0]
+        return self._next_timer
 
     def _step(self, event: EventT, now: float) -> None:
+        self._next_timer = None
         row = self.table.row(self.state, event)
         if row.state is not row.next_state:
             self._waiting_since = now
@@ -236,6 +242,9 @@ class Exchange(ABC, Generic[StateT, EventT]):
     def _note_busy(self, now: float) -> None:
         if self._busy_since is None:
             self._busy_since = now
+
+
+_due = itemgetter(0)
 
 
 def _named(result: int) -> MissionResult | int:

@@ -2,6 +2,7 @@
 
 import typer
 
+from uavcover.cli.bench_link import bench_link
 from uavcover.cli.bench_mmf import bench_mmf
 from uavcover.cli.ending import ending_well
 from uavcover.cli.overview import Overview
@@ -13,6 +14,7 @@ bench = typer.Typer(
 )
 
 _BENCHMARKS = {
+    "link": (bench_link, "missions over links that lose datagrams, against MAVSDK"),
     "mmf": (bench_mmf, "the paper's 24 functions: Tables 3 and 4, tests, figures"),
 }
 
