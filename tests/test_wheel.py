@@ -24,7 +24,7 @@ def test_it_has_data_scenarios_and_type_markers(wheel: Path) -> None:
         held = set(archive.namelist())
     assert held >= {
         "uavcover/data/jacksboro.tif", "uavcover/scenarios/jacksboro.toml", "uavcover/scenarios/paper-R2.toml",
-        "uavcover/py.typed", "mission_io/py.typed",
+        "uavcover/report/page/report.html", "uavcover/report/vendor/leaflet/LICENSE", "uavcover/py.typed", "mission_io/py.typed",
     }  # fmt: skip
     assert not [name for name in held if name.startswith(("tests", "scripts")) or "__pycache__" in name]
 

@@ -52,6 +52,7 @@ AFTER_FLIGHT_FILES = (
     "flight.rrd",
     "verification.json",
     "coverage.tif",
+    "report.html",
     "gaps.geojson",
     "gap_mission.waypoints",
 )

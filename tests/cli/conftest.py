@@ -145,7 +145,7 @@ def planned(demo_run: DemoRun, tmp_path: Path) -> Path:
             demo_run.folder,
             tmp_path / "run",
             ignore=lambda _, names: [
-                n for n in names if n.startswith(("upload", "track", "flight", "verification", "coverage"))
+                n for n in names if n.startswith(("upload", "track", "flight", "verification", "coverage", "report"))
             ],
         )
     )

@@ -9,7 +9,7 @@ from tests.cli.conftest import EVALUATIONS, Cli, DemoRun, files
 EVERY_FILE = {
     "scenario.toml", "run.json", "pareto.csv", "plan.json", "mission.waypoints", "mission.plan", "fence.waypoints",
     "rally.waypoints", "mission.kml", "upload.json", "track.csv", "flight.rrd", "verification.json",
-    "coverage.tif",
+    "coverage.tif", "report.html",
 }  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from uavcover.cli.console import Console, metres, percent
 from uavcover.cli.ending import INTERRUPTED
 from uavcover.cli.flying import ENDED_BY_USER, fly_run
 from uavcover.cli.planning import PlanRequest, plan_into
+from uavcover.cli.reporting import write_report
 from uavcover.cli.uploading import upload_run
 from uavcover.cli.verifying import verify_run
 from uavcover.errors import InputError, VehicleError
@@ -73,6 +74,7 @@ def demonstrate(
     at = time.monotonic()
     verdict = verify_run(run, console)
     _stage(run, "verify", at)
+    write_report(run, run.file("report.html"), console)
     console.say()
     _say_end(console, run, outcome.document, verdict, time.monotonic() - started)
     console.result({"run": str(run), "plan": outcome.document, "upload_passed": uploaded["passed"], "flight": flown,
@@ -93,6 +95,7 @@ def _say_end(console: Console, run: RunFolder, plan: dict[str, Any], verdict: di
         f"{metres(verdict['min_transit_clearance_m'])} on the ways there and home"
     )
     console.say(f"{'passed' if verdict['passed'] else 'NOT passed'} in {wall_s:.0f} s. Open next:")
+    console.say(f"  {run.file('report.html')}           map, 3D view, heights, coverage; opens in any browser")
     console.say(f"  uavcover inspect {run}              the flight in 3D ({run.file('flight.rrd')})")
     console.say(f"  {run.file('mission.waypoints')}     for Mission Planner; mission.plan for QGroundControl")
     console.say(f"  {run.file('verification.json')}     coverage, clearance and gaps of what was flown")

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import typer
 
 from uavcover.cli.bench import bench
+from uavcover.cli.clear import clear
 from uavcover.cli.demo import demo
 from uavcover.cli.doctor import doctor
 from uavcover.cli.download import download
@@ -17,8 +18,10 @@ from uavcover.cli.gaps import gaps
 from uavcover.cli.inspect import inspect
 from uavcover.cli.mock_vehicle import mock_vehicle
 from uavcover.cli.overview import Overview
+from uavcover.cli.pareto import pareto
 from uavcover.cli.plan import plan
 from uavcover.cli.plan_upload import plan_upload
+from uavcover.cli.report import report
 from uavcover.cli.upload import upload
 from uavcover.cli.verify import verify
 
@@ -39,18 +42,21 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str]]] = {
     },
     "Plan": {
         "plan": (plan, "a route that sees the area, and its mission files"),
+        "pareto": (pareto, "the trade-off of a plan, as a table or a picture"),
         "export": (export, "the mission as one file for other software"),
     },
     "Vehicle": {
         "plan-upload": (plan_upload, "plan if needed, check, upload, read back, compare"),
         "upload": (upload, "send any .waypoints or .plan file, read it back"),
         "download": (download, "a vehicle's mission, fence or rally as a file"),
+        "clear": (clear, "empty a vehicle's mission, fence or rally points"),
         "fly": (fly, "arm, start, follow, record, land"),
         "mock-vehicle": (mock_vehicle, "a MAVLink vehicle for any ground station"),
     },
     "After": {
         "verify": (verify, "coverage and safety of what was flown"),
         "gaps": (gaps, "what was not seen, and a mission that flies only that"),
+        "report": (report, "one HTML file about a run, opens offline"),
         "inspect": (inspect, "look at the recording in 3D, as text or picture"),
     },
 }
@@ -59,7 +65,7 @@ for _title, _commands in _GROUPS.items():
     for _name, (_command, _short) in _commands.items():
         app.command(_name, short_help=_short, rich_help_panel=_title)(ending_well(_command))
 
-app.add_typer(bench, name="bench", short_help="the benchmarks of this project: mmf", rich_help_panel="Measure")
+app.add_typer(bench, name="bench", short_help="the benchmarks of this project: link, mmf", rich_help_panel="Measure")
 
 
 @app.callback()

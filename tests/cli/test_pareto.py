@@ -1,0 +1,26 @@
+from pathlib import Path
+
+from tests.cli.conftest import Cli
+
+
+def test_table_json_and_picture(cli: Cli, planned: Path, tmp_path: Path) -> None:
+    text = cli("pareto", planned)
+    assert text.code == 0
+    rows = (planned / "pareto.csv").read_text().splitlines()[1:]
+    assert len(text.out.splitlines()) == len(rows) + 2
+    assert sum(line.startswith("*") for line in text.out.splitlines()[1:-1]) == 1
+    picture = tmp_path / "front.png"
+    document = cli("pareto", planned, "--plot", picture, "--json").document
+    assert len(document["members"]) == len(rows)
+    assert sum(member["chosen"] for member in document["members"]) == 1
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_errors(cli: Cli, planned: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "front.png"
+    picture.write_text("mine")
+    assert cli("pareto", planned, "--plot", picture).code == 2
+    assert picture.read_text() == "mine"
+    assert "uavcover plan" in cli("pareto", tmp_path).error
+    (planned / "pareto.csv").write_text("index\n1\n")
+    assert "has no column" in cli("pareto", planned).error

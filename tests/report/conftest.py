@@ -1,0 +1,97 @@
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.recording.flights import fly
+from tests.report.browser import Page, chromium_page
+from uavcover import pipeline
+from uavcover.flight.track_file import TrackWriter
+from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
+from uavcover.model.track import Track, TrackSample
+from uavcover.report.content import ReportContent, read_run
+from uavcover.report.page import render_report
+from uavcover.run_folder import RunFolder
+from uavcover.scenario import load_scenario
+from uavcover.site import Site
+
+HOSTILE = '</script><img src=x onerror="window.hacked=1"><!--{{ 7*7 }}&amp;\''
+"""What would run, or end the data, if any text went into the page as it stands."""
+
+
+def coarse(name: str, cell_size_m: float, **changes: object) -> Site:
+    scenario = load_scenario(name)
+    area = dataclasses.replace(scenario.area, cell_size_m=cell_size_m)
+    return pipeline.load_site(dataclasses.replace(scenario, area=area, **changes))  # type: ignore[arg-type]
+
+
+def lines_over(site: Site, *, spacing_m: float, count: int) -> Route:
+    """The first lines of a boustrophedon at mid-height, so that cells stay unseen."""
+    west, south, east, north = site.area.bounds
+    norths = np.linspace(south, north, 7)
+    places = [
+        (e, n)
+        for k, e in enumerate(np.arange(west + spacing_m / 2.0, east, spacing_m)[:count])
+        for n in (norths if k % 2 == 0 else norths[::-1])
+    ]
+    limits = site.scenario.limits
+    height = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
+    return Route(np.column_stack([places, site.ground.heights_m(places) + height]))
+
+
+def write_run(folder: Path, site: Site, route: Route, *, flown: bool, name: str = "boustrophedon") -> RunFolder:
+    """A run folder as ``plan`` and ``fly`` leave it, of a route that nobody searched for."""
+    run = RunFolder(folder)
+    folder.mkdir()
+    metrics = RouteMetrics(0.5, 0.5, len(route), route.length_m, route.length_m / 10.0, 60.0, 100.0)
+    chosen = RouteMember(route, metrics, 0.0, name)
+    other = RouteMember(route, dataclasses.replace(metrics, path_length_m=2.0 * route.length_m), 0.0, name)
+    plan = Plan(chosen, (chosen, other), (other,), "coverage>=0.4", True, "imodbo", 40, 1.5)
+    pipeline.save_plan(run, site, plan, compiled=None, autopilot="ardupilot", seed=3, command=["uavcover", "plan"])
+    if flown:
+        write_track(run.file("track.csv"), fly(site, route.waypoints_m, speed_m_s=10.0, rate_hz=5.0))
+    return run
+
+
+def write_track(path: Path, track: Track) -> None:
+    columns = (track.time_s, *track.geodetic.T, *track.enu_m.T, *track.attitude_deg.T)
+    with TrackWriter(path) as writer:
+        for row, waypoint in zip(zip(*columns, strict=True), track.current_waypoint, strict=True):
+            writer.write(TrackSample(*map(float, row), int(waypoint)))
+
+
+@pytest.fixture(scope="session")
+def site() -> Site:
+    return coarse("jacksboro", 20.0)
+
+
+@pytest.fixture(scope="session")
+def run(site: Site, tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    """Four of eleven lines over the demo's area. Not to be changed: copy it."""
+    route = lines_over(site, spacing_m=90.0, count=4)
+    return write_run(tmp_path_factory.mktemp("report") / "run", site, route, flown=True)
+
+
+@pytest.fixture(scope="session")
+def content(run: RunFolder) -> ReportContent:
+    return read_run(run, logs=())
+
+
+@pytest.fixture(scope="session")
+def html(content: ReportContent) -> str:
+    return render_report(content)
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with chromium_page(tmp_path_factory.mktemp("chromium")) as page:
+        yield page
+
+
+@pytest.fixture
+def page(browser: Page) -> Page:
+    browser.complaints.clear()
+    browser.requests.clear()
+    return browser

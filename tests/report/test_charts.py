@@ -1,0 +1,68 @@
+"""Values on their places in the picture."""
+
+import doctest
+import re
+
+import numpy as np
+import pytest
+
+from uavcover.report import charts
+from uavcover.report.charts import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Plot, nice_ticks
+
+
+def points(path: str) -> np.ndarray:
+    return np.array([[float(x), float(y)] for x, y in re.findall(r"[ML](\S+?) ([\d.]+)", path)])
+
+
+def test_doctests() -> None:
+    assert doctest.testmod(charts).failed == 0
+
+
+@pytest.mark.parametrize("low", [-1234.5, 0.0, 3.0, 4e5])
+@pytest.mark.parametrize("span", [1e-3, 0.7, 9.0, 1e4])
+@pytest.mark.parametrize("about", [4, 8])
+def test_ticks_are_round_inside_and_as_many_as_asked(low: float, span: float, about: int) -> None:
+    ticks = nice_ticks(low, low + span, about=about)
+    assert about / 2.6 <= len(ticks) <= about + 1
+    for value, text in ticks:
+        assert low - 1e-9 * span <= value <= low + span * (1.0 + 1e-9)
+        assert float(text) == pytest.approx(value, abs=1e-6 * span)
+    assert len({text for _, text in ticks}) == len(ticks)
+
+
+def test_the_corners_of_the_ranges_are_the_corners_of_the_picture() -> None:
+    plot = Plot((10.0, 20.0), (-1.0, 1.0))
+    plot.line("flown", np.array([10.0, 20.0]), np.array([-1.0, 1.0]), name="a line")
+    plot.mark("chosen", 15.0, 0.0, radius=3.0, title="middle")
+    chart = plot.finished("c", "C", x_label="x", y_label="y")
+    np.testing.assert_allclose(points(chart.lines[0].path), [[LEFT, HEIGHT - BOTTOM], [WIDTH - RIGHT, TOP]])
+    assert (chart.marks[0].x, chart.marks[0].y) == ((LEFT + WIDTH - RIGHT) / 2.0, (TOP + HEIGHT - BOTTOM) / 2.0)
+    assert [(key.style, key.name, key.is_mark) for key in chart.keys] == [("flown", "a line", False)]
+
+
+def test_a_line_is_broken_where_a_value_is_not_known() -> None:
+    plot = Plot((0.0, 4.0), (0.0, 1.0))
+    plot.line("flown", np.arange(5.0), np.array([0.0, 1.0, np.nan, 1.0, 0.0]))
+    path = plot.finished("c", "C", x_label="", y_label="").lines[0].path
+    assert re.sub(r"[^ML]", "", path) == "MLML"
+
+
+def test_thinning_keeps_every_peak_end_and_break() -> None:
+    x = np.arange(100_000.0)
+    y = np.sin(x / 1000.0)
+    y[54_321], y[777], y[90_000:90_010] = 9.0, -9.0, np.nan
+    plot = Plot((0.0, 1e5), (-10.0, 10.0))
+    plot.line("flown", x, y)
+    path = plot.finished("c", "C", x_label="", y_label="").lines[0].path
+    places = points(path)
+    assert len(places) < 2000
+    assert path.count("M") == 2
+    scale = (HEIGHT - TOP - BOTTOM) / 20.0
+    np.testing.assert_allclose(np.ptp(places[:, 1]), 18.0 * scale, atol=0.2)
+    np.testing.assert_allclose(places[[0, -1], 0], [LEFT, WIDTH - RIGHT], atol=0.1)
+
+
+def test_a_range_without_width_is_drawn() -> None:
+    chart = Plot((5.0, 5.0), (0.0, 0.0)).finished("c", "C", x_label="", y_label="")
+    assert chart.x_range == (4.5, 5.5)
+    assert chart.x_ticks

@@ -1,0 +1,52 @@
+"""``uavcover pareto``: the trade-off of a plan."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+
+
+def pareto(
+    run: Annotated[Path, typer.Argument(help="Run folder with a plan.")],
+    plot: Annotated[Path | None, typer.Option(help="Draw it; .png, .svg or .pdf.", metavar="FILE.png")] = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = 0,
+) -> int:
+    """List the Pareto set of a plan: coverage, waypoints, length and time of every member; or draw it."""
+    import dataclasses
+
+    from uavcover.cli.console import Console, percent
+    from uavcover.errors import OutputError
+    from uavcover.report.pareto_file import read_pareto
+    from uavcover.run_folder import RunFolder
+
+    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    folder = RunFolder(run)
+    members = read_pareto(folder.existing("pareto.csv", made_by="uavcover plan"))
+    plan = folder.read_json("plan.json", made_by="uavcover plan")
+    if plot is not None and plot.exists() and not force:
+        raise OutputError(f"{plot}: would be overwritten; use --force, or another name")
+    console.say(f"{'index':>7}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}  made by")
+    for member in members:
+        console.say(
+            f"{'*' if member.chosen else ' '}{member.index:>6}{percent(member.coverage_of_coverable):>10}"
+            f"{member.waypoint_count:>11}{member.path_length_m:>10.0f} m{member.flight_time_s:>7.0f} s  {member.made_by}"
+        )
+    console.say("* is in plan.json; coverage is of what can be seen")
+    if plot is not None:
+        from uavcover.report.figures import save_pareto_plot
+
+        save_pareto_plot(members, plan, plot)
+        console.say(f"written: {plot}")
+    console.result(
+        {
+            "run": str(run),
+            "members": [dataclasses.asdict(member) for member in members],
+            "plot": None if plot is None else str(plot),
+        }
+    )
+    return 0

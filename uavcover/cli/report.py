@@ -1,0 +1,43 @@
+"""``uavcover report``: one HTML file about a run."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+
+
+def report(
+    run: Annotated[Path, typer.Argument(help="Run folder with a plan; with track.csv where it was flown.")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Default: RUN/report.html.", metavar="FILE.html")
+    ] = None,
+    log: Annotated[
+        list[Path] | None,
+        typer.Option("--log", help="A flown track, as verify takes it; again for more. Default RUN/track.csv."),
+    ] = None,
+    figures: Annotated[
+        Path | None,
+        typer.Option(help="Also draw the ground and the routes from the side and from above.", metavar="DIR"),
+    ] = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = 0,
+) -> int:
+    """Write report.html: map, 3D view, heights, coverage, requirements, alternatives; one file, opens offline."""
+    from uavcover.cli.console import Console
+    from uavcover.cli.reporting import draw_figures, write_report
+    from uavcover.errors import OutputError
+    from uavcover.run_folder import RunFolder
+
+    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    path = RunFolder(run).file("report.html") if output is None else output
+    if output is not None and path.exists() and not force:
+        raise OutputError(f"{path}: would be overwritten; use --force, or another name")
+    content = write_report(RunFolder(run), path, console, logs=log or [])
+    drawn = [] if figures is None else draw_figures(content, figures, console, force=force)
+    verdict = None if content.verdict is None else content.verdict.report.passed
+    console.result({"report": str(path), "passed": verdict, "figures": [str(figure) for figure in drawn]})
+    return 0

@@ -1,0 +1,140 @@
+"""Figures as files: the trade-off, and the ground with the routes from the side and from above (the paper's Figures 7 to 11)."""
+
+from pathlib import Path
+
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D
+from numpy.typing import NDArray
+
+from uavcover.errors import OutputError
+from uavcover.report.content import ReportContent
+from uavcover.report.map_data import bounds_m
+from uavcover.report.pareto_file import ParetoRow
+from uavcover.report.relief_grid import relief_grid
+
+FloatArray = NDArray[np.float64]
+
+FIGURE_NAMES = ("side-view.png", "top-view.png")
+
+_DPI = 150
+_SIDE_NODES, _TOP_NODES = 120, 500
+_PLANNED, _FLOWN, _CHOSEN, _BASELINE = "#1f3f8f", "#d55e00", "#d55e00", "#6b7075"
+_MAX_NUMBERS = 60
+
+
+def save_figures(content: ReportContent, folder: Path) -> list[Path]:
+    """Draw the ground with the planned and the flown route into FIGURE_NAMES of a folder, which is made when it is not there.
+
+    Raises:
+        OutputError: a figure cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror or error})") from error
+    drawn = [(_side_view(content), FIGURE_NAMES[0]), (_top_view(content), FIGURE_NAMES[1])]
+    return [_save(figure, folder / name) for figure, name in drawn]
+
+
+def save_pareto_plot(members: tuple[ParetoRow, ...], plan: dict[str, object], path: Path) -> Path:
+    """Draw coverage against length of a Pareto set, waypoints as colour, with the chosen member and the baselines.
+
+    Args:
+        members: the Pareto set.
+        plan: ``plan.json``, for the baselines; empty for none.
+        path: its ending says the format: .png, .svg or .pdf.
+
+    Raises:
+        OutputError: the ending is no format that can be drawn, or the file cannot be written.
+    """
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    axes: Axes = figure.add_subplot()
+    length = [m.path_length_m / 1000.0 for m in members]
+    seen = [100.0 * m.coverage_of_coverable for m in members]
+    points = axes.scatter(length, seen, c=[m.waypoint_count for m in members], cmap="viridis", s=26, label="Pareto set")
+    figure.colorbar(points, ax=axes, label="waypoints")
+    baselines = plan.get("baselines", [])
+    if isinstance(baselines, list) and baselines:
+        axes.scatter(
+            [b["path_length_m"] / 1000.0 for b in baselines], [100.0 * b["coverage_of_coverable"] for b in baselines],
+            facecolors="none", edgecolors=_BASELINE, s=54, label="boustrophedon baselines",
+        )  # fmt: skip
+    for member in members:
+        if member.chosen:
+            axes.scatter(
+                [member.path_length_m / 1000.0], [100.0 * member.coverage_of_coverable], marker="*", s=260,
+                color=_CHOSEN, edgecolors="white", zorder=3, label=f"chosen (index:{member.index})",
+            )  # fmt: skip
+    axes.set(xlabel="length of the route, km", ylabel="seen, % of what can be seen", title=str(plan.get("name", "")))
+    axes.grid(alpha=0.3)
+    axes.legend(loc="lower right")
+    return _save(figure, path)
+
+
+def _side_view(content: ReportContent) -> Figure:
+    figure = Figure(figsize=(9.0, 6.0), layout="constrained")
+    axes: Axes3D = figure.add_subplot(projection="3d", computed_zorder=False)
+    grid = relief_grid(content.site.ground, bounds_m(content.site), nodes=_SIDE_NODES)
+    axes.plot_surface(
+        grid.east_m, grid.north_m, grid.up_m, facecolors=grid.rgb / 255.0, rcount=_SIDE_NODES, ccount=_SIDE_NODES,
+        shade=False, linewidth=0.0, antialiased=False, zorder=1,
+    )  # fmt: skip
+    for name, color, width, route in _routes(content):
+        axes.plot(*route.T, color=color, linewidth=width, label=name, zorder=2)
+    waypoints = content.planned.route.waypoints_m
+    axes.scatter(*waypoints.T, color=_PLANNED, s=9, depthshade=False, zorder=3)
+    known = grid.up_m[np.isfinite(grid.up_m)]
+    rise = float(np.ptp(known)) if known.size else 1.0
+    width, depth = float(np.ptp(grid.east_m)), float(np.ptp(grid.north_m))
+    axes.set_box_aspect((width, depth, max(rise, 0.25 * max(width, depth))))
+    axes.view_init(elev=28.0, azim=-115.0)
+    axes.set(xlabel="east, m", ylabel="north, m", zlabel="up, m", title=content.site.scenario.name)
+    axes.legend(loc="upper left")
+    return figure
+
+
+def _top_view(content: ReportContent) -> Figure:
+    figure = Figure(figsize=(8.0, 8.0), layout="constrained")
+    axes: Axes = figure.add_subplot()
+    grid = relief_grid(content.site.ground, bounds_m(content.site), nodes=_TOP_NODES)
+    west, south, east, north = bounds_m(content.site)
+    axes.imshow(grid.rgb, extent=(west, east, south, north), origin="lower", interpolation="bilinear")
+    if np.isfinite(grid.up_m).any():
+        lines = axes.contour(grid.east_m, grid.north_m, grid.up_m, levels=12, colors="black", linewidths=0.4, alpha=0.6)
+        axes.clabel(lines, fontsize=6, fmt="%g")
+    for polygon in shapely.get_parts(content.site.area):
+        for ring in (polygon.exterior, *polygon.interiors):
+            axes.plot(*np.asarray(ring.coords).T[:2], color="white", linewidth=1.2)
+    axes.plot(*np.asarray(content.site.fence.exterior.coords).T[:2], color="white", linewidth=1.0, linestyle="--")
+    for name, color, width, route in _routes(content):
+        axes.plot(route[:, 0], route[:, 1], color=color, linewidth=width, label=name)
+    waypoints = content.planned.route.waypoints_m
+    axes.scatter(waypoints[:, 0], waypoints[:, 1], color=_PLANNED, s=12, zorder=3)
+    if len(waypoints) <= _MAX_NUMBERS:
+        for number, place in enumerate(waypoints):
+            axes.annotate(str(number), place[:2], xytext=(3, 3), textcoords="offset points", fontsize=6, color="white")
+    axes.set(xlabel="east, m", ylabel="north, m", title=content.site.scenario.name, aspect="equal")
+    axes.legend(loc="upper right")
+    return figure
+
+
+def _routes(content: ReportContent) -> list[tuple[str, str, float, FloatArray]]:
+    routes = [("planned", _PLANNED, 1.6, content.planned.route.waypoints_m)]
+    return routes + [("flown", _FLOWN, 1.0, flight.enu_m) for flight in content.flights]
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    FigureCanvasAgg(figure)
+    try:
+        # Neither the date nor the version: equal runs give equal figures.
+        no_date = {"Date": None} if path.suffix == ".svg" else {"CreationDate": None} if path.suffix == ".pdf" else {}
+        figure.savefig(path, dpi=_DPI, metadata=no_date)
+    except ValueError as error:
+        raise OutputError(f"{path}: {error}; use .png, .svg or .pdf") from error
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    return path

@@ -1,0 +1,159 @@
+"""What the map and the 3D view of a report draw, as JSON: local metres, east before north."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.report.content import Flight, ReportContent
+from uavcover.report.images import REASON_WORDS, Bounds, cell_layers, cells_bounds_m, relief_image
+from uavcover.site import Site
+from uavcover.verification.verify import Verdict
+
+FloatArray = NDArray[np.float64]
+
+SURFACE_NODES = 110
+"""Along the longer side of the ground in the 3D view."""
+
+MAX_SAMPLES = 4000
+"""Of the flown line; a longer track is drawn through every second, third... sample."""
+
+_PAD_M = 30.0
+
+
+def map_data(content: ReportContent) -> dict[str, Any]:
+    """Everything that is drawn, rounded to what can be seen."""
+    site = content.site
+    bounds = bounds_m(site)
+    west, south, east, north = cells_bounds_m(content.coverage)
+    verdict = content.verdict
+    return {
+        "bounds": _rounded(np.array(bounds)),
+        "relief": relief_image(site.ground, bounds),
+        "geodetic": _geodetic_fit(site, bounds),
+        "area": [_rounded(ring) for ring in _rings(site.area)],
+        "fence": [_rounded(ring) for ring in _rings(site.fence)],
+        "home": None if site.home_m is None else _rounded(site.home_m),
+        "plan": _rounded(content.planned.route.waypoints_m),
+        "planHeights": _rounded(_heights_agl_m(site, content.planned.route.waypoints_m)),
+        "cellBounds": _rounded(np.array([west, south, east, north])),
+        "cells": [] if verdict is None else [_layer(layer) for layer in cell_layers(content.coverage, verdict)],
+        "tracks": [_track(flight) for flight in content.flights],
+        "gaps": [] if verdict is None else _gaps(verdict),
+        "violations": [] if verdict is None else _violations(verdict, content.flights),
+        "surface": _surface(site, bounds),
+    }
+
+
+def drawn_every(samples: int) -> int:
+    """Of how many samples one is drawn."""
+    return max(1, math.ceil(samples / MAX_SAMPLES))
+
+
+def bounds_m(site: Site) -> Bounds:
+    """What is shown: fence and area, and a little around them."""
+    west, south, east, north = shapely.union_all([site.area, site.fence]).bounds
+    return west - _PAD_M, south - _PAD_M, east + _PAD_M, north + _PAD_M
+
+
+def _rings(polygons: shapely.Polygon | shapely.MultiPolygon) -> list[FloatArray]:
+    return [
+        np.asarray(ring.coords)[:, :2]
+        for polygon in shapely.get_parts(polygons)
+        for ring in (polygon.exterior, *polygon.interiors)
+    ]
+
+
+def _layer(layer: Any) -> dict[str, Any]:
+    return {
+        "key": layer.key,
+        "title": layer.title,
+        "image": layer.image,
+        "legend": [{"color": entry.color, "label": entry.label} for entry in layer.legend],
+    }
+
+
+def _track(flight: Flight) -> dict[str, Any]:
+    every = drawn_every(len(flight.track))
+    keep = np.unique(np.append(np.arange(0, len(flight.track), every), len(flight.track) - 1))
+    return {
+        "points": _rounded(flight.enu_m[keep]),
+        "times": _rounded(flight.track.time_s[keep] - flight.track.time_s[0]),
+        "heights": _rounded(flight.height_agl_m[keep]),
+    }
+
+
+def _gaps(verdict: Verdict) -> list[dict[str, Any]]:
+    return [
+        {
+            "east": gap.east_m,
+            "north": gap.north_m,
+            "area": round(gap.area_m2),
+            "cells": gap.cells,
+            "reason": REASON_WORDS[gap.reason],
+            "coverable": gap.coverable,
+        }
+        for gap in verdict.report.gaps
+    ]
+
+
+def _violations(verdict: Verdict, flights: Sequence[Flight]) -> list[dict[str, Any]]:
+    starts_s = [float(flight.track.time_s[0]) for flight in flights]
+    return [
+        {
+            "east": v.east_m,
+            "north": v.north_m,
+            "kind": v.kind,
+            "from": round(v.start_s - starts_s[v.track], 1),
+            "to": round(v.end_s - starts_s[v.track], 1),
+            "worst": f"{v.worst:.1f} {v.unit}",
+            "limit": f"{v.limit:g} {v.unit}",
+        }
+        for v in verdict.report.violations
+    ]
+
+
+def _surface(site: Site, bounds: Bounds) -> dict[str, Any]:
+    """Heights at the nodes of a grid, rows from the north, in tenths of a metre; null without elevation."""
+    west, south, east, north = bounds
+    step = max(east - west, north - south) / (SURFACE_NODES - 1)
+    columns = max(2, math.ceil((east - west) / step) + 1)
+    rows = max(2, math.ceil((north - south) / step) + 1)
+    grid_e, grid_n = np.meshgrid(np.linspace(west, east, columns), np.linspace(north, south, rows))
+    up = site.ground.heights_m(np.column_stack([grid_e.ravel(), grid_n.ravel()]))
+    return {"columns": columns, "rows": rows, "up": _rounded(up)}
+
+
+def _geodetic_fit(site: Site, bounds: Bounds) -> dict[str, list[float]] | None:
+    """Coefficients of latitude and longitude in 1, e, n, e e, e n, n n (kilometres), to tell the pointer's place."""
+    if site.frame is None:
+        return None
+    west, south, east, north = bounds
+    grid_e, grid_n = np.meshgrid(np.linspace(west, east, 9), np.linspace(south, north, 9))
+    places = np.column_stack([grid_e.ravel(), grid_n.ravel(), np.zeros(grid_e.size)])
+    lat, lon, _ = site.frame.geodetic_from_enu(places)
+    e, n = places[:, 0] / 1000.0, places[:, 1] / 1000.0
+    basis = np.column_stack([np.ones(e.size), e, n, e * e, e * n, n * n])
+    return {
+        name: np.linalg.lstsq(basis, values, rcond=None)[0].tolist() for name, values in (("lat", lat), ("lon", lon))
+    }
+
+
+def _heights_agl_m(site: Site, points_m: FloatArray) -> FloatArray:
+    return points_m[:, 2] - site.ground.heights_m(points_m[:, :2])
+
+
+def _rounded(values: FloatArray) -> Any:
+    """Nested lists of numbers, NaN as null: to a tenth, and in a scenario of a few metres to a ten-thousandth."""
+    finite = values[np.isfinite(values)]
+    digits = 1 if finite.size and np.abs(finite).max() > 50.0 else 4
+    return _listed(np.round(values, digits))
+
+
+def _listed(values: FloatArray) -> Any:
+    if values.ndim > 1:
+        return [_listed(row) for row in values]
+    return [value if math.isfinite(value) else None for value in values.tolist()]

@@ -1,0 +1,159 @@
+"""The report as one HTML file that asks nothing of the network."""
+
+import base64
+import hashlib
+import re
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from uavcover.report import plots
+from uavcover.report.content import ReportContent
+from uavcover.report.images import REASON_WORDS
+from uavcover.report.map_data import drawn_every, map_data
+from uavcover.report.requirements import requirement_rows
+
+_HERE = Path(__file__).parent
+_PAGE = _HERE / "page"
+_LEAFLET = _HERE / "vendor" / "leaflet"
+
+_MAX_TABLE_ROWS = 30
+
+BOUND_WORDS = {
+    "coverable_fraction": "share of the area that some allowed place sees",
+    "length_reference_m": "area over swath width (a reference, no bound)",
+}
+
+
+def render_report(content: ReportContent) -> str:
+    """The page. Whatever comes from files is escaped; scripts are ours alone, by their hashes."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_PAGE),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"percent": _percent, "metres": _metres, "duration": _duration}
+    leaflet, ours = (
+        _read(_LEAFLET / "leaflet.js"),
+        "\n".join(_read(_PAGE / n) for n in ("map.js", "view3d.js", "charts.js")),
+    )
+    scripts = [_without_source_map(leaflet), ours]
+    style = _without_urls(_read(_LEAFLET / "leaflet.css")) + _read(_PAGE / "report.css")
+    return environment.get_template("report.html").render(
+        scripts=[Markup(script) for script in scripts],
+        style=Markup(style),
+        policy="; ".join(
+            [
+                "default-src 'none'",
+                "img-src data:",
+                "script-src " + " ".join(map(_hash_source, scripts)),
+                "style-src 'unsafe-inline'",
+                "base-uri 'none'",
+                "form-action 'none'",
+            ]
+        ),
+        leaflet_licence=_read(_LEAFLET / "LICENSE"),
+        data=map_data(content),
+        **_facts(content),
+    )
+
+
+def _facts(content: ReportContent) -> dict[str, Any]:
+    verdict, site = content.verdict, content.site
+    report = None if verdict is None else verdict.report
+    charts = [plots.elevation_profile(content), plots.height_along_route(content)]
+    if verdict is not None:
+        charts += [plots.height_over_time(content, verdict, number) for number in range(len(content.flights))]
+        charts.append(plots.coverage_over_time(content, verdict))
+    return {
+        "scenario": site.scenario,
+        "site": site,
+        "plan": content.plan,
+        "planned": content.planned,
+        "flights": content.flights,
+        "report": report,
+        "requirements": [] if report is None else requirement_rows(site.scenario, report),
+        "charts": charts,
+        "pareto": plots.pareto_front(content),
+        "members": content.members,
+        "bounds": _bounds(content.plan),
+        "baselines": _baselines(content.plan),
+        "upload": content.upload,
+        "about": content.about,
+        "commands": _commands(content.about, content.plan),
+        "reason_words": REASON_WORDS,
+        "drawn_every": max((drawn_every(len(flight.track)) for flight in content.flights), default=1),
+        "duration_s": sum(flight.duration_s for flight in content.flights),
+        "max_rows": _MAX_TABLE_ROWS,
+        "version": metadata.version("uavcover"),
+    }
+
+
+def _bounds(plan: dict[str, Any]) -> list[tuple[str, str]]:
+    """What no plan can beat or be measured by, in words; a bound this version does not know by its own name."""
+    return [(BOUND_WORDS.get(name, name), _figure(name, value)) for name, value in plan.get("bounds", {}).items()]
+
+
+def _figure(name: str, value: object) -> str:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return str(value)
+    if name.endswith("_fraction"):
+        return _percent(value)
+    return _metres(value, 0) if name.endswith("_m") else f"{value:.6g}"
+
+
+def _baselines(plan: dict[str, Any]) -> list[dict[str, Any]]:
+    """The baselines from the shortest to the longest, equal ones once."""
+    unique: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for baseline in plan.get("baselines", []):
+        unique.setdefault((baseline["coverage_of_coverable"], baseline["path_length_m"]), baseline)
+    return sorted(unique.values(), key=lambda baseline: float(baseline["path_length_m"]))
+
+
+def _commands(about: dict[str, Any], plan: dict[str, Any]) -> list[str]:
+    """What gives this plan again, from the scenario that lies beside the report."""
+    packages = about.get("packages", {})
+    version = packages.get("uavcover") if isinstance(packages, dict) else None
+    lines = [f"pip install uavcover=={version}"] if version else []
+    lines.append(
+        f"uavcover plan scenario.toml -o again --algorithm {plan.get('algorithm')} --seed {plan.get('seed')} "
+        f'--evaluations {plan.get("evaluations")} --select "{plan.get("select")}"'
+    )
+    return lines
+
+
+def _percent(share: float | None, digits: int = 2) -> str:
+    return "–" if share is None else f"{100.0 * share:.{digits}f} %"
+
+
+def _metres(value: float | None, digits: int = 1) -> str:
+    return "–" if value is None else f"{value:,.{digits}f} m".replace(",", "\u202f")
+
+
+def _duration(seconds: float | None) -> str:
+    if seconds is None:
+        return "–"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s"
+
+
+def _read(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+def _without_urls(style: str) -> str:
+    """Leaflet's pictures of buttons, which the page does not use, would be asked of the network."""
+    return re.sub(r"url\([^)]*\)", "none", style)
+
+
+def _without_source_map(script: str) -> str:
+    return re.sub(r"^//# sourceMappingURL=.*$", "", script, flags=re.MULTILINE)
+
+
+def _hash_source(script: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"

@@ -1,0 +1,177 @@
+"""The charts of a report."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.report.charts import Chart, Key, Plot
+from uavcover.report.content import Flight, ReportContent
+from uavcover.verification.verify import Verdict
+
+FloatArray = NDArray[np.float64]
+
+_ALONG_STEPS = 1200
+
+
+def height_along_route(content: ReportContent) -> Chart:
+    """Height above ground along the planned route, with the band."""
+    along_m, points = _along(content.planned.route.waypoints_m)
+    ground = content.site.ground.heights_m(points[:, :2])
+    height = points[:, 2] - ground
+    limits = content.site.scenario.limits
+    km = along_m / 1000.0
+    top = max(_largest(height), limits.max_height_agl_m) * 1.08
+    plot = Plot((0.0, float(km[-1])), (0.0, top))
+    ends = km[[0, -1]]
+    plot.between("band", ends, _both(limits.min_height_agl_m), _both(limits.max_height_agl_m), name="allowed band")
+    plot.line("planned", km, height, name="planned")
+    if content.flights:
+        plot.line("flown", *_flown_along(content, content.flights[0]), name="flown")
+    return plot.finished(
+        "along", "Height above ground along the route", x_label="distance along the planned route, km", y_label="m"
+    )
+
+
+def elevation_profile(content: ReportContent) -> Chart:
+    """Ground, band and route above sea level along the planned route."""
+    along_m, points = _along(content.planned.route.waypoints_m)
+    ground = content.site.ground.heights_m(points[:, :2])
+    # Sea level seen from the local frame changes by millimetres over an area: the offset of each place itself.
+    sea = content.site.alts_amsl_m(points) - points[:, 2]
+    limits = content.site.scenario.limits
+    km, surface, route = along_m / 1000.0, ground + sea, points[:, 2] + sea
+    low = min(-_largest(-surface), float(route.min()))
+    high = max(_largest(surface) + limits.max_height_agl_m, float(route.max()))
+    floor = low - 0.06 * (high - low)
+    plot = Plot((0.0, float(km[-1])), (floor, high + 0.04 * (high - low)))
+    plot.between("band", km, surface + limits.min_height_agl_m, surface + limits.max_height_agl_m, name="allowed band")
+    plot.between("ground", km, np.full(km.size, floor), surface, name="ground")
+    plot.line("planned", km, route, name="planned")
+    unit = "height above sea level, m" if content.site.frame is not None else "height, m"
+    return plot.finished("profile", "Profile", x_label="distance along the planned route, km", y_label=unit)
+
+
+def height_over_time(content: ReportContent, verdict: Verdict, number: int) -> Chart:
+    """Height above ground over the whole of one of the flights, with the band where it holds."""
+    limits, flight = content.site.scenario.limits, content.flights[number]
+    start_s = float(flight.track.time_s[0])
+    minutes = (flight.track.time_s - start_s) / 60.0
+    top = max(_largest(flight.height_agl_m), limits.max_height_agl_m) * 1.08
+    plot = Plot((0.0, float(minutes[-1])), (min(0.0, -_largest(-flight.height_agl_m)), top))
+    on_route = np.flatnonzero(flight.track.current_waypoint >= 1)
+    ends = minutes[on_route[[0, -1]]] if on_route.size else minutes[[0, -1]]
+    plot.between("band", ends, _both(limits.min_height_agl_m), _both(limits.max_height_agl_m), name="allowed band")
+    plot.line("flown", minutes, flight.height_agl_m, name="flown")
+    violations = [violation for violation in verdict.report.violations if violation.track == number]
+    for violation in violations:
+        height = float(np.interp(violation.worst_s, flight.track.time_s, np.nan_to_num(flight.height_agl_m)))
+        words = f"{violation.kind} at {violation.worst_s:.1f} s"
+        plot.mark("violation", (violation.worst_s - start_s) / 60.0, height, radius=5.0, title=words)
+    keys = [Key("violation", "violation", is_mark=True)] if violations else []
+    which = "" if len(content.flights) == 1 else f", {flight.source} ({number + 1} of {len(content.flights)})"
+    return plot.finished(
+        f"height-{number}", f"Height above ground in flight{which}",
+        x_label="minutes of flight", y_label="m", mark_keys=keys,
+    )  # fmt: skip
+
+
+def coverage_over_time(content: ReportContent, verdict: Verdict) -> Chart:
+    """Share of the area that had been seen; several tracks as if each began right after the one before."""
+    moments, report = verdict.report.coverage_by_time, verdict.report
+    start_s = float(content.flights[0].track.time_s[0])
+    times = np.array([(moment.time_s - start_s) / 60.0 for moment in moments])
+    seen = np.array([100.0 * moment.coverage_fraction for moment in moments])
+    alone = content.flights[0].duration_s / 60.0 if len(content.flights) == 1 else 0.0
+    end = max(float(times[-1]) if times.size else 0.0, alone, 1.0 / 60.0)
+    # Nothing is seen before the first look, and nothing new after the last.
+    before = [0.0, float(times[0])] if times.size else [0.0]
+    times = np.concatenate([before, times, [end]])
+    seen = np.concatenate([np.zeros(len(before)), seen, [100.0 * report.coverage_fraction]])
+    asked = 100.0 * content.site.scenario.requirements.min_coverage_of_coverable
+    planned = 100.0 * content.planned.coverage_fraction
+    plot = Plot((0.0, end), (0.0, 102.0))
+    plot.between("seen", times, np.zeros(times.size), seen)
+    plot.line("planned", np.array([0.0, end]), _both(planned), name="planned, of the area")
+    plot.line("limit", np.array([0.0, end]), _both(asked), name="required, of what can be seen")
+    plot.line("flown", times, seen, name="seen, of the area")
+    return plot.finished("coverage", "Coverage over time", x_label="minutes of flight", y_label="%")
+
+
+def pareto_front(content: ReportContent) -> Chart | None:
+    """Coverage against length of the Pareto set and the baselines; none without a Pareto set."""
+    members = content.members
+    if not members:
+        return None
+    baselines = [b for b in content.plan.get("baselines", []) if isinstance(b, dict)]
+    points = [(m.path_length_m, m.coverage_of_coverable) for m in members]
+    points += [(float(b["path_length_m"]), float(b["coverage_of_coverable"])) for b in baselines]
+    length, share = np.array(points).T
+    reference = content.plan.get("bounds", {}).get("length_reference_m")
+    lengths = np.append(length, [] if reference is None else [reference])
+    pad = 0.03 * float(np.ptp(lengths)) / 1000.0
+    low = 100.0 * float(share.min())
+    span = max(100.0 - low, 1.0)
+    plot = Plot(
+        (float(lengths.min()) / 1000.0 - pad, float(lengths.max()) / 1000.0 + pad),
+        (low - 0.05 * span, min(100.0, 100.0 * float(share.max())) + 0.05 * span),
+    )
+    keys = [Key("member", "Pareto set", is_mark=True)]
+    if reference is not None:
+        plot.line("reference", _both(reference / 1000.0), np.array(plot.y_range), name="area / swath width (no bound)")
+    for baseline in baselines:
+        plot.mark(
+            "baseline", baseline["path_length_m"] / 1000.0, 100.0 * baseline["coverage_of_coverable"], radius=3.5,
+            title=_words(baseline["name"], baseline["coverage_of_coverable"], baseline["path_length_m"],
+                         baseline["waypoint_count"]),
+        )  # fmt: skip
+    for member in members:
+        name = f"index:{member.index}, {member.made_by}"
+        plot.mark(
+            "chosen" if member.chosen else "member", member.path_length_m / 1000.0, 100.0 * member.coverage_of_coverable,
+            radius=7.0 if member.chosen else 3.5,
+            title=_words(name, member.coverage_of_coverable, member.path_length_m, member.waypoint_count),
+        )  # fmt: skip
+    keys += [Key("chosen", "chosen", is_mark=True)] if any(m.chosen for m in members) else []
+    keys += [Key("baseline", "baselines", is_mark=True)] if baselines else []
+    return plot.finished(
+        "pareto", "The trade-off", x_label="length of the route, km", y_label="% of what can be seen", mark_keys=keys
+    )
+
+
+def _words(name: str, share: float, length_m: float, waypoints: int) -> str:
+    return f"{name}: {100.0 * share:.2f} %, {length_m:.0f} m, {waypoints} waypoints"
+
+
+def _largest(values: FloatArray) -> float:
+    """The largest known value, 0 when there is none."""
+    known = values[np.isfinite(values)]
+    return float(known.max()) if known.size else 0.0
+
+
+def _both(value: float) -> FloatArray:
+    return np.full(2, float(value))
+
+
+def _along(waypoints_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distances (k,) along a route and the places (k, 3) there, the waypoints themselves among them."""
+    if len(waypoints_m) < 2:
+        points = np.repeat(waypoints_m, 2, axis=0) if len(waypoints_m) else np.full((2, 3), np.nan)
+        return np.array([0.0, 1.0]), points
+    at_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(waypoints_m, axis=0), axis=1)))
+    along = np.unique(np.append(np.linspace(0.0, at_m[-1], _ALONG_STEPS), at_m))
+    return along, np.column_stack([np.interp(along, at_m, waypoints_m[:, axis]) for axis in range(3)])
+
+
+def _flown_along(content: ReportContent, flight: Flight) -> tuple[FloatArray, FloatArray]:
+    """Kilometres along the plan (n,) and height above ground (n,) of the samples on the route.
+
+    A sample that flies to waypoint k lies as far along as its foot on the leg from k - 1 to k says.
+    """
+    waypoints = content.planned.route.waypoints_m
+    target = flight.track.current_waypoint
+    on = np.flatnonzero((target >= 1) & (target < len(waypoints)))
+    to = target[on]
+    start, leg = waypoints[to - 1], waypoints[to] - waypoints[to - 1]
+    length = np.linalg.norm(leg, axis=1)
+    share = ((flight.enu_m[on] - start) * leg).sum(axis=1) / np.where(length > 0.0, length**2, 1.0)
+    at_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(waypoints, axis=0), axis=1)))
+    return (at_m[to - 1] + np.clip(share, 0.0, 1.0) * length) / 1000.0, flight.height_agl_m[on]
