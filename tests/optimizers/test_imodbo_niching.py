@@ -134,6 +134,17 @@ def test_the_least_front_weight_that_covers_the_front_is_taken():
     assert chosen((0.01, 50.0), 0.0) == strong  # out of reach: the last weight
 
 
+def test_a_thick_band_counts_no_more_than_a_thin_one():
+    rng = np.random.default_rng(1)
+    t = np.linspace(0.0, 1.0, 400)
+    thin, thick = np.column_stack([t[::4], np.zeros(100)]), np.column_stack([np.repeat(t, 4), np.full(1600, 1.0)])
+    thick[:, 1] += rng.uniform(-0.005, 0.005, 1600)
+    unit = np.vstack([thin, thick])
+    objectives = np.column_stack([unit[:, 0], 1 - unit[:, 0]])
+    rows = representatives(unit, objectives, 20, shortlist=1700, front_weights=(0.01,), front_allowance=1.0, passes=5)
+    assert 8 <= np.count_nonzero(rows < 100) <= 12  # 5 if every row counts the same
+
+
 class TestSmoothed:
     def test_points_of_a_parabola_stay_where_they_are(self):
         t = np.linspace(-0.5, 0.5, 7)

@@ -38,8 +38,8 @@ class ImodboNiching(IMODBO):
     first_slack: ClassVar[float] = 1e-1  # of the front's range, within which distant niches count as equivalent
     last_slack: ClassVar[float] = 1e-2
     review_interval: ClassVar[int] = 20  # rounds
-    front_weights: ClassVar[tuple[float, ...]] = (0.15, 0.3, 0.6, 1.2)
-    front_allowance: ClassVar[float] = 0.95
+    front_weights: ClassVar[tuple[float, ...]] = (0.15, 0.3, 0.6, 1.2, 2.4)
+    front_allowance: ClassVar[float] = 0.92
     medoid_passes: ClassVar[int] = 3
 
     _pool: NichePool

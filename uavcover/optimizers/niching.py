@@ -12,6 +12,7 @@ from uavcover.optimizers.solutions import Solutions
 _NEIGHBOURS = 8  # for the local stretch of the map from x to f
 _SPACING_GROWTH, _SPACING_DECAY = 1.15, 0.97
 _EVENNESS = 0.75  # share of the set's extent in a row's weight in decision space; the rest is that of the front's
+_CROWD_RADIUS = 0.35  # of the ball in which a row's rivals are counted, in distances between chosen rows
 _ROOMY = 0.7  # share of the capacity below which the spacing shrinks
 
 
@@ -168,8 +169,9 @@ def representatives(
     for the front under which the front is covered well enough: not worse than by as many rows spread over the front
     alone (each the farthest from those before). The rows with the smallest and largest value of each variable always
     stay. In decision space a row weighs three quarters by its share of the set's extent there and one quarter by its share
-    of the front's extent, in objective space by the latter alone; extents of dimension m - 1, from the ratio of distances
-    between neighbours.
+    of the front's extent, in objective space by the latter alone. Of the set, rows in a crowd share what one alone would
+    have, so a thick band of near-optimal rows counts no more than a thin one; of the front, the share is the ratio of
+    distances between neighbours in both spaces, to the power m - 1.
 
     Args:
         unit: ``(n, d)`` decision vectors in box widths.
@@ -195,9 +197,10 @@ def representatives(
     away, near = _nearest(x, x, min(_NEIGHBOURS + 1, len(x)))
     steps = np.linalg.norm(f[near[:, 1:]] - f[:, None], axis=2)
     stretch = np.median(steps / np.maximum(away[:, 1:], 1e-12), axis=1) ** (m - 1)
-    front_share = stretch / stretch.sum() if stretch.sum() > 0 else np.full(len(x), 1.0 / len(x))
-    set_share = _EVENNESS / len(x) + (1 - _EVENNESS) * front_share
     start = np.arange(min(count, len(x)), dtype=np.int64)
+    extent = 1.0 / _crowd(x, start)
+    front_share = stretch / stretch.sum() if stretch.sum() > 0 else np.full(len(x), 1.0 / len(x))
+    set_share = _EVENNESS * extent / extent.sum() + (1 - _EVENNESS) * front_share
     x_cost, f_cost = _cost(x, start, set_share), _cost(f, start, front_share)
     if x_cost == 0.0 or len(start) < 2:
         return np.sort(listed[start])
@@ -214,6 +217,12 @@ def representatives(
 def _ends(points: FloatArray) -> IntArray:
     """Rows with the smallest and largest value of each column."""
     return np.unique(np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])).astype(np.int64, copy=False)
+
+
+def _crowd(points: FloatArray, chosen: IntArray) -> IntArray:
+    """``(n,)`` how many rows are near each, itself included: where the band of near-optimal rows is thick they are many."""
+    apart = float(np.median(_nearest(points[chosen], points[chosen], min(2, len(chosen)))[0][:, -1]))
+    return np.asarray(KDTree(points).query_ball_point(points, _CROWD_RADIUS * apart, return_length=True), np.int64)
 
 
 def _cost(points: FloatArray, chosen: IntArray, shares: FloatArray) -> float:
