@@ -198,9 +198,9 @@ class Client(Connection):
         received, differences = self._read_back(mission_type, items, autopilot)
         return Verification(mission_type, autopilot.name, items, received, differences)
 
-    def download_content(self, mission_type: MissionType) -> Content:
+    def download_content(self, mission_type: MissionType, *, progress: Progress | None = None) -> Content:
         """One of the vehicle's lists as the Mission, Fence or RallyPoints it stands for; errors as ``download``."""
-        return content_of(mission_type, self.download(mission_type), self.vehicle.autopilot)
+        return content_of(mission_type, self.download(mission_type, progress=progress), self.vehicle.autopilot)
 
     # Commands, modes, parameters: see mission_io.commands.
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from mission_io.client import Client
 from mission_io.items import GeoPoint
+from mission_io.protocol.exchange import Timing
 from uavcover.errors import InputError
 from uavcover.flight.conversation import Conversation
 from uavcover.flight.events import FlightEvent
@@ -48,6 +49,7 @@ def connect(
     home: GeoPoint | None = None,
     timeout_s: float = 10.0,
     mock_speed: float = 1.0,
+    timing: Timing | None = None,
 ) -> Iterator[Connected]:
     """Open a link and wait for a vehicle; a context manager that closes the link.
 
@@ -57,6 +59,7 @@ def connect(
         home: where ``mock:`` stands instead.
         timeout_s: how long to wait for the first heartbeat.
         mock_speed: how fast ``mock:`` flies, times real time.
+        timing: how patient transfers are.
 
     Raises:
         InputError: a time or a speed that is not above 0.
@@ -69,7 +72,7 @@ def connect(
     name = "ardupilot" if site is None else site.scenario.vehicle.autopilot
     settings = Settings() if site is None else Settings.for_vehicle(site.scenario.vehicle)
     register_mock(lambda: MockVehicle(AUTOPILOTS[name], place, settings=settings, speed=mock_speed), speed=mock_speed)
-    client, monitor = open_vehicle(url)
+    client, monitor = open_vehicle(url, timing=timing)
     with client:
         vehicle = client.wait_for_vehicle(timeout_s)
         monitor.listen_to(vehicle.system_id)

@@ -1,9 +1,19 @@
 import re
+import signal
+import subprocess
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import Cli, mock_vehicle
+from mission_io.autopilots import PX4
+from mission_io.formats import wpl
+from mission_io.items import Frame, GeoPoint, Mission, waypoint
+from mission_io.link import UdpLink
+from tests.cli.conftest import Cli, command, mock_vehicle, started
+from tests.cli.relay import Relay
+from tests.mission_io.real_vehicle import flying_on
+from tests.mission_io.vehicle import VehiclePeer
 
 
 @pytest.mark.parametrize("name", ["mission.waypoints", "mission.plan", "fence.waypoints", "rally.waypoints"])
@@ -51,3 +61,38 @@ def test_bad_usage(cli: Cli, planned: Path) -> None:
     assert "cannot be read" in cli("upload", planned / "nope.plan", "--to", "mock:").error
     assert "--type" in cli("upload", planned / "mission.plan", "--to", "mock:", "--type", "geofence").error
     assert "one list" in cli("upload", planned / "mission.waypoints", "--to", "mock:", "--type", "all").error
+
+
+def test_ctrl_c_says_what_the_vehicle_holds(planned: Path) -> None:
+    """An ArduPilot writes over its list item by item: the user is told which items are new, and sees the list."""
+    with mock_vehicle() as (port, _):
+        with ExitStack() as stack:
+            upload: list[subprocess.Popen[str]] = []
+
+            def interrupt(items: int) -> None:
+                if items == 5:
+                    upload[0].send_signal(signal.SIGINT)
+
+            relay = stack.enter_context(Relay(port, interrupt))
+            arguments = command("upload", planned / "mission.waypoints", "--to", f"udpout://127.0.0.1:{relay.port}")
+            upload.append(stack.enter_context(started(arguments)))
+            _, err = upload[0].communicate(timeout=60.0)
+    assert upload[0].returncode == 130
+    assert "this side cancelled" in err
+    assert re.search(r"list is now mixed \(\d+ items, of which the first \d+ are new\); upload again, or clear it", err)
+    assert re.search(r"held now: 0: NAV_WAYPOINT \(16\) at 36\.\d+, -84\.\d+", err)
+    assert err.rstrip().endswith("interrupted")
+    assert "Traceback" not in err
+
+
+def test_a_refused_list_is_told(cli: Cli, tmp_path: Path) -> None:
+    link = UdpLink.listening()
+    peer = VehiclePeer(PX4, capacity=3)
+    with flying_on(link, peer):
+        file = tmp_path / "four.waypoints"
+        items = tuple(waypoint(46.5 + i * 1e-4, -7.25, 30.0, frame=Frame.ABOVE_HOME) for i in range(4))
+        file.write_text(wpl.write_mission(Mission(GeoPoint(46.5, -7.25, 500.0), items)))
+        ended = cli("upload", file, "--to", f"udpout://127.0.0.1:{link.local_port}", "--link", "telemetry-radio")
+    assert ended.code == 3
+    assert "NO_SPACE" in ended.err
+    assert "list is now unchanged" in ended.err

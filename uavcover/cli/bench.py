@@ -1,5 +1,7 @@
 """``uavcover bench``: the benchmarks of this project, each a command of its own."""
 
+from collections.abc import Callable
+
 import typer
 
 from uavcover.cli.bench_link import bench_link
@@ -13,7 +15,7 @@ bench = typer.Typer(
     rich_markup_mode=None,
 )
 
-_BENCHMARKS = {
+_BENCHMARKS: dict[str, tuple[Callable[..., int], str]] = {
     "link": (bench_link, "missions over links that lose datagrams, against MAVSDK"),
     "mmf": (bench_mmf, "the paper's 24 functions: Tables 3 and 4, tests, figures"),
 }

@@ -13,6 +13,7 @@ def download(
     out: Annotated[Path, typer.Option("-o", "--out", help="A .waypoints file (one list) or a .plan file (all three).")],
     kind: Annotated[str, typer.Option("--type", help="mission, fence, rally or all (.plan).")] = "mission",
     timeout_s: options.Timeout = 10.0,
+    link: options.LinkKind = "default",
     force: options.Force = False,
     as_json: options.Json = False,
     quiet: options.Quiet = False,
@@ -20,6 +21,7 @@ def download(
 ) -> int:
     """Download a vehicle's mission, fence or rally points into a file."""
     from mission_io.items import MissionType
+    from mission_io.presets import link_preset
     from uavcover.cli.console import Console
     from uavcover.cli.mission_files import check_output, text_of
     from uavcover.on_vehicle import connect
@@ -28,9 +30,10 @@ def download(
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     check_output(out, kind, force=force)
     wanted = list(MissionType) if kind == "all" else [MissionType.MISSION, MissionType[kind.upper()]]
-    with connect(url, timeout_s=timeout_s) as vehicle, console.progress("downloading"):
+    timing = link_preset(link).timing
+    with connect(url, timeout_s=timeout_s, timing=timing) as vehicle, console.progress("downloading") as bar:
         # A file needs home, which comes with the mission or from the vehicle.
-        lists = {t: vehicle.client.download_content(t) for t in dict.fromkeys(wanted)}
+        lists = {t: vehicle.client.download_content(t, progress=bar.count) for t in dict.fromkeys(wanted)}
         text, items = text_of(vehicle.client, lists, out, kind)
     write_text(out, text)
     console.say(f"written: {out} ({items} items)")

@@ -41,6 +41,15 @@ Timeout = Annotated[
     float, typer.Option("--timeout", help="Seconds to wait for the vehicle's first heartbeat.", metavar="SECONDS")
 ]
 
+LinkKind = Annotated[
+    str,
+    typer.Option(
+        "--link",
+        help="What the link is like: default, telemetry-radio or satellite. Times adapt to it anyway; this saves the start.",
+        metavar="KIND",
+    ),
+]
+
 
 def verbosity(quiet: bool, verbose: int) -> int:
     """-1 for quiet, otherwise how often -v was given."""

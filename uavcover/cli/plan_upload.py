@@ -20,6 +20,7 @@ def plan_upload(
     evaluations: Annotated[int | None, typer.Option(help="Evaluations, when planning.")] = None,
     seed: options.Seed = None,
     timeout_s: options.Timeout = 10.0,
+    link: options.LinkKind = "default",
     in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload to a vehicle that is armed.")] = False,
     force: options.ForcePlan = False,
     as_json: options.Json = False,
@@ -61,7 +62,7 @@ def plan_upload(
             console.result(outcome.document)
             return outcome.exit_code
         site, route = outcome.site, outcome.plan.chosen.route
-    document = upload_run(folder, site, route, to, console, timeout_s=timeout_s, in_flight=in_flight)
+    document = upload_run(folder, site, route, to, console, timeout_s=timeout_s, link=link, in_flight=in_flight)
     console.say(f"written: {folder.file('upload.json')}")
     console.result({"run": str(folder), **document})
     return 0 if document["passed"] else 1

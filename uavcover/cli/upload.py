@@ -15,15 +15,17 @@ def upload(
         str | None, typer.Option("--type", help="mission, fence, rally or all; default: what the file holds.")
     ] = None,
     timeout_s: options.Timeout = 10.0,
+    link: options.LinkKind = "default",
     in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload to a vehicle that is armed.")] = False,
     as_json: options.Json = False,
     quiet: options.Quiet = False,
     verbose: options.Verbose = 0,
 ) -> int:
     """Upload a mission, fence or rally file, read it back and compare; the terrain is not checked."""
+    from mission_io.presets import link_preset
     from uavcover.cli.console import Console
     from uavcover.cli.mission_files import home_of, read_contents, warn_of_home
-    from uavcover.cli.uploading import say_comparison
+    from uavcover.cli.uploading import say_comparison, telling_what_is_held
     from uavcover.on_vehicle import connect
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
@@ -32,10 +34,11 @@ def upload(
         console.warn(f"{file}: repaired: {repair}")
     console.warn(f"{file}: terrain not checked (the file carries none; plan-upload checks every leg)")
     results = []
-    with connect(to, home=home_of(contents), timeout_s=timeout_s) as vehicle:
+    timing = link_preset(link).timing
+    with connect(to, home=home_of(contents), timeout_s=timeout_s, timing=timing) as vehicle:
         warn_of_home(vehicle.client, home_of(contents), console)
         for content in contents:
-            with console.progress("uploading") as bar:
+            with telling_what_is_held(console), console.progress("uploading") as bar:
                 results.append(vehicle.client.upload_and_verify(content, progress=bar.count, in_flight=in_flight))
             say_comparison(console, results[-1])
     passed = all(result.passed for result in results)

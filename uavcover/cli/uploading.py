@@ -1,7 +1,12 @@
 """Uploading a run's mission, as ``plan-upload`` and ``demo`` do it."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
+from mission_io.commands import name_of
+from mission_io.errors import TransferError, TransferInterrupted
+from mission_io.presets import link_preset
 from mission_io.verification import Verification
 from uavcover import pipeline
 from uavcover.cli.console import Console
@@ -11,23 +16,33 @@ from uavcover.run_folder import RunFolder
 from uavcover.site import Site
 
 UPLOAD_FILE = "upload.json"
+_SHOWN_ITEMS = 20
 
 
 def upload_run(
-    run: RunFolder, site: Site, route: Route, url: str, console: Console, *, timeout_s: float, in_flight: bool = False
+    run: RunFolder,
+    site: Site,
+    route: Route,
+    url: str,
+    console: Console,
+    *,
+    timeout_s: float,
+    link: str = "default",
+    in_flight: bool = False,
 ) -> dict[str, Any]:
     """Check every leg and the vehicle's home, upload, read back, compare; writes ``upload.json`` and returns it.
 
     The file tells of the last upload only: it is gone from the moment at which something is sent.
     """
+    timing = link_preset(link).timing
     require_home(site)
     pipeline.compile_plan(site, route)  # a bad leg is known before anybody is asked
-    with run.reserved((), force=True), connect(url, site, timeout_s=timeout_s) as vehicle:
+    with run.reserved((), force=True), connect(url, site, timeout_s=timeout_s, timing=timing) as vehicle:
         console.say(f"vehicle {vehicle.client.vehicle.system_id} at {url}: {vehicle.client.vehicle.autopilot.name}")
         compiled = pipeline.compile_plan(site, route, autopilot=vehicle.autopilot)
         check_home(vehicle, site, compiled)
         run.remove([UPLOAD_FILE])
-        with console.progress("uploading") as bar:
+        with telling_what_is_held(console), console.progress("uploading") as bar:
             results = pipeline.upload(
                 vehicle.client,
                 compiled,
@@ -43,6 +58,34 @@ def upload_run(
         "(fence items carry no height)"
     )
     return document
+
+
+@contextmanager
+def telling_what_is_held(console: Console) -> Iterator[None]:
+    """When an upload fails or is interrupted, say what the vehicle holds now, with the list unless it is the old one."""
+    try:
+        yield
+    except TransferInterrupted as interrupted:
+        console.warn(str(interrupted.outcome))
+        _say_items(interrupted.outcome, console)
+        raise
+    except TransferError as error:
+        _say_items(error, console)
+        raise
+
+
+def _say_items(error: TransferError, console: Console) -> None:
+    if error.vehicle_holds == "unchanged" or not error.held_items:
+        return
+    for number, item in enumerate(error.held_items[:_SHOWN_ITEMS]):
+        place = (
+            f" at {item.lat_deg:.7f}, {item.lon_deg:.7f}, {item.alt_m:g} m {item.frame.name}"
+            if item.has_position
+            else ""
+        )
+        console.warn(f"held now: {number}: {name_of(item.command)}{place}")
+    if len(error.held_items) > _SHOWN_ITEMS:
+        console.warn(f"held now: {len(error.held_items) - _SHOWN_ITEMS} more; see: uavcover download")
 
 
 def say_comparison(console: Console, result: Verification) -> None:

@@ -1,0 +1,44 @@
+"""``uavcover clear``: empty a vehicle's lists."""
+
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+
+
+def clear(
+    to: options.To,
+    kind: Annotated[str, typer.Option("--type", help="mission, fence, rally or all.")] = "mission",
+    timeout_s: options.Timeout = 10.0,
+    link: options.LinkKind = "default",
+    in_flight: Annotated[bool, typer.Option("--in-flight", help="Clear a vehicle that is armed.")] = False,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = 0,
+) -> int:
+    """Empty a vehicle's mission, fence or rally points, and read back that they are empty."""
+    from mission_io.items import MissionType
+    from mission_io.presets import link_preset
+    from uavcover.cli.console import Console
+    from uavcover.cli.mission_files import KINDS
+    from uavcover.errors import InputError
+    from uavcover.on_vehicle import connect
+
+    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    if kind not in KINDS:
+        raise InputError(f"--type: {kind!r} is not one of {', '.join(KINDS)}")
+    lists = list(MissionType) if kind == "all" else [MissionType[kind.upper()]]
+    cleared: list[str] = []
+    with connect(to, timeout_s=timeout_s, timing=link_preset(link).timing) as vehicle:
+        try:
+            for mission_type in lists:
+                vehicle.client.clear(mission_type, in_flight=in_flight)
+                cleared.append(mission_type.name.lower())
+                console.say(f"{cleared[-1]}: empty, read back")
+        except KeyboardInterrupt:
+            left = [t.name.lower() for t in lists if t.name.lower() not in cleared]
+            console.warn(f"cleared: {', '.join(cleared) or 'nothing'}; not known to be cleared: {', '.join(left)}")
+            raise
+    console.result({"cleared": cleared})
+    return 0
