@@ -1,34 +1,59 @@
-"""Puts the upload's transition table into a document as a diagram: ``python -m mission_io.diagrams FILE``."""
+"""Puts the transition tables into a document as diagrams: ``python -m mission_io.diagrams FILE``."""
 
 import sys
+from enum import Enum
 from pathlib import Path
+from typing import Any, Final
 
 from mission_io.errors import FormatError
-from mission_io.protocol.table import mermaid
+from mission_io.protocol.clear import CLEAR_TABLE, ClearState
+from mission_io.protocol.download import DOWNLOAD_TABLE, DownloadState
+from mission_io.protocol.server_table import SERVER_TABLE, ServerState
+from mission_io.protocol.table import Table, mermaid
 from mission_io.protocol.upload_table import UPLOAD_TABLE, UploadState
 
-_BEGIN, _END = "<!-- upload table: begin -->\n", "<!-- upload table: end -->"
+TABLES: Final[dict[str, tuple[Table[Any, Any], Enum]]] = {
+    "upload": (UPLOAD_TABLE, UploadState.ANNOUNCED),
+    "download": (DOWNLOAD_TABLE, DownloadState.LISTING),
+    "clear": (CLEAR_TABLE, ClearState.ASKED),
+    "server": (SERVER_TABLE, ServerState.IDLE),
+}
+"""Every table with the state it begins in."""
 
 
-def with_diagram(document: str) -> str:
-    """The document with the diagram between its two marks.
+def drawing(name: str) -> str:
+    """A table as Markdown: its diagram, and what its states mean."""
+    table, start = TABLES[name]
+    meanings = "\n".join(f"- `{state.name}`: {state.value}" for state in type(start))
+    return f"```mermaid\n{mermaid(table, start)}\n```\n\n{meanings}\n"
+
+
+def with_diagrams(document: str) -> str:
+    """The document with each table's drawing between its two marks, ``<!-- NAME table: begin -->`` and ``end``.
 
     Raises:
-        FormatError: the marks are missing.
+        FormatError: it has marks of no table, or only one of two.
     """
-    before, begin, rest = document.partition(_BEGIN)
-    _, end, after = rest.partition(_END)
-    if not (begin and end):
-        raise FormatError(f"no {_BEGIN.strip()} and {_END} in it", where="document")
-    return f"{before}{begin}```mermaid\n{mermaid(UPLOAD_TABLE, UploadState.ANNOUNCED)}\n```\n{end}{after}"
+    found = False
+    for name in TABLES:
+        begin, end = f"<!-- {name} table: begin -->\n", f"<!-- {name} table: end -->"
+        before, has_begin, rest = document.partition(begin)
+        _, has_end, after = rest.partition(end)
+        if bool(has_begin) != bool(has_end):
+            raise FormatError(f"{begin.strip()} without {end}", where="document")
+        if has_begin:
+            document, found = f"{before}{begin}{drawing(name)}{end}{after}", True
+    if not found:
+        raise FormatError(f"no marks such as <!-- {next(iter(TABLES))} table: begin --> in it", where="document")
+    return document
 
 
 def main(arguments: list[str]) -> int:
-    """Renew the diagram in each file; the exit code."""
+    """Renew the diagrams in each file; the exit code."""
     for name in arguments:
         path = Path(name)
         try:
-            path.write_text(with_diagram(path.read_text()))
+            path.write_text(with_diagrams(path.read_text()))
         except FormatError as error:
             sys.stderr.write(f"{name}: {error}\n")
             return 2

@@ -1,18 +1,20 @@
-"""docs/mission_io.md: its example runs, and its diagram is the table's."""
+"""docs/mission_io.md and docs/mission_protocol.md: their examples run, and the diagrams are the tables'."""
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from mission_io.autopilots import ARDUPILOT
-from mission_io.diagrams import main, with_diagram
+from mission_io.diagrams import TABLES, main, with_diagrams
 from mission_io.items import MissionType
 from mission_io.link import UdpLink
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "mission_io.md"
+PROTOCOL = DOCUMENT.with_name("mission_protocol.md")
 
 
 def test_the_ten_line_upload_runs(capsys: pytest.CaptureFixture[str]) -> None:
@@ -28,16 +30,29 @@ def test_the_ten_line_upload_runs(capsys: pytest.CaptureFixture[str]) -> None:
     assert len(peer.server.items(MissionType.MISSION)) == 4
 
 
-def test_the_diagram_is_up_to_date() -> None:
-    assert with_diagram(DOCUMENT.read_text()) == DOCUMENT.read_text(), "run: python -m mission_io.diagrams FILE"
+def test_the_diagrams_are_up_to_date() -> None:
+    text = PROTOCOL.read_text()
+    assert with_diagrams(text) == text, "run: python -m mission_io.diagrams docs/mission_protocol.md"
+    assert all(f"<!-- {name} table: begin -->" in text for name in TABLES)
 
 
-def test_a_document_without_its_marks_is_refused(tmp_path: Path) -> None:
-    empty = tmp_path / "empty.md"
-    empty.write_text("# nothing")
-    assert main([str(empty)]) == 2
-    empty.write_text("a\n<!-- upload table: begin -->\nold\n<!-- upload table: end -->\nb\n")
-    assert main([str(empty)]) == 0
-    text = empty.read_text()
-    assert text.startswith("a\n<!-- upload table: begin -->\n```mermaid\nstateDiagram-v2\n")
-    assert text.endswith("```\n<!-- upload table: end -->\nb\n")
+def test_a_document_without_its_marks_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = tmp_path / "document.md"
+    for text in ("# nothing", "<!-- upload table: begin -->\n", "<!-- clear table: end -->\n"):
+        document.write_text(text)
+        assert main([str(document)]) == 2
+    assert "no marks such as <!-- upload table: begin -->" in capsys.readouterr().err
+    document.write_text("a\n<!-- clear table: begin -->\nold\n<!-- clear table: end -->\nb\n")
+    assert main([str(document)]) == 0
+    text = document.read_text()
+    assert text.startswith("a\n<!-- clear table: begin -->\n```mermaid\nstateDiagram-v2\n    [*] --> ASKED\n")
+    assert text.endswith("<!-- clear table: end -->\nb\n")
+    assert "- `ASKED`: asked to empty the list\n" in text
+
+
+def test_the_protocol_page_s_example_makes_a_client() -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", PROTOCOL.read_text(), re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(compile(code, str(PROTOCOL), "exec"), names)
+    client = names["client_to"](VehiclePeer(ARDUPILOT))
+    assert client.wait_for_vehicle(60.0).system_id == 1
