@@ -112,7 +112,14 @@ def test_kernels_equal_their_naive_twins(seed):
 def test_representatives_of_an_even_line_are_even_and_hold_its_ends():
     t = np.linspace(0.0, 1.0, 401)[:, None]
     rows = representatives(
-        t, np.hstack([t, 1 - t]), 11, shortlist=401, front_weights=(1.0,), front_allowance=1.0, passes=5
+        t,
+        np.hstack([t, 1 - t]),
+        11,
+        shortlist=401,
+        front_weights=(1.0,),
+        front_allowance=1.0,
+        crowd_radius=0.35,
+        passes=5,
     )
     assert {rows[0], rows[-1]} == {0, 400}
     assert np.diff(t[rows, 0]) == pytest.approx(0.1, abs=0.04)
@@ -124,7 +131,14 @@ def test_the_least_front_weight_that_covers_the_front_is_taken():
 
     def chosen(weights, allowance):
         return representatives(
-            unit, objectives, 12, shortlist=301, front_weights=weights, front_allowance=allowance, passes=5
+            unit,
+            objectives,
+            12,
+            shortlist=301,
+            front_weights=weights,
+            front_allowance=allowance,
+            crowd_radius=0.35,
+            passes=5,
         ).tolist()
 
     weak, strong = chosen((0.01,), np.inf), chosen((50.0,), np.inf)
@@ -141,7 +155,9 @@ def test_a_thick_band_counts_no_more_than_a_thin_one():
     thick[:, 1] += rng.uniform(-0.005, 0.005, 1600)
     unit = np.vstack([thin, thick])
     objectives = np.column_stack([unit[:, 0], 1 - unit[:, 0]])
-    rows = representatives(unit, objectives, 20, shortlist=1700, front_weights=(0.01,), front_allowance=1.0, passes=5)
+    rows = representatives(
+        unit, objectives, 20, shortlist=1700, front_weights=(0.01,), front_allowance=1.0, crowd_radius=0.35, passes=5
+    )
     assert 8 <= np.count_nonzero(rows < 100) <= 12  # 5 if every row counts the same
 
 
@@ -180,7 +196,9 @@ def test_representatives_share_equivalent_sets_fairly():
     t = np.linspace(0.0, 1.0, 200)
     unit = np.vstack([np.column_stack([t, np.zeros(200)]), np.column_stack([t, np.ones(200)])])
     objectives = np.tile(np.column_stack([t, 1 - t]), (2, 1))
-    rows = representatives(unit, objectives, 20, shortlist=400, front_weights=(1.0,), front_allowance=1.0, passes=5)
+    rows = representatives(
+        unit, objectives, 20, shortlist=400, front_weights=(1.0,), front_allowance=1.0, crowd_radius=0.35, passes=5
+    )
     assert 9 <= np.count_nonzero(rows < 200) <= 11
 
 
@@ -188,14 +206,14 @@ def test_representatives_share_equivalent_sets_fairly():
 def test_few_rows_are_all_returned(n):
     same = np.zeros((n, 2))
     assert representatives(
-        same, same, 5, shortlist=10, front_weights=(1.0,), front_allowance=1.0, passes=1
+        same, same, 5, shortlist=10, front_weights=(1.0,), front_allowance=1.0, crowd_radius=0.35, passes=1
     ).tolist() == list(range(n))
 
 
 def test_repetitions_and_flat_objectives_do_not_disturb_the_choice():
     unit = np.repeat(np.linspace(0, 1, 4), 3)[:, None]
     rows = representatives(
-        unit, np.zeros((12, 2)), 6, shortlist=12, front_weights=(1.0,), front_allowance=1.0, passes=2
+        unit, np.zeros((12, 2)), 6, shortlist=12, front_weights=(1.0,), front_allowance=1.0, crowd_radius=0.35, passes=2
     )
     assert sorted(set(unit[rows, 0])) == sorted(set(unit[:, 0]))
 

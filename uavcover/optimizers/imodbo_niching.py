@@ -40,6 +40,7 @@ class ImodboNiching(IMODBO):
     review_interval: ClassVar[int] = 20  # rounds
     front_weights: ClassVar[tuple[float, ...]] = (0.15, 0.3, 0.6, 1.2, 2.4)
     front_allowance: ClassVar[float] = 0.92
+    crowd_radius: ClassVar[float] = 0.35
     medoid_passes: ClassVar[int] = 3
 
     _pool: NichePool
@@ -71,7 +72,7 @@ class ImodboNiching(IMODBO):
         parents = rng.integers(0, len(pool), n)
         unit = pool.unit
         around = neighbours(unit, parents, max(self.leaders_at_hand, self.surface_neighbours))
-        near, on_surface = around[:, : self.leaders_at_hand + 1], around[:, : self.surface_neighbours + 1]
+        near, on_surface = self._followable(around, rng), around[:, : self.surface_neighbours + 1]
         x, leaders = pool.solutions.x[parents], pool.solutions.x
         settling = self._iteration >= (1 - self.settling_share) * self._max_iterations
         shares = self.settling_groups if settling else self.exploring_groups
@@ -98,6 +99,10 @@ class ImodboNiching(IMODBO):
 
         self._came_from = x
         return np.concatenate([rolled, bred, walked, stolen, followed, smooth])
+
+    def _followable(self, around: IntArray, rng: np.random.Generator) -> IntArray:  # noqa: ARG002 -- variants draw
+        """``(n, k)`` each beetle's parent, then the rows that it may follow, of the nearest ones ``around``."""
+        return around[:, : self.leaders_at_hand + 1]
 
     @property
     def _slack(self) -> float:
@@ -136,6 +141,7 @@ class ImodboNiching(IMODBO):
                 shortlist=self.shortlist_share * count,
                 front_weights=self.front_weights,
                 front_allowance=self.front_allowance,
+                crowd_radius=self.crowd_radius,
                 passes=self.medoid_passes,
             )
             best = pool.solutions.rows(rows)

@@ -12,7 +12,6 @@ from uavcover.optimizers.solutions import Solutions
 _NEIGHBOURS = 8  # for the local stretch of the map from x to f
 _SPACING_GROWTH, _SPACING_DECAY = 1.15, 0.97
 _EVENNESS = 0.75  # share of the set's extent in a row's weight in decision space; the rest is that of the front's
-_CROWD_RADIUS = 0.35  # of the ball in which a row's rivals are counted, in distances between chosen rows
 _ROOMY = 0.7  # share of the capacity below which the spacing shrinks
 
 
@@ -161,6 +160,7 @@ def representatives(
     shortlist: int,
     front_weights: tuple[float, ...],
     front_allowance: float,
+    crowd_radius: float,
     passes: int,
 ) -> IntArray:
     """Rows that stand for all in decision and in objective space.
@@ -181,6 +181,7 @@ def representatives(
         front_weights: ascending; cost of distances in objective space, where those in decision space cost 1, each for the
             shortlist's first ``count`` rows. The last is used if none is enough.
         front_allowance: mean distance to the front's representatives that is well enough, in those of a spread front.
+        crowd_radius: of the ball in which rows are a crowd, in typical distances between rows chosen for spread alone.
         passes: of k-medoids.
 
     Returns:
@@ -198,7 +199,7 @@ def representatives(
     steps = np.linalg.norm(f[near[:, 1:]] - f[:, None], axis=2)
     stretch = np.median(steps / np.maximum(away[:, 1:], 1e-12), axis=1) ** (m - 1)
     start = np.arange(min(count, len(x)), dtype=np.int64)
-    extent = 1.0 / _crowd(x, start)
+    extent = 1.0 / _crowd(x, start, crowd_radius)
     front_share = stretch / stretch.sum() if stretch.sum() > 0 else np.full(len(x), 1.0 / len(x))
     set_share = _EVENNESS * extent / extent.sum() + (1 - _EVENNESS) * front_share
     x_cost, f_cost = _cost(x, start, set_share), _cost(f, start, front_share)
@@ -219,10 +220,10 @@ def _ends(points: FloatArray) -> IntArray:
     return np.unique(np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])).astype(np.int64, copy=False)
 
 
-def _crowd(points: FloatArray, chosen: IntArray) -> IntArray:
+def _crowd(points: FloatArray, chosen: IntArray, radius: float) -> IntArray:
     """``(n,)`` how many rows are near each, itself included: where the band of near-optimal rows is thick they are many."""
     apart = float(np.median(_nearest(points[chosen], points[chosen], min(2, len(chosen)))[0][:, -1]))
-    return np.asarray(KDTree(points).query_ball_point(points, _CROWD_RADIUS * apart, return_length=True), np.int64)
+    return np.asarray(KDTree(points).query_ball_point(points, radius * apart, return_length=True), np.int64)
 
 
 def _cost(points: FloatArray, chosen: IntArray, shares: FloatArray) -> float:
