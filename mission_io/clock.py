@@ -1,4 +1,4 @@
-"""Time as an argument: what a clock is, and the real one."""
+"""Time as an argument: what a clock is, and the real ones."""
 
 import time
 from typing import Protocol
@@ -12,9 +12,25 @@ class Clock(Protocol):
         ...
 
 
+class UnixClock(Protocol):
+    """The time of day, which somebody may set."""
+
+    def unix_s(self) -> float:
+        """Seconds since 1970-01-01 UTC."""
+        ...
+
+
 class MonotonicClock:
     """The operating system's monotonic clock."""
 
     def now(self) -> float:
         """The present time in seconds; only differences mean something."""
         return time.monotonic()
+
+
+class SystemClock:
+    """The operating system's time of day."""
+
+    def unix_s(self) -> float:
+        """Seconds since 1970-01-01 UTC."""
+        return time.time()

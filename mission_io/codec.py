@@ -1,19 +1,22 @@
-"""MAVLink 2 bytes to messages and back. The only module that knows pymavlink.
+"""MAVLink bytes to messages and back.
 
 Each message has one row in a table: its MAVLink name and, field by field, how a number on the wire becomes a number in
 units. Frames are found by their checksum, so garbage, damaged and unknown messages are skipped and counted, and a
-datagram holds nothing back for the next.
+datagram holds nothing back for the next. MAVLink 2 is spoken, and MAVLink 1 to peers that speak nothing else.
 """
 
 import struct
+from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from typing import Any, Final
 
-from pymavlink.dialects.v20 import ardupilotmega as dialect
-
 from mission_io import messages as m
+from mission_io.dialect import Layout, layout_of
 from mission_io.errors import MisuseError
+from mission_io.framing import SIGNED_FLAG, Framer, WireFrame, mavlink1_frame, mavlink2_frame
+from mission_io.signing import Signing, Verdict
+from mission_io.statistics import LinkStatistics, SequenceCounter
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +31,25 @@ class _Field:
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """A message of ours, the MAVLink message it is, and the wire fields that are always the same when sent."""
+    """A message of ours and the MAVLink message it is.
+
+    Attributes:
+        ours: Our class.
+        layout: How MAVLink packs it.
+        fields: How our attributes stand to its fields.
+        slots: For each of these, where its values are among those of the layout.
+        constants: Values in the order of the layout, where what our attributes do not set is always the same.
+        size_1: The bytes of its payload that exist in MAVLink 1.
+        extensions: Our attributes that do not exist in MAVLink 1, each with the value that stands for "not said".
+    """
 
     ours: type[m.Message]
-    wire: str
+    layout: Layout
     fields: tuple[_Field, ...]
-    constants: Mapping[str, Any]
+    slots: tuple[tuple[int, ...], ...]
+    constants: tuple[Any, ...]
+    size_1: int
+    extensions: Mapping[str, Any]
 
 
 def _same(name: str, wire: str = "") -> _Field:
@@ -85,11 +101,49 @@ def _text(name: str, wire: str, size: int) -> _Field:
             raise MisuseError(f"{name} has {len(data)} bytes, MAVLink has room for {size}: {value!r}")
         return (data,)
 
-    return _Field(name, (wire,), lambda value: value, encode)
+    return _Field(name, (wire,), lambda value: value.split(b"\0", 1)[0].decode("ascii", errors="replace"), encode)
 
 
-def _row(ours: type[m.Message], wire: str, *fields: _Field | str, **constants: Any) -> _Row:
-    return _Row(ours, wire, tuple(_same(f) if isinstance(f, str) else f for f in fields), constants)
+_FIRST_EXTENSION: Final = {
+    "autopilot_version": "uid2",
+    "command_ack": "progress",
+    "ekf_status_report": "airspeed_variance",
+    "gps_raw_int": "alt_ellipsoid",
+    "home_position": "time_usec",
+    "mission_ack": "mission_type",
+    "mission_clear_all": "mission_type",
+    "mission_count": "mission_type",
+    "mission_current": "total",
+    "mission_item": "mission_type",
+    "mission_item_int": "mission_type",
+    "mission_request": "mission_type",
+    "mission_request_int": "mission_type",
+    "mission_request_list": "mission_type",
+    "statustext": "id",
+    "sys_status": "onboard_control_sensors_present_extended",
+}
+"""The first field of each message that came with MAVLink 2; all that follow it on the wire did, too."""
+
+
+def _row(ours: type[m.Message], wire: str, *fields_of: _Field | str, **constants: Any) -> _Row:
+    layout = layout_of(wire)
+    ours_fields = tuple(_same(f) if isinstance(f, str) else f for f in fields_of)
+    values: list[Any] = [0] * layout.value_count
+    for name, value in constants.items():
+        start, count = layout.places[name]
+        values[start : start + count] = value if count > 1 else [value]
+    first = _FIRST_EXTENSION.get(wire)
+    extension_at = layout.value_count if first is None else layout.places[first][0]
+    defaults = {field.name: field.default for field in fields(ours) if field.default is not MISSING}
+    return _Row(
+        ours,
+        layout,
+        ours_fields,
+        tuple(tuple(layout.places[name][0] for name in field.wire) for field in ours_fields),
+        tuple(values),
+        layout.struct.size if first is None else layout.size_before(first),
+        {f.name: defaults[f.name] for f in ours_fields if layout.places[f.wire[0]][0] >= extension_at},
+    )
 
 
 _TO = ("target_system", "target_component")
@@ -175,97 +229,155 @@ _ROWS: Final[tuple[_Row, ...]] = (
         m.ParamValue, "param_value", _text("name", "param_id", 16), _same("value", "param_value"), "param_type",
         _same("count", "param_count"), _same("index", "param_index"),
     ),
+    _row(
+        m.RadioStatus, "radio_status", "rssi", _same("remote_rssi", "remrssi"),
+        _same("transmit_buffer_percent", "txbuf"), "noise", _same("remote_noise", "remnoise"),
+        _same("receive_errors", "rxerrors"), _same("corrected", "fixed"),
+    ),
     _row(m.SystemTime, "system_time", _scaled("time_unix_s", "time_unix_usec", 1e6), _BOOT),
 )  # fmt: skip
 
-_BY_CLASS: Final = {row.ours: (row, getattr(dialect, f"MAVLink_{row.wire}_message")) for row in _ROWS}
-_BY_NAME: Final = {row.wire.upper(): row for row in _ROWS}
+_BY_CLASS: Final = {row.ours: row for row in _ROWS}
+_BY_ID: Final = {row.layout.message_id: row for row in _ROWS}
 
 
 def message_id(kind: type[Any]) -> int:
     """The number that MAVLink gives a kind of message, as SET_MESSAGE_INTERVAL and REQUEST_MESSAGE want it."""
-    number: int = _BY_CLASS[kind][1].id
-    return number
+    return _BY_CLASS[kind].layout.message_id
 
 
-_MAGIC_V1, _MAGIC_V2, _SIGNED = 0xFE, 0xFD, 0x01
-_SIGNATURE_SIZE = 13
+_REMEMBERED = 200
+"""Frames of our own that are known when they come back; fewer than there are sequence numbers."""
+
+_USE_2 = "the peer speaks nothing newer: switch its link to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
+_WHAT_IS_NEW = {"mission_type": "fences and rally points"}
 
 
 class Codec:
     """Speaks as one system and component; keeps the sequence number of what it sends and counts what it skips.
 
+    Args:
+        system_id: The MAVLink system that it speaks as.
+        component_id: The component.
+        signing: Signs what is sent and refuses what is not signed with the same key; None does neither.
+
     Attributes:
-        skipped_bytes: Bytes that belonged to no valid message.
-        unknown_messages: Valid messages of kinds that mission_io has no use for.
+        version: The MAVLink version that is spoken: 2, or 1 to peers that know no other.
     """
 
-    def __init__(self, *, system_id: int, component_id: int) -> None:
+    def __init__(self, *, system_id: int, component_id: int, signing: Signing | None = None) -> None:
         for name, value in (("system_id", system_id), ("component_id", component_id)):
             if not 1 <= value <= 255:
                 raise MisuseError(f"{name} is {value}, MAVLink has 1 to 255")
         self.system_id, self.component_id = system_id, component_id
-        self._sender = dialect.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
-        self._reader = dialect.MAVLink(None)
-        self.skipped_bytes = 0
-        self.unknown_messages = 0
+        self.signing = signing
+        self.version = 2
+        self._seq = 0
+        self._sent: dict[bytes, None] = {}
+        self._framer = Framer()
+        self._sequence = SequenceCounter()
+        self._counts: Counter[str] = Counter()
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """What was sent, received, lost and refused up to now."""
+        framing = self._framer.counts
+        return LinkStatistics(
+            **self._counts,
+            lost=self._sequence.lost,
+            late=self._sequence.late,
+            duplicates=self._sequence.duplicates,
+            checksum_errors=framing.checksum_errors,
+            truncated_frames=framing.truncated_frames,
+            garbage_bytes=framing.garbage_bytes,
+        )
 
     def encode(self, message: m.Message) -> bytes:
         """The bytes of one message.
 
         Raises:
-            MisuseError: a value that does not fit its MAVLink field; it names the message and the field.
+            MisuseError: a value that does not fit its MAVLink field, or that does not exist in MAVLink 1 when that is
+                spoken; it names the message and the field.
         """
-        row, wire_class = _BY_CLASS[type(message)]
-        values = dict(row.constants)
-        for field in row.fields:
-            values.update(zip(field.wire, field.encode(getattr(message, field.name)), strict=True))
-        try:
-            data: bytes = wire_class(**values).pack(self._sender)
-        except (struct.error, TypeError, OverflowError) as error:
-            raise MisuseError(f"{message} does not fit in {row.wire.upper()}: {error}") from None
-        self._sender.seq = (self._sender.seq + 1) % 256
-        return bytes(data)
+        row = _BY_CLASS[type(message)]
+        frame = self._frame_1(row, message) if self.version == 1 else self._frame_2(row, message)
+        self._seq = (self._seq + 1) % 256
+        self._counts["frames_out"] += 1
+        self._sent[frame] = None
+        if len(self._sent) > _REMEMBERED:
+            del self._sent[next(iter(self._sent))]
+        return frame
+
+    def _frame_2(self, row: _Row, message: m.Message) -> bytes:
+        signing = self.signing
+        flags = 0 if signing is None else SIGNED_FLAG
+        frame = mavlink2_frame(
+            row.layout.message_id,
+            _payload(row, message),
+            seq=self._seq,
+            system_id=self.system_id,
+            component_id=self.component_id,
+            flags=flags,
+        )
+        return frame if signing is None else frame + signing.signature(frame)
+
+    def _frame_1(self, row: _Row, message: m.Message) -> bytes:
+        if self.signing is not None:
+            raise MisuseError(f"MAVLink 1 cannot be signed; {_USE_2}")
+        for name, unsaid in row.extensions.items():
+            value = getattr(message, name)
+            if value != unsaid:
+                what = _WHAT_IS_NEW.get(name, f"{name} = {value}")
+                raise MisuseError(f"{row.layout.name.upper()}: {what} do not exist in MAVLink 1; {_USE_2}")
+        return mavlink1_frame(
+            row.layout.message_id,
+            _payload(row, message)[: row.size_1],
+            seq=self._seq,
+            system_id=self.system_id,
+            component_id=self.component_id,
+        )
 
     def decode(self, datagram: bytes) -> list[m.Received]:
         """The messages in one datagram, in order. Never raises on what a peer sent."""
         found: list[m.Received] = []
-        start = 0
-        while start < len(datagram):
-            size = _frame_size(datagram, start)
-            received = self._decode_frame(datagram[start : start + size]) if size else None
-            if received is None:
-                self.skipped_bytes += 1
-                start += 1
+        for frame in [*self._framer.feed(datagram), *self._framer.end()]:
+            self._counts["frames_in"] += 1
+            if frame.data in self._sent:
+                self._counts["echoes"] += 1
                 continue
-            start += size
-            if received.get_type() not in _BY_NAME:
-                self.unknown_messages += 1
+            verdict = Verdict.ACCEPTED if self.signing is None else self.signing.judge(frame)
+            if verdict is not Verdict.ACCEPTED:
+                self._counts[verdict.value] += 1
                 continue
-            found.append(m.Received(_message_of(received), received.get_srcSystem(), received.get_srcComponent()))
+            self._sequence.take((frame.system_id, frame.component_id), frame.seq)
+            row = _BY_ID.get(frame.message_id)
+            if row is None:
+                self._counts["other_kinds"] += 1
+                continue
+            found.append(m.Received(_message_of(row, frame), frame.system_id, frame.component_id, frame.version))
         return found
 
-    def _decode_frame(self, frame: bytes) -> Any:
-        try:
-            message = self._reader.decode(bytearray(frame))
-        except dialect.MAVError:
-            return None
-        # Of a kind that is not in the dialect nothing is known, not even whether the checksum is right.
-        return None if message.get_type().startswith("UNKNOWN") else message
+
+def _payload(row: _Row, message: m.Message) -> bytes:
+    values = list(row.constants)
+    for field, slots in zip(row.fields, row.slots, strict=True):
+        for slot, value in zip(slots, field.encode(getattr(message, field.name)), strict=True):
+            values[slot] = value
+    try:
+        return row.layout.struct.pack(*values)
+    except (struct.error, OverflowError) as error:
+        raise MisuseError(f"{message} does not fit in {row.layout.name.upper()}: {error}") from None
 
 
-def _frame_size(data: bytes, start: int) -> int:
-    """The size in bytes of the frame that may start here; 0 when none does or it is cut off."""
-    rest = len(data) - start
-    if data[start] == _MAGIC_V2 and rest >= 12:
-        size = 12 + data[start + 1] + (_SIGNATURE_SIZE if data[start + 2] & _SIGNED else 0)
-    elif data[start] == _MAGIC_V1 and rest >= 8:
-        size = 8 + data[start + 1]
-    else:
-        return 0
-    return size if size <= rest else 0
-
-
-def _message_of(received: Any) -> m.Message:
-    row = _BY_NAME[received.get_type()]
-    return row.ours(**{f.name: f.decode(*(getattr(received, wire) for wire in f.wire)) for f in row.fields})
+def _message_of(row: _Row, frame: WireFrame) -> m.Message:
+    """Our message; what does not exist in MAVLink 1 keeps its default when that was spoken."""
+    size = row.layout.struct.size
+    values = row.layout.struct.unpack(frame.payload[:size].ljust(size, b"\0"))
+    skipped = row.extensions if frame.version == 1 else ()
+    return row.ours(
+        **{
+            field.name: field.decode(*[values[slot] for slot in slots])
+            for field, slots in zip(row.fields, row.slots, strict=True)
+            if field.name not in skipped
+        }
+    )

@@ -2,66 +2,25 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
-from mission_io.autopilots import Autopilot, autopilot_for
-from mission_io.clock import Clock
+from mission_io.clock import Clock, SystemClock, UnixClock
 from mission_io.codec import Codec
 from mission_io.enums import AutopilotId, VehicleClass
 from mission_io.errors import MisuseError, VehicleSilentError
-from mission_io.link import Link
-from mission_io.messages import Heartbeat, Message, Received
+from mission_io.link import Link, StreamLink
+from mission_io.messages import Heartbeat, Message, Received, is_for
+from mission_io.neighbours import Neighbours, VehicleInfo, vehicle_of
+from mission_io.private_files import TimestampFile
 from mission_io.protocol.exchange import Address
+from mission_io.signing import Signing, SigningKey, TimestampStore, UnsavedTimestamps
+from mission_io.statistics import LinkStatistics
+
+__all__ = ["Connection", "VehicleInfo"]
 
 _HEARTBEAT_S = 1.0
-_NOT_VEHICLES = frozenset(
-    {
-        VehicleClass.GROUND_STATION,
-        VehicleClass.ONBOARD_CONTROLLER,
-        VehicleClass.GIMBAL,
-        VehicleClass.ADSB,
-        VehicleClass.CAMERA,
-    }
-)
-
-
-@dataclass(frozen=True, slots=True)
-class VehicleInfo:
-    """A vehicle as its latest heartbeat describes it.
-
-    Attributes:
-        system_id: Its MAVLink system.
-        component_id: The component that is the autopilot.
-        mav_autopilot: MAV_AUTOPILOT number.
-        vehicle_type: MAV_TYPE number.
-        armed: Whether its motors may turn.
-        custom_mode: The autopilot's own number of its flight mode.
-        system_status: MAV_STATE number.
-    """
-
-    system_id: int
-    component_id: int
-    mav_autopilot: int
-    vehicle_type: int
-    armed: bool
-    custom_mode: int
-    system_status: int
-
-    @property
-    def address(self) -> Address:
-        """Where messages to it go."""
-        return Address(self.system_id, self.component_id)
-
-    @property
-    def autopilot(self) -> Autopilot:
-        """What mission_io knows of its autopilot.
-
-        Raises:
-            MisuseError: an autopilot that mission_io does not know.
-        """
-        return autopilot_for(self.mav_autopilot)
 
 
 class Connection:
@@ -72,7 +31,11 @@ class Connection:
         clock: Times everything; None takes the link's own.
         system_id: This side's MAVLink system; ground stations use 255.
         component_id: This side's component; 190 is a mission planner.
-        listener: Called with every message that arrives, whoever waits for it, with the time in seconds: for logs.
+        listener: Called with every message that arrives, whoever waits for it and whomever it is for, with the time in
+            seconds: for logs.
+
+    Attributes:
+        neighbours: Who else is on the link: vehicles, and others that use our ids.
     """
 
     def __init__(
@@ -88,6 +51,8 @@ class Connection:
         self.clock = clock if clock is not None else link.clock
         self.codec = Codec(system_id=system_id, component_id=component_id)
         self.local = Address(system_id, component_id)
+        self.neighbours = Neighbours(self.local)
+        self._for_others = 0
         self._listener = listener
         self._vehicle: VehicleInfo | None = None
         self._heartbeat_at = -math.inf
@@ -104,6 +69,46 @@ class Connection:
     def close(self) -> None:
         """Close the link."""
         self.link.close()
+        if self.codec.signing is not None:
+            self.codec.signing.close()
+
+    def sign_with(
+        self,
+        key: SigningKey,
+        *,
+        link_id: int = 0,
+        clock: UnixClock | None = None,
+        store: TimestampStore | None = None,
+    ) -> None:
+        """Sign all that is sent from here on, and believe only what is signed with the same key.
+
+        Args:
+            key: What both ends know.
+            link_id: Tells apart the links of one sender, 0 to 255.
+            clock: The time of day; None takes the operating system's.
+            store: Keeps the timestamps; None takes a file beside the key's, or for a key without a file nothing.
+
+        Raises:
+            LinkError: the timestamp beside the key cannot be read.
+        """
+        if store is None:
+            store = UnsavedTimestamps() if key.path is None else TimestampFile(key.path)
+        clock = clock if clock is not None else SystemClock()
+        self.codec.signing = Signing(key, clock=clock, store=store, link_id=link_id)
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """What went over the link up to now; ``str`` of it is one line."""
+        counts = replace(self.codec.statistics, for_others=self._for_others)
+        if not isinstance(self.link, StreamLink):
+            return counts
+        framing = self.link.framing
+        return replace(
+            counts,
+            checksum_errors=counts.checksum_errors + framing.checksum_errors,
+            truncated_frames=counts.truncated_frames + framing.truncated_frames,
+            garbage_bytes=counts.garbage_bytes + framing.garbage_bytes,
+        )
 
     @property
     def vehicle(self) -> VehicleInfo:
@@ -139,27 +144,60 @@ class Connection:
     def wait_for_vehicle(self, timeout_s: float = 10.0, *, system_id: int | None = None) -> VehicleInfo:
         """Wait for an autopilot's heartbeat, of a given system or of any, and talk to that one from here on.
 
+        A vehicle that is first heard in MAVLink 1 gets the time of a few heartbeats to change to MAVLink 2.
+
         Raises:
             VehicleSilentError: no such heartbeat within ``timeout_s`` seconds.
+            MisuseError: the vehicle's system id is our own.
         """
         deadline = self.clock.now() + timeout_s
-        self._vehicle = None
+        chosen = self._vehicle = None
+        self.codec.version = 2
         others: set[int] = set()
         while self.clock.now() < deadline:
             for received in self._next_messages(deadline):
-                found = _vehicle_of(received)
-                if found is None:
-                    continue
-                if system_id not in (None, found.system_id):
-                    others.add(found.system_id)
-                    continue
-                self._vehicle, self._heard_at = found, self.clock.now()
-                return found
+                if chosen is None:
+                    chosen = self._choose(received, system_id, others)
+                settled = received.mavlink_version >= 2 or self.codec.version == 1
+                if chosen is not None and settled and _sender(received) == chosen.address:
+                    return self.vehicle
+        if chosen is not None:
+            self.codec.version = 1
+            return self.vehicle
+        raise VehicleSilentError(self._silence(timeout_s, system_id, others))
+
+    def _choose(self, received: Received, system_id: int | None, others: set[int]) -> VehicleInfo | None:
+        """Talk to the sender from here on, if this is the heartbeat of a vehicle as is wanted."""
+        found = vehicle_of(received)
+        if found is None:
+            return None
+        if system_id not in (None, found.system_id):
+            others.add(found.system_id)
+            return None
+        if found.system_id == self.local.system_id:
+            raise MisuseError(
+                f"the vehicle is system {found.system_id}, and so are we; take another system id for this side"
+            )
+        self._vehicle, self._heard_at = found, self.clock.now()
+        self._agree_on_version(received)
+        return found
+
+    def _silence(self, timeout_s: float, system_id: int | None, others: set[int]) -> str:
+        """Why no vehicle was found, as far as it can be told."""
         wanted = "no vehicle" if system_id is None else f"no vehicle with system id {system_id}"
+        statistics = self.statistics
         heard = f"; heard of {sorted(others)}" if others else ""
-        raise VehicleSilentError(
-            f"{wanted} sent a heartbeat within {timeout_s:g} s{heard}; is it on, and the URL right?"
-        )
+        advice = "is it on, and the URL right?"
+        if statistics.refused and not others:
+            heard = (
+                f"; {statistics.refused} frames were refused ({statistics.unsigned} unsigned, {statistics.forged} signed "
+                f"with another key, {statistics.replayed} with an old timestamp)"
+            )
+            advice = "does it have the same signing key?"
+        elif statistics.garbage_bytes and not statistics.frames_in:
+            heard = f"; {statistics.garbage_bytes} bytes came that are no MAVLink"
+            advice = "is the baud rate right?"
+        return f"{wanted} sent a heartbeat within {timeout_s:g} s{heard}; {advice}"
 
     def wait_until(
         self,
@@ -190,7 +228,7 @@ class Connection:
                 again(attempt)
                 attempt, ask_at = attempt + 1, self.clock.now() + again_s
             for received in self._next_messages(min(deadline, ask_at) if again is not None else deadline):
-                if received.system_id == vehicle.system_id and done(received):
+                if _sender(received) == vehicle.address and done(received):
                     return received
         raise VehicleSilentError(f"vehicle {vehicle.system_id} did not send {what} within {timeout_s:g} s")
 
@@ -200,43 +238,48 @@ class Connection:
             now = self.clock.now()
             if now >= self._heartbeat_at + _HEARTBEAT_S:
                 self._heartbeat_at = now
-                self.send(Heartbeat(AutopilotId.INVALID, VehicleClass.GROUND_STATION, system_status=4))
+                self._send_heartbeat()
             wake = min(deadline, self._heartbeat_at + _HEARTBEAT_S)
             messages = self._receive(max(0.0, wake - now))
             if messages or self.clock.now() >= deadline:
                 return messages
 
+    def _send_heartbeat(self) -> None:
+        beat = Heartbeat(AutopilotId.INVALID, VehicleClass.GROUND_STATION, system_status=4)
+        self.send(beat)
+        if self.codec.version == 1:  # the vehicle may have missed our MAVLink 2: let it hear some again
+            self.codec.version = 2
+            self.send(beat)
+            self.codec.version = 1
+
     def _receive(self, timeout_s: float) -> list[Received]:
+        """What one datagram brings for us."""
         data = self.link.receive(timeout_s)
         if data is None:
             return []
-        messages = self.codec.decode(data)
         now = self.clock.now()
-        for received in messages:
-            current = self._vehicle
-            if current is not None and (received.system_id, received.component_id) == (
-                current.system_id,
-                current.component_id,
-            ):
-                found = _vehicle_of(received)
-                if found is not None:
-                    self._vehicle, self._heard_at = found, now
+        ours: list[Received] = []
+        for received in self.codec.decode(data):
+            beat = self.neighbours.take(received)
+            if self._vehicle is not None and _sender(received) == self._vehicle.address:
+                self._agree_on_version(received)
+                if beat is not None:
+                    self._vehicle, self._heard_at = beat, now
             if self._listener is not None:
                 self._listener(received, now)
-        return messages
+            if is_for(received.message, system_id=self.local.system_id, component_id=self.local.component_id):
+                ours.append(received)
+            else:
+                self._for_others += 1
+        return ours
+
+    def _agree_on_version(self, received: Received) -> None:
+        """Speak the newest version that the vehicle speaks."""
+        if received.mavlink_version >= 2:
+            self.codec.version = 2
+        elif self.neighbours.speaks_only_1(_sender(received)):
+            self.codec.version = 1
 
 
-def _vehicle_of(received: Received) -> VehicleInfo | None:
-    """The vehicle that a message is the heartbeat of; None for other messages and other senders."""
-    beat = received.message
-    if not isinstance(beat, Heartbeat) or beat.autopilot == AutopilotId.INVALID or beat.vehicle_type in _NOT_VEHICLES:
-        return None
-    return VehicleInfo(
-        received.system_id,
-        received.component_id,
-        beat.autopilot,
-        beat.vehicle_type,
-        beat.armed,
-        beat.custom_mode,
-        beat.system_status,
-    )
+def _sender(received: Received) -> Address:
+    return Address(received.system_id, received.component_id)

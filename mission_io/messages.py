@@ -340,6 +340,29 @@ class SystemTime:
     time_boot_s: float
 
 
+@dataclass(frozen=True, slots=True)
+class RadioStatus:
+    """What a telemetry radio says of its link; strengths and noise in its own units, 255 unknown.
+
+    Attributes:
+        rssi: Signal here.
+        remote_rssi: Signal at the other radio.
+        transmit_buffer_percent: Room left in the radio's buffer.
+        noise: Noise here.
+        remote_noise: Noise at the other radio.
+        receive_errors: Packets with errors.
+        corrected: Packets that the radio repaired.
+    """
+
+    rssi: int
+    remote_rssi: int
+    transmit_buffer_percent: int
+    noise: int
+    remote_noise: int
+    receive_errors: int = 0
+    corrected: int = 0
+
+
 Message: TypeAlias = (
     Heartbeat
     | GlobalPositionInt
@@ -370,16 +393,18 @@ Message: TypeAlias = (
     | ParamSet
     | ParamValue
     | SystemTime
+    | RadioStatus
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """A message and who sent it."""
+    """A message, who sent it, and in which version of MAVLink."""
 
     message: Message
     system_id: int
     component_id: int
+    mavlink_version: int = 2
 
 
 def is_for(message: Message, *, system_id: int, component_id: int) -> bool:

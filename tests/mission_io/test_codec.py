@@ -47,6 +47,7 @@ SAMPLES: list[m.Message] = [
     m.ParamSet(1, 1, "FENCE_ALT_MAX", 120.5),
     m.ParamValue("WPNAV_SPEED", 500.0, 9, 1200, 17),
     m.SystemTime(1790000000.123456, 4.5),
+    m.RadioStatus(180, 175, 98, 40, 41, 300, 7),
 ]
 
 
@@ -98,7 +99,7 @@ def test_garbage_around_and_between_messages_is_skipped_and_counted() -> None:
     reader = codec()
     received = reader.decode(b"\x00\xfd\xfe\xfd" + one + b"\xfd\x05" + two + b"\xfe")
     assert [r.message for r in received] == [SAMPLES[0], SAMPLES[4]]
-    assert reader.skipped_bytes == 7
+    assert reader.statistics.garbage_bytes == 7
 
 
 def test_a_damaged_message_is_dropped_and_the_next_one_read() -> None:
@@ -114,7 +115,7 @@ def test_random_bytes_never_raise() -> None:
     rng, reader = random.Random(1), codec()
     for _ in range(500):
         assert reader.decode(bytes(rng.choices([0xFD, 0xFE, 0, 9, *range(256)], k=60))) == []
-    assert reader.skipped_bytes == 500 * 60
+    assert reader.statistics.garbage_bytes == 500 * 60
 
 
 def test_a_cut_off_message_holds_nothing_back() -> None:
@@ -127,7 +128,7 @@ def test_valid_messages_of_other_kinds_are_counted() -> None:
     other = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
     reader = codec()
     assert reader.decode(dialect.MAVLink_vfr_hud_message(1, 1, 1, 1, 1, 1).pack(other)) == []
-    assert (reader.unknown_messages, reader.skipped_bytes) == (1, 0)
+    assert (reader.statistics.other_kinds, reader.statistics.garbage_bytes) == (1, 0)
 
 
 def test_mavlink_1_and_signed_messages_are_read() -> None:

@@ -1,3 +1,4 @@
+import contextlib
 import socket
 
 import pytest
@@ -7,6 +8,8 @@ from mission_io.client import Client
 from mission_io.errors import LinkError, MisuseError
 from mission_io.items import Frame, MissionType, waypoint
 from mission_io.link import LinkUrl, UdpLink, open_link, parse_link_url, register_endpoint
+from mission_io.links.udp import FORGOTTEN_AFTER_S, MOST_PEERS
+from mission_io.simulated import ManualClock
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer
 
@@ -21,8 +24,24 @@ from tests.mission_io.vehicle import VehiclePeer
         ("udpin://:0", LinkUrl("udpin", "127.0.0.1", 0)),
         ("udpout://vehicle:14551", LinkUrl("udpout", "vehicle", 14551)),
         ("udpin://[::1]:14550", LinkUrl("udpin", "::1", 14550)),
-        ("tcp://127.0.0.1:5760", LinkUrl("tcp", rest="127.0.0.1:5760")),
-        ("/dev/ttyACM0", LinkUrl("serial", rest="/dev/ttyACM0")),
+        ("tcp://127.0.0.1:5760", LinkUrl("tcp", "127.0.0.1", 5760)),
+        ("tcp:vehicle:5760", LinkUrl("tcp", "vehicle", 5760)),
+        ("tcpin://:0", LinkUrl("tcpin", "127.0.0.1", 0)),
+        ("tcpin:0.0.0.0:5760", LinkUrl("tcpin", "0.0.0.0", 5760)),
+        ("serial:///dev/ttyUSB0:115200", LinkUrl("serial", rest="/dev/ttyUSB0", baud=115200)),
+        ("serial:/dev/ttyUSB0,9600", LinkUrl("serial", rest="/dev/ttyUSB0", baud=9600)),
+        ("serial:///dev/ttyUSB0", LinkUrl("serial", rest="/dev/ttyUSB0", baud=57600)),
+        ("/dev/ttyACM0", LinkUrl("serial", rest="/dev/ttyACM0", baud=57600)),
+        ("/dev/ttyACM0,115200", LinkUrl("serial", rest="/dev/ttyACM0", baud=115200)),
+        ("/dev/ttyACM0:115200", LinkUrl("serial", rest="/dev/ttyACM0", baud=115200)),
+        (
+            "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0:57600",
+            LinkUrl("serial", rest="/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0", baud=57600),
+        ),
+        (
+            "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0",
+            LinkUrl("serial", rest="/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0", baud=57600),
+        ),
     ],
 )
 def test_urls(url: str, parsed: LinkUrl) -> None:
@@ -34,15 +53,19 @@ def test_urls(url: str, parsed: LinkUrl) -> None:
     [
         ("", "no link"),
         ("14550", "no link"),
-        ("http://127.0.0.1:80", "no link this version can open; use udpin://HOST:PORT"),
+        ("http://127.0.0.1:80", "no link; use udpin://HOST:PORT"),
         ("udpin://127.0.0.1", "no port"),
         ("udpin://127.0.0.1:70000", "no port"),
         ("udpin://127.0.0.1:-1", "no port"),
         ("udpin://127.0.0.1:１４", "no port"),
         ("udpout://127.0.0.1:0", "port 0"),
-        ("tcp://127.0.0.1:5760", "tcp links are not in this version; use udpin"),
-        ("serial:///dev/ttyUSB0:57600", "serial links are not in this version"),
-        ("/dev/ttyUSB0", "serial links are not in this version"),
+        ("tcp://127.0.0.1:0", "port 0"),
+        ("tcpin://", "no port"),
+        ("tcp://127.0.0.1:x", "no port"),
+        ("serial://", "names no device"),
+        ("serial:COM3:57600", "names no device; write serial:///dev/ttyUSB0:57600"),
+        ("/dev/ttyUSB0:0", "0 is no baud rate"),
+        ("/dev/ttyUSB0,99999999", "99999999 is no baud rate"),
     ],
 )
 def test_urls_that_cannot_be_opened_say_what_can(url: str, what: str) -> None:
@@ -62,7 +85,7 @@ def test_an_endpoint_can_be_registered_under_a_name_of_its_own() -> None:
     assert open_link("testmock:px4") is link
     assert seen == [LinkUrl("testmock", rest="px4")]
     link.close()
-    for taken in ("udp", "tcp", "no scheme"):
+    for taken in ("udp", "tcp", "tcpin", "serial", "no scheme"):
         with pytest.raises(MisuseError, match="cannot be registered"):
             register_endpoint(taken, factory)
 
@@ -88,6 +111,51 @@ def test_a_listening_link_follows_its_peer_to_another_port() -> None:
                 assert ground.receive(5.0) == text
                 ground.send(text)
                 assert vehicle.receive(5.0) == text
+
+
+def test_two_vehicles_on_one_listening_port_both_hear_the_ground() -> None:
+    with UdpLink.listening() as ground:
+        with (
+            UdpLink.connecting("127.0.0.1", ground.local_port) as one,
+            UdpLink.connecting("127.0.0.1", ground.local_port) as two,
+        ):
+            for vehicle, text in ((one, b"one"), (two, b"two"), (one, b"three")):
+                vehicle.send(text)
+                assert ground.receive(5.0) == text
+            assert ground.peers == (("127.0.0.1", two.local_port), ("127.0.0.1", one.local_port))
+            assert ground.peer == ("127.0.0.1", one.local_port)
+            ground.send(b"to all")
+            assert [one.receive(5.0), two.receive(5.0)] == [b"to all"] * 2
+            assert one.peers == (("127.0.0.1", ground.local_port),)
+
+
+def test_a_place_that_fell_silent_is_no_longer_sent_to_but_the_last_one_always_is() -> None:
+    clock = ManualClock()
+    with (
+        UdpLink.listening(clock=clock) as ground,
+        UdpLink.connecting("127.0.0.1", ground.local_port) as early,
+        UdpLink.connecting("127.0.0.1", ground.local_port) as late,
+    ):
+        for vehicle, at_s in ((early, 0.0), (late, 5.0)):
+            clock.advance_to(at_s)
+            vehicle.send(b"hello")
+            assert ground.receive(5.0) == b"hello"
+        clock.advance_to(FORGOTTEN_AFTER_S)
+        assert ground.peers == (("127.0.0.1", early.local_port), ("127.0.0.1", late.local_port))
+        clock.advance_to(FORGOTTEN_AFTER_S + 0.1)
+        assert ground.peers == (("127.0.0.1", late.local_port),)
+        clock.advance_to(1000.0)
+        assert ground.peers == (("127.0.0.1", late.local_port),)
+
+
+def test_no_more_than_so_many_places_are_sent_to() -> None:
+    with UdpLink.listening() as ground, contextlib.ExitStack() as open_links:
+        for number in range(MOST_PEERS + 2):
+            vehicle = open_links.enter_context(UdpLink.connecting("127.0.0.1", ground.local_port))
+            vehicle.send(bytes([number]))
+            assert ground.receive(5.0) == bytes([number])
+        assert len(ground.peers) == MOST_PEERS
+        assert ground.peers[-1] == ("127.0.0.1", vehicle.local_port)
 
 
 def test_strangers_are_not_heard() -> None:

@@ -1,0 +1,188 @@
+"""Frames over what carries bytes: finds them in what arrives, and sends each of them whole or not at all."""
+
+import select
+from collections import deque
+from collections.abc import Iterable, Sequence
+from types import TracebackType
+from typing import Final, Protocol, Self
+
+from mission_io.clock import Clock, MonotonicClock
+from mission_io.errors import LinkError
+from mission_io.framing import Framer, FramingCounts
+
+QUIET_S: Final = 0.5
+"""After so long without a byte, what looks like the beginning of a long frame is given up if frames wait behind it."""
+
+SEND_BUFFER_BYTES: Final = 65_536
+"""What waits to be sent to a peer that does not take it; frames that find no room are lost."""
+
+_READ_BYTES = 65_536
+
+
+class Channel(Protocol):
+    """Something open that bytes go through, without waiting."""
+
+    @property
+    def name(self) -> str:
+        """What it is, for messages to people."""
+        ...
+
+    def fileno(self) -> int:
+        """Its number, to wait for it."""
+        ...
+
+    def read(self, size: int) -> bytes:
+        """What is here; nothing when nothing is. Raises LinkError when the other end has gone."""
+        ...
+
+    def write(self, data: bytes) -> int:
+        """Send what can be sent at once; how many bytes that was. Raises LinkError when the other end has gone."""
+        ...
+
+    def close(self) -> None:
+        """Let go of it; closing twice is fine."""
+        ...
+
+
+class FramedChannel:
+    """Frames in and out of one channel."""
+
+    def __init__(self, channel: Channel, clock: Clock) -> None:
+        self.channel = channel
+        self._clock = clock
+        self._framer = Framer()
+        self._waiting = bytearray()
+        self._last_byte_s = clock.now()
+        self.dropped_frames = 0
+
+    @property
+    def framing(self) -> FramingCounts:
+        """What was no frame."""
+        return self._framer.counts
+
+    @property
+    def has_to_send(self) -> bool:
+        """Whether something waits until the channel takes it."""
+        return bool(self._waiting)
+
+    @property
+    def quiet_at_s(self) -> float | None:
+        """When to call ``frames_when_quiet`` if nothing arrives until then; None for not at all."""
+        return self._last_byte_s + QUIET_S if self._framer.unfinished_bytes else None
+
+    def take(self) -> list[bytes]:
+        """The frames that are complete now; reads once."""
+        data = self.channel.read(_READ_BYTES)
+        if data:
+            self._last_byte_s = self._clock.now()
+        return [frame.data for frame in self._framer.feed(data)]
+
+    def frames_when_quiet(self) -> list[bytes]:
+        """The frames behind one that does not end, when it has been quiet for ``QUIET_S``."""
+        due = self.quiet_at_s
+        if due is None or self._clock.now() < due:
+            return []
+        self._last_byte_s = self._clock.now()
+        return [frame.data for frame in self._framer.end_if_frames_wait()]
+
+    def put(self, frame: bytes) -> None:
+        """Send a frame, or as much of it as goes now and the rest later; without room for it, none of it."""
+        if len(self._waiting) + len(frame) > SEND_BUFFER_BYTES:
+            self.dropped_frames += 1
+            return
+        self._waiting += frame
+        self.flush()
+
+    def flush(self) -> None:
+        """Send what waits, as far as that goes without waiting."""
+        while self._waiting:
+            sent = self.channel.write(bytes(self._waiting))
+            if sent == 0:
+                return
+            del self._waiting[:sent]
+
+
+class ChannelLink:
+    """A link over one channel for as long as that lasts; a context manager.
+
+    When the other end goes away that is one LinkError; what had arrived before is delivered first.
+    """
+
+    def __init__(self, channel: Channel, clock: Clock | None = None) -> None:
+        self._clock = clock if clock is not None else MonotonicClock()
+        self._framed = FramedChannel(channel, self._clock)
+        self._frames: deque[bytes] = deque()
+
+    @property
+    def clock(self) -> Clock:
+        """The operating system's monotonic clock."""
+        return self._clock
+
+    @property
+    def framing(self) -> FramingCounts:
+        """What was no frame."""
+        return self._framed.framing
+
+    @property
+    def dropped_frames(self) -> int:
+        """Frames that were not sent because the other end took nothing for too long."""
+        return self._framed.dropped_frames
+
+    def send(self, data: bytes) -> None:
+        """Send a frame.
+
+        Raises:
+            LinkError: the other end has gone, or the link is closed.
+        """
+        self._framed.put(data)
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        """The next frame, or None after ``timeout_s`` seconds.
+
+        Raises:
+            LinkError: the other end has gone, or the link is closed.
+        """
+        framed = self._framed
+        deadline = self._clock.now() + timeout_s
+        while not self._frames:
+            wake = deadline if framed.quiet_at_s is None else min(deadline, framed.quiet_at_s)
+            channel = framed.channel
+            readable, writable = wait_for([channel], [channel] if framed.has_to_send else [], wake - self._clock.now())
+            if writable:
+                framed.flush()
+            if readable:
+                self._frames.extend(framed.take())
+            else:
+                self._frames.extend(framed.frames_when_quiet())
+                if not self._frames and self._clock.now() >= deadline:
+                    return None
+        return self._frames.popleft()
+
+    def close(self) -> None:
+        """Let go of the channel; closing twice is fine."""
+        self._framed.channel.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class _Open(Protocol):
+    def fileno(self) -> int: ...
+
+
+def wait_for(readers: Sequence[_Open], writers: Iterable[_Open], timeout_s: float) -> tuple[list[_Open], list[_Open]]:
+    """Those that can be read and those that can be written, after at most ``timeout_s`` seconds.
+
+    Raises:
+        LinkError: one of them is closed.
+    """
+    try:
+        readable, writable, _ = select.select(readers, list(writers), [], max(0.0, timeout_s))
+    except (OSError, ValueError):
+        raise LinkError("the link is closed") from None
+    return readable, writable

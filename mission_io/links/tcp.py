@@ -1,0 +1,209 @@
+"""Frames over TCP: to one place, or from everybody who connects."""
+
+import logging
+import socket
+from collections import deque
+from types import TracebackType
+from typing import Final, Self
+
+from mission_io.clock import Clock, MonotonicClock
+from mission_io.errors import LinkError
+from mission_io.framing import FramingCounts
+from mission_io.links.stream import ChannelLink, FramedChannel, wait_for
+from mission_io.links.url import DEFAULT_HOST
+
+CONNECT_TIMEOUT_S: Final = 5.0
+MOST_PEERS: Final = 16
+
+_log = logging.getLogger(__name__)
+
+
+class TcpChannel:
+    """One TCP connection, without waiting."""
+
+    def __init__(self, sock: socket.socket, name: str) -> None:
+        sock.setblocking(False)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # a mission item must not wait for the next one
+        self._socket, self._name = sock, name
+
+    @property
+    def name(self) -> str:
+        """``TCP HOST:PORT`` of the other end."""
+        return self._name
+
+    def fileno(self) -> int:
+        """The number of its socket."""
+        return self._socket.fileno()
+
+    def read(self, size: int) -> bytes:
+        """What is here; nothing when nothing is."""
+        try:
+            data = self._socket.recv(size)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._gone(error.strerror or str(error)) from None
+        if not data:
+            raise self._gone("it closed the connection")
+        return data
+
+    def write(self, data: bytes) -> int:
+        """Send what can be sent at once; how many bytes that was."""
+        try:
+            return self._socket.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            raise self._gone(error.strerror or str(error)) from None
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._socket.close()
+
+    def _gone(self, why: str) -> LinkError:
+        if self._socket.fileno() < 0:
+            return LinkError(f"the link to {self._name} is closed")
+        self._socket.close()
+        return LinkError(f"{self._name} has gone: {why}; open the link again when it is back")
+
+
+def connect_tcp(host: str, port: int, *, timeout_s: float = CONNECT_TIMEOUT_S) -> ChannelLink:
+    """A link to a place that listens on TCP.
+
+    Raises:
+        LinkError: nobody listens there, or not within ``timeout_s`` seconds.
+    """
+    try:
+        sock = socket.create_connection((host, port), timeout=timeout_s)
+    except (OSError, UnicodeError) as error:
+        why = getattr(error, "strerror", None) or str(error)
+        raise LinkError(f"cannot connect to TCP {host}:{port}: {why}; is it on and listening there?") from None
+    return ChannelLink(TcpChannel(sock, f"TCP {host}:{port}"))
+
+
+class TcpListeningLink:
+    """Everybody who connects to a TCP port, as one link; a context manager.
+
+    What is sent goes to all of them, what they send comes in the order in which it arrives. One that connects or goes
+    away is a line in the log and no error: the next one may come. What is sent while nobody is there is lost.
+    """
+
+    def __init__(self, host: str = DEFAULT_HOST, port: int = 0) -> None:
+        try:
+            family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        except (OSError, UnicodeError) as error:
+            raise LinkError(f"cannot find the host {host!r}: {error}") from None
+        self._listener = socket.socket(family, kind)
+        try:
+            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self._listener.bind(address)
+            self._listener.listen(MOST_PEERS)
+        except OSError as error:
+            self._listener.close()
+            raise LinkError(f"cannot listen on TCP {host}:{port}: {error.strerror}; is the port taken?") from None
+        self._listener.setblocking(False)
+        self._clock = MonotonicClock()
+        self._peers: dict[int, FramedChannel] = {}
+        self._frames: deque[bytes] = deque()
+        self._framing_before = FramingCounts()
+
+    @property
+    def clock(self) -> Clock:
+        """The operating system's monotonic clock."""
+        return self._clock
+
+    @property
+    def local_port(self) -> int:
+        """The TCP port that was bound."""
+        try:
+            port: int = self._listener.getsockname()[1]
+        except OSError as error:
+            raise LinkError(f"the link is closed: {error}") from None
+        return port
+
+    @property
+    def peers(self) -> tuple[str, ...]:
+        """The names of those who are connected."""
+        return tuple(peer.channel.name for peer in self._peers.values())
+
+    @property
+    def framing(self) -> FramingCounts:
+        """What was no frame, from all who ever connected."""
+        return sum((peer.framing for peer in self._peers.values()), self._framing_before)
+
+    def send(self, data: bytes) -> None:
+        """Send a frame to everybody who is connected.
+
+        Raises:
+            LinkError: the link is closed.
+        """
+        self._serve(0.0)
+        for peer in list(self._peers.values()):
+            try:
+                peer.put(data)
+            except LinkError as error:
+                self._drop(peer, error)
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        """The next frame of anybody, or None after ``timeout_s`` seconds.
+
+        Raises:
+            LinkError: the link is closed.
+        """
+        deadline = self._clock.now() + timeout_s
+        while not self._frames:
+            quiet = [peer.quiet_at_s for peer in self._peers.values() if peer.quiet_at_s is not None]
+            idle = self._serve(min([deadline, *quiet]) - self._clock.now())
+            if idle and not self._frames and self._clock.now() >= deadline:
+                return None
+        return self._frames.popleft()
+
+    def close(self) -> None:
+        """Let go of the port and of everybody; closing twice is fine."""
+        self._listener.close()
+        for peer in self._peers.values():
+            peer.channel.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _serve(self, timeout_s: float) -> bool:
+        """Wait once, then accept, read and write what there is; whether there was nothing."""
+        channels = {number: peer.channel for number, peer in self._peers.items()}
+        writers = [peer.channel for peer in self._peers.values() if peer.has_to_send]
+        readable, writable = wait_for([self._listener, *channels.values()], writers, timeout_s)
+        for number, channel in channels.items():
+            peer = self._peers[number]
+            try:
+                if channel in writable:
+                    peer.flush()
+                self._frames.extend(peer.take() if channel in readable else peer.frames_when_quiet())
+            except LinkError as error:
+                self._drop(peer, error)
+        if self._listener in readable:
+            self._accept()
+        return not readable
+
+    def _accept(self) -> None:
+        try:
+            sock, address = self._listener.accept()
+        except OSError:
+            return  # it has gone again already
+        channel = TcpChannel(sock, f"TCP {address[0]}:{address[1]}")
+        if len(self._peers) >= MOST_PEERS:
+            _log.warning("%s is turned away: %d are connected", channel.name, MOST_PEERS)
+            channel.close()
+            return
+        _log.info("%s has connected", channel.name)
+        self._peers[channel.fileno()] = FramedChannel(channel, self._clock)
+
+    def _drop(self, peer: FramedChannel, why: LinkError) -> None:
+        _log.warning("%s", why)
+        self._framing_before += peer.framing
+        self._peers = {number: other for number, other in self._peers.items() if other is not peer}
+        peer.channel.close()

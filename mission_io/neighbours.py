@@ -1,0 +1,139 @@
+"""Who speaks on a link: the vehicles, who uses our own ids, and who speaks nothing newer than MAVLink 1."""
+
+import logging
+from dataclasses import dataclass
+from typing import Final
+
+from mission_io.autopilots import Autopilot, autopilot_for
+from mission_io.enums import AutopilotId, VehicleClass
+from mission_io.messages import Heartbeat, Received
+from mission_io.protocol.exchange import Address
+
+OLD_HEARTBEATS: Final = 3
+"""So many MAVLink 1 heartbeats in a row, while ours go out in MAVLink 2, say that a vehicle speaks nothing newer."""
+
+_NOT_VEHICLES = frozenset(
+    {
+        VehicleClass.GROUND_STATION,
+        VehicleClass.ONBOARD_CONTROLLER,
+        VehicleClass.GIMBAL,
+        VehicleClass.ADSB,
+        VehicleClass.CAMERA,
+    }
+)
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleInfo:
+    """A vehicle as its latest heartbeat describes it.
+
+    Attributes:
+        system_id: Its MAVLink system.
+        component_id: The component that is the autopilot.
+        mav_autopilot: MAV_AUTOPILOT number.
+        vehicle_type: MAV_TYPE number.
+        armed: Whether its motors may turn.
+        custom_mode: The autopilot's own number of its flight mode.
+        system_status: MAV_STATE number.
+    """
+
+    system_id: int
+    component_id: int
+    mav_autopilot: int
+    vehicle_type: int
+    armed: bool
+    custom_mode: int
+    system_status: int
+
+    @property
+    def address(self) -> Address:
+        """Where messages to it go."""
+        return Address(self.system_id, self.component_id)
+
+    @property
+    def autopilot(self) -> Autopilot:
+        """What mission_io knows of its autopilot.
+
+        Raises:
+            MisuseError: an autopilot that mission_io does not know.
+        """
+        return autopilot_for(self.mav_autopilot)
+
+
+class Neighbours:
+    """Everybody whose messages arrive here; says in the log, once for each, what a pilot should know.
+
+    Args:
+        local: Our own address.
+    """
+
+    def __init__(self, local: Address) -> None:
+        self._local = local
+        self._vehicles: dict[Address, VehicleInfo] = {}
+        self._same_ids: set[Address] = set()
+        self._old_heartbeats: dict[Address, int] = {}
+
+    @property
+    def vehicles(self) -> tuple[VehicleInfo, ...]:
+        """The vehicles that were heard, in the order of their first heartbeats."""
+        return tuple(self._vehicles.values())
+
+    @property
+    def same_ids(self) -> frozenset[Address]:
+        """Others that speak as our own system: our very address, or another ground station with our system id."""
+        return frozenset(self._same_ids)
+
+    def speaks_only_1(self, address: Address) -> bool:
+        """Whether somebody goes on in MAVLink 1 although we speak MAVLink 2."""
+        return self._old_heartbeats.get(address, 0) >= OLD_HEARTBEATS
+
+    def take(self, received: Received) -> VehicleInfo | None:
+        """Take a message; the vehicle whose heartbeat it is, if it is one."""
+        sender = Address(received.system_id, received.component_id)
+        if received.mavlink_version >= 2:
+            self._old_heartbeats[sender] = 0
+        elif isinstance(received.message, Heartbeat):
+            self._old_heartbeats[sender] = self._old_heartbeats.get(sender, 0) + 1
+        self._notice_same_ids(received, sender)
+        vehicle = vehicle_of(received)
+        if vehicle is not None:
+            if self._vehicles and sender not in self._vehicles:
+                _log.warning(
+                    "vehicle %d (component %d) is on this link, too; choose by system id", sender.system_id,
+                    sender.component_id,
+                )  # fmt: skip
+            self._vehicles[sender] = vehicle
+        return vehicle
+
+    def _notice_same_ids(self, received: Received, sender: Address) -> None:
+        if sender.system_id != self._local.system_id or sender in self._same_ids:
+            return
+        beat = received.message
+        station = isinstance(beat, Heartbeat) and beat.vehicle_type == VehicleClass.GROUND_STATION
+        if sender == self._local or station:
+            self._same_ids.add(sender)
+            _log.warning(
+                "somebody else on this link speaks as system %d, component %d, and we as component %d of the same system; "
+                "vehicles may mix us up: give one of the two another system id",
+                sender.system_id,
+                sender.component_id,
+                self._local.component_id,
+            )
+
+
+def vehicle_of(received: Received) -> VehicleInfo | None:
+    """The vehicle that a message is the heartbeat of; None for other messages and other senders."""
+    beat = received.message
+    if not isinstance(beat, Heartbeat) or beat.autopilot == AutopilotId.INVALID or beat.vehicle_type in _NOT_VEHICLES:
+        return None
+    return VehicleInfo(
+        received.system_id,
+        received.component_id,
+        beat.autopilot,
+        beat.vehicle_type,
+        beat.armed,
+        beat.custom_mode,
+        beat.system_status,
+    )

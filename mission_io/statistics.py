@@ -1,0 +1,95 @@
+"""What went over a link, and what of it was lost, damaged or refused."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+_HALF = 128
+
+
+@dataclass(frozen=True, slots=True)
+class LinkStatistics:
+    """Counts since the link was opened; ``str`` is one line with those that are not 0.
+
+    Attributes:
+        frames_in: Frames with a right checksum.
+        frames_out: Frames sent.
+        lost: Frames that never came, by the gaps in their senders' sequence numbers.
+        late: Frames that came behind a later one of their sender.
+        duplicates: Frames that came twice.
+        checksum_errors: Places where a whole frame would be, if its checksum were right.
+        truncated_frames: Frames that began and did not end.
+        garbage_bytes: Bytes that belong to no frame.
+        unsigned: Frames refused because they are not signed.
+        forged: Frames refused because their signature is not made with our key.
+        replayed: Frames refused because their signature is not newer than what was heard before.
+        other_kinds: Good frames of kinds that mission_io has no use for.
+        for_others: Messages to other systems or components; ignored.
+        echoes: Our own frames that came back; ignored.
+    """
+
+    frames_in: int = 0
+    frames_out: int = 0
+    lost: int = 0
+    late: int = 0
+    duplicates: int = 0
+    checksum_errors: int = 0
+    truncated_frames: int = 0
+    garbage_bytes: int = 0
+    unsigned: int = 0
+    forged: int = 0
+    replayed: int = 0
+    other_kinds: int = 0
+    for_others: int = 0
+    echoes: int = 0
+
+    @property
+    def refused(self) -> int:
+        """Frames that were refused because of their signature, or because they have none."""
+        return self.unsigned + self.forged + self.replayed
+
+    @property
+    def loss(self) -> float:
+        """Share of the frames sent to us that never came, from 0 to 1; 0 when there were none."""
+        sent = self.frames_in - self.duplicates + self.lost
+        return self.lost / sent if sent else 0.0
+
+    def as_json(self) -> Mapping[str, int]:
+        """Every count by its name."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def __str__(self) -> str:
+        shown = [f"{count} {name.replace('_', ' ')}" for name, count in self.as_json().items() if count]
+        return ", ".join(shown) or "nothing went over the link"
+
+
+class SequenceCounter:
+    """Counts what is missing in the sequence numbers of each sender, which run from 0 to 255 and over again.
+
+    Attributes:
+        lost: Numbers that were left out and did not come late either.
+        late: Numbers that came behind later ones.
+        duplicates: Numbers that came twice.
+    """
+
+    def __init__(self) -> None:
+        self.lost = self.late = self.duplicates = 0
+        self._latest: dict[tuple[int, int], int] = {}
+        self._missing: dict[tuple[int, int], set[int]] = {}
+
+    def take(self, sender: tuple[int, int], seq: int) -> None:
+        """Take the number of a frame that came from a sender."""
+        latest = self._latest.get(sender)
+        missing = self._missing.setdefault(sender, set())
+        ahead = 1 if latest is None else (seq - latest) % 256
+        if 1 <= ahead <= _HALF:
+            self._latest[sender] = seq
+            self.lost += ahead - 1
+            for step in range(ahead):  # what is half a round behind cannot be told from what is half a round ahead
+                missing.discard((seq + _HALF - 1 - step) % 256)
+            missing.update((seq - step) % 256 for step in range(1, ahead))
+        elif seq in missing:
+            missing.discard(seq)
+            self.lost -= 1
+            self.late += 1
+        else:
+            self.duplicates += 1
