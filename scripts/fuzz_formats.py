@@ -1,0 +1,305 @@
+"""Fuzz the file formats of mission_io: nothing but a FormatError, no hang, and what was read survives writing.
+
+Usage: python scripts/fuzz_formats.py --seconds 60 --seed 1 [--target plan] [--engine atheris|mutations] [--keep DIR]
+
+With ``atheris`` installed (``pip install atheris``) coverage leads the way to new inputs; without it, seeded files are
+mutated blindly. A finding is printed with the file that causes it, and the exit code is 1. Each target has its own process.
+"""
+
+import argparse
+import importlib.util
+import json
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+HANG_S = 10
+_LARGEST = 20_000
+_ATHERIS = importlib.util.find_spec("atheris") is not None
+
+if "--child" in sys.argv and "atheris" in sys.argv:
+    import atheris
+
+    _watched: Any = atheris.instrument_imports(include=["mission_io"])
+else:
+    _watched = nullcontext()
+
+with _watched:
+    from mission_io.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
+    from mission_io.diff import apply, diff
+    from mission_io.drawings import Area, fence_from_areas
+    from mission_io.errors import FormatError
+    from mission_io.formats import csv, geojson, kml, plan, poly, wpl
+    from mission_io.formats.text import text_from_bytes
+    from mission_io.items import Frame, GeoPoint, Mission, change_speed, land, takeoff, trigger_camera_every, waypoint
+
+
+def check(condition: bool, what: str) -> None:
+    """An input that is read must survive."""
+    if not condition:
+        raise AssertionError(what)
+
+
+def try_wpl(text: str) -> None:
+    """A ``.waypoints`` file."""
+    read = wpl.read(text)
+    read.doubts()
+    mission = read.mission() if read.home is not None else Mission(GeoPoint(1.0, 2.0, 3.0), read.items)
+    wpl.losses(mission)
+    written = wpl.write_mission(mission)
+    back = wpl.read(written)
+    check(back.repairs == () or read.version == 120, "the strict form needs no repair")
+    check(wpl.write_mission(back.mission()) == written, "writing is stable")
+    check(apply(diff(mission, back.mission()), mission) == back.mission(), "a difference loses nothing")
+    plan.write(plan.PlanFile(mission, Fence(), RallyPoints(), 3))
+
+
+def try_plan(text: str) -> None:
+    """A ``.plan`` file."""
+    read = plan.read_to_keep(text)
+    read.doubts()
+    written = plan.write(read)
+    back = plan.read_to_keep(written)
+    check(back == read, "what was read survives writing")
+    check(plan.write(back) == written, "writing is stable")
+    check(plan.write(read.with_mission(read.mission)) == written, "the same mission changes nothing")
+    plan.write(read.with_mission(Mission(read.mission.home, read.mission.items[1:])))
+
+
+def try_csv(text: str) -> None:
+    """A CSV file."""
+    read = csv.read_mission(text)
+    written = csv.write_mission(read.mission)
+    check(csv.read_mission(written) == csv.CsvFile(read.mission, ()), "what was read survives writing")
+
+
+def try_drawing(read_drawing: Callable[[str], Any]) -> Callable[[str], None]:
+    """A file of areas."""
+
+    def attempt(text: str) -> None:
+        fence = fence_from_areas(read_drawing(text).areas)
+        written = wpl.write_fence(fence, GeoPoint(1.0, 2.0, 3.0))
+        check(len(wpl.read(written).fence().polygons) == len(fence.polygons), "areas survive as a fence")
+
+    return attempt
+
+
+def try_poly(text: str) -> None:
+    """A ``.poly`` file."""
+    written = poly.write_area(poly.read_area(text).area)
+    check(poly.write_area(poly.read_area(written).area) == written, "writing is stable")
+
+
+def try_fen(text: str) -> None:
+    """A ``.fen`` file."""
+    written = poly.write_fence(poly.read_fence(text).fence)
+    check(poly.write_fence(poly.read_fence(written).fence) == written, "writing is stable")
+
+
+TARGETS: dict[str, Callable[[str], None]] = {
+    "wpl": try_wpl,
+    "plan": try_plan,
+    "csv": try_csv,
+    "kml": try_drawing(kml.read_drawing),
+    "geojson": try_drawing(geojson.read_drawing),
+    "poly": try_poly,
+    "fen": try_fen,
+}
+
+
+def seeds(target: str) -> list[bytes]:
+    """Good files to start from."""
+    home = GeoPoint(33.21875, -98.1234567, 345.678)
+    mission = Mission(
+        home,
+        (
+            takeoff(33.21875, -98.1234567, 30.0, frame=Frame.ABOVE_HOME),
+            change_speed(12.5),
+            trigger_camera_every(25.0),
+            waypoint(33.2191234, -98.1240001, 60.25, frame=Frame.ABOVE_TERRAIN, hold_s=2.0),
+            land(33.21875, -98.1234567, frame=Frame.AMSL),
+        ),
+    )
+    ring = (LatLon(33.1, -98.2), LatLon(33.3, -98.25), LatLon(33.35, -98.05))
+    fence = Fence((FencePolygon(ring),), (), FramedPoint(33.2, -98.1, 0.0))
+    rally = RallyPoints((FramedPoint(33.2, -98.1, 50.0),))
+    whole = plan.write(plan.PlanFile(mission, fence, rally, 3))
+    document = json.loads(whole)
+    inner = document["mission"]["items"][3:4]
+    survey = {
+        "type": "ComplexItem",
+        "complexItemType": "survey",
+        "TransectStyleComplexItem": {"Items": inner},
+        "angle": 1.5,
+    }
+    landing = {"type": "ComplexItem", "complexItemType": "fwLandingPattern", "landCoordinate": [33.2, -98.1, 0],
+               "landingApproachCoordinate": [33.3, -98.1, 50], "altitudesAreRelative": True, "loiterRadius": 75,
+               "loiterClockwise": True}  # fmt: skip
+    jump = {**document["mission"]["items"][1], "command": 177, "params": [1, 2, 0, 0, None, None, None]}
+    document["mission"]["items"] += [survey, landing, {"type": "ComplexItem", "complexItemType": "StructureScan"}, jump]
+    coordinates = [[point.lon_deg, point.lat_deg] for point in (*ring, ring[0])]
+    shape = {"type": "Polygon", "coordinates": [coordinates, coordinates]}
+    feature = {"type": "Feature", "geometry": shape, "properties": {"name": "a"}}
+    places = " ".join(f"{lon},{lat},0" for lon, lat in coordinates)
+    linear = f"<LinearRing><coordinates>{places}</coordinates></LinearRing>"
+    polygon = (
+        f"<Polygon><outerBoundaryIs>{linear}</outerBoundaryIs><innerBoundaryIs>{linear}</innerBoundaryIs></Polygon>"
+    )
+    texts = {
+        "wpl": [wpl.write_mission(mission), wpl.write_fence(fence, home), wpl.write_mission(mission).replace("110", "120")],
+        "plan": [whole, json.dumps(document)],
+        "csv": [csv.write_mission(mission)],
+        "kml": [kml.write_mission(Mission(home, mission.items[:3])), f"<kml><Placemark><name>a</name>{polygon}</Placemark></kml>",
+                f"<kml><MultiGeometry>{linear}<Point><coordinates>1,2</coordinates></Point></MultiGeometry></kml>"],
+        "geojson": [json.dumps({"type": "FeatureCollection", "features": [feature]}),
+                    json.dumps({"type": "GeometryCollection", "geometries": [shape, {"type": "Point", "coordinates": [1, 2]}]})],
+        "poly": [poly.write_area(Area(ring))],
+        "fen": [poly.write_fence(fence)],
+    }  # fmt: skip
+    return [text.encode() for text in texts[target]]
+
+
+WORDS = [
+    b"nan", b"inf", b"1e308", b"1e999", b"-0", b"-1", b"1_0", b"99999", b"9" * 400, b"null", b"[", b"]", b"{", b"}", b'"',
+    b"\t", b"\n", b"\r\n", b",", b"#", b"\0", b"\xef\xbb\xbf", b"\xff\xfe", b"\xe9", b"\\ud800", b"<!DOCTYPE a>",
+    b"&amp;", b"<name>",
+]  # fmt: skip
+
+
+def mutated(data: bytes, rng: random.Random) -> bytes:
+    """Some bytes changed, moved, doubled, left out or replaced by words that programs stumble over."""
+    result = bytearray(data)
+    for _ in range(rng.choice((1, 1, 2, 3, 8))):
+        a, b = sorted(rng.randrange(len(result) + 1) for _ in range(2))
+        b = min(b, a + rng.choice((1, 4, 40, 400)))
+        match rng.randrange(6):
+            case 0:
+                result[a:b] = rng.choice(WORDS)
+            case 1:
+                del result[a:b]
+            case 2:
+                result[a:a] = result[a:b] * rng.choice((1, 2, 50))
+            case 3:
+                result[a:b] = rng.randbytes(min(b - a, 4))
+            case 4:
+                result[a:a] = rng.choice(WORDS) * rng.choice((1, 1, 3000))
+            case _ if a < len(result):
+                result[a] ^= 1 << rng.randrange(8)
+        del result[_LARGEST:]
+    return bytes(result)
+
+
+def attempt(target: str, data: bytes) -> None:
+    """One input; anything but a FormatError gets out."""
+    try:
+        TARGETS[target](text_from_bytes(data).text)
+    except FormatError as error:
+        check("\n" not in str(error) and len(str(error)) < 500, "an error is one short line")
+
+
+def fuzz_by_mutations(target: str, seconds: float, seed: int, finding: Path) -> int:
+    """The number of inputs tried; raises what an input raised, which is in ``finding``."""
+
+    def too_long(_: int, __: FrameType | None) -> None:
+        raise TimeoutError(f"no answer for {HANG_S} s")
+
+    signal.signal(signal.SIGALRM, too_long)
+    rng, good = random.Random(seed), seeds(target)
+    runs, end = 0, time.monotonic() + seconds
+    while time.monotonic() < end:
+        data = mutated(rng.choice(good), rng)
+        signal.alarm(HANG_S)
+        try:
+            attempt(target, data)
+        except BaseException:
+            finding.write_bytes(data)
+            raise
+        finally:
+            signal.alarm(0)
+        runs += 1
+    return runs
+
+
+def fuzz_by_coverage(target: str, seconds: float, seed: int, finding: Path) -> None:
+    """Never returns: atheris ends the process."""
+    corpus = Path(tempfile.mkdtemp(prefix=f"corpus-{target}-"))
+    for number, data in enumerate(seeds(target)):
+        (corpus / f"seed{number}").write_bytes(data)
+    words = corpus.parent / f"{corpus.name}.dict"
+    words.write_text("".join('"' + "".join(f"\\x{byte:02x}" for byte in word[:60]) + '"\n' for word in WORDS))
+    options = [f"-max_total_time={round(seconds)}", f"-seed={seed}", f"-timeout={HANG_S}", f"-max_len={_LARGEST}",
+               "-print_final_stats=1", f"-dict={words}", f"-exact_artifact_path={finding}", str(corpus)]  # fmt: skip
+    atheris.Setup([sys.argv[0], *options], lambda data: attempt(target, data))
+    atheris.Fuzz()
+
+
+def run_child(target: str, engine: str, seconds: float, seed: int, finding: Path) -> tuple[int, str]:
+    """How many inputs a target's own process tried, and what it found: empty for nothing."""
+    command = [
+        sys.executable,
+        __file__,
+        "--child",
+        engine,
+        "--target",
+        target,
+        "--seconds",
+        str(seconds),
+        "--seed",
+        str(seed),
+    ]
+    done = subprocess.run(
+        [*command, "--keep", str(finding)], capture_output=True, text=True, errors="replace", check=False
+    )
+    output = done.stdout + done.stderr
+    units = [line.split()[-1] for line in output.splitlines() if "executed_units" in line]
+    return int(units[-1]) if units else 0, "" if done.returncode == 0 else output[-3000:]
+
+
+def main() -> int:
+    """Run every target for the given time each."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=60.0, help="for each target")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--target", choices=sorted(TARGETS), action="append")
+    parser.add_argument("--engine", choices=["atheris", "mutations"], default="atheris" if _ATHERIS else "mutations")
+    parser.add_argument("--keep", type=Path, default=Path("findings"), help="folder for inputs that break something")
+    parser.add_argument("--child", choices=["atheris", "mutations"], help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.child:
+        if options.child == "atheris":
+            fuzz_by_coverage(options.target[0], options.seconds, options.seed, options.keep)
+        try:
+            runs = fuzz_by_mutations(options.target[0], options.seconds, options.seed, options.keep)
+        except BaseException:
+            traceback.print_exc()
+            return 1
+        print("executed_units:", runs)
+        return 0
+    options.keep.mkdir(parents=True, exist_ok=True)
+    found = 0
+    print("| target | engine | seconds | inputs | finding |\n|---|---|---|---|---|")
+    for target in options.target or TARGETS:
+        finding = options.keep / f"{target}.bin"
+        start = time.monotonic()
+        runs, problem = run_child(target, options.engine, options.seconds, options.seed, finding)
+        print(
+            f"| {target} | {options.engine} | {time.monotonic() - start:.0f} | {runs} | {finding if problem else 'none'} |",
+            flush=True,
+        )
+        if problem:
+            found += 1
+            print(problem, file=sys.stderr)
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
