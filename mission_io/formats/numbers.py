@@ -14,14 +14,14 @@ def plain_decimal(value: float, where: str) -> str:
     Raises:
         FormatError: NaN or infinity, which no reader of these files understands.
     """
+    if value == 0.0:
+        return "0"
     text = repr(float(value))
     if "e" in text:
         text = format(Decimal(text), "f")
     elif text[-1] in "nf":
         raise FormatError(f"{value} cannot be written", where=where, advice="give a finite number")
-    if text.endswith(".0"):
-        text = text[:-2]
-    return "0" if text == "-0" else text
+    return text[:-2] if text.endswith(".0") else text
 
 
 def degrees_text(value_deg: float, where: str) -> str:

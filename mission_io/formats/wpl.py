@@ -10,6 +10,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from mission_io.actions import uses_parameter
 from mission_io.areas import Fence, RallyPoints, fence_from_items, items_from_fence, items_from_rally, rally_from_items
 from mission_io.autopilots import home_item, jumps_moved
 from mission_io.errors import FormatError
@@ -70,7 +71,8 @@ def write_mission(mission: Mission) -> str:
     """A mission as text.
 
     Parameter 4 of a waypoint, take-off or landing that is NaN ("any heading") is written as 0, which is what the
-    readers of this format write for it; every other NaN is an error.
+    readers of this format write for it, and so is NaN for a parameter that the command does not use (``losses`` lists
+    them); every other NaN is an error.
 
     Raises:
         FormatError: no home (the format needs it), or a number that the format cannot hold; with the row.
@@ -93,6 +95,13 @@ def write_rally(rally: RallyPoints, home: GeoPoint) -> str:
 def losses(mission: Mission) -> tuple[str, ...]:
     """What ``write_mission`` leaves out or rounds, one line each; empty when the file holds every bit."""
     headings = [n for n, item in enumerate(mission.items, start=1) if _heading_is_free(item)]
+    unused = [
+        number
+        for number, item in enumerate(mission.items, start=1)
+        if any(
+            math.isnan(value) and not uses_parameter(item.command, n) for n, value in enumerate(item.params, start=1)
+        )
+    ]
     home = () if mission.home is None else ((0, mission.home.lat_deg), (0, mission.home.lon_deg))
     degrees = itertools.chain(
         home,
@@ -102,6 +111,8 @@ def losses(mission: Mission) -> tuple[str, ...]:
     found = []
     if headings:
         found.append(f"row {headings[0]}: 'any heading' is written as 0, as in {len(headings)} rows")
+    if unused:
+        found.append(f"row {unused[0]}: NaN in a parameter without a use is written as 0, as in {len(unused)} rows")
     if rounded:
         count = len(dict.fromkeys(rounded))
         found.append(f"row {rounded[0]}: degrees are rounded to 8 decimals (0.6 mm), as in {count} rows")
@@ -118,16 +129,29 @@ def _heading_is_free(item: MissionItem) -> bool:
     return item.command in _YAW_IS_FREE and math.isnan(item.params[3])
 
 
+def _without_free_values(item: MissionItem) -> tuple[float, float, float, float]:
+    """The parameters with 0 for every NaN that stands for nothing."""
+
+    def written(number: int, value: float) -> float:
+        free = (number == 4 and _heading_is_free(item)) or not uses_parameter(item.command, number)
+        return 0.0 if math.isnan(value) and free else value
+
+    p1, p2, p3, p4 = (written(number, value) for number, value in enumerate(item.params, start=1))
+    return p1, p2, p3, p4
+
+
 def _row_text(number: int, item: MissionItem) -> str:
     place = degrees_text if item.has_position else plain_decimal
-    p4 = 0.0 if _heading_is_free(item) else item.params[3]
+    params = item.params
+    if any(map(math.isnan, params)):
+        params = _without_free_values(item)
     try:
         columns = (
             str(number),
             "1" if number == 0 else "0",
             str(int(item.frame)),
             str(int(item.command)),
-            *(plain_decimal(value, f"param{index}") for index, value in enumerate((*item.params[:3], p4), start=1)),
+            *(plain_decimal(value, f"param{index}") for index, value in enumerate(params, start=1)),
             place(item.lat_deg, "latitude" if item.has_position else "param5"),
             place(item.lon_deg, "longitude" if item.has_position else "param6"),
             plain_decimal(item.alt_m, "altitude"),

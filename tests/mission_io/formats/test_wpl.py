@@ -170,3 +170,14 @@ def test_swapped_coordinates_are_doubted() -> None:
     (doubt,) = wpl.read(swapped).doubts()
     assert doubt == "item 1: 12075 km from home, the farthest of 1 beyond 100 km; latitude and longitude are swapped"
     assert wpl.read(STRICT).doubts() == ()
+
+
+def test_nan_in_a_parameter_without_a_use_is_written_as_zero_and_listed() -> None:
+    """QGroundControl's landing patterns have such NaN: found by the example that converts one."""
+    stop = MissionItem(2001, Frame.COMMAND, (0.0, math.nan, math.nan, math.nan))
+    mission = Mission(HOME, (stop,))
+    assert wpl.read(wpl.write_mission(mission)).items[0].params == (0.0, 0.0, 0.0, 0.0)
+    assert wpl.losses(mission) == ("row 1: NaN in a parameter without a use is written as 0, as in 1 rows",)
+    for command in (2000, 31010):
+        with pytest.raises(FormatError, match="row 1, param2: nan cannot be written"):
+            wpl.write_mission(Mission(HOME, (replace(stop, command=command),)))
