@@ -1,11 +1,22 @@
 """MAVLink missions: read, check, convert, upload, download and compare them. Stands alone.
 
-Start with ``open_link`` and ``Client`` to talk to a vehicle, with ``formats.wpl`` and ``formats.plan`` for files, and
-with ``protocol.server.MissionServer`` to be a vehicle. See docs/mission_io.md.
+Start with ``open_link`` and ``Client`` to talk to a vehicle, with ``formats.wpl`` and ``formats.plan`` for files, with
+``route_checks`` to hold a mission against terrain and limits, with ``diff`` for what changed, and with
+``protocol.server.MissionServer`` to be a vehicle. See docs/mission_io.md.
 """
 
+from mission_io.actions import Action, action_of, item_of
 from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.autopilots import ARDUPILOT, PX4, Autopilot, autopilot_for, mission_from_wire, wire_items
+from mission_io.autopilots import (
+    ARDUPILOT,
+    ARDUPILOT_PLANE,
+    ARDUPILOT_ROVER,
+    PX4,
+    Autopilot,
+    autopilot_for,
+    mission_from_wire,
+    wire_items,
+)
 from mission_io.checks import Problem, check_for_autopilot
 from mission_io.client import Client
 from mission_io.compare import Difference, compare_items
@@ -46,7 +57,10 @@ from mission_io.verification import Verification
 
 __all__ = [
     "ARDUPILOT",
+    "ARDUPILOT_PLANE",
+    "ARDUPILOT_ROVER",
     "PX4",
+    "Action",
     "Address",
     "Autopilot",
     "Client",
@@ -81,12 +95,14 @@ __all__ = [
     "VehicleInfo",
     "VehicleSilentError",
     "Verification",
+    "action_of",
     "autopilot_for",
     "change_speed",
     "check_for_autopilot",
     "compare_items",
     "content_of",
     "delay",
+    "item_of",
     "items_of",
     "land",
     "look_ahead",

@@ -4,8 +4,6 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import shapely
-
 from mission_io.areas import Fence, LatLon, fence_from_items, rally_from_items
 from mission_io.autopilots import WITHOUT_POSITION, Autopilot
 from mission_io.errors import FormatError
@@ -64,6 +62,8 @@ def check_for_autopilot(
 
 def fence_problems(fence: Fence) -> tuple[str, ...]:
     """Polygons of a fence that cross themselves or have no area; ArduPilot accepts such a fence without a word."""
+    import shapely  # takes as long to load as the rest of the package, which is needed without fences too
+
     found = []
     for number, polygon in enumerate(fence.polygons):
         if not all(_is_place(vertex) for vertex in polygon.vertices) or len(polygon.vertices) < 3:
