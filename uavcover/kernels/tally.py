@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
-from uavcover.kernels.coverage import CONE, DISC, Cells, Sight, in_line_of_sight
-from uavcover.kernels.surface import Surface
+from uavcover.kernels.coverage import CONE, DISC, GRAZING_M, MIDPOINT, RAY, Cells, Sight
+from uavcover.kernels.local_slopes import LocalSlopes, steepest_between
+from uavcover.kernels.surface import Surface, height, height_range_between
 
 NOT_IN_RANGE = 0
 TOO_OBLIQUE = 1
@@ -84,6 +85,7 @@ def empty_tally(count: int) -> Tally:
 @kernel
 def tally_rows(
     surface: Surface,
+    slopes: LocalSlopes,
     sight: Sight,
     camera: Camera,
     cells: Cells,
@@ -98,6 +100,7 @@ def tally_rows(
 
     Args:
         surface: the ground.
+        slopes: its bounds.
         sight: the sensor.
         camera: what else is to be known of it.
         cells: of the area.
@@ -109,101 +112,123 @@ def tally_rows(
         tally: is added to.
     """
     rows, columns = cells.lattice.shape
+    centre, normal = cells.centre_m, cells.normal
     exact = camera.offset_m == 0.0 and camera.turn_rad == 0.0
-    lowered = np.empty(3)
-    raised = np.empty(3)
+    farthest = sight.reach_m + camera.offset_m
     for k in range(eyes.shape[0]):
-        eye = eyes[k]
-        if not math.isfinite(eye[0] + eye[1] + eye[2]):
+        ee, en, eu = eyes[k, 0], eyes[k, 1], eyes[k, 2]
+        if not math.isfinite(ee + en + eu):
             continue
-        for axis in range(3):
-            lowered[axis] = eye[axis]
-            raised[axis] = eye[axis]
-        lowered[2] -= camera.lift_m
-        raised[2] += camera.lift_m
-        reach = _reach_over_ground_m(sight, axes[k, 2]) if exact else sight.reach_m + camera.offset_m
+        ae, an, au = axes[k, 0], axes[k, 1], axes[k, 2]
+        reach = _reach_over_ground_m(sight, au) if exact else farthest
         # A little wider against rounding: the tests below decide.
         reach += 1e-6 * cells.size_m
-        lowest = max(0, math.ceil((eye[1] - reach - cells.north0_m) / cells.size_m))
-        highest = min(rows - 1, math.floor((eye[1] + reach - cells.north0_m) / cells.size_m))
+        lowest = max(0, math.ceil((en - reach - cells.north0_m) / cells.size_m))
+        highest = min(rows - 1, math.floor((en + reach - cells.north0_m) / cells.size_m))
         for i in range(lowest + (first_row - lowest) % row_step, highest + 1, row_step):
-            dn = cells.north0_m + i * cells.size_m - eye[1]
+            dn = cells.north0_m + i * cells.size_m - en
             half = math.sqrt(max(0.0, reach * reach - dn * dn))
-            west = max(0, math.ceil((eye[0] - half - cells.east0_m) / cells.size_m))
-            east = min(columns - 1, math.floor((eye[0] + half - cells.east0_m) / cells.size_m))
+            west = max(0, math.ceil((ee - half - cells.east0_m) / cells.size_m))
+            east = min(columns - 1, math.floor((ee + half - cells.east0_m) / cells.size_m))
             for j in range(west, east + 1):
                 cell = cells.lattice[i, j]
                 if cell < 0:
                     continue
-                seen = _count(surface, sight, camera, cells, eye, axes[k], times_s[k], k, cell, tally)
+                ce, cn, cu = centre[cell, 0], centre[cell, 1], centre[cell, 2]
+                horizontal = math.hypot(ee - ce, en - cn)
+                distance = math.sqrt((ee - ce) ** 2 + (en - cn) ** 2 + (eu - cu) ** 2)
+                if sight.kind != DISC and distance > farthest:
+                    continue
+                depth = (ce - ee) * ae + (cn - en) * an + (cu - eu) * au
+                cos_incidence = 1.0
+                if distance > 0.0:
+                    cos_incidence = (
+                        (ee - ce) * normal[cell, 0] + (en - cn) * normal[cell, 1] + (eu - cu) * normal[cell, 2]
+                    ) / distance
+                outcome = view(sight, horizontal, distance, depth, cos_incidence)
+                if outcome == OCCLUDED and _unhidden(surface, slopes, sight, ee, en, eu, ce, cn, cu):
+                    outcome = SEEN
+                    _note(sight, camera, k, times_s[k], cell, distance, depth, cos_incidence, tally)
+                if outcome > tally.outcome[cell]:
+                    tally.outcome[cell] = outcome
                 if exact:
                     continue
-                centre, normal = cells.centre_m[cell], cells.normal[cell]
-                if seen and not tally.sure[cell]:
-                    tally.sure[cell] = _sure_in_view(sight, camera, eye, axes[k], centre, normal) and in_line_of_sight(
-                        surface, sight, lowered, centre
-                    )
+                if outcome == SEEN and not tally.sure[cell]:
+                    tally.sure[cell] = _sure_in_view(
+                        sight, camera, horizontal, distance, depth, cos_incidence
+                    ) and _unhidden(surface, slopes, sight, ee, en, eu - camera.lift_m, ce, cn, cu)
                 if not tally.possible[cell]:
-                    tally.possible[cell] = seen or (
-                        _possible_in_view(sight, camera, eye, axes[k], centre, normal)
-                        and in_line_of_sight(surface, sight, raised, centre)
+                    tally.possible[cell] = outcome == SEEN or (
+                        _possible_in_view(sight, camera, horizontal, distance, depth, cos_incidence)
+                        and _unhidden(surface, slopes, sight, ee, en, eu + camera.lift_m, ce, cn, cu)
                     )
 
 
 @kernel
-def _count(
+def _unhidden(
     surface: Surface,
+    slopes: LocalSlopes,
+    sight: Sight,
+    ee: float,
+    en: float,
+    eu: float,
+    ce: float,
+    cn: float,
+    cu: float,
+) -> bool:
+    """Whether nothing stands between an eye and a cell; most rays leave the cell more steeply than any ground around it."""
+    if sight.line_of_sight == RAY:
+        if eu - cu >= steepest_between(surface, slopes, ee, en, ce, cn) * math.hypot(ee - ce, en - cn):
+            return True
+        return bool(height_range_between(surface, ee, en, eu, ce, cn, cu, -GRAZING_M)[0] >= -GRAZING_M)
+    if sight.line_of_sight == MIDPOINT:
+        return bool(0.5 * (eu + cu) >= height(surface, 0.5 * (ee + ce), 0.5 * (en + cn)))
+    return True
+
+
+@kernel
+def _note(
     sight: Sight,
     camera: Camera,
-    cells: Cells,
-    eye: NDArray[np.float64],
-    axis: NDArray[np.float64],
-    time_s: float,
     number: int,
+    time_s: float,
     cell: int,
+    distance: float,
+    depth: float,
+    cos_incidence: float,
     tally: Tally,
-) -> bool:
-    """Note what one look makes of one cell; whether it saw it."""
-    centre, normal = cells.centre_m[cell], cells.normal[cell]
-    outcome = view(sight, eye, axis, centre, normal)
-    if outcome == OCCLUDED and in_line_of_sight(surface, sight, eye, centre):
-        outcome = SEEN
-    if outcome > tally.outcome[cell]:
-        tally.outcome[cell] = outcome
-    if outcome != SEEN:
-        return False
+) -> None:
+    """Note that a look saw a cell."""
     if tally.first[cell] < 0:
         tally.first[cell] = number
     # "not <=" counts the first look, too, whose last time is NaN.
     if not time_s - tally.last_s[cell] <= camera.pass_gap_s:
         tally.passes[cell] += 1
     tally.last_s[cell] = time_s
-    distance, depth, cos_incidence = _geometry(eye, axis, centre, normal)
     tally.nearest_m[cell] = min(tally.nearest_m[cell], distance)
     tally.cos_incidence[cell] = max(tally.cos_incidence[cell], cos_incidence)
     if sight.kind == CONE and depth > 0.0 and cos_incidence > 0.0:
         sample = ground_sample_m(camera.focal_px, distance, depth, cos_incidence)
         if sample < tally.ground_sample_m[cell]:
             tally.ground_sample_m[cell] = sample
-    return True
 
 
 @kernel
-def view(
-    sight: Sight,
-    eye: NDArray[np.float64],
-    axis: NDArray[np.float64],
-    centre: NDArray[np.float64],
-    normal: NDArray[np.float64],
-) -> int:
-    """How a cell stands to the view of a sensor at ``eye`` (3,) that looks along ``axis`` (3,), whatever lies between.
+def view(sight: Sight, horizontal: float, distance: float, depth: float, cos_incidence: float) -> int:
+    """How a cell stands to the view of a sensor, whatever lies between.
+
+    Args:
+        sight: the sensor.
+        horizontal: from the sensor to the cell over ground, metres.
+        distance: from the sensor to the cell.
+        depth: the part of it along the axis of the camera.
+        cos_incidence: of the angle between the ray and the normal of the ground.
 
     Returns:
         NOT_IN_RANGE: out of range or outside the field of view. TOO_OBLIQUE. OCCLUDED: neither; the ray decides.
     """
-    distance, depth, cos_incidence = _geometry(eye, axis, centre, normal)
     if sight.kind == DISC:
-        return OCCLUDED if math.hypot(eye[0] - centre[0], eye[1] - centre[1]) <= sight.reach_m else NOT_IN_RANGE
+        return OCCLUDED if horizontal <= sight.reach_m else NOT_IN_RANGE
     if distance > sight.reach_m:
         return NOT_IN_RANGE
     if sight.kind == CONE:
@@ -231,18 +256,6 @@ def ground_sample_m(focal_px: float, distance: float, depth: float, cos_incidenc
 
 
 @kernel
-def _geometry(
-    eye: NDArray[np.float64], axis: NDArray[np.float64], centre: NDArray[np.float64], normal: NDArray[np.float64]
-) -> tuple[float, float, float]:
-    """Distance, its part along the axis, and the cosine of the incidence angle."""
-    de, dn, du = eye[0] - centre[0], eye[1] - centre[1], eye[2] - centre[2]
-    distance = math.sqrt(de * de + dn * dn + du * du)
-    depth = -(de * axis[0] + dn * axis[1] + du * axis[2])
-    upright = de * normal[0] + dn * normal[1] + du * normal[2]
-    return distance, depth, upright / distance if distance > 0.0 else 1.0
-
-
-@kernel
 def _reach_over_ground_m(sight: Sight, axis_up: float) -> float:
     """No cell farther away than this over ground is in view."""
     if sight.kind != CONE:
@@ -253,20 +266,14 @@ def _reach_over_ground_m(sight: Sight, axis_up: float) -> float:
 
 @kernel
 def _sure_in_view(
-    sight: Sight,
-    camera: Camera,
-    eye: NDArray[np.float64],
-    axis: NDArray[np.float64],
-    centre: NDArray[np.float64],
-    normal: NDArray[np.float64],
+    sight: Sight, camera: Camera, horizontal: float, distance: float, depth: float, cos_incidence: float
 ) -> bool:
     """Whether a cell is in view from every place within ``offset_m`` and with every axis within ``turn_rad``.
 
     Seen from the cell, the eye moves by at most asin(offset / distance), so both angles keep that much from their limits.
     """
-    distance, depth, cos_incidence = _geometry(eye, axis, centre, normal)
     if sight.kind == DISC:
-        return math.hypot(eye[0] - centre[0], eye[1] - centre[1]) + camera.horizontal_m <= sight.reach_m
+        return horizontal + camera.horizontal_m <= sight.reach_m
     if distance <= camera.offset_m or distance + camera.offset_m > sight.reach_m:
         return False
     if sight.kind == CONE:
@@ -280,17 +287,11 @@ def _sure_in_view(
 
 @kernel
 def _possible_in_view(
-    sight: Sight,
-    camera: Camera,
-    eye: NDArray[np.float64],
-    axis: NDArray[np.float64],
-    centre: NDArray[np.float64],
-    normal: NDArray[np.float64],
+    sight: Sight, camera: Camera, horizontal: float, distance: float, depth: float, cos_incidence: float
 ) -> bool:
     """Whether a cell may be in view from some place within ``offset_m`` and with some axis within ``turn_rad``."""
-    distance, depth, cos_incidence = _geometry(eye, axis, centre, normal)
     if sight.kind == DISC:
-        return math.hypot(eye[0] - centre[0], eye[1] - centre[1]) - camera.horizontal_m <= sight.reach_m
+        return horizontal - camera.horizontal_m <= sight.reach_m
     if distance - camera.offset_m > sight.reach_m:
         return False
     if sight.kind == CONE and distance > camera.offset_m:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.kernels import tally as kernels
-from uavcover.kernels.surface import GRID, Surface
+from uavcover.kernels.local_slopes import LocalSlopes, local_slopes
 from uavcover.kernels.tally import Camera, Tally
 from uavcover.model.sensor import NadirCamera
 from uavcover.model.uncertainty import Uncertainty
@@ -52,13 +52,14 @@ class FlownCoverage:
 def tally_looks(coverage: CoverageMap, looks: Looks) -> FlownCoverage:
     """Every look at every cell of a map."""
     site = coverage.site
-    camera = _camera(coverage, site.scenario.uncertainty)
+    slopes = local_slopes(site.ground.surface)
+    camera = _camera(coverage, site.scenario.uncertainty, slopes)
     tally: Tally = kernels.empty_tally(coverage.grid.count)
 
     def add(first_row: int) -> None:
         kernels.tally_rows(
-            site.ground.surface, coverage.sight, camera, coverage.grid.cells, looks.places_m, looks.axes, looks.times_s,
-            first_row, WORKERS, tally,
+            site.ground.surface, slopes, coverage.sight, camera, coverage.grid.cells, looks.places_m, looks.axes,
+            looks.times_s, first_row, WORKERS, tally,
         )  # fmt: skip
 
     with ThreadPoolExecutor(WORKERS) as executor:
@@ -96,7 +97,7 @@ def joined_looks(parts: Sequence[Looks], *, pause_s: float) -> Looks:
     )
 
 
-def _camera(coverage: CoverageMap, uncertainty: Uncertainty) -> Camera:
+def _camera(coverage: CoverageMap, uncertainty: Uncertainty, slopes: LocalSlopes) -> Camera:
     sensor = coverage.site.scenario.sensor
     focal_px = float("nan")
     if isinstance(sensor, NadirCamera) and sensor.pixels_across is not None:
@@ -104,7 +105,7 @@ def _camera(coverage: CoverageMap, uncertainty: Uncertainty) -> Camera:
     horizontal, vertical = uncertainty.position_m, uncertainty.vertical_m
     # A ray that is moved sideways by p at the eye and not at all at the cell meets ground that is higher by at most its slope
     # times the way it was moved: as much as lowering the eye by p times the steepest slope does.
-    lift = vertical + (horizontal * _steepest_known_slope(coverage.site.ground.surface) if horizontal > 0.0 else 0.0)
+    lift = vertical + (horizontal * _steepest_known(slopes) if horizontal > 0.0 else 0.0)
     return Camera(
         focal_px=focal_px,
         pass_gap_s=coverage.site.scenario.requirements.max_gap_s,
@@ -115,15 +116,9 @@ def _camera(coverage: CoverageMap, uncertainty: Uncertainty) -> Camera:
     )
 
 
-def _steepest_known_slope(surface: Surface) -> float:
-    """Like ``Surface.steepest``, of the cells that have data: no ray is seen along that passes over the others."""
-    if surface.kind != GRID or np.isfinite(surface.steepest):
-        return surface.steepest
-    east = np.abs(np.diff(surface.up_m, axis=1))
-    north = np.abs(np.diff(surface.up_m, axis=0))
-    slope2 = np.maximum(east[:-1], east[1:]) ** 2 + np.maximum(north[:, :-1], north[:, 1:]) ** 2
-    known = slope2[np.isfinite(slope2)]
-    return float(np.sqrt(known.max(initial=0.0))) / surface.step_m
+def _steepest_known(slopes: LocalSlopes) -> float:
+    """Steepest slope of the blocks that have data: along a ray over the others nothing is seen anyhow."""
+    return float(slopes.steepest[np.isfinite(slopes.steepest)].max(initial=0.0))
 
 
 def _finite(values: FloatArray) -> FloatArray:
