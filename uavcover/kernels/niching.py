@@ -115,6 +115,15 @@ def last_apart(x: FloatArray, spacing: float) -> BoolArray:
 
 
 @kernel
+def _row_sums(points: FloatArray) -> FloatArray:
+    sums = np.zeros(len(points))
+    for i in range(points.shape[0]):
+        for k in range(points.shape[1]):
+            sums[i] += points[i, k]
+    return sums
+
+
+@kernel
 def dominated_near(
     x: FloatArray, objectives: FloatArray, other_x: FloatArray, other_objectives: FloatArray, radius: float
 ) -> BoolArray:
@@ -129,8 +138,12 @@ def dominated_near(
     """
     n, m = objectives.shape
     dominated = np.zeros(n, np.bool_)
+    totals, other_totals = _row_sums(objectives), _row_sums(other_objectives)
+    order = np.argsort(other_totals)
     for i in range(n):
-        for j in range(len(other_x)):
+        for j in order:
+            if other_totals[j] > totals[i]:
+                break  # what dominates has no larger sum
             below, not_above = False, True
             for k in range(m):
                 if other_objectives[j, k] > objectives[i, k]:
