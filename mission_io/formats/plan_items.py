@@ -16,6 +16,8 @@ from mission_io.items import Command, Frame, MissionItem
 _ALTITUDE_MODES = {Frame.ABOVE_HOME: 1, Frame.AMSL: 2, Frame.ABOVE_TERRAIN: 4}
 _PARAMS = 7
 _LARGEST = 1e300
+_NUMBERS = frozenset({int, float})
+_PLAIN_FRAMES = {int(frame): frame for frame in Frame}
 _NOTHING = (math.nan, math.nan, math.nan)
 
 
@@ -73,6 +75,9 @@ def read_simple(node: Node) -> MissionItem:
     Raises:
         FormatError: with the place in the document.
     """
+    plain = _plain_item(node.value)
+    if plain is not None:
+        return plain
     p1, p2, p3, p4, lat, lon, alt = _params(node.get("params"))
     frame_node, command = node.get("frame"), node.get("command").whole()
     if not 0 <= command <= 65535:
@@ -113,14 +118,35 @@ def _simple(node: Node) -> Node:
     return node
 
 
+def _plain_item(entry: Any) -> MissionItem | None:
+    """The item of an entry in which everything is there and of its type; None leaves it to the careful way."""
+    if type(entry) is not dict:
+        return None
+    params, command, autocontinue = entry.get("params"), entry.get("command"), entry.get("autoContinue")
+    number = entry.get("frame")
+    frame = _PLAIN_FRAMES.get(number) if type(number) is int else None
+    if frame is None or type(command) is not int or not 0 <= command <= 65535 or type(autocontinue) is not bool:
+        return None
+    if (
+        type(params) is not list
+        or len(params) != _PARAMS
+        or not _NUMBERS.issuperset(map(type, params[:3] + params[4:]))
+    ):
+        return None
+    p1, p2, p3, p4, lat, lon, alt = params
+    if p4 is None:
+        p4 = math.nan
+    elif type(p4) not in _NUMBERS:
+        return None
+    if max(map(abs, params[:3] + params[4:])) > _LARGEST or abs(p4) > _LARGEST:  # no sum: a whole number may be endless
+        return None
+    yaw = float(p4)
+    return MissionItem(
+        command, frame, (float(p1), float(p2), float(p3), yaw), float(lat), float(lon), float(alt), autocontinue
+    )
+
+
 def _params(node: Node) -> list[float]:
-    raw = node.value
-    if type(raw) is list and len(raw) == _PARAMS:
-        values = [math.nan if value is None else value for value in raw]
-        if all(type(value) is float or type(value) is int for value in values) and not any(
-            abs(value) > _LARGEST for value in values
-        ):
-            return [float(value) for value in values]
     nodes = node.nodes()
     if len(nodes) != _PARAMS:
         raise FormatError(f"{len(nodes)} numbers, {_PARAMS} are expected", where=node.where)

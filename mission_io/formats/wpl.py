@@ -23,6 +23,7 @@ _HEADER = "QGC WPL 110"
 _HEADER_PATTERN = re.compile(r"QGC[ \t]+WPL[ \t]+([0-9]{1,9})")
 _SEPARATORS = re.compile(r"[ \t,;]+")
 _COLUMNS = 12
+_SHORT_LINE = 400
 _YAW_IS_FREE = frozenset({Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND})
 
 
@@ -251,7 +252,7 @@ class _Row:
             raise FormatError(error.what, where=f"line {self.number}", advice=error.advice) from None
         if frame_number != frame:
             repairs.append(f"line {self.number}: changed frame {frame_number} to {int(frame)}")
-        p1, p2, p3, p4, lat, lon, alt = (self._number(column) for column in range(4, 11))
+        p1, p2, p3, p4, lat, lon, alt = self._numbers()
         problem = None if frame is Frame.COMMAND else place_problem(lat, lon)
         if problem is not None:
             raise FormatError(problem.what, where=f"line {self.number}", advice=problem.advice)
@@ -268,6 +269,18 @@ class _Row:
         if len(columns) != _COLUMNS:
             raise FormatError(f"{len(columns)} columns, a row has {_COLUMNS}", where=f"line {self.number}")
         return columns
+
+    def _numbers(self) -> list[float]:
+        """Parameters, place and height: all at once when they are plain, one by one to say which is not."""
+        content = self._content
+        if content.isascii() and "_" not in content and len(content) <= _SHORT_LINE:
+            try:
+                numbers = [*map(float, self._columns[4:11])]
+            except ValueError:
+                numbers = [math.nan]
+            if math.isfinite(sum(numbers)):
+                return numbers
+        return [self._number(column) for column in range(4, 11)]
 
     def _number(self, column: int) -> float:
         text = self._columns[column]

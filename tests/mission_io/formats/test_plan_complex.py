@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 from mission_io.errors import FormatError
 from mission_io.formats import plan
+from mission_io.formats.json_node import Node
+from mission_io.formats.plan_items import read_simple
 from mission_io.items import Command, Frame, Mission, MissionItem, delay, same_item, waypoint
 from tests.mission_io.formats.samples import HOME, MISSION
 
@@ -225,3 +227,21 @@ def test_a_jump_survives_a_round_trip() -> None:
     jump = MissionItem(177, Frame.COMMAND, (1.0, 2.0, 0.0, 0.0))
     assert plan.read(plan.write(plan.PlanFile(Mission(HOME, (waypoint(1.0, 2.0, 3.0, frame=Frame.AMSL), jump)),
                      plan.Fence(), plan.RallyPoints(), 3))).mission.items[1] == jump  # fmt: skip
+
+
+@settings(derandomize=True, max_examples=150)
+@given(
+    st.lists(st.none() | _SCALARS | st.just(10**400) | st.just(-(10**309)) | st.just(1e301), min_size=7, max_size=7),
+    st.integers(0, 12),
+)
+def test_the_quick_way_to_read_an_item_and_the_careful_one_agree(params: list[Any], frame: int) -> None:
+    """The careful way is taken when ``autoContinue`` is missing, which stands for true."""
+    results = []
+    for entry in (simple(1, 16, params, frame), {**simple(1, 16, params, frame)}):
+        if results:
+            del entry["autoContinue"]
+        try:
+            results.append(repr(read_simple(Node(entry, "entry"))))
+        except FormatError as error:
+            results.append(str(error))
+    assert results[0] == results[1]
