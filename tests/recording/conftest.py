@@ -15,6 +15,7 @@ def write(path: Path, flight: Flight) -> Path:
         track=flight.track,
         first_seen_s=flight.first_seen_s,
         events=flight.events,
+        states=flight.states,
     )
     return path
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.model.route import Route
 from uavcover.model.track import Track
-from uavcover.recording import FlightEvent
+from uavcover.recording import FlightEvent, VehicleState
 from uavcover.scenario import load_scenario, terrain_path
 from uavcover.site import Site, build_site
 
@@ -21,6 +21,7 @@ class Flight:
     track: Track
     first_seen_s: NDArray[np.float64]
     events: tuple[FlightEvent, ...]
+    states: tuple[VehicleState, ...]
 
 
 def make_flight(
@@ -57,6 +58,10 @@ def make_flight(
             FlightEvent(float(track.time_s[-1]), "landed"),
             FlightEvent(3.0, "armed"),
             FlightEvent(20.0, "gust", "WARN"),
+        ),
+        states=tuple(
+            VehicleState(4.0 + k, None if k == 0 else 16.0 - 0.01 * k, None if k == 0 else 99.0 - k, 50 * k, 5 * k)
+            for k in range(30)
         ),
     )
 

@@ -12,8 +12,11 @@ from uavcover.recording.footprint import footprints_m
 from uavcover.recording.relief import relief_mesh
 from uavcover.recording.scene import waypoint_labels
 from uavcover.recording.tiles import coverage_tiles, lift_m, shown_from_s, tick_times_s
+from uavcover.recording.vehicle import body_rotations
 from uavcover.terrain.ground import Ground, grid_ground
 from uavcover.terrain.shading import hillshade
+
+DOWN = np.array([[0.0, 0.0, -1.0]])
 
 
 def plane(slope_east: float, *, hole: bool = False) -> Ground:
@@ -51,7 +54,7 @@ def test_light_comes_from_the_north_west() -> None:
 def test_footprint_of_a_nadir_camera_over_a_plane_is_a_circle(flight: Flight) -> None:
     site = dataclasses.replace(flight.site, ground=plane(0.0))
     coverage = _over(flight, site.ground)
-    (ring,) = footprints_m(coverage, np.array([[250.0, 250.0, 180.0]]))
+    (ring,) = footprints_m(coverage, np.array([[250.0, 250.0, 180.0]]), DOWN)
     radius_m = np.hypot(ring[:, 0] - 250.0, ring[:, 1] - 250.0)
     expected_m = 80.0 * np.tan(np.radians(site.scenario.sensor.fov_deg / 2.0))  # type: ignore[union-attr]
     step_m = 200.0 * np.sin(np.radians(site.scenario.sensor.fov_deg / 2.0)) / 40.0  # type: ignore[union-attr]
@@ -60,15 +63,41 @@ def test_footprint_of_a_nadir_camera_over_a_plane_is_a_circle(flight: Flight) ->
     np.testing.assert_allclose(ring[:, 2], 100.0)
 
 
+@pytest.mark.parametrize("roll_deg", [10.0, -30.0])
+def test_footprint_of_a_rolled_camera_lies_where_its_rays_meet_the_plane(flight: Flight, roll_deg: float) -> None:
+    coverage = _over(flight, plane(0.0))
+    # Flying north, a roll to the right points the camera of a fixed mount to the west.
+    axis = body_rotations(np.array([[roll_deg, 0.0, 0.0]])).apply(DOWN)
+    assert axis[0] == pytest.approx([-np.sin(np.radians(roll_deg)), 0.0, -np.cos(np.radians(roll_deg))])
+    height_m = 60.0
+    (ring,) = footprints_m(coverage, np.array([[250.0, 250.0, 100.0 + height_m]]), axis)
+    half_deg = coverage.site.scenario.sensor.fov_deg / 2.0  # type: ignore[union-attr]
+    ends = [250.0 - height_m * np.tan(np.radians(roll_deg + side * half_deg)) for side in (1.0, -1.0)]
+    np.testing.assert_allclose([ring[:, 0].min(), ring[:, 0].max()], ends, atol=12.0)
+    np.testing.assert_allclose(ring[:, 2], 100.0)
+
+
+def test_the_texture_lies_on_the_mesh_with_north_on_top() -> None:
+    mesh = relief_mesh(plane(0.5), (50.0, 50.0, 450.0, 250.0))
+    rows, columns = mesh.texture.shape[:2]
+    assert (rows, columns) == (257, 512)
+    corner = mesh.vertices_m[:, :2] == (50.0, 250.0)
+    np.testing.assert_allclose(mesh.texture_places[corner.all(axis=1)], [[0.5 / columns, 0.5 / rows]])
+    assert mesh.texture_places.min() > 0.0
+    assert mesh.texture_places.max() < 1.0
+
+
 def test_footprint_is_empty_out_of_reach_and_below_ground(flight: Flight) -> None:
     coverage = _over(flight, plane(0.0))
-    high, buried = footprints_m(coverage, np.array([[250.0, 250.0, 400.0], [250.0, 250.0, 50.0]]))
+    high, buried = footprints_m(
+        coverage, np.array([[250.0, 250.0, 400.0], [250.0, 250.0, 50.0]]), np.repeat(DOWN, 2, axis=0)
+    )
     assert high.shape == buried.shape == (0, 3)
 
 
 def test_seen_cells_lie_in_the_footprint(flight: Flight) -> None:
     eye = flight.track.enu_m[300:301]
-    (ring,) = footprints_m(flight.coverage, eye)
+    (ring,) = footprints_m(flight.coverage, eye, DOWN)
     centres = flight.coverage.grid.cells.centre_m[flight.coverage.seen_from(eye)]
     # The outline is known to a 40th of the reach.
     outline = shapely.Polygon(ring[:, :2]).buffer(5.0)

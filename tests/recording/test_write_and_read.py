@@ -104,6 +104,7 @@ def test_entities(flight: Flight, recorded: Path) -> None:
     assert track.timelines == (layout.TIMELINE,)
     assert track.samples == len(flight.track)
     assert (track.start_s, track.end_s) == pytest.approx(tuple(flight.track.time_s[[0, -1]]), abs=1e-9)
+    assert rows[layout.BATTERY_PERCENT].samples == len(flight.states) - 1
     assert rows[layout.TERRAIN].timelines == ()
     assert rows[layout.TERRAIN].start_s is None
     assert rows[layout.EVENTS].samples == len(flight.events)

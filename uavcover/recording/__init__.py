@@ -4,7 +4,7 @@ Importing it loads rerun, which takes about a second: commands import it where t
 """
 
 from uavcover.recording.errors import RecordingError
-from uavcover.recording.flight import FlightEvent
+from uavcover.recording.flight import FlightEvent, VehicleState
 from uavcover.recording.reader import RecordingRow, describe_recording, read_recorded_track
 from uavcover.recording.viewer import open_viewer, screenshot
 from uavcover.recording.writer import write_recording
@@ -13,6 +13,7 @@ __all__ = [
     "FlightEvent",
     "RecordingError",
     "RecordingRow",
+    "VehicleState",
     "describe_recording",
     "open_viewer",
     "read_recorded_track",

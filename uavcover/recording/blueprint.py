@@ -30,6 +30,7 @@ LEGEND_TEXT = """
 | white line, numbers | the planned route and its waypoints |
 | yellow line | the path flown so far |
 | red arrow | the vehicle and where its nose points |
+| pale cone | where the camera looks, turned with the vehicle unless it is stabilised |
 | cyan ring | ground inside the sensor's field of view |
 | blue outline | the area |
 | orange outline | the fence |
@@ -59,7 +60,12 @@ def make_blueprint(site: Site, *, start_s: float, end_s: float) -> rrb.Blueprint
         rrb.Vertical(
             _series_view("height", "Height above ground", whole),
             _series_view("coverage", "Seen, percent", whole, (0.0, 102.0)),
-            _series_view("speed", "Speed", whole),
+            rrb.Tabs(
+                _series_view("speed", "Speed", whole),
+                _series_view("battery", "Battery", whole),
+                _series_view("link", "Link", whole),
+                active_tab=0,
+            ),
             below,
             row_shares=[3.0, 3.0, 2.0, 4.0],
         ),

@@ -1,6 +1,5 @@
-"""What changes in time: vehicle, path, footprint, cells, series, events. Everything is sent in columns."""
+"""What changes in time beside the vehicle: track, cells, series, events. Everything is sent in columns."""
 
-import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -8,22 +7,17 @@ from typing import Literal
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.model.track import COLUMNS, Track
 from uavcover.recording import layout
-from uavcover.recording.footprint import footprints_m
-from uavcover.recording.relief import extent_m, scene_bounds_m
-from uavcover.recording.stream import any_value_columns, any_values, log_static, time_column, ui_points
-from uavcover.recording.tiles import coverage_tiles, lift_m, shown_from_s, tick_times_s
+from uavcover.recording.stream import any_value_columns, any_values, log_static, time_column
+from uavcover.recording.tiles import coverage_tiles, shown_from_s, tick_times_s
 
 FloatArray = NDArray[np.float64]
 
-STEP_S = 0.5
-"""Vehicle time between footprints, and the length of the pieces in which the flown path grows."""
-
-_HEADING_SHARE = 0.06
+LINK_WINDOW_S = 5.0
+"""Losses of the link are counted over this long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +33,25 @@ class FlightEvent:
     time_s: float
     text: str
     level: Literal["INFO", "WARN", "ERROR"] = "INFO"
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """What the vehicle said of itself, and how the link did, at a moment of the flight.
+
+    Attributes:
+        time_s: vehicle time.
+        battery_v: voltage; none where it is not told.
+        battery_percent: what is left; none where it is not told.
+        frames_in: messages that arrived since the link was opened.
+        frames_lost: messages that never came, by the gaps in their numbers.
+    """
+
+    time_s: float
+    battery_v: float | None
+    battery_percent: float | None
+    frames_in: int
+    frames_lost: int
 
 
 def track_columns(track: Track) -> dict[str, NDArray[np.float64] | NDArray[np.int64]]:
@@ -57,53 +70,6 @@ def log_track(recording: rr.RecordingStream, track: Track) -> None:
     """Log the track in float64, from which it is read back exactly."""
     log_static(recording, layout.TRACK, any_values({layout.SAMPLE_COUNT: np.array([len(track)])}))
     recording.send_columns(layout.TRACK, [time_column(track.time_s)], any_value_columns(track_columns(track)))
-
-
-def log_vehicle(recording: rr.RecordingStream, coverage: CoverageMap, track: Track) -> None:
-    """Log the vehicle, the path behind it and the sensor's footprint, in the local frame and on the map."""
-    site = coverage.site
-    heading_m = _HEADING_SHARE * extent_m(scene_bounds_m(site))
-    body = rr.Arrows3D(vectors=[[heading_m, 0.0, 0.0]], colors=[layout.VEHICLE_RGB], radii=heading_m / 10.0)
-    log_static(
-        recording,
-        layout.HEADING,
-        body,
-        rr.Points3D([[0.0, 0.0, 0.0]], colors=[layout.VEHICLE_RGB], radii=ui_points(6.0)),
-    )
-    recording.send_columns(
-        layout.VEHICLE,
-        [time_column(track.time_s)],
-        rr.Transform3D.columns(translation=track.enu_m, quaternion=_quaternions(track.attitude_deg)),
-    )
-    ends = _step_samples(track.time_s)
-    pieces = [(int(a), int(b) + 1) for a, b in itertools.pairwise(ends)]
-    steps = [time_column(track.time_s[ends[1:]])]
-    if pieces:
-        path = [track.enu_m[a:b] for a, b in pieces]
-        log_static(
-            recording, layout.FLOWN, rr.LineStrips3D.from_fields(colors=[layout.FLOWN_RGB], radii=ui_points(2.5))
-        )
-        recording.send_columns(layout.FLOWN, steps, rr.LineStrips3D.columns(strips=path))
-    above_m = (0.0, 0.0, 2.0 * lift_m(coverage))
-    rings = [ring + above_m for ring in footprints_m(coverage, track.enu_m[ends])]
-    log_static(
-        recording, layout.FOOTPRINT, rr.LineStrips3D.from_fields(colors=[layout.FOOTPRINT_RGB], radii=ui_points(2.0))
-    )
-    recording.send_columns(layout.FOOTPRINT, [time_column(track.time_s[ends])], rr.LineStrips3D.columns(strips=rings))
-    if site.frame is None:
-        return
-    places = track.geodetic[:, :2]
-    log_static(
-        recording, layout.MAP_VEHICLE, rr.GeoPoints.from_fields(colors=[layout.VEHICLE_RGB], radii=ui_points(6.0))
-    )
-    recording.send_columns(layout.MAP_VEHICLE, [time_column(track.time_s)], rr.GeoPoints.columns(positions=places))
-    if pieces:
-        log_static(
-            recording, layout.MAP_FLOWN, rr.GeoLineStrings.from_fields(colors=[layout.FLOWN_RGB], radii=ui_points(2.5))
-        )
-        recording.send_columns(
-            layout.MAP_FLOWN, steps, rr.GeoLineStrings.columns(line_strings=[places[a:b] for a, b in pieces])
-        )
 
 
 def log_coverage(recording: rr.RecordingStream, coverage: CoverageMap, track: Track, first_seen_s: FloatArray) -> None:
@@ -155,6 +121,33 @@ def log_series(recording: rr.RecordingStream, coverage: CoverageMap, track: Trac
             _log_series(recording, entity, track.time_s, speed_m_s, name=name, rgb=rgb)
 
 
+def log_states(recording: rr.RecordingStream, states: Sequence[VehicleState]) -> None:
+    """Log battery and link, as far as they are known."""
+    if not states:
+        return
+    time_s = np.array([state.time_s for state in states])
+    for entity, name, values, rgb in (
+        (layout.BATTERY_PERCENT, "left, percent", [state.battery_percent for state in states], layout.SEEN_RGB),
+        (layout.BATTERY_V, "volts", [state.battery_v for state in states], layout.FLOWN_RGB),
+    ):
+        told = np.array([np.nan if value is None else value for value in values])
+        known = np.isfinite(told)
+        if known.any():
+            _log_series(recording, entity, time_s[known], told[known], name=name, rgb=rgb)
+    arrived = np.array([state.frames_in for state in states], dtype=float)
+    lost = np.array([state.frames_lost for state in states], dtype=float)
+    before = np.searchsorted(time_s, time_s - LINK_WINDOW_S)
+    came, went = arrived - arrived[before], lost - lost[before]
+    span_s = time_s - time_s[before]
+    whole = span_s > 0.0
+    shares = 100.0 * went[whole] / np.maximum(came + went, 1.0)[whole]
+    for entity, name, values_of, rgb in (
+        (layout.LINK_LOST, "lost, percent", shares, layout.LIMIT_RGB),
+        (layout.LINK_RATE, "messages a second", came[whole] / span_s[whole], layout.FOOTPRINT_RGB),
+    ):
+        _log_series(recording, entity, time_s[whole], values_of, name=name, rgb=rgb)
+
+
 def log_events(recording: rr.RecordingStream, events: Iterable[FlightEvent]) -> None:
     """Log what happened as text, in order of time."""
     ordered: Sequence[FlightEvent] = sorted(events, key=lambda event: event.time_s)
@@ -183,15 +176,3 @@ def _percent_seen(weight_m2: FloatArray, shown_s: FloatArray, ticks_s: FloatArra
     order = np.argsort(shown_s, kind="stable")
     so_far = np.append(0.0, np.cumsum(weight_m2[order]))
     return np.asarray(100.0 * so_far[np.searchsorted(shown_s[order], ticks_s, side="right")] / so_far[-1])
-
-
-def _step_samples(time_s: FloatArray) -> NDArray[np.intp]:
-    """Numbers of the samples at which a step ends: the first sample, then about one in each ``STEP_S``, the last always."""
-    step = np.floor((time_s - time_s[0]) / STEP_S)
-    return np.unique(np.append(np.flatnonzero(np.diff(step, prepend=-1.0) > 0), time_s.size - 1))
-
-
-def _quaternions(attitude_deg: FloatArray) -> FloatArray:
-    """Rotations (n, 4), x y z w, from the body (forward, left, up) to the local frame; level where attitude is unknown."""
-    roll, pitch, yaw = np.nan_to_num(attitude_deg).T
-    return np.asarray(Rotation.from_euler("ZYX", np.column_stack([90.0 - yaw, -pitch, roll]), degrees=True).as_quat())

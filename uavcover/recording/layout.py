@@ -20,6 +20,7 @@ FLOWN: Final = f"{WORLD}/flown"
 VEHICLE: Final = f"{WORLD}/vehicle"
 HEADING: Final = f"{VEHICLE}/heading"
 FOOTPRINT: Final = f"{WORLD}/footprint"
+CAMERA: Final = f"{WORLD}/camera"
 COVERAGE: Final = f"{WORLD}/coverage"
 
 MAP: Final = "/map"
@@ -34,6 +35,10 @@ SEEN: Final = f"{SERIES}/coverage/seen_percent"
 SEEN_COVERABLE: Final = f"{SERIES}/coverage/seen_of_coverable_percent"
 GROUND_SPEED: Final = f"{SERIES}/speed/ground_m_s"
 CLIMB_SPEED: Final = f"{SERIES}/speed/climb_m_s"
+BATTERY_PERCENT: Final = f"{SERIES}/battery/left_percent"
+BATTERY_V: Final = f"{SERIES}/battery/volts"
+LINK_LOST: Final = f"{SERIES}/link/lost_percent"
+LINK_RATE: Final = f"{SERIES}/link/messages_a_second"
 
 EVENTS: Final = "/events"
 LEGEND: Final = "/legend"
@@ -52,6 +57,7 @@ PLANNED_RGB: Final[Rgb] = (255, 255, 255)
 FLOWN_RGB: Final[Rgb] = (255, 196, 0)
 VEHICLE_RGB: Final[Rgb] = (255, 64, 64)
 FOOTPRINT_RGB: Final[Rgb] = (64, 224, 255)
+CAMERA_RGB: Final[Rgb] = (170, 240, 255)
 AREA_RGB: Final[Rgb] = (120, 190, 255)
 FENCE_RGB: Final[Rgb] = (255, 96, 64)
 HOME_RGB: Final[Rgb] = (255, 64, 192)

@@ -1,4 +1,4 @@
-"""The ground as a mesh with the colours of a relief map. Arrays only."""
+"""The ground as a mesh with a relief map on it. Arrays only."""
 
 import math
 from dataclasses import dataclass
@@ -8,13 +8,16 @@ from numpy.typing import NDArray
 
 from uavcover.site import Site
 from uavcover.terrain.ground import Ground
-from uavcover.terrain.shading import relief_colors
+from uavcover.terrain.relief_grid import relief_grid
 
 FloatArray = NDArray[np.float64]
 ByteArray = NDArray[np.uint8]
 
 MAX_NODES_PER_SIDE = 180
 """Of the mesh: more would not be seen, and would fill the file."""
+
+TEXTURE_PIXELS = 512
+"""Along the longer side of the picture that lies on the mesh."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +27,14 @@ class ReliefMesh:
     Attributes:
         vertices_m: (n, 3) ENU metres.
         triangles: (m, 3) uint32 numbers of vertices, counter-clockwise seen from above.
-        colors: (n, 3) uint8 RGB.
+        texture_places: (n, 2) where each vertex lies in the texture: 0..1 from its left and from its top.
+        texture: (rows, columns, 3) uint8 RGB, north on top.
     """
 
     vertices_m: FloatArray
     triangles: NDArray[np.uint32]
-    colors: ByteArray
+    texture_places: FloatArray
+    texture: ByteArray
 
 
 def scene_bounds_m(site: Site) -> tuple[float, float, float, float]:
@@ -62,6 +67,10 @@ def relief_mesh(ground: Ground, bounds_m: tuple[float, float, float, float]) -> 
     triangles = np.concatenate([np.stack([sw, se, ne], -1).reshape(-1, 3), np.stack([sw, ne, nw], -1).reshape(-1, 3)])
     known = np.isfinite(up)
     triangles = triangles[known[triangles].all(axis=1)]
-    colors = relief_colors(up, ground.gradients(places))
+    texture = relief_grid(ground, bounds_m, nodes=TEXTURE_PIXELS).rgb[::-1]
+    # The texture's outer pixels have their middles on the rim of the rectangle.
+    rows, columns = texture.shape[:2]
+    across = (0.5 + (grid_e - west) / (east - west) * (columns - 1)) / columns
+    down = (0.5 + (north - grid_n) / (north - south) * (rows - 1)) / rows
     vertices = np.column_stack([places, np.where(known, up, 0.0)])
-    return ReliefMesh(vertices, triangles, colors)
+    return ReliefMesh(vertices, triangles, np.column_stack([across.ravel(), down.ravel()]), texture)

@@ -29,7 +29,12 @@ def log_scene(recording: rr.RecordingStream, site: Site, planned: Route | None, 
     log_static(
         recording,
         layout.TERRAIN,
-        rr.Mesh3D(vertex_positions=mesh.vertices_m, triangle_indices=mesh.triangles, vertex_colors=mesh.colors),
+        rr.Mesh3D(
+            vertex_positions=mesh.vertices_m,
+            triangle_indices=mesh.triangles,
+            vertex_texcoords=mesh.texture_places,
+            albedo_texture=mesh.texture,
+        ),
     )
     outlines = (
         (layout.AREA, "area", shapely.get_parts(site.area), layout.AREA_RGB),

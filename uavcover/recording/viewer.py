@@ -91,6 +91,20 @@ def screenshot(path: str | Path, png: str | Path, *, at_share: float = 1.0) -> N
             unfinished.unlink(missing_ok=True)
 
 
+def loading_time_s(path: str | Path) -> float:
+    """How long a running viewer takes from being told of a recording until all of it is there, without a screen.
+
+    Raises:
+        RecordingError: no readable recording, no graphics driver, or a viewer that does not answer.
+    """
+    path = Path(path)
+    check_finished(path)
+    with _headless_viewer(path) as client:
+        started = time.monotonic()
+        _load(client, path)
+        return time.monotonic() - started
+
+
 @contextlib.contextmanager
 def _headless_viewer(path: Path) -> Iterator[ViewerClient]:
     port = _free_port()

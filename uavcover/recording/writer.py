@@ -22,6 +22,7 @@ from uavcover.recording.reader import check_finished
 from uavcover.recording.scene import log_scene
 from uavcover.recording.stream import log_static
 from uavcover.recording.tiles import lift_m
+from uavcover.recording.vehicle import draw_vehicle, send_vehicle
 from uavcover.site import Site
 
 _NAMESPACE = uuid.UUID("2d1f7b1e-7c1f-4a7c-9f0c-2f6b8d6f5a90")
@@ -36,6 +37,7 @@ def write_recording(
     track: Track,
     first_seen_s: NDArray[np.float64],
     events: Iterable[flight.FlightEvent] = (),
+    states: Iterable[flight.VehicleState] = (),
     name: str | None = None,
 ) -> None:
     """Write a flight as a recording for the rerun viewer, with its blueprint.
@@ -52,6 +54,7 @@ def write_recording(
         first_seen_s: (cells,) vehicle time at which each cell was seen first, NaN or infinite where it never was. With
             ``first = coverage.first_seen(track.enu_m)``: ``np.where(first >= 0, track.time_s[first], np.nan)``.
         events: what happened, in any order.
+        states: battery and link, in any order.
         name: of the run, shown in the viewer; default: the scenario's name.
 
     Raises:
@@ -73,7 +76,9 @@ def write_recording(
         log_scene(recording, site, planned, lift_m=2.0 * lift_m(coverage))
         flight.log_coverage(recording, coverage, track, first_seen_s)
         flight.log_series(recording, coverage, track)
-        flight.log_vehicle(recording, coverage, track)
+        draw_vehicle(recording, coverage)
+        send_vehicle(recording, coverage, track)
+        flight.log_states(recording, sorted(states, key=lambda state: state.time_s))
         flight.log_events(recording, events)
         flight.log_track(recording, track)
         data = memory.drain_as_bytes()

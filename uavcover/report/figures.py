@@ -14,7 +14,7 @@ from uavcover.errors import OutputError
 from uavcover.report.content import ReportContent
 from uavcover.report.map_data import bounds_m
 from uavcover.report.pareto_file import ParetoRow
-from uavcover.report.relief_grid import relief_grid
+from uavcover.terrain.relief_grid import relief_grid
 
 FloatArray = NDArray[np.float64]
 
