@@ -29,14 +29,16 @@ def read_private(path: Path, *, what: str, largest: int) -> bytes:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     except OSError as error:
         raise MisuseError(f"cannot read the {what} {path}: {error.strerror}") from None
-    with os.fdopen(handle, "rb") as file:
-        status = os.fstat(file.fileno())
+    try:
+        status = os.fstat(handle)
         if not stat.S_ISREG(status.st_mode):
             raise MisuseError(f"cannot read the {what} {path}: it is no file")
         mode = stat.S_IMODE(status.st_mode)
         if mode & 0o077:
             raise MisuseError(f"others may read or write the {what} {path} (mode {mode:03o}); run: chmod 600 {path}")
-        content = file.read(largest + 1)
+        content = os.read(handle, largest + 1)
+    finally:
+        os.close(handle)
     if len(content) > largest:
         raise MisuseError(f"the {what} {path} has more than {largest} bytes; is it the right file?")
     return content

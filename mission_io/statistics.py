@@ -20,7 +20,7 @@ class LinkStatistics:
         truncated_frames: Frames that began and did not end.
         garbage_bytes: Bytes that belong to no frame.
         unsigned: Frames refused because they are not signed.
-        forged: Frames refused because their signature is not made with our key.
+        forged: Frames refused because their signature is not made with our key, or damaged.
         replayed: Frames refused because their signature is not newer than what was heard before.
         other_kinds: Good frames of kinds that mission_io has no use for.
         for_others: Messages to other systems or components; ignored.

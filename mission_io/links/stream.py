@@ -87,6 +87,7 @@ class FramedChannel:
 
     def put(self, frame: bytes) -> None:
         """Send a frame, or as much of it as goes now and the rest later; without room for it, none of it."""
+        self.flush()
         if len(self._waiting) + len(frame) > SEND_BUFFER_BYTES:
             self.dropped_frames += 1
             return

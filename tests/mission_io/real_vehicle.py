@@ -1,16 +1,16 @@
-"""The tests' vehicle on a real UDP socket of this machine, in a thread."""
+"""The tests' vehicle on a real link of this machine, in a thread."""
 
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from mission_io.link import UdpLink
+from mission_io.link import Link
 from tests.mission_io.vehicle import VehiclePeer
 
 
 @contextmanager
-def flying_on(link: UdpLink, peer: VehiclePeer) -> Iterator[VehiclePeer]:
+def flying_on(link: Link, peer: VehiclePeer) -> Iterator[VehiclePeer]:
     """Run a vehicle on a link until the block ends."""
     stop = threading.Event()
 

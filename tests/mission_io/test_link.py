@@ -114,19 +114,19 @@ def test_a_listening_link_follows_its_peer_to_another_port() -> None:
 
 
 def test_two_vehicles_on_one_listening_port_both_hear_the_ground() -> None:
-    with UdpLink.listening() as ground:
-        with (
-            UdpLink.connecting("127.0.0.1", ground.local_port) as one,
-            UdpLink.connecting("127.0.0.1", ground.local_port) as two,
-        ):
-            for vehicle, text in ((one, b"one"), (two, b"two"), (one, b"three")):
-                vehicle.send(text)
-                assert ground.receive(5.0) == text
-            assert ground.peers == (("127.0.0.1", two.local_port), ("127.0.0.1", one.local_port))
-            assert ground.peer == ("127.0.0.1", one.local_port)
-            ground.send(b"to all")
-            assert [one.receive(5.0), two.receive(5.0)] == [b"to all"] * 2
-            assert one.peers == (("127.0.0.1", ground.local_port),)
+    with (
+        UdpLink.listening() as ground,
+        UdpLink.connecting("127.0.0.1", ground.local_port) as one,
+        UdpLink.connecting("127.0.0.1", ground.local_port) as two,
+    ):
+        for vehicle, text in ((one, b"one"), (two, b"two"), (one, b"three")):
+            vehicle.send(text)
+            assert ground.receive(5.0) == text
+        assert ground.peers == (("127.0.0.1", two.local_port), ("127.0.0.1", one.local_port))
+        assert ground.peer == ("127.0.0.1", one.local_port)
+        ground.send(b"to all")
+        assert [one.receive(5.0), two.receive(5.0)] == [b"to all"] * 2
+        assert one.peers == (("127.0.0.1", ground.local_port),)
 
 
 def test_a_place_that_fell_silent_is_no_longer_sent_to_but_the_last_one_always_is() -> None:
