@@ -16,6 +16,7 @@ from mission_io.storage import (
     NOT_STEPS,
     PX4_STORAGE,
     WITHOUT_POSITION,
+    Storage,
     StorageRule,
 )
 from mission_io.wire import DEGREES_SCALE, float32
@@ -51,7 +52,7 @@ class Autopilot:
         frames: The frames it takes for positions.
         position_free_frames: The frames it takes for commands without a position.
         command_frame_returned: The frame that such a command comes back with.
-        storage: What it changes in the numbers it stores.
+        storage: What it changes in the numbers it stores, by field and command.
         keeps_autocontinue: Whether that flag comes back as it was sent. If not, it comes back set, and not set from fences
             and rally points (seen with ArduCopter 4.7).
         nan_allowed: For each command, the parameters (1 to 4) that may be NaN; key 0 is every other command.
@@ -77,7 +78,7 @@ class Autopilot:
     frames: frozenset[Frame]
     position_free_frames: frozenset[Frame]
     command_frame_returned: Frame
-    storage: tuple[StorageRule, ...]
+    storage: Storage
     keeps_autocontinue: bool
     nan_allowed: Mapping[int, frozenset[int]]
     refuses_bad_numbers: bool
@@ -97,7 +98,7 @@ class Autopilot:
 
     def rule_for(self, item: MissionItem, field_name: str) -> StorageRule | None:
         """The storage rule that concerns a field of an item, if any."""
-        return next((r for r in self.storage if r.field == field_name and item.command in r.commands), None)
+        return self.storage.get((field_name, item.command))
 
 
 ARDUPILOT = Autopilot(

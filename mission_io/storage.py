@@ -5,8 +5,10 @@ read in AP_Mission, and for waypoints, landings, fences and rally points seen on
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TypeAlias
 
 from mission_io.items import Command
 from mission_io.wire import float32
@@ -58,6 +60,9 @@ class StorageRule:
     largest_change: float
     why: str
 
+
+Storage: TypeAlias = Mapping[tuple[str, int], StorageRule]
+"""The rules of an autopilot by field and command."""
 
 _BELOW_ONE = 0.9999999
 
@@ -117,6 +122,15 @@ def _rule(
     name: str, commands: Iterable[int], store: Callable[[float], float], why: str, largest_change: float = _BELOW_ONE
 ) -> StorageRule:
     return StorageRule(name, frozenset(commands), store, largest_change, why)
+
+
+def _by_field(*rules: StorageRule) -> Storage:
+    """The rules by what they are looked up by; of two for the same field of a command the first counts."""
+    found: dict[tuple[str, int], StorageRule] = {}
+    for rule in rules:
+        for command in rule.commands:
+            found.setdefault((rule.field, command), rule)
+    return MappingProxyType(found)
 
 
 _C = Command
@@ -179,14 +193,14 @@ _ARDUPILOT_COMMON = (
     StorageRule("alt_m", RALLY, _to_metres, 1.0, "ArduPilot truncates rally altitudes to metres"),
 )
 
-ARDUPILOT_COPTER_STORAGE = (
+ARDUPILOT_COPTER_STORAGE = _by_field(
     _rule("param1", {_C.NAV_WAYPOINT}, _whole_uint16, "ArduPilot stores a waypoint's hold time in whole seconds"),
     *_drop(("param2", "param3", "param4"), {_C.NAV_WAYPOINT}, "ArduPilot keeps only a waypoint's hold time"),
     *_ARDUPILOT_COMMON,
 )
 """ArduPilot on multicopters, helicopters, rovers, boats and submarines."""
 
-ARDUPILOT_PLANE_STORAGE = (
+ARDUPILOT_PLANE_STORAGE = _by_field(
     _rule("param1", {_C.NAV_WAYPOINT}, _dropped, "ArduPilot's planes do not hold at a waypoint; use a loiter", 0.0),
     *(
         _rule(f"param{n}", {_C.NAV_WAYPOINT}, _byte_at_most, "ArduPilot stores it in whole metres to 255")
@@ -197,5 +211,5 @@ ARDUPILOT_PLANE_STORAGE = (
 )
 """ArduPilot on fixed wings."""
 
-PX4_STORAGE = _drop(("param3",), {_C.NAV_WAYPOINT}, "PX4 does not store a waypoint's pass radius")
+PX4_STORAGE = _by_field(*_drop(("param3",), {_C.NAV_WAYPOINT}, "PX4 does not store a waypoint's pass radius"))
 """PX4."""

@@ -48,7 +48,9 @@ def test_a_plausible_mission_raises_no_doubts() -> None:
 
 def test_a_place_that_was_never_set_is_doubted() -> None:
     zero = waypoint(0.0, 0.0, 10.0, frame=Frame.ABOVE_HOME)
-    assert doubts_about(Mission(GeoPoint(0.0, 0.0, 0.0), (*MISSION.items, zero, delay(1.0)))) == (
+    assert doubts_about(
+        Mission(GeoPoint(0.0, 0.0, 0.0), (*MISSION.items, zero, delay(1.0), replace(zero, command=195)))
+    ) == (
         "home is at latitude 0, longitude 0, where nobody flies; was it never set?",
         "item 9: a waypoint at latitude 0, longitude 0",
     )

@@ -21,7 +21,7 @@ from mission_io.autopilots import (
     stored_item,
     wire_items,
 )
-from mission_io.checks import check_for_autopilot
+from mission_io.checks import check_for_autopilot, fence_problems
 from mission_io.compare import compare_items
 from mission_io.formats import plan, wpl
 from mission_io.items import (
@@ -362,3 +362,19 @@ def test_fences_and_rally_points_are_exported_as_110_with_commands_5000_to_5100(
     assert fence.startswith("QGC WPL 110\n")
     point = FramedPoint(33.2, -98.1, 900.0, Frame.AMSL)
     assert wpl.read(wpl.write_rally(RallyPoints((point,)), HOME)).rally().points == (point,)
+
+
+def test_a_polygon_that_is_none_is_left_to_the_items_to_say() -> None:
+    assert fence_problems(Fence((FencePolygon(SQUARE[:2]), FencePolygon((*SQUARE, LatLon(math.nan, 1.0)))))) == ()
+
+
+def test_an_altitude_one_centimetre_off_is_arithmetic_and_two_are_a_fault() -> None:
+    for off_m, acceptable in ((0.0099, True), (0.02, False)):
+        (difference,) = compare_items([PLACE] * 2, [PLACE, replace(PLACE, alt_m=PLACE.alt_m - off_m)], ARDUPILOT)
+        assert difference.acceptable is acceptable
+
+
+def test_a_frame_that_changes_the_meaning_of_a_height_is_a_fault() -> None:
+    (difference,) = compare_items([PLACE] * 2, [PLACE, replace(PLACE, frame=Frame.AMSL)], PX4)
+    assert (difference.field, difference.acceptable) == ("frame", False)
+    assert difference.why == "the height would be measured from something else"

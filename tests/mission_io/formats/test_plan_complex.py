@@ -245,3 +245,20 @@ def test_the_quick_way_to_read_an_item_and_the_careful_one_agree(params: list[An
         except FormatError as error:
             results.append(str(error))
     assert results[0] == results[1]
+
+
+def test_an_item_that_is_no_object_is_refused() -> None:
+    with pytest.raises(FormatError, match="entry: an object is expected here"):
+        read_simple(Node(5, "entry"))
+
+
+def test_an_entry_too_deep_to_be_written_is_one_error() -> None:
+    deep: list[Any] = []
+    for _ in range(100_000):
+        deep = [deep]
+    read = plan.read_to_keep(json.dumps(document(STRUCTURE)))
+    entry = replace(read.entries[-1], document={**STRUCTURE, "deep": deep})
+    with pytest.raises(FormatError, match="plan: a kept entry is nested too deeply"):
+        plan.write(replace(read, entries=(*read.entries[:-1], entry)))
+    while deep:  # or taking it apart would recurse as deep
+        deep = deep.pop()
