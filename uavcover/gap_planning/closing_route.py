@@ -23,7 +23,12 @@ _TOLERANCE_M = 10.0
 _ROUNDS = 4
 """How often viewpoints are added for what the laid route still does not see."""
 _PULLS = (1.0, 0.5, 0.2)
-"""A corner is tried this far on the way to the middle of its neighbours."""
+"""A corner is tried this far on the way to the middle of its neighbours, ..."""
+_STEPS_M = (25.0, 8.0)
+_DIRECTIONS = 8
+"""... and this far away in each of so many directions."""
+_LEAST_GAIN_M = 0.5
+"""A move that saves less is not worth its evaluation."""
 _MARGIN = 1e-9
 
 
@@ -133,10 +138,9 @@ class _Builder:
                 if k < len(self.corners) and len(self.corners) > 1:
                     improved |= self._try(np.delete(self.corners, k, axis=0), keep)
             for k in range(len(self.corners)):
-                around = self._with_ends()[[k, k + 2], :2]
-                for pull in _PULLS:
+                for move in self._moves(k):
                     corners = self.corners.copy()
-                    corners[k, :2] += pull * (around.mean(axis=0) - corners[k, :2])
+                    corners[k, :2] += move
                     if inside_fence(self.site, corners[k : k + 1, :2])[0] and self._try(corners, keep):
                         improved = True
                         break
@@ -153,10 +157,22 @@ class _Builder:
             Route(self._laid(self.corners)), self._area_m2(np.ones_like(self.seen)), self._area_m2(self.seen)
         )
 
+    def _moves(self, k: int) -> FloatArray:
+        """(j, 2) moves of a corner that may make the way shorter."""
+        around = self._with_ends()[[k, k + 2], :2]
+        pulls = np.multiply.outer(_PULLS, around.mean(axis=0) - self.corners[k, :2])
+        angles = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
+        steps = np.multiply.outer(_STEPS_M, np.column_stack([np.cos(angles), np.sin(angles)]))
+        return np.vstack([pulls, steps.reshape(-1, 2)])
+
     def _try(self, corners: FloatArray, keep: BoolArray) -> bool:
-        """Take other corners if they make the way shorter, lose nothing of ``keep`` and break no limit anew."""
+        """Take other corners if they make the way shorter, lose nothing of ``keep`` and break no limit anew.
+
+        Fewer corners only need not to make it longer.
+        """
         corners = self._ordered(corners)
-        if self._length_m(corners) >= self._length_m(self.corners) - 0.5:
+        gain_m = self._length_m(self.corners) - self._length_m(corners)
+        if not gain_m > (-_MARGIN if len(corners) < len(self.corners) else _LEAST_GAIN_M):
             return False
         views = self._views_with(corners)
         if (keep & ~views).any() or self._violation(corners) > self._violation(self.corners) + _MARGIN:
@@ -188,6 +204,9 @@ class _Builder:
         return float(np.hypot(*np.diff(places, axis=0).T).sum())
 
     def _laid(self, corners: FloatArray) -> FloatArray:
+        if len(corners) == 1:
+            up = self.site.ground.heights_m(corners[:, :2]) + corners[:, 2]
+            return np.column_stack([corners[:, :2], up])
         return lay_over_terrain(self.site, corners[:, :2], corners[:, 2], tolerance_m=_TOLERANCE_M)
 
     def _views_with(self, corners: FloatArray) -> BoolArray:

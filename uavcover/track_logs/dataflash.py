@@ -30,7 +30,7 @@ def read_dataflash(path: Path) -> LoggedRows:
     measured: list[tuple[float, ...]] = []
     attitudes: list[tuple[float, ...]] = []
     complaints = io.StringIO()
-    # The reader tells of damaged places on stderr, a line for each byte.
+    # The reader tells of damaged places, a line for each byte (its compiled index on stderr itself, out of reach here).
     with contextlib.redirect_stderr(complaints), contextlib.redirect_stdout(complaints):
         try:
             reader = DFReader.DFReader_binary(str(path), zero_time_base=False)
