@@ -59,7 +59,7 @@ class VehicleInfo:
         Raises:
             MisuseError: an autopilot that mission_io does not know.
         """
-        return autopilot_for(self.mav_autopilot)
+        return autopilot_for(self.mav_autopilot, self.vehicle_type)
 
 
 class Neighbours:
