@@ -53,6 +53,8 @@ from mission_io.items import (
 from mission_io.link import Link, UdpLink, open_link, register_endpoint
 from mission_io.protocol.exchange import Address, Timing
 from mission_io.protocol.server import ListChanged, MissionServer
+from mission_io.signing import SigningKey
+from mission_io.statistics import LinkStatistics
 from mission_io.verification import Verification
 
 __all__ = [
@@ -78,6 +80,7 @@ __all__ = [
     "LatLon",
     "Link",
     "LinkError",
+    "LinkStatistics",
     "ListChanged",
     "Mission",
     "MissionIoError",
@@ -87,6 +90,7 @@ __all__ = [
     "MisuseError",
     "Problem",
     "RallyPoints",
+    "SigningKey",
     "SpeedType",
     "Timing",
     "TransferError",
