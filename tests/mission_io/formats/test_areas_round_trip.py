@@ -1,0 +1,64 @@
+"""Any fence and any rally points, through every format that holds them."""
+
+from dataclasses import replace
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mission_io.areas import (
+    Fence,
+    FenceCircle,
+    FencePolygon,
+    FramedPoint,
+    LatLon,
+    RallyPoints,
+    fence_from_items,
+    items_from_fence,
+    items_from_rally,
+    rally_from_items,
+)
+from mission_io.drawings import Area
+from mission_io.formats import plan, poly, wpl
+from mission_io.items import Frame
+from tests.mission_io.formats.samples import HOME, LATITUDES, LONGITUDES, MISSION
+
+_PLACES = st.builds(LatLon, LATITUDES, LONGITUDES)
+_RINGS = st.lists(_PLACES, min_size=3, max_size=6, unique=True).map(tuple)
+_HEIGHTS = st.floats(-1e4, 1e5)
+_POINTS = st.builds(FramedPoint, LATITUDES, LONGITUDES, _HEIGHTS, st.sampled_from([Frame.AMSL, Frame.ABOVE_HOME]))
+_POLYGONS = st.builds(FencePolygon, _RINGS, st.booleans())
+_CIRCLES = st.builds(FenceCircle, _PLACES, st.floats(0.1, 1e6), st.booleans())
+_FENCES = st.builds(
+    Fence,
+    st.lists(_POLYGONS, max_size=3).map(tuple),
+    st.lists(_CIRCLES, max_size=3).map(tuple),
+    st.none() | _POINTS,
+)
+_RALLY = st.builds(RallyPoints, st.lists(_POINTS, max_size=4).map(tuple))
+
+
+@settings(derandomize=True, max_examples=150)
+@given(_FENCES, _RALLY)
+def test_items_and_waypoints_hold_every_bit(fence: Fence, rally: RallyPoints) -> None:
+    assert fence_from_items(items_from_fence(fence)) == fence
+    assert rally_from_items(items_from_rally(rally)) == rally
+    assert wpl.read(wpl.write_fence(fence, HOME)).fence() == fence
+    assert wpl.read(wpl.write_rally(rally, HOME)).rally() == rally
+
+
+@settings(derandomize=True, max_examples=150)
+@given(_FENCES, _RALLY)
+def test_a_plan_holds_every_bit_of_heights_above_home(fence: Fence, rally: RallyPoints) -> None:
+    if fence.return_point is not None:
+        fence = replace(fence, return_point=replace(fence.return_point, frame=Frame.ABOVE_HOME))
+    rally = RallyPoints(tuple(replace(point, frame=Frame.ABOVE_HOME) for point in rally.points))
+    whole = plan.PlanFile(MISSION, fence, rally, mav_autopilot=12)
+    assert plan.read(plan.write(whole)) == whole
+
+
+@settings(derandomize=True, max_examples=100)
+@given(_RINGS, _PLACES)
+def test_poly_and_fen_hold_every_corner(ring: tuple[LatLon, ...], point: LatLon) -> None:
+    assert poly.read_area(poly.write_area(Area(ring))).area == Area(ring)
+    fence = Fence((FencePolygon(ring),), (), FramedPoint(point.lat_deg, point.lon_deg, 0.0))
+    assert poly.read_fence(poly.write_fence(fence)).fence == fence
