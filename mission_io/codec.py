@@ -7,8 +7,9 @@ datagram holds nothing back for the next. MAVLink 2 is spoken, and MAVLink 1 to 
 
 import struct
 from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, replace
+from operator import attrgetter, itemgetter
 from typing import Any, Final
 
 from mission_io import messages as m
@@ -21,12 +22,12 @@ from mission_io.statistics import LinkStatistics, SequenceCounter
 
 @dataclass(frozen=True, slots=True)
 class _Field:
-    """One attribute of ours: the wire fields it is made of, and how."""
+    """One attribute of ours: the wire fields it is made of, and how; without conversions it is what is on the wire."""
 
     name: str
     wire: tuple[str, ...]
-    decode: Callable[..., Any]
-    encode: Callable[[Any], tuple[Any, ...]]
+    decode: Callable[[Any], Any] | None = None
+    encode: Callable[[Any], Any] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +37,10 @@ class _Row:
     Attributes:
         ours: Our class.
         layout: How MAVLink packs it.
-        fields: How our attributes stand to its fields.
-        slots: For each of these, where its values are among those of the layout.
+        fields: How our attributes stand to its fields, in the order of the class.
+        attributes: Takes all of them from a message.
+        takers: For each, what takes it from the values of the layout.
+        slots: For each, where it is among the values of the layout: a place, or from where to where.
         constants: Values in the order of the layout, where what our attributes do not set is always the same.
         size_1: The bytes of its payload that exist in MAVLink 1.
         extensions: Our attributes that do not exist in MAVLink 1, each with the value that stands for "not said".
@@ -46,14 +49,16 @@ class _Row:
     ours: type[m.Message]
     layout: Layout
     fields: tuple[_Field, ...]
-    slots: tuple[tuple[int, ...], ...]
+    attributes: Callable[[m.Message], tuple[Any, ...]]
+    takers: tuple[Callable[[Sequence[Any]], Any], ...]
+    slots: tuple[int | slice, ...]
     constants: tuple[Any, ...]
     size_1: int
     extensions: Mapping[str, Any]
 
 
 def _same(name: str, wire: str = "") -> _Field:
-    return _Field(name, (wire or name,), lambda value: value, lambda value: (value,))
+    return _Field(name, (wire or name,))
 
 
 def _scaled(name: str, wire: str, per_unit: float, *, unknown: int | None = None) -> _Field:
@@ -65,11 +70,11 @@ def _scaled(name: str, wire: str, per_unit: float, *, unknown: int | None = None
     def decode(value: int) -> float | None:
         return None if value == unknown and unknown is not None else value / per_unit
 
-    def encode(value: float | None) -> tuple[int]:
+    def encode(value: float | None) -> int:
         if value is None and unknown is not None:
-            return (unknown,)
+            return unknown
         try:
-            return (round(value * per_unit),)  # type: ignore[operator]
+            return round(value * per_unit)  # type: ignore[operator]
         except (TypeError, ValueError, OverflowError) as error:
             raise MisuseError(f"{name} = {value} cannot be sent: {error}") from None
 
@@ -82,24 +87,23 @@ def _known(name: str, wire: str, unknown: int) -> _Field:
         name,
         (wire,),
         lambda value: None if value == unknown else value,
-        lambda value: (unknown if value is None else value,),
+        lambda value: unknown if value is None else value,
     )
 
 
 def _numbers(count: int) -> _Field:
     """``params``, from param1 on."""
-    names = tuple(f"param{i}" for i in range(1, count + 1))
-    return _Field("params", names, lambda *values: values, tuple)
+    return _Field("params", tuple(f"param{i}" for i in range(1, count + 1)))
 
 
 def _text(name: str, wire: str, size: int) -> _Field:
     """A string in a fixed number of bytes; longer ones are refused, not cut."""
 
-    def encode(value: str) -> tuple[bytes]:
+    def encode(value: str) -> bytes:
         data = value.encode("ascii", errors="replace")
         if len(data) > size:
             raise MisuseError(f"{name} has {len(data)} bytes, MAVLink has room for {size}: {value!r}")
-        return (data,)
+        return data
 
     return _Field(name, (wire,), lambda value: value.split(b"\0", 1)[0].decode("ascii", errors="replace"), encode)
 
@@ -127,7 +131,8 @@ _FIRST_EXTENSION: Final = {
 
 def _row(ours: type[m.Message], wire: str, *fields_of: _Field | str, **constants: Any) -> _Row:
     layout = layout_of(wire)
-    ours_fields = tuple(_same(f) if isinstance(f, str) else f for f in fields_of)
+    named = {f.name: f for f in (_same(f) if isinstance(f, str) else f for f in fields_of)}
+    ours_fields = tuple(named.pop(field.name) for field in fields(ours))
     values: list[Any] = [0] * layout.value_count
     for name, value in constants.items():
         start, count = layout.places[name]
@@ -135,15 +140,30 @@ def _row(ours: type[m.Message], wire: str, *fields_of: _Field | str, **constants
     first = _FIRST_EXTENSION.get(wire)
     extension_at = layout.value_count if first is None else layout.places[first][0]
     defaults = {field.name: field.default for field in fields(ours) if field.default is not MISSING}
+    slots = tuple(_slot_of(field, layout) for field in ours_fields)
     return _Row(
         ours,
         layout,
         ours_fields,
-        tuple(tuple(layout.places[name][0] for name in field.wire) for field in ours_fields),
+        _all_of([field.name for field in ours_fields]),
+        tuple(itemgetter(slot) for slot in slots),
+        slots,
         tuple(values),
         layout.struct.size if first is None else layout.size_before(first),
         {f.name: defaults[f.name] for f in ours_fields if layout.places[f.wire[0]][0] >= extension_at},
     )
+
+
+def _slot_of(field: _Field, layout: Layout) -> int | slice:
+    """Where a field is among the values; the parts of one that has several follow each other in every message."""
+    start = layout.places[field.wire[0]][0]
+    return start if len(field.wire) == 1 else slice(start, start + len(field.wire))
+
+
+def _all_of(names: list[str]) -> Callable[[m.Message], tuple[Any, ...]]:
+    """What takes these attributes from a message, as a tuple also when there is only one."""
+    take = attrgetter(*names)
+    return take if len(names) > 1 else lambda message: (take(message),)
 
 
 _TO = ("target_system", "target_component")
@@ -360,9 +380,8 @@ class Codec:
 
 def _payload(row: _Row, message: m.Message) -> bytes:
     values = list(row.constants)
-    for field, slots in zip(row.fields, row.slots, strict=True):
-        for slot, value in zip(slots, field.encode(getattr(message, field.name)), strict=True):
-            values[slot] = value
+    for field, slot, value in zip(row.fields, row.slots, row.attributes(message), strict=True):
+        values[slot] = value if field.encode is None else field.encode(value)
     try:
         return row.layout.struct.pack(*values)
     except (struct.error, OverflowError) as error:
@@ -372,12 +391,10 @@ def _payload(row: _Row, message: m.Message) -> bytes:
 def _message_of(row: _Row, frame: WireFrame) -> m.Message:
     """Our message; what does not exist in MAVLink 1 keeps its default when that was spoken."""
     size = row.layout.struct.size
-    values = row.layout.struct.unpack(frame.payload[:size].ljust(size, b"\0"))
-    skipped = row.extensions if frame.version == 1 else ()
-    return row.ours(
-        **{
-            field.name: field.decode(*[values[slot] for slot in slots])
-            for field, slots in zip(row.fields, row.slots, strict=True)
-            if field.name not in skipped
-        }
-    )
+    wire = row.layout.struct.unpack(frame.payload[:size].ljust(size, b"\0"))
+    values = [
+        take(wire) if field.decode is None else field.decode(take(wire))
+        for field, take in zip(row.fields, row.takers, strict=True)
+    ]
+    message = row.ours(*values)
+    return replace(message, **row.extensions) if frame.version == 1 and row.extensions else message

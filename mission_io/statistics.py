@@ -1,7 +1,7 @@
 """What went over a link, and what of it was lost, damaged or refused."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 _HALF = 128
 
@@ -55,7 +55,7 @@ class LinkStatistics:
 
     def as_json(self) -> Mapping[str, int]:
         """Every count by its name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        return {entry.name: getattr(self, entry.name) for entry in fields(self)}
 
     def __str__(self) -> str:
         shown = [f"{count} {name.replace('_', ' ')}" for name, count in self.as_json().items() if count]
@@ -73,23 +73,34 @@ class SequenceCounter:
 
     def __init__(self) -> None:
         self.lost = self.late = self.duplicates = 0
-        self._latest: dict[tuple[int, int], int] = {}
-        self._missing: dict[tuple[int, int], set[int]] = {}
+        self._senders: dict[tuple[int, int], _Sender] = {}
 
     def take(self, sender: tuple[int, int], seq: int) -> None:
         """Take the number of a frame that came from a sender."""
-        latest = self._latest.get(sender)
-        missing = self._missing.setdefault(sender, set())
-        ahead = 1 if latest is None else (seq - latest) % 256
+        state = self._senders.get(sender)
+        if state is None:
+            self._senders[sender] = _Sender(seq)
+            return
+        missing = state.missing
+        ahead = (seq - state.latest) % 256
         if 1 <= ahead <= _HALF:
-            self._latest[sender] = seq
+            state.latest = seq
             self.lost += ahead - 1
-            for step in range(ahead):  # what is half a round behind cannot be told from what is half a round ahead
-                missing.discard((seq + _HALF - 1 - step) % 256)
-            missing.update((seq - step) % 256 for step in range(1, ahead))
+            if missing:  # what is half a round behind cannot be told from what is half a round ahead
+                missing.difference_update((seq + _HALF - 1 - step) % 256 for step in range(ahead))
+            if ahead > 1:
+                missing.update((seq - step) % 256 for step in range(1, ahead))
         elif seq in missing:
             missing.discard(seq)
             self.lost -= 1
             self.late += 1
         else:
             self.duplicates += 1
+
+
+@dataclass(slots=True)
+class _Sender:
+    """The latest number of a sender, and those of the half round before it that have not come."""
+
+    latest: int
+    missing: set[int] = field(default_factory=set)
