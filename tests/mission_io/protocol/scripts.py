@@ -21,7 +21,7 @@ from mission_io.messages import (
     Received,
 )
 from mission_io.protocol.exchange import Address
-from mission_io.wire import message_from_item
+from mission_io.wire import degrees_on_wire, message_from_item
 
 GROUND, VEHICLE = Address(255, 190), Address(1, 1)
 
@@ -42,7 +42,11 @@ class Script:
 
 
 def items(count: int) -> tuple[MissionItem, ...]:
-    return tuple(waypoint(46.1 + i * 1e-3, -7.2 - i * 2e-3, 100.0 + i, frame=Frame.ABOVE_HOME) for i in range(count))
+    """Items that come back equal to the last bit; no two, and no latitude and longitude, are alike."""
+    return tuple(
+        waypoint(degrees_on_wire(46.1 + i * 1e-3), degrees_on_wire(-7.2 - i * 2e-3), 100.0 + i, frame=Frame.ABOVE_HOME)
+        for i in range(count)
+    )
 
 
 def message(step: str, to: Address) -> Message:
