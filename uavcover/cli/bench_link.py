@@ -15,6 +15,9 @@ def bench_link(
     losses: Annotated[
         str, typer.Option(help="Shares of the datagrams that get lost, each way.", metavar="X,Y")
     ] = "0,0.05,0.1,0.2,0.3,0.4",
+    delay_ms: Annotated[
+        float, typer.Option("--delay", help="How long each datagram is under way, in milliseconds.", min=0.0)
+    ] = 1.0,
     seeds: Annotated[int, typer.Option(help="Runs of each cell; their numbers, from 0, are their seeds.", min=1)] = 50,
     at_a_time: Annotated[
         int, typer.Option("--at-a-time", help="Transfers over UDP at once, where datagrams get lost.", min=1)
@@ -48,7 +51,7 @@ def bench_link(
         raise InputError(f"--losses: {losses!r} are no numbers; write them as 0,0.1,0.3") from None
     if not all(0.0 <= share < 1.0 for share in shares):
         raise InputError(f"--losses: {losses!r} are not all from 0 to below 1")
-    wanted = trials(clients=chosen, losses=shares, seeds=seeds)
+    wanted = trials(clients=chosen, losses=shares, delay_s=delay_ms / 1e3, seeds=seeds)
     done = {outcome.trial for outcome in read_outcomes(out)}
     missing = sum(trial not in done for trial in wanted)
     console.say(f"{len(wanted)} transfers, {len(wanted) - missing} of them already in {out}")

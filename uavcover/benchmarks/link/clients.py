@@ -12,10 +12,10 @@ from mission_io.errors import MissionIoError, MisuseError
 from mission_io.items import MissionItem, MissionType
 from mission_io.link import Link, UdpLink
 from mission_io.protocol.exchange import Timing
-from mission_io.simulated import Conditions, SimulatedLink
+from mission_io.simulated import SimulatedLink
 from mission_io.wire import DEGREES_SCALE, message_from_item
 from uavcover.benchmarks.link.trials import Outcome, Trial, items_on, mission_items
-from uavcover.benchmarks.link.vehicles import vehicle_for
+from uavcover.benchmarks.link.vehicles import conditions_of, vehicle_for
 from uavcover.errors import VehicleError
 
 _CONNECT_S = 60.0
@@ -32,10 +32,10 @@ class Transferred:
 
 
 def run_simulated(trial: Trial, timing: Timing | None = None) -> Outcome:
-    """Our client in simulated time, 1 ms away from the vehicle each way."""
+    """Our client in simulated time."""
     vehicle = vehicle_for(trial, now=0.0)
     rng = Random(f"{trial.vehicle} {trial.direction} {trial.loss} {trial.seed}")
-    link = SimulatedLink(vehicle, rng=rng, conditions=Conditions(loss=trial.loss))
+    link = SimulatedLink(vehicle, rng=rng, conditions=conditions_of(trial))
     return outcome_of(trial, _with_our_client(link, trial, timing), vehicle.items)
 
 

@@ -13,10 +13,10 @@ from uavcover.errors import InputError
 OUTCOMES: Final = "outcomes.csv"
 
 
-def trials(*, clients: Collection[str], losses: Collection[float], seeds: int) -> list[Trial]:
+def trials(*, clients: Collection[str], losses: Collection[float], delay_s: float, seeds: int) -> list[Trial]:
     """Every trial, first seeds first, so that a benchmark that is stopped early has seen every cell."""
     return [
-        Trial(client, vehicle, direction, loss, seed)
+        Trial(client, vehicle, direction, delay_s, loss, seed)
         for seed in range(seeds)
         for loss in losses
         for vehicle in AUTOPILOTS

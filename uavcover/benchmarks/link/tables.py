@@ -23,6 +23,7 @@ class Cell:
 
     vehicle: str
     direction: str
+    delay_s: float
     loss: float
     client: str
     runs: int
@@ -39,16 +40,16 @@ class Cell:
 
 def cells_of(outcomes: Iterable[Outcome]) -> list[Cell]:
     """Every cell, in the order of the table."""
-    groups: dict[tuple[str, str, float, str], list[Outcome]] = {}
+    groups: dict[tuple[str, str, float, float, str], list[Outcome]] = {}
     for outcome in outcomes:
         trial = outcome.trial
-        groups.setdefault((trial.vehicle, trial.direction, trial.loss, trial.client), []).append(outcome)
-    order = [list(AUTOPILOTS), list(DIRECTIONS), None, list(CLIENTS)]
+        groups.setdefault((trial.vehicle, trial.direction, trial.delay_s, trial.loss, trial.client), []).append(outcome)
+    order = [list(AUTOPILOTS), list(DIRECTIONS), None, None, list(CLIENTS)]
     keys = sorted(groups, key=lambda key: [names.index(k) if names else k for names, k in zip(order, key, strict=True)])  # type: ignore[arg-type]
     return [_cell(key, groups[key]) for key in keys]
 
 
-def _cell(key: tuple[str, str, float, str], outcomes: Collection[Outcome]) -> Cell:
+def _cell(key: tuple[str, str, float, float, str], outcomes: Collection[Outcome]) -> Cell:
     times = sorted(outcome.time_s for outcome in outcomes if outcome.claimed and outcome.correct)
     return Cell(
         *key,
@@ -69,12 +70,12 @@ def csv_lines(cells: Iterable[Cell]) -> list[str]:
 def markdown(cells: Collection[Cell]) -> str:
     """The cells as a table: a line for each vehicle, direction and loss, the clients side by side."""
     clients = [client for client in CLIENTS if any(cell.client == client for cell in cells)]
-    by_key = {(cell.vehicle, cell.direction, cell.loss, cell.client): cell for cell in cells}
-    head = ["vehicle", "transfer", "loss", *(f"{_NAMES[c]}: worked | median, slowest" for c in clients)]
-    lines = [f"| {' | '.join(head)} |", f"|{'---|' * (3 + 2 * len(clients))}"]
-    for vehicle, direction, loss in dict.fromkeys((c.vehicle, c.direction, c.loss) for c in cells):
-        entries = [_entry(by_key.get((vehicle, direction, loss, client))) for client in clients]
-        lines.append(f"| {vehicle} | {direction} | {loss:.0%} | {' | '.join(entries)} |")
+    by_key = {(cell.vehicle, cell.direction, cell.delay_s, cell.loss, cell.client): cell for cell in cells}
+    head = ["vehicle", "transfer", "delay", "loss", *(f"{_NAMES[c]}: worked | median, slowest" for c in clients)]
+    lines = [f"| {' | '.join(head)} |", f"|{'---|' * (4 + 2 * len(clients))}"]
+    for vehicle, direction, delay_s, loss in dict.fromkeys((c.vehicle, c.direction, c.delay_s, c.loss) for c in cells):
+        entries = [_entry(by_key.get((vehicle, direction, delay_s, loss, client))) for client in clients]
+        lines.append(f"| {vehicle} | {direction} | {delay_s * 1e3:g} ms | {loss:.0%} | {' | '.join(entries)} |")
     return "\n".join(lines)
 
 

@@ -20,11 +20,21 @@ ITEMS: Final = 100
 
 @dataclass(frozen=True, slots=True, order=True)
 class Trial:
-    """One transfer of 100 items to or from a new vehicle, with that share of the datagrams lost each way."""
+    """One transfer of 100 items to or from a new vehicle, with that share of the datagrams lost each way.
+
+    Attributes:
+        client: One of ``CLIENTS``.
+        vehicle: One of ``AUTOPILOTS``.
+        direction: One of ``DIRECTIONS``.
+        delay_s: How long each datagram is under way, in seconds.
+        loss: Share of the datagrams lost, each way.
+        seed: Of the losses.
+    """
 
     client: str
     vehicle: str
     direction: str
+    delay_s: float
     loss: float
     seed: int
 
@@ -60,7 +70,8 @@ class Outcome:
             KeyError: a column is missing.
             ValueError: a number is none.
         """
-        trial = Trial(row["client"], row["vehicle"], row["direction"], float(row["loss"]), int(row["seed"]))
+        numbers = float(row["delay_s"]), float(row["loss"]), int(row["seed"])
+        trial = Trial(row["client"], row["vehicle"], row["direction"], *numbers)
         return cls(
             trial,
             row["claimed"] == "True",

@@ -1,8 +1,10 @@
 """Vehicles that only transfer missions, many of them in one process, each behind a UDP port that loses datagrams."""
 
+import contextlib
 import select
 import socket
 import time
+from collections import deque
 from multiprocessing.connection import Connection
 from random import Random
 
@@ -61,38 +63,55 @@ def vehicle_for(trial: Trial, *, now: float) -> MissionVehicle:
     return MissionVehicle(AUTOPILOTS[trial.vehicle], items, now=now)
 
 
+def conditions_of(trial: Trial) -> Conditions:
+    """What a trial's link does to datagrams, each way."""
+    return Conditions(loss=trial.loss, delay_s=trial.delay_s)
+
+
 class _LossyPort:
-    """A vehicle behind a UDP socket; what comes in and what goes out gets lost by seed."""
+    """A vehicle behind a UDP socket; what comes in and what goes out is late, and gets lost by seed."""
 
     def __init__(self, trial: Trial, *, now: float) -> None:
         self.vehicle = vehicle_for(trial, now=now)
-        self._conditions = Conditions(loss=trial.loss)
+        self._conditions = conditions_of(trial)
         self._rng = Random(f"{trial.vehicle} {trial.direction} {trial.loss} {trial.seed}")
         self._ground: tuple[str, int] | None = None
+        self._coming: deque[tuple[float, bytes]] = deque()
+        self._going: deque[tuple[float, bytes]] = deque()
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.setblocking(False)
         self.socket.bind((_LOCALHOST, 0))
         self.port: int = self.socket.getsockname()[1]
 
     def receive(self) -> None:
-        """Take one datagram, if it is not lost."""
+        """Take one datagram off the socket, if it is not lost."""
         try:
             data, self._ground = self.socket.recvfrom(65535)
         except OSError:
             return  # the ground station has gone
-        for copy in fate(data, self._conditions, self._rng):
-            self.vehicle.receive_datagram(copy, time.monotonic())
+        self._put(data, self._coming)
 
-    def send(self) -> None:
-        """Send what is due, as far as it is not lost."""
+    def run_until_now(self) -> None:
+        """Everything that is due: what has come in by now, what the vehicle sends, what has to go out by now."""
+        now = time.monotonic()
+        while self._coming and self._coming[0][0] <= now:
+            self.vehicle.receive_datagram(self._coming.popleft()[1], now)
         if self._ground is None:
             return
-        for data in self.vehicle.datagrams_to_send(time.monotonic()):
-            for copy in fate(data, self._conditions, self._rng):
-                try:
-                    self.socket.sendto(copy, self._ground)
-                except OSError:
-                    return
+        for data in self.vehicle.datagrams_to_send(now):
+            self._put(data, self._going)
+        while self._going and self._going[0][0] <= now:
+            with contextlib.suppress(OSError):  # the ground station has gone
+                self.socket.sendto(self._going.popleft()[1], self._ground)
+
+    def next_timer(self) -> float:
+        """When something is due."""
+        queues = [queue[0][0] for queue in (self._coming, self._going) if queue]
+        return min([self.vehicle.next_timer(), *queues])
+
+    def _put(self, data: bytes, queue: deque[tuple[float, bytes]]) -> None:
+        due = time.monotonic() + self._conditions.delay_s if self._conditions.delay_s else 0.0
+        queue.extend((due, copy) for copy in fate(data, self._conditions, self._rng))
 
 
 def serve(control: Connection) -> None:
@@ -100,16 +119,16 @@ def serve(control: Connection) -> None:
     ports: dict[int, _LossyPort] = {}
     while True:
         now = time.monotonic()
-        wake = min((port.vehicle.next_timer() for port in ports.values()), default=now + 1.0)
+        wake = min((port.next_timer() for port in ports.values()), default=now + 1.0)
         sockets = {port.socket.fileno(): port for port in ports.values()}
         ready, _, _ = select.select([control.fileno(), *sockets], [], [], max(0.0, min(wake - now, 1.0)))
         for number in ready:
             if number in sockets:
                 sockets[number].receive()
-                sockets[number].send()
+                sockets[number].run_until_now()
         for port in ports.values():
-            if port.vehicle.next_timer() <= time.monotonic():
-                port.send()
+            if port.next_timer() <= time.monotonic():
+                port.run_until_now()
         if control.fileno() not in ready:
             continue
         request: Trial | int | None = control.recv()
