@@ -107,7 +107,25 @@ def _one_or_many(node: Node, kind: str) -> list[Node]:
 
 
 def _places(node: Node) -> list[LatLon]:
+    positions = node.value
+    if type(positions) is list:
+        places = [_plain_place(position) for position in positions]
+        if None not in places:
+            return [place for place in places if place is not None]
     return [_place(position) for position in node.nodes()]
+
+
+def _plain_place(position: Any) -> LatLon | None:
+    """The place of a position that is as it should be; None leaves it to the way that can say what is wrong."""
+    if (
+        type(position) is not list
+        or len(position) < 2
+        or type(position[0]) is not float
+        or type(position[1]) is not float
+    ):
+        return None
+    lon_deg, lat_deg = position[:2]
+    return LatLon(lat_deg, lon_deg) if -90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0 else None
 
 
 def _place(node: Node) -> LatLon:

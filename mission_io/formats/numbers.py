@@ -33,7 +33,7 @@ def degrees_text(value_deg: float, where: str) -> str:
     if not math.isfinite(value_deg):
         raise FormatError(f"{value_deg} is no coordinate", where=where, advice="give degrees")
     text = f"{value_deg:.8f}"
-    return text[1:] if text == "-0.00000000" else text
+    return "0.00000000" if text == "-0.00000000" else text
 
 
 def finite_number(text: str, where: str) -> float:

@@ -24,6 +24,7 @@ _HEADER_PATTERN = re.compile(r"QGC[ \t]+WPL[ \t]+([0-9]{1,9})")
 _SEPARATORS = re.compile(r"[ \t,;]+")
 _COLUMNS = 12
 _SHORT_LINE = 400
+_PARAM_NAMES = ("param1", "param2", "param3", "param4")
 _YAW_IS_FREE = frozenset({Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND})
 
 
@@ -152,7 +153,7 @@ def _row_text(number: int, item: MissionItem) -> str:
             "1" if number == 0 else "0",
             str(int(item.frame)),
             str(int(item.command)),
-            *(plain_decimal(value, f"param{index}") for index, value in enumerate(params, start=1)),
+            *map(plain_decimal, params, _PARAM_NAMES),
             place(item.lat_deg, "latitude" if item.has_position else "param5"),
             place(item.lon_deg, "longitude" if item.has_position else "param6"),
             plain_decimal(item.alt_m, "altitude"),
