@@ -10,12 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mission_io.autopilots import ARDUPILOT, PX4, Autopilot
 from mission_io.errors import FormatError
 from mission_io.formats import plan
 from mission_io.formats.json_node import Node
 from mission_io.formats.plan_items import read_simple
-from mission_io.items import Command, Frame, Mission, MissionItem, delay, same_item, waypoint
+from mission_io.items import Command, Frame, Mission, MissionItem, MissionType, delay, same_item, waypoint
 from tests.mission_io.formats.samples import HOME, MISSION
+from tests.mission_io.vehicle import VehiclePeer, connected
 
 
 def simple(number: int, command: int, params: list[float | None], frame: int = 3, **more: Any) -> dict[str, Any]:
@@ -262,3 +264,18 @@ def test_an_entry_too_deep_to_be_written_is_one_error() -> None:
         plan.write(replace(read, entries=(*read.entries[:-1], entry)))
     while deep:  # or taking it apart would recurse as deep
         deep = deep.pop()
+
+
+@pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
+def test_a_survey_is_uploaded_read_back_and_saved_again(autopilot: Autopilot) -> None:
+    jump = simple(6, 177, [5, 2, 0, 0, 0, 0, 0], frame=2)
+    read = plan.read(json.dumps(document(SURVEY, CALCULATED, jump)))
+    client = connected(VehiclePeer(autopilot))
+    result = client.upload_and_verify(read.mission)
+    assert result.passed, [difference for difference in result.differences if not difference.acceptable]
+    back = client.download_content(MissionType.MISSION)
+    assert isinstance(back, Mission)
+    assert [item.command for item in back.items] == [22, 16, 206, 16, 16, 177]
+    assert back.items[5].params[:2] == (5.0, 2.0)
+    again = read.with_mission(Mission(HOME, back.items))
+    assert len(json.loads(plan.write(again))["mission"]["items"]) >= 3
