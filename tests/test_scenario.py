@@ -110,7 +110,7 @@ def test_a_good_scenario_as_it_was_understood():
     text = dump_scenario(scenario)
     assert parse(text, Path("/elsewhere")) == scenario
     # Every default is written out.
-    for key in ("max_climb_angle_deg = 30.0", "max_incidence_deg = 75.0", 'algorithm = "imodbo"', "max_gap_s = 2.0"):
+    for key in ("max_climb_angle_deg = 30.0", "max_incidence_deg = 75.0", 'algorithm = "memetic"', "max_gap_s = 2.0"):
         assert key in text
 
 
@@ -187,7 +187,7 @@ MISTAKES = {
     "a date": ("range_m = 200.0", "range_m = 2020-01-01", "sensor.range_m: must be a finite number, not '2020-01-01'"),
     "half a seed": ("seed = 7", "seed = 7.5", "planner.seed: must be a whole number, not 7.5"),
     "a number for text": ('name = "test"', "name = 5", "name: must be text in quotes, not 5"),
-    "not one of": ("seed = 7", 'algorithm = "nsga9"', "planner.algorithm: must be 'imodbo' or 'modbo', not 'nsga9'"),
+    "not one of": ("seed = 7", 'algorithm = "nsga9"', "planner.algorithm: must be 'memetic', 'local-search', 'imodbo' or 'modbo', not 'nsga9'"),
     "datum": ('"EGM96"', '"NN"', "terrain.vertical_datum: must be 'EGM96', 'EGM2008' or 'WGS84-ellipsoid', not 'NN'"),
     "kind": ('"nadir-camera"', '"nadir"', "sensor.kind: must be 'sphere' or 'disc' or 'nadir-camera', not 'nadir'"),
     "no kind": ('kind = "raster"', "", "terrain.kind: is missing; give 'raster' or 'sine-cosine'"),

@@ -91,9 +91,9 @@ def plan(
     Args:
         site: the scenario on its ground.
         seed: of every random number.
-        evaluations: full route evaluations of the optimizer; equal seed and evaluations give an equal plan.
+        evaluations: full route evaluations, 50 proposals of the local search counted as one; equal seed and evaluations give an equal plan.
         budget_s: search this long instead.
-        algorithm: "imodbo", "modbo" or "random".
+        algorithm: "memetic", "local-search", "imodbo" or "modbo".
         max_waypoints: capacity of the "waypoints" encoding.
         select: the rule by which one route is chosen.
         workers: threads; the result does not depend on it. Default: one a core.

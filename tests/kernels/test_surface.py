@@ -246,3 +246,23 @@ def test_stopping_early_above_the_analytic_surface():
     assert kernels.height_range_above(surface, p, q, -0.6)[0] == low
     # A point is a segment of no length.
     assert kernels.height_range_above(surface, p, p, -math.inf)[0] == 0.5
+
+
+@deterministic
+@given(seed=st.integers(0, 10**6), limit=st.sampled_from([-1e-6, 0.0, 0.3]), scale=st.sampled_from([1.0, 25.0]))
+def test_staying_above_is_the_answer_of_the_whole_range(seed, limit, scale):
+    rng = np.random.default_rng(seed)
+    grid = grid_ground(
+        rng.uniform(-2.0, 2.0, (6, 6)), east0_m=0.0, north0_m=0.0, step_m=2.0, source="t", vertical_datum="local"
+    ).surface
+    for surface, size in ((sine_cosine_ground(scale).surface, scale), (grid, 1.0)):
+        for _ in range(20):
+            p, q = (float(x) for x in rng.uniform(0.0, 9.0, 2)), (float(x) for x in rng.uniform(0.0, 9.0, 2))
+            pe, pn, qe, qn = (size * x for x in (*p, *q))
+            # From a place above the ground down to the ground, as a ray to a cell; some begin under it.
+            pu = kernels.height(surface, pe, pn) + size * float(rng.uniform(-0.2, 3.0))
+            qu = kernels.height(surface, qe, qn) + (limit if rng.random() < 0.5 else 0.0)
+            lowest = kernels.height_range_between(surface, pe, pn, pu, qe, qn, qu, -math.inf)[0]
+            assert kernels.stays_above(surface, pe, pn, pu, qe, qn, qu, limit) == (lowest >= limit)
+    assert not kernels.stays_above(grid, 1.0, 1.0, 9.0, 99.0, 1.0, 9.0, 0.0)
+    assert not kernels.stays_above(sine_cosine_ground(1.0).surface, math.nan, 1.0, 9.0, 2.0, 1.0, 9.0, 0.0)

@@ -60,7 +60,7 @@ def make_site(
         vehicle=Vehicle(**(vehicle or {})),
         origin=ORIGIN if on_earth else None,
         home=None if home is None else Home(east_m=home[0], north_m=home[1]),
-        planner=PlannerSettings(**{"population_size": 20, "evaluations": 60, **(planner or {})}),
+        planner=PlannerSettings(**{"algorithm": "imodbo", "population_size": 20, "evaluations": 60, **(planner or {})}),
         requirements=Requirements(**(requirements or {})),
     )
     axis = np.arange(LOW_M, HIGH_M + STEP_M / 2, STEP_M)

@@ -13,12 +13,14 @@ def plan(
     scenario: Annotated[str, typer.Argument(help="A scenario file, or the name of a bundled one (see doctor).")],
     run: Annotated[Path, typer.Option("-o", "--out", help="Run folder to write.", metavar="RUN")],
     algorithm: Annotated[
-        str | None, typer.Option(help="imodbo, modbo or another of the optimizers; default: the scenario's.")
+        str | None, typer.Option(help="memetic, local-search, imodbo or modbo; default: the scenario's.")
     ] = None,
     budget: Annotated[
         str | None, typer.Option(help="Search this long (30s, 5m) instead of a number of evaluations.")
     ] = None,
-    evaluations: Annotated[int | None, typer.Option(help="Full route evaluations of the optimizer.")] = None,
+    evaluations: Annotated[
+        int | None, typer.Option(help="Route evaluations; 50 proposals of the local search count as one.")
+    ] = None,
     max_waypoints: Annotated[int | None, typer.Option(help="Capacity of the waypoints encoding.")] = None,
     select: Annotated[
         str | None,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
-from uavcover.kernels.surface import Surface, has_node_cell, height, height_range_between
+from uavcover.kernels.surface import Surface, has_node_cell, height, stays_above
 
 SPHERE = 0
 DISC = 1
@@ -106,11 +106,11 @@ def in_view(sight: Sight, de: float, dn: float, du: float, ne: float, nn: float,
 @kernel
 def in_line_of_sight(surface: Surface, sight: Sight, eye: NDArray[np.float64], centre: NDArray[np.float64]) -> bool:
     """Whether nothing of the ground stands between ``eye`` (3,) and the centre (3,) of a cell."""
-    return _nothing_between(surface, sight, eye[0], eye[1], eye[2], centre[0], centre[1], centre[2])
+    return nothing_between(surface, sight, eye[0], eye[1], eye[2], centre[0], centre[1], centre[2])
 
 
 @kernel
-def _nothing_between(
+def nothing_between(
     surface: Surface, sight: Sight, ee: float, en: float, eu: float, ce: float, cn: float, cu: float
 ) -> bool:
     """:func:`in_line_of_sight` by coordinates."""
@@ -118,8 +118,7 @@ def _nothing_between(
         if eu - cu >= surface.steepest * math.hypot(ee - ce, en - cn) and has_node_cell(surface, ee, en):
             # The ray leaves the ground more steeply than the ground can rise anywhere: nothing stands in its way.
             return True
-        lowest = height_range_between(surface, ee, en, eu, ce, cn, cu, -GRAZING_M)[0]
-        return bool(lowest >= -GRAZING_M)
+        return stays_above(surface, ee, en, eu, ce, cn, cu, -GRAZING_M)
     if sight.line_of_sight == MIDPOINT:
         return bool(0.5 * (eu + cu) >= height(surface, 0.5 * (ee + ce), 0.5 * (en + cn)))
     return True
@@ -199,7 +198,7 @@ def _look(
             ce, cn, cu = centre[cell, 0], centre[cell, 1], centre[cell, 2]
             if in_view(
                 sight, ee - ce, en - cn, eu - cu, normal[cell, 0], normal[cell, 1], normal[cell, 2]
-            ) and _nothing_between(surface, sight, ee, en, eu, ce, cn, cu):
+            ) and nothing_between(surface, sight, ee, en, eu, ce, cn, cu):
                 first[cell] = number
                 table[i, j] = j + 1
                 new += 1

@@ -289,6 +289,44 @@ def _height_range_analytic(
 
 
 @kernel
+def stays_above(
+    surface: Surface, pe: float, pn: float, pu: float, qe: float, qn: float, qu: float, limit: float
+) -> bool:
+    """Whether a segment is nowhere lower than ``limit`` above the surface; False where there is no data.
+
+    The answer of :func:`height_range_between`, found sooner above the analytic surface: from a place high above the
+    ground no piece can reach the limit before the segment has come down at the steepest slope there is.
+    """
+    if surface.kind != SINE_COSINE:
+        return bool(height_range_between(surface, pe, pn, pu, qe, qn, qu, limit)[0] >= limit)
+    if not (math.isfinite(pe + pn + pu) and math.isfinite(qe + qn + qu)):
+        return False
+    horizontal = math.hypot(qe - pe, qn - pn)
+    pieces = max(1, math.ceil(horizontal / (_ANALYTIC_PIECE * surface.step_m)))
+    # How much of the height above ground one piece can take away at most.
+    loss = (horizontal * surface.steepest - (qu - pu)) / pieces
+    k = 0
+    a = pu - height(surface, pe, pn)
+    while k < pieces:
+        if a - limit >= loss * (pieces - k):
+            return True
+        safe = int((a - limit) / loss) if a > limit else 0
+        if safe > 0:
+            k += safe
+            t = k / pieces
+            a = pu + t * (qu - pu) - height(surface, pe + t * (qe - pe), pn + t * (qn - pn))
+            continue
+        middle, end = (k + 0.5) / pieces, (k + 1.0) / pieces
+        m = pu + middle * (qu - pu) - height(surface, pe + middle * (qe - pe), pn + middle * (qn - pn))
+        b = pu + end * (qu - pu) - height(surface, pe + end * (qe - pe), pn + end * (qn - pn))
+        if _parabola_range(a, m, b)[0] < limit:
+            return False
+        a = b
+        k += 1
+    return True
+
+
+@kernel
 def leg_height_ranges(surface: Surface, route: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n - 1, 4) smallest height above ground, its parameter, largest, its parameter, of the legs of an (n, 3) route."""
     legs = route.shape[0] - 1

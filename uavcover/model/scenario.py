@@ -10,7 +10,7 @@ from uavcover.model.sensor import Sensor
 from uavcover.model.uncertainty import Uncertainty
 from uavcover.model.vehicle import Vehicle
 
-PlannerAlgorithm = Literal["imodbo", "modbo"]
+PlannerAlgorithm = Literal["memetic", "local-search", "imodbo", "modbo"]
 VerticalDatum = Literal["EGM96", "EGM2008", "WGS84-ellipsoid"]
 
 
@@ -115,20 +115,22 @@ class PlannerSettings:
     """How the route is searched for.
 
     Attributes:
-        algorithm: which optimizer.
+        algorithm: "memetic": IMODBO, then a local search of what it and the baselines found. "local-search": from sampled routes
+            and baselines alone. "imodbo", "modbo": the paper's optimizers, plain.
         encoding: "swaths": parallel lines with their own gaps and heights, for sensors that look along the path.
             "waypoints": free points with activation genes, as the paper.
         population_size: members of the population.
-        evaluations: full route evaluations when no budget is given.
+        evaluations: full route evaluations when no budget is given; 50 proposals of the local search count as one.
         max_waypoints: capacity of the "waypoints" encoding.
         cell_size_m: cells the search counts on; default: twice the area's cells, on which the result is judged.
-        order: "nearest-neighbour": the paper's decoding. "improved": the same, then 2-opt.
+        order: "nearest-neighbour": the paper's decoding. "improved": the same, then 2-opt. Of the optimizer's routes; the local
+            search finds its own order.
         seed: of the random numbers.
     """
 
     __pydantic_config__: ClassVar = STRICT
 
-    algorithm: PlannerAlgorithm = "imodbo"
+    algorithm: PlannerAlgorithm = "memetic"
     encoding: Literal["swaths", "waypoints"] = "swaths"
     population_size: int = 50
     evaluations: int = 5000

@@ -1,5 +1,6 @@
-"""The planner: baselines, search, judging on finer cells, choice."""
+"""The planner: baselines, optimizer, local search, judging on finer cells, choice."""
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 
@@ -10,11 +11,12 @@ from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.dominance import non_dominated_mask
 from uavcover.model.route import Plan
-from uavcover.model.scenario import PlannerSettings
+from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import ALGORITHMS
 from uavcover.optimizers.interface import Optimizer
 from uavcover.planning.baselines import Baseline, boustrophedons
 from uavcover.planning.members import judge_members, pareto_members, why_infeasible
+from uavcover.planning.memetic import improve
 from uavcover.planning.search import Effort, Encoding, Progress, rounds_of, search
 from uavcover.planning.selection import parse_rule, select
 from uavcover.planning.swath_encoding import SwathEncoding
@@ -30,6 +32,15 @@ CONSTRUCTED_SHARE = 0.25
 
 _BASELINE_SHARE = 0.5
 """Share of a time budget that the baselines may use."""
+
+_OPTIMIZER: dict[PlannerAlgorithm, tuple[str, float]] = {
+    "memetic": ("imodbo", 0.1),
+    "local-search": ("imodbo", 0.0),
+    "imodbo": ("imodbo", 1.0),
+    "modbo": ("modbo", 1.0),
+}
+"""Which optimizer an algorithm uses, and for what share of the evaluations or the time; the rest is local search. One round,
+which only samples, there always is."""
 
 
 def plan_routes(
@@ -75,15 +86,17 @@ def plan_routes(
             coarse, executor, lambda: should_stop() or effort.is_over(started, share=_BASELINE_SHARE)
         )
     encoding, initial = _encoding(site, settings, baselines, goal)
+    name, share = _OPTIMIZER[settings.algorithm]
+    optimizing = effort if share == 1.0 else _shared(effort, share, started)
     rounds = rounds_of(
-        effort,
+        optimizing,
         started,
         encoding=encoding,
         coverage=coarse,
         population_size=settings.population_size,
         executor=executor,
     )
-    optimizer: Optimizer = ALGORITHMS[settings.algorithm](
+    optimizer: Optimizer = ALGORITHMS[name](
         encoding.lower,
         encoding.upper,
         n_objectives=3,
@@ -99,7 +112,7 @@ def plan_routes(
         rounds=rounds,
         encoding=encoding,
         coverage=coarse,
-        effort=effort,
+        effort=optimizing,
         started=started,
         at_least_one_round=not baselines,
         goal=goal,
@@ -110,7 +123,18 @@ def plan_routes(
     found = optimizer.pareto_set() if optimizer.evaluations else None
     routes = [encoding.decode(genes) for genes in found.x] if found is not None else []
     fine = _judging_map(site, coarse)
-    members = judge_members(fine, [(route, settings.algorithm) for route in routes], executor)
+    made = [(route, name) for route in routes]
+    evaluations = optimizer.evaluations
+    if share < 1.0 and not interrupted:
+        improved = improve(
+            coarse, fine, [*routes, *(b.route for b in baselines)],
+            settings=settings, rule=rule, effort=effort, started=started, evaluations_done=evaluations,
+            executor=executor, should_stop=should_stop, on_progress=on_progress,
+        )  # fmt: skip
+        made += [(route, settings.algorithm) for route in improved.routes]
+        evaluations += improved.evaluations
+        interrupted = improved.interrupted
+    members = judge_members(fine, made, executor)
     reference = judge_members(fine, [(b.route, b.name) for b in _worth_showing(baselines, goal)], executor)
     feasible = [member for member in (*members, *reference) if member.violation <= 0.0]
     if not feasible:
@@ -125,10 +149,18 @@ def plan_routes(
         rule=rule.text,
         rule_met=choice.met,
         algorithm=settings.algorithm,
-        evaluations=optimizer.evaluations,
+        evaluations=evaluations,
         wall_s=effort.now() - started,
         interrupted=interrupted,
     )
+
+
+def _shared(effort: Effort, share: float, started: float) -> Effort:
+    """A share of the evaluations, or of the time: from now on."""
+    budget_s = effort.budget_s
+    if budget_s is not None:
+        budget_s = effort.now() - started + share * budget_s
+    return dataclasses.replace(effort, evaluations=int(share * effort.evaluations), budget_s=budget_s)
 
 
 def _encoding(

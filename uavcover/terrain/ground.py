@@ -52,6 +52,8 @@ class Ground:
 def sine_cosine_ground(scale_m: float) -> Ground:
     """The paper's surface, Eq. 26, with ``scale_m`` metres to its unit."""
     empty = np.zeros((1, 1))
+    # Read-only like the nodes of a grid: kernels are compiled once for both.
+    empty.flags.writeable = False
     return Ground(Surface(SINE_COSINE, 0.0, 0.0, scale_m, empty, 1.0), "sine-cosine (paper, Eq. 26)", "local")
 
 

@@ -1,0 +1,198 @@
+"""Lists and counts against their naive twin; changes against a full recount."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.kernels.test_coverage import cells_on, rough_ground, sights
+from tests.naive import draft as naive
+from tests.planning.sites import hills, make_site
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.kernels import coverage as coverage_kernels
+from uavcover.kernels.annealing import Prices, Schedule, anneal, energy_of_share, snapshot
+from uavcover.kernels.coverage import CONE, DISC, RAY, SPHERE, Sight
+from uavcover.kernels.draft import ALONG_PATH, AT_WAYPOINTS, WIDEST, Draft, Room, Task, inside_fence, recount
+from uavcover.kernels.route import path_length
+from uavcover.kernels.spans import list_cells
+from uavcover.leg_checks import measure_violations
+from uavcover.model.route import Route
+from uavcover.model.sensor import NadirCamera, SphereSensor
+from uavcover.planning.draft_route import draft_of, local_task
+from uavcover.terrain.ground import sine_cosine_ground
+
+deterministic = settings(derandomize=True, deadline=None, max_examples=25)
+
+SQUARE = np.array([[-3.0, 0.0], [8.0, 0.0], [8.0, 9.0], [-3.0, 9.0]])
+
+
+def listed(surface, sight, cells, p, q, spacing):
+    out = np.full(cells.centre_m.shape[0], -7, dtype=np.int32)
+    found = list_cells(surface, sight, cells, tuple(map(float, p)), tuple(map(float, q)), spacing, out)
+    numbers = out[:found].tolist()
+    assert len(set(numbers)) == found
+    assert (out[found:] == -7).all()
+    return set(numbers)
+
+
+@deterministic
+@given(seed=st.integers(0, 10**6), sight=sights, spacing=st.sampled_from([0.3, 1.0, 20.0]), still=st.booleans())
+def test_the_cells_of_a_span_are_those_that_any_of_its_samples_sees(seed, sight, spacing, still):
+    surface = rough_ground(seed)
+    cells = cells_on(surface, seed)
+    rng = np.random.default_rng(seed)
+    p, q = rng.uniform([-1, 2, -1], [4, 6, 4], (2, 3))
+    if still:
+        q = p
+    (looks,) = naive.span_looks(ALONG_PATH, [tuple(p), tuple(q)], spacing) if not still else [[tuple(p)]]
+    assert listed(surface, sight, cells, p, q, spacing) == naive.list_cells(surface, sight, cells, looks)
+
+
+@pytest.mark.parametrize("kind", [SPHERE, DISC, CONE])
+@pytest.mark.parametrize("rise", [0.0, 3.0, 40.0])
+def test_a_leg_sees_what_its_samples_see_by_the_other_kernel(kind, rise):
+    surface = rough_ground(5)
+    cells = cells_on(surface, 5)
+    sight = Sight(kind, 3.3, 1.3, 0.5, RAY)
+    route = np.array([[-0.9, 2.3, 1.5], [3.7, 5.4, 1.5 + rise]])
+    whole = coverage_kernels.seen_from_points(surface, sight, cells, coverage_kernels.sample_path(route, 0.25))
+    assert listed(surface, sight, cells, *route, 0.25) == set(np.flatnonzero(whole).tolist())
+    # The other way round it looks from the same places.
+    assert listed(surface, sight, cells, *route[::-1], 0.25) == set(np.flatnonzero(whole).tolist())
+
+
+def test_a_list_that_is_too_short_says_so():
+    surface = rough_ground(5)
+    cells = cells_on(surface, 5)
+    sight = Sight(DISC, 2.0, 0.0, -1.0, 0)
+    out = np.zeros(3, dtype=np.int32)
+    assert list_cells(surface, sight, cells, (1.0, 3.0, 2.0), (1.0, 3.0, 2.0), 1.0, out) == -1
+
+
+def small_task(sensing: int, *, legs: int = 0, seed: int = 3) -> Task:
+    surface = sine_cosine_ground(1.0).surface
+    cells = cells_on(surface, seed)
+    weight = np.random.default_rng(seed).uniform(0.5, 1.0, cells.centre_m.shape[0])
+    weight[::7] = 0.0
+    weight /= weight.sum()
+    weight.flags.writeable = False
+    room = Room(0.1, 2.5, -1.0, 3.0, 1.0, legs, SQUARE)
+    return Task(surface, Sight(SPHERE, 1.1, 0.0, -1.0, RAY), cells, weight, 0.4, sensing, room)
+
+
+def small_draft(task: Task, count: int, capacity: int, *, seed: int = 1) -> Draft:
+    lists = capacity + WIDEST + 1
+    draft = Draft(
+        np.zeros((capacity, 3)), np.array([count]), np.arange(lists), np.zeros((lists, 200), dtype=np.int32),
+        np.zeros(lists, dtype=np.int64), np.zeros(task.weight.size, dtype=np.uint16), np.zeros(1), np.zeros((WIDEST, 3)),
+    )  # fmt: skip
+    points = np.random.default_rng(seed).uniform([-0.5, 2.3, 1.2], [3.0, 5.0, 1.6], (count, 3))
+    draft.route[:count] = points
+    assert recount(task, draft)
+    return draft
+
+
+@pytest.mark.parametrize("sensing", [AT_WAYPOINTS, ALONG_PATH])
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_a_recount_is_the_naive_one(sensing, count):
+    task = small_task(sensing)
+    draft = small_draft(task, count, 6)
+    counts, seen = naive.counts(task, draft.route[:count])
+    assert draft.counts.tolist() == counts
+    assert draft.seen[0] == pytest.approx(seen, rel=1e-12)
+
+
+@pytest.mark.parametrize("sensing", [AT_WAYPOINTS, ALONG_PATH])
+@pytest.mark.parametrize("legs", [0, 1])
+def test_counts_after_10_000_changes_are_those_of_a_full_recount(sensing, legs):
+    task = small_task(sensing, legs=legs)
+    draft = small_draft(task, 6, 14)
+    prices, rng = Prices(0.01, 0.05, 1.0, 0.9), np.random.default_rng(4)
+    fewest = 1 if sensing == AT_WAYPOINTS and legs == 0 else 2
+    sizes, kept = set(), 0
+    # Hot, where nearly everything is kept, and cold, where nearly everything is undone.
+    for number in range(20):
+        temperature = 1e9 if number % 4 == 0 else 0.02
+        kept += anneal(task, prices, Schedule(500, temperature, temperature, 1.0, fewest, 14), draft, rng)
+        sizes.add(int(draft.size[0]))
+        assert fewest <= draft.size[0] <= 14
+    assert 300 < kept < 9000
+    assert len(sizes) > 1
+    before = draft.counts.copy(), float(draft.seen[0])
+    assert sorted(draft.slot.tolist()) == list(range(14 + WIDEST + 1))
+    assert recount(task, draft)
+    assert draft.counts.tolist() == before[0].tolist()
+    assert draft.seen[0] == pytest.approx(before[1], abs=1e-9)
+    counts, _ = naive.counts(task, snapshot(draft))
+    assert draft.counts.tolist() == counts
+
+
+@pytest.mark.parametrize("sensing", [AT_WAYPOINTS, ALONG_PATH])
+def test_cold_annealing_never_makes_the_energy_larger(sensing):
+    task = small_task(sensing)
+    draft = small_draft(task, 6, 14)
+    prices, rng = Prices(0.01, 0.05, 3.0, 0.9), np.random.default_rng(2)
+    energies = []
+    for _ in range(40):
+        anneal(task, prices, Schedule(50, 1e-12, 1e-12, 1.0, 2, 14), draft, rng)
+        n = int(draft.size[0])
+        points = snapshot(draft)
+        energies.append(0.01 * path_length(points) + 0.05 * n + energy_of_share(prices, naive.counts(task, points)[1]))
+    assert all(b <= a + 1e-9 for a, b in itertools.pairwise(energies))
+    assert energies[-1] < 0.9 * energies[0]
+
+
+def test_equal_generators_give_equal_routes():
+    task = small_task(ALONG_PATH)
+    routes = []
+    for seed in (1, 1, 2):
+        draft = small_draft(task, 6, 14)
+        anneal(
+            task, Prices(0.01, 0.0, 1.0, 1.0), Schedule(400, 0.1, 0.01, 1.0, 2, 14), draft, np.random.default_rng(seed)
+        )
+        routes.append(snapshot(draft).tolist())
+    assert routes[0] == routes[1] != routes[2]
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        NadirCamera(kind="nadir-camera", fov_deg=70.0, range_m=200.0, sample_spacing_m=20.0),
+        SphereSensor(kind="sphere", range_m=150.0),
+    ],
+    ids=["along-path", "at-waypoints"],
+)
+def test_hot_changes_never_break_a_limit_of_the_legs(sensor):
+    # Concave fence, sea-level limit, climb limit and band with a margin, all at once.
+    fence = ((-150, -150), (450, -150), (450, 120), (200, 120), (200, 350), (-150, 350))
+    site = make_site(
+        hills, sensor=sensor, fence=fence, cell_m=20.0,
+        limits={"height_margin_m": 5.0, "max_alt_amsl_m": 490.0, "max_climb_angle_deg": 20.0},
+    )  # fmt: skip
+    task = local_task(CoverageMap(site, cell_size_m=20.0), margin_m=0.0, reach_m=70.0)
+    corners = np.array([[20.0, 20.0], [180.0, 20.0], [180.0, 100.0], [20.0, 100.0]])
+    points = np.column_stack([corners, site.ground.heights_m(corners) + 65.0])
+    assert measure_violations(site, points, margin_m=5.0).total == 0.0
+    draft = draft_of(task, Route(points), capacity=30)
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        anneal(task.numbers, Prices(0.0, 0.0, 1.0, 1.0), Schedule(100, 1e6, 1e6, 80.0, 2, 30), draft, rng)
+        assert measure_violations(site, snapshot(draft), margin_m=5.0).total == 0.0
+    assert not np.allclose(snapshot(draft)[0], points[0])
+
+
+@deterministic
+@given(seed=st.integers(0, 10**6))
+def test_inside_a_ring(seed):
+    rng = np.random.default_rng(seed)
+    angles = np.sort(rng.uniform(0.0, 2.0 * math.pi, 7))
+    ring = np.column_stack([np.cos(angles), np.sin(angles)]) * rng.uniform(0.3, 2.0, (7, 1))
+    polygon = shapely.Polygon(ring)
+    for east, north in rng.uniform(-2.0, 2.0, (20, 2)).tolist():
+        assert inside_fence(ring, east, north) == naive.inside_ring(ring.tolist(), east, north)
+        if polygon.is_valid:
+            assert inside_fence(ring, east, north) == bool(shapely.contains_xy(polygon, east, north))

@@ -1,0 +1,377 @@
+"""Simulated annealing of a route by single changes, each evaluated only where it changes something.
+
+The energy is ``metre * length + waypoint * waypoints + coverage * max(0, goal - seen)``. One proposal draws one change of one
+kind; one that breaks a limit is never made. Kinds: move a waypoint, change its height, shift a stretch, insert, remove,
+turn a stretch of the order round (a stretch of two is a swap: 2-opt), and, where the order is free, transfer a waypoint to
+another place in the order (Or-opt) or to a cell that nobody sees.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.kernels._jit import kernel
+from uavcover.kernels.draft import (
+    ALONG_PATH,
+    WIDEST,
+    Draft,
+    Task,
+    add_list,
+    allowed_leg,
+    allowed_place,
+    distance,
+    drop_list,
+    exchange_allowed,
+    exchange_length,
+    keep_exchange,
+    place,
+    reverse_order,
+    reverse_rows,
+    span_count,
+    transfer,
+    try_exchange,
+    undo_exchange,
+)
+from uavcover.kernels.spans import list_cells
+from uavcover.kernels.surface import height
+
+_SMALLEST_STEP = 0.01
+_TRIES_FOR_A_GAP = 24
+
+
+class Prices(NamedTuple):
+    """What the energy is made of.
+
+    Attributes:
+        metre: of the length.
+        waypoint: of each waypoint.
+        coverage: of the share that is missing to the goal.
+        goal: share of the counted cells, 0..1, beyond which more is worth nothing.
+    """
+
+    metre: float
+    waypoint: float
+    coverage: float
+    goal: float
+
+
+class Schedule(NamedTuple):
+    """How a stretch of annealing is run.
+
+    Attributes:
+        proposals: how many.
+        hottest: temperature at its beginning, in units of energy.
+        coldest: at its end; it falls geometrically.
+        largest_step_m: standard deviation of the widest moves; others go down to a hundredth of it.
+        fewest: waypoints are not removed below this.
+        most: nor inserted above this.
+    """
+
+    proposals: int
+    hottest: float
+    coldest: float
+    largest_step_m: float
+    fewest: int
+    most: int
+
+
+@kernel
+def anneal(task: Task, prices: Prices, schedule: Schedule, draft: Draft, rng: np.random.Generator) -> int:
+    """Change ``draft`` in place by so many proposals; returns how many were kept.
+
+    The draft must be counted (:func:`uavcover.kernels.draft.recount`).
+    """
+    kept = 0
+    cooling = math.log(schedule.coldest / schedule.hottest) / max(1, schedule.proposals - 1)
+    free_order = task.sensing != ALONG_PATH and task.room.legs == 0
+    for number in range(schedule.proposals):
+        temperature = schedule.hottest * math.exp(cooling * number)
+        # How much the energy may rise: the Metropolis rule, solved for it.
+        allowance = -temperature * math.log(1.0 - rng.random())
+        draw = rng.random()
+        step = schedule.largest_step_m * math.exp(math.log(_SMALLEST_STEP) * rng.random())
+        if draw < 0.10:
+            done = _turn_round(task, prices, draft, allowance, rng)
+        elif free_order and draw < 0.35:
+            done = _transfer(task, prices, draft, allowance, step if draw < 0.25 else 0.0, rng)
+        else:
+            done = _exchange(task, prices, schedule, draft, allowance, step, rng)
+        if done:
+            kept += 1
+    return kept
+
+
+@kernel
+def energy_of_share(prices: Prices, seen: float) -> float:
+    """Price of what is missing to the goal."""
+    return prices.coverage * max(0.0, prices.goal - seen)
+
+
+@kernel
+def _exchange(
+    task: Task,
+    prices: Prices,
+    schedule: Schedule,
+    draft: Draft,
+    allowance: float,
+    step: float,
+    rng: np.random.Generator,
+) -> bool:
+    """Move, lift, shift, insert or remove; whether it was kept."""
+    n = draft.size[0]
+    kind = rng.random()
+    first = int(rng.random() * n)
+    last, fresh = first + 1, 1
+    de, dn = step * rng.standard_normal(), step * rng.standard_normal()
+    du = 0.5 * step * rng.standard_normal()
+    if kind < 0.45:  # move
+        _put(task, draft, 0, first, de, dn, du if kind < 0.2 else 0.0)
+    elif kind < 0.60:  # height
+        _put(task, draft, 0, first, 0.0, 0.0, du)
+    elif kind < 0.75:  # shift a stretch sideways, up or down
+        fresh = min(n - first, 1 + int(rng.random() * WIDEST))
+        last = first + fresh
+        if kind < 0.68:
+            du = 0.0
+        else:
+            de, dn = 0.0, 0.0
+        for k in range(fresh):
+            _put(task, draft, k, first + k, de, dn, du)
+    elif kind < 0.85:  # insert
+        if n >= schedule.most:
+            return False
+        if not _insertion(task, draft, first, de, dn, rng):
+            return False
+        last = first = first + 1 if task.sensing == ALONG_PATH or task.room.legs == 1 else _best_gap(draft, -1)
+    else:  # remove one, seldom more
+        fresh = 0
+        last = min(n, first + 1 + int(3.0 * rng.random() ** 3))
+        if n - (last - first) < schedule.fewest:
+            return False
+    if not exchange_allowed(task, draft, first, last, fresh):
+        return False
+    change = prices.metre * exchange_length(draft, first, last, fresh) + prices.waypoint * (fresh - (last - first))
+    before = energy_of_share(prices, draft.seen[0])
+    if change - before > allowance:
+        return False  # even with the whole goal reached
+    gained, new = try_exchange(task, draft, first, last, fresh)
+    if new < 0:
+        return False
+    if change + energy_of_share(prices, draft.seen[0] + gained) - before > allowance:
+        undo_exchange(task, draft, first, last, new)
+        return False
+    keep_exchange(task, draft, first, last, fresh, new, gained)
+    return True
+
+
+@kernel
+def _put(task: Task, draft: Draft, k: int, waypoint: int, de: float, dn: float, du: float) -> None:
+    """Write into fresh[k] a waypoint moved on the map, at the same height above ground, and by ``du`` up."""
+    e, n, u = place(draft.route, waypoint)
+    rise = 0.0
+    if de != 0.0 or dn != 0.0:
+        rise = height(task.surface, e + de, n + dn) - height(task.surface, e, n)
+    draft.fresh[k, 0], draft.fresh[k, 1], draft.fresh[k, 2] = e + de, n + dn, u + du + rise
+
+
+@kernel
+def _insertion(task: Task, draft: Draft, at: int, de: float, dn: float, rng: np.random.Generator) -> bool:
+    """Write a waypoint to insert into fresh[0]: beside a leg, or, where the order is free, near a cell that nobody sees."""
+    if task.sensing != ALONG_PATH and task.room.legs == 0:
+        return _near_a_gap(task, draft, de, dn, rng)
+    if at + 1 >= draft.size[0]:
+        return False
+    t = rng.random()
+    pe, pn, pu = place(draft.route, at)
+    qe, qn, qu = place(draft.route, at + 1)
+    e, n, u = pe + t * (qe - pe), pn + t * (qn - pn), pu + t * (qu - pu)
+    rise = height(task.surface, e + de, n + dn) - height(task.surface, e, n)
+    draft.fresh[0, 0], draft.fresh[0, 1], draft.fresh[0, 2] = e + de, n + dn, u + rise
+    return True
+
+
+@kernel
+def _near_a_gap(task: Task, draft: Draft, de: float, dn: float, rng: np.random.Generator) -> bool:
+    """Write a place near a cell that counts and is not seen into fresh[0], at any allowed height; False when none was met."""
+    for _ in range(_TRIES_FOR_A_GAP):
+        cell = int(rng.random() * draft.counts.size)
+        if draft.counts[cell] == 0 and task.weight[cell] > 0.0:
+            e, n = task.cells.centre_m[cell, 0] + de, task.cells.centre_m[cell, 1] + dn
+            ground = height(task.surface, e, n)
+            low = max(ground + task.room.lowest_agl_m, task.room.lowest_up_m)
+            high = min(ground + task.room.highest_agl_m, task.room.highest_up_m)
+            draft.fresh[0, 0], draft.fresh[0, 1] = e, n
+            draft.fresh[0, 2] = low + rng.random() * (high - low)
+            return True
+    return False
+
+
+@kernel
+def _best_gap(draft: Draft, without: int) -> int:
+    """Before which waypoint fresh[0] makes the route longest by least, the route taken without one of its waypoints.
+
+    Numbers count the route as it is; ``without`` -1 leaves none out. The end of the route is its size.
+    """
+    n = draft.size[0]
+    p = place(draft.fresh, 0)
+    best, best_at = math.inf, 0
+    before = -1
+    for k in range(n + 1):
+        if k == without:
+            continue
+        longer = 0.0
+        if before >= 0:
+            longer += distance(place(draft.route, before), p)
+        if k < n:
+            longer += distance(p, place(draft.route, k))
+            if before >= 0:
+                longer -= distance(place(draft.route, before), place(draft.route, k))
+        if longer < best:
+            best, best_at = longer, k
+        before = k
+    return best_at
+
+
+@kernel
+def _transfer(
+    task: Task, prices: Prices, draft: Draft, allowance: float, step: float, rng: np.random.Generator
+) -> bool:
+    """Put a waypoint where the order is shortest for it; with a step: at a cell that nobody sees. Whether it was kept."""
+    n = draft.size[0]
+    if n < 3:
+        return False
+    at = int(rng.random() * n)
+    if step > 0.0:
+        if not _near_a_gap(task, draft, step * rng.standard_normal(), step * rng.standard_normal(), rng):
+            return False
+        if not allowed_place(task, place(draft.fresh, 0)):
+            return False
+    else:
+        draft.fresh[0, 0], draft.fresh[0, 1], draft.fresh[0, 2] = place(draft.route, at)
+    to = _best_gap(draft, at)
+    p = place(draft.fresh, 0)
+    # Taken out at its old place, put in before waypoint ``to``.
+    longer = _shortcut(draft, at)
+    before = to - 1 if to - 1 != at else to - 2
+    if before >= 0:
+        longer += distance(place(draft.route, before), p)
+    if to < n:
+        longer += distance(p, place(draft.route, to))
+        if before >= 0:
+            longer -= distance(place(draft.route, before), place(draft.route, to))
+    change = prices.metre * longer
+    if step > 0.0:
+        share = energy_of_share(prices, draft.seen[0])
+        gained, new = try_exchange(task, draft, at, at + 1, 1)
+        if new < 0:
+            return False
+        if change + energy_of_share(prices, draft.seen[0] + gained) - share > allowance:
+            undo_exchange(task, draft, at, at + 1, new)
+            return False
+        keep_exchange(task, draft, at, at + 1, 1, new, gained)
+    elif to in (at, at + 1) or change > allowance:
+        return False
+    transfer(draft, at, to - 1 if to > at else to)
+    return True
+
+
+@kernel
+def _shortcut(draft: Draft, at: int) -> float:
+    """Change of length when a waypoint is left out."""
+    n = draft.size[0]
+    p = place(draft.route, at)
+    change = 0.0
+    if at > 0:
+        change -= distance(place(draft.route, at - 1), p)
+    if at < n - 1:
+        change -= distance(p, place(draft.route, at + 1))
+        if at > 0:
+            change += distance(place(draft.route, at - 1), place(draft.route, at + 1))
+    return change
+
+
+@kernel
+def _turn_round(task: Task, prices: Prices, draft: Draft, allowance: float, rng: np.random.Generator) -> bool:
+    """Fly a stretch of the route the other way round (2-opt); of two waypoints: a swap. Whether it was kept."""
+    n = draft.size[0]
+    i, j = int(rng.random() * n), int(rng.random() * n)
+    if i > j:
+        i, j = j, i
+    if i == j or (i == 0 and j == n - 1):
+        return False
+    p, q = place(draft.route, i), place(draft.route, j)
+    longer = 0.0
+    if i > 0:
+        before = place(draft.route, i - 1)
+        longer += distance(before, q) - distance(before, p)
+    if j < n - 1:
+        behind = place(draft.route, j + 1)
+        longer += distance(p, behind) - distance(q, behind)
+    change = prices.metre * longer
+    share = energy_of_share(prices, draft.seen[0])
+    if change - share > allowance:
+        return False
+    if (i > 0 and not allowed_leg(task, place(draft.route, i - 1), q)) or (
+        j < n - 1 and not allowed_leg(task, p, place(draft.route, j + 1))
+    ):
+        return False
+    if task.sensing == ALONG_PATH:
+        return _turn_legs_round(task, prices, draft, i, j, allowance - change + share)
+    if change > allowance:
+        return False
+    reverse_order(draft.slot, i, j)
+    reverse_rows(draft.route, i, j)
+    return True
+
+
+@kernel
+def _turn_legs_round(task: Task, prices: Prices, draft: Draft, i: int, j: int, most: float) -> bool:
+    """Turn waypoints i..j round where legs see, if what is then missing costs no more than ``most``."""
+    n = draft.size[0]
+    spans = span_count(task, n)
+    gained = 0.0
+    for side in range(2):
+        number = draft.slot[spans + side]
+        draft.sizes[number] = 0
+        if (side == 0 and i > 0) or (side == 1 and j < n - 1):
+            p = place(draft.route, i - 1 if side == 0 else i)
+            q = place(draft.route, j if side == 0 else j + 1)
+            found = list_cells(task.surface, task.sight, task.cells, p, q, task.spacing_m, draft.lists[number])
+            if found < 0:
+                if side == 1:
+                    drop_list(task, draft, draft.slot[spans])
+                return False
+            draft.sizes[number] = found
+            gained += add_list(task, draft, number)
+    if i > 0:
+        gained -= drop_list(task, draft, draft.slot[i - 1])
+    if j < n - 1:
+        gained -= drop_list(task, draft, draft.slot[j])
+    if energy_of_share(prices, draft.seen[0] + gained) > most:
+        if i > 0:
+            add_list(task, draft, draft.slot[i - 1])
+        if j < n - 1:
+            add_list(task, draft, draft.slot[j])
+        drop_list(task, draft, draft.slot[spans])
+        drop_list(task, draft, draft.slot[spans + 1])
+        return False
+    if i > 0:
+        draft.slot[i - 1], draft.slot[spans] = draft.slot[spans], draft.slot[i - 1]
+    if j < n - 1:
+        draft.slot[j], draft.slot[spans + 1] = draft.slot[spans + 1], draft.slot[j]
+    reverse_order(draft.slot, i, j - 1)
+    reverse_rows(draft.route, i, j)
+    draft.seen[0] += gained
+    return True
+
+
+@kernel
+def snapshot(draft: Draft) -> NDArray[np.float64]:
+    """(n, 3) the waypoints as they are."""
+    out = np.empty((draft.size[0], 3))
+    for k in range(draft.size[0]):
+        for axis in range(3):
+            out[k, axis] = draft.route[k, axis]
+    return out

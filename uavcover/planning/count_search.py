@@ -1,0 +1,126 @@
+"""Local search for the most coverage with every number of waypoints, where they may be visited in any order."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.kernels.annealing import Prices
+from uavcover.kernels.draft import recount
+from uavcover.model.route import Route
+from uavcover.planning.draft_route import draft_of
+from uavcover.planning.goal_search import Start
+from uavcover.planning.local_search import CHAINS, Chain, Work
+
+_SPREAD_UNTIL = 0.25
+_SQUEEZE_UNTIL = 0.7
+_ATTEMPT = 0.09
+_FULL = 1.0 - 1e-9
+
+_HOTTEST_CELLS = 1.2
+_COLDEST_CELLS = 0.012
+_LENGTH_PRICES = (0.04, 1.0)
+"""Price of a sensor's radius of way, in cells: first where coverage is all that counts, then where the way counts too."""
+_WAYPOINT_PRICE_CELLS = 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class _Stage:
+    """How chains anneal: heats of the chains, prices of a waypoint and of a radius of way in cells."""
+
+    heats: tuple[float, float]
+    waypoint: float
+    ways: tuple[float, float]
+
+
+_SPREAD = _Stage((2.5, 1.0), _WAYPOINT_PRICE_CELLS, (_LENGTH_PRICES[0], _LENGTH_PRICES[0]))
+_SQUEEZE = _Stage((1.0, 0.25), 0.0, (_LENGTH_PRICES[0], _LENGTH_PRICES[0]))
+_SWEEP = _Stage((0.4, 0.4), 0.0, _LENGTH_PRICES)
+
+
+def search_counts(
+    work: Work,
+    starts: Sequence[Start],
+    *,
+    capacity: int,
+    until: float,
+    found: Callable[[Route], None],
+) -> None:
+    """Routes with ever fewer waypoints, each with as much coverage as annealing finds.
+
+    1. Spread: a waypoint has a price, so as many come in as are worth it.
+    2. Squeeze: while all is seen, one waypoint less; otherwise the same number again.
+    3. Sweep: down to one waypoint, once for coverage alone and once with the way in mind.
+
+    Args:
+        work: what is looked at, and how much may be done; ``work.task.free_order`` holds.
+        starts: one at least.
+        capacity: most waypoints.
+        until: share of all the work, 0..1, after which this search ends.
+        found: told every route worth judging.
+    """
+    begin = work.pace.fraction
+
+    def at(share: float) -> float:
+        return begin + share * (until - begin)
+
+    if work.stopped or begin >= until:
+        return
+    ranked = sorted(starts, key=lambda start: (-start.seen, len(start.route)))
+    chains = _chains(work, [ranked[k % len(ranked)].route for k in range(CHAINS)], _SPREAD, capacity=capacity)
+    more = work.run(chains, until=at(_SPREAD_UNTIL))
+    best = _better(chains, found)
+    while more and work.pace.fraction < at(_SQUEEZE_UNTIL):
+        fewer = best.seen >= _FULL and len(best.route) > 1
+        route = _without_least(work, best) if fewer else best.route
+        chains = _chains(work, [route] * CHAINS, _SQUEEZE)
+        more = work.run(chains, until=min(work.pace.fraction + _ATTEMPT * (until - begin), at(_SQUEEZE_UNTIL)))
+        tried = _better(chains, found)
+        # From fewer waypoints there is no way back, also when they do not see all: what saw all is found already.
+        if fewer or tried.energy <= best.energy:
+            best = tried
+    chains = [best] * CHAINS
+    while more and max(len(chain.route) for chain in chains) > 1:
+        routes = [_without_least(work, chain) if len(chain.route) > 1 else chain.route for chain in chains]
+        chains = _chains(work, routes, _SWEEP)
+        now = work.pace.fraction
+        more = work.run(chains, until=now + (until - now) / max(map(len, routes)))
+        _better(chains, found)
+
+
+def _better(chains: Sequence[Chain], found: Callable[[Route], None]) -> Chain:
+    for chain in chains:
+        found(chain.route)
+    return min(chains, key=lambda chain: chain.energy)
+
+
+def _chains(work: Work, routes: Sequence[Route], stage: _Stage, *, capacity: int | None = None) -> list[Chain]:
+    """A chain for each route, in a stage's way; with as many waypoints as it has, unless there is a capacity."""
+    # Energies in units of one cell's share of the coverage.
+    cells = max(1, int(np.count_nonzero(work.task.numbers.weight)))
+    return [
+        Chain(
+            draft=draft_of(work.task, route, capacity=capacity or len(route)),
+            prices=Prices(way / work.task.reach_m, stage.waypoint, float(cells), 1.0),
+            hottest=heat * _HOTTEST_CELLS,
+            coldest=_COLDEST_CELLS,
+            step_m=work.task.reach_m,
+            fewest=len(route) if capacity is None else 1,
+            most=len(route) if capacity is None else capacity,
+        )
+        for route, heat, way in zip(routes, stage.heats, stage.ways, strict=True)
+    ]
+
+
+def _without_least(work: Work, chain: Chain) -> Route:
+    """The chain's route without the waypoint that sees least by itself."""
+    draft = chain.draft
+    recount(work.task.numbers, draft)
+    n = int(draft.size[0])
+    weight = work.task.numbers.weight
+    alone = []
+    for k in range(n):
+        number = draft.slot[k]
+        seen = draft.lists[number, : draft.sizes[number]]
+        alone.append(float(weight[seen[draft.counts[seen] == 1]].sum()))
+    return Route(np.delete(chain.route.waypoints_m, int(np.argmin(alone)), axis=0))

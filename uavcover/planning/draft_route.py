@@ -1,0 +1,140 @@
+"""What the local search works on: a site's numbers for its kernels, and a route laid out for changes."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.kernels.coverage import CONE, Sight
+from uavcover.kernels.draft import ALONG_PATH, AT_WAYPOINTS, WIDEST, Draft, Room, Task, recount
+from uavcover.kernels.spans import horizontal_reach
+from uavcover.model.route import Route
+from uavcover.site import Site
+
+FloatArray = NDArray[np.float64]
+
+_MOST_WAYPOINTS = 60_000
+"""A cell is counted in 16 bits."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalTask:
+    """The kernels' view of a site.
+
+    Attributes:
+        numbers: for :mod:`uavcover.kernels.annealing`.
+        reach_m: how far the sensor sees on the map from the middle of the allowed band.
+        stride: most cells that a span may see.
+    """
+
+    numbers: Task
+    reach_m: float
+    stride: int
+
+    @property
+    def free_order(self) -> bool:
+        """Whether waypoints may be visited in any order: nothing is seen and nothing is limited between them."""
+        return self.numbers.sensing == AT_WAYPOINTS and self.numbers.room.legs == 0
+
+
+def local_task(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> LocalTask:
+    """A site as the kernels take it; only cells that can be covered at all count.
+
+    Args:
+        coverage: the cells to count on.
+        margin_m: the sensor sees this much less far on the map, so that a route does not live off the very places of the
+            cells' centres.
+        reach_m: horizontal radius that the sensor sees from a usual height.
+    """
+    site = coverage.site
+    scenario = site.scenario
+    weight = np.where(coverage.coverable, coverage.grid.weight_m2, 0.0)
+    weight /= max(float(weight.sum()), 1e-300)
+    weight.flags.writeable = False
+    sight = narrowed(coverage.sight, margin_m=margin_m, reach_m=reach_m)
+    sensing = ALONG_PATH if scenario.sensor.sensing == "along-path" else AT_WAYPOINTS
+    numbers = Task(
+        site.ground.surface,
+        sight,
+        coverage.grid.cells,
+        weight,
+        float(scenario.sensor.sample_spacing_m),
+        sensing,
+        _room(site),
+    )
+    across = 2.0 * horizontal_reach(sight) / coverage.grid.cells.size_m + 1.0
+    cells_at_once = 0.25 * math.pi * (across + 1.0) ** 2
+    # A leg of up to eight radii; longer ones are cut.
+    stride = int(cells_at_once) + 8 if sensing == AT_WAYPOINTS else int(cells_at_once + 4.0 * across * across) + 8
+    return LocalTask(numbers, reach_m, min(stride, coverage.grid.count))
+
+
+def narrowed(sight: Sight, *, margin_m: float, reach_m: float) -> Sight:
+    """A sensor that sees ``margin_m`` less far on the map, for a cone from where it sees ``reach_m``."""
+    share = max(0.1, 1.0 - margin_m / max(reach_m, 1e-9))
+    if sight.kind == CONE:
+        return sight._replace(tan_half_fov=sight.tan_half_fov * share)
+    return sight._replace(reach_m=sight.reach_m * share)
+
+
+def _room(site: Site) -> Room:
+    limits = site.scenario.limits
+    fence = np.ascontiguousarray(shapely.get_coordinates(shapely.get_exterior_ring(site.fence))[:-1], dtype=float)
+    # Height above sea level less up: smallest at the origin, largest at the far corners, where the Earth has curved away.
+    places = np.column_stack([np.vstack([fence, [[0.0, 0.0]]]), np.zeros(len(fence) + 1)])
+    sea = site.alts_amsl_m(places)
+    lowest = -math.inf if limits.min_alt_amsl_m is None else limits.min_alt_amsl_m - float(sea.min())
+    highest = math.inf if limits.max_alt_amsl_m is None else limits.max_alt_amsl_m - float(sea.max())
+    return Room(
+        lowest_agl_m=limits.min_height_agl_m + limits.height_margin_m,
+        highest_agl_m=limits.max_height_agl_m - limits.height_margin_m,
+        lowest_up_m=lowest,
+        highest_up_m=highest,
+        max_slope=math.tan(math.radians(limits.max_climb_angle_deg)),
+        legs=1 if limits.applies_to == "legs" else 0,
+        fence_m=fence,
+    )
+
+
+def draft_of(task: LocalTask, route: Route, *, capacity: int) -> Draft:
+    """A route laid out for changes and counted; legs that see more cells than a list holds are cut in equal parts.
+
+    Args:
+        task: what is looked at.
+        route: one waypoint at least.
+        capacity: most waypoints that it may grow to; more when the route has more already.
+    """
+    points = np.array(route.waypoints_m)
+    while True:
+        draft = _empty(task, points, capacity)
+        if recount(task.numbers, draft):
+            return draft
+        points = _halved(points)
+
+
+def _empty(task: LocalTask, points: FloatArray, capacity: int) -> Draft:
+    rows = min(max(capacity, len(points)), _MOST_WAYPOINTS)
+    lists = rows + WIDEST + 1
+    draft = Draft(
+        route=np.zeros((rows, 3)),
+        size=np.array([len(points)], dtype=np.int64),
+        slot=np.arange(lists, dtype=np.int64),
+        lists=np.zeros((lists, task.stride), dtype=np.int32),
+        sizes=np.zeros(lists, dtype=np.int64),
+        counts=np.zeros(task.numbers.weight.size, dtype=np.uint16),
+        seen=np.zeros(1),
+        fresh=np.zeros((WIDEST, 3)),
+    )
+    draft.route[: len(points)] = points
+    return draft
+
+
+def _halved(points: FloatArray) -> FloatArray:
+    """(2 n - 1, 3) points with the middle of every leg between them."""
+    out = np.empty((2 * len(points) - 1, 3))
+    out[::2] = points
+    out[1::2] = 0.5 * (points[1:] + points[:-1])
+    return out

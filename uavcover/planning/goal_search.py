@@ -1,0 +1,125 @@
+"""Local search for the shortest route that reaches a coverage."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from uavcover.kernels.annealing import Prices
+from uavcover.model.route import Route
+from uavcover.planning.draft_route import draft_of
+from uavcover.planning.local_search import CHAINS, Chain, Work
+
+LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
+"""Goals that are searched for besides the one that is asked for, so that there is something to choose from."""
+
+SAFETY = 0.001
+"""Share of the coverage by which a route is to reach more than its goal on the cells it is judged on: other cells see less."""
+
+_STAGES = (0.5, 0.85, 1.0)
+_MAIN_SHARE = 0.7
+_COVERAGE_PRICE = 10.0
+_WAYPOINT_PRICE = 0.03
+_LARGEST_STEP = 0.4
+_HOTTEST = 4e-4
+_HOTTEST_FREE = 2e-3
+_COLDEST = 1e-5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """A route to begin with, that keeps the limits.
+
+    Attributes:
+        route: its waypoints.
+        seen: share of what can be covered that it sees on the planner's cells.
+    """
+
+    route: Route
+    seen: float
+
+
+def search_goals(
+    work: Work,
+    starts: Sequence[Start],
+    *,
+    asked: float | None,
+    capacity: int,
+    until: float,
+    judged_coverage: Callable[[Route], float],
+    found: Callable[[Route], None],
+) -> None:
+    """Shortest routes for the goals of the ladder, or above all for the one that is asked for.
+
+    Args:
+        work: what is looked at, and how much may be done.
+        starts: one at least.
+        asked: share of what can be covered that the selection rule asks for, if it does.
+        capacity: most waypoints.
+        until: share of all the work, 0..1, after which this search ends.
+        judged_coverage: of a route, on the cells it is judged on: the goal on the planner's cells is corrected by it.
+        found: told every route worth judging.
+    """
+    begin = work.pace.fraction
+    goals = [goal for goal in LADDER if asked is None or abs(goal - asked) > 0.002]
+    main = 0.0 if asked is None else _MAIN_SHARE
+    known = list(starts)
+    if asked is not None:
+        end = begin + main * (until - begin)
+        known += _search_goal(work, known, asked, capacity, (begin, end), judged_coverage, found)
+    each = (1.0 - main) * (until - begin) / len(goals)
+    # From the highest: what reaches more is a good beginning for what may see less.
+    for number, goal in enumerate(reversed(goals)):
+        at = begin + main * (until - begin) + number * each
+        known += _search_goal(work, known, goal, capacity, (at, at + each), judged_coverage, found)
+
+
+def _search_goal(
+    work: Work,
+    starts: Sequence[Start],
+    goal: float,
+    capacity: int,
+    share: tuple[float, float],
+    judged_coverage: Callable[[Route], float],
+    found: Callable[[Route], None],
+) -> list[Start]:
+    """One goal, in stages: after each the goal is corrected and both chains go on from the better one."""
+    begin, end = share
+    aim = min(1.0, goal + SAFETY)
+    ranked = sorted(starts, key=lambda start: _merit(start, goal))
+    if work.stopped or work.pace.fraction >= end:
+        return []
+    chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity, 1.0) for k in range(CHAINS)]
+    out: list[Start] = []
+    for number, stage in enumerate(_STAGES):
+        more = work.run(chains, until=begin + stage * (end - begin))
+        best = min(chains, key=lambda chain: chain.energy)
+        for chain in chains:
+            found(chain.route)
+        out.append(Start(best.route, best.seen))
+        if not more or work.stopped:
+            break
+        if number + 1 < len(_STAGES):
+            judged = judged_coverage(best.route)
+            # What the planner's cells see too little or too much, as far as it can be corrected.
+            aim = min(1.0, max(0.0, best.seen + goal + SAFETY - judged))
+            chains = [_chain(work, best.route, aim, capacity, 0.3**k) for k in range(CHAINS)]
+    return out
+
+
+def _merit(start: Start, goal: float) -> float:
+    return start.route.length_m * (1.0 + _COVERAGE_PRICE * max(0.0, goal - start.seen))
+
+
+def _chain(work: Work, route: Route, goal: float, capacity: int, heat: float) -> Chain:
+    length_m = max(route.length_m, work.task.reach_m)
+    hottest = _HOTTEST_FREE if work.task.free_order else _HOTTEST
+    fewest = 1 if work.task.free_order else 2
+    draft = draft_of(work.task, route, capacity=capacity)
+    return Chain(
+        draft=draft,
+        prices=Prices(1.0, _WAYPOINT_PRICE * work.task.reach_m, _COVERAGE_PRICE * length_m, goal),
+        hottest=heat * hottest * length_m,
+        coldest=_COLDEST * length_m,
+        step_m=_LARGEST_STEP * work.task.reach_m,
+        fewest=fewest,
+        most=max(capacity, fewest),
+    )

@@ -1,0 +1,196 @@
+"""The local search of the memetic planner: what the optimizer and the baselines found is improved, change by change."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.coverage.sensors import reach_at_height_m
+from uavcover.kernels import route as route_kernels
+from uavcover.leg_checks import measure_violations
+from uavcover.model.route import Route
+from uavcover.model.scenario import PlannerSettings
+from uavcover.planning.baselines import best_height_agl_m
+from uavcover.planning.count_search import search_counts
+from uavcover.planning.draft_route import LocalTask, local_task
+from uavcover.planning.goal_search import Start, search_goals
+from uavcover.planning.local_search import (
+    CHAINS,
+    PROPOSALS_PER_EVALUATION,
+    Chain,
+    Pace,
+    PaceByClock,
+    PaceByNumber,
+    Work,
+)
+from uavcover.planning.search import Effort, Progress
+from uavcover.planning.selection import Rule
+from uavcover.site import Site
+
+MARGIN_CELLS = 0.3
+"""The planner's sensor sees this share of a planning cell less far than the real one, where other cells judge."""
+
+_COUNTS_SHARE = 0.5
+"""Share of the local search that goes over numbers of waypoints when the rule asks for a coverage."""
+
+_PATH_CAPACITY = 3
+_SPARE_WAYPOINTS = 100
+_LOCAL_SEARCH_STREAM = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Improved:
+    """What the local search gave.
+
+    Attributes:
+        routes: worth judging.
+        evaluations: its work, PROPOSALS_PER_EVALUATION proposals each.
+        interrupted: whether the user ended it.
+    """
+
+    routes: tuple[Route, ...]
+    evaluations: int
+    interrupted: bool
+
+
+def improve(
+    coverage: CoverageMap,
+    judging: CoverageMap,
+    routes: Sequence[Route],
+    *,
+    settings: PlannerSettings,
+    rule: Rule,
+    effort: Effort,
+    started: float,
+    evaluations_done: int,
+    executor: Executor | None,
+    should_stop: Callable[[], bool],
+    on_progress: Callable[[Progress], None],
+) -> Improved:
+    """Improve routes by local search.
+
+    Args:
+        coverage: on the planner's cells.
+        judging: on the cells by which routes are judged.
+        routes: found so far; those that break a limit are no beginning.
+        settings: encoding, capacity and seed.
+        rule: by which one route will be chosen: most of the work goes where it chooses.
+        effort: when to stop; evaluations that are done already count.
+        started: when planning began, by the effort's clock.
+        evaluations_done: by the optimizer.
+        executor: runs the chains side by side.
+        should_stop: asked between batches.
+        on_progress: told after every batch.
+    """
+    site = coverage.site
+    left = max(0, effort.evaluations - evaluations_done) if effort.budget_s is None else 1
+    starts = _starts(coverage, routes, settings)
+    if not starts or left == 0:
+        return Improved((), 0, interrupted=False)
+    task = _task(site, coverage, judging)
+    pace: Pace
+    if effort.budget_s is None:
+        pace = PaceByNumber(left * PROPOSALS_PER_EVALUATION)
+    else:
+        pace = PaceByClock(effort.now, started + effort.budget_s)
+    kept: list[Route] = []
+
+    def found(route: Route) -> None:
+        kept.append(_shortened(task, route))
+
+    show = _progress(coverage, pace, effort, evaluations_done, rule, on_progress)
+    seeds = np.random.SeedSequence([settings.seed, _LOCAL_SEARCH_STREAM]).spawn(CHAINS)
+    work = Work(
+        task,
+        pace,
+        [np.random.default_rng(seed) for seed in seeds],
+        executor,
+        should_stop,
+        lambda chains: show(work, chains),
+    )
+
+    def judged_coverage(route: Route) -> float:
+        return judging.share_of_coverable(judging.seen(route.waypoints_m))
+
+    asked = rule.required_coverage
+    counts_share = 0.0 if not task.free_order else 1.0 if asked is None else _COUNTS_SHARE
+    if counts_share < 1.0:
+        search_goals(
+            work, starts, asked=asked, capacity=_capacity(task, settings, starts), until=1.0 - counts_share,
+            judged_coverage=judged_coverage, found=found,
+        )  # fmt: skip
+    if counts_share > 0.0:
+        search_counts(work, starts, capacity=settings.max_waypoints, until=1.0, found=found)
+    return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
+
+
+def _starts(coverage: CoverageMap, routes: Sequence[Route], settings: PlannerSettings) -> list[Start]:
+    """The routes that keep the limits, and what they see of what can be covered."""
+    margin_m = coverage.site.scenario.limits.height_margin_m
+    legs = coverage.site.scenario.limits.applies_to == "legs"
+    # Over terrain there are waypoints between the nodes of the encoding, which its capacity does not count.
+    longest = settings.max_waypoints if settings.encoding == "waypoints" and not legs else None
+    fewest = 2 if legs else 1
+    return [
+        Start(route, coverage.share_of_coverable(coverage.seen(route.waypoints_m)))
+        for route in routes
+        if len(route) >= fewest
+        and (longest is None or len(route) <= longest)
+        and measure_violations(coverage.site, route.waypoints_m, margin_m=margin_m).total <= 0.0
+    ]
+
+
+def _task(site: Site, coverage: CoverageMap, judging: CoverageMap) -> LocalTask:
+    cell_m = coverage.grid.cells.size_m
+    margin_m = 0.0 if judging is coverage else MARGIN_CELLS * cell_m
+    reach_m = max(reach_at_height_m(site.scenario.sensor, best_height_agl_m(site)), cell_m)
+    return local_task(coverage, margin_m=margin_m, reach_m=reach_m)
+
+
+def _capacity(task: LocalTask, settings: PlannerSettings, starts: Sequence[Start]) -> int:
+    if settings.encoding == "waypoints" and task.free_order:
+        return settings.max_waypoints
+    return _PATH_CAPACITY * max(len(start.route) for start in starts) + _SPARE_WAYPOINTS
+
+
+def _shortened(task: LocalTask, route: Route) -> Route:
+    """Where the order is free: by 2-opt and Or-opt from both ends, begun at the end that is nearer to the origin."""
+    if not task.free_order or len(route) < 2:
+        return route
+    points = route.waypoints_m
+    order = route_kernels.two_opt(points, np.arange(len(points)))
+    order = route_kernels.two_opt(points, np.ascontiguousarray(order[::-1]))
+    first, last = points[order[0]], points[order[-1]]
+    if np.linalg.norm(last) < np.linalg.norm(first):
+        order = order[::-1]
+    return Route(points[order])
+
+
+def _progress(
+    coverage: CoverageMap,
+    pace: Pace,
+    effort: Effort,
+    evaluations_done: int,
+    rule: Rule,
+    on_progress: Callable[[Progress], None],
+) -> Callable[[Work, Sequence[Chain]], None]:
+    """What tells ``on_progress`` after a batch."""
+    coverable = coverage.share(coverage.coverable)
+    asked = rule.required_coverage
+    best: list[float] = [0.0]
+    shortest: list[float] = []
+
+    def show(work: Work, chains: Sequence[Chain]) -> None:
+        evaluations = evaluations_done + work.proposals // PROPOSALS_PER_EVALUATION
+        best[0] = max(best[0], *(chain.seen * coverable for chain in chains))
+        if asked is not None:
+            shortest.extend(chain.route.length_m for chain in chains if chain.seen >= asked)
+            shortest[:] = [min(shortest)] if shortest else []
+        total = effort.evaluations
+        if effort.budget_s is not None:
+            total = max(evaluations, round(evaluations / max(pace.fraction, 1e-3)))
+        on_progress(Progress(evaluations, total, best[0], shortest[0] if shortest else None))
+
+    return show
