@@ -134,7 +134,8 @@ class Client(Connection):
             FormatError: the vehicle holds an item in a frame that mission_io does not know.
         """
         # A vehicle that keeps nothing about a download serves its items in any order.
-        any_order = self.vehicle.autopilot.download_blocks_s == 0.0
+        autopilot = self._known_autopilot()
+        any_order = autopilot is not None and autopilot.download_blocks_s == 0.0
         download = Download(mission_type=mission_type, any_order=any_order, **self._terms())
         interrupted = self._run(download, lambda: (download.received_count, download.count), progress, stop)
         if download.state is DownloadState.DONE:
@@ -156,7 +157,8 @@ class Client(Connection):
         for _ in range(_CLEAR_TRIES):  # an acknowledgement may be a late one of an earlier upload
             self._clear_once(mission_type)
             left = self.download(mission_type)
-            home_stays = self.vehicle.autopilot.home_in_item_0 and mission_type is MissionType.MISSION
+            autopilot = self._known_autopilot()
+            home_stays = autopilot is not None and autopilot.home_in_item_0 and mission_type is MissionType.MISSION
             if len(left) <= int(home_stays):
                 return
         raise TransferError(
@@ -331,7 +333,9 @@ class Client(Connection):
 
     def _upload_failure(self, upload: Upload, items: Sequence[MissionItem]) -> TransferError:
         """The error for an upload that was not acknowledged, with what the vehicle holds now."""
-        autopilot, mission_type = self.vehicle.autopilot, upload.mission_type
+        autopilot, mission_type = self._known_autopilot(), upload.mission_type
+        if autopilot is None:
+            return self._error(f"upload of the {_name(mission_type)}", upload, "", "unknown")
         holds, held = held_by_design(upload, len(items), autopilot), None
         silent = upload.state is UploadState.SILENT
         nothing_began = upload.state is UploadState.REFUSED and upload.sent_count == 0
@@ -351,6 +355,13 @@ class Client(Connection):
         if silent and not isinstance(failure, TransferSilentError | TransferCancelledError):
             return TransferSilentError(f"{failure} (it fell silent)", vehicle_holds=holds)
         return failure
+
+    def _known_autopilot(self) -> Autopilot | None:
+        """What is known of the vehicle's autopilot; plain transfers work with any."""
+        try:
+            return self.vehicle.autopilot
+        except MisuseError:
+            return None
 
     def _error(
         self,
