@@ -5,7 +5,8 @@ Usage: .venv/bin/python scripts/close_gaps.py [-o docs/results/closing_gaps.md] 
 The scenario is planned once. For each seed a fifth of the legs is not recorded (chosen at random: the camera was off, or the
 log is lost); the gap mission is planned for what is missing, once up to the coverage that was planned and once for everything,
 compiled and flown by the mock vehicle in wind. Both tracks are then verified as one flight. Lengths are those of the whole
-missions, ways there and home included.
+missions, ways there and home included. Rows that are in the .csv already are kept, so a run that was ended goes on. On a machine
+that is too busy for a vehicle in real time a flight is begun again, up to four times.
 """
 
 import argparse
@@ -19,13 +20,14 @@ from pathlib import Path
 import numpy as np
 
 from uavcover import after_flight, pipeline
+from uavcover.errors import VehicleError
 from uavcover.mission_compiler import CompiledMission
 from uavcover.model.track import Track, TrackSample
 from uavcover.on_vehicle import connect, fly
 from uavcover.site import Site
 from uavcover.verification.phases import PlannedRoute
 
-SCENARIO, EVALUATIONS, MISSING_SHARE, SPEED = "jacksboro", 300, 0.2, 100.0
+SCENARIO, EVALUATIONS, MISSING_SHARE, SPEED, TRIES = "jacksboro", 300, 0.2, 60.0, 4
 COLUMNS = (
     "seed", "asked", "legs_missing", "flown", "planned", "together", "gap_mission_m", "share_of_first", "waypoints", "reached",
 )  # fmt: skip
@@ -45,7 +47,22 @@ def length_m(compiled: CompiledMission) -> float:
 
 
 def flown_by_mock(site: Site, compiled: CompiledMission) -> Track:
-    """The track of the mock vehicle, wind and all."""
+    """The track of the mock vehicle, wind and all.
+
+    Raises:
+        VehicleError: it failed to fly in every try.
+    """
+    for left in reversed(range(TRIES)):
+        try:
+            return flown_once(site, compiled)
+        except VehicleError:
+            if left == 0:
+                raise
+    raise AssertionError
+
+
+def flown_once(site: Site, compiled: CompiledMission) -> Track:
+    """One flight."""
     samples: list[TrackSample] = []
     with connect("mock:", site, mock_speed=SPEED) as vehicle:
         pipeline.upload(vehicle.client, compiled)
@@ -105,6 +122,21 @@ def measure(site: Site, first: Flown, first_m: float, promised: float, seed: int
     )  # fmt: skip
 
 
+def kept_rows(out: Path | None) -> list[tuple[str, ...]]:
+    """Rows of an earlier run."""
+    if out is None or not out.with_suffix(".csv").exists():
+        return []
+    with out.with_suffix(".csv").open(newline="") as file:
+        return [tuple(row) for row in csv.reader(file)][1:]
+
+
+def save_rows(out: Path | None, rows: list[tuple[str, ...]]) -> None:
+    """Beside the Markdown file."""
+    if out is not None:
+        with out.with_suffix(".csv").open("w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
+
+
 def main() -> None:
     """Measure, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -118,11 +150,14 @@ def main() -> None:
     metrics = plan.chosen.metrics
     planned = PlannedRoute(plan.chosen.route.waypoints_m, metrics.coverage_fraction)
     first = Flown(flown_by_mock(site, compiled), planned)
-    rows = []
+    rows = kept_rows(arguments.out)
     for seed in range(arguments.seeds):
         for asked in ("planned", "everything"):
+            if any(row[:2] == (f"{seed}", asked) for row in rows):
+                continue
             rows.append(measure(site, first, first_m, metrics.coverage_of_coverable, seed, asked))
             print(*rows[-1], flush=True)
+            save_rows(arguments.out, rows)
     lines = [
         "| seed | asked for | legs missing | flown | planned | together | gap mission, m | of the first | waypoints | reached |",
         "|---:|---|---:|---:|---:|---:|---:|---:|---:|---|",
@@ -150,8 +185,6 @@ def main() -> None:
             "",
         ]
         arguments.out.write_text("\n".join(head + lines) + "\n")
-        with arguments.out.with_suffix(".csv").open("w", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ def close_gaps(
     command: Sequence[str],
 ) -> dict[str, Any]:
     """Write the gaps of a run and the mission that closes them, and say what it takes; returns the answer for ``--json``."""
+    after_flight.check_gap_request(min_area_m2=min_area_m2, target=target)
     site, verdict, sources = judge_run(run, console, logs=logs)
     report = verdict.report
     _say_gaps(console, report)

@@ -1,0 +1,131 @@
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+import shapely
+from rasterio.warp import transform
+
+from tests.cli.conftest import Cli, files
+from uavcover import pipeline
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.run_folder import RunFolder
+
+
+def without_legs(run: Path, first: int, last: int) -> None:
+    """Take the samples on the legs to these waypoints out of the track."""
+    with (run / "track.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    with (run / "track.csv").open("w") as file:
+        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(row for row in rows if not first <= int(row["current_waypoint"]) <= last)
+
+
+@pytest.fixture
+def torn(flown: Path) -> Path:
+    """A run whose track has lost some legs in its middle."""
+    count = len(json.loads((flown / "plan.json").read_text())["waypoints"])
+    without_legs(flown, count // 2, count // 2 + count // 8)
+    return flown
+
+
+def test_a_gap_mission_is_flown_and_both_tracks_reach_the_plan(cli: Cli, torn: Path) -> None:
+    before = cli("verify", torn, "--json").document
+    assert before["coverage_fraction"] < before["planned_coverage_fraction"] - 0.01
+    answer = cli("gaps", torn, "--json")
+    assert answer.code == 0
+    first_m = np.linalg.norm(np.diff(pipeline.compile_plan(*route_of(torn)).path_m, axis=0), axis=1).sum()
+    assert answer.document["path_length_m"] < 0.5 * first_m
+    assert answer.document["coverage_after"] > 0.999
+    assert (torn / "gap_mission.waypoints").read_bytes() == (torn / "gaps" / "mission.waypoints").read_bytes()
+    assert cli("fly", torn / "gaps", "--to", "mock:", "--mock-speed", 200).code == 0
+    both = cli("verify", torn, "--log", torn / "track.csv", "--log", torn / "gaps" / "track.csv", "--json")
+    assert both.code == 0, both.out
+    assert both.document["coverage_fraction"] >= both.document["planned_coverage_fraction"]
+    assert both.document["planned_coverage_fraction"] == before["planned_coverage_fraction"]
+    assert both.document["track"] == "track.csv, gaps/track.csv"
+    assert both.document["violations"] == []
+    # The gap mission's own plan is what its track is compared with.
+    assert both.document["max_deviation_m"] < 10.0
+
+
+def route_of(run: Path):  # type: ignore[no-untyped-def]
+    site, planned = pipeline.read_planned(RunFolder(run))
+    return site, planned.route
+
+
+def test_the_gaps_as_geojson_are_where_the_verdict_says(cli: Cli, torn: Path) -> None:
+    verdict = cli("verify", torn, "--json").document
+    assert cli("gaps", torn).code == 0
+    features = json.loads((torn / "gaps.geojson").read_text())["features"]
+    assert len(features) == len(verdict["gaps"])
+    for feature, gap in zip(features, verdict["gaps"], strict=True):
+        assert feature["properties"]["reason"] == gap["reason"]
+        shape = shapely.geometry.shape(feature["geometry"])
+        assert shape.is_valid
+        assert shape.convex_hull.buffer(1e-6).contains(shapely.Point(gap["lon_deg"], gap["lat_deg"]))
+        # 5 m cells: map area against the number of cells, a degree of latitude being 111 km.
+        area_m2 = shape.area * 111.0e3 * 111.32e3 * np.cos(np.radians(gap["lat_deg"]))
+        assert area_m2 == pytest.approx(25.0 * gap["cells"], rel=0.005)
+
+
+def test_the_raster_lies_on_the_cells_and_says_what_the_verdict_says(cli: Cli, torn: Path) -> None:
+    verdict = cli("verify", torn, "--json").document
+    site, _ = route_of(torn)
+    coverage = CoverageMap(site, cell_size_m=5.0)
+    with rasterio.open(torn / "coverage.tif") as raster:
+        looks, reason = raster.read(1), raster.read(raster.count)
+        assert raster.descriptions == (
+            "looks", "first_seen_s", "ground_sample_m", "incidence_deg", "distance_m", "sureness", "reason",
+        )  # fmt: skip
+        inside = np.isfinite(looks)
+        assert inside.sum() == coverage.grid.count == verdict["cells"]["count"]
+        assert (looks[inside] > 0).sum() == verdict["cells"]["seen"]
+        assert looks[inside].max() == verdict["cells"]["looks_max"]
+        np.testing.assert_array_equal(reason[inside] == 0, looks[inside] > 0)
+        centres = coverage.grid.cells.centre_m[:: coverage.grid.count // 50]
+        assert site.frame is not None
+        lat, lon, _ = site.frame.geodetic_from_enu(centres)
+        x, y = transform("EPSG:4326", raster.crs, lon, lat)
+        rows, columns = rasterio.transform.rowcol(raster.transform, x, y, op=lambda value: value)
+        lattice = coverage.grid.cells
+        np.testing.assert_allclose(columns, (centres[:, 0] - lattice.east0_m) / 5.0 + 0.5, atol=0.01)
+        from_north = lattice.lattice.shape[0] - 1 - (centres[:, 1] - lattice.north0_m) / 5.0
+        np.testing.assert_allclose(rows, from_north + 0.5, atol=0.01)
+
+
+def test_enough_and_small_gaps(cli: Cli, torn: Path) -> None:
+    everything = cli("gaps", torn, "--json").document
+    enough = cli("gaps", torn, "--target", 0.985, "--force", "--json").document
+    assert enough["path_length_m"] < everything["path_length_m"]
+    assert enough["coverage_after"] >= 0.985
+    nothing = cli("gaps", torn, "--min-area", 1e9, "--force", "--json").document
+    assert nothing["mission"] is None
+    reached = cli("gaps", torn, "--target", 0.5, "--force")
+    assert reached.code == 0
+    assert "nothing to close" in reached.out
+
+
+def test_an_older_gap_mission_is_not_overwritten(cli: Cli, torn: Path) -> None:
+    assert cli("gaps", torn).code == 0
+    ended = cli("gaps", torn)
+    assert ended.code == 2
+    assert "--force" in ended.error or "--force" in ended.err
+    assert cli("gaps", torn, "--force").code == 0
+
+
+@pytest.mark.parametrize(("option", "value"), [("--target", 1.5), ("--target", 0.0), ("--min-area", -1.0)])
+def test_arguments_out_of_range(cli: Cli, torn: Path, option: str, value: float) -> None:
+    ended = cli("gaps", torn, option, value)
+    assert ended.code == 2
+    assert str(value) in ended.err
+    assert "gaps" not in files(torn)
+
+
+def test_nothing_flown(cli: Cli, planned: Path) -> None:
+    ended = cli("gaps", planned)
+    assert ended.code == 2
+    assert "uavcover fly" in ended.error
