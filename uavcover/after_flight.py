@@ -157,6 +157,18 @@ class GapMission:
     coverage_after: float
 
 
+def check_gap_request(*, min_area_m2: float, target: float | None) -> None:
+    """Refuse what cannot be asked of a gap mission.
+
+    Raises:
+        InputError: an area below 0, or a target outside 0..1.
+    """
+    if not min_area_m2 >= 0.0 or not math.isfinite(min_area_m2):
+        raise InputError(f"min area: {min_area_m2} square metres must not be negative")
+    if target is not None and not 0.0 < target <= 1.0:
+        raise InputError(f"target: {target} is a share of the coverable area, above 0 and at most 1")
+
+
 def plan_gap_mission(
     site: Site, verdict: Verdict, *, min_area_m2: float = 0.0, target: float | None = None
 ) -> GapMission:
@@ -172,10 +184,7 @@ def plan_gap_mission(
         InputError: an argument is out of range, or the site has no home.
         InfeasibleError: there is nothing to close, or no checked mission for it.
     """
-    if not min_area_m2 >= 0.0 or not math.isfinite(min_area_m2):
-        raise InputError(f"min area: {min_area_m2} square metres must not be negative")
-    if target is not None and not 0.0 < target <= 1.0:
-        raise InputError(f"target: {target} is a share of the coverable area, 0..1")
+    check_gap_request(min_area_m2=min_area_m2, target=target)
     if site.home_m is None:
         raise InputError(
             f"scenario {site.scenario.name}: has no [home]; a mission needs the place to take off and land"
