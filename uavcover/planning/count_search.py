@@ -12,16 +12,16 @@ from uavcover.planning.draft_route import draft_of
 from uavcover.planning.goal_search import Start
 from uavcover.planning.local_search import CHAINS, Chain, Work
 
-_SPREAD_UNTIL = 0.25
-_SQUEEZE_UNTIL = 0.7
-_ATTEMPT = 0.09
+_SPREAD_UNTIL = 0.2
+_SQUEEZE_UNTIL = 0.75
+_ATTEMPT = 0.11
 _FULL = 1.0 - 1e-9
 
 _HOTTEST_CELLS = 1.2
 _COLDEST_CELLS = 0.012
 _LENGTH_PRICES = (0.04, 1.0)
 """Price of a sensor's radius of way, in cells: first where coverage is all that counts, then where the way counts too."""
-_WAYPOINT_PRICE_CELLS = 0.4
+_WAYPOINT_PRICE_CELLS = 1.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ def search_counts(
     """Routes with ever fewer waypoints, each with as much coverage as annealing finds.
 
     1. Spread: a waypoint has a price, so as many come in as are worth it.
-    2. Squeeze: while all is seen, one waypoint less; otherwise the same number again.
+    2. Squeeze: until all is seen, one waypoint more; while it is, one less; then the same number again.
     3. Sweep: down to one waypoint, once for coverage alone and once with the way in mind.
 
     Args:
@@ -70,10 +70,13 @@ def search_counts(
     chains = _chains(work, [ranked[k % len(ranked)].route for k in range(CHAINS)], _SPREAD, capacity=capacity)
     more = work.run(chains, until=at(_SPREAD_UNTIL))
     best = _better(chains, found)
+    full = False
     while more and work.pace.fraction < at(_SQUEEZE_UNTIL):
         fewer = best.seen >= _FULL and len(best.route) > 1
+        full = full or fewer
         route = _without_least(work, best) if fewer else best.route
-        chains = _chains(work, [route] * CHAINS, _SQUEEZE)
+        more_room = None if full else min(len(route) + 1, capacity)
+        chains = _chains(work, [route] * CHAINS, _SQUEEZE, capacity=more_room)
         more = work.run(chains, until=min(work.pace.fraction + _ATTEMPT * (until - begin), at(_SQUEEZE_UNTIL)))
         tried = _better(chains, found)
         # From fewer waypoints there is no way back, also when they do not see all: what saw all is found already.

@@ -1,0 +1,184 @@
+"""What the local search and the optimizer contribute, at equal processor time, and how fast the local search is.
+
+Usage: .venv/bin/python scripts/bench_planning_limit.py [-o docs/results/planning_limit.md] [--seeds 3] [--budget 6] [--only NAME]
+
+One thread; the budget is processor time, so that other work on the machine does not count. Coverage is judged on the area's own
+cells and, for jacksboro, on a hold-out that no planner saw: cells of half that size, shifted by half of one. Each finished run
+is a row of the .csv beside the table; run again after a stop, it goes on with what is missing.
+"""
+
+import argparse
+import csv
+import dataclasses
+import datetime
+import platform
+import statistics
+import time
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from uavcover import pipeline
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.coverage.sensors import reach_at_height_m
+from uavcover.kernels.annealing import Prices, Schedule, anneal
+from uavcover.model.route import RouteMember
+from uavcover.planning.baselines import best_height_agl_m, plain_boustrophedon
+from uavcover.planning.draft_route import draft_of, local_task
+from uavcover.planning.planner import Effort, plan_routes
+from uavcover.planning.swaths import fly_layout
+from uavcover.planning.waypoint_encoding import WaypointEncoding
+from uavcover.site import Site
+
+CASES = (
+    ("jacksboro", "coverage>=0.98", 0, ("memetic", "local-search", "imodbo")),
+    ("paper-r1", "max-coverage", 60, ("memetic", "local-search", "imodbo")),
+    ("paper-r1", "max-coverage", 40, ("memetic",)),
+    ("paper-R2", "max-coverage", 60, ("memetic",)),
+    ("paper-planar", "max-coverage", 60, ("memetic",)),
+)
+COLUMNS = (
+    "scenario", "rule", "max_waypoints", "budget_cpu_s", "algorithm", "seed", "version", "date", "evaluations", "made_by",
+    "coverage", "holdout_coverage", "violation", "waypoints", "length_m", "fewest_full", "fewest_full_length_m",
+    "best_baseline_length_m",
+)  # fmt: skip
+
+Row = dict[str, str]
+
+
+def run_case(scenario: str, rule: str, most: int, algorithm: str, seed: int, budget_s: float) -> Row:
+    """One run as a row."""
+    site = pipeline.load_site(scenario)
+    changes = {"algorithm": algorithm, "seed": seed} | ({"max_waypoints": most} if most else {})
+    settings = dataclasses.replace(site.scenario.planner, **changes)
+    effort = Effort(settings.evaluations, budget_s, time.process_time)
+    plan = plan_routes(site, settings=settings, select_rule=rule, effort=effort)
+    chosen = plan.chosen.metrics
+    full = [m for m in plan.members if m.metrics.coverage_of_coverable >= 1.0 - 1e-12]
+    fewest = min(full, key=lambda m: (m.metrics.waypoint_count, m.metrics.path_length_m), default=None)
+    asked = float(rule.removeprefix("coverage>=")) if rule.startswith("coverage>=") else 2.0
+    reached = [b.metrics.path_length_m for b in plan.baselines if b.metrics.coverage_of_coverable >= asked]
+    values = (
+        scenario, rule, most, budget_s, algorithm, seed, pipeline.metadata.version("uavcover"),
+        datetime.date.today().isoformat(), plan.evaluations, plan.chosen.origin, chosen.coverage_of_coverable,
+        holdout_coverage(site, plan.chosen) if scenario == "jacksboro" else "", plan.chosen.violation,
+        chosen.waypoint_count, chosen.path_length_m,
+        fewest.metrics.waypoint_count if fewest else "", fewest.metrics.path_length_m if fewest else "",
+        min(reached) if reached else "",
+    )  # fmt: skip
+    return dict(zip(COLUMNS, map(str, values), strict=True))
+
+
+def holdout_coverage(site: Site, member: RouteMember) -> float:
+    """Share of the area on cells of half the size, shifted by half of one."""
+    cell_m = 0.5 * site.scenario.area.cell_size_m
+    west, south, east, north = site.area.bounds
+    inner = shapely.intersection(site.area, shapely.box(west + 0.5 * cell_m, south + 0.5 * cell_m, east, north))
+    holdout = CoverageMap(dataclasses.replace(site, area=inner), cell_size_m=cell_m)
+    return holdout.share(holdout.seen(member.route.waypoints_m))
+
+
+def measure_speed(scenario: str, proposals: int) -> tuple[float, float]:
+    """Proposals a second of processor time, and how many of them one full count of the cells costs."""
+    site = pipeline.load_site(scenario)
+    coverage = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
+    reach_m = reach_at_height_m(site.scenario.sensor, best_height_agl_m(site))
+    task = local_task(coverage, margin_m=0.0, reach_m=reach_m)
+    if site.scenario.planner.encoding == "swaths":
+        route = fly_layout(site, plain_boustrophedon(site))
+    else:
+        encoding = WaypointEncoding(site, capacity=40, order="improved", reference_m=np.zeros(3))
+        genes = np.random.default_rng(1).uniform(encoding.lower, encoding.upper)
+        genes[3::4] = 1.0
+        route = encoding.decode(genes)
+    capacity = max(60, 3 * len(route))
+    draft = draft_of(task, route, capacity=capacity)
+    prices = Prices(1.0, 0.03 * reach_m, 10.0 * route.length_m, 1.0)
+    heat = 4e-4 * route.length_m
+    rng = np.random.default_rng(1)
+    anneal(task.numbers, prices, Schedule(proposals // 10, heat, heat, 0.4 * reach_m, 2, capacity), draft, rng)
+    begin = time.process_time()
+    anneal(task.numbers, prices, Schedule(proposals, heat, heat, 0.4 * reach_m, 2, capacity), draft, rng)
+    each_s = (time.process_time() - begin) / proposals
+    coverage.seen(route.waypoints_m)
+    begin = time.process_time()
+    for _ in range(20):
+        coverage.seen(route.waypoints_m)
+    return 1.0 / each_s, (time.process_time() - begin) / 20 / each_s
+
+
+def summarise(rows: list[Row]) -> list[str]:
+    """The Markdown table: means, and the worst."""
+    lines = [
+        "| scenario, rule | most waypoints | algorithm | seeds | coverage (worst) | hold-out (worst) | waypoints "
+        "| length (worst) | fewest that see all, their length | best baseline |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for scenario, rule, most, algorithms in CASES:
+        for algorithm in algorithms:
+            key = (scenario, str(most), algorithm)
+            mine = [row for row in rows if (row["scenario"], row["max_waypoints"], row["algorithm"]) == key]
+            if mine:
+                lines.append(_line(f"{scenario}, {rule}", str(most or "-"), algorithm, mine))
+    return lines
+
+
+def _line(case: str, most: str, algorithm: str, mine: list[Row]) -> str:
+    def numbers(column: str) -> list[float]:
+        return [float(row[column]) for row in mine if row[column]]
+
+    coverage, holdout, length = numbers("coverage"), numbers("holdout_coverage"), numbers("length_m")
+    full = [f"{row['fewest_full']}, {float(row['fewest_full_length_m']):.1f}" for row in mine if row["fewest_full"]]
+    baseline = numbers("best_baseline_length_m")
+    cells = (
+        case, most, algorithm, str(len(mine)), f"{100 * statistics.mean(coverage):.2f} % ({100 * min(coverage):.2f})",
+        f"{100 * statistics.mean(holdout):.2f} % ({100 * min(holdout):.2f})" if holdout else "-",
+        f"{statistics.mean(numbers('waypoints')):.1f}", f"{statistics.mean(length):.1f} ({max(length):.1f})",
+        "; ".join(full) or "none", f"{min(baseline):.0f}" if baseline else "-",
+    )  # fmt: skip
+    return f"| {' | '.join(cells)} |"
+
+
+def main() -> None:
+    """Run what is missing, then write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/planning_limit.md"))
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--budget", type=float, default=6.0)
+    parser.add_argument("--only", help="one scenario")
+    arguments = parser.parse_args()
+    table = arguments.out.with_suffix(".csv")
+    rows = list(csv.DictReader(table.open())) if table.exists() else []
+    done = {(r["scenario"], r["max_waypoints"], r["algorithm"], r["seed"]) for r in rows}
+    for seed in range(1, arguments.seeds + 1):
+        for scenario, rule, most, algorithms in CASES:
+            for algorithm in algorithms:
+                wanted = arguments.only in (None, scenario)
+                if not wanted or (scenario, str(most), algorithm, str(seed)) in done:
+                    continue
+                rows.append(run_case(scenario, rule, most, algorithm, seed, arguments.budget))
+                print(rows[-1], flush=True)
+                with table.open("w", newline="") as file:
+                    writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+                    writer.writeheader()
+                    writer.writerows(rows)
+    speeds = ["| scenario | proposals a second | one full count of the cells costs as much as |", "|---|---|---|"]
+    for scenario in ("paper-r1", "paper-R2", "paper-planar", "jacksboro"):
+        rate, full = measure_speed(scenario, 20_000)
+        speeds.append(f"| {scenario} | {rate:,.0f} | {full:.0f} proposals |")
+    head = [
+        "# What optimizer and local search contribute",
+        "",
+        f"Command: `.venv/bin/python scripts/bench_planning_limit.py --seeds {arguments.seeds} --budget {arguments.budget:g}`, "
+        f"{datetime.date.today().isoformat()}, uavcover {pipeline.metadata.version('uavcover')}, Python "
+        f"{platform.python_version()}.",
+        "One thread, equal processor time; the budget holds for baselines, optimizer and local search. Means over the",
+        "seeds, in brackets the worst. Lengths in metres (jacksboro) or the paper's units. Every run is a row of the .csv.",
+        "",
+    ]
+    arguments.out.write_text("\n".join([*head, *summarise(rows), "", *speeds]) + "\n")
+
+
+if __name__ == "__main__":
+    main()
