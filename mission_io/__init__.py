@@ -28,7 +28,9 @@ from mission_io.errors import (
     LinkError,
     MissionIoError,
     MisuseError,
+    TransferCancelledError,
     TransferError,
+    TransferInterrupted,
     TransferSilentError,
     VehicleSilentError,
 )
@@ -51,6 +53,7 @@ from mission_io.items import (
     waypoint,
 )
 from mission_io.link import Link, UdpLink, open_link, register_endpoint
+from mission_io.presets import LINK_PRESETS, LinkPreset, link_preset
 from mission_io.protocol.exchange import Address, Timing
 from mission_io.protocol.server import ListChanged, MissionServer
 from mission_io.signing import SigningKey
@@ -61,6 +64,7 @@ __all__ = [
     "ARDUPILOT",
     "ARDUPILOT_PLANE",
     "ARDUPILOT_ROVER",
+    "LINK_PRESETS",
     "PX4",
     "Action",
     "Address",
@@ -80,6 +84,7 @@ __all__ = [
     "LatLon",
     "Link",
     "LinkError",
+    "LinkPreset",
     "LinkStatistics",
     "ListChanged",
     "Mission",
@@ -93,7 +98,9 @@ __all__ = [
     "SigningKey",
     "SpeedType",
     "Timing",
+    "TransferCancelledError",
     "TransferError",
+    "TransferInterrupted",
     "TransferSilentError",
     "UdpLink",
     "VehicleInfo",
@@ -109,6 +116,7 @@ __all__ = [
     "item_of",
     "items_of",
     "land",
+    "link_preset",
     "look_ahead",
     "look_at",
     "mission_from_wire",
