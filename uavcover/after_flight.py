@@ -53,9 +53,9 @@ def read_log(path: Path, site: Site) -> ReadTrack:
         return read_track_with_warnings(path)
     if ending == ".rrd":
         # Importing rerun takes a second that other logs need not wait for.
-        from uavcover.recording.reader import read_recorded_track
+        from uavcover.recording.reader import read_recorded_track_with_warnings
 
-        return ReadTrack(read_recorded_track(path), ())
+        return read_recorded_track_with_warnings(path)
     if ending not in READERS:
         raise InputError(
             f"{path}: {path.suffix or 'no ending'} is not a track that can be read; use {', '.join(LOG_ENDINGS)}"

@@ -16,6 +16,7 @@ def fly(
     mock_speed: Annotated[
         float, typer.Option(metavar="X", help="How fast the vehicle of mock: flies, times real time.")
     ] = 20.0,
+    live: Annotated[bool, typer.Option("--live", help="Show the flight in the rerun viewer while it goes on.")] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Replace the track, recording and verdict of an older flight.")
     ] = False,
@@ -36,10 +37,16 @@ def fly(
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     folder = RunFolder(run)
     site, planned = pipeline.read_planned(folder)
+    viewer_url = None
+    if live:
+        from uavcover.recording.viewer import open_live_viewer
+
+        viewer_url = open_live_viewer()
     # A vehicle that begins with this process holds nothing yet.
     outcome, document = fly_run(
         folder, site, planned.route, to, console,
         timeout_s=timeout_s, confirmed=yes, force=force, mock_speed=mock_speed, upload_first=to.startswith("mock:"),
+        viewer_url=viewer_url,
     )  # fmt: skip
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0

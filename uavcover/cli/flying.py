@@ -5,15 +5,13 @@ import time
 from typing import Any
 
 from uavcover import pipeline
-from uavcover.cli.console import Bar, Console, Interrupts
+from uavcover.cli.console import Console, Interrupts
+from uavcover.cli.flight_log import FlightLog, live_recording
 from uavcover.errors import OutputError, UavcoverError
-from uavcover.flight.events import EventKind, FlightEvent
 from uavcover.flight.fly import Ending, FlightOutcome
-from uavcover.flight.track_file import TrackWriter, read_track
+from uavcover.flight.track_file import read_track
 from uavcover.model.route import Route
-from uavcover.model.track import TrackSample
 from uavcover.on_vehicle import check_home, connect, fly, require_home
-from uavcover.recording import flight as recorded
 from uavcover.recording.writer import write_recording
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
@@ -26,65 +24,15 @@ ENDED_BY_USER = frozenset({Ending.RETURNED, Ending.LEFT_HOLDING, Ending.NOT_FLOW
 _FIRST_STOP = "stopping: hold, then home along checked legs; once more: hold and leave it; a third time: abort at once"
 
 
-class FlightLog:
-    """The track and the events of a flight, kept as they come.
-
-    ``track.csv`` begins with the first sample, so a flight that never began changes nothing in the run folder; then the
-    recording and the verdict of an older flight are removed. When the file cannot be written any more, the vehicle is
-    in the air: the flight is followed to its end, and the error comes after it.
-
-    Args:
-        run: where to.
-        overwrite: whether a track that is there may be replaced.
-        console: where events are told.
-        bar: shows the waypoints.
-        waypoint_count: of the planned route.
-    """
-
-    def __init__(self, run: RunFolder, *, overwrite: bool, console: Console, bar: Bar, waypoint_count: int) -> None:
-        self.events: list[FlightEvent] = []
-        self.error: OutputError | None = None
-        self.sample_count = 0
-        self._run, self._overwrite, self._console, self._bar = run, overwrite, console, bar
-        self._waypoint_count = waypoint_count
-        self._writer: TrackWriter | None = None
-
-    def take_sample(self, sample: TrackSample) -> None:
-        """Write a sample."""
-        if self.error is not None:
-            return
-        try:
-            if self._writer is None:
-                self._run.remove([name for name in pipeline.AFTER_FLIGHT_FILES if name != "track.csv"])
-                self._writer = TrackWriter(self._run.file("track.csv"), overwrite=self._overwrite)
-            self._writer.write(sample)
-            self.sample_count += 1
-        except OutputError as error:
-            self.error = error
-            self._console.warn(f"{error}; the flight goes on without a record")
-
-    def take_event(self, event: FlightEvent) -> None:
-        """Tell an event."""
-        self.events.append(event)
-        if event.kind is EventKind.WAYPOINT and event.waypoint is not None:
-            note = f"waypoint {event.waypoint} of {self._waypoint_count}"
-            self._bar.update(event.waypoint, total=self._waypoint_count, note=note)
-        elif event.kind is EventKind.WARNING:
-            self._console.warn(event.text)
-        else:
-            self._console.say(f"  {'' if event.time_s is None else f'{event.time_s:.1f} s '}{event.text}")
-
-    def close(self) -> None:
-        """Close the track."""
-        if self._writer is not None and self.error is None:
-            self._writer.close()
-
-
 def fly_run(
     run: RunFolder, site: Site, route: Route, url: str, console: Console,
     *, timeout_s: float, confirmed: bool, force: bool, mock_speed: float = 20.0, upload_first: bool = False,
+    viewer_url: str | None = None,
 ) -> tuple[FlightOutcome, dict[str, Any]]:  # fmt: skip
-    """Fly the route of a run, recording the track as it comes; the recording is written at the end, whatever the end."""
+    """Fly the route of a run, recording the track as it comes.
+
+    The recording grows with the flight, in the viewer at ``viewer_url`` too; whatever the end, then it is written anew, whole.
+    """
     require_home(site)
     pipeline.compile_plan(site, route)  # a bad leg is known before anybody is asked
     with (
@@ -97,7 +45,10 @@ def fly_run(
             check_home(vehicle, site, compiled)
             pipeline.upload(vehicle.client, compiled)
         with console.progress("flying", total=len(route)) as bar:
-            log = FlightLog(run, overwrite=force, console=console, bar=bar, waypoint_count=len(route))
+            log = FlightLog(
+                run, overwrite=force, console=console, bar=bar, waypoint_count=len(route), vehicle=vehicle,
+                live=live_recording(run, site, route, viewer_url=viewer_url),
+            )  # fmt: skip
             try:
                 outcome = fly(
                     vehicle, site, compiled,
@@ -148,11 +99,7 @@ def _write_recording(run: RunFolder, site: Site, route: Route, log: FlightLog, c
         write_recording(
             run.file("flight.rrd"), site=site, coverage=coverage, planned=route, track=track,
             first_seen_s=flown.first_seen_s,
-            events=[
-                recorded.FlightEvent(e.time_s, e.text, "WARN" if e.kind is EventKind.WARNING else "INFO")
-                for e in log.events
-                if e.time_s is not None
-            ],
+            events=log.recorded_events, states=log.states,
         )  # fmt: skip
     wall_s = time.monotonic() - started
     console.say(f"recorded: {run.file('track.csv')} and {run.file('flight.rrd')} ({wall_s:.1f} s)")

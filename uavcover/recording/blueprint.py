@@ -37,13 +37,13 @@ LEGEND_TEXT = """
 """
 
 
-def make_blueprint(site: Site, *, start_s: float, end_s: float) -> rrb.Blueprint:
+def make_blueprint(site: Site, *, span_s: tuple[float, float] | None) -> rrb.Blueprint:
     """The default blueprint of a recording.
 
     Args:
         site: decides on the camera, and on whether there is a map.
-        start_s: vehicle time at the start of the flight.
-        end_s: at its end.
+        span_s: vehicle time at the start and at the end of the flight; none for one that goes on, whose newest moment is
+            shown.
     """
     words: list[rrb.ContainerLike] = [
         _events_view(),
@@ -52,9 +52,10 @@ def make_blueprint(site: Site, *, start_s: float, end_s: float) -> rrb.Blueprint
     below: rrb.ContainerLike = rrb.Tabs(*words, active_tab=0)
     if site.frame is not None:
         below = rrb.Horizontal(_map_view(site), below)
-    whole = rr.TimeRange(
-        start=rrb.TimeRangeBoundary.absolute(seconds=start_s), end=rrb.TimeRangeBoundary.absolute(seconds=end_s)
-    )
+    whole = None
+    if span_s is not None:
+        start, end = (rrb.TimeRangeBoundary.absolute(seconds=at_s) for at_s in span_s)
+        whole = rr.TimeRange(start=start, end=end)
     root = rrb.Horizontal(
         _scene_view(site),
         rrb.Vertical(
@@ -81,8 +82,8 @@ def make_blueprint(site: Site, *, start_s: float, end_s: float) -> rrb.Blueprint
         rrb.TimePanel(
             state="collapsed",
             timeline=layout.TIMELINE,
-            playback_speed=max(1.0, (end_s - start_s) / PLAYED_IN_S),
-            play_state="playing",
+            playback_speed=1.0 if span_s is None else max(1.0, (span_s[1] - span_s[0]) / PLAYED_IN_S),
+            play_state="following" if span_s is None else "playing",
         ),
         auto_layout=False,
         auto_views=False,
@@ -126,12 +127,12 @@ def _scene_view(site: Site) -> rrb.Spatial3DView:
 
 
 def _series_view(
-    folder: str, name: str, whole: rr.TimeRange, value_range: tuple[float, float] | None = None
+    folder: str, name: str, whole: rr.TimeRange | None, value_range: tuple[float, float] | None = None
 ) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"{layout.SERIES}/{folder}",
         name=name,
-        axis_x=rrb.TimeAxis(view_range=whole),
+        axis_x=None if whole is None else rrb.TimeAxis(view_range=whole),
         axis_y=None if value_range is None else rrb.ScalarAxis(range=value_range),
         plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightBottom),
     )

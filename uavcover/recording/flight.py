@@ -159,6 +159,16 @@ def log_events(recording: rr.RecordingStream, events: Iterable[FlightEvent]) -> 
         )
 
 
+def name_series(recording: rr.RecordingStream, entity: str, *, name: str, rgb: layout.Rgb) -> None:
+    """Log name and colour of a series."""
+    log_static(recording, entity, rr.SeriesLines(names=[name], colors=[rgb], widths=[1.5]))
+
+
+def send_series(recording: rr.RecordingStream, entity: str, time_s: FloatArray, values: FloatArray) -> None:
+    """Send values of a series, both (n,)."""
+    recording.send_columns(entity, [time_column(time_s)], rr.Scalars.columns(scalars=values))
+
+
 def _log_series(
     recording: rr.RecordingStream,
     entity: str,
@@ -168,8 +178,8 @@ def _log_series(
     name: str,
     rgb: layout.Rgb,
 ) -> None:
-    log_static(recording, entity, rr.SeriesLines(names=[name], colors=[rgb], widths=[1.5]))
-    recording.send_columns(entity, [time_column(time_s)], rr.Scalars.columns(scalars=values))
+    name_series(recording, entity, name=name, rgb=rgb)
+    send_series(recording, entity, time_s, values)
 
 
 def _percent_seen(weight_m2: FloatArray, shown_s: FloatArray, ticks_s: FloatArray) -> FloatArray:

@@ -48,6 +48,9 @@ TRACK: Final = "/track"
 SAMPLE_COUNT: Final = "sample_count"
 """Static component of ``TRACK``: how many samples were written, by which a reader knows a recording that was cut off."""
 
+UNFINISHED: Final = "unfinished"
+"""Static component of ``TRACK`` in a recording that is being made while the vehicle flies."""
+
 CELL_NUMBERS: Final = "cell_numbers"
 """Static component of every coverage tile: which cells of the area its points are."""
 

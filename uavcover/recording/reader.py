@@ -1,5 +1,7 @@
 """Reading a recording without a viewer."""
 
+import struct
+import tempfile
 import warnings
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
@@ -9,14 +11,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rerun.chunk import Chunk, RrdReader
+from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 from rerun.error_utils import RerunWarning
 
-from uavcover.model.track import COLUMNS, Track
+from uavcover.model.track import COLUMNS, ReadTrack, Track
 from uavcover.recording import layout
 from uavcover.recording.errors import RecordingError
 
 Columns = dict[str, NDArray[Any]]
+
+_HEADER_BYTES = 12
+_FRAME = struct.Struct("<QQ")
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,37 +44,48 @@ class RecordingRow:
 
 
 def read_recorded_track(path: str | Path) -> Track:
+    """The track of a recording, exactly as it was written; see :func:`read_recorded_track_with_warnings`."""
+    return read_recorded_track_with_warnings(path).track
+
+
+def read_recorded_track_with_warnings(path: str | Path) -> ReadTrack:
     """The track of a recording, exactly as it was written.
+
+    Of a recording whose writer was killed in flight, the track up to about a second before, and a warning.
 
     Raises:
         RecordingError: no readable recording, cut off, or without a track.
     """
     parts: list[Columns] = []
     count: int | None = None
+    warning: tuple[str, ...] = ()
     for chunk in _chunks(Path(path)):
         if chunk.entity_path != layout.TRACK:
             continue
         if chunk.is_static:
             count = next((int(values[0]) for values in _columns(chunk, (layout.SAMPLE_COUNT,)).values()), count)
+            if _columns(chunk, (layout.UNFINISHED,)):
+                warning = (f"{path}: the recording ends in flight; what was recorded until then is used",)
         else:
             part = _columns(chunk, COLUMNS)
             parts += [part] if len(part) == len(COLUMNS) else []
-    if count is None or not parts:
+    if (count is None and not warning) or not parts:
         raise RecordingError(f"{path}: a recording, but without a track of uavcover")
     columns = {name: np.concatenate([part[name] for part in parts]) for name in COLUMNS}
     order = np.argsort(columns["time_s"], kind="stable")
-    if order.size != count:
+    if count is not None and order.size != count:
         raise RecordingError(
             f"{path}: the recording is damaged: {order.size} of {count} samples of the track are there"
         )
     columns = {name: values[order] for name, values in columns.items()}
-    return Track(
+    track = Track(
         time_s=columns["time_s"],
         geodetic=np.column_stack([columns[name] for name in COLUMNS[1:4]]),
         enu_m=np.column_stack([columns[name] for name in COLUMNS[4:7]]),
         attitude_deg=np.column_stack([columns[name] for name in COLUMNS[7:10]]),
         current_waypoint=columns["current_waypoint"].astype(np.int64),
     )
+    return ReadTrack(track, warning)
 
 
 def describe_recording(path: str | Path) -> list[RecordingRow]:
@@ -109,24 +125,62 @@ def check_finished(path: Path) -> None:
 
 
 def _chunks(path: Path) -> Iterator[Chunk]:
-    """All chunks of the first recording in a file, by the manifest at its end."""
+    """All chunks of the first recording in a file: by the manifest at its end, or one by one where it was being written."""
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
     try:
         with warnings.catch_warnings():
             # Of a file without a manifest rerun warns first; that it cannot be opened then says the same.
             warnings.simplefilter("ignore", RerunWarning)
-            reader = RrdReader(path)
-            if not reader.recordings():
-                raise RecordingError(f"{path}: no recording in this file")
-            chunks = reader.store().stream()
+            chunks = _whole_chunks(path)
         yield from chunks
     except (ValueError, OSError, RuntimeError) as error:
+        left = _chunks_until_cut(path)
+        if left:
+            yield from left
+            return
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RecordingError(
             f"{path}: not a whole rerun recording ({reason}); if its writer was killed, "
             f"`rerun rrd optimize {path} -o repaired.rrd` keeps what was written"
         ) from error
+
+
+def _whole_chunks(path: Path) -> LazyChunkStream:
+    reader = RrdReader(path)
+    if not reader.recordings():
+        raise RecordingError(f"{path}: no recording in this file")
+    return reader.store().stream()
+
+
+def _chunks_until_cut(path: Path) -> list[Chunk]:
+    """The chunks of a recording that was being made in flight, as far as its messages are whole; empty for another file."""
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore", RerunWarning)
+        whole = Path(folder) / "whole.rrd"
+        data = path.read_bytes()
+        whole.write_bytes(data[: whole_messages(data)])
+        try:
+            chunks = list(RrdReader(whole).stream())
+        except (ValueError, OSError, RuntimeError):
+            return []
+    begun = any(c.entity_path == layout.TRACK and c.is_static and _columns(c, (layout.UNFINISHED,)) for c in chunks)
+    return chunks if begun else []
+
+
+def whole_messages(data: bytes) -> int:
+    """How many bytes of a recording are its header and whole messages.
+
+    Each message follows its kind and its length, both little-endian 64-bit numbers, after a header of 12 bytes
+    (rerun-sdk 0.41, the version that wrote it).
+    """
+    end = _HEADER_BYTES
+    while end + _FRAME.size <= len(data):
+        _, length = _FRAME.unpack_from(data, end)
+        if end + _FRAME.size + length > len(data):
+            break
+        end += _FRAME.size + length
+    return end
 
 
 def _columns(chunk: Chunk, names: Iterable[str]) -> Columns:

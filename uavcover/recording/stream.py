@@ -1,6 +1,7 @@
 """Sending to a recording in an order that is the same every time."""
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
 from uavcover.recording.layout import TIMELINE
+from uavcover.site import Site
 
 
 def log_static(recording: rr.RecordingStream, entity: str, *parts: rr.AsComponents) -> None:
@@ -43,3 +45,19 @@ def any_values(values: Mapping[str, NDArray[Any]]) -> rr.AnyValues:
 def any_value_columns(columns: Mapping[str, NDArray[Any]]) -> rr.ComponentColumnList:
     """Components of our own by name, each (n,) with one value in a row."""
     return rr.AnyValues.columns(True, **columns)
+
+
+def application_id(site: Site) -> str:
+    """The application decides which blueprint the viewer applies, so it is one for each scenario."""
+    return f"uavcover_{site.scenario.name}"
+
+
+@contextlib.contextmanager
+def strict_mode() -> Iterator[None]:
+    """Wrong calls of rerun raise instead of being logged, inside the block only."""
+    before = rr.error_utils.strict_mode()
+    rr.set_strict_mode(True)
+    try:
+        yield
+    finally:
+        rr.set_strict_mode(before)

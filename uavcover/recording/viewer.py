@@ -45,12 +45,7 @@ def open_viewer(path: str | Path) -> None:
     """
     path = Path(path)
     check_finished(path)
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise RecordingError(
-            f"{path}: no screen here (neither DISPLAY nor WAYLAND_DISPLAY is set); make a picture with "
-            "`uavcover inspect RUN --screenshot FILE.png`, or copy the file to a machine with a screen and open it there "
-            "with `rerun flight.rrd`"
-        )
+    _require_screen(str(path))
     with tempfile.TemporaryFile() as log:
         process = _start_viewer([str(path), "--port", "auto"], log)
         # A viewer without a window system or driver ends within a second.
@@ -58,6 +53,36 @@ def open_viewer(path: str | Path) -> None:
             process.wait(timeout=3.0)
             if process.returncode != 0:
                 raise RecordingError(f"{path}: {_failure(log, process.returncode)}")
+
+
+def open_live_viewer() -> str:
+    """Open an empty viewer, a process of its own that outlives this one; returns the URL that a flight can be sent to.
+
+    Raises:
+        RecordingError: no screen, or no viewer that starts.
+    """
+    _require_screen("--live")
+    port = _free_port()
+    with tempfile.TemporaryFile() as log:
+        process = _start_viewer(["--port", str(port), "--hide-welcome-screen"], log)
+        deadline = time.monotonic() + _START_TIMEOUT_S
+        while time.monotonic() < deadline:
+            if process.poll() is not None:
+                raise RecordingError(f"--live: {_failure(log, process.returncode)}")
+            with contextlib.suppress(OSError), socket.create_connection((LOCAL_HOST, port), timeout=_POLL_S):
+                return f"rerun+http://{LOCAL_HOST}:{port}/proxy"
+            time.sleep(_POLL_S)
+        process.terminate()
+    raise RecordingError(f"--live: the viewer did not answer within {_START_TIMEOUT_S:.0f} s")
+
+
+def _require_screen(what: str) -> None:
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise RecordingError(
+            f"{what}: no screen here (neither DISPLAY nor WAYLAND_DISPLAY is set); make a picture with "
+            "`uavcover inspect RUN --screenshot FILE.png`, or copy the file to a machine with a screen and open it there "
+            "with `rerun flight.rrd`"
+        )
 
 
 def screenshot(path: str | Path, png: str | Path, *, at_share: float = 1.0) -> None:

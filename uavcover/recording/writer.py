@@ -4,7 +4,7 @@ import contextlib
 import hashlib
 import os
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from uavcover.recording.blueprint import LEGEND_TEXT, make_blueprint
 from uavcover.recording.errors import RecordingError
 from uavcover.recording.reader import check_finished
 from uavcover.recording.scene import log_scene
-from uavcover.recording.stream import log_static
+from uavcover.recording.stream import application_id, log_static, strict_mode
 from uavcover.recording.tiles import lift_m
 from uavcover.recording.vehicle import draw_vehicle, send_vehicle
 from uavcover.site import Site
@@ -63,11 +63,10 @@ def write_recording(
     """
     _check(coverage, track, first_seen_s)
     name = name or site.scenario.name
-    blueprint = make_blueprint(site, start_s=float(track.time_s[0]), end_s=float(track.time_s[-1]))
-    with _strict_mode():
-        # The application decides which blueprint the viewer applies, so it is one for each scenario.
+    blueprint = make_blueprint(site, span_s=(float(track.time_s[0]), float(track.time_s[-1])))
+    with strict_mode():
         recording = rr.RecordingStream(
-            f"uavcover_{site.scenario.name}", recording_id=_recording_id(name, track), send_properties=False
+            application_id(site), recording_id=_recording_id(name, track), send_properties=False
         )
         memory = recording.memory_recording()
         recording.send_blueprint(blueprint, make_active=False, make_default=True)
@@ -127,14 +126,3 @@ def _write_whole(path: Path, data: bytes) -> None:
     finally:
         with contextlib.suppress(OSError):
             unfinished.unlink(missing_ok=True)
-
-
-@contextlib.contextmanager
-def _strict_mode() -> Iterator[None]:
-    """Wrong calls of rerun raise instead of being logged, inside the block only."""
-    before = rr.error_utils.strict_mode()
-    rr.set_strict_mode(True)
-    try:
-        yield
-    finally:
-        rr.set_strict_mode(before)

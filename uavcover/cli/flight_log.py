@@ -1,0 +1,134 @@
+"""The record of a flight while it goes on: the track, the events, the growing recording."""
+
+import sys
+
+from mission_io import messages as m
+from uavcover import pipeline
+from uavcover.cli.console import Bar, Console
+from uavcover.errors import OutputError
+from uavcover.flight.events import EventKind, FlightEvent
+from uavcover.flight.track_file import TrackWriter
+from uavcover.model.route import Route
+from uavcover.model.track import TrackSample
+from uavcover.on_vehicle import Connected
+from uavcover.recording import flight as recorded
+from uavcover.recording.live import LiveRecording
+from uavcover.run_folder import RunFolder
+from uavcover.site import Site
+
+_GROWING = ".flight.rrd.growing"
+_STATE_EVERY_S = 1.0
+
+
+def live_recording(run: RunFolder, site: Site, route: Route, *, viewer_url: str | None) -> LiveRecording | None:
+    """The recording that grows with a flight, not yet under its own name; none on Windows, which has no ``/dev/fd``."""
+    if sys.platform == "win32":
+        return None
+    return LiveRecording(
+        run.file(_GROWING), site=site, coverage=pipeline.judging_map(site), planned=route, viewer_url=viewer_url
+    )
+
+
+class FlightLog:
+    """The track and the events of a flight, kept as they come.
+
+    ``track.csv`` and ``flight.rrd`` begin with the first sample, so a flight that never began changes nothing in the run
+    folder; then the recording and the verdict of an older flight are removed. When the track cannot be written any more,
+    the vehicle is in the air: the flight is followed to its end, and the error comes after it.
+
+    Args:
+        run: where to.
+        overwrite: whether a track that is there may be replaced.
+        console: where events are told.
+        bar: shows the waypoints.
+        waypoint_count: of the planned route.
+        vehicle: whose battery and link are recorded.
+        live: the recording that grows; none for the track alone.
+
+    Attributes:
+        events: what happened.
+        states: battery and link, once a second of vehicle time.
+        error: why the track ended before the flight did.
+        sample_count: of the track.
+    """
+
+    def __init__(
+        self, run: RunFolder, *, overwrite: bool, console: Console, bar: Bar, waypoint_count: int, vehicle: Connected,
+        live: LiveRecording | None,
+    ) -> None:  # fmt: skip
+        self.events: list[FlightEvent] = []
+        self.states: list[recorded.VehicleState] = []
+        self.error: OutputError | None = None
+        self.sample_count = 0
+        self._run, self._overwrite, self._console, self._bar = run, overwrite, console, bar
+        self._waypoint_count, self._vehicle, self._live = waypoint_count, vehicle, live
+        self._writer: TrackWriter | None = None
+
+    @property
+    def recorded_events(self) -> list[recorded.FlightEvent]:
+        """The events that have a time, for the recording."""
+        return [shown for event in self.events if (shown := _recorded(event)) is not None]
+
+    def take_sample(self, sample: TrackSample) -> None:
+        """Write a sample."""
+        if self.error is not None:
+            return
+        try:
+            if self._writer is None:
+                self._run.remove([name for name in pipeline.AFTER_FLIGHT_FILES if name != "track.csv"])
+                self._writer = TrackWriter(self._run.file("track.csv"), overwrite=self._overwrite)
+                if self._live is not None:
+                    self._live.rename(self._run.file("flight.rrd"))
+            self._writer.write(sample)
+            self.sample_count += 1
+        except OutputError as error:
+            self.error = error
+            self._console.warn(f"{error}; the flight goes on without a record")
+        if self._live is not None:
+            self._live.take_sample(sample)
+        if not self.states or sample.time_s - self.states[-1].time_s >= _STATE_EVERY_S:
+            self.states.append(self._state(sample.time_s))
+            if self._live is not None:
+                self._live.take_state(self.states[-1])
+
+    def take_event(self, event: FlightEvent) -> None:
+        """Tell an event."""
+        self.events.append(event)
+        shown = _recorded(event)
+        if self._live is not None and shown is not None:
+            self._live.take_event(shown)
+        if event.kind is EventKind.WAYPOINT and event.waypoint is not None:
+            note = f"waypoint {event.waypoint} of {self._waypoint_count}"
+            self._bar.update(event.waypoint, total=self._waypoint_count, note=note)
+        elif event.kind is EventKind.WARNING:
+            self._console.warn(event.text)
+        else:
+            self._console.say(f"  {'' if event.time_s is None else f'{event.time_s:.1f} s '}{event.text}")
+
+    def close(self) -> None:
+        """Close the track and the growing recording, which goes when the flight never began."""
+        if self._writer is not None and self.error is None:
+            self._writer.close()
+        if self._live is not None:
+            self._live.close()
+            if self._live.error is not None:
+                self._console.warn(self._live.error)
+            if self._writer is None:
+                self._run.remove([_GROWING])
+
+    def _state(self, time_s: float) -> recorded.VehicleState:
+        status, link = self._vehicle.monitor.latest(m.SysStatus), self._vehicle.client.statistics
+        percent = None if status is None else status.battery_remaining_percent
+        return recorded.VehicleState(
+            time_s=time_s,
+            battery_v=None if status is None else status.battery_v,
+            battery_percent=None if percent is None else float(percent),
+            frames_in=link.frames_in,
+            frames_lost=link.lost,
+        )
+
+
+def _recorded(event: FlightEvent) -> recorded.FlightEvent | None:
+    if event.time_s is None:
+        return None
+    return recorded.FlightEvent(event.time_s, event.text, "WARN" if event.kind is EventKind.WARNING else "INFO")

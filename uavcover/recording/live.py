@@ -1,0 +1,243 @@
+"""A recording that grows while the vehicle flies, in a file and, if wanted, in a viewer."""
+
+import contextlib
+import os
+import threading
+import uuid
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.errors import OutputError
+from uavcover.model.route import Route
+from uavcover.model.track import Track, TrackSample
+from uavcover.recording import flight, layout
+from uavcover.recording.blueprint import LEGEND_TEXT, make_blueprint
+from uavcover.recording.scene import log_scene
+from uavcover.recording.stream import any_value_columns, any_values, application_id, log_static, time_column
+from uavcover.recording.tiles import coverage_tiles, lift_m
+from uavcover.recording.vehicle import draw_vehicle, send_vehicle
+from uavcover.site import Site
+
+PERIOD_S = 0.5
+"""Between two writings: what is older than this, and a little, is in the file."""
+
+_READ_BYTES = 1 << 16
+
+
+class LiveRecording:
+    """The recording of a flight that goes on.
+
+    Samples, events and states are only put down here; a thread of its own sends them every ``PERIOD_S``, so that no
+    viewer and no disk holds up the flight. What goes wrong there is kept in ``error`` and ends the recording, not the flight.
+
+    The bytes go through a pipe that is always read. Rerun's own file sink would wait for ever when the disk is full.
+
+    Cells turn by samples between the first and the last planned waypoint, with a level camera; the recording that replaces
+    this one at the end of the flight has them as verification sees them.
+
+    Args:
+        path: of the file; an existing one is replaced.
+        site: the scenario on its ground.
+        coverage: its cells.
+        planned: the planned sensing route.
+        viewer_url: of a viewer that shows the flight; none for the file alone.
+
+    Raises:
+        OutputError: the file cannot be made.
+    """
+
+    def __init__(
+        self, path: Path, *, site: Site, coverage: CoverageMap, planned: Route, viewer_url: str | None = None
+    ) -> None:
+        self.error: str | None = None
+        self._path, self._coverage = path, coverage
+        self._lock, self._sending = threading.Lock(), threading.Lock()
+        self._samples: list[TrackSample] = []
+        self._events: list[flight.FlightEvent] = []
+        self._states: list[flight.VehicleState] = []
+        self._last: TrackSample | None = None
+        self._recent_states: list[flight.VehicleState] = []
+        self._seen = np.zeros(coverage.grid.count, dtype=bool)
+        try:
+            self._file = path.open("wb", buffering=0)
+        except OSError as error:
+            raise OutputError(f"{path}: the recording cannot be written ({error.strerror or error})") from error
+        reading, writing = os.pipe()
+        self._copier = threading.Thread(target=self._copy, args=(reading,), daemon=True)
+        self._copier.start()
+        recording_id = str(uuid.uuid4())
+        self._outputs = [_stream(site, recording_id)]
+        self._outputs[0].save(f"/dev/fd/{writing}")
+        os.close(writing)
+        if viewer_url is not None:
+            self._outputs.append(_stream(site, recording_id))
+            self._outputs[1].connect_grpc(viewer_url)
+        unseen = coverage_tiles(coverage, np.full(coverage.grid.count, np.inf), 0.0)
+        self._tiles = list(zip(unseen, coverage_tiles(coverage, np.zeros(coverage.grid.count), 0.0), strict=True))
+        for output in self._outputs:
+            self._begin(output, site, planned)
+        self._stop = threading.Event()
+        self._sender = threading.Thread(target=self._run, daemon=True)
+        self._sender.start()
+
+    def take_sample(self, sample: TrackSample) -> None:
+        """Put down a sample of the track."""
+        with self._lock:
+            self._samples.append(sample)
+
+    def take_event(self, event: flight.FlightEvent) -> None:
+        """Put down what happened."""
+        with self._lock:
+            self._events.append(event)
+
+    def take_state(self, state: flight.VehicleState) -> None:
+        """Put down battery and link."""
+        with self._lock:
+            self._states.append(state)
+
+    def rename(self, path: Path) -> None:
+        """Give the file its name, while it grows.
+
+        Raises:
+            OutputError: it cannot be renamed.
+        """
+        try:
+            os.replace(self._path, path)
+        except OSError as error:
+            raise OutputError(f"{path}: the recording cannot be written ({error.strerror or error})") from error
+        self._path = path
+
+    def send(self) -> None:
+        """Send now what has been put down; the thread does it every ``PERIOD_S``."""
+        with self._sending:
+            self._send()
+
+    def close(self) -> None:
+        """Send what is left, and end the file."""
+        self._stop.set()
+        self._sender.join()
+        for output in self._outputs:
+            output.disconnect()
+        self._outputs.clear()
+        self._copier.join()
+
+    def _begin(self, output: rr.RecordingStream, site: Site, planned: Route) -> None:
+        output.send_recording_name(f"{site.scenario.name} (in flight)")
+        output.send_blueprint(make_blueprint(site, span_s=None), make_active=False, make_default=True)
+        log_static(output, layout.TRACK, any_values({layout.UNFINISHED: np.array([1])}))
+        log_static(output, layout.LEGEND, rr.TextDocument(LEGEND_TEXT, media_type="text/markdown"))
+        log_scene(output, site, planned, lift_m=2.0 * lift_m(self._coverage))
+        draw_vehicle(output, self._coverage)
+        flight.name_series(output, layout.HEIGHT_AGL, name="above ground, m", rgb=layout.FLOWN_RGB)
+        flight.name_series(output, layout.SEEN, name="of the area", rgb=layout.SEEN_RGB)
+        for number, (tile, _) in enumerate(self._tiles):
+            log_static(
+                output,
+                _tile_entity(number),
+                rr.Mesh3D(
+                    vertex_positions=tile.vertices_m, triangle_indices=tile.triangles, vertex_colors=tile.vertex_rgba[0]
+                ),
+                any_values({layout.CELL_NUMBERS: tile.cells}),
+            )
+
+    def _run(self) -> None:
+        stopping = False
+        while not stopping:
+            stopping = self._stop.wait(PERIOD_S)
+            if self.error is not None:
+                continue
+            try:
+                self.send()
+            except Exception as error:  # whatever rerun raises: the flight goes on
+                self.error = f"{self._path}: the live recording ended ({error})"
+
+    def _send(self) -> None:
+        with self._lock:
+            samples, self._samples = self._samples, []
+            events, self._events = self._events, []
+            states, self._states = self._states, []
+        if samples:
+            self._send_samples(samples)
+        if states:
+            # Losses are counted over a while, so the states of that while go along.
+            self._recent_states = [*self._recent_states, *states]
+            newest_s = states[-1].time_s
+            self._recent_states = [s for s in self._recent_states if s.time_s > newest_s - 2.0 * flight.LINK_WINDOW_S]
+        for output in self._outputs:
+            flight.log_events(output, events)
+            if states:
+                flight.log_states(output, self._recent_states)
+            with contextlib.suppress(RuntimeError):
+                output.flush(timeout_sec=PERIOD_S)
+
+    def _send_samples(self, samples: list[TrackSample]) -> None:
+        new = _track_of(samples)
+        # The path goes on from the last sample of the time before.
+        part = new if self._last is None else _track_of([self._last, *samples])
+        self._last = samples[-1]
+        height_agl_m = new.enu_m[:, 2] - self._coverage.site.ground.heights_m(new.enu_m[:, :2])
+        turned = self._turned(new)
+        share = self._coverage.share(self._seen)
+        for output in self._outputs:
+            output.send_columns(layout.TRACK, [time_column(new.time_s)], any_value_columns(flight.track_columns(new)))
+            send_vehicle(output, self._coverage, part)
+            flight.send_series(output, layout.HEIGHT_AGL, new.time_s, height_agl_m)
+            flight.send_series(output, layout.SEEN, new.time_s[-1:], np.array([100.0 * share]))
+            for number, colors in turned:
+                output.send_columns(
+                    _tile_entity(number),
+                    [time_column(new.time_s[-1:])],
+                    rr.Mesh3D.columns(vertex_colors=colors).partition([colors.size]),
+                )
+
+    def _turned(self, new: Track) -> list[tuple[int, NDArray[np.uint32]]]:
+        """Numbers and colours of the tiles in which cells were seen for the first time."""
+        if self._coverage.site.scenario.sensor.sensing != "along-path":
+            return []
+        route = new.current_waypoint >= 1
+        if not route.any():
+            return []
+        seen = self._seen | self._coverage.seen_from(new.enu_m[route])
+        changed = seen & ~self._seen
+        self._seen = seen
+        return [
+            (number, np.repeat(np.where(seen[unseen.cells], turned.rgba[-1], unseen.rgba[0]), 4).astype(np.uint32))
+            for number, (unseen, turned) in enumerate(self._tiles)
+            if changed[unseen.cells].any()
+        ]
+
+    def _copy(self, reading: int) -> None:
+        """From the pipe into the file, to the end; what cannot be written is read all the same."""
+        with self._file:
+            while data := os.read(reading, _READ_BYTES):
+                if self.error is None:
+                    try:
+                        self._file.write(data)
+                    except OSError as error:
+                        self.error = f"{self._path}: the live recording cannot be written ({error.strerror or error})"
+        os.close(reading)
+
+
+def _stream(site: Site, recording_id: str) -> rr.RecordingStream:
+    return rr.RecordingStream(application_id(site), recording_id=recording_id, send_properties=False)
+
+
+def _tile_entity(number: int) -> str:
+    return f"{layout.COVERAGE}/tile_{number:04d}"
+
+
+def _track_of(samples: list[TrackSample]) -> Track:
+    def columns(*names: str) -> NDArray[np.float64]:
+        return np.array([[getattr(sample, name) for name in names] for sample in samples], dtype=float)
+
+    return Track(
+        time_s=columns("time_s")[:, 0],
+        geodetic=columns("lat_deg", "lon_deg", "alt_amsl_m"),
+        enu_m=columns("east_m", "north_m", "up_m"),
+        attitude_deg=columns("roll_deg", "pitch_deg", "yaw_deg"),
+        current_waypoint=np.array([sample.current_waypoint for sample in samples], dtype=np.int64),
+    )
