@@ -20,6 +20,8 @@ PROPOSALS_PER_EVALUATION = 50
 """So many proposals count as one evaluation: about what they cost in time (docs/results/planning_limit.md)."""
 
 _BATCHES = 400
+_LARGEST_BATCH = 5000
+"""A batch is not interrupted: it must be over in a moment."""
 
 
 class Pace(Protocol):
@@ -45,7 +47,7 @@ class PaceByNumber:
     def __init__(self, proposals: int) -> None:
         self._total = proposals
         self._left = proposals
-        self._batch = max(1, proposals // (CHAINS * _BATCHES))
+        self._batch = min(_LARGEST_BATCH, max(1, proposals // (CHAINS * _BATCHES)))
 
     @property
     def fraction(self) -> float:
