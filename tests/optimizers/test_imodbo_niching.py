@@ -109,6 +109,18 @@ def test_kernels_equal_their_naive_twins(seed):
     assert medoids[:2].tolist() == [1, 3]
 
 
+@pytest.mark.parametrize("d", [1, 2, 3, 5])
+@pytest.mark.parametrize("radius", [0.0, 0.1, 0.25, 2.0])
+def test_shadows_cross_the_cells_of_the_grid(d, radius):
+    rng = np.random.default_rng(d)
+    x, other_x = (rng.integers(-20, 21, (n, d)) / 20 for n in (60, 90))  # many pairs exactly a radius apart
+    objectives, others = rng.random((60, 2)), rng.random((90, 2))
+    expected = naive.dominated_near(x, objectives, other_x, others, radius)
+    assert dominated_near(x, objectives, other_x, others, radius).tolist() == expected
+    assert dominated_near(x, objectives, other_x[:0], others[:0], radius).tolist() == [False] * 60
+    assert radius < 1.0 or any(expected)
+
+
 def test_representatives_of_an_even_line_are_even_and_hold_its_ends():
     t = np.linspace(0.0, 1.0, 401)[:, None]
     rows = representatives(

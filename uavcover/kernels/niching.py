@@ -56,9 +56,19 @@ def niche_survivors(
     """
     n, m = objectives.shape
     gone = np.zeros(n, np.bool_)
+    reach = max(radius, spacing) if np.isinf(slack).all() else np.inf  # nothing farther away matters
+    columns = np.ascontiguousarray(x.T)
+    away = np.zeros(n)  # squared distances of row i
     for i in range(start, n):
+        if reach < np.inf:
+            for j in range(i):
+                away[j] = 0.0
+            for k in range(len(columns)):
+                column, own = columns[k], x[i, k]
+                for j in range(i):
+                    away[j] += (own - column[j]) ** 2
         for j in range(i):
-            if gone[j]:
+            if gone[j] or away[j] > reach * reach:
                 continue
             less, more = False, False  # whether i is below, above j in some objective
             for k in range(m):
@@ -124,10 +134,28 @@ def _row_sums(points: FloatArray) -> FloatArray:
 
 
 @kernel
+def _cells_along(x: FloatArray, other_x: FloatArray, k: int, least: float) -> tuple[IntArray, IntArray, int]:
+    """The cell of each row of both along axis k, and how many cells there are: at most 16, none narrower than ``least``."""
+    low = min(x[:, k].min(), other_x[:, k].min())
+    extent = max(x[:, k].max(), other_x[:, k].max()) - low
+    width = max(least, extent / 16.0)
+    if not width > 0.0:
+        width = 1.0
+    cells, other_cells = np.empty(len(x), np.int64), np.empty(len(other_x), np.int64)
+    for i in range(len(x)):
+        cells[i] = int((x[i, k] - low) / width)
+    for j in range(len(other_x)):
+        other_cells[j] = int((other_x[j, k] - low) / width)
+    return cells, other_cells, int(extent / width) + 1
+
+
+@kernel
 def dominated_near(
     x: FloatArray, objectives: FloatArray, other_x: FloatArray, other_objectives: FloatArray, radius: float
 ) -> BoolArray:
-    """Which rows are dominated by a row of the others at most ``radius`` away: ``(n,)``; O(n k (d + m)).
+    """Which rows are dominated by a row of the others at most ``radius`` away.
+
+    Only the others in the same and the adjoining cells of a grid over the first two or three axes are looked at.
 
     Args:
         x: ``(n, d)``.
@@ -135,28 +163,61 @@ def dominated_near(
         other_x: ``(k, d)``.
         other_objectives: ``(k, m)``.
         radius: >= 0.
+
+    Returns:
+        ``(n,)``; O(n k (d + m)).
     """
     n, m = objectives.shape
     dominated = np.zeros(n, np.bool_)
+    if n == 0 or len(other_x) == 0:
+        return dominated
+    least = radius * (1.0 + 1e-9)  # so that rounding puts nothing within the radius two cells away
+    counts = np.ones(3, np.int64)
+    cells, other_cells = np.zeros((3, n), np.int64), np.zeros((3, len(other_x)), np.int64)
+    for k in range(min(3, x.shape[1])):
+        own, others, counts[k] = _cells_along(x, other_x, k, least)
+        for i in range(n):
+            cells[k, i] = own[i]
+        for j in range(len(other_x)):
+            other_cells[k, j] = others[j]
     totals, other_totals = _row_sums(objectives), _row_sums(other_objectives)
-    order = np.argsort(other_totals)
+    starts = np.zeros(counts[0] * counts[1] * counts[2] + 1, np.int64)
+    cell_of = (other_cells[0] * counts[1] + other_cells[1]) * counts[2] + other_cells[2]
+    for cell in cell_of:
+        starts[cell + 1] += 1
+    starts = np.cumsum(starts)
+    free, order = starts.copy(), np.empty(len(other_x), np.int64)
+    for j in np.argsort(other_totals):
+        order[free[cell_of[j]]] = j
+        free[cell_of[j]] += 1
     for i in range(n):
-        for j in order:
-            if other_totals[j] > totals[i]:
-                break  # what dominates has no larger sum
-            below, not_above = False, True
-            for k in range(m):
-                if other_objectives[j, k] > objectives[i, k]:
-                    not_above = False
+        for a in range(max(0, cells[0, i] - 1), min(counts[0], cells[0, i] + 2)):
+            for b in range(max(0, cells[1, i] - 1), min(counts[1], cells[1, i] + 2)):
+                for c in range(max(0, cells[2, i] - 1), min(counts[2], cells[2, i] + 2)):
+                    cell = (a * counts[1] + b) * counts[2] + c
+                    for q in range(starts[cell], starts[cell + 1]):
+                        j = order[q]
+                        if other_totals[j] > totals[i]:
+                            break  # what dominates has no larger sum
+                        below, not_above = False, True
+                        for k in range(m):
+                            if other_objectives[j, k] > objectives[i, k]:
+                                not_above = False
+                                break
+                            below = below or other_objectives[j, k] < objectives[i, k]
+                        if below and not_above:
+                            total = 0.0
+                            for k in range(x.shape[1]):
+                                total += (x[i, k] - other_x[j, k]) ** 2
+                            if total <= radius * radius:
+                                dominated[i] = True
+                                break
+                    if dominated[i]:
+                        break
+                if dominated[i]:
                     break
-                below = below or other_objectives[j, k] < objectives[i, k]
-            if below and not_above:
-                total = 0.0
-                for k in range(x.shape[1]):
-                    total += (x[i, k] - other_x[j, k]) ** 2
-                if total <= radius * radius:
-                    dominated[i] = True
-                    break
+            if dominated[i]:
+                break
     return dominated
 
 
