@@ -14,6 +14,6 @@ if [ -z "$run" ]; then
     "$venv/bin/uavcover" demo -o "$run"
 fi
 mkdir -p docs/pictures
-"$venv/bin/uavcover" inspect "$run" --screenshot docs/pictures/demo-recording.png --force
+"$venv/bin/uavcover" inspect "$run" --screenshot docs/pictures/demo-recording.png --at 0.55 --force
 "$venv/bin/uavcover" report "$run" -o "$work/report.html"
 "$venv/bin/python" scripts/picture_report.py "$work/report.html" docs/pictures

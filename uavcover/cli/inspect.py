@@ -14,6 +14,9 @@ def inspect(
     screenshot: Annotated[
         Path | None, typer.Option(help="Make a picture, without a screen.", metavar="FILE.png")
     ] = None,
+    at: Annotated[
+        float, typer.Option(help="Moment of the picture: 0 the start of the flight, 1 its end.", metavar="SHARE")
+    ] = 1.0,
     force: options.Force = False,
     as_json: options.Json = False,
     quiet: options.Quiet = False,
@@ -39,7 +42,7 @@ def inspect(
     if screenshot is not None:
         if screenshot.exists() and not force:
             raise OutputError(f"{screenshot}: would be overwritten; use --force, or another name")
-        viewer.screenshot(path, screenshot)
+        viewer.screenshot(path, screenshot, at_share=at)
         console.say(f"written: {screenshot}")
     if not text and not as_json and screenshot is None:
         viewer.open_viewer(path)
