@@ -1,6 +1,5 @@
 """Files that are nobody else's business: signing keys, and the timestamps beside them."""
 
-import fcntl
 import os
 import stat
 import tempfile
@@ -26,7 +25,7 @@ def read_private(path: Path, *, what: str, largest: int) -> bytes:
         MisuseError: it cannot be read, is no file, is too large, or its group or others may read or write it.
     """
     try:
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     except OSError as error:
         raise MisuseError(f"cannot read the {what} {path}: {error.strerror}") from None
     try:
@@ -91,6 +90,10 @@ class TimestampFile:
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
+        try:
+            import fcntl
+        except ImportError:  # Windows
+            raise MisuseError("signing needs file locks, which this system has not") from None
         try:
             handle = os.open(self._key_path, os.O_RDONLY)
         except OSError as error:

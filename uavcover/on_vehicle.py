@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mission_io import SigningKey
 from mission_io.client import Client
 from mission_io.items import GeoPoint
 from mission_io.protocol.exchange import Timing
@@ -50,6 +51,7 @@ def connect(
     timeout_s: float = 10.0,
     mock_speed: float = 1.0,
     timing: Timing | None = None,
+    signing_key: SigningKey | None = None,
 ) -> Iterator[Connected]:
     """Open a link and wait for a vehicle; a context manager that closes the link.
 
@@ -60,6 +62,7 @@ def connect(
         timeout_s: how long to wait for the first heartbeat.
         mock_speed: how fast ``mock:`` flies, times real time.
         timing: how patient transfers are.
+        signing_key: signs all that is sent; then nothing that is not signed with it is believed.
 
     Raises:
         InputError: a time or a speed that is not above 0.
@@ -74,6 +77,8 @@ def connect(
     register_mock(lambda: MockVehicle(AUTOPILOTS[name], place, settings=settings, speed=mock_speed), speed=mock_speed)
     client, monitor = open_vehicle(url, timing=timing)
     with client:
+        if signing_key is not None:
+            client.sign_with(signing_key)
         vehicle = client.wait_for_vehicle(timeout_s)
         monitor.listen_to(vehicle.system_id)
         own: AutopilotName = "px4" if vehicle.autopilot is AUTOPILOTS["px4"] else "ardupilot"

@@ -11,6 +11,7 @@ def clear(
     to: options.To,
     kind: Annotated[str, typer.Option("--type", help="mission, fence, rally or all.")] = "mission",
     timeout_s: options.Timeout = 10.0,
+    signing_key: options.SigningKeyFile = None,
     link: options.LinkKind = "default",
     in_flight: Annotated[bool, typer.Option("--in-flight", help="Clear a vehicle that is armed.")] = False,
     as_json: options.Json = False,
@@ -25,12 +26,13 @@ def clear(
     from uavcover.errors import InputError
     from uavcover.on_vehicle import connect
 
+    key = options.signing_key(signing_key)
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     if kind not in KINDS:
         raise InputError(f"--type: {kind!r} is not one of {', '.join(KINDS)}")
     lists = list(MissionType) if kind == "all" else [MissionType[kind.upper()]]
     cleared: list[str] = []
-    with connect(to, timeout_s=timeout_s, timing=link_preset(link).timing) as vehicle:
+    with connect(to, timeout_s=timeout_s, timing=link_preset(link).timing, signing_key=key) as vehicle:
         try:
             for mission_type in lists:
                 vehicle.client.clear(mission_type, in_flight=in_flight)

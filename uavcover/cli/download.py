@@ -13,6 +13,7 @@ def download(
     out: Annotated[Path, typer.Option("-o", "--out", help="A .waypoints file (one list) or a .plan file (all three).")],
     kind: Annotated[str, typer.Option("--type", help="mission, fence, rally or all (.plan).")] = "mission",
     timeout_s: options.Timeout = 10.0,
+    signing_key: options.SigningKeyFile = None,
     link: options.LinkKind = "default",
     force: options.Force = False,
     as_json: options.Json = False,
@@ -27,11 +28,15 @@ def download(
     from uavcover.on_vehicle import connect
     from uavcover.run_folder import write_text
 
+    key = options.signing_key(signing_key)
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     check_output(out, kind, force=force)
     wanted = list(MissionType) if kind == "all" else [MissionType.MISSION, MissionType[kind.upper()]]
     timing = link_preset(link).timing
-    with connect(url, timeout_s=timeout_s, timing=timing) as vehicle, console.progress("downloading") as bar:
+    with (
+        connect(url, timeout_s=timeout_s, timing=timing, signing_key=key) as vehicle,
+        console.progress("downloading") as bar,
+    ):
         # A file needs home, which comes with the mission or from the vehicle.
         lists = {t: vehicle.client.download_content(t, progress=bar.count) for t in dict.fromkeys(wanted)}
         text, items = text_of(vehicle.client, lists, out, kind)

@@ -13,6 +13,7 @@ def fly(
     to: options.To,
     yes: Annotated[bool, typer.Option("--yes", help="Arm a vehicle that is not simulated.")] = False,
     timeout_s: options.Timeout = 10.0,
+    signing_key: options.SigningKeyFile = None,
     mock_speed: Annotated[
         float, typer.Option(metavar="X", help="How fast the vehicle of mock: flies, times real time.")
     ] = 20.0,
@@ -34,6 +35,7 @@ def fly(
     from uavcover.cli.flying import ENDED_BY_USER, fly_run
     from uavcover.run_folder import RunFolder
 
+    key = options.signing_key(signing_key)
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     folder = RunFolder(run)
     site, planned = pipeline.read_planned(folder)
@@ -46,7 +48,7 @@ def fly(
     outcome, document = fly_run(
         folder, site, planned.route, to, console,
         timeout_s=timeout_s, confirmed=yes, force=force, mock_speed=mock_speed, upload_first=to.startswith("mock:"),
-        viewer_url=viewer_url,
+        viewer_url=viewer_url, signing_key=key,
     )  # fmt: skip
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0

@@ -4,6 +4,7 @@ import sys
 import time
 from typing import Any
 
+from mission_io import SigningKey
 from uavcover import pipeline
 from uavcover.cli.console import Console, Interrupts
 from uavcover.cli.flight_log import FlightLog, live_recording
@@ -27,7 +28,7 @@ _FIRST_STOP = "stopping: hold, then home along checked legs; once more: hold and
 def fly_run(
     run: RunFolder, site: Site, route: Route, url: str, console: Console,
     *, timeout_s: float, confirmed: bool, force: bool, mock_speed: float = 20.0, upload_first: bool = False,
-    viewer_url: str | None = None,
+    viewer_url: str | None = None, signing_key: SigningKey | None = None,
 ) -> tuple[FlightOutcome, dict[str, Any]]:  # fmt: skip
     """Fly the route of a run, recording the track as it comes.
 
@@ -37,7 +38,7 @@ def fly_run(
     pipeline.compile_plan(site, route)  # a bad leg is known before anybody is asked
     with (
         run.reserved(FLIGHT_FILES, force=force),
-        connect(url, site, timeout_s=timeout_s, mock_speed=mock_speed) as vehicle,
+        connect(url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key) as vehicle,
         Interrupts(_FIRST_STOP) as interrupts,
     ):
         compiled = pipeline.compile_plan(site, route, autopilot=vehicle.autopilot)

@@ -2,12 +2,15 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from uavcover.errors import InputError
 from uavcover.model.vehicle import AutopilotName
+
+if TYPE_CHECKING:
+    from mission_io import SigningKey
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors and warnings.")]
@@ -47,6 +50,15 @@ LinkKind = Annotated[
         "--link",
         help="What the link is like: default, telemetry-radio or satellite. Times adapt to it anyway; this saves the start.",
         metavar="KIND",
+    ),
+]
+
+SigningKeyFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--signing-key",
+        help="Sign every message with the key in this file (MAVLink 2), and believe nothing unsigned.",
+        metavar="FILE",
     ),
 ]
 
@@ -103,3 +115,14 @@ def names(option: str, text: str | None, known: Iterable[str]) -> list[str]:
         what = f"{', '.join(map(repr, unknown))} not known" if unknown else "no name given"
         raise InputError(f"{option}: {what}; choose from {', '.join(every)}")
     return [name for name in every if name in asked]
+
+
+def signing_key(file: Path | None) -> "SigningKey | None":
+    """The key in a file, if one was named.
+
+    Raises:
+        mission_io.errors.MissionIoError: it cannot be read, is no key, or others may read it.
+    """
+    from mission_io import SigningKey
+
+    return None if file is None else SigningKey.from_file(file)

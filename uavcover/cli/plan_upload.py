@@ -20,6 +20,7 @@ def plan_upload(
     evaluations: Annotated[int | None, typer.Option(help="Evaluations, when planning.")] = None,
     seed: options.Seed = None,
     timeout_s: options.Timeout = 10.0,
+    signing_key: options.SigningKeyFile = None,
     link: options.LinkKind = "default",
     in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload to a vehicle that is armed.")] = False,
     force: options.ForcePlan = False,
@@ -39,6 +40,7 @@ def plan_upload(
     from uavcover.on_vehicle import require_home
     from uavcover.run_folder import RunFolder
 
+    key = options.signing_key(signing_key)  # a bad key is known before an hour of planning
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     if Path(source).is_dir():
         given = {"-o": run, "--select": select, "--budget": budget, "--evaluations": evaluations, "--seed": seed}
@@ -62,7 +64,9 @@ def plan_upload(
             console.result(outcome.document)
             return outcome.exit_code
         site, route = outcome.site, outcome.plan.chosen.route
-    document = upload_run(folder, site, route, to, console, timeout_s=timeout_s, link=link, in_flight=in_flight)
+    document = upload_run(
+        folder, site, route, to, console, timeout_s=timeout_s, link=link, in_flight=in_flight, signing_key=key
+    )
     console.say(f"written: {folder.file('upload.json')}")
     console.result({"run": str(folder), **document})
     return 0 if document["passed"] else 1

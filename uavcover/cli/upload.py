@@ -15,6 +15,7 @@ def upload(
         str | None, typer.Option("--type", help="mission, fence, rally or all; default: what the file holds.")
     ] = None,
     timeout_s: options.Timeout = 10.0,
+    signing_key: options.SigningKeyFile = None,
     link: options.LinkKind = "default",
     in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload to a vehicle that is armed.")] = False,
     as_json: options.Json = False,
@@ -28,6 +29,7 @@ def upload(
     from uavcover.cli.uploading import say_comparison, telling_what_is_held
     from uavcover.on_vehicle import connect
 
+    key = options.signing_key(signing_key)
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     contents, repairs = read_contents(file, kind)
     for repair in repairs:
@@ -35,8 +37,9 @@ def upload(
     console.warn(f"{file}: terrain not checked (the file carries none; plan-upload checks every leg)")
     results = []
     timing = link_preset(link).timing
-    with connect(to, home=home_of(contents), timeout_s=timeout_s, timing=timing) as vehicle:
-        warn_of_home(vehicle.client, home_of(contents), console)
+    home = home_of(contents)
+    with connect(to, home=home, timeout_s=timeout_s, timing=timing, signing_key=key) as vehicle:
+        warn_of_home(vehicle.client, home, console)
         for content in contents:
             with telling_what_is_held(console), console.progress("uploading") as bar:
                 results.append(vehicle.client.upload_and_verify(content, progress=bar.count, in_flight=in_flight))

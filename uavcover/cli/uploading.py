@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from mission_io import SigningKey
 from mission_io.commands import name_of
 from mission_io.errors import TransferError, TransferInterrupted
 from mission_io.presets import link_preset
@@ -29,6 +30,7 @@ def upload_run(
     timeout_s: float,
     link: str = "default",
     in_flight: bool = False,
+    signing_key: SigningKey | None = None,
 ) -> dict[str, Any]:
     """Check every leg and the vehicle's home, upload, read back, compare; writes ``upload.json`` and returns it.
 
@@ -37,7 +39,10 @@ def upload_run(
     timing = link_preset(link).timing
     require_home(site)
     pipeline.compile_plan(site, route)  # a bad leg is known before anybody is asked
-    with run.reserved((), force=True), connect(url, site, timeout_s=timeout_s, timing=timing) as vehicle:
+    with (
+        run.reserved((), force=True),
+        connect(url, site, timeout_s=timeout_s, timing=timing, signing_key=signing_key) as vehicle,
+    ):
         console.say(f"vehicle {vehicle.client.vehicle.system_id} at {url}: {vehicle.client.vehicle.autopilot.name}")
         compiled = pipeline.compile_plan(site, route, autopilot=vehicle.autopilot)
         check_home(vehicle, site, compiled)
