@@ -12,9 +12,9 @@ from uavcover.planning.draft_route import draft_of
 from uavcover.planning.goal_search import Start
 from uavcover.planning.local_search import CHAINS, Chain, Work
 
-_SPREAD_UNTIL = 0.2
-_SQUEEZE_UNTIL = 0.75
-_ATTEMPT = 0.11
+_SPREAD_UNTIL = 0.35
+_SQUEEZE_UNTIL = 0.85
+_ATTEMPT = 0.125
 _FULL = 1.0 - 1e-9
 
 _HOTTEST_CELLS = 1.2
@@ -34,7 +34,7 @@ class _Stage:
 
 
 _SPREAD = _Stage((2.5, 1.0), _WAYPOINT_PRICE_CELLS, (_LENGTH_PRICES[0], _LENGTH_PRICES[0]))
-_SQUEEZE = _Stage((1.0, 0.25), 0.0, (_LENGTH_PRICES[0], _LENGTH_PRICES[0]))
+_SQUEEZE = _Stage((0.5, 0.2), 0.0, (_LENGTH_PRICES[0], _LENGTH_PRICES[0]))
 _SWEEP = _Stage((0.4, 0.4), 0.0, _LENGTH_PRICES)
 
 
