@@ -187,7 +187,11 @@ MISTAKES = {
     "a date": ("range_m = 200.0", "range_m = 2020-01-01", "sensor.range_m: must be a finite number, not '2020-01-01'"),
     "half a seed": ("seed = 7", "seed = 7.5", "planner.seed: must be a whole number, not 7.5"),
     "a number for text": ('name = "test"', "name = 5", "name: must be text in quotes, not 5"),
-    "not one of": ("seed = 7", 'algorithm = "nsga9"', "planner.algorithm: must be 'memetic', 'local-search', 'imodbo' or 'modbo', not 'nsga9'"),
+    "not one of": (
+        "seed = 7",
+        'algorithm = "nsga9"',
+        "planner.algorithm: must be 'memetic', 'local-search', 'imodbo' or 'modbo', not 'nsga9'",
+    ),
     "datum": ('"EGM96"', '"NN"', "terrain.vertical_datum: must be 'EGM96', 'EGM2008' or 'WGS84-ellipsoid', not 'NN'"),
     "kind": ('"nadir-camera"', '"nadir"', "sensor.kind: must be 'sphere' or 'disc' or 'nadir-camera', not 'nadir'"),
     "no kind": ('kind = "raster"', "", "terrain.kind: is missing; give 'raster' or 'sine-cosine'"),

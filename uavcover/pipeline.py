@@ -91,7 +91,8 @@ def plan(
     Args:
         site: the scenario on its ground.
         seed: of every random number.
-        evaluations: full route evaluations, 50 proposals of the local search counted as one; equal seed and evaluations give an equal plan.
+        evaluations: full route evaluations, 50 proposals of the local search counted as one; equal seed and evaluations
+            give an equal plan.
         budget_s: search this long instead.
         algorithm: "memetic", "local-search", "imodbo" or "modbo".
         max_waypoints: capacity of the "waypoints" encoding.

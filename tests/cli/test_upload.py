@@ -65,18 +65,17 @@ def test_bad_usage(cli: Cli, planned: Path) -> None:
 
 def test_ctrl_c_says_what_the_vehicle_holds(planned: Path) -> None:
     """An ArduPilot writes over its list item by item: the user is told which items are new, and sees the list."""
-    with mock_vehicle() as (port, _):
-        with ExitStack() as stack:
-            upload: list[subprocess.Popen[str]] = []
+    with mock_vehicle() as (port, _), ExitStack() as stack:
+        upload: list[subprocess.Popen[str]] = []
 
-            def interrupt(items: int) -> None:
-                if items == 5:
-                    upload[0].send_signal(signal.SIGINT)
+        def interrupt(items: int) -> None:
+            if items == 5:
+                upload[0].send_signal(signal.SIGINT)
 
-            relay = stack.enter_context(Relay(port, interrupt))
-            arguments = command("upload", planned / "mission.waypoints", "--to", f"udpout://127.0.0.1:{relay.port}")
-            upload.append(stack.enter_context(started(arguments)))
-            _, err = upload[0].communicate(timeout=60.0)
+        relay = stack.enter_context(Relay(port, interrupt))
+        arguments = command("upload", planned / "mission.waypoints", "--to", f"udpout://127.0.0.1:{relay.port}")
+        upload.append(stack.enter_context(started(arguments)))
+        _, err = upload[0].communicate(timeout=60.0)
     assert upload[0].returncode == 130
     assert "this side cancelled" in err
     assert re.search(r"list is now mixed \(\d+ items, of which the first \d+ are new\); upload again, or clear it", err)

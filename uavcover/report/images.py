@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.terrain.relief_grid import relief_grid
 from uavcover.terrain.ground import Ground
+from uavcover.terrain.relief_grid import relief_grid
 from uavcover.verification.gaps import REASONS, reason_codes
 from uavcover.verification.verify import Verdict
 
