@@ -42,7 +42,7 @@ def tables_markdown(samples: Samples, budget: Budget, *, version: str) -> str:
         f"uavcover {version}; {told} run(s) of each; population {budget.population}, {budget.iterations} iterations "
         f"({budget.population * budget.iterations:,} evaluations), at most {budget.archive} solutions returned. Mean ± standard "
         f"deviation of the runs. `{FLOOR}` is {budget.archive} uniform random points: the floor, no algorithm. PSP says nothing "
-        "without IGD beside it: random points have a higher PSP than the paper's algorithms on ten functions.\n",
+        "without IGD beside it: random points have a higher PSP than the paper's IMODBO on nine functions.\n",
         _beside_the_paper(samples, "IGD", "Table 3: IGD, less is better"),
         _beside_the_paper(samples, "PSP", "Table 4: PSP, more is better"),
         *(_means(samples, metric, f"{metric}, {METRICS[metric]} is better") for metric in ("IGDx", "CR", "HV")),
