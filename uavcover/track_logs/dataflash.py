@@ -3,6 +3,7 @@
 import contextlib
 import io
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,15 +34,15 @@ def read_dataflash(path: Path) -> LoggedRows:
     # The reader tells of damaged places, a line for each byte (its compiled index on stderr itself, out of reach here).
     with contextlib.redirect_stderr(complaints), contextlib.redirect_stdout(complaints):
         try:
-            reader = DFReader.DFReader_binary(str(path), zero_time_base=False)
-            while (message := reader.recv_match(type=["POS", "GPS", "ATT"])) is not None:
-                kind = message.get_type()
-                if kind == "POS":
-                    estimated.append(_row(message, "Lat", "Lng", "Alt"))
-                elif kind == "ATT":
-                    attitudes.append(_row(message, "Roll", "Pitch", "Yaw"))
-                elif getattr(message, "I", 0) == 0 and message.Status >= _FIX_3D:
-                    measured.append(_row(message, "Lat", "Lng", "Alt"))
+            with _opened(DFReader.DFReader_binary, path) as reader:
+                while (message := reader.recv_match(type=["POS", "GPS", "ATT"])) is not None:
+                    kind = message.get_type()
+                    if kind == "POS":
+                        estimated.append(_row(message, "Lat", "Lng", "Alt"))
+                    elif kind == "ATT":
+                        attitudes.append(_row(message, "Roll", "Pitch", "Yaw"))
+                    elif getattr(message, "I", 0) == 0 and message.Status >= _FIX_3D:
+                        measured.append(_row(message, "Lat", "Lng", "Alt"))
         except (AttributeError, ValueError, IndexError, KeyError, TypeError, struct.error) as error:
             raise TrackError(f"{path}: a damaged dataflash log ({type(error).__name__}: {error})") from error
     warnings = []
@@ -53,6 +54,19 @@ def read_dataflash(path: Path) -> LoggedRows:
     if not positions:
         raise TrackError(f"{path}: has no POS and no GPS messages; log them with bit 1 and 2 of LOG_BITMASK")
     return LoggedRows(np.array(positions), np.array(attitudes).reshape(-1, 4), tuple(warnings))
+
+
+@contextlib.contextmanager
+def _opened(kind: Any, path: Path) -> Iterator[Any]:
+    """A reader that closes its file also when it cannot be made: it reads all of the log while it is."""
+    reader = kind.__new__(kind)
+    try:
+        reader.__init__(str(path), zero_time_base=False)
+        yield reader
+    finally:
+        for file in (getattr(reader, "data_map", None), getattr(reader, "filehandle", None)):
+            if file is not None:
+                file.close()
 
 
 def _row(message: Any, *names: str) -> tuple[float, ...]:
