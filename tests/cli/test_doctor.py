@@ -1,3 +1,7 @@
+from importlib import metadata
+
+import pytest
+
 from tests.cli.conftest import Cli
 
 
@@ -14,3 +18,21 @@ def test_healthy(cli: Cli) -> None:
 def test_quiet(cli: Cli) -> None:
     ended = cli("doctor", "-q", "--no-imports")
     assert (ended.code, ended.out, ended.err) == (0, "", "")
+
+
+def test_what_ulog_files_and_serial_links_need(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    installed = metadata.version
+
+    def version(name: str) -> str:
+        if name == "pyulog":
+            raise metadata.PackageNotFoundError(name)
+        return "3.5" if name == "pyserial" else installed(name)
+
+    monkeypatch.setattr(metadata, "version", version)
+    ended = cli("doctor", "--no-imports", "--json")
+    assert ended.code == 0, "neither is needed"
+    found = {finding["name"]: finding for finding in ended.document["findings"]}
+    assert found["pyulog"] == {
+        "name": "pyulog", "ok": False, "needed": False, "text": "needed for .ulg logs of PX4: pip install 'uavcover[ulog]'",
+    }  # fmt: skip
+    assert (found["pyserial"]["ok"], found["pyserial"]["text"]) == (True, "3.5, for serial links")

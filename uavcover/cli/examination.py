@@ -90,10 +90,20 @@ def _optional() -> Iterator[Finding]:
         "Vulkan driver for --screenshot", vulkan, False,
         "there" if vulkan else "none found; on Debian and Ubuntu: apt install mesa-vulkan-drivers libvulkan1",
     )  # fmt: skip
+    for name, purpose, extra in (("pyulog", ".ulg logs of PX4", "ulog"), ("pyserial", "serial links", "serial")):
+        yield _extra(name, purpose, extra)
     for name, variable in (("ArduCopter simulator", "UAVCOVER_ARDUCOPTER"), ("PX4 simulator", "UAVCOVER_PX4")):
         path = os.environ.get(variable)
         ok = path is not None and Path(path).exists()
         yield Finding(name, ok, False, path if ok and path else f"set {variable} to fly it in sitl_tests")
+
+
+def _extra(name: str, purpose: str, extra: str) -> Finding:
+    """A package that only one extra of uavcover brings."""
+    try:
+        return Finding(name, True, False, f"{metadata.version(name)}, for {purpose}")
+    except metadata.PackageNotFoundError:
+        return Finding(name, False, False, f"needed for {purpose}: pip install 'uavcover[{extra}]'")
 
 
 _VULKAN = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d")
