@@ -1,19 +1,25 @@
+import json
 import re
 import signal
 import subprocess
+from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from mission_io.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.autopilots import PX4
-from mission_io.formats import wpl
+from mission_io.formats import csv, plan, poly, wpl
 from mission_io.items import Frame, GeoPoint, Mission, waypoint
 from mission_io.link import UdpLink
 from tests.cli.conftest import Cli, command, mock_vehicle, started
 from tests.cli.relay import Relay
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer
+from uavcover.cli.mission_files import read_contents
+from uavcover.errors import InputError
 
 
 @pytest.mark.parametrize("name", ["mission.waypoints", "mission.plan", "fence.waypoints", "rally.waypoints"])
@@ -44,7 +50,11 @@ def test_home_of_another_place_is_told(cli: Cli, planned: Path) -> None:
     [
         ("empty.waypoints", b"", "line 1"),
         ("other.waypoints", b"hello\n", "line 1"),
-        ("binary.waypoints", b"\xff\xfe\x00", "not a text file"),
+        ("binary.waypoints", b"\xff\xfe\x00", "damaged UTF-16 text"),
+        ("zero.plan", b"\x7fELF\0", "a zero byte: this is no text file"),
+        ("places.kml", b"<kml/>", "a .kml file holds places and no items to fly"),
+        ("table.csv", b"a,b\n", "line 1"),
+        ("short.fen", b"46.5 -7.25\n", "short.fen"),
         ("broken.plan", b"{", "broken.plan"),
         ("nothing.plan", b"{}", "nothing.plan"),
         ("cut.waypoints", b"QGC WPL 110\n0\t1\t0\t16\t0\t0\n", "cut.waypoints: line 2"),
@@ -61,6 +71,111 @@ def test_bad_usage(cli: Cli, planned: Path) -> None:
     assert "cannot be read" in cli("upload", planned / "nope.plan", "--to", "mock:").error
     assert "--type" in cli("upload", planned / "mission.plan", "--to", "mock:", "--type", "geofence").error
     assert "one list" in cli("upload", planned / "mission.waypoints", "--to", "mock:", "--type", "all").error
+
+
+ROUTE = Mission(
+    GeoPoint(46.5, -7.25, 500.0),
+    tuple(waypoint(46.5 + i * 1e-4, -7.25, 30.0, frame=Frame.ABOVE_HOME) for i in range(3)),
+)
+FENCE = Fence((FencePolygon((LatLon(46.4, -7.4), LatLon(46.6, -7.4), LatLon(46.6, -7.1))),), (), None)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "kind", "count"),
+    [
+        ("route.csv", csv.write_mission(ROUTE), "mission", 4),
+        ("route.plan", plan.write(plan.PlanFile(ROUTE, Fence(), RallyPoints(), mav_autopilot=3)), "mission", 4),
+        ("route.txt", wpl.write_mission(ROUTE), "mission", 4),
+        (
+            "field.fen",
+            poly.write_fence(replace(FENCE, return_point=FramedPoint(46.5, -7.3, 0.0, Frame.ABOVE_HOME))),
+            "fence",
+            4,
+        ),
+    ],
+)
+def test_every_format_that_holds_items(cli: Cli, tmp_path: Path, name: str, text: str, kind: str, count: int) -> None:
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    ended = cli("upload", tmp_path / name, "--to", "mock:", "--json")
+    assert ended.code == 0, ended.err
+    assert [(part["mission_type"], len(part["sent"])) for part in ended.document["lists"]] == [(kind, count)]
+    assert "repaired" not in ended.err
+    assert "doubtful" not in ended.err
+
+
+@pytest.mark.parametrize(("name", "kind"), [("route.csv", "rally"), ("field.fen", "mission")])
+def test_a_list_that_the_format_cannot_hold(tmp_path: Path, name: str, kind: str) -> None:
+    (tmp_path / name).write_text("")
+    with pytest.raises(InputError, match=f"leave --type {kind} away"):
+        read_contents(tmp_path / name, kind)
+
+
+def _swapped(mission: Mission) -> Mission:
+    items = tuple(replace(item, lat_deg=item.lon_deg, lon_deg=item.lat_deg) for item in mission.items)
+    return replace(mission, items=items)
+
+
+WRITERS: dict[str, Callable[[Mission], str]] = {
+    "waypoints": wpl.write_mission,
+    "plan": lambda mission: plan.write(plan.PlanFile(mission, Fence(), RallyPoints(), mav_autopilot=3)),
+    "csv": csv.write_mission,
+}
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize(
+    ("mission", "doubt"),
+    [
+        (_swapped(ROUTE), "latitude and longitude are swapped"),
+        (replace(ROUTE, home=GeoPoint(0.0, 0.0, 0.0)), "home is at latitude 0, longitude 0"),
+        (replace(ROUTE, home=GeoPoint(48.5, -7.25, 500.0)), "km from home"),
+    ],
+    ids=["swapped", "no home", "far"],
+)
+def test_what_is_probably_a_mistake_is_told_of_every_format(
+    tmp_path: Path, suffix: str, mission: Mission, doubt: str
+) -> None:
+    file = tmp_path / f"route.{suffix}"
+    file.write_text(WRITERS[suffix](mission), encoding="utf-8")
+    contents, remarks = read_contents(file, None)
+    assert len(contents) == 1
+    assert any(remark.startswith("doubtful: ") and doubt in remark for remark in remarks), remarks
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize(
+    ("encoding", "repair"),
+    [
+        ("utf-16", "decoded from UTF-16"),
+        ("utf-32", "decoded from UTF-32"),
+        ("utf-8-sig", "removed a byte order mark"),
+        ("utf-8", "changed the line ends to LF"),
+    ],
+)
+def test_text_of_other_programs_is_read(tmp_path: Path, suffix: str, encoding: str, repair: str) -> None:
+    file = tmp_path / f"route.{suffix}"
+    file.write_bytes(WRITERS[suffix](ROUTE).replace("\n", "\r\n").encode(encoding))
+    contents, remarks = read_contents(file, None)
+    assert contents == [ROUTE]
+    assert f"repaired: {repair}" in remarks
+    assert "repaired: changed the line ends to LF" in remarks
+
+
+def test_what_was_repaired_and_what_is_doubtful_are_warnings(cli: Cli, tmp_path: Path) -> None:
+    file = tmp_path / "route.plan"
+    file.write_text(WRITERS["plan"](_swapped(ROUTE)), encoding="utf-16")
+    ended = cli("upload", file, "--to", "mock:", "-q")
+    assert ended.code == 0, ended.err
+    assert "route.plan: repaired: decoded from UTF-16" in ended.err
+    assert "latitude and longitude are swapped" in ended.err
+
+
+def test_what_a_plan_lacks_is_told(tmp_path: Path) -> None:
+    document = json.loads(WRITERS["plan"](ROUTE))
+    del document["rallyPoints"]
+    file = tmp_path / "route.plan"
+    file.write_text(json.dumps(document), encoding="utf-8")
+    assert read_contents(file, None)[1] == ("repaired: plan.rallyPoints: is missing, there is none",)
 
 
 def test_ctrl_c_says_what_the_vehicle_holds(planned: Path) -> None:

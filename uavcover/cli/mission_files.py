@@ -8,9 +8,11 @@ from mission_io.areas import Fence, RallyPoints, items_from_fence, items_from_ra
 from mission_io.client import Client
 from mission_io.content import Content
 from mission_io.errors import FormatError, MissionIoError
-from mission_io.formats import plan, wpl
+from mission_io.formats import csv, plan, poly, wpl
+from mission_io.formats.text import text_from_bytes
 from mission_io.items import Command, GeoPoint, Mission, MissionType
 from mission_io.messages import HomePosition
+from mission_io.plausibility import doubts_about
 from uavcover.cli.console import Console
 from uavcover.errors import InputError, OutputError
 from uavcover.frames import LocalFrame
@@ -21,26 +23,61 @@ _FENCE_COMMANDS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE
 
 
 def read_contents(file: Path, kind: str | None) -> tuple[list[Content], tuple[str, ...]]:
-    """The lists in a ``.waypoints`` or ``.plan`` file, and what had to be repaired to read it.
+    """The lists in a ``.waypoints``, ``.plan``, ``.csv`` or ``.fen`` file, and what is to be said about them.
+
+    Said is, one line each, what had to be repaired to read the file and what is probably a mistake in it.
 
     Raises:
         InputError: the file cannot be read, or does not hold what was asked for.
     """
     if kind is not None and kind not in KINDS:
         raise InputError(f"--type: {kind!r} is not one of {', '.join(KINDS)}")
+    suffix = file.suffix.lower()
+    if suffix in _DRAWINGS:
+        raise InputError(
+            f"{file}: a {suffix} file holds places and no items to fly; plan with it, or save a .waypoints"
+        )
     try:
-        text = file.read_text(encoding="utf-8-sig")
+        decoded = text_from_bytes(file.read_bytes())
+        contents, repairs = _READERS.get(suffix, _read_waypoints)(decoded.text, file, kind)
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{file}: is not a text file") from error
-    try:
-        if file.suffix == ".plan":
-            return _of_plan(plan.read(text), file, kind), ()
-        read = wpl.read(text)
-        return [_of_waypoints(read, file, kind)], read.repairs
     except FormatError as error:
         raise InputError(f"{file}: {error}") from error
+    doubts = [doubt for content in contents if isinstance(content, Mission) for doubt in doubts_about(content)]
+    return contents, (
+        *(f"repaired: {repair}" for repair in (*decoded.repairs, *repairs)),
+        *(f"doubtful: {doubt}" for doubt in doubts),
+    )
+
+
+def _read_plan(text: str, file: Path, kind: str | None) -> tuple[list[Content], tuple[str, ...]]:
+    document = plan.read(text)
+    return _of_plan(document, file, kind), document.repairs
+
+
+def _read_waypoints(text: str, file: Path, kind: str | None) -> tuple[list[Content], tuple[str, ...]]:
+    read = wpl.read(text)
+    return [_of_waypoints(read, file, kind)], read.repairs
+
+
+def _read_csv(text: str, file: Path, kind: str | None) -> tuple[list[Content], tuple[str, ...]]:
+    if kind not in {None, "mission"}:
+        raise InputError(f"{file}: a .csv file holds a mission; leave --type {kind} away")
+    read = csv.read_mission(text)
+    return [read.mission], read.repairs
+
+
+def _read_fen(text: str, file: Path, kind: str | None) -> tuple[list[Content], tuple[str, ...]]:
+    if kind not in {None, "fence"}:
+        raise InputError(f"{file}: a .fen file holds a fence; leave --type {kind} away")
+    read = poly.read_fence(text)
+    return [read.fence], read.repairs
+
+
+_READERS = {".plan": _read_plan, ".csv": _read_csv, ".fen": _read_fen}
+"""How files are read by the end of their name; every other one is read as ``.waypoints``."""
+_DRAWINGS = frozenset({".kml", ".geojson", ".json", ".poly"})
 
 
 def _of_plan(document: plan.PlanFile, file: Path, kind: str | None) -> list[Content]:

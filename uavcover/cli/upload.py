@@ -9,7 +9,7 @@ from uavcover.cli import options
 
 
 def upload(
-    file: Annotated[Path, typer.Argument(help="A .waypoints or .plan file.")],
+    file: Annotated[Path, typer.Argument(help="A .waypoints, .plan, .csv or .fen file.")],
     to: options.To,
     kind: Annotated[
         str | None, typer.Option("--type", help="mission, fence, rally or all; default: what the file holds.")
@@ -31,9 +31,9 @@ def upload(
 
     key = options.signing_key(signing_key)
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
-    contents, repairs = read_contents(file, kind)
-    for repair in repairs:
-        console.warn(f"{file}: repaired: {repair}")
+    contents, remarks = read_contents(file, kind)
+    for remark in remarks:
+        console.warn(f"{file}: {remark}")
     console.warn(f"{file}: terrain not checked (the file carries none; plan-upload checks every leg)")
     results = []
     timing = link_preset(link).timing
