@@ -18,8 +18,8 @@ from uavcover.flight.track_file import read_track_with_warnings
 from uavcover.gap_planning.closing_route import ClosingRoute, plan_closing_route
 from uavcover.leg_checks import measure_violations
 from uavcover.local_raster import Band, geotiff
-from uavcover.mission_compiler import CompiledMission
-from uavcover.model.route import Plan, RouteMember
+from uavcover.mission_compiler import CompiledMission, compile_continuation
+from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.track import ReadTrack, Track
 from uavcover.planning.objectives import judge
 from uavcover.run_folder import RunFolder
@@ -146,15 +146,22 @@ class GapMission:
 
     Attributes:
         closing: the route, and what it sees of the gaps.
-        compiled: the mission.
+        compiled: the mission, from take-off at home to landing there.
+        continuation: the same route for a vehicle in the air, from where it is; none when that was not asked for.
         plan: the same as a plan of its own, for its run folder.
         coverage_after: share of the coverable area that is seen after it, together with the flight.
     """
 
     closing: ClosingRoute
     compiled: CompiledMission
+    continuation: CompiledMission | None
     plan: Plan
     coverage_after: float
+
+    @property
+    def wanted(self) -> CompiledMission:
+        """The mission that was asked for."""
+        return self.compiled if self.continuation is None else self.continuation
 
 
 def check_gap_request(*, min_area_m2: float, target: float | None) -> None:
@@ -170,15 +177,21 @@ def check_gap_request(*, min_area_m2: float, target: float | None) -> None:
 
 
 def plan_gap_mission(
-    site: Site, verdict: Verdict, *, min_area_m2: float = 0.0, target: float | None = None
+    site: Site,
+    verdict: Verdict,
+    *,
+    min_area_m2: float = 0.0,
+    target: float | None = None,
+    in_the_air: Track | None = None,
 ) -> GapMission:
-    """The mission from home and back that closes the coverable gaps of a flight.
+    """The mission that closes the coverable gaps of a flight and lands at home.
 
     Args:
         site: the scenario on its ground.
         verdict: on what was flown.
         min_area_m2: smaller gaps are left open.
         target: share of the coverable area that is enough, 0..1; default: everything.
+        in_the_air: of a vehicle that has not landed: the mission begins at the last sample; default: take-off at home.
 
     Raises:
         InputError: an argument is out of range, or the site has no home.
@@ -203,8 +216,10 @@ def plan_gap_mission(
         if lacking <= 0.0:
             raise InfeasibleError(f"there is nothing to close: the flight has reached {100 * target:g} % already")
         needed_m2 = lacking * float(coverage.grid.weight_m2[coverage.coverable].sum())
-    closing = plan_closing_route(coverage, missing, start_m=site.home_m, end_m=site.home_m, needed_m2=needed_m2)
+    start_m = site.home_m if in_the_air is None else _last_place_m(site, in_the_air)
+    closing = plan_closing_route(coverage, missing, start_m=start_m, end_m=site.home_m, needed_m2=needed_m2)
     compiled = pipeline.compile_plan(site, closing.route)
+    continuation = None if in_the_air is None else _continuation(site, closing.route, in_the_air)
     route = closing.route
     margin_m = site.scenario.limits.height_margin_m
     member = RouteMember(
@@ -218,7 +233,28 @@ def plan_gap_mission(
         chosen=member, members=(member,), baselines=(), rule="gaps", rule_met=target is None or after >= target,
         algorithm="gap-closing", evaluations=0, wall_s=time.monotonic() - started,
     )  # fmt: skip
-    return GapMission(closing, compiled, plan, after)
+    return GapMission(closing, compiled, continuation, plan, after)
+
+
+def _last_place_m(site: Site, track: Track) -> FloatArray:
+    """(3,) ENU of the last sample, by its geodetic columns.
+
+    Raises:
+        InputError: the scenario has no place on Earth.
+    """
+    if site.frame is None:
+        raise InputError(f"scenario {site.scenario.name}: has no place on Earth, so there is no mission to fly")
+    lat_deg, lon_deg, alt_amsl_m = track.geodetic[-1].tolist()
+    place_m: FloatArray = site.frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
+    return place_m
+
+
+def _continuation(site: Site, route: Route, track: Track) -> CompiledMission:
+    lat_deg, lon_deg, alt_amsl_m = track.geodetic[-1].tolist()
+    return compile_continuation(
+        site, route, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m,
+        flown_s=float(track.time_s[-1] - track.time_s[0]), autopilot=site.scenario.vehicle.autopilot,
+    )  # fmt: skip
 
 
 def save_gaps(run: RunFolder, verdict: Verdict) -> None:
@@ -233,7 +269,7 @@ def save_gaps(run: RunFolder, verdict: Verdict) -> None:
 def save_gap_mission(
     run: RunFolder, site: Site, mission: GapMission, *, command: Sequence[str], force: bool
 ) -> RunFolder:
-    """Write ``gap_mission.waypoints``, and a run folder inside this one that can be uploaded and flown.
+    """Write ``gap_mission.waypoints``, and a run folder inside this one that can be uploaded and flown from home.
 
     Raises:
         OutputError: there is such a folder already and ``force`` was not said.
@@ -245,6 +281,6 @@ def save_gap_mission(
             folder, site, mission.plan, compiled=mission.compiled, autopilot=autopilot,
             seed=site.scenario.planner.seed, command=command,
         )  # fmt: skip
-    texts = pipeline.mission_texts(mission.compiled, autopilot=autopilot, name=site.scenario.name)
+    texts = pipeline.mission_texts(mission.wanted, autopilot=autopilot, name=site.scenario.name)
     run.write_text("gap_mission.waypoints", texts["mission.waypoints"])
     return folder

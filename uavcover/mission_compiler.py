@@ -70,7 +70,7 @@ class CompiledMission:
         rally: home at a safe height; empty when no height is known to be safe.
         first_waypoint_item: index in ``mission.items`` of the first planned waypoint.
         waypoint_count: how many planned waypoints follow it, one item each.
-        path_m: (k, 3) ENU: column top at home, way there, planned waypoints, way home, column top.
+        path_m: (k, 3) ENU: column top at home or where the vehicle is, way there, planned waypoints, way home, column top.
         return_advice: on the autopilot's own return.
         max_height_above_home_m: highest point of the whole path above home: what the autopilot's maximum altitude must allow.
         flight_time_s: of the whole path, take-off and landing included.
@@ -88,43 +88,105 @@ class CompiledMission:
 
 
 def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName) -> CompiledMission:
-    """Compile the planned route of a site.
+    """Compile the planned route of a site, from take-off at home to landing there.
 
     Raises:
         InputError: the scenario has no place on Earth or no home.
         InfeasibleError: a leg breaks a limit (the message names it), or the autopilot would refuse the mission.
     """
     frame, home = _place(site)
-    planned = route.waypoints_m
-    if len(planned) == 0:
+    _check_planned(site, route)
+    takeoff_height_m = site.scenario.vehicle.takeoff_height_m
+    there = transit(site, home[:2], route.waypoints_m[0], ground_end_height_m=takeoff_height_m)
+    opening = [
+        _item(takeoff, frame, there[0], home),
+        change_speed(site.scenario.vehicle.cruise_speed_m_s),
+        *(_item(waypoint, frame, point, home) for point in there[1:-1]),
+    ]
+    return _compiled(site, route, opening, there, start_m=home, flown_s=0.0, autopilot=autopilot)
+
+
+def compile_continuation(
+    site: Site,
+    route: Route,
+    *,
+    lat_deg: float,
+    lon_deg: float,
+    alt_amsl_m: float,
+    flown_s: float,
+    autopilot: AutopilotName,
+) -> CompiledMission:
+    """Compile a planned route for a vehicle that is in the air: no take-off; straight up or down where it is, then there.
+
+    Args:
+        site: the scenario on its ground.
+        route: the planned route.
+        lat_deg: where the vehicle is.
+        lon_deg: where it is.
+        alt_amsl_m: where it is.
+        flown_s: how long it has been flying, which its endurance has to bear too.
+        autopilot: which one flies it.
+
+    Raises:
+        InputError: the scenario has no place on Earth or no home.
+        InfeasibleError: the vehicle is not in the air, a leg breaks a limit, the flight takes too long, or the autopilot
+            would refuse the mission.
+    """
+    frame, home = _place(site)
+    _check_planned(site, route)
+    limits = site.scenario.limits
+    here = frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
+    height_agl_m = float(here[2] - site.ground.heights_m(here[:2])[0])
+    if not height_agl_m >= min(limits.transit_clearance_m, limits.min_height_agl_m):
+        raise InfeasibleError(
+            f"the vehicle is {height_agl_m:.1f} m above ground at {lat_deg:.6f}, {lon_deg:.6f}, which is no flight inside the "
+            "limits; a mission that begins in the air needs a vehicle that is there"
+        )
+    there = transit(site, here[:2], route.waypoints_m[0], ground_end_height_m=height_agl_m)
+    opening = [
+        change_speed(site.scenario.vehicle.cruise_speed_m_s),
+        *(_item(waypoint, frame, point, home) for point in there[:-1]),
+    ]
+    return _compiled(site, route, opening, there, start_m=here, flown_s=flown_s, autopilot=autopilot)
+
+
+def _check_planned(site: Site, route: Route) -> None:
+    """Refuse a planned route that is empty or breaks a limit."""
+    if len(route.waypoints_m) == 0:
         raise InfeasibleError("the route has no waypoints")
-    limits, vehicle = site.scenario.limits, site.scenario.vehicle
-    _refuse(
-        "the planned route",
-        find_problems(site, planned, lowest_agl_m=limits.min_height_agl_m, highest_agl_m=limits.max_height_agl_m),
+    limits = site.scenario.limits
+    problems = find_problems(
+        site, route.waypoints_m, lowest_agl_m=limits.min_height_agl_m, highest_agl_m=limits.max_height_agl_m
     )
-    there = transit(site, home[:2], planned[0], ground_end_height_m=vehicle.takeoff_height_m)
+    _refuse("the planned route", problems)
+
+
+def _compiled(
+    site: Site, route: Route, opening: list[MissionItem], there_m: FloatArray,
+    *, start_m: FloatArray, flown_s: float, autopilot: AutopilotName,
+) -> CompiledMission:  # fmt: skip
+    """The whole mission behind its opening items, which lead along ``there_m`` to the first planned waypoint."""
+    frame, home = _place(site)
+    planned, limits, vehicle = route.waypoints_m, site.scenario.limits, site.scenario.vehicle
     back = transit(site, home[:2], planned[-1], ground_end_height_m=vehicle.takeoff_height_m)[::-1]
     # Where a way ends straight above or below a planned waypoint, the band of the route applies, which may be lower.
     lowest_agl_m = min(limits.transit_clearance_m, limits.min_height_agl_m)
-    _check_transit(site, "the way there", there, far_end=len(there) - 1, far_end_lowest_agl_m=lowest_agl_m)
+    _check_transit(site, "the way there", there_m, far_end=len(there_m) - 1, far_end_lowest_agl_m=lowest_agl_m)
     _check_transit(site, "the way home", back, far_end=0, far_end_lowest_agl_m=lowest_agl_m)
 
-    items = [_item(takeoff, frame, there[0], home), change_speed(vehicle.cruise_speed_m_s)]
-    items += [_item(waypoint, frame, point, home) for point in there[1:-1]]
-    first = len(items)
-    items += [_item(waypoint, frame, point, home) for point in planned]
+    items = [*opening, *(_item(waypoint, frame, point, home) for point in planned)]
     items += [_item(waypoint, frame, point, home) for point in back[1:]]
     items.append(_item(land, frame, home, home))
     mission = Mission(_geo_point(frame, home), tuple(items))
-    path = np.vstack([there[:-1], planned, back[1:]])
-    time_s = _flight_time_s(site, path, home)
-    if vehicle.endurance_s is not None and time_s > vehicle.endurance_s:
+    path = np.vstack([there_m[:-1], planned, back[1:]])
+    time_s = _flight_time_s(site, path, start_m, home)
+    if vehicle.endurance_s is not None and flown_s + time_s > vehicle.endurance_s:
+        before = f" after {flown_s:.0f} s in the air" if flown_s > 0.0 else ""
         raise InfeasibleError(
-            f"the flight takes {time_s:.0f} s with the ways there and home, vehicle.endurance_s is {vehicle.endurance_s:.0f} s; "
-            "ask for less coverage (--select), or plan a smaller area"
+            f"the flight takes {time_s:.0f} s with the ways there and home{before}, vehicle.endurance_s is "
+            f"{vehicle.endurance_s:.0f} s; ask for less coverage (--select), or plan a smaller area"
         )
-    advice = check_straight_return(site, path, first_waypoint=len(there) - 1, waypoint_count=len(planned))
+    advice = check_straight_return(site, path, first_waypoint=len(there_m) - 1, waypoint_count=len(planned))
     fence, rally = _fence(site, frame), _rally(frame, home, advice)
     for content in (mission, fence, rally):
         _check_autopilot(content, AUTOPILOTS[autopilot])
@@ -132,7 +194,7 @@ def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName) -> Co
         mission=mission,
         fence=fence,
         rally=rally,
-        first_waypoint_item=first,
+        first_waypoint_item=len(opening),
         waypoint_count=len(planned),
         path_m=path,
         return_advice=advice,
@@ -318,7 +380,7 @@ def _rally(frame: LocalFrame, home_m: FloatArray, advice: ReturnAdvice) -> Rally
     return RallyPoints((FramedPoint(place.lat_deg, place.lon_deg, float(height), Frame.ABOVE_HOME),))
 
 
-def _flight_time_s(site: Site, path_m: FloatArray, home_m: FloatArray) -> float:
+def _flight_time_s(site: Site, path_m: FloatArray, start_m: FloatArray, home_m: FloatArray) -> float:
     vehicle = site.scenario.vehicle
-    whole = np.vstack([home_m, path_m, home_m])
+    whole = np.vstack([start_m, path_m, home_m])
     return float(flight_time(whole, vehicle.cruise_speed_m_s, vehicle.max_climb_m_s, vehicle.max_descent_m_s))

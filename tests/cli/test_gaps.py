@@ -1,4 +1,5 @@
 import csv
+import itertools
 import json
 from pathlib import Path
 
@@ -6,6 +7,7 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
+from pymavlink import mavwp
 from rasterio.warp import transform
 
 from tests.cli.conftest import Cli, files
@@ -115,6 +117,59 @@ def test_an_older_gap_mission_is_not_overwritten(cli: Cli, torn: Path) -> None:
     assert ended.code == 2
     assert "--force" in ended.error or "--force" in ended.err
     assert cli("gaps", torn, "--force").code == 0
+
+
+def broken_off(run: Path, share: float) -> dict[str, str]:
+    """End the track after this share of its samples; the last row."""
+    lines = (run / "track.csv").read_text().splitlines()
+    kept = lines[: 1 + round(share * (len(lines) - 1))]
+    (run / "track.csv").write_text("\n".join(kept) + "\n")
+    return dict(zip(kept[0].split(","), kept[-1].split(","), strict=True))
+
+
+def test_a_gap_mission_from_where_the_vehicle_is(cli: Cli, flown: Path) -> None:
+    last = broken_off(flown, 0.6)
+    from_home = cli("gaps", flown, "--json").document
+    ended = cli("gaps", flown, "--start", "last", "--force", "--json")
+    assert ended.code == 0, ended.err
+    assert (from_home["start"], ended.document["start"]) == ("home", "last")
+    assert "--in-flight" in ended.err
+    assert ended.document["coverage_after"] > 0.99
+    assert ended.document["path_length_m"] < from_home["path_length_m"]
+
+    loader = mavwp.MAVWPLoader()
+    loader.load(str(flown / "gap_mission.waypoints"))
+    home, *items = [loader.wp(k) for k in range(loader.count())]
+    commands = [item.command for item in items]
+    assert 22 not in commands, "a vehicle in the air does not take off"
+    assert (commands[-1], commands.count(21)) == (21, 1)
+    places = np.array([(item.x, item.y, item.z + home.z) for item in items if item.command == 16])
+    np.testing.assert_allclose(places[0, :2], [float(last["lat_deg"]), float(last["lon_deg"])], atol=2e-7)
+    assert places[0, 2] >= float(last["alt_amsl_m"]) - 0.01, "straight up, if at all"
+
+    site, _ = route_of(flown)
+    assert site.frame is not None
+    corners = site.frame.enu_from_geodetic(*places.T)
+    shares = np.linspace(0.0, 1.0, 200)[:, None]
+    legs = np.concatenate([a + shares * (b - a) for a, b in itertools.pairwise(corners)])
+    limits = site.scenario.limits
+    above_m = legs[:, 2] - site.ground.heights_m(legs[:, :2])
+    assert above_m.min() >= min(limits.transit_clearance_m, limits.min_height_agl_m) - 0.01
+    assert shapely.covers(site.fence, shapely.points(legs[:, :2])).all()
+    # The folder holds the same route from home.
+    assert 22 in [
+        int(row.split("\t")[3]) for row in (flown / "gaps" / "mission.waypoints").read_text().splitlines()[1:]
+    ]
+
+
+def test_no_mission_in_the_air_for_a_vehicle_on_the_ground(cli: Cli, torn: Path) -> None:
+    ended = cli("gaps", torn, "--start", "last")
+    assert ended.code == 4
+    assert "m above ground" in ended.err
+    assert "gap_mission.waypoints" not in files(torn)
+    ended = cli("gaps", torn, "--start", "here")
+    assert ended.code == 2
+    assert "--start: 'here'" in ended.error
 
 
 @pytest.mark.parametrize(("option", "value"), [("--target", 1.5), ("--target", 0.0), ("--min-area", -1.0)])

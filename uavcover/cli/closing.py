@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,13 @@ from uavcover.model.report import VerificationReport
 from uavcover.run_folder import RunFolder
 
 
+class Start(StrEnum):
+    """Where a gap mission begins."""
+
+    HOME = "home"
+    LAST = "last"
+
+
 def close_gaps(
     run: RunFolder,
     console: Console,
@@ -21,6 +29,7 @@ def close_gaps(
     logs: Sequence[Path],
     target: float | None,
     min_area_m2: float,
+    start: Start,
     force: bool,
     command: Sequence[str],
 ) -> dict[str, Any]:
@@ -43,22 +52,27 @@ def close_gaps(
         console.say(f"nothing to close; written: {run.file('gaps.geojson')}")
         return document
     with console.progress("planning the gap mission"):
-        mission = after_flight.plan_gap_mission(site, verdict, min_area_m2=min_area_m2, target=target)
+        own_logs = list(logs) or [run.file("track.csv")]
+        in_the_air = after_flight.read_log(own_logs[-1], site).track if start is Start.LAST else None
+        mission = after_flight.plan_gap_mission(
+            site, verdict, min_area_m2=min_area_m2, target=target, in_the_air=in_the_air
+        )
     folder = after_flight.save_gap_mission(run, site, mission, command=command, force=force)
-    path = mission.compiled.path_m
+    path = mission.wanted.path_m
     length_m = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     document |= {
         "mission": str(run.file("gap_mission.waypoints")),
         "folder": str(folder),
+        "start": start.value,
         "waypoint_count": len(mission.closing.route),
         "path_length_m": length_m,
-        "flight_time_s": mission.compiled.flight_time_s,
+        "flight_time_s": mission.wanted.flight_time_s,
         "coverage_after": mission.coverage_after,
         "target_met": mission.plan.rule_met,
     }
     console.say(
         f"gap mission       {len(mission.closing.route)} waypoints, {length_m:.0f} m and "
-        f"{mission.compiled.flight_time_s:.0f} s with the ways there and home; after it {percent(mission.coverage_after)} of "
+        f"{mission.wanted.flight_time_s:.0f} s with the ways there and home; after it {percent(mission.coverage_after)} of "
         "what can be seen"
     )
     if mission.closing.seen_m2 < mission.closing.wanted_m2 and target is None:
@@ -67,8 +81,12 @@ def close_gaps(
     if not mission.plan.rule_met and target is not None:
         console.warn(f"the mission does not reach {percent(target)}; the best there is has been written")
     console.say(f"written: {run.file('gaps.geojson')}, {run.file('gap_mission.waypoints')}. Next:")
+    if start is Start.LAST:
+        console.say(f"  uavcover upload {run.file('gap_mission.waypoints')} --to URL --in-flight")
+        console.say("  and start it at its first item; it does not take off, and begins where the last log ends")
+        console.say(f"from home, if the vehicle has landed (verify then takes {folder.file('track.csv')}):")
     console.say(f"  uavcover plan-upload {folder} --to URL; uavcover fly {folder} --to URL")
-    own = " ".join(f"--log {path}" for path in (*(logs or (run.file("track.csv"),)), folder.file("track.csv")))
+    own = " ".join(f"--log {path}" for path in (*own_logs, folder.file("track.csv")))
     console.say(f"  uavcover verify {run} {own}")
     return document
 

@@ -21,6 +21,12 @@ def gaps(
     min_area_m2: Annotated[
         float, typer.Option("--min-area", help="Leave smaller gaps open, square metres.", metavar="M2")
     ] = 0.0,
+    start: Annotated[
+        str,
+        typer.Option(
+            help="Where the mission begins: home, or the last sample of the last log, in the air.", metavar="home|last"
+        ),
+    ] = "home",
     force: Annotated[bool, typer.Option("--force", help="Replace an older gap mission, and its flight.")] = False,
     as_json: options.Json = False,
     quiet: options.Quiet = False,
@@ -31,13 +37,17 @@ def gaps(
     Writes gaps.geojson, gap_mission.waypoints, and RUN/gaps, a run folder to upload, fly and verify. Exit 1 when the mission
     cannot reach what was asked for.
     """
-    from uavcover.cli.closing import close_gaps
+    from uavcover.cli.closing import Start, close_gaps
     from uavcover.cli.console import Console
+    from uavcover.errors import InputError
     from uavcover.run_folder import RunFolder
 
+    if start not in list(Start):
+        raise InputError(f"--start: {start!r} is neither home nor last")
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     document = close_gaps(
-        RunFolder(run), console, logs=logs or (), target=target, min_area_m2=min_area_m2, force=force, command=sys.argv
-    )
+        RunFolder(run), console,
+        logs=logs or (), target=target, min_area_m2=min_area_m2, start=Start(start), force=force, command=sys.argv,
+    )  # fmt: skip
     console.result(document)
     return 0 if document["target_met"] else 1
