@@ -62,10 +62,17 @@ def in_process(*arguments: object, **options: Any) -> Ended:
     return Ended(done.returncode, done.stdout, done.stderr)
 
 
+def _heed_ctrl_c() -> None:
+    """In the new process: a shell's background jobs, as tests may be, ignore Ctrl-C, and so would what they start."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @contextmanager
 def started(arguments: list[str], **options: Any) -> Iterator[subprocess.Popen[str]]:
     """A process that is gone at the end, whatever happens; a watchdog ends one that hangs."""
-    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+    process = subprocess.Popen(
+        arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=_heed_ctrl_c, **options
+    )
     watchdog = threading.Timer(WATCHDOG_S, process.kill)
     watchdog.start()
     try:
