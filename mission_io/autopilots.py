@@ -58,12 +58,17 @@ class Autopilot:
         nan_allowed: For each command, the parameters (1 to 4) that may be NaN; key 0 is every other command.
         refuses_bad_numbers: Whether an item with an impossible number is refused, or taken as it is.
         item_limit: More items than this are refused (None: it depends on the board).
+        card_parameter: The parameter with the kilobytes of a memory card that missions are kept on instead (0: none is);
+            None for no such thing. See ``item_limits``.
         legacy_requests: Whether it asks for items with the deprecated MISSION_REQUEST.
         rerequest_s: It asks again after this silence.
         give_up_s: It ends an upload after this silence.
         says_give_up: Whether it tells (with OPERATION_CANCELLED) that it gave up.
         atomic: The lists that a failed upload leaves as they were.
         busy_result: What a second ground station's upload is answered.
+        busy_request_result: What a list or an item that is asked for, or an emptying, is answered while a transfer is
+            going on that keeps it out; None for nothing.
+        answers_strangers: Whether an item is answered that comes from a station which began no transfer, or not the last.
         count_restarts: Whether a COUNT in the middle of an upload starts it over; if not, it is answered ERROR.
         wrong_sequence_result: What an item that was not asked for is answered; None for nothing.
         acks_repeated_last_item: Whether the last item, sent again after the end, is acknowledged again.
@@ -83,12 +88,15 @@ class Autopilot:
     nan_allowed: Mapping[int, frozenset[int]]
     refuses_bad_numbers: bool
     item_limit: int | None
+    card_parameter: str | None
     legacy_requests: bool
     rerequest_s: float
     give_up_s: float
     says_give_up: bool
     atomic: frozenset[MissionType]
     busy_result: MissionResult
+    busy_request_result: MissionResult | None
+    answers_strangers: bool
     count_restarts: bool
     wrong_sequence_result: MissionResult | None
     acks_repeated_last_item: bool
@@ -119,12 +127,15 @@ ARDUPILOT = Autopilot(
     },
     refuses_bad_numbers=True,
     item_limit=650,
+    card_parameter="BRD_SD_MISSION",
     legacy_requests=True,
     rerequest_s=1.0,
     give_up_s=8.0,
     says_give_up=True,
     atomic=frozenset({MissionType.FENCE}),
     busy_result=MissionResult.DENIED,
+    busy_request_result=MissionResult.DENIED,
+    answers_strangers=True,
     count_restarts=True,
     wrong_sequence_result=MissionResult.INVALID_SEQUENCE,
     acks_repeated_last_item=False,
@@ -152,16 +163,19 @@ PX4 = Autopilot(
     nan_allowed={0: frozenset({1, 2, 3, 4})},
     refuses_bad_numbers=False,
     item_limit=None,
+    card_parameter=None,
     legacy_requests=False,
     rerequest_s=0.25,
     give_up_s=5.0,
     says_give_up=False,
     atomic=frozenset(MissionType),
     busy_result=MissionResult.ERROR,
+    busy_request_result=None,
+    answers_strangers=False,
     count_restarts=False,
     wrong_sequence_result=None,
     acks_repeated_last_item=True,
-    idle_item_result=None,
+    idle_item_result=MissionResult.ERROR,
     download_blocks_s=5.3,
     boot_refusal_s=0.0,
 )

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import TypedDict, TypeVar
 
-from mission_io import commands
+from mission_io import commands, item_limits
 from mission_io.autopilots import Autopilot
 from mission_io.checks import check_for_autopilot
 from mission_io.clock import Clock
@@ -46,6 +46,7 @@ NO_PROGRESS_S = 60.0
 
 _STALE_READ_BACK_S = 0.1
 _ANSWER_S = 10.0
+_ITEM_LIMIT_S = 3.0
 _CLEAR_TRIES = 3
 
 
@@ -178,6 +179,8 @@ class Client(Connection):
     ) -> Verification:
         """Check, upload, read back and compare a mission, a fence or rally points.
 
+        A vehicle is asked for its own limit when a mission is longer than its autopilot was seen to take.
+
         Args:
             content: What the vehicle is to hold.
             progress: Called while the items go across.
@@ -192,13 +195,24 @@ class Client(Connection):
         autopilot = autopilot if autopilot is not None else self.vehicle.autopilot
         mission_type = mission_type_of(content)
         items = items_of(content, autopilot)
-        problems = check_for_autopilot(items, autopilot, mission_type)
+        limit = None
+        if (
+            mission_type is MissionType.MISSION
+            and autopilot.item_limit is not None
+            and len(items) > autopilot.item_limit
+        ):
+            limit = item_limits.ask_item_limit(self, autopilot, timeout_s=_ITEM_LIMIT_S)
+        problems = check_for_autopilot(items, autopilot, mission_type, item_limit=limit)
         if problems:
             more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
             raise MisuseError(f"the {_name(mission_type)} was not sent: {problems[0]}{more}")
         self.upload(mission_type, items, progress=progress, stop=stop, in_flight=in_flight)
         received, differences = self._read_back(mission_type, items, autopilot)
         return Verification(mission_type, autopilot.name, items, received, differences)
+
+    def ask_item_limit(self, *, timeout_s: float = _ITEM_LIMIT_S) -> int | None:
+        """How many mission items the vehicle takes, home included; None when it does not tell within ``timeout_s``."""
+        return item_limits.ask_item_limit(self, self.vehicle.autopilot, timeout_s=timeout_s)
 
     def download_content(self, mission_type: MissionType, *, progress: Progress | None = None) -> Content:
         """One of the vehicle's lists as the Mission, Fence or RallyPoints it stands for; errors as ``download``."""

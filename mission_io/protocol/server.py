@@ -86,6 +86,7 @@ class MissionServer:
         self._lists: dict[MissionType, tuple[MissionItem, ...]] = dict.fromkeys(MissionType, ())
         self._incoming: _Incoming | None = None
         self._ended: tuple[Address, MissionType, int] | None = None
+        self._partner: Address | None = None  # who began the last transfer
         self._served: tuple[Address, int] | None = None  # whose download of which list is going on
         self._served_at = 0.0
         self._serve_next = 0
@@ -239,7 +240,7 @@ class MissionServer:
 
     def _begin(self, now: float) -> None:
         mission_type = MissionType(self._about)
-        self._ended = None
+        self._ended, self._partner = None, self._sender
         self._incoming = _Incoming(self._sender, mission_type, self._number, now, now)
         if mission_type not in self.autopilot.atomic:
             self._lists[mission_type] = self._lists[mission_type][: self._number]
@@ -310,6 +311,7 @@ class MissionServer:
 
     def _send_count(self, now: float) -> None:
         self._served, self._served_at, self._serve_next = (self._sender, self._about), now, 0
+        self._partner = self._sender
         to, held = self._sender, self.items(MissionType(self._about))
         self._outbox.append(MissionCount(to.system_id, to.component_id, len(held), self._about))
 
@@ -343,10 +345,23 @@ class MissionServer:
         del now
         self._answer(self.autopilot.busy_result)
 
+    def _answer_busy_request(self, now: float) -> None:
+        del now
+        if self.autopilot.busy_request_result is not None:
+            self._answer(self.autopilot.busy_request_result)
+
+    def _answer_other_item(self, now: float) -> None:
+        if self._is_answered():
+            self._answer_busy(now)
+
     def _answer_idle_item(self, now: float) -> None:
         del now
-        if self.autopilot.idle_item_result is not None:
+        if self.autopilot.idle_item_result is not None and self._is_answered():
             self._answer(self.autopilot.idle_item_result)
+
+    def _is_answered(self) -> bool:
+        """Whether an item of the message's sender that was not asked for gets an answer."""
+        return self.autopilot.answers_strangers or self._sender == self._partner
 
     def _answer_wrong_sequence(self, now: float) -> None:
         del now

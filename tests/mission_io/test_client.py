@@ -1,4 +1,5 @@
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -29,7 +30,17 @@ from mission_io.items import (
     takeoff,
     waypoint,
 )
-from mission_io.messages import Heartbeat, MissionAck, MissionCount, MissionItemInt, MissionRequestInt, Received
+from mission_io.messages import (
+    Heartbeat,
+    MissionAck,
+    MissionCount,
+    MissionItemInt,
+    MissionRequestInt,
+    MissionRequestList,
+    ParamRequestRead,
+    ParamValue,
+    Received,
+)
 from mission_io.simulated import Conditions
 from tests.mission_io.vehicle import VehiclePeer, connected
 
@@ -208,6 +219,76 @@ def test_refused_before_anything_is_sent() -> None:
     assert not [r for r in peer.heard if isinstance(r.message, MissionCount)]
     with pytest.raises(FormatError, match="2 vertices"):
         client.upload_and_verify(Fence((FencePolygon((LatLon(1.0, 2.0), LatLon(2.0, 3.0))),)))
+
+
+class WithCard(VehiclePeer):
+    """An ArduPilot that keeps its mission on a memory card, or one that does not say so when ``size_kb`` is None."""
+
+    def __init__(self, autopilot: Autopilot = ARDUPILOT, *, size_kb: float | None, capacity: int = 650) -> None:
+        super().__init__(autopilot, capacity=capacity)
+        self.size_kb = size_kb
+
+    def on_message(self, received: Received, now: float) -> None:
+        super().on_message(received, now)
+        if isinstance(received.message, ParamRequestRead) and self.size_kb is not None:
+            self.outbox.append(ParamValue(received.message.name, self.size_kb))
+
+    def asked_for(self) -> list[str]:
+        """The parameters that were asked for."""
+        return [r.message.name for r in self.heard if isinstance(r.message, ParamRequestRead)]
+
+
+def _long_mission(count: int) -> Mission:
+    places = (waypoint(46.5 + i * 1e-5, -7.25, 40.0, frame=Frame.ABOVE_HOME) for i in range(count))
+    return Mission(HOME, tuple(places))
+
+
+@pytest.mark.parametrize(("size_kb", "limit"), [(64.0, 4368), (12.0, 818), (1.0, 68), (0.0, None), (math.nan, None)])
+def test_a_vehicle_with_a_memory_card_tells_how_many_items_it_takes(size_kb: float, limit: int | None) -> None:
+    peer = WithCard(size_kb=size_kb)
+    assert connected(peer).ask_item_limit() == limit
+    assert peer.asked_for() == ["BRD_SD_MISSION"]
+
+
+def test_px4_is_not_asked_what_it_does_not_tell() -> None:
+    peer = WithCard(PX4, size_kb=64.0)
+    assert connected(peer).ask_item_limit() is None
+    assert peer.asked_for() == []
+
+
+def test_a_mission_longer_than_usual_is_sent_to_a_vehicle_that_takes_it() -> None:
+    peer = WithCard(size_kb=64.0, capacity=4368)
+    assert connected(peer).upload_and_verify(_long_mission(699)).passed
+    assert len(peer.server.items(MissionType.MISSION)) == 700
+
+
+@pytest.mark.parametrize(("size_kb", "limit"), [(None, 650), (0.0, 650), (10.0, 682)])
+def test_a_mission_too_long_for_the_vehicle_is_not_sent(size_kb: float | None, limit: int) -> None:
+    peer = WithCard(size_kb=size_kb)
+    client = connected(peer)
+    begun_at = client.clock.now()
+    with pytest.raises(MisuseError, match=f"not sent: the list: 700 items, ArduPilot takes {limit}; split the mission"):
+        client.upload_and_verify(_long_mission(699))
+    assert client.clock.now() - begun_at < 3.5
+    assert not [r for r in peer.heard if isinstance(r.message, MissionCount)]
+
+
+def test_a_mission_of_usual_length_waits_for_no_parameter() -> None:
+    peer = WithCard(size_kb=None)
+    assert connected(peer).upload_and_verify(_long_mission(649)).passed
+    assert peer.asked_for() == []
+
+
+def test_emptying_a_px4_that_is_busy_takes_until_it_is_free() -> None:
+    """PX4 does not answer while somebody's download is unfinished; 5.3 s after its last word it is free again."""
+    peer = VehiclePeer(PX4)
+    peer.server.set_items(MissionType.MISSION, wire_items(MISSION, PX4))
+    client = connected(peer)
+    begun_at = client.clock.now()
+    peer.server.receive(Received(MissionRequestList(1, 1), 254, 190), begun_at)
+    client.clear(MissionType.MISSION)
+    assert peer.server.items(MissionType.MISSION) == ()
+    assert 5.0 < client.clock.now() - begun_at < 8.0
 
 
 def test_an_item_the_vehicle_refuses() -> None:
