@@ -92,7 +92,7 @@ def test_a_file_that_ends_anywhere_gives_what_is_whole(
     assert 12 < whole_messages(cut) <= len(cut)
     # All samples were sent at once, so there are all of them or none.
     if share == 0.5:
-        with pytest.raises(RecordingError, match="without a track"):
+        with pytest.raises(RecordingError, match="before its first sample"):
             read_recorded_track(tmp_path / "cut.rrd")
         return
     track = read_recorded_track(tmp_path / "cut.rrd")
@@ -172,3 +172,11 @@ def test_a_kill_leaves_what_was_recorded_two_seconds_before(flight: Flight, tmp_
     track = read_recorded_track(path)
     assert len(track) >= 201
     np.testing.assert_array_equal(track.enu_m, flight.track.enu_m[: len(track)])
+
+
+def test_one_that_was_killed_before_its_first_sample_says_so(flight: Flight, tmp_path: Path) -> None:
+    path = tmp_path / "flight.rrd"
+    LiveRecording(path, site=flight.site, coverage=flight.coverage, planned=flight.planned).close()
+    assert layout.TERRAIN in {row.entity for row in describe_recording(path)}
+    with pytest.raises(RecordingError, match=r"flight\.rrd: the recording ends before its first sample .* track\.csv"):
+        read_recorded_track(path)

@@ -69,6 +69,10 @@ def read_recorded_track_with_warnings(path: str | Path) -> ReadTrack:
         else:
             part = _columns(chunk, COLUMNS)
             parts += [part] if len(part) == len(COLUMNS) else []
+    if warning and not parts:
+        raise RecordingError(
+            f"{path}: the recording ends before its first sample was written; track.csv beside it has them"
+        )
     if (count is None and not warning) or not parts:
         raise RecordingError(f"{path}: a recording, but without a track of uavcover")
     columns = {name: np.concatenate([part[name] for part in parts]) for name in COLUMNS}
