@@ -21,6 +21,8 @@ class Relay:
         self._ground.bind(("127.0.0.1", 0))
         self._vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._vehicle.connect(("127.0.0.1", vehicle_port))
+        self._ground.setblocking(False)
+        self._vehicle.setblocking(False)  # select may tell of an error that a send has taken in between
         self.port: int = self._ground.getsockname()[1]
         self._on_item = on_item
         self._stop = threading.Event()
@@ -50,5 +52,5 @@ class Relay:
                         self._vehicle.send(data)
                     elif ground is not None:
                         self._ground.sendto(data, ground)
-                except ConnectionError:
+                except (ConnectionError, BlockingIOError):
                     continue  # the vehicle is gone
