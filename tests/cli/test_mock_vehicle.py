@@ -18,7 +18,7 @@ def test_tells_its_port_and_ends_when_told(number: signal.Signals) -> None:
 @pytest.mark.parametrize(
     ("arguments", "telling"),
     [
-        (("--listen", "tcp://127.0.0.1:0"), "udpin://HOST:PORT"),
+        (("--listen", "tcp://127.0.0.1:5760"), "udpin://HOST:PORT"),
         (("--listen", "nonsense"), "nonsense"),
         (("--listen", "udpin://127.0.0.1:0", "--home", "here"), "--home"),
         (("--listen", "udpin://127.0.0.1:0", "--home", "95,0,0"), "--home"),
