@@ -8,6 +8,7 @@ import pytest
 SCRIPT = Path(__file__).parents[2] / "scripts" / "kill_fly.py"
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(400)
 def test_a_killed_flight_leaves_its_track_and_its_recording(planned: Path, tmp_path: Path) -> None:
     out = tmp_path / "killed.md"
