@@ -110,6 +110,8 @@ class Relay:
         self._ground.bind(("127.0.0.1", 0))
         self._vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._vehicle.connect(("127.0.0.1", vehicle_port))
+        self._ground.setblocking(False)
+        self._vehicle.setblocking(False)  # select may tell of an error that a send has taken in between
         self.port: int = self._ground.getsockname()[1]
         self.positions: list[Position] = []
         self._parser = ardupilotmega.MAVLink(None)
@@ -139,7 +141,7 @@ class Relay:
                     elif place is not None:
                         self._ground.sendto(data, place)
                         self._write_down(data)
-                except ConnectionError:
+                except (ConnectionError, BlockingIOError):
                     continue  # the other side is gone
 
     def _write_down(self, data: bytes) -> None:

@@ -139,7 +139,7 @@ def _track_when_copied(path: Path, count: int) -> Track:
 
 
 _KILLED = """
-    import sys, time
+    import signal, sys, time
     from pathlib import Path
     from tests.recording.flights import make_flight
     from tests.recording.test_live import samples
@@ -152,7 +152,7 @@ _KILLED = """
         if number == 200:
             time.sleep(2.0)
             print("two seconds later", flush=True)
-    time.sleep(60.0)
+    signal.pause()
 """
 
 

@@ -101,7 +101,7 @@ def test_a_viewer_that_never_answers_is_ended(recorded: Path, tmp_path: Path, mo
     pid_file = tmp_path / "pid"
     fake_viewer(
         tmp_path,
-        f"import os, time; open({str(pid_file)!r}, 'w').write(str(os.getpid())); time.sleep(60)",
+        f"import os, signal; open({str(pid_file)!r}, 'w').write(str(os.getpid())); signal.pause()",
         monkeypatch,
     )
     monkeypatch.setattr(viewer, "_START_TIMEOUT_S", 1.0)
