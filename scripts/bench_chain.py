@@ -28,8 +28,8 @@ from mission_io.items import Frame, GeoPoint, Mission, MissionType, waypoint
 from mission_io.link import open_link
 from uavcover import pipeline
 from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.flight.mock_server import start_in_background
-from uavcover.flight.mock_vehicle import MockVehicle
+from uavcover.flight.mock.server import start_in_background
+from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.planning.baselines import plain_boustrophedon
 from uavcover.planning.swaths import fly_layout
 

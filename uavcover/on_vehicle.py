@@ -16,9 +16,9 @@ from uavcover.flight.events import FlightEvent
 from uavcover.flight.flight_plan import FlightPlan, Patience
 from uavcover.flight.fly import FlightOutcome
 from uavcover.flight.fly import fly as fly_plan
-from uavcover.flight.mock_server import register_mock
-from uavcover.flight.mock_settings import Settings
-from uavcover.flight.mock_vehicle import MockVehicle
+from uavcover.flight.mock.server import register_mock
+from uavcover.flight.mock.settings import Settings
+from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.flight.monitor import Monitor, open_vehicle
 from uavcover.flight.readiness import check_home as check_home_of
 from uavcover.mission_compiler import AUTOPILOTS, CompiledMission, compile_return

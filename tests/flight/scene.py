@@ -14,8 +14,8 @@ from mission_io.simulated import Conditions, SimulatedLink
 from uavcover.flight.events import EventKind, FlightEvent
 from uavcover.flight.flight_plan import FlightPlan
 from uavcover.flight.fly import FlightOutcome, fly
-from uavcover.flight.mock_peer import InMemoryPeer
-from uavcover.flight.mock_vehicle import MockVehicle
+from uavcover.flight.mock.peer import InMemoryPeer
+from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.flight.monitor import Monitor, open_vehicle
 from uavcover.frames import LocalFrame
 from uavcover.model.track import TrackSample

@@ -21,13 +21,13 @@ from tests.flight.scene import (
     way_home,
 )
 from uavcover.errors import VehicleError
-from uavcover.flight.dynamics import Wind
 from uavcover.flight.events import EventKind
 from uavcover.flight.flight_plan import Patience
 from uavcover.flight.fly import Ending, fly
-from uavcover.flight.itinerary import Itinerary
-from uavcover.flight.mock_peer import InMemoryPeer
-from uavcover.flight.mock_vehicle import MockVehicle
+from uavcover.flight.mock.dynamics import Wind
+from uavcover.flight.mock.itinerary import Itinerary
+from uavcover.flight.mock.peer import InMemoryPeer
+from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.flight.modes import Mode, custom_mode
 
 

@@ -7,10 +7,11 @@ from mission_io.autopilots import ARDUPILOT, PX4
 from mission_io.enums import CommandResult
 from tests.flight.scene import make_scene, mission
 from uavcover.errors import VehicleError
-from uavcover.flight import mock_commands, mock_vehicle
 from uavcover.flight.events import EventKind
 from uavcover.flight.fly import Ending
-from uavcover.flight.mock_vehicle import MockVehicle
+from uavcover.flight.mock import commands as mock_commands
+from uavcover.flight.mock import vehicle as mock_vehicle
+from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.flight.simulation import simulated_by
 
 

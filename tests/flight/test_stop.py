@@ -9,7 +9,7 @@ from tests.flight.scene import HOME, Scene, make_scene, mission, way_home
 from uavcover.errors import InfeasibleError, VehicleError
 from uavcover.flight.events import EventKind
 from uavcover.flight.fly import Ending
-from uavcover.flight.mock_vehicle import MockVehicle
+from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.flight.modes import Mode
 
 

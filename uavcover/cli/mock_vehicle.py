@@ -33,10 +33,10 @@ def mock_vehicle(
     from uavcover import pipeline
     from uavcover.cli.console import Console
     from uavcover.errors import InputError
-    from uavcover.flight.dynamics import Wind
-    from uavcover.flight.mock_server import run
-    from uavcover.flight.mock_settings import Settings
-    from uavcover.flight.mock_vehicle import MockVehicle
+    from uavcover.flight.mock.dynamics import Wind
+    from uavcover.flight.mock.server import run
+    from uavcover.flight.mock.settings import Settings
+    from uavcover.flight.mock.vehicle import MockVehicle
     from uavcover.mission_compiler import AUTOPILOTS
     from uavcover.model.vehicle import AutopilotName
     from uavcover.on_vehicle import home_of

@@ -4,7 +4,7 @@ from mission_io import messages as m
 from mission_io.client import Client
 from mission_io.enums import AutopilotId
 from mission_io.errors import VehicleSilentError
-from uavcover.flight.mock_telemetry import MOCK_UID
+from uavcover.flight.mock.telemetry import MOCK_UID
 
 _ANSWER_S = 3.0
 

@@ -6,7 +6,7 @@ from typing import Generic, TypeVar
 from mission_io.codec import Codec
 from mission_io.messages import Message
 from mission_io.protocol.exchange import Address
-from uavcover.flight.mock_vehicle import MockVehicle
+from uavcover.flight.mock.vehicle import MockVehicle
 
 PlaceT = TypeVar("PlaceT")
 

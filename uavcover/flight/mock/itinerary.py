@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from enum import Enum
 
 from mission_io.items import Command, MissionItem, SpeedType
-from uavcover.flight.dynamics import Airframe, PointMass, Vector
-from uavcover.flight.guidance import Speeds, Stop, passing_speeds, velocity_along, velocity_to
-from uavcover.flight.mock_settings import Settings
+from uavcover.flight.mock.dynamics import Airframe, PointMass, Vector
+from uavcover.flight.mock.guidance import Speeds, Stop, passing_speeds, velocity_along, velocity_to
+from uavcover.flight.mock.settings import Settings
 
 _SLOW_LANDING_BELOW_M = 10.0
 _SETTLED_M = 0.5

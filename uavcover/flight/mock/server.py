@@ -13,8 +13,8 @@ from typing import Self
 
 from mission_io.link import Link, LinkUrl, UdpLink, parse_link_url, register_endpoint
 from uavcover.errors import InputError, VehicleError
-from uavcover.flight.mock_peer import MockPeer
-from uavcover.flight.mock_vehicle import MockVehicle
+from uavcover.flight.mock.peer import MockPeer
+from uavcover.flight.mock.vehicle import MockVehicle
 
 _log = logging.getLogger(__name__)
 

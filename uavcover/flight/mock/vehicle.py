@@ -12,13 +12,13 @@ from mission_io.enums import AutopilotId, CommandResult, MissionResult, MissionS
 from mission_io.items import GeoPoint, MissionItem, MissionType
 from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import MissionServer
-from uavcover.flight.dynamics import Airframe, Wind
-from uavcover.flight.guidance import Speeds
-from uavcover.flight.itinerary import Step, StepKind, mission_steps, return_steps
-from uavcover.flight.mock_body import STEP_S, Ground, MockBody
-from uavcover.flight.mock_commands import answer_command, answer_parameter
-from uavcover.flight.mock_settings import Settings
-from uavcover.flight.mock_telemetry import DEFAULT_INTERVALS_S, Streams, telemetry
+from uavcover.flight.mock.body import STEP_S, Ground, MockBody
+from uavcover.flight.mock.commands import answer_command, answer_parameter
+from uavcover.flight.mock.dynamics import Airframe, Wind
+from uavcover.flight.mock.guidance import Speeds
+from uavcover.flight.mock.itinerary import Step, StepKind, mission_steps, return_steps
+from uavcover.flight.mock.settings import Settings
+from uavcover.flight.mock.telemetry import DEFAULT_INTERVALS_S, Streams, telemetry
 from uavcover.flight.modes import Mode, mode_from_custom
 
 _DISARM_AFTER_LANDING_S = 2.0

@@ -21,9 +21,9 @@ from mission_io.protocol.exchange import Timing
 from tests.flight.scene import HOME, mission, plan_for, way_home
 from uavcover.errors import InputError, VehicleError
 from uavcover.flight.fly import Ending, fly
-from uavcover.flight.mock_peer import InMemoryPeer
-from uavcover.flight.mock_server import MockServer, register_mock, run, start_in_background
-from uavcover.flight.mock_vehicle import MockVehicle
+from uavcover.flight.mock.peer import InMemoryPeer
+from uavcover.flight.mock.server import MockServer, register_mock, run, start_in_background
+from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.flight.monitor import open_vehicle
 
 SPEED = 40.0
@@ -32,8 +32,8 @@ PROCESS = """
 import sys
 from mission_io.autopilots import PX4
 from mission_io.items import GeoPoint
-from uavcover.flight.mock_server import run
-from uavcover.flight.mock_vehicle import MockVehicle
+from uavcover.flight.mock.server import run
+from uavcover.flight.mock.vehicle import MockVehicle
 home = GeoPoint(*map(float, sys.argv[1:4]))
 speed = float(sys.argv[4])
 run("udpin://127.0.0.1:0", MockVehicle(PX4, home, speed=speed), speed=speed,

@@ -11,7 +11,7 @@ from mission_io.enums import AutopilotId, EkfFlag, MissionState, ModeFlag, Vehic
 from uavcover.flight.modes import Mode, custom_mode
 
 if TYPE_CHECKING:
-    from uavcover.flight.mock_vehicle import MockVehicle
+    from uavcover.flight.mock.vehicle import MockVehicle
 
 MOCK_UID = int.from_bytes(b"uavcover", "big")
 """The ``uid`` in the mock's AUTOPILOT_VERSION: how it says that it is no real vehicle."""

@@ -12,10 +12,10 @@ from mission_io.enums import CommandResult, EkfFlag, LandedState, MissionResult,
 from mission_io.items import Command, Frame, GeoPoint, MissionItem, MissionType, delay, land, takeoff, waypoint
 from mission_io.wire import message_from_item
 from tests.flight.scene import HOME, above_home
-from uavcover.flight.dynamics import Wind
-from uavcover.flight.mock_settings import Settings
-from uavcover.flight.mock_telemetry import MOCK_UID
-from uavcover.flight.mock_vehicle import MockVehicle
+from uavcover.flight.mock.dynamics import Wind
+from uavcover.flight.mock.settings import Settings
+from uavcover.flight.mock.telemetry import MOCK_UID
+from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.flight.modes import Mode, custom_mode
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)

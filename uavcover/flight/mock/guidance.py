@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from uavcover.flight.dynamics import Airframe, Vector
+from uavcover.flight.mock.dynamics import Airframe, Vector
 
 _BRAKING_SHARE = 0.6
 """Share of the acceleration that braking is planned with; the rest is for wind and for the controller's delay."""

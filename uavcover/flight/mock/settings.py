@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from mission_io.enums import AutopilotId
-from uavcover.flight.guidance import Speeds
+from uavcover.flight.mock.guidance import Speeds
 from uavcover.model.vehicle import Vehicle
 
 

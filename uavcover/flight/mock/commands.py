@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 from mission_io import messages as m
 from mission_io.enums import CommandResult
 from mission_io.items import Command
-from uavcover.flight.itinerary import changed_speeds
-from uavcover.flight.mock_settings import PARAMETERS, parameter, with_parameter
-from uavcover.flight.mock_telemetry import KIND_BY_ID
+from uavcover.flight.mock.itinerary import changed_speeds
+from uavcover.flight.mock.settings import PARAMETERS, parameter, with_parameter
+from uavcover.flight.mock.telemetry import KIND_BY_ID
 from uavcover.flight.modes import Mode, mode_from_params
 
 if TYPE_CHECKING:
-    from uavcover.flight.mock_vehicle import MockVehicle
+    from uavcover.flight.mock.vehicle import MockVehicle
 
 Params = tuple[float, ...]
 _FORCE_DISARM = 21196.0

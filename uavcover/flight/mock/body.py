@@ -7,8 +7,8 @@ import numpy as np
 
 from mission_io.enums import LandedState
 from mission_io.items import Command, Frame, GeoPoint, MissionItem
-from uavcover.flight.dynamics import Airframe, PointMass, Vector, Wind, WindField
-from uavcover.flight.itinerary import Itinerary, Step
+from uavcover.flight.mock.dynamics import Airframe, PointMass, Vector, Wind, WindField
+from uavcover.flight.mock.itinerary import Itinerary, Step
 from uavcover.frames import LocalFrame
 
 STEP_S = 0.02

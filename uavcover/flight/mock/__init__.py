@@ -1,0 +1,1 @@
+"""A vehicle that behaves: a multirotor with an autopilot that speaks MAVLink, for tests, demos and any ground station."""
