@@ -35,6 +35,16 @@ def test_the_demo_lies_where_it_should():
     assert 500.0 < np.ptp(up) < 560.0
 
 
+def test_the_ridge_is_the_window_with_the_most_relief():
+    scenario = load_scenario("ridge-25km2")
+    site = build_site(scenario, terrain_file=terrain_path(scenario.terrain))
+    cells = make_cells(site, scenario.area.cell_size_m).cells
+    assert len(cells.centre_m) == 250_000
+    assert np.ptp(cells.centre_m[:, 2]) == pytest.approx(805.0, abs=2.0)
+    # Home is on low ground: three quarters of the area and more lie above it.
+    assert np.mean(cells.centre_m[:, 2] > site.home_m[2]) > 0.75
+
+
 def test_the_paper_has_no_place_on_earth():
     site = build_site(load_scenario("paper-R2"))
     assert (site.frame, site.home_m, site.alt_amsl_offset_m) == (None, None, 0.0)
