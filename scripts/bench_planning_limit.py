@@ -17,19 +17,17 @@ import time
 from pathlib import Path
 
 import numpy as np
-import shapely
 
 from uavcover import pipeline
 from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.coverage.hold_out import HoldOut
 from uavcover.coverage.sensors import reach_at_height_m
 from uavcover.kernels.annealing import Prices, Schedule, anneal
-from uavcover.model.route import RouteMember
 from uavcover.planning.baselines import best_height_agl_m, plain_boustrophedon
 from uavcover.planning.draft_route import draft_of, local_task
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.swaths import fly_layout
 from uavcover.planning.waypoint_encoding import WaypointEncoding
-from uavcover.site import Site
 
 CASES = (
     ("jacksboro", "coverage>=0.98", 0, ("memetic", "local-search", "imodbo")),
@@ -62,21 +60,12 @@ def run_case(scenario: str, rule: str, most: int, algorithm: str, seed: int, bud
     values = (
         scenario, rule, most, budget_s, algorithm, seed, pipeline.metadata.version("uavcover"),
         datetime.date.today().isoformat(), plan.evaluations, plan.chosen.origin, chosen.coverage_of_coverable,
-        holdout_coverage(site, plan.chosen) if scenario == "jacksboro" else "", plan.chosen.violation,
-        chosen.waypoint_count, chosen.path_length_m,
+        HoldOut(site).coverage_of_coverable(plan.chosen.route.waypoints_m) if scenario == "jacksboro" else "",
+        plan.chosen.violation, chosen.waypoint_count, chosen.path_length_m,
         fewest.metrics.waypoint_count if fewest else "", fewest.metrics.path_length_m if fewest else "",
         min(reached) if reached else "",
     )  # fmt: skip
     return dict(zip(COLUMNS, map(str, values), strict=True))
-
-
-def holdout_coverage(site: Site, member: RouteMember) -> float:
-    """Share of the area on cells of half the size, shifted by half of one."""
-    cell_m = 0.5 * site.scenario.area.cell_size_m
-    west, south, east, north = site.area.bounds
-    inner = shapely.intersection(site.area, shapely.box(west + 0.5 * cell_m, south + 0.5 * cell_m, east, north))
-    holdout = CoverageMap(dataclasses.replace(site, area=inner), cell_size_m=cell_m)
-    return holdout.share(holdout.seen(member.route.waypoints_m))
 
 
 def measure_speed(scenario: str, proposals: int) -> tuple[float, float]:
