@@ -5,6 +5,7 @@ Usage: .venv/bin/python scripts/bench_recording.py [OUT_DIR]
 
 import csv
 import dataclasses
+import datetime
 import platform
 import sys
 import tempfile
@@ -97,6 +98,7 @@ def measure(cell_size_m: float, flight_s: float, folder: Path) -> dict[str, obje
 def main() -> None:
     """Measure every case and write the tables."""
     out = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/results")
+    out.mkdir(parents=True, exist_ok=True)
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for case in CASES:
@@ -108,7 +110,8 @@ def main() -> None:
         writer.writerows(rows)
     lines = ["# Recordings: size and speed", ""]
     lines += [
-        "Made by `scripts/bench_recording.py`: parallel lines over the demo's area, 10 samples a second.",
+        f"Made by `scripts/bench_recording.py` on {datetime.date.today().isoformat()}: parallel lines over the demo's area, 10",
+        "samples a second. `same_verdict`: verification of the recorded track, read back, equals that of the written one.",
         "`viewer_loads_s` is from opening the file in a running viewer until it says that all of it is there.",
         "",
         "| " + " | ".join(COLUMNS) + " |",

@@ -20,15 +20,17 @@ echo "gate: mypy --strict"
 "$bin/mypy"
 echo "gate: import contracts"
 "$bin/lint-imports"
+# A test file stays in one process: what its tests share is made once.
+parallel="-n auto --dist loadfile"
 # Whole flights, and set-ups in processes of their own, are not measured: tracing every line slows a flying vehicle down.
 whole="tests/cli tests/test_pipeline.py tests/test_setup.py tests/test_wheel.py"
 echo "gate: tests"
 rm -f .coverage .coverage.*
-"$bin/python" -m pytest -q --cov --cov-report= $(printf -- '--ignore=%s ' $whole)
+"$bin/python" -m pytest -q $parallel --cov --cov-report= $(printf -- '--ignore=%s ' $whole)
 echo "gate: tests of commands, whole flights and set-up"
-"$bin/python" -m pytest -q $whole
+"$bin/python" -m pytest -q $parallel $whole
 echo "gate: tests of the kernels and what stands on them, JIT off, so that their coverage can be measured"
-NUMBA_DISABLE_JIT=1 "$bin/python" -m pytest -q --cov --cov-append --cov-report= tests/kernels
+NUMBA_DISABLE_JIT=1 "$bin/python" -m pytest -q $parallel --cov --cov-append --cov-report= tests/kernels
 echo "gate: branch coverage: 95 % of mission_io, 90 % of the planner's core"
 "$bin/coverage" report --include='mission_io/*' --fail-under=95
 "$bin/coverage" report --include='uavcover/planning/*,uavcover/optimizers/*,uavcover/coverage/*,uavcover/kernels/*' --fail-under=90

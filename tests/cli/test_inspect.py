@@ -1,6 +1,8 @@
 import os
 from pathlib import Path
 
+import pytest
+
 from tests.cli.conftest import Cli
 
 
@@ -33,3 +35,15 @@ def test_no_screen_is_told(flown: Path, cli: Cli) -> None:
     ended = cli("inspect", flown)
     assert ended.code == 2
     assert "--screenshot" in ended.error
+
+
+def test_pictures_of_moments(cli: Cli, flown: Path, tmp_path: Path) -> None:
+    ended = cli("inspect", flown, "--screenshot", tmp_path / "x.png", "--at", "1.5")
+    assert ended.code == 2
+    assert "outside 0..1" in ended.error
+    early = cli("inspect", flown, "--screenshot", tmp_path / "early.png", "--at", "0.1")
+    if "no graphics driver" in early.err:
+        pytest.skip("no graphics driver here")
+    assert early.code == 0
+    assert cli("inspect", flown, "--screenshot", tmp_path / "late.png").code == 0
+    assert (tmp_path / "early.png").read_bytes() != (tmp_path / "late.png").read_bytes()

@@ -81,6 +81,21 @@ def test_enough_is_enough() -> None:
     assert way_m(site, most.route.waypoints_m) < 0.4 * way_m(site, everything.route.waypoints_m)
 
 
+@pytest.mark.parametrize(("seed", "share"), [(6, 0.9), (11, 0.9), (17, 0.6), (29, 0.9), (32, 0.6), (33, 0.75)])
+def test_what_is_asked_for_is_seen_though_corners_that_are_left_out_change_the_order(seed: int, share: float) -> None:
+    site = make_site(hills, ring=((0, 0), (1000, 0), (1000, 900), (0, 900)), home=(-20.0, -20.0))
+    coverage = CoverageMap(site, cell_size_m=20.0)
+    rng = np.random.default_rng(seed)
+    west, south = rng.uniform(0.0, 960.0, 20), rng.uniform(0.0, 860.0, 20)
+    boxes = zip(west, south, west + rng.uniform(20.0, 60.0, 20), south + rng.uniform(20.0, 60.0, 20), strict=True)
+    missing = missing_in(coverage, *boxes) & coverage.coverable
+    needed_m2 = share * coverage.grid.weight_m2[missing].sum()
+    result = closing(site, coverage, missing, needed_m2=needed_m2)
+    seen = coverage.seen(result.route.waypoints_m) & missing
+    assert coverage.grid.weight_m2[seen].sum() == pytest.approx(result.seen_m2)
+    assert result.seen_m2 >= needed_m2
+
+
 def test_sensors_that_look_from_waypoints() -> None:
     site = make_site(hills, sensor=SphereSensor(kind="sphere", range_m=110.0))
     coverage = CoverageMap(site, cell_size_m=10.0)

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
+from rerun.experimental import ViewerClient
 
 from tests.recording.flights import Flight
 from uavcover.model.track import Track, TrackSample
-from uavcover.recording import RecordingError, VehicleState, describe_recording, layout, read_recorded_track
+from uavcover.recording import RecordingError, VehicleState, describe_recording, layout, read_recorded_track, viewer
 from uavcover.recording.live import LiveRecording
 from uavcover.recording.reader import read_recorded_track_with_warnings, whole_messages
 from uavcover.verification.verify import verify_track
@@ -139,7 +140,7 @@ def _track_when_copied(path: Path, count: int) -> Track:
 
 
 _KILLED = """
-    import signal, sys, time
+    import signal, sys
     from pathlib import Path
     from tests.recording.flights import make_flight
     from tests.recording.test_live import samples
@@ -150,13 +151,12 @@ _KILLED = """
     for number, sample in enumerate(samples(flight)):
         live.take_sample(sample)
         if number == 200:
-            time.sleep(2.0)
-            print("two seconds later", flush=True)
-    signal.pause()
+            print("half of it", flush=True)
+            signal.pause()
 """
 
 
-def test_a_kill_leaves_what_was_recorded_two_seconds_before(flight: Flight, tmp_path: Path) -> None:
+def test_a_kill_leaves_what_the_thread_has_sent_by_itself(flight: Flight, tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
     process = subprocess.Popen(
         [sys.executable, "-c", textwrap.dedent(_KILLED), path], stdout=subprocess.PIPE, text=True,
@@ -164,14 +164,55 @@ def test_a_kill_leaves_what_was_recorded_two_seconds_before(flight: Flight, tmp_
     )  # fmt: skip
     assert process.stdout is not None
     try:
-        assert process.stdout.readline() == "two seconds later\n"
+        assert process.stdout.readline() == "half of it\n"
+        _track_when_copied(path, 201)
     finally:
         process.kill()
         process.wait()
         process.stdout.close()
-    track = read_recorded_track(path)
-    assert len(track) >= 201
-    np.testing.assert_array_equal(track.enu_m, flight.track.enu_m[: len(track)])
+    np.testing.assert_array_equal(read_recorded_track(path).enu_m, flight.track.enu_m[:201])
+
+
+def test_a_real_viewer_shows_the_flight_while_it_goes_on(flight: Flight, grown: Path, tmp_path: Path) -> None:
+    try:
+        with viewer.headless_viewer(grown) as client:
+            live = LiveRecording(
+                tmp_path / "flight.rrd",
+                site=flight.site,
+                coverage=flight.coverage,
+                planned=flight.planned,
+                viewer_url=client.url,
+            )
+            try:
+                ends_s = []
+                for part in np.array_split(np.arange(SAMPLES), 2):
+                    for number in part:
+                        live.take_sample(samples(flight)[number])
+                    live.send()
+                    ends_s.append(_shown_until_s(client, at_least=flight.track.time_s[part[-1]]))
+            finally:
+                live.close()
+    except RecordingError as error:
+        if "no graphics driver" in str(error):
+            pytest.skip(str(error))
+        raise
+    assert live.error is None
+    np.testing.assert_allclose(ends_s, flight.track.time_s[[SAMPLES // 2 - 1, SAMPLES - 1]], atol=1e-6)
+
+
+def _shown_until_s(client: ViewerClient, *, at_least: float) -> float:
+    """Where the timeline of what the viewer shows ends, once it has come as far as that."""
+    deadline = time.monotonic() + 30.0
+    while time.monotonic() < deadline:
+        for recording in client.get_state().recordings:
+            for timeline in recording.timelines:
+                if (
+                    timeline.name == layout.TIMELINE
+                    and timeline.end is not None
+                    and timeline.end / 1e9 >= at_least - 1e-6
+                ):
+                    return float(timeline.end / 1e9)
+    raise AssertionError(f"the viewer never showed {at_least} s")
 
 
 def test_one_that_was_killed_before_its_first_sample_says_so(flight: Flight, tmp_path: Path) -> None:

@@ -117,16 +117,18 @@ class _Builder:
             for k, saved in enumerate(self._savings()):
                 if saved <= 0.0:
                     continue
-                fewer = np.delete(self.corners, k, axis=0)
-                left_m2 = self._area_m2(self._views_with(fewer)[1])
+                # Another order lays other legs over the terrain: what is judged is what will be flown.
+                fewer = self._ordered(np.delete(self.corners, k, axis=0))
+                views = self._views_with(fewer)
+                left_m2 = self._area_m2(views[1])
                 if left_m2 < needed_m2:
                     continue
                 score = saved / max(now_m2 - left_m2, self.missing.coverage.grid.cells.size_m**2)
                 if score > best_score:
-                    best, best_score = fewer, score
+                    best, best_score = (fewer, views), score
             if best is None:
                 return
-            self._take(best)
+            self.corners, self.views = best
 
     def shorten(self) -> None:
         """Leave out and pull in corners while nothing is lost that is seen now, by the narrow sensor and as it is."""

@@ -104,7 +104,7 @@ def screenshot(path: str | Path, png: str | Path, *, at_share: float = 1.0) -> N
     unfinished = png.with_name(f".{os.getpid()}.{png.stem}.png")
     try:
         unfinished.touch()
-        with _headless_viewer(path) as client:
+        with headless_viewer(path) as client:
             start_ns, end_ns = _load(client, path)
             moment_s = (start_ns + at_share * (end_ns - start_ns)) / 1e9
             _save_picture(client, path, unfinished, moment_s)
@@ -124,14 +124,22 @@ def loading_time_s(path: str | Path) -> float:
     """
     path = Path(path)
     check_finished(path)
-    with _headless_viewer(path) as client:
+    with headless_viewer(path) as client:
         started = time.monotonic()
         _load(client, path)
         return time.monotonic() - started
 
 
 @contextlib.contextmanager
-def _headless_viewer(path: Path) -> Iterator[ViewerClient]:
+def headless_viewer(path: Path) -> Iterator[ViewerClient]:
+    """A viewer without a screen, ended at the end of the ``with``.
+
+    Args:
+        path: the recording that errors speak of; it is not opened.
+
+    Raises:
+        RecordingError: no graphics driver, or a viewer that does not answer.
+    """
     port = _free_port()
     width, height = PICTURE_SIZE
     with tempfile.TemporaryFile() as log:
