@@ -94,7 +94,7 @@ def plan(
         evaluations: full route evaluations, 50 proposals of the local search counted as one; equal seed and evaluations
             give an equal plan.
         budget_s: search this long instead.
-        algorithm: "memetic", "local-search", "imodbo" or "modbo".
+        algorithm: "memetic", "local-search", "imodbo", "modbo", "nsga2" or "moead".
         max_waypoints: capacity of the "waypoints" encoding.
         select: the rule by which one route is chosen.
         workers: threads; the result does not depend on it. Default: one a core.

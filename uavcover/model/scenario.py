@@ -10,7 +10,7 @@ from uavcover.model.sensor import Sensor
 from uavcover.model.uncertainty import Uncertainty
 from uavcover.model.vehicle import Vehicle
 
-PlannerAlgorithm = Literal["memetic", "local-search", "imodbo", "modbo"]
+PlannerAlgorithm = Literal["memetic", "local-search", "imodbo", "modbo", "nsga2", "moead"]
 VerticalDatum = Literal["EGM96", "EGM2008", "WGS84-ellipsoid"]
 
 
@@ -116,7 +116,7 @@ class PlannerSettings:
 
     Attributes:
         algorithm: "memetic": IMODBO, then a local search of what it and the baselines found. "local-search": from sampled routes
-            and baselines alone. "imodbo", "modbo": the paper's optimizers, plain.
+            and baselines alone. "imodbo", "modbo": the paper's optimizers, plain. "nsga2", "moead": pymoo's, for comparison.
         encoding: "swaths": parallel lines with their own gaps and heights, for sensors that look along the path.
             "waypoints": free points with activation genes, as the paper.
         population_size: members of the population.

@@ -68,6 +68,7 @@ def improve(
     executor: Executor | None,
     should_stop: Callable[[], bool],
     on_progress: Callable[[Progress], None],
+    look: Callable[[Callable[[], Sequence[Route]]], None] = lambda _: None,
 ) -> Improved:
     """Improve routes by local search.
 
@@ -83,6 +84,7 @@ def improve(
         executor: runs the chains side by side.
         should_stop: asked between batches.
         on_progress: told after every batch.
+        look: may look at what has been found, between batches.
     """
     site = coverage.site
     left = max(0, effort.evaluations - evaluations_done) if effort.budget_s is None else 1
@@ -108,8 +110,12 @@ def improve(
         [np.random.default_rng(seed) for seed in seeds],
         executor,
         should_stop,
-        lambda chains: show(work, chains),
+        lambda chains: between(chains),
     )
+
+    def between(chains: Sequence[Chain]) -> None:
+        show(work, chains)
+        look(lambda: [*kept, *(_shortened(task, chain.route) for chain in chains)])
 
     def judged_coverage(route: Route) -> float:
         return judging.share_of_coverable(judging.seen(route.waypoints_m))

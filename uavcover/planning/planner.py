@@ -19,6 +19,7 @@ from uavcover.planning.members import judge_members, pareto_members, why_infeasi
 from uavcover.planning.memetic import improve
 from uavcover.planning.search import Effort, Encoding, Progress, rounds_of, search
 from uavcover.planning.selection import parse_rule, select
+from uavcover.planning.snapshots import NamedRoute, Snapshots
 from uavcover.planning.swath_encoding import SwathEncoding
 from uavcover.planning.waypoint_encoding import WaypointEncoding
 from uavcover.site import Site
@@ -38,6 +39,8 @@ _OPTIMIZER: dict[PlannerAlgorithm, tuple[str, float]] = {
     "local-search": ("imodbo", 0.0),
     "imodbo": ("imodbo", 1.0),
     "modbo": ("modbo", 1.0),
+    "nsga2": ("nsga2", 1.0),
+    "moead": ("moead", 1.0),
 }
 """Which optimizer an algorithm uses, and for what share of the evaluations or the time; the rest is local search. One round,
 which only samples, there always is."""
@@ -52,6 +55,7 @@ def plan_routes(
     executor: Executor | None = None,
     should_stop: Callable[[], bool] = lambda: False,
     on_progress: Callable[[Progress], None] = lambda _: None,
+    snapshots: Snapshots | None = None,
 ) -> Plan:
     """Plan the sensing route of a site.
 
@@ -68,6 +72,7 @@ def plan_routes(
         should_stop: asked before every round; the best so far is returned. There always is one: a baseline, or the
             first round, which is then not left out.
         on_progress: told after every round.
+        snapshots: given what was found at its moments, and at the end: baselines first.
 
     Raises:
         InfeasibleError: no route that was found keeps the hard limits; says which, where and by how much.
@@ -85,6 +90,12 @@ def plan_routes(
         baselines = boustrophedons(
             coarse, executor, lambda: should_stop() or effort.is_over(started, share=_BASELINE_SHARE)
         )
+    constructed: list[NamedRoute] = [(b.route, b.name) for b in _worth_showing(baselines, goal)]
+    kept = Snapshots(()) if snapshots is None else snapshots
+
+    def look(routes: Callable[[], Sequence[NamedRoute]]) -> None:
+        kept.look(effort.now() - started, lambda: [*constructed, *routes()])
+
     encoding, initial = _encoding(site, settings, baselines, goal)
     name, share = _OPTIMIZER[settings.algorithm]
     optimizing = effort if share == 1.0 else _shared(effort, share, started)
@@ -119,6 +130,7 @@ def plan_routes(
         executor=executor,
         should_stop=should_stop,
         on_progress=on_progress,
+        look=lambda routes: look(lambda: [(route, name) for route in routes()]),
     )
     found = optimizer.pareto_set() if optimizer.evaluations else None
     routes = [encoding.decode(genes) for genes in found.x] if found is not None else []
@@ -130,12 +142,14 @@ def plan_routes(
             coarse, fine, [*routes, *(b.route for b in baselines)],
             settings=settings, rule=rule, effort=effort, started=started, evaluations_done=evaluations,
             executor=executor, should_stop=should_stop, on_progress=on_progress,
+            look=lambda routes: look(lambda: [*made, *((route, settings.algorithm) for route in routes())]),
         )  # fmt: skip
         made += [(route, settings.algorithm) for route in improved.routes]
         evaluations += improved.evaluations
         interrupted = improved.interrupted
+    kept.close([*constructed, *made])
     members = judge_members(fine, made, executor)
-    reference = judge_members(fine, [(b.route, b.name) for b in _worth_showing(baselines, goal)], executor)
+    reference = judge_members(fine, constructed, executor)
     feasible = [member for member in (*members, *reference) if member.violation <= 0.0]
     if not feasible:
         early = "interrupted: so far " if interrupted else ""

@@ -1,7 +1,7 @@
 """The search itself: an optimizer asks, routes are decoded and evaluated, the optimizer is told."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Protocol
@@ -109,6 +109,7 @@ def search(
     executor: Executor | None,
     should_stop: Callable[[], bool],
     on_progress: Callable[[Progress], None],
+    look: Callable[[Callable[[], Sequence[Route]]], None] = lambda _: None,
 ) -> bool:
     """Run the optimizer to its end, the end of the budget or the user's stop; True in the last case.
 
@@ -124,8 +125,10 @@ def search(
         executor: evaluates routes side by side.
         should_stop: asked before every round.
         on_progress: told after every round.
+        look: may look at the Pareto set, before each round is added to it.
     """
     best, shortest = 0.0, math.inf
+    scale: FloatArray | None = None
     while not optimizer.should_stop:
         first = optimizer.iteration == 0
         if should_stop() and not (first and at_least_one_round):
@@ -134,7 +137,11 @@ def search(
             return False
         genes = optimizer.ask()
         values = evaluate_routes(coverage, [encoding.decode(row) for row in genes], executor)
-        optimizer.tell(values.objectives, values.violations)
+        if scale is None:
+            scale = _spread(values.objectives)
+        else:
+            look(lambda: [encoding.decode(genes) for genes in optimizer.pareto_set().x])
+        optimizer.tell(values.objectives / scale, values.violations)
         keeps = values.violations[:, 0] <= 0.0
         seen = -values.objectives[:, 0]
         best = max(best, float(seen[keeps].max(initial=0.0)))
@@ -143,3 +150,12 @@ def search(
         total = max(rounds * len(genes), optimizer.evaluations)
         on_progress(Progress(optimizer.evaluations, total, best, shortest if math.isfinite(shortest) else None))
     return False
+
+
+def _spread(objectives: FloatArray) -> FloatArray:
+    """(m,) powers of two next to the spread of (n, m) objectives: divided by them, the objectives are of comparable size.
+
+    What sums objectives up (MOEA/D) needs that. Powers of two round nothing, so all others propose exactly the same.
+    """
+    spread = np.ptp(objectives, axis=0)
+    return np.asarray(2.0 ** np.round(np.log2(np.where(spread > 0.0, spread, 1.0))))
