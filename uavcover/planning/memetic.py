@@ -8,7 +8,7 @@ import numpy as np
 
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.coverage.sensors import reach_at_height_m
-from uavcover.kernels import route as route_kernels
+from uavcover.kernels.open_tour import short_tour
 from uavcover.leg_checks import measure_violations
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
@@ -162,12 +162,11 @@ def _capacity(task: LocalTask, settings: PlannerSettings, starts: Sequence[Start
 
 
 def _shortened(task: LocalTask, route: Route) -> Route:
-    """Where the order is free: by 2-opt and Or-opt from both ends, begun at the end that is nearer to the origin."""
+    """Where the order is free: as a short tour, begun at the end that is nearer to the origin."""
     if not task.free_order or len(route) < 2:
         return route
     points = route.waypoints_m
-    order = route_kernels.two_opt(points, np.arange(len(points)))
-    order = route_kernels.two_opt(points, np.ascontiguousarray(order[::-1]))
+    order = short_tour(points)
     first, last = points[order[0]], points[order[-1]]
     if np.linalg.norm(last) < np.linalg.norm(first):
         order = order[::-1]
