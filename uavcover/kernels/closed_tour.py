@@ -177,7 +177,7 @@ def _turn_stretch(
                     _reverse(tour, place, place[c], place[b])
                 touched[:4] = np.array([a, b, c, d])
                 touched[4:] = a
-                return gain
+                return float(gain)
     return 0.0
 
 
@@ -226,7 +226,7 @@ def _move_stretch(
                     if gain > _LEAST_GAIN:
                         _insert(tour, place, a, step, length, c, side)
                         touched[:] = np.array([a, y, p, q, c, e, a, a])
-                        return gain
+                        return float(gain)
     return 0.0
 
 
