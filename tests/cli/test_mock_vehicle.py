@@ -25,6 +25,7 @@ def test_tells_its_port_and_ends_when_told(number: signal.Signals) -> None:
         (("--listen", "udpin://127.0.0.1:0", "--speed", "0"), "speed"),
         (("--listen", "udpin://127.0.0.1:0", "--loss", "1"), "loss"),
         (("--listen", "udpin://127.0.0.1:0", "--autopilot", "dji"), "--autopilot"),
+        (("--listen", "udpin://127.0.0.1:0", "--fault", "engine-fire"), "take one of heartbeat-loss"),
         (("--listen", "udpin://127.0.0.1:0", "--scenario", "paper-R2"), "no place on Earth"),
     ],
 )

@@ -24,10 +24,11 @@ from uavcover.errors import VehicleError
 from uavcover.flight.events import EventKind
 from uavcover.flight.flight_plan import Patience
 from uavcover.flight.fly import Ending, fly
-from uavcover.flight.mock.dynamics import Wind
+from uavcover.flight.mock.behaviour import quick
 from uavcover.flight.mock.itinerary import Itinerary
 from uavcover.flight.mock.peer import InMemoryPeer
 from uavcover.flight.mock.vehicle import MockVehicle
+from uavcover.flight.mock.wind import Wind
 from uavcover.flight.modes import Mode, custom_mode
 
 
@@ -133,7 +134,7 @@ def test_a_mission_that_ends_with_a_return_is_flown():
 
 
 def test_what_the_vehicle_says_before_it_is_ready_is_passed_on():
-    scene = ready_scene(ready_after_s=30.0)
+    scene = ready_scene(behaviour=quick(30.0))
     scene.fly()
     stages = scene.told(EventKind.STAGE)
     assert stages.index("waiting until the vehicle is ready") < stages.index("the vehicle is ready")
@@ -183,7 +184,7 @@ def test_an_empty_vehicle_is_refused():
 
 
 def test_a_vehicle_that_is_not_ready_says_what_it_lacks():
-    refused(ready_scene(ready_after_s=1e6), "has no satellite fix and no position estimate .* within 120 s")
+    refused(ready_scene(behaviour=quick(1e6)), "has no satellite fix and no position estimate .* within 120 s")
 
 
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)

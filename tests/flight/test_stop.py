@@ -9,6 +9,7 @@ from tests.flight.scene import HOME, Scene, make_scene, mission, way_home
 from uavcover.errors import InfeasibleError, VehicleError
 from uavcover.flight.events import EventKind
 from uavcover.flight.fly import Ending
+from uavcover.flight.mock.behaviour import quick
 from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.flight.modes import Mode
 
@@ -91,7 +92,7 @@ def test_a_way_home_that_the_vehicle_does_not_take_leaves_it_holding():
 
 
 def test_before_it_is_ready_nothing_is_armed():
-    scene = make_scene(ready_after_s=30.0)
+    scene = make_scene(behaviour=quick(30.0))
     scene.upload(mission())
     outcome = scene.fly(stop=presses(scene, 10.0))
     assert outcome.ending is Ending.NOT_FLOWN

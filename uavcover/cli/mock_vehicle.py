@@ -21,22 +21,32 @@ def mock_vehicle(
     wind_m_s: Annotated[float, typer.Option("--wind", help="Steady wind, m/s.")] = 0.0,
     wind_from_deg: Annotated[float, typer.Option("--wind-from", help="Where it comes from, degrees.")] = 270.0,
     gust_m_s: Annotated[float, typer.Option("--gust", help="Standard deviation of the gusts, m/s.")] = 0.0,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(help="What goes wrong, and when; repeatable. See below.", metavar="NAME[:ARG][@MOMENT]"),
+    ] = None,
     seed: options.Seed = None,
     as_json: options.Json = False,
     quiet: options.Quiet = False,
     verbose: options.Verbose = 0,
 ) -> int:
-    """Be a vehicle on a UDP port until Ctrl-C; prints the port it bound."""
+    """Be a vehicle on a UDP port until Ctrl-C; prints the port it bound.
+
+    Faults: heartbeat-loss[:S], gps-loss[:S], battery-failsafe[:return|land], pilot-mode[:MODE], reboot[:S],
+    link-outage[:S], stuck[:S], arming-refused[:S], strong-wind[:M_S], mission-changed. Moments: @40s after take-off,
+    @boot+40s after it was switched on, @item5 when it flies to that item.
+    """
     import numpy as np
 
     from mission_io.items import GeoPoint
     from uavcover import pipeline
     from uavcover.cli.console import Console
     from uavcover.errors import InputError
-    from uavcover.flight.mock.dynamics import Wind
+    from uavcover.flight.mock.faults import parse_fault
     from uavcover.flight.mock.server import run
     from uavcover.flight.mock.settings import Settings
     from uavcover.flight.mock.vehicle import MockVehicle
+    from uavcover.flight.mock.wind import Wind
     from uavcover.mission_compiler import AUTOPILOTS
     from uavcover.model.vehicle import AutopilotName
     from uavcover.on_vehicle import home_of
@@ -68,6 +78,7 @@ def mock_vehicle(
     vehicle = MockVehicle(
         AUTOPILOTS[name], place,
         settings=settings, wind=wind, rng=np.random.default_rng(used_seed), speed=speed,
+        faults=[parse_fault(text) for text in fault or ()],
     )  # fmt: skip
 
     def tell(port: int) -> None:

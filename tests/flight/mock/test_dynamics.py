@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uavcover.flight.mock.dynamics import Airframe, PointMass, Wind, WindField
+from uavcover.flight.mock.dynamics import Airframe, PointMass
 from uavcover.flight.mock.guidance import Speeds, Stop, along_speed, passing_speeds, velocity_along, velocity_to
 from uavcover.flight.mock.itinerary import Itinerary, Step, StepKind
+from uavcover.flight.mock.wind import Wind, WindField
 
 STEP_S = 0.02
 SPEEDS = Speeds(8.0, 3.0, 2.0)

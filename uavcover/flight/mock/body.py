@@ -7,8 +7,11 @@ import numpy as np
 
 from mission_io.enums import LandedState
 from mission_io.items import Command, Frame, GeoPoint, MissionItem
-from uavcover.flight.mock.dynamics import Airframe, PointMass, Vector, Wind, WindField
+from uavcover.flight.mock.battery import Battery, BatteryData
+from uavcover.flight.mock.dynamics import Airframe, PointMass, Vector
 from uavcover.flight.mock.itinerary import Itinerary, Step
+from uavcover.flight.mock.positioning import GpsError, Positioning
+from uavcover.flight.mock.wind import Wind, WindField
 from uavcover.frames import LocalFrame
 
 STEP_S = 0.02
@@ -31,20 +34,38 @@ class MockBody:
         home: where it stands at first, and the origin of its frame.
         airframe: what it can do.
         wind: steady wind and gusts.
-        rng: of the gusts.
+        gps: how far its positions are off.
+        battery: what it flies on.
+        rng: of the gusts and of the errors.
         ground: height of the ground, or none.
+
+    Attributes:
+        point: where it really is.
+        believed: where it believes to be; it steers by that.
+        air: the wind.
+        battery: what is left.
+        falling: whether it is in the air without motors.
     """
 
     def __init__(
-        self, home: GeoPoint, *, airframe: Airframe, wind: Wind, rng: np.random.Generator, ground: Ground | None
+        self,
+        home: GeoPoint,
+        *,
+        airframe: Airframe,
+        wind: Wind,
+        gps: GpsError,
+        battery: BatteryData,
+        rng: np.random.Generator,
+        ground: Ground | None,
     ) -> None:
         self.home = home
         self.frame = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m)
         self.point = PointMass(airframe, step_s=STEP_S, position_m=(0.0, 0.0, 0.0))
-        self.on_ground = True
-        self.crashed = False
-        self.itinerary = Itinerary((), self.point, 0.0)
-        self._wind = WindField(wind, step_s=STEP_S, rng=rng)
+        self.on_ground, self.crashed, self.falling = True, False, False
+        self.air = WindField(wind, step_s=STEP_S, rng=rng)
+        self.believed = Positioning(self.point, gps, rng=rng)
+        self.battery = Battery(battery)
+        self.itinerary = Itinerary((), self.believed, 0.0)
         self._ground = ground
 
     @property
@@ -55,18 +76,29 @@ class MockBody:
         return LandedState.LANDING if self.itinerary.landing else LandedState.IN_AIR
 
     def geodetic(self) -> GeoPoint:
-        """Where it is."""
-        lat, lon, alt = self.frame.geodetic_from_enu(self.point.position_m)
+        """Where it really is."""
+        return self.geodetic_of(self.point.position_m)
+
+    def geodetic_of(self, position_m: Vector) -> GeoPoint:
+        """A position in its frame as a place on Earth."""
+        lat, lon, alt = self.frame.geodetic_from_enu(position_m)
         return GeoPoint(float(lat[0]), float(lon[0]), float(alt[0]))
 
     def follow(self, steps: list[Step], now: float, *, land_m_s: float) -> None:
         """Do these steps from now on instead of what was being done; none is to stay."""
-        self.itinerary = Itinerary(steps, self.point, now, land_m_s=land_m_s)
+        self.itinerary = Itinerary(steps, self.believed, now, land_m_s=land_m_s)
+
+    def cut_motors(self) -> None:
+        """Stop the motors: on the ground it stands, in the air it falls."""
+        self.falling = not self.on_ground
+        self.crashed |= self.falling
+        if self.on_ground:
+            self.point.rest(up_m=self.point.position_m[2])
 
     def place(self, item: MissionItem) -> Vector:
         """The position that a mission item names; a take-off goes straight up, whatever place it names."""
         if item.command == Command.NAV_TAKEOFF:
-            here = self.geodetic()
+            here = self.geodetic_of(self.believed.position_m)
             item = replace(item, lat_deg=here.lat_deg, lon_deg=here.lon_deg)
         alt_amsl_m = item.alt_m
         if item.frame is Frame.ABOVE_HOME:
@@ -78,18 +110,20 @@ class MockBody:
 
     def step(self, now: float) -> None:
         """Fly on for one step. On the ground nothing happens until there is something to do."""
-        wind = self._wind.step()
+        wind = self.air.step()
         if self.on_ground:
             if self.itinerary.step is None or self.itinerary.landing:
                 return
             self.on_ground = False
         ground_up_m = self._ground_up_m()
-        wanted = self.itinerary.wanted_velocity(now, ground_up_m)
-        self.point.step(wanted, wind)
+        if self.falling:
+            self.point.fall(wind)
+        else:
+            self.point.step(self.itinerary.wanted_velocity(now, ground_up_m), wind)
         landing, above_m = self.itinerary.landing, self.point.position_m[2] - ground_up_m
-        if (landing and above_m <= 0.0) or (self._ground is not None and above_m < -_TOUCH_M):
-            self.crashed = not landing
-            self.on_ground = True
+        if ((landing or self.falling) and above_m <= 0.0) or (self._ground is not None and above_m < -_TOUCH_M):
+            self.crashed = self.falling or not landing
+            self.on_ground, self.falling = True, False
             self.point.rest(up_m=ground_up_m)
 
     def _ground_up_m(self) -> float:

@@ -2,15 +2,14 @@
 
 The mass is accelerated by its rotors and by drag, the air's pull on it: ``a = thrust + drag * (wind - v)``. Its
 controller asks for the acceleration that closes in on a wanted velocity, and leans against the wind as it estimates it
-with a delay, so a steady wind costs lean and a gust costs position, as with real multirotors.
+with a delay, so a steady wind costs lean and a gust costs position, as with real multirotors. What it asks for changes no
+faster than the jerk limit, and it never flies faster through the air than its airspeed limit: in a stronger wind it drifts.
 
 Scalars instead of arrays: a step on three numbers is ten times faster without numpy.
 """
 
 import math
 from dataclasses import dataclass
-
-import numpy as np
 
 Vector = tuple[float, float, float]
 """East, north, up."""
@@ -28,6 +27,8 @@ class Airframe:
         max_descent_m_s: largest downward speed.
         max_acceleration_m_s2: largest horizontal acceleration of the controller.
         max_vertical_acceleration_m_s2: largest vertical acceleration of the controller.
+        max_jerk_m_s3: how fast that acceleration changes, over ground and vertically.
+        max_airspeed_m_s: largest horizontal speed through the air that it asks for.
         max_lean_deg: largest lean; what the wind takes of it is missing for accelerating.
         max_yaw_rate_deg_s: how fast it turns its nose.
         velocity_gain_1_s: acceleration asked for per metre per second of speed error.
@@ -40,6 +41,8 @@ class Airframe:
     max_descent_m_s: float = 4.0
     max_acceleration_m_s2: float = 4.0
     max_vertical_acceleration_m_s2: float = 2.5
+    max_jerk_m_s3: float = 20.0
+    max_airspeed_m_s: float = 18.0
     max_lean_deg: float = 35.0
     max_yaw_rate_deg_s: float = 90.0
     velocity_gain_1_s: float = 3.0
@@ -51,66 +54,6 @@ class Airframe:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name}: {value} must be above 0")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Wind:
-    """A steady horizontal wind with gusts on top.
-
-    Attributes:
-        speed_m_s: steady speed.
-        from_deg: where it comes from, clockwise from north.
-        gust_m_s: standard deviation of the gusts in each horizontal direction; half of it vertically.
-        gust_time_s: correlation time of the gusts.
-    """
-
-    speed_m_s: float = 0.0
-    from_deg: float = 0.0
-    gust_m_s: float = 0.0
-    gust_time_s: float = 3.0
-
-    def __post_init__(self) -> None:
-        if not (self.speed_m_s >= 0.0 and self.gust_m_s >= 0.0 and self.gust_time_s > 0.0):
-            raise ValueError("wind: speed_m_s and gust_m_s must not be negative, gust_time_s must be above 0")
-
-    @property
-    def steady_m_s(self) -> Vector:
-        """Velocity of the air, east, north, up."""
-        angle = math.radians(self.from_deg)
-        return (-self.speed_m_s * math.sin(angle), -self.speed_m_s * math.cos(angle), 0.0)
-
-
-class WindField:
-    """The wind over time: an Ornstein-Uhlenbeck process around the steady wind, in exact steps of ``step_s``."""
-
-    _BLOCK = 512
-
-    def __init__(self, wind: Wind, *, step_s: float, rng: np.random.Generator) -> None:
-        self._steady = wind.steady_m_s
-        self._rng = rng
-        self._keep = math.exp(-step_s / wind.gust_time_s)
-        scale = wind.gust_m_s * math.sqrt(1.0 - self._keep**2)
-        self._scales = (scale, scale, 0.5 * scale)
-        self._gust: Vector = (0.0, 0.0, 0.0)
-        self._noise: list[list[float]] = []
-        self.velocity_m_s: Vector = self._steady
-
-    def step(self) -> Vector:
-        """Velocity of the air after one more step."""
-        if self._scales[0] == 0.0:
-            return self.velocity_m_s
-        if not self._noise:
-            self._noise = self._rng.standard_normal((self._BLOCK, 3)).tolist()
-        noise = self._noise.pop()
-        east, north, up = self._gust
-        keep, scales, steady = self._keep, self._scales, self._steady
-        self._gust = (
-            keep * east + scales[0] * noise[0],
-            keep * north + scales[1] * noise[1],
-            keep * up + scales[2] * noise[2],
-        )
-        self.velocity_m_s = (steady[0] + self._gust[0], steady[1] + self._gust[1], steady[2] + self._gust[2])
-        return self.velocity_m_s
 
 
 class PointMass:
@@ -130,13 +73,14 @@ class PointMass:
         self.position_m, self.velocity_m_s, self.acceleration_m_s2 = position_m, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         self.yaw_rad, self.roll_rad, self.pitch_rad = yaw_rad, 0.0, 0.0
         self._wind_estimate: Vector = (0.0, 0.0, 0.0)
+        self._asked: Vector = (0.0, 0.0, 0.0)
         self._learning = 1.0 - math.exp(-step_s / airframe.wind_estimate_s)
         self._max_lean_m_s2 = GRAVITY_M_S2 * math.tan(math.radians(airframe.max_lean_deg))
 
     def rest(self, *, up_m: float) -> None:
         """Stand on the ground at height ``up_m``."""
         self.position_m = (self.position_m[0], self.position_m[1], up_m)
-        self.velocity_m_s = self.acceleration_m_s2 = (0.0, 0.0, 0.0)
+        self.velocity_m_s = self.acceleration_m_s2 = self._asked = (0.0, 0.0, 0.0)
         self.roll_rad = self.pitch_rad = 0.0
 
     def step(self, wanted_m_s: Vector, wind_m_s: Vector) -> None:
@@ -150,9 +94,12 @@ class PointMass:
         ez += learning * (wind_m_s[2] - ez)
         self._wind_estimate = (ex, ey, ez)
 
-        ax, ay = _within(gain * (wanted_m_s[0] - vx), gain * (wanted_m_s[1] - vy), frame.max_acceleration_m_s2)
+        # No faster through the air than it can: what is left of the wind carries it away.
+        wx, wy = _within(wanted_m_s[0] - ex, wanted_m_s[1] - ey, frame.max_airspeed_m_s)
+        ax, ay = _within(gain * (wx + ex - vx), gain * (wy + ey - vy), frame.max_acceleration_m_s2)
         az = gain * (wanted_m_s[2] - vz)
         az = max(-frame.max_vertical_acceleration_m_s2, min(az, frame.max_vertical_acceleration_m_s2))
+        ax, ay, az = self._slewed(ax, ay, az)
         # Lean: what was asked for, less the drag expected in the estimated wind.
         tx, ty = _within(ax - drag * (ex - vx), ay - drag * (ey - vy), self._max_lean_m_s2)
         ax = tx + drag * (wind_m_s[0] - vx)
@@ -167,6 +114,29 @@ class PointMass:
         self.acceleration_m_s2 = ((nx - vx) / dt, (ny - vy) / dt, (nz - vz) / dt)
         self._turn(wanted_m_s)
         self._lean(tx, ty)
+
+    def fall(self, wind_m_s: Vector) -> None:
+        """Fall for one step without any thrust, dragged along by the air."""
+        drag, dt = self.airframe.drag_1_s, self.step_s
+        (x, y, z), (vx, vy, vz) = self.position_m, self.velocity_m_s
+        ax, ay = drag * (wind_m_s[0] - vx), drag * (wind_m_s[1] - vy)
+        az = drag * (wind_m_s[2] - vz) - GRAVITY_M_S2
+        self.acceleration_m_s2 = (ax, ay, az)
+        self.velocity_m_s = (vx + ax * dt, vy + ay * dt, vz + az * dt)
+        self.position_m = (x + vx * dt, y + vy * dt, z + vz * dt)
+
+    @property
+    def airspeed_m_s(self) -> float:
+        """Horizontal speed through the air, as it estimates the wind."""
+        return math.hypot(self.velocity_m_s[0] - self._wind_estimate[0], self.velocity_m_s[1] - self._wind_estimate[1])
+
+    def _slewed(self, ax: float, ay: float, az: float) -> Vector:
+        """The acceleration to ask for now: towards the wanted one as fast as the jerk limit lets it."""
+        most = self.airframe.max_jerk_m_s3 * self.step_s
+        bx, by, bz = self._asked
+        dx, dy = _within(ax - bx, ay - by, most)
+        self._asked = (bx + dx, by + dy, bz + max(-most, min(az - bz, most)))
+        return self._asked
 
     def _turn(self, wanted_m_s: Vector) -> None:
         """Turn the nose towards the course, when there is one."""

@@ -4,14 +4,31 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import Protocol
 
 from mission_io.items import Command, MissionItem, SpeedType
-from uavcover.flight.mock.dynamics import Airframe, PointMass, Vector
+from uavcover.flight.mock.dynamics import Airframe, Vector
 from uavcover.flight.mock.guidance import Speeds, Stop, passing_speeds, velocity_along, velocity_to
 from uavcover.flight.mock.settings import Settings
 
 _SLOW_LANDING_BELOW_M = 10.0
 _SETTLED_M = 0.5
+
+
+class Mover(Protocol):
+    """What moves: where it believes to be, how fast it goes, what it can do."""
+
+    @property
+    def airframe(self) -> Airframe:
+        """What it can do."""
+
+    @property
+    def position_m(self) -> Vector:
+        """East, north, up."""
+
+    @property
+    def velocity_m_s(self) -> Vector:
+        """Over ground."""
 
 
 class StepKind(Enum):
@@ -114,12 +131,14 @@ class Itinerary:
 
     Attributes:
         completed: the items whose last step was done since they were taken out.
+        stuck: whether it never goes on to the next step, whatever is reached.
     """
 
-    def __init__(self, steps: Iterable[Step], body: PointMass, now: float, *, land_m_s: float = 0.7) -> None:
+    def __init__(self, steps: Iterable[Step], body: Mover, now: float, *, land_m_s: float = 0.7) -> None:
         self._steps, self._index = tuple(steps), 0
         self._body, self._airframe, self._land_m_s = body, body.airframe, land_m_s
         self.completed: list[int] = []
+        self.stuck = False
         self._leg_start: Vector = body.position_m
         self._target: Vector = halting_point(body)
         self._passing: list[float] = []
@@ -160,6 +179,8 @@ class Itinerary:
         return Speeds(frame.max_speed_m_s, frame.max_climb_m_s, frame.max_descent_m_s)
 
     def _done(self, step: Step, now: float) -> bool:
+        if self.stuck:
+            return False
         if step.kind is StepKind.WAIT:
             return now >= self._until
         if step.kind is StepKind.DESCEND:
@@ -207,9 +228,9 @@ class Itinerary:
         return passing_speeds(here, stops, self._airframe)
 
 
-def halting_point(body: PointMass) -> Vector:
+def halting_point(body: Mover) -> Vector:
     """Where a vehicle that starts to brake now comes to rest."""
-    frame: Airframe = body.airframe
+    frame = body.airframe
     (x, y, z), (vx, vy, vz) = body.position_m, body.velocity_m_s
     level = math.hypot(vx, vy) / (1.2 * frame.max_acceleration_m_s2)
     upright = abs(vz) / (1.2 * frame.max_vertical_acceleration_m_s2)

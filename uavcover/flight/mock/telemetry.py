@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from mission_io import messages as m
-from mission_io.autopilots import Autopilot
 from mission_io.codec import message_id
-from mission_io.enums import AutopilotId, EkfFlag, MissionState, ModeFlag, VehicleClass
+from mission_io.enums import EkfFlag, MissionState, ModeFlag, VehicleClass
+from uavcover.flight.mock.truth import TruthSample
 from uavcover.flight.modes import Mode, custom_mode
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ MOCK_UID = int.from_bytes(b"uavcover", "big")
 _CAPABILITIES = 0x4 | 0x8 | 0x2 | 0x2000  # MISSION_INT, COMMAND_INT, PARAM_FLOAT, MAVLINK2
 _STANDBY, _ACTIVE, _BOOT = 3, 4, 1
 _FIX_3D, _NO_FIX = 3, 1
+_SENSOR_GPS = 0x20
 _SENSORS = 0x2C | 0x8000 | m.PREARM_CHECK_BIT
 _EKF_GOOD = (
     EkfFlag.ATTITUDE
@@ -30,31 +31,16 @@ _EKF_GOOD = (
 )
 _EKF_WAITING = EkfFlag.ATTITUDE | EkfFlag.VELOCITY_VERTICAL | EkfFlag.CONSTANT_POSITION
 
-DEFAULT_INTERVALS_S: dict[type[m.Message], float] = {
-    m.Heartbeat: 1.0,
-    m.GlobalPositionInt: 0.1,
-    m.Attitude: 0.1,
-    m.MissionCurrent: 1.0,
-    m.SysStatus: 1.0,
-    m.GpsRawInt: 1.0,
-    m.EkfStatusReport: 1.0,
-    m.ExtendedSysState: 1.0,
-    m.SystemTime: 1.0,
-    m.HomePosition: 5.0,
-}
-
-KIND_BY_ID: dict[int, type[m.Message]] = {message_id(kind): kind for kind in (*DEFAULT_INTERVALS_S, m.AutopilotVersion)}
-
 _TOLERANCE_S = 1e-6
 
 
 class Streams:
     """Which message is due when, in vehicle time."""
 
-    def __init__(self, autopilot: Autopilot) -> None:
-        self._interval_s = dict(DEFAULT_INTERVALS_S)
-        if autopilot.mav_autopilot != AutopilotId.ARDUPILOT:
-            del self._interval_s[m.EkfStatusReport]
+    def __init__(self, vehicle: "MockVehicle") -> None:
+        self._interval_s = dict(vehicle.behaviour.streams_s)
+        if not vehicle.is_ardupilot:
+            self._interval_s.pop(m.EkfStatusReport, None)
         self._due_s = dict(self._interval_s)
         self.next_due_s = min(self._due_s.values())
 
@@ -98,8 +84,10 @@ def _heartbeat(vehicle: "MockVehicle") -> m.Message:
     )
 
 
-def _position(vehicle: "MockVehicle") -> m.Message:
-    here, body = vehicle.body.geodetic(), vehicle.body.point
+def _position(vehicle: "MockVehicle") -> m.Message | None:
+    if vehicle.body.believed.lost and not vehicle.is_ardupilot:
+        return None  # PX4 tells no global position that it does not know; ArduPilot goes on with a guess
+    here, body = vehicle.body.geodetic_of(vehicle.body.believed.position_m), vehicle.body.point
     east, north, up = body.velocity_m_s
     return m.GlobalPositionInt(
         vehicle.time_s,
@@ -129,21 +117,43 @@ def _mission_current(vehicle: "MockVehicle") -> m.Message:
 def _sys_status(vehicle: "MockVehicle") -> m.Message:
     # The pre-arm bit comes before arming works, as on ArduPilot: who trusts it alone is refused.
     healthy = _SENSORS if vehicle.checks_pass else _SENSORS & ~m.PREARM_CHECK_BIT
-    return m.SysStatus(_SENSORS, _SENSORS, healthy, 0.3, 16.0, 8.0, 80)
+    if not vehicle.has_fix:
+        healthy &= ~_SENSOR_GPS
+    battery = vehicle.body.battery
+    return m.SysStatus(
+        _SENSORS, _SENSORS, healthy, 0.3, battery.voltage_v, battery.current_a, round(100.0 * battery.remaining)
+    )
 
 
 def _gps(vehicle: "MockVehicle") -> m.Message:
-    here = vehicle.body.geodetic()
+    believed = vehicle.body.believed
+    here = vehicle.body.geodetic_of(believed.receiver_m)
     east, north, _ = vehicle.body.point.velocity_m_s
-    fix = _FIX_3D if vehicle.checks_pass else _NO_FIX
+    fix, satellites = (_FIX_3D, 14) if vehicle.has_fix else (_NO_FIX, 0)
+    speed_m_s = math.hypot(east, north)
     return m.GpsRawInt(
-        vehicle.time_s, fix, here.lat_deg, here.lon_deg, here.alt_amsl_m, 0.8, 1.2, math.hypot(east, north), None, 14
+        vehicle.time_s, fix, here.lat_deg, here.lon_deg, here.alt_amsl_m, 0.8, 1.2, speed_m_s, None, satellites
     )
 
 
 def _home(vehicle: "MockVehicle") -> m.Message | None:
     home = vehicle.body.home
-    return m.HomePosition(home.lat_deg, home.lon_deg, home.alt_amsl_m) if vehicle.checks_pass else None
+    return m.HomePosition(home.lat_deg, home.lon_deg, home.alt_amsl_m) if vehicle.home_known else None
+
+
+def truth_sample(vehicle: "MockVehicle") -> TruthSample:
+    """Where it really is, and how far off its belief is."""
+    here, point = vehicle.body.geodetic(), vehicle.body.point
+    return TruthSample(
+        vehicle.time_s,
+        here.lat_deg,
+        here.lon_deg,
+        here.alt_amsl_m,
+        *vehicle.body.believed.error_m,
+        math.degrees(point.roll_rad),
+        math.degrees(point.pitch_rad),
+        math.degrees(point.yaw_rad) % 360.0,
+    )
 
 
 _BUILDERS: dict[type[m.Message], Callable[["MockVehicle"], m.Message | None]] = {
@@ -159,3 +169,6 @@ _BUILDERS: dict[type[m.Message], Callable[["MockVehicle"], m.Message | None]] = 
     m.HomePosition: _home,
     m.AutopilotVersion: lambda _: m.AutopilotVersion(_CAPABILITIES, uid=MOCK_UID),
 }
+
+KIND_BY_ID: dict[int, type[m.Message]] = {message_id(kind): kind for kind in _BUILDERS}
+"""The kinds that can be asked for."""

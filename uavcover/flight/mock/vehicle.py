@@ -4,27 +4,41 @@
 it does the same.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from mission_io import messages as m
 from mission_io.autopilots import Autopilot
-from mission_io.enums import AutopilotId, CommandResult, MissionResult, MissionState
+from mission_io.enums import AutopilotId, CommandResult, MissionState
 from mission_io.items import GeoPoint, MissionItem, MissionType
 from mission_io.protocol.exchange import Address
-from mission_io.protocol.server import MissionServer
+from uavcover.flight.mock.arming import reason_not_to_arm
+from uavcover.flight.mock.battery import BatteryData
+from uavcover.flight.mock.behaviour import Behaviour, TransferClock, quick
 from uavcover.flight.mock.body import STEP_S, Ground, MockBody
 from uavcover.flight.mock.commands import answer_command, answer_parameter
-from uavcover.flight.mock.dynamics import Airframe, Wind
+from uavcover.flight.mock.dynamics import Airframe
+from uavcover.flight.mock.failsafes import Failsafes
+from uavcover.flight.mock.fault_effects import Faults
+from uavcover.flight.mock.faults import Fault, FaultKind
 from uavcover.flight.mock.guidance import Speeds
 from uavcover.flight.mock.itinerary import Step, StepKind, mission_steps, return_steps
+from uavcover.flight.mock.mission_store import MissionStore
+from uavcover.flight.mock.positioning import GpsError
 from uavcover.flight.mock.settings import Settings
-from uavcover.flight.mock.telemetry import DEFAULT_INTERVALS_S, Streams, telemetry
+from uavcover.flight.mock.telemetry import Streams, telemetry, truth_sample
+from uavcover.flight.mock.truth import OnTruth
+from uavcover.flight.mock.wind import Wind
 from uavcover.flight.modes import Mode, mode_from_custom
 
 _DISARM_AFTER_LANDING_S = 2.0
 _DISARM_WHEN_IDLE_S = 10.0
 """Waiting for the ground station's next command: on the link's clock, however fast the vehicle's runs."""
+_LOOK_EVERY = 10
+"""Steps between two looks at battery and failsafes."""
 _INFO, _WARNING, _CRITICAL = 6, 4, 2
+_FAILSAFE_NAMES = {Mode.RETURN: "RTL Mode", Mode.LAND: "LAND Mode", Mode.HOLD: "BRAKE Mode"}
 
 
 class MockVehicle:
@@ -36,11 +50,21 @@ class MockVehicle:
         settings: how it flies; None takes the defaults.
         airframe: what it can do; None takes the defaults.
         wind: None is calm.
-        rng: of the gusts; None is seed 0.
+        gps: how far its positions are off; None is exact.
+        battery: what it flies on; None takes the defaults.
+        rng: of gusts and errors; None is seed 0.
         ground: height of the ground above sea level by latitude and longitude; None is flat at home's height.
-        speed: how many times faster than the link its time runs. The time-outs of mission transfers are the link's.
-        ready_after_s: time it needs after being switched on until it can be armed.
+        speed: how many times faster than the link its time runs.
+        behaviour: how it starts up and talks; None is ``behaviour.quick()``.
+        faults: what goes wrong.
+        on_truth: takes where it really is, each time it tells its position.
         system_id: its MAVLink system; its component is 1.
+
+    Attributes:
+        body: what flies.
+        faults: what has gone wrong; ``faults.add`` takes more.
+        missions: the lists that it holds.
+        took_off_at_s: ``powered_s`` when it first left the ground.
     """
 
     def __init__(
@@ -51,56 +75,92 @@ class MockVehicle:
         settings: Settings | None = None,
         airframe: Airframe | None = None,
         wind: Wind | None = None,
+        gps: GpsError | None = None,
+        battery: BatteryData | None = None,
         rng: np.random.Generator | None = None,
         ground: Ground | None = None,
         speed: float = 1.0,
-        ready_after_s: float = 2.0,
+        behaviour: Behaviour | None = None,
+        faults: Iterable[Fault] = (),
+        on_truth: OnTruth | None = None,
         system_id: int = 1,
     ) -> None:
-        self.autopilot = autopilot
+        self.autopilot, self.speed = autopilot, speed
+        self.behaviour = behaviour if behaviour is not None else quick()
         self.address = Address(system_id, 1)
         self.settings = settings if settings is not None else Settings()
         self.speeds: Speeds = self.settings.speeds
+        rng = rng if rng is not None else np.random.default_rng(0)
         self.body: MockBody = MockBody(
             home,
             airframe=airframe if airframe is not None else Airframe(),
             wind=wind if wind is not None else Wind(),
-            rng=rng if rng is not None else np.random.default_rng(0),
+            gps=gps if gps is not None else GpsError(),
+            battery=battery if battery is not None else BatteryData(),
+            rng=rng,
             ground=ground,
         )
+        self.faults = Faults(faults)
         self.mode, self.armed = Mode.MANUAL, False
         self.mission_state = MissionState.NOT_STARTED
         self.current_seq = 0
-        self._speed, self._ready_after_s = speed, ready_after_s
-        # Booting takes vehicle time, and the server counts in the link's.
-        booted_at = autopilot.boot_refusal_s / speed - autopilot.boot_refusal_s
-        self._missions = MissionServer(autopilot, local=self.address, booted_at=booted_at)
-        self._streams = Streams(autopilot)
-        self._steps_done = 0
+        self.took_off_at_s: float | None = None
+        self.missions = MissionStore(
+            autopilot,
+            local=self.address,
+            seconds_per_s=1.0 / speed if self.behaviour.transfer_clock is TransferClock.LINK else 1.0,
+            stale_read_back=self.behaviour.stale_read_back,
+            rng=rng,
+        )
+        self._streams, self._failsafes = Streams(self), Failsafes()
+        self._on_truth = on_truth
+        self._steps_done = self._boot_step = self._off_until_step = 0
+        self._texts_said = 0
         self._disarm_at_s = 0.0
         self._outbox: list[m.Message] = []
 
     # How the vehicle is.
 
     @property
-    def time_s(self) -> float:
-        """Vehicle time."""
+    def powered_s(self) -> float:
+        """Vehicle time since it was first switched on, whatever happened since."""
         return self._steps_done * STEP_S
 
     @property
+    def time_s(self) -> float:
+        """Vehicle time: since it was last switched on."""
+        return (self._steps_done - self._boot_step) * STEP_S
+
+    @property
+    def is_ardupilot(self) -> bool:
+        """Whether it behaves as ArduPilot; otherwise as PX4."""
+        return self.autopilot.mav_autopilot == AutopilotId.ARDUPILOT
+
+    @property
+    def has_fix(self) -> bool:
+        """Whether the satellite receiver knows where it is."""
+        return self.time_s >= self.behaviour.fix_s and not self.body.believed.lost
+
+    @property
     def checks_pass(self) -> bool:
-        """Whether its own checks before arming pass, which is not yet being ready."""
-        return self.time_s >= 0.5 * self._ready_after_s
+        """Whether home is known and its own checks before arming pass, which is not yet being ready."""
+        refused = self.faults.is_going_on(FaultKind.ARMING_REFUSED)
+        return self.time_s >= self.behaviour.checks_pass_s and self.has_fix and not refused
+
+    @property
+    def home_known(self) -> bool:
+        """Whether it can tell its home."""
+        return self.time_s >= self.behaviour.checks_pass_s
 
     @property
     def ready(self) -> bool:
-        """Whether it knows where it is and can be armed."""
-        return self.time_s >= self._ready_after_s
+        """Whether it knows where it is, so that it can be armed."""
+        return self.time_s >= self.behaviour.ready_s and not self.body.believed.lost
 
     @property
     def mission_items(self) -> tuple[MissionItem, ...]:
         """The mission it holds, as it is on the wire."""
-        return self._missions.items(MissionType.MISSION)
+        return self.missions.items(MissionType.MISSION)
 
     # In and out.
 
@@ -108,12 +168,14 @@ class MockVehicle:
         """Take a message that arrives at ``now``."""
         self.advance(now)
         message = received.message
-        if not m.is_for(message, system_id=self.address.system_id, component_id=self.address.component_id):
+        if self._cut_off or not m.is_for(
+            message, system_id=self.address.system_id, component_id=self.address.component_id
+        ):
             return
         match message:
             case m.CommandLong() | m.CommandInt():
                 result = answer_command(self, message)
-                self._outbox.append(
+                self._emit(
                     m.CommandAck(
                         message.command,
                         result,
@@ -130,29 +192,40 @@ class MockVehicle:
             case m.ParamRequestRead() | m.ParamSet():
                 value = answer_parameter(self, message)
                 if value is not None:
-                    self._outbox.append(value)
-            case m.MissionClearAll() if self.armed and self.autopilot.mav_autopilot == AutopilotId.ARDUPILOT:
-                self._outbox.append(
-                    m.MissionAck(received.system_id, received.component_id, MissionResult.ERROR, message.mission_type)
-                )
+                    self._emit(value)
             case _:
-                self._missions.receive(received, now / self._speed)
+                self._emit_all(self.missions.receive(received, self.powered_s, flying=self.armed))
                 self._look_at_missions()
 
     def advance(self, now: float) -> None:
-        """Let vehicle time run to ``now``; a time that has passed changes nothing."""
+        """Let vehicle time run to ``now``, counted from when it was first switched on; the past changes nothing."""
         last = int(now / STEP_S + 1e-6)
         while self._steps_done < last:
             self._steps_done += 1
-            self._step(self.time_s)
-        self._outbox.extend(self._missions.messages_to_send(now / self._speed))
+            self._step()
+        self._emit_all(self.missions.messages_to_send(self.powered_s))
         self._look_at_missions()
 
     def outgoing(self) -> list[m.Message]:
         """What it has to say since the last call. A message with a target is for that ground station only."""
-        self._outbox.extend(self._missions.messages_to_send(self.time_s / self._speed))
+        self._emit_all(self.missions.messages_to_send(self.powered_s))
         outbox, self._outbox = self._outbox, []
         return outbox
+
+    def _emit(self, message: m.Message) -> None:
+        """Say something, unless a fault keeps it from being heard."""
+        silenced = isinstance(message, m.Heartbeat) and self.faults.is_going_on(FaultKind.HEARTBEAT_LOSS)
+        if not (silenced or self._cut_off):
+            self._outbox.append(message)
+
+    def _emit_all(self, messages: Iterable[m.Message]) -> None:
+        for message in messages:
+            self._emit(message)
+
+    @property
+    def _cut_off(self) -> bool:
+        """Whether nothing gets through, in neither direction."""
+        return self._steps_done < self._off_until_step or self.faults.is_going_on(FaultKind.LINK_OUTAGE)
 
     # What it can be told to do; the results are answers to commands.
 
@@ -160,9 +233,10 @@ class MockVehicle:
         """Start the motors."""
         if self.armed:
             return CommandResult.ACCEPTED
-        ardupilot = self.autopilot.mav_autopilot == AutopilotId.ARDUPILOT
-        if not self.ready:
-            self.say(_CRITICAL, "PreArm: Need Position Estimate" if ardupilot else "Preflight Fail: no position")
+        ardupilot = self.is_ardupilot
+        reason = reason_not_to_arm(self)
+        if reason is not None:
+            self.say(_CRITICAL, reason)
             return CommandResult.FAILED if ardupilot else CommandResult.TEMPORARILY_REJECTED
         armable = (Mode.MANUAL, Mode.GUIDED, Mode.HOLD) if ardupilot else tuple(Mode)
         if self.mode not in armable:
@@ -172,7 +246,7 @@ class MockVehicle:
             self.say(_CRITICAL, "Preflight Fail: no valid mission")
             return CommandResult.TEMPORARILY_REJECTED
         self.armed, self.body.crashed = True, False
-        self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S * self._speed
+        self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S * self.speed
         self.speeds = self.settings.speeds
         self.current_seq = self._first_seq()
         self.mission_state = MissionState.NOT_STARTED
@@ -188,10 +262,8 @@ class MockVehicle:
         if self.armed:
             self.say(_INFO, "Disarming motors")
         self.armed = False
-        self.body.crashed |= not self.body.on_ground
-        self.body.on_ground = True
-        self.body.point.rest(up_m=self.body.point.position_m[2])
-        self.body.follow([], self.time_s, land_m_s=self.settings.land_m_s)
+        self.body.cut_motors()
+        self._follow([])
         return CommandResult.ACCEPTED
 
     def set_mode(self, mode: Mode) -> CommandResult:
@@ -199,14 +271,14 @@ class MockVehicle:
         if mode is Mode.MISSION and not self._has_mission():
             self.say(_WARNING, "Mode change to MISSION failed: no mission")
             return CommandResult.FAILED
-        if mode is not Mode.MANUAL and not self.checks_pass:
+        if mode not in (Mode.MANUAL, Mode.LAND) and not (self.home_known and not self.body.believed.lost):
             self.say(_WARNING, f"Mode change to {mode.name} failed: needs position")
             return CommandResult.FAILED
         was, self.mode = self.mode, mode
         if was is mode or not self.armed:
             return CommandResult.ACCEPTED
         flying = not self.body.on_ground
-        if mode is Mode.MISSION and (flying or self.autopilot.mav_autopilot == AutopilotId.PX4):
+        if mode is Mode.MISSION and (flying or not self.is_ardupilot):
             self._follow_mission()
         elif mode is not Mode.MISSION:
             if self.mission_state is MissionState.ACTIVE:
@@ -244,39 +316,106 @@ class MockVehicle:
 
     def set_interval(self, kind: type[m.Message], interval_s: float | None) -> None:
         """Send a kind of message each ``interval_s`` seconds; 0 is its default, None is never."""
-        self._streams.set_interval(
-            kind, DEFAULT_INTERVALS_S.get(kind) if interval_s == 0.0 else interval_s, self.time_s
-        )
+        default_s = self.behaviour.streams_s.get(kind)
+        self._streams.set_interval(kind, default_s if interval_s == 0.0 else interval_s, self.time_s)
 
     def tell(self, kind: type[m.Message]) -> None:
         """Send one message of a kind now."""
         message = telemetry(self, kind)
         if message is not None:
-            self._outbox.append(message)
+            self._emit(message)
 
     def say(self, severity: int, text: str) -> None:
         """Send a line for the pilot."""
-        self._outbox.append(m.StatusText(severity, text))
+        self._emit(m.StatusText(severity, text))
 
     # How it goes on by itself.
 
-    def _step(self, now: float) -> None:
+    def fail_safe(self, what: str, mode: Mode) -> None:
+        """Change to a mode because of something that went wrong, and say so; on the ground only say it."""
+        if not self.armed or self.body.on_ground or self.mode is mode:
+            return
+        if self.is_ardupilot:
+            self.say(_CRITICAL, f"{what} Failsafe: changed to {_FAILSAFE_NAMES[mode]}")
+        else:
+            self.say(_CRITICAL, f"Failsafe activated: {what.lower()}, switching to {mode.value}")
+        self.set_mode(mode)
+
+    def power_off(self, seconds: float) -> None:
+        """Lose power for a while and start anew: motors off, conversations and intervals forgotten, lists kept."""
+        self.armed = False
+        self.body.cut_motors()
+        self._follow([])
+        self._outbox.clear()
+        self._off_until_step = self._steps_done + round(seconds / STEP_S)
+
+    def mission_changed(self) -> None:
+        """Go on with a mission that was changed."""
+        flying = self.armed and not self.body.on_ground
+        if flying and self.mode is Mode.MISSION:
+            self._follow_mission()
+        elif not flying or not self.autopilot.home_in_item_0:
+            self.current_seq = 0
+            self.mission_state = MissionState.NOT_STARTED
+        self.tell(m.MissionCurrent)
+
+    def _step(self) -> None:
         body = self.body
-        if self.armed:
-            was_landed = body.on_ground
-            body.step(now)
-            if was_landed != body.on_ground:
-                self._landing_changed(now)
-            self._follow_progress()
-            if body.on_ground and (body.crashed or now >= self._disarm_at_s):
-                self.disarm()
+        if self._steps_done <= self._off_until_step:
+            if body.falling:
+                body.step(self.time_s)
+            if self._steps_done == self._off_until_step:
+                self._start_up()
+            return
+        now = self.time_s
+        self.faults.step(self)
+        if self.armed or body.falling:
+            self._fly(now)
+        body.believed.step()
+        if self._steps_done % _LOOK_EVERY == 0:
+            self._draw_power()
+            self._failsafes.look(self)
         if now + 1e-9 >= self._streams.next_due_s:
             for kind in self._streams.due(now):
                 self.tell(kind)
+                if kind is m.GlobalPositionInt and self._on_truth is not None:
+                    self._on_truth(truth_sample(self))
+        texts = self.behaviour.start_texts
+        while self._texts_said < len(texts) and now >= texts[self._texts_said].at_s:
+            self.say(texts[self._texts_said].severity, texts[self._texts_said].text)
+            self._texts_said += 1
+
+    def _draw_power(self) -> None:
+        body, seconds = self.body, _LOOK_EVERY * STEP_S
+        if self.armed and not body.on_ground:
+            body.battery.fly(seconds, airspeed_m_s=body.point.airspeed_m_s, climb_m_s=body.point.velocity_m_s[2])
+        else:
+            body.battery.idle(seconds)
+
+    def _start_up(self) -> None:
+        """Be switched on again."""
+        self._boot_step, self._texts_said = self._steps_done, 0
+        self.mode, self.mission_state, self.current_seq = Mode.MANUAL, MissionState.NOT_STARTED, 0
+        self.missions.reboot(self.powered_s)
+        self._streams, self._failsafes = Streams(self), Failsafes()
+
+    def _fly(self, now: float) -> None:
+        body = self.body
+        was_landed = body.on_ground
+        body.step(now)
+        if was_landed != body.on_ground:
+            self._landing_changed(now)
+        if not self.armed:
+            return
+        self._follow_progress()
+        if body.on_ground and (body.crashed or now >= self._disarm_at_s):
+            self.disarm()
 
     def _landing_changed(self, now: float) -> None:
         self.tell(m.ExtendedSysState)
         if not self.body.on_ground:
+            if self.took_off_at_s is None:
+                self.took_off_at_s = self.powered_s
             return
         self._disarm_at_s = now + _DISARM_AFTER_LANDING_S
         if self.body.crashed:
@@ -285,7 +424,7 @@ class MockVehicle:
         self.say(_INFO, "Landed")
         step = self.body.itinerary.step
         if self.mission_state is MissionState.ACTIVE and step is not None and step.seq is not None:
-            self._outbox.append(m.MissionItemReached(step.seq))
+            self._emit(m.MissionItemReached(step.seq))
             self._complete()
         self._follow([])
 
@@ -295,7 +434,7 @@ class MockVehicle:
             return
         itinerary = self.body.itinerary
         while itinerary.completed:
-            self._outbox.append(m.MissionItemReached(itinerary.completed.pop(0)))
+            self._emit(m.MissionItemReached(itinerary.completed.pop(0)))
         step = itinerary.step
         if step is None:
             self._complete()
@@ -315,8 +454,9 @@ class MockVehicle:
             self.mission_items, self.current_seq, place=self.body.place, settings=self.settings, speeds=self.speeds
         )
         self.mission_state = MissionState.ACTIVE
-        self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S * self._speed
+        self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S * self.speed
         self._follow(steps)
+        self.body.itinerary.stuck = self.faults.is_going_on(FaultKind.STUCK)
         self.tell(m.MissionCurrent)
 
     def _follow(self, steps: list[Step]) -> None:
@@ -337,22 +477,8 @@ class MockVehicle:
 
     def _look_at_missions(self) -> None:
         """Take note of what a transfer changed."""
-        for event in self._missions.events():
-            if event.mission_type is not MissionType.MISSION:
-                continue
-            if self.autopilot.home_in_item_0 and event.items:
-                self._put_home_in_item_0(event.items)
-            flying = self.armed and not self.body.on_ground
-            if flying and self.mode is Mode.MISSION:
-                self._follow_mission()
-            elif not flying or not self.autopilot.home_in_item_0:
-                self.current_seq = 0
-                self.mission_state = MissionState.NOT_STARTED
-
-    def _put_home_in_item_0(self, items: tuple[MissionItem, ...]) -> None:
-        home, row = self.body.home, items[0]
-        if row.lat_deg != home.lat_deg or row.lon_deg != home.lon_deg or row.alt_m != home.alt_amsl_m:
-            mine = MissionItem(
-                row.command, row.frame, row.params, home.lat_deg, home.lon_deg, home.alt_amsl_m, row.autocontinue
-            )
-            self._missions.set_items(MissionType.MISSION, (mine, *items[1:]))
+        if self.home_known:
+            self.missions.set_home(self.body.home)
+        for event in self.missions.events(self.powered_s):
+            if event.mission_type is MissionType.MISSION:
+                self.mission_changed()
