@@ -6,6 +6,7 @@ import typer
 
 from uavcover.cli.bench_link import bench_link
 from uavcover.cli.bench_mmf import bench_mmf
+from uavcover.cli.bench_paper import bench_paper
 from uavcover.cli.ending import ending_well
 from uavcover.cli.overview import Overview
 
@@ -18,6 +19,7 @@ bench = typer.Typer(
 _BENCHMARKS: dict[str, tuple[Callable[..., int], str]] = {
     "link": (bench_link, "missions over links that lose datagrams, against MAVSDK"),
     "mmf": (bench_mmf, "the paper's 24 functions: Tables 3 and 4, tests, figures"),
+    "paper": (bench_paper, "the paper's simulation: Tables 5 and 6, Figures 7 to 11"),
 }
 
 for _name, (_command, _short) in _BENCHMARKS.items():

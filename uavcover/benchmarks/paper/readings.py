@@ -1,0 +1,51 @@
+"""How the paper's sensor can be read; its Tables 5 and 6 do not say which reading made them."""
+
+import dataclasses
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+from uavcover.model.sensor import LineOfSight, SphereSensor
+from uavcover.pipeline import load_site
+from uavcover.site import Site
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A reading of sections 2.2 and 5.2.
+
+    Attributes:
+        name: short.
+        scenario: the bundled scenario that it is a variant of.
+        line_of_sight: how a cell is hidden by ground; none where nothing hides it.
+        meaning: in words.
+    """
+
+    name: str
+    scenario: str
+    line_of_sight: LineOfSight | None
+    meaning: str
+
+    def site(self) -> Site:
+        """The paper's ground, seen by this reading's sensor."""
+        site = load_site(self.scenario)
+        sensor = site.scenario.sensor
+        if self.line_of_sight is None or not isinstance(sensor, SphereSensor):
+            return site
+        changed = dataclasses.replace(sensor, line_of_sight=self.line_of_sight)
+        return dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, sensor=changed))
+
+
+READINGS: Final = MappingProxyType(
+    {
+        reading.name: reading
+        for reading in (
+            Reading("R2-ray", "paper-R2", "ray", "R = 2 in three dimensions (Table 1), exact line of sight"),
+            Reading("R2-midpoint", "paper-R2", "midpoint", "R = 2 in three dimensions, the midpoint test of Eq. 5"),
+            Reading("r1-ray", "paper-r1", "ray", "r = 1 in three dimensions (section 2.2.2), exact line of sight"),
+            Reading("r1-midpoint", "paper-r1", "midpoint", "r = 1 in three dimensions, the midpoint test of Eq. 5"),
+            Reading("planar", "paper-planar", None, "r = 1 in the horizontal plane (S = pi r^2), nothing hides a cell"),
+        )
+    }
+)
+"""The readings by name."""

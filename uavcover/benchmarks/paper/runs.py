@@ -1,0 +1,133 @@
+"""The runs: MODBO and IMODBO on each reading, five times each, as in section 5.3."""
+
+import dataclasses
+import time
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.benchmarks.kept_runs import KeptRuns
+from uavcover.benchmarks.paper.published import Figures
+from uavcover.benchmarks.paper.readings import READINGS
+from uavcover.benchmarks.processes import completed
+from uavcover.model.route import RouteMember
+from uavcover.model.scenario import PlannerAlgorithm
+from uavcover.planning.planner import Effort, plan_routes
+from uavcover.planning.selection import PAPER_WEIGHTS
+
+FloatArray = NDArray[np.float64]
+
+ALGORITHMS: tuple[PlannerAlgorithm, ...] = ("modbo", "imodbo")
+RULE = "weighted:" + ",".join(map(str, PAPER_WEIGHTS))
+
+_OBJECTIVES = ("coverage", "nodes", "length")
+
+
+@dataclass(frozen=True, slots=True)
+class PaperRun:
+    """One run; its number, from 1, is the seed."""
+
+    reading: str
+    algorithm: PlannerAlgorithm
+    number: int
+
+    @property
+    def key(self) -> str:
+        """Where it is kept."""
+        return f"{self.reading}/{self.algorithm}/{self.number}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PaperResult:
+    """What a run found.
+
+    Attributes:
+        front: the Pareto set, by coverage.
+        routes: the waypoints (n, 3) of each member.
+        chosen: number of the member that the weights choose.
+        cpu_s: processor time.
+    """
+
+    front: tuple[Figures, ...]
+    routes: tuple[FloatArray, ...]
+    chosen: int
+    cpu_s: float
+
+
+def paper_runs(readings: Collection[str], algorithms: Collection[PlannerAlgorithm], runs: int) -> list[PaperRun]:
+    """Every run, first runs first, so that a benchmark that is stopped early has seen everything once."""
+    return [
+        PaperRun(reading, algorithm, number)
+        for number in range(1, runs + 1)
+        for reading in readings
+        for algorithm in algorithms
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    folder: Path
+    settings: Mapping[str, str | int | float]
+    run: PaperRun
+    population: int
+    iterations: int
+
+    def __str__(self) -> str:
+        return self.run.key
+
+
+def make_runs(
+    folder: KeptRuns, runs: Sequence[PaperRun], *, population: int, iterations: int, processes: int
+) -> Iterator[PaperRun]:
+    """Make the runs and yield each once it is in the folder; the result does not depend on the number of processes.
+
+    Raises:
+        UavcoverError: a process was killed, or a run failed; what is done is kept.
+    """
+    tasks = [_Task(folder.path, folder.settings, run, population, iterations) for run in runs]
+    for task, _ in completed(_make, tasks, processes=processes):
+        yield task.run
+
+
+def _make(task: _Task) -> None:
+    run = task.run
+    site = READINGS[run.reading].site()
+    settings = dataclasses.replace(
+        site.scenario.planner,
+        algorithm=run.algorithm,
+        seed=run.number,
+        population_size=task.population,
+        evaluations=task.population * task.iterations,
+    )
+    effort = Effort(settings.evaluations, None, time.process_time)
+    plan = plan_routes(site, settings=settings, select_rule=RULE, effort=effort)
+    chosen = next(k for k, member in enumerate(plan.members) if member is plan.chosen)
+    KeptRuns(task.folder, task.settings).write(
+        run.key,
+        {"chosen": chosen, "cpu_s": plan.wall_s, "members": [_member(member) for member in plan.members]},
+    )
+
+
+def _member(member: RouteMember) -> dict[str, object]:
+    metrics = member.metrics
+    values = (metrics.coverage_fraction, metrics.waypoint_count, metrics.path_length_m)
+    return dict(zip(_OBJECTIVES, values, strict=True)) | {"route": member.route.waypoints_m.tolist()}
+
+
+def read_result(folder: KeptRuns, run: PaperRun) -> PaperResult:
+    """A run that is done.
+
+    Raises:
+        InputError: its file cannot be read.
+    """
+    document = folder.read(run.key)
+    members = document["members"]
+    return PaperResult(
+        front=tuple(Figures(*(float(member[name]) for name in _OBJECTIVES)) for member in members),
+        routes=tuple(np.array(member["route"], dtype=float).reshape(-1, 3) for member in members),
+        chosen=int(document["chosen"]),
+        cpu_s=float(document["cpu_s"]),
+    )
