@@ -1,10 +1,16 @@
 """The errors of uavcover. Each is one line that says what is wrong, where, and what to do about it."""
 
+from typing import Any
+
 
 class UavcoverError(Exception):
     """Root of every error that uavcover raises on purpose; ``exit_code`` is what the command line ends with."""
 
     exit_code = 1
+
+    def details(self) -> dict[str, Any]:
+        """What a program may want to know beside the line; goes into the object under ``--json``."""
+        return {}
 
 
 class InputError(UavcoverError):

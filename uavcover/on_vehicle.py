@@ -127,6 +127,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
         home=compiled.mission.home or home,
         ground_alt_amsl_m=float(site.alts_amsl_m(point)[0]),
         max_home_error_m=site.scenario.limits.max_home_error_m,
+        acceptance_radius_m=site.scenario.vehicle.acceptance_radius_m,
     )
 
 
@@ -150,7 +151,9 @@ def fly(
     on_sample: Callable[[TrackSample], None],
     on_event: Callable[[FlightEvent], None] = lambda _: None,
     stop: Callable[[], int] = lambda: 0,
+    pause: Callable[[], bool] = lambda: False,
     confirmed: bool = False,
+    patience: Patience | None = None,
 ) -> FlightOutcome:
     """Fly the mission that the vehicle holds: ready, check, arm, start, follow, land; see :mod:`uavcover.flight.fly`.
 
@@ -161,13 +164,15 @@ def fly(
         on_sample: takes every sample as it comes.
         on_event: is told what happens.
         stop: how often the user has asked to stop: once is home along checked legs, twice is hold.
+        pause: whether the user wants the vehicle to wait where it is.
         confirmed: whether a vehicle that may be real may be armed.
+        patience: how long to wait for what.
 
     Raises:
-        VehicleError: the vehicle or the link failed, or the vehicle is not what was planned for.
+        FlightFailedError: the vehicle or the link failed, or the vehicle is not what was planned for; it carries the outcome.
     """
     return fly_plan(
         vehicle.client, vehicle.monitor, flight_plan(site, compiled),
-        on_sample=on_sample, on_event=on_event, confirmed=confirmed, stop=stop,
+        on_sample=on_sample, on_event=on_event, confirmed=confirmed, stop=stop, pause=pause, patience=patience,
         plan_return=lambda lat, lon, alt: compile_return(site, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt),
     )  # fmt: skip

@@ -317,7 +317,11 @@ def _version(name: str) -> str | None:
 
 def add_stage(run: RunFolder, name: str, wall_s: float) -> None:
     """Note in ``run.json`` how long a stage took."""
+    stages = run.read_json("run.json", made_by="uavcover plan").get("stages")
+    note_in_run(run, "stages", {**(stages if isinstance(stages, dict) else {}), name: {"wall_s": wall_s}})
+
+
+def note_in_run(run: RunFolder, key: str, value: dict[str, Any]) -> None:
+    """Put something into ``run.json``, in place of what was there under that key."""
     document = run.read_json("run.json", made_by="uavcover plan")
-    stages = document.get("stages")
-    document["stages"] = {**(stages if isinstance(stages, dict) else {}), name: {"wall_s": wall_s}}
-    run.write_json("run.json", document)
+    run.write_json("run.json", {**document, key: value})

@@ -4,7 +4,8 @@ import functools
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import typer
@@ -25,7 +26,8 @@ def ending_well(command: Callable[..., Any]) -> Callable[..., None]:
     """A command that returns its exit code, as typer wants it: ending in ``typer.Exit``.
 
     Exit codes: 0 done; 1 done, and the answer is no; 2 bad usage or bad input; 3 the vehicle or the link failed; 4 no
-    feasible plan; 130 interrupted. Under --json an error is also an object on stdout: ``error`` and ``exit_code``.
+    feasible plan; 130 interrupted. Under --json an error is also an object on stdout: ``error``, ``exit_code``, and
+    what the error has for programs.
     """
 
     @functools.wraps(command)
@@ -71,14 +73,15 @@ def _code(call: Callable[[], int], *, as_json: bool) -> int:
         return _fail(f"a fault of uavcover: {type(error).__name__}: {error}", FAULT, as_json=as_json)
     if _settings["traces"]:
         traceback.print_exception(shown)
-    return _fail(str(shown), code, as_json=as_json)
+    details = shown.details() if isinstance(shown, UavcoverError) else {}
+    return _fail(str(shown), code, as_json=as_json, details=details)
 
 
-def _fail(text: str, code: int, *, as_json: bool) -> int:
+def _fail(text: str, code: int, *, as_json: bool, details: Mapping[str, Any] = MappingProxyType({})) -> int:
     line = " ".join(text.split())
     sys.stderr.write(f"error: {line}\n" if code != INTERRUPTED else f"{line}\n")
     if as_json:
-        sys.stdout.write(json_line({"error": line, "exit_code": code}) + "\n")
+        sys.stdout.write(json_line({"error": line, "exit_code": code, **details}) + "\n")
     return code
 
 

@@ -18,6 +18,12 @@ def fly(
         float, typer.Option(metavar="X", help="How fast the vehicle of mock: flies, times real time.")
     ] = 20.0,
     live: Annotated[bool, typer.Option("--live", help="Show the flight in the rerun viewer while it goes on.")] = False,
+    deadman_s: Annotated[
+        float, typer.Option("--deadman", metavar="S", help="Tell when there is no position for so long.")
+    ] = 3.0,
+    link_lost_s: Annotated[
+        float, typer.Option("--link-lost", metavar="S", help="Give the vehicle up after so long a silence.")
+    ] = 30.0,
     force: Annotated[
         bool, typer.Option("--force", help="Replace the track, recording and verdict of an older flight.")
     ] = False,
@@ -27,12 +33,14 @@ def fly(
 ) -> int:
     """Wait until ready, arm, start, follow, record, land.
 
-    Ctrl-C: hold, then home along checked legs, and land; twice: hold, and leave it there; both end with 130.
+    Ctrl-C: hold, then home along checked legs, and land; twice: hold, and leave it there; both end with 130. The key p (without
+    a terminal: SIGUSR1) pauses: the vehicle holds; p again, and it goes on.
     """
     from uavcover import pipeline
     from uavcover.cli.console import Console
     from uavcover.cli.ending import INTERRUPTED
     from uavcover.cli.flying import ENDED_BY_USER, fly_run
+    from uavcover.flight.flight_plan import Patience
     from uavcover.run_folder import RunFolder
 
     key = options.signing_key(signing_key)
@@ -48,7 +56,7 @@ def fly(
     outcome, document = fly_run(
         folder, site, planned.route, to, console,
         timeout_s=timeout_s, confirmed=yes, force=force, mock_speed=mock_speed, upload_first=to.startswith("mock:"),
-        viewer_url=viewer_url, signing_key=key,
+        viewer_url=viewer_url, signing_key=key, patience=Patience(deadman_s=deadman_s, link_lost_s=link_lost_s),
     )  # fmt: skip
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0

@@ -8,8 +8,11 @@ from mission_io import SigningKey
 from uavcover import pipeline
 from uavcover.cli.console import Console, Interrupts
 from uavcover.cli.flight_log import FlightLog, live_recording
+from uavcover.cli.pausing import PauseKey
 from uavcover.errors import OutputError, UavcoverError
+from uavcover.flight.flight_plan import Patience
 from uavcover.flight.fly import Ending, FlightOutcome
+from uavcover.flight.outcome import FlightFailedError
 from uavcover.flight.track_file import read_track
 from uavcover.model.route import Route
 from uavcover.on_vehicle import check_home, connect, fly, require_home
@@ -28,11 +31,15 @@ _FIRST_STOP = "stopping: hold, then home along checked legs; once more: hold and
 def fly_run(
     run: RunFolder, site: Site, route: Route, url: str, console: Console,
     *, timeout_s: float, confirmed: bool, force: bool, mock_speed: float = 20.0, upload_first: bool = False,
-    viewer_url: str | None = None, signing_key: SigningKey | None = None,
+    viewer_url: str | None = None, signing_key: SigningKey | None = None, patience: Patience | None = None,
 ) -> tuple[FlightOutcome, dict[str, Any]]:  # fmt: skip
     """Fly the route of a run, recording the track as it comes.
 
-    The recording grows with the flight, in the viewer at ``viewer_url`` too; whatever the end, then it is written anew, whole.
+    The recording grows with the flight, in the viewer at ``viewer_url`` too; whatever the end, then it is written anew, whole,
+    and ``run.json`` has the outcome.
+
+    Raises:
+        FlightFailedError: the flight did not end as it should; the run folder has all the same what was recorded.
     """
     require_home(site)
     pipeline.compile_plan(site, route)  # a bad leg is known before anybody is asked
@@ -40,6 +47,7 @@ def fly_run(
         run.reserved(FLIGHT_FILES, force=force),
         connect(url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key) as vehicle,
         Interrupts(_FIRST_STOP) as interrupts,
+        PauseKey(console) as keys,
     ):
         compiled = pipeline.compile_plan(site, route, autopilot=vehicle.autopilot)
         if upload_first:
@@ -54,7 +62,12 @@ def fly_run(
                 outcome = fly(
                     vehicle, site, compiled,
                     on_sample=log.take_sample, on_event=log.take_event, confirmed=confirmed, stop=lambda: interrupts.count,
+                    pause=keys.paused, patience=patience,
                 )  # fmt: skip
+            except FlightFailedError as error:
+                if log.sample_count:
+                    _note_outcome(run, error.outcome)
+                raise
             except KeyboardInterrupt:
                 console.warn("aborted: the vehicle was left as it is, maybe armed and in the air; take over from here")
                 raise
@@ -63,18 +76,20 @@ def fly_run(
                 _keep_recording(run, site, route, log, console)
     if log.error is not None:
         raise log.error
+    if log.sample_count:
+        _note_outcome(run, outcome)
     document = {
         "run": str(run),
-        "ending": outcome.ending.name.lower(),
-        "waypoints_reached": outcome.waypoints_reached,
-        "samples": outcome.sample_count,
-        "duration_s": outcome.duration_s,
-        "simulated_by": outcome.simulated_by,
+        **outcome.as_json(),
         "track": str(run.file("track.csv")),
         "recording": str(run.file("flight.rrd")),
     }
     console.say(f"{outcome.ending.value}: {outcome.sample_count} samples over {outcome.duration_s:.0f} s of flight")
     return outcome, document
+
+
+def _note_outcome(run: RunFolder, outcome: FlightOutcome) -> None:
+    pipeline.note_in_run(run, "flight", outcome.as_json())
 
 
 def _keep_recording(run: RunFolder, site: Site, route: Route, log: FlightLog, console: Console) -> None:

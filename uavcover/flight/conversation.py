@@ -1,15 +1,22 @@
 """The running conversation with one vehicle: waiting with patience, passing on what it says, noticing that it is gone."""
 
+import math
 from collections import deque
 from collections.abc import Callable
+from typing import TypeVar
 
+from mission_io import messages as m
 from mission_io.autopilots import Autopilot
-from mission_io.client import Client
-from uavcover.errors import VehicleError
+from mission_io.errors import VehicleSilentError
 from uavcover.flight.events import EventKind, FlightEvent
 from uavcover.flight.flight_plan import Patience
 from uavcover.flight.modes import mode_from_custom
 from uavcover.flight.monitor import Monitor
+from uavcover.flight.outcome import Ending, FlightFaultError
+from uavcover.flight.vehicle_client import VehicleClient
+from uavcover.flight.watch import Watch
+
+ResultT = TypeVar("ResultT")
 
 _POLL_S = 0.1
 _WARNING_SEVERITY = 4
@@ -28,22 +35,28 @@ class Conversation:
         patience: how long to wait for what.
         on_event: is told what happens.
         stop: how often the user has asked to stop.
+        pause: whether the user wants the vehicle to wait where it is.
+
+    Attributes:
+        watch: notices what goes wrong.
     """
 
     def __init__(
         self,
-        client: Client,
+        client: VehicleClient,
         monitor: Monitor,
         *,
         patience: Patience,
         on_event: Callable[[FlightEvent], None],
         stop: Callable[[], int],
+        pause: Callable[[], bool] = lambda: False,
     ) -> None:
         self.client, self.monitor, self.patience = client, monitor, patience
         self.stop = stop
+        self.pause = pause
         self._on_event = on_event
         self._recent_complaints: deque[str] = deque(maxlen=3)
-        self._position_lost = False
+        self.watch = Watch(client, monitor, patience, self.tell)
 
     @property
     def autopilot(self) -> Autopilot:
@@ -62,6 +75,26 @@ class Conversation:
         mode = mode_from_custom(self.autopilot, number)
         return f"mode {number}" if mode is None else f"{mode.value} mode"
 
+    @property
+    def silence_s(self) -> float:
+        """How long nothing of the vehicle was heard."""
+        return self.monitor.silence_s(self.client.clock.now())
+
+    @property
+    def vehicle_now(self) -> str:
+        """What the vehicle does, or did when it was heard last, for people."""
+        monitor = self.monitor
+        if math.isinf(self.silence_s):
+            return "never heard"
+        vehicle = self.client.vehicle
+        where = {True: "on the ground", False: "in the air", None: "somewhere"}[monitor.on_ground]
+        parts = [where, "armed" if vehicle.armed else "disarmed", f"in {self.mode_name}"]
+        here = monitor.latest(m.GlobalPositionInt)
+        if here is not None:
+            parts.append(f"at {here.lat_deg:.6f}, {here.lon_deg:.6f}, {here.alt_above_home_m:.0f} m above home")
+        heard = f" (heard {self.silence_s:.0f} s ago)" if self.silence_s > self.patience.deadman_s else ""
+        return ", ".join(parts) + heard
+
     def tell(self, kind: EventKind, text: str, *, waypoint: int | None = None) -> None:
         """Pass on an event."""
         self._on_event(FlightEvent(kind, text, self.monitor.time_s, waypoint))
@@ -70,26 +103,41 @@ class Conversation:
         """Listen for a moment, and pass on what the vehicle says.
 
         Raises:
-            VehicleError: its heartbeat is lost, or it restarted.
+            FlightFaultError: it is gone, or it restarted.
         """
         self.client.poll(_POLL_S)
         while self.monitor.texts:
             said = self.monitor.texts.popleft()
             if said.severity <= _WARNING_SEVERITY:
                 self._recent_complaints.append(said.text)
+            self.watch.take_text(said)
             self.tell(EventKind.TEXT, said.text)
-        age_s = self.client.heartbeat_age_s
-        if age_s > self.patience.heartbeat_s:
-            raise VehicleError(
-                f"heartbeat lost: nothing from vehicle {self.client.vehicle.system_id} for {age_s:.1f} s; "
-                f"it was in {self.mode_name}; look for it, and at the link"
-            )
-        if self.monitor.restarted:
-            raise VehicleError(f"vehicle {self.client.vehicle.system_id} restarted: its clock began anew")
-        self._watch_positions()
+        self.watch.look()
+
+    def insist(self, act: Callable[[], ResultT]) -> ResultT:
+        """Do something that the vehicle has to answer; when it does not, again until the link counts as lost.
+
+        Raises:
+            FlightFaultError: the vehicle is gone.
+            mission_io.errors.MissionIoError: whatever ``act`` raises but silence; silence too, when other messages come.
+        """
+        began_s = self.client.clock.now()
+        while True:
+            try:
+                return act()
+            except VehicleSilentError:
+                if self.client.clock.now() - began_s > self.patience.link_lost_s:
+                    raise
+                self.pump()
 
     def wait(
-        self, done: Callable[[], bool], *, patience_s: float, what: Callable[[], str], stops_before: int | None = None
+        self,
+        done: Callable[[], bool],
+        *,
+        patience_s: float,
+        what: Callable[[], str],
+        stops_before: int | None = None,
+        ending: Ending = Ending.FAILED,
     ) -> None:
         """Listen until ``done``.
 
@@ -98,9 +146,10 @@ class Conversation:
             patience_s: longest time to wait, vehicle time where the vehicle tells it.
             what: what does not happen, for the error.
             stops_before: how many stops of the user are known already; None is not to look.
+            ending: the name of it when it took too long.
 
         Raises:
-            VehicleError: it took too long, or the vehicle is gone.
+            FlightFaultError: it took too long, or the vehicle is gone.
             Stopped: the user asked once more.
         """
         timer = Timer(self, patience_s)
@@ -108,17 +157,8 @@ class Conversation:
             if stops_before is not None and self.stop() > stops_before:
                 raise Stopped
             if timer.over:
-                raise VehicleError(f"{what()} within {patience_s:g} s{self.complaints}")
+                raise FlightFaultError(ending, f"{what()} within {patience_s:g} s{self.complaints}")
             self.pump()
-
-    def _watch_positions(self) -> None:
-        heard_at = self.monitor.position_at_s
-        if heard_at is None:
-            return
-        silence_s = self.client.clock.now() - heard_at
-        if silence_s > self.patience.heartbeat_s and not self._position_lost:
-            self.tell(EventKind.WARNING, f"no position for {silence_s:.1f} s, although heartbeats come")
-        self._position_lost = silence_s > self.patience.heartbeat_s
 
 
 class Timer:

@@ -1,10 +1,17 @@
 """What a flight needs to know of the plan, and how patient it is."""
 
+import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mission_io.autopilots import Autopilot
-from mission_io.items import GeoPoint, Mission
+from mission_io.items import Frame, GeoPoint, Mission
+from uavcover.errors import InputError
 from uavcover.frames import LocalFrame
+
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,6 +26,8 @@ class FlightPlan:
         home: where the mission was planned to start.
         ground_alt_amsl_m: height of the terrain at ``home``, or none when there is no terrain.
         max_home_error_m: largest distance of the vehicle's home from the planned one, over ground and in height.
+        passed_before: how many planned waypoints were passed before the flight, where it goes on with a mission.
+        acceptance_radius_m: a planned waypoint that the vehicle came so near to was passed.
     """
 
     mission: Mission
@@ -28,6 +37,18 @@ class FlightPlan:
     home: GeoPoint
     ground_alt_amsl_m: float | None = None
     max_home_error_m: float = 10.0
+    passed_before: int = 0
+    acceptance_radius_m: float = 3.0
+
+    def waypoints_m(self) -> FloatArray:
+        """(n, 3) ENU, the planned waypoints, as their items say."""
+        end = self.first_waypoint_item + self.waypoint_count
+        places = [
+            (i.lat_deg, i.lon_deg, i.alt_m + (self.home.alt_amsl_m if i.frame is Frame.ABOVE_HOME else 0.0))
+            for i in self.mission.items[self.first_waypoint_item : end]
+        ]
+        lat_deg, lon_deg, alt_amsl_m = np.array(places, dtype=float).reshape(-1, 3).T
+        return self.frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)
 
     def waypoint_of(self, seq: int, autopilot: Autopilot) -> int:
         """Number of the planned waypoint that item ``seq`` on the wire is; -1 for the other items."""
@@ -45,21 +66,36 @@ class Patience:
     """How long to wait for what, in seconds of vehicle time unless it says otherwise.
 
     Attributes:
-        heartbeat_s: silence after which the heartbeat is lost, on the link's clock.
+        deadman_s: without any message, or without a position, after which that is told; on the link's clock.
+        heartbeat_s: without a heartbeat, while other messages come, after which that is told; on the link's clock.
+        link_lost_s: without a heartbeat, or without any message, after which the vehicle is given up; on the link's clock.
         ready_s: until the vehicle can be armed; ArduPilot needs about 41 s.
         arm_s: for how long a refused arming is tried again.
         start_s: from the start command until it leaves the ground.
         halt_s: until it has come to rest after it was told to hold.
         stuck_s: without getting on.
+        elsewhere_s: without moving in a mode that somebody else chose, after which following ends.
+        rate_s: over which the telemetry's rates are measured.
         disarm_s: from landing until it disarms itself.
         watchdog: on the link's clock, this many times as long as each of the above is always the end.
     """
 
+    deadman_s: float = 3.0
     heartbeat_s: float = 5.0
+    link_lost_s: float = 30.0
     ready_s: float = 120.0
     arm_s: float = 10.0
     start_s: float = 30.0
     halt_s: float = 20.0
     stuck_s: float = 60.0
+    elsewhere_s: float = 180.0
+    rate_s: float = 2.0
     disarm_s: float = 30.0
     watchdog: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise InputError(f"{name}: {getattr(self, name):g} is not a number above 0")
+        if self.link_lost_s < self.deadman_s:
+            raise InputError(f"link_lost_s: {self.link_lost_s:g} s is shorter than deadman_s, {self.deadman_s:g} s")

@@ -2,54 +2,65 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
 
-from mission_io.client import Client
-from mission_io.errors import MissionIoError
+from mission_io import messages as m
+from mission_io.errors import MissionIoError, TransferSilentError, VehicleSilentError
 from uavcover.errors import VehicleError
 from uavcover.flight.conversation import Conversation, Stopped
 from uavcover.flight.events import EventKind, FlightEvent
 from uavcover.flight.flight_plan import FlightPlan, Patience
-from uavcover.flight.follow import Progress, follow, longest_wait_s
+from uavcover.flight.follow import follow_mission
+from uavcover.flight.modes import Mode, custom_mode
 from uavcover.flight.monitor import Monitor
-from uavcover.flight.readiness import check_home, check_mission, request_telemetry, wait_until_ready
+from uavcover.flight.outcome import Ending, FlightFailedError, FlightFaultError, FlightOutcome
+from uavcover.flight.progress import Progress
+from uavcover.flight.readiness import (
+    check_home,
+    check_home_position,
+    check_mission,
+    check_telemetry,
+    request_telemetry,
+    wait_until_ready,
+)
 from uavcover.flight.recorder import Recorder
-from uavcover.flight.return_home import PlanReturn, return_home
+from uavcover.flight.return_home import PlanReturn, hold, return_home
 from uavcover.flight.simulation import simulated_by
-from uavcover.flight.start import arm_and_start, disarm_on_ground, is_flying
+from uavcover.flight.start import (
+    arm_and_start,
+    disarm_on_ground,
+    hold_mode,
+    is_flying,
+    set_current_item,
+    start_mission,
+    wire_seq,
+)
+from uavcover.flight.vehicle_client import VehicleClient
 from uavcover.model.track import TrackSample
 
-
-class Ending(Enum):
-    """How a flight ended without an error."""
-
-    LANDED = "flown to the end, landed and disarmed"
-    RETURNED = "stopped by the user, flown home along checked legs, landed and disarmed"
-    LEFT_HOLDING = "stopped by the user and left holding, armed and in the air"
-    NOT_FLOWN = "stopped by the user before it left the ground; disarmed"
+__all__ = ["Ending", "FlightOutcome", "Onward", "fly", "fly_on"]
 
 
 @dataclass(frozen=True, slots=True)
-class FlightOutcome:
-    """How a flight ended.
+class Onward:
+    """How a vehicle in the air goes on.
 
     Attributes:
-        ending: how.
-        waypoints_reached: how many planned waypoints were reached.
-        sample_count: how many samples were recorded.
-        duration_s: vehicle time from the first sample to the last.
-        simulated_by: what simulates the vehicle; None for one that may be real.
+        plan: what it is to fly from here.
+        upload: whether it has to be sent; otherwise the vehicle holds it already.
+        first_item: index in ``plan.mission.items`` of the item that it flies to first.
     """
 
-    ending: Ending
-    waypoints_reached: int
-    sample_count: int
-    duration_s: float
-    simulated_by: str | None
+    plan: FlightPlan
+    upload: bool
+    first_item: int
+
+
+PlanOnward = Callable[[float, float, float], Onward]
+"""From latitude, longitude (degrees) and height above sea level (metres), how to go on; every leg of it was checked."""
 
 
 def fly(
-    client: Client,
+    client: VehicleClient,
     monitor: Monitor,
     plan: FlightPlan,
     *,
@@ -57,10 +68,11 @@ def fly(
     on_event: Callable[[FlightEvent], None],
     plan_return: PlanReturn,
     stop: Callable[[], int] = lambda: 0,
+    pause: Callable[[], bool] = lambda: False,
     confirmed: bool = False,
     patience: Patience | None = None,
 ) -> FlightOutcome:
-    """Fly the mission that the vehicle holds, and record it.
+    """Fly the mission that the vehicle on the ground holds, and record it.
 
     Args:
         client: talks to the vehicle; made with ``monitor`` as its listener, see ``open_vehicle``.
@@ -70,80 +82,242 @@ def fly(
         on_event: is told what happens.
         plan_return: makes the checked way home after a stop, from latitude, longitude and height above sea level.
         stop: how often the user has asked to stop (Ctrl-C): once is home, twice is hold.
+        pause: whether the user wants the vehicle to wait where it is; as soon as no longer, it goes on.
         confirmed: whether the user said that a real vehicle may be armed.
         patience: how long to wait for what.
 
     Raises:
-        VehicleError: no vehicle, one that is not what was planned for, one that refuses (with the result's name), or
-            one that is lost; the message says which, and nothing that was recorded is lost.
+        FlightFailedError: the flight did not end as it should; it says what happened and what the vehicle does now, and
+            carries the outcome with its name. Nothing that was recorded is lost.
     """
-    conversation = Conversation(
-        client, monitor, patience=patience if patience is not None else Patience(), on_event=on_event, stop=stop
-    )
-    try:
-        return _fly(conversation, plan, on_sample=on_sample, plan_return=plan_return, confirmed=confirmed)
-    except MissionIoError as error:
-        raise VehicleError(f"{error}{conversation.complaints}") from error
-    finally:
-        monitor.on_position = None
+    flight = _Flight(client, monitor, patience, on_event, on_sample, stop, pause)
+    return flight.ended(lambda: _from_the_ground(flight, plan, plan_return, confirmed=confirmed))
 
 
-def _fly(
-    conversation: Conversation,
-    plan: FlightPlan,
+def fly_on(
+    client: VehicleClient,
+    monitor: Monitor,
+    plan_onward: PlanOnward,
     *,
     on_sample: Callable[[TrackSample], None],
+    on_event: Callable[[FlightEvent], None],
     plan_return: PlanReturn,
-    confirmed: bool,
+    stop: Callable[[], int] = lambda: 0,
+    pause: Callable[[], bool] = lambda: False,
+    confirmed: bool = False,
+    patience: Patience | None = None,
 ) -> FlightOutcome:
-    client, monitor = conversation.client, conversation.monitor
-    vehicle = client.wait_for_vehicle()
-    monitor.listen_to(vehicle.system_id)
-    autopilot = vehicle.autopilot
-    conversation.tell(EventKind.STAGE, f"vehicle {vehicle.system_id}, {autopilot.name}")
-    _refuse_armed(conversation)
-    simulator = simulated_by(client)
-    if simulator is None and not confirmed:
-        raise VehicleError(
-            f"nothing proves that vehicle {vehicle.system_id} is simulated; say --yes to arm a real vehicle; not armed"
+    """Take over a vehicle that is in the air, and fly on with what is left of a plan; the arguments are those of ``fly``.
+
+    The vehicle is told to hold first. One that is neither in its mission nor holding is not touched: a pilot or a failsafe
+    has it.
+
+    Args:
+        client: talks to the vehicle.
+        monitor: hears all that the client hears.
+        plan_onward: makes the checked way from where the vehicle holds.
+        on_sample: takes every sample as it comes.
+        on_event: is told what happens.
+        plan_return: makes the checked way home after a stop.
+        stop: how often the user has asked to stop.
+        pause: whether the user wants the vehicle to wait where it is.
+        confirmed: whether the user said that a real vehicle may be commanded.
+        patience: how long to wait for what.
+
+    Raises:
+        FlightFailedError: as ``fly``.
+    """
+    flight = _Flight(client, monitor, patience, on_event, on_sample, stop, pause)
+    return flight.ended(lambda: _from_the_air(flight, plan_onward, plan_return, confirmed=confirmed))
+
+
+class _Flight:
+    """What a flight has from its begin to its end, however it begins and ends."""
+
+    def __init__(
+        self,
+        client: VehicleClient,
+        monitor: Monitor,
+        patience: Patience | None,
+        on_event: Callable[[FlightEvent], None],
+        on_sample: Callable[[TrackSample], None],
+        stop: Callable[[], int],
+        pause: Callable[[], bool],
+    ) -> None:
+        patience = patience if patience is not None else Patience()
+        self.conversation = Conversation(client, monitor, patience=patience, on_event=on_event, stop=stop, pause=pause)
+        self._on_sample = on_sample
+        self.recorder: Recorder | None = None
+        self.progress: Progress | None = None
+        self.simulator: str | None = None
+        self.touched = False
+
+    def find(self, *, confirmed: bool) -> None:
+        """Find the vehicle, and out whether it is simulated.
+
+        Raises:
+            FlightFaultError: it may be real, and the user did not say that it may be flown.
+        """
+        client, monitor = self.conversation.client, self.conversation.monitor
+        vehicle = client.wait_for_vehicle()
+        monitor.listen_to(vehicle.system_id)
+        monitor.begin()
+        self.conversation.tell(EventKind.STAGE, f"vehicle {vehicle.system_id}, {vehicle.autopilot.name}")
+        self.simulator = simulated_by(client)
+        if self.simulator is None and not confirmed:
+            raise FlightFaultError(
+                Ending.NOT_ARMED,
+                f"nothing proves that vehicle {vehicle.system_id} is simulated; say --yes to fly a real vehicle; not touched",
+            )
+
+    def record(self, plan: FlightPlan) -> Progress:
+        """Record from the next position on, and count the planned waypoints."""
+        conversation = self.conversation
+        autopilot = conversation.autopilot
+        self.recorder = Recorder(
+            conversation.monitor,
+            plan.frame,
+            waypoint_of=lambda seq: plan.waypoint_of(seq, autopilot),
+            on_sample=self._on_sample,
         )
-    recorder = Recorder(
-        monitor, plan.frame, waypoint_of=lambda seq: plan.waypoint_of(seq, autopilot), on_sample=on_sample
-    )
-    progress = Progress(conversation, plan)
+        self.progress = Progress(conversation, plan)
+        conversation.monitor.reached = -1
+        self.recorder.start()
+        return self.progress
 
-    def outcome(ending: Ending) -> FlightOutcome:
-        duration_s = recorder.last_s - recorder.first_s if recorder.count else 0.0
-        conversation.tell(EventKind.STAGE, ending.value)
-        return FlightOutcome(ending, progress.reached_count, recorder.count, duration_s, simulator)
+    def home(self, plan_return: PlanReturn) -> FlightOutcome:
+        """After the user's stop: home along checked legs, or left holding."""
+        if self.progress is not None:
+            self.progress.update()
+        if not is_flying(self.conversation) and disarm_on_ground(self.conversation):
+            return self.outcome(Ending.NOT_FLOWN)
+        if self.recorder is not None:
+            self.recorder.waypoint_of = lambda _: -1  # the items of the way home are no planned waypoints
+        landed = return_home(self.conversation, plan_return)
+        return self.outcome(Ending.RETURNED if landed else Ending.LEFT_HOLDING)
 
+    def outcome(self, ending: Ending) -> FlightOutcome:
+        """How it ended."""
+        conversation, recorder = self.conversation, self.recorder
+        recorded = recorder is not None and recorder.count > 0
+        return FlightOutcome(
+            ending=ending,
+            waypoints_reached=0 if self.progress is None else self.progress.reached_count,
+            sample_count=0 if recorder is None else recorder.count,
+            duration_s=recorder.last_s - recorder.first_s if recorder is not None and recorded else 0.0,
+            simulated_by=self.simulator,
+            incidents=tuple(conversation.watch.incidents),
+            vehicle_now=conversation.vehicle_now,
+        )
+
+    def ended(self, work: Callable[[], FlightOutcome]) -> FlightOutcome:
+        """Do the work; whatever goes wrong gets the name of an ending.
+
+        Raises:
+            FlightFailedError: it did not end as it should.
+        """
+        conversation = self.conversation
+        try:
+            outcome = work()
+        except (VehicleError, MissionIoError) as error:
+            raise self._failed(error) from error
+        finally:
+            conversation.monitor.on_position = None
+        conversation.tell(EventKind.STAGE, outcome.ending.value)
+        return outcome
+
+    def _failed(self, error: VehicleError | MissionIoError) -> FlightFailedError:
+        conversation = self.conversation
+        silent = isinstance(error, VehicleSilentError | TransferSilentError)
+        if isinstance(error, FlightFaultError):
+            ending = error.ending
+        elif silent and conversation.silence_s > conversation.patience.deadman_s:
+            ending = Ending.LINK_LOST
+        else:
+            ending = Ending.FAILED if self.touched else Ending.NOT_ARMED
+        text = str(error)
+        if isinstance(error, MissionIoError):
+            text += conversation.complaints
+        outcome = self.outcome(ending)
+        if self.touched:
+            text += f"; now: {outcome.vehicle_now}"
+        return FlightFailedError(text, outcome)
+
+
+def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn, *, confirmed: bool) -> FlightOutcome:
+    conversation = flight.conversation
+    conversation.client.wait_for_vehicle()
+    _refuse_armed(conversation)
+    flight.find(confirmed=confirmed)
     try:
         request_telemetry(conversation)
         wait_until_ready(conversation)
         check_home(conversation, plan)
         check_mission(conversation, plan)
         _refuse_armed(conversation)
-        monitor.reached = -1
-        recorder.start()
+        progress = flight.record(plan)
+        flight.touched = True
         arm_and_start(conversation)
-        follow(conversation, progress=progress, longest_wait_s=longest_wait_s(plan), stops_before=0)
+        follow_mission(conversation, plan, progress)
     except Stopped:
-        progress.update()
-        if not is_flying(conversation) and disarm_on_ground(conversation):
-            return outcome(Ending.NOT_FLOWN)
-        recorder.waypoint_of = lambda _: -1  # the items of the way home are no planned waypoints
-        landed = return_home(conversation, plan_return)
-        return outcome(Ending.RETURNED if landed else Ending.LEFT_HOLDING)
-    progress.update()
-    if not progress.all_reached:
-        raise VehicleError(
-            f"the vehicle landed and disarmed after {progress.reached_count} of {plan.waypoint_count} planned waypoints, "
-            f"in {conversation.mode_name}{conversation.complaints}"
-        )
-    return outcome(Ending.LANDED)
+        return flight.home(plan_return)
+    return flight.outcome(Ending.LANDED)
+
+
+def _from_the_air(
+    flight: _Flight, plan_onward: PlanOnward, plan_return: PlanReturn, *, confirmed: bool
+) -> FlightOutcome:
+    conversation = flight.conversation
+    flight.find(confirmed=confirmed)
+    _refuse_taken(conversation)
+    try:
+        request_telemetry(conversation)
+        check_telemetry(conversation)
+        hold(conversation, "the vehicle is told to hold")
+        flight.touched = True
+        here = conversation.monitor.latest(m.GlobalPositionInt)
+        if here is None:
+            raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not tell where it is; it was left holding")
+        onward = plan_onward(here.lat_deg, here.lon_deg, here.alt_amsl_m)
+        plan = onward.plan
+        check_home_position(conversation, plan)
+        if onward.upload:
+            conversation.tell(EventKind.STAGE, "the rest of the mission is being sent")
+            client = conversation.client
+            if not conversation.insist(lambda: client.upload_and_verify(plan.mission, in_flight=True)).passed:
+                raise FlightFaultError(
+                    Ending.FAILED, "the rest of the mission was read back changed; the vehicle was left holding"
+                )
+        if conversation.stop():
+            raise Stopped
+        seq = wire_seq(conversation, onward.first_item)
+        conversation.insist(lambda: set_current_item(conversation, seq))
+        conversation.monitor.forget(m.MissionCurrent)
+        progress = flight.record(plan)
+        conversation.insist(lambda: start_mission(conversation))
+        conversation.watch.take_off()
+        conversation.tell(EventKind.STAGE, "going on with the mission")
+        follow_mission(conversation, plan, progress)
+    except Stopped:
+        return flight.home(plan_return)
+    return flight.outcome(Ending.LANDED)
 
 
 def _refuse_armed(conversation: Conversation) -> None:
     vehicle = conversation.client.vehicle
     if vehicle.armed:
-        raise VehicleError(f"vehicle {vehicle.system_id} is armed already, in {conversation.mode_name}; not touched")
+        raise FlightFaultError(
+            Ending.NOT_ARMED,
+            f"vehicle {vehicle.system_id} is armed already, in {conversation.mode_name}; not touched",
+        )
+
+
+def _refuse_taken(conversation: Conversation) -> None:
+    """Refuse a vehicle that is neither in its mission nor holding."""
+    allowed = {custom_mode(conversation.autopilot, mode) for mode in (Mode.MISSION, Mode.HOLD, hold_mode(conversation))}
+    if conversation.client.vehicle.custom_mode not in allowed:
+        raise FlightFaultError(
+            Ending.NOT_ARMED,
+            f"vehicle {conversation.client.vehicle.system_id} is in the air in {conversation.mode_name}: a pilot or a failsafe "
+            "has it; not touched; let it land, or change it to hold, and resume then",
+        )

@@ -1,100 +1,201 @@
 """Following a vehicle along its mission until it has landed and disarmed."""
 
 import math
+from collections.abc import Callable
 
 from mission_io import messages as m
 from mission_io.items import Command
-from uavcover.errors import VehicleError
 from uavcover.flight.conversation import Conversation, Stopped, Timer
 from uavcover.flight.events import EventKind
 from uavcover.flight.flight_plan import FlightPlan
-from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.modes import Mode
+from uavcover.flight.outcome import Ending, FlightFaultError
+from uavcover.flight.progress import MissionGuard, Progress
+from uavcover.flight.start import hold_mode, set_mode
+from uavcover.flight.takeover import Takeover
 
 _MOVED_M = 2.0
 _METRES_PER_DEGREE = 111_320.0
 
 
-class Progress:
-    """How far along the planned waypoints the vehicle is, by MISSION_CURRENT and MISSION_ITEM_REACHED together.
+def follow_mission(conversation: Conversation, plan: FlightPlan, progress: Progress) -> None:
+    """Listen until the vehicle has flown the mission, landed and disarmed; the user may pause it meanwhile.
 
-    Attributes:
-        heading_for: number of the planned waypoint being flown to; -1 before the first and after the last.
-        reached_count: how many planned waypoints were reached.
+    Raises:
+        FlightFaultError: it did not; the ending says why.
+        Stopped: the user asked to stop while the vehicle did what it was told.
     """
+    guard = MissionGuard(conversation, plan, progress)
+    follower = _Follower(conversation, conversation.patience.stuck_s + longest_wait_s(plan), stops_before=0)
 
-    def __init__(self, conversation: Conversation, plan: FlightPlan) -> None:
-        self._conversation, self._plan = conversation, plan
-        self.heading_for, self.reached_count = -1, 0
+    def look() -> None:
+        progress.update()
+        if follower.in_mission and not conversation.monitor.on_ground:
+            guard.look()
 
-    @property
-    def all_reached(self) -> bool:
-        """Whether the last planned waypoint was reached."""
-        return self.reached_count >= self._plan.waypoint_count
-
-    def update(self) -> None:
-        """Look at what the vehicle says, and tell when it goes on to another waypoint."""
-        monitor, autopilot, plan = self._conversation.monitor, self._conversation.autopilot, self._plan
-        if monitor.current_seq < 0:
-            return
-        number = plan.waypoint_of(monitor.current_seq, autopilot)
-        last_reached = plan.waypoint_of(monitor.reached, autopilot)
-        self.reached_count = max(self.reached_count, number, last_reached + 1)
-        at_the_end = number == plan.waypoint_count - 1 and monitor.mission_complete
-        if at_the_end or plan.is_past_waypoints(monitor.current_seq, autopilot):
-            self.reached_count = plan.waypoint_count
-        if number == self.heading_for:
-            return
-        self.heading_for = number
-        if number >= 0:
-            text = f"to waypoint {number} of {plan.waypoint_count}"
-            self._conversation.tell(EventKind.WAYPOINT, text, waypoint=number)
-        elif self.all_reached:
-            self._conversation.tell(EventKind.STAGE, "all planned waypoints flown; on the way home")
+    while conversation.client.vehicle.armed:
+        follower.step(look)
+    follower.settle()
+    progress.update()
+    _judge(conversation, plan, progress, follower)
+    conversation.tell(EventKind.STAGE, "disarmed")
 
 
-def follow(conversation: Conversation, *, progress: Progress | None, longest_wait_s: float, stops_before: int) -> None:
-    """Listen until the vehicle has landed and disarmed.
+def follow_home(conversation: Conversation, *, stops_before: int, longest_wait_s: float) -> None:
+    """Listen until the vehicle has flown its way home, landed and disarmed.
+
+    Raises:
+        FlightFaultError: it is gone, stuck, or on the ground and does not disarm.
+        Stopped: the user asked once more.
+    """
+    follower = _Follower(conversation, conversation.patience.stuck_s + longest_wait_s, stops_before=stops_before)
+    while conversation.client.vehicle.armed:
+        follower.step(lambda: None)
+    follower.settle()
+    if follower.cause is not None:
+        raise FlightFaultError(
+            follower.cause, "the vehicle did not fly its way home to the end; it has landed and disarmed"
+        )
+    conversation.tell(EventKind.STAGE, "disarmed")
+
+
+def _judge(conversation: Conversation, plan: FlightPlan, progress: Progress, follower: "_Follower") -> None:
+    """Whether a flight that is over was the planned one.
+
+    Raises:
+        FlightFaultError: it was not.
+    """
+    watch = conversation.watch
+    flown = f"{progress.reached_count} of {plan.waypoint_count} planned waypoints"
+    if follower.cause is not None:
+        raise FlightFaultError(follower.cause, f"{watch.text_of(follower.cause)}; it landed and disarmed after {flown}")
+    for kind in (Ending.MISSION_CHANGED, Ending.CRASHED):
+        if watch.is_open(kind):
+            raise FlightFaultError(kind, f"{watch.text_of(kind)}; it landed and disarmed after {flown}")
+    if progress.all_reached:
+        return
+    cause = watch.recent_cause(within_s=10.0)
+    if cause is not None and cause[0] is Ending.CRASHED:
+        raise FlightFaultError(Ending.CRASHED, f"crashed after {flown}; {cause[1]}")
+    lasting = next((kind for kind in (Ending.GPS_LOST, Ending.POSITION_LOST) if watch.is_open(kind)), None)
+    if lasting is not None:
+        raise FlightFaultError(lasting, f"{watch.text_of(lasting)}; it landed and disarmed after {flown}")
+    raise FlightFaultError(
+        Ending.ENDED_EARLY,
+        f"the vehicle landed and disarmed after {flown}, in {conversation.mode_name}{conversation.complaints}",
+    )
+
+
+class _Follower:
+    """What following has to look at all the time, whatever is flown.
 
     Args:
         conversation: with the vehicle.
-        progress: along the planned waypoints; None on the way home after a stop.
-        longest_wait_s: longest time that the mission itself lets the vehicle stay in one place.
+        stuck_s: without getting on, in its mission.
         stops_before: how many stops of the user are known already.
-
-    Raises:
-        VehicleError: it is gone, stuck, or on the ground and does not disarm.
-        Stopped: the user asked once more.
     """
-    stillness = Stillness(conversation, conversation.patience.stuck_s + longest_wait_s)
-    in_mission = True
-    on_ground_timer: Timer | None = None
-    told_to_disarm = False
-    while conversation.client.vehicle.armed:
-        if conversation.stop() > stops_before:
-            raise Stopped
+
+    def __init__(self, conversation: Conversation, stuck_s: float, *, stops_before: int) -> None:
+        self._conversation, self._stops_before = conversation, stops_before
+        self._takeover = Takeover(conversation)
+        self._stillness = Stillness(conversation, stuck_s)
+        self._elsewhere = Stillness(conversation, conversation.patience.elsewhere_s)
+        self._landed: Timer | None = None
+        self._told_to_disarm = False
+        self._paused = False
+
+    @property
+    def in_mission(self) -> bool:
+        """Whether the vehicle flies its mission now."""
+        return not self._takeover.begun and not self._paused
+
+    @property
+    def cause(self) -> Ending | None:
+        """Why somebody else, a pilot or a failsafe, has the vehicle; None when nobody has."""
+        return self._takeover.cause
+
+    def settle(self) -> None:
+        """Find the cause of what happened in the last moment."""
+        self._takeover.settle()
+
+    def step(self, look: Callable[[], None]) -> None:
+        """Listen for a moment.
+
+        Raises:
+            FlightFaultError: the vehicle is gone, stuck, or stays armed.
+            Stopped: the user asked once more.
+        """
+        conversation = self._conversation
+        if conversation.stop() > self._stops_before:
+            self._end_at_users_wish()
+        self._pause_or_go_on()
         conversation.pump()
-        if progress is not None:
-            progress.update()
-        was_in_mission, in_mission = in_mission, _in_mission(conversation)
-        if was_in_mission and not in_mission:
-            conversation.tell(EventKind.WARNING, f"somebody else changed the vehicle to {conversation.mode_name}")
-        if not conversation.monitor.on_ground:
-            on_ground_timer = None
-            if in_mission and stillness.too_long:
-                raise VehicleError(
-                    f"the vehicle is stuck: item {conversation.monitor.current_seq} since {stillness.patience_s:g} s "
-                    f"without moving, in {conversation.mode_name}; it is still in the air{conversation.complaints}"
+        look()
+        self._takeover.update({hold_mode(conversation)} if self._paused else {Mode.MISSION})
+        if conversation.monitor.on_ground:
+            self._wait_until_disarmed()
+            return
+        self._landed = None
+        if self._takeover.begun:
+            self._stillness.restart()
+            if self._elsewhere.too_long and self.cause is not None:
+                raise FlightFaultError(
+                    self.cause,
+                    f"{conversation.watch.text_of(self.cause)}; it has not moved for {self._elsewhere.patience_s:g} s and is "
+                    "left to whom it obeys",
                 )
-        elif on_ground_timer is None:
-            on_ground_timer = Timer(conversation, conversation.patience.disarm_s)
+            return
+        self._elsewhere.restart()
+        if self._paused:
+            self._stillness.restart()
+        elif self._stillness.too_long:
+            self._raise_stuck()
+
+    def _end_at_users_wish(self) -> None:
+        self._takeover.settle()
+        if self.cause is None:
+            raise Stopped
+        raise FlightFaultError(
+            self.cause,
+            f"{self._conversation.watch.text_of(self.cause)}; stopped following: the vehicle is left to whom it obeys",
+        )
+
+    def _pause_or_go_on(self) -> None:
+        conversation = self._conversation
+        wanted = conversation.pause()
+        if wanted == self._paused or self._takeover.begun or conversation.monitor.on_ground is not False:
+            return
+        if wanted:
+            conversation.insist(lambda: set_mode(conversation, hold_mode(conversation)))
+            conversation.tell(EventKind.STOP, f"paused: the vehicle holds its place in {conversation.mode_name}")
+        else:
+            conversation.insist(lambda: set_mode(conversation, Mode.MISSION))
+            conversation.tell(EventKind.STOP, "the vehicle goes on with its mission")
+        self._paused = wanted
+
+    def _raise_stuck(self) -> None:
+        conversation = self._conversation
+        cause = conversation.watch.recent_cause(within_s=self._stillness.patience_s)
+        windy = cause is not None and cause[0] is Ending.WIND_ABOVE_LIMITS
+        text = (
+            f"the vehicle is stuck: item {conversation.monitor.current_seq} since {self._stillness.patience_s:g} s "
+            f"without getting on{conversation.complaints}"
+        )
+        raise FlightFaultError(Ending.WIND_ABOVE_LIMITS if windy else Ending.STUCK, text)
+
+    def _wait_until_disarmed(self) -> None:
+        conversation = self._conversation
+        if self._landed is None:
+            self._landed = Timer(conversation, conversation.patience.disarm_s)
             conversation.tell(EventKind.STAGE, "on the ground")
-        elif on_ground_timer.over:
-            if told_to_disarm:
-                raise VehicleError(f"the vehicle has landed but stays armed{conversation.complaints}")
-            told_to_disarm = True
+        elif self._landed.over:
+            if self._told_to_disarm:
+                raise FlightFaultError(
+                    Ending.STAYED_ARMED, f"the vehicle has landed but stays armed{conversation.complaints}"
+                )
+            self._told_to_disarm = True
             conversation.client.command(Command.COMPONENT_ARM_DISARM, 0.0)
-            on_ground_timer.restart()
-    conversation.tell(EventKind.STAGE, "disarmed")
+            self._landed.restart()
 
 
 class Stillness:
@@ -105,6 +206,11 @@ class Stillness:
         self._conversation = conversation
         self._timer = Timer(conversation, patience_s)
         self._seen: tuple[int, float, float, float] | None = None
+
+    def restart(self) -> None:
+        """Begin anew."""
+        self._seen = None
+        self._timer.restart()
 
     @property
     def too_long(self) -> bool:
@@ -126,7 +232,3 @@ def longest_wait_s(plan: FlightPlan) -> float:
     """Longest time that an item of the mission lets the vehicle stay in one place."""
     waiting = (Command.NAV_WAYPOINT, Command.NAV_DELAY, Command.NAV_LOITER_TIME)
     return max((i.params[0] for i in plan.mission.items if i.command in waiting and i.params[0] > 0.0), default=0.0)
-
-
-def _in_mission(conversation: Conversation) -> bool:
-    return conversation.client.vehicle.custom_mode == custom_mode(conversation.autopilot, Mode.MISSION)

@@ -1,6 +1,7 @@
 """What the vehicle has said so far, whoever was waiting for it."""
 
-from collections import deque
+import math
+from collections import Counter, deque
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -25,6 +26,8 @@ class Monitor:
         texts: lines for the pilot that nobody has taken yet.
         time_s: the vehicle's latest time, seconds since it was switched on; None while it is not known.
         position_at_s: when the latest position arrived, on the link's clock.
+        heard_at_s: when anything of the vehicle arrived last, on the link's clock; infinitely long ago before the first.
+        counts: how many messages of each kind arrived.
         restarted: whether the vehicle's time went back: it was switched off and on.
         reached: the highest mission item that the vehicle said it reached.
     """
@@ -34,21 +37,36 @@ class Monitor:
         self.texts: deque[m.StatusText] = deque(maxlen=1000)
         self.time_s: float | None = None
         self.position_at_s: float | None = None
+        self.heard_at_s = -math.inf
+        self.counts: Counter[type[m.Message]] = Counter()
         self.restarted = False
         self.reached = -1
-        self.position_times_s: deque[float] = deque(maxlen=100)
         self._system_id: int | None = None
         self._latest: dict[type, m.Message] = {}
 
     def listen_to(self, system_id: int) -> None:
-        """Look only at this system from here on, and forget what was heard before."""
+        """Look only at this system from here on, and forget what was heard of another one."""
+        if self._system_id != system_id:
+            self._latest.clear()
         self._system_id = system_id
-        self._latest.clear()
+
+    def begin(self) -> None:
+        """Begin a flight: what was said of an older one, and the vehicle's time then, count no more."""
+        self.restarted, self.time_s, self.reached = False, None, -1
+        self.forget(m.MissionCurrent)
 
     def latest(self, kind: type[MessageT]) -> MessageT | None:
         """The latest message of a kind."""
         message = self._latest.get(kind)
         return message if isinstance(message, kind) else None
+
+    def forget(self, kind: type[m.Message]) -> None:
+        """Wait for a fresh message of a kind: the latest one speaks of something that is over."""
+        self._latest.pop(kind, None)
+
+    def silence_s(self, now: float) -> float:
+        """How long nothing of the vehicle arrived, at ``now`` on the link's clock."""
+        return now - self.heard_at_s
 
     @property
     def current_seq(self) -> int:
@@ -75,12 +93,13 @@ class Monitor:
         if self._system_id is None or received.system_id != self._system_id:
             return
         message = received.message
+        self.heard_at_s = now
+        self.counts[type(message)] += 1
         self._latest[type(message)] = message
         match message:
             case m.GlobalPositionInt():
                 self._take_time(message.time_boot_s)
                 self.position_at_s = now
-                self.position_times_s.append(message.time_boot_s)
                 if self.on_position is not None:
                     self.on_position(message)
             case m.Attitude() | m.SystemTime():

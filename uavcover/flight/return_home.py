@@ -6,10 +6,11 @@ from collections.abc import Callable
 from mission_io import messages as m
 from mission_io.errors import MissionIoError
 from mission_io.items import Mission
-from uavcover.errors import UavcoverError, VehicleError
+from uavcover.errors import UavcoverError
 from uavcover.flight.conversation import Conversation, Stopped
 from uavcover.flight.events import EventKind
-from uavcover.flight.follow import follow
+from uavcover.flight.follow import follow_home
+from uavcover.flight.outcome import Ending, FlightFaultError
 from uavcover.flight.start import first_seq, hold_mode, is_flying, set_current_item, set_mode, start_mission
 
 _AT_REST_M_S = 0.3
@@ -18,15 +19,15 @@ PlanReturn = Callable[[float, float, float], Mission]
 """From latitude, longitude (degrees) and height above sea level (metres), a mission home whose legs were checked."""
 
 
-def hold(conversation: Conversation) -> None:
-    """Make the vehicle stay where it is, and wait until it has come to rest.
+def hold(conversation: Conversation, text: str = "stop: the vehicle is told to hold") -> None:
+    """Tell ``text``, make the vehicle stay where it is, and wait until it has come to rest.
 
     Raises:
-        VehicleError: it is gone, or does not come to rest.
+        FlightFaultError: it is gone, or does not come to rest.
         mission_io.errors.CommandRefusedError: it does not want to hold.
     """
-    conversation.tell(EventKind.STOP, "stop: the vehicle is told to hold")
-    set_mode(conversation, hold_mode(conversation))
+    conversation.tell(EventKind.STOP, text)
+    conversation.insist(lambda: set_mode(conversation, hold_mode(conversation)))
     conversation.wait(
         lambda: _speed_m_s(conversation) <= _AT_REST_M_S,
         patience_s=conversation.patience.halt_s,
@@ -42,7 +43,7 @@ def return_home(conversation: Conversation, plan_return: PlanReturn, *, longest_
         Whether the vehicle landed; False when it was left holding, which was told.
 
     Raises:
-        VehicleError: the vehicle is gone, or refuses.
+        FlightFaultError: the vehicle is gone, or does something else.
     """
     stops = 1
     hold(conversation)
@@ -50,25 +51,26 @@ def return_home(conversation: Conversation, plan_return: PlanReturn, *, longest_
         return _leave(conversation, "second stop")
     here = conversation.monitor.latest(m.GlobalPositionInt)
     if here is None:
-        raise VehicleError("the vehicle does not tell where it is; it was left holding")
+        raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not tell where it is; it was left holding")
     try:
         mission = plan_return(here.lat_deg, here.lon_deg, here.alt_amsl_m)
     except (UavcoverError, MissionIoError) as error:
         return _leave(conversation, f"no checked way home from here: {error}")
     conversation.tell(EventKind.STOP, "the way home is being sent")
     try:
-        checked = conversation.client.upload_and_verify(mission, in_flight=True)
+        checked = conversation.insist(lambda: conversation.client.upload_and_verify(mission, in_flight=True))
     except MissionIoError as error:
         return _leave(conversation, f"the way home could not be sent: {error}")
     if not checked.passed:
         return _leave(conversation, "the way home was read back changed")
     if conversation.stop() > stops:
         return _leave(conversation, "second stop")
-    set_current_item(conversation, first_seq(conversation))
-    start_mission(conversation)
+    conversation.insist(lambda: set_current_item(conversation, first_seq(conversation)))
+    conversation.monitor.forget(m.MissionCurrent)
+    conversation.insist(lambda: start_mission(conversation))
     conversation.tell(EventKind.STOP, "flying home along checked legs")
     try:
-        follow(conversation, progress=None, longest_wait_s=longest_wait_s, stops_before=stops)
+        follow_home(conversation, stops_before=stops, longest_wait_s=longest_wait_s)
     except Stopped:
         if not is_flying(conversation):
             return True

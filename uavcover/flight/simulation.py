@@ -1,15 +1,15 @@
 """How sure it is that a vehicle is no real one. Only then may it be armed without the user's word."""
 
 from mission_io import messages as m
-from mission_io.client import Client
 from mission_io.enums import AutopilotId
 from mission_io.errors import VehicleSilentError
 from uavcover.flight.mock.telemetry import MOCK_UID
+from uavcover.flight.vehicle_client import VehicleClient
 
 _ANSWER_S = 3.0
 
 
-def simulated_by(client: Client) -> str | None:
+def simulated_by(client: VehicleClient) -> str | None:
     """What simulates the vehicle; None when nothing proves that anything does.
 
     Heartbeats cannot tell. What counts as proof:

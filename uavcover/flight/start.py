@@ -3,10 +3,11 @@
 from mission_io.enums import AutopilotId, CommandResult
 from mission_io.errors import CommandRefusedError, VehicleSilentError
 from mission_io.items import Command
-from mission_io.messages import MissionSetCurrent
+from mission_io.messages import MissionCurrent, MissionSetCurrent
 from uavcover.flight.conversation import Conversation, Stopped, Timer
 from uavcover.flight.events import EventKind
 from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.outcome import Ending, FlightFaultError
 
 _ANSWER_S = 3.0
 _AGAIN = (CommandResult.TEMPORARILY_REJECTED, CommandResult.FAILED)
@@ -18,25 +19,34 @@ def arm_and_start(conversation: Conversation) -> None:
     ArduPilot: GUIDED, arm, AUTO, MISSION_START. PX4: mission mode, then arm, which starts it.
 
     Raises:
-        VehicleError: it does not leave the ground.
-        mission_io.errors.CommandRefusedError: it refuses a step.
+        FlightFaultError: it refuses to arm, or does not leave the ground.
+        mission_io.errors.CommandRefusedError: it refuses another step.
         Stopped: the user asked to stop; it may be armed.
     """
     ardupilot = conversation.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT
-    set_current_item(conversation, first_seq(conversation))
+    first = first_seq(conversation)
+    set_current_item(conversation, first)
     if conversation.stop():
         raise Stopped
     set_mode(conversation, Mode.GUIDED if ardupilot else Mode.MISSION)
+    conversation.monitor.forget(MissionCurrent)  # the item of an older flight may still be told
     _arm(conversation)
     conversation.tell(EventKind.STAGE, "armed")
     if ardupilot:
         start_mission(conversation)
+
+    def off_the_ground() -> bool:
+        on_ground = conversation.monitor.on_ground
+        return on_ground is False or (on_ground is None and conversation.monitor.current_seq > first)
+
     conversation.wait(
-        lambda: conversation.monitor.on_ground is False or conversation.monitor.current_seq > first_seq(conversation),
+        off_the_ground,
         patience_s=conversation.patience.start_s,
         what=lambda: f"the vehicle, armed and in {conversation.mode_name}, did not take off",
         stops_before=0,
+        ending=Ending.NOT_STARTED,
     )
+    conversation.watch.take_off()
     conversation.tell(EventKind.STAGE, "in the air")
 
 
@@ -63,6 +73,11 @@ def hold_mode(conversation: Conversation) -> Mode:
 def first_seq(conversation: Conversation) -> int:
     """Number on the wire of a mission's first item."""
     return 1 if conversation.autopilot.home_in_item_0 else 0
+
+
+def wire_seq(conversation: Conversation, index: int) -> int:
+    """Number on the wire of item ``index`` of a mission."""
+    return first_seq(conversation) + index
 
 
 def set_current_item(conversation: Conversation, seq: int) -> None:
@@ -99,7 +114,7 @@ def _arm(conversation: Conversation) -> None:
             conversation.client.command(Command.COMPONENT_ARM_DISARM, 1.0)
         except CommandRefusedError as error:
             if error.result not in _AGAIN or timer.over:
-                raise
+                raise FlightFaultError(Ending.ARMING_REFUSED, f"{error}{conversation.complaints}") from error
             if conversation.stop():
                 raise Stopped from None
             pause = Timer(conversation, 1.0)
@@ -111,4 +126,5 @@ def _arm(conversation: Conversation) -> None:
         lambda: conversation.client.vehicle.armed,
         patience_s=conversation.patience.start_s,
         what=lambda: "arming was accepted, but the heartbeat does not show it",
+        ending=Ending.ARMING_REFUSED,
     )

@@ -1,0 +1,75 @@
+"""What following and controlling a vehicle need of a client, so that there can be more than one kind of it."""
+
+from typing import Protocol, TypeVar
+
+from mission_io.clock import Clock
+from mission_io.connection import VehicleInfo
+from mission_io.content import Content
+from mission_io.items import MissionItem, MissionType
+from mission_io.messages import CommandAck, Message, ParamValue, Received
+from mission_io.verification import Verification
+
+MessageT = TypeVar("MessageT", bound=Message)
+
+
+class VehicleClient(Protocol):
+    """A ground station's end of the conversation with one vehicle; ``mission_io.client.Client`` is one.
+
+    Everything that it hears goes to the :class:`~uavcover.flight.monitor.Monitor` as messages of ``mission_io.messages``, whoever
+    waits for it. Errors are ``mission_io.errors``.
+    """
+
+    @property
+    def clock(self) -> Clock:
+        """What silence is measured with."""
+        ...
+
+    @property
+    def vehicle(self) -> VehicleInfo:
+        """The vehicle as of its latest heartbeat."""
+        ...
+
+    @property
+    def heartbeat_age_s(self) -> float:
+        """Seconds since that heartbeat."""
+        ...
+
+    def wait_for_vehicle(self, timeout_s: float = 10.0) -> VehicleInfo:
+        """Wait for an autopilot's heartbeat."""
+        ...
+
+    def poll(self, timeout_s: float) -> list[Received]:
+        """Listen for at most so long."""
+        ...
+
+    def send(self, message: Message) -> None:
+        """Send one message, once."""
+        ...
+
+    def command(self, command: int, *params: float, timeout_s: float = ...) -> CommandAck:
+        """Send a command until it is answered."""
+        ...
+
+    def set_mode(self, custom_mode: int, *, timeout_s: float = ...) -> None:
+        """Change the flight mode and see it in the heartbeat."""
+        ...
+
+    def request_message_interval(self, kind: type[Message], interval_s: float, *, timeout_s: float = ...) -> CommandAck:
+        """Ask for a kind of message each ``interval_s`` seconds."""
+        ...
+
+    def request_message(self, kind: type[MessageT], *, timeout_s: float = ...) -> MessageT:
+        """Ask for one message of a kind and wait for it."""
+        ...
+
+    def read_parameter(self, name: str, *, timeout_s: float = ...) -> ParamValue:
+        """Read a parameter by its name."""
+        ...
+
+    def download(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
+        """One of the vehicle's lists, as it is on the wire."""
+        ...
+
+    def upload_and_verify(self, content: Content, *, in_flight: bool = ...) -> Verification:
+        """Upload, read back, compare."""
+        ...

@@ -1,0 +1,200 @@
+"""Looks all the time at what can go wrong with a vehicle in flight: silence, position, satellites, battery, wind, fence."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from mission_io import messages as m
+from mission_io.enums import AutopilotId, EkfFlag
+from uavcover.flight.events import EventKind
+from uavcover.flight.flight_plan import Patience
+from uavcover.flight.monitor import Monitor
+from uavcover.flight.outcome import Ending, FlightFaultError, Incident
+from uavcover.flight.vehicle_client import VehicleClient
+
+_FIX_3D = 3
+_WARNING_SEVERITY = 4
+
+_WORDS: tuple[tuple[Ending, tuple[str, ...]], ...] = (
+    (Ending.CRASHED, ("crash",)),
+    (Ending.BATTERY_FAILSAFE, ("battery",)),
+    (Ending.WIND_ABOVE_LIMITS, ("wind",)),
+    (Ending.FENCE_BREACHED, ("fence", "geofence")),
+    (Ending.GPS_LOST, ("gps", "gnss", "ekf", "position estimate", "global position", "position lost")),
+    (Ending.LINK_LOST, ("gcs", "data link", "datalink", "ground station")),
+    (Ending.FAILSAFE, ("failsafe",)),
+)
+"""What the words of a warning are about; the first that fits."""
+
+
+def cause_in(text: str) -> Ending | None:
+    """What a warning of the vehicle is about; None when nothing is known by its words."""
+    words = text.lower()
+    return next((cause for cause, known in _WORDS if any(word in words for word in known)), None)
+
+
+@dataclass(frozen=True, slots=True)
+class _Said:
+    """A warning of the vehicle that tells a cause."""
+
+    cause: Ending
+    text: str
+    at_s: float
+
+
+class Watch:
+    """Notices what goes wrong and when it is over, and tells both.
+
+    Args:
+        client: hears the vehicle.
+        monitor: hears what the client hears.
+        patience: how long silence may be.
+        tell: takes what is to be told.
+
+    Attributes:
+        incidents: all that went wrong so far, in the order in which it began.
+    """
+
+    def __init__(
+        self, client: VehicleClient, monitor: Monitor, patience: Patience, tell: Callable[[EventKind, str], None]
+    ) -> None:
+        self._client, self._monitor, self._patience, self._tell = client, monitor, patience, tell
+        self._open: dict[Ending, int] = {}
+        self._said: list[_Said] = []
+        self._in_flight = False
+        self.incidents: list[Incident] = []
+
+    def take_off(self) -> None:
+        """From here on a lost fix counts too: on the ground it was waited for."""
+        self._in_flight = True
+
+    def take_text(self, said: m.StatusText) -> None:
+        """Take note of a warning of the vehicle."""
+        cause = cause_in(said.text) if said.severity <= _WARNING_SEVERITY else None
+        if cause is not None:
+            self._said.append(_Said(cause, said.text, self._client.clock.now()))
+
+    def is_open(self, kind: Ending) -> bool:
+        """Whether something goes wrong now."""
+        return kind in self._open
+
+    def text_of(self, kind: Ending) -> str:
+        """What was told of the latest incident of a kind; what its name means when there was none."""
+        return next((i.text for i in reversed(self.incidents) if i.kind is kind), kind.value)
+
+    def open(self, kind: Ending, text: str) -> None:
+        """Tell that something goes wrong; once, until it is over."""
+        if kind in self._open:
+            return
+        self._open[kind] = len(self.incidents)
+        self.incidents.append(Incident(kind, text, self._monitor.time_s))
+        self._tell(EventKind.WARNING, text)
+
+    def close(self, kind: Ending, text: str) -> None:
+        """Tell that it is over, if it was there."""
+        number = self._open.pop(kind, None)
+        if number is None:
+            return
+        self.incidents[number] = replace(self.incidents[number], end_s=self._monitor.time_s)
+        self._tell(EventKind.WARNING, text)
+
+    def recent_cause(self, *, within_s: float) -> tuple[Ending, str] | None:
+        """What the vehicle most likely reacts to if it does something by itself now: what it said, or what went wrong.
+
+        Args:
+            within_s: how long ago that may be, in seconds of the link's clock for what it said.
+        """
+        now = self._client.clock.now()
+        recent = [said for said in self._said if now - said.at_s <= within_s]
+        for cause, _ in _WORDS:
+            for said in recent:
+                if said.cause is cause:
+                    return cause, f"it says: {said.text}"
+        for kind in (Ending.BATTERY_FAILSAFE, Ending.GPS_LOST, Ending.WIND_ABOVE_LIMITS, Ending.LINK_LOST):
+            for incident in reversed(self.incidents):
+                if incident.kind is kind and (incident.end_s is None or self._age_s(incident.end_s) <= within_s):
+                    return kind, incident.text
+        return None
+
+    def look(self) -> None:
+        """Look at everything once.
+
+        Raises:
+            FlightFaultError: the vehicle is gone, or it restarted.
+        """
+        now = self._client.clock.now()
+        silence_s = self._monitor.silence_s(now)
+        self._look_at_silence(silence_s)
+        self._look_at_heartbeat(silence_s)
+        if self._monitor.restarted:
+            text = f"vehicle {self._client.vehicle.system_id} restarted: its clock began anew"
+            self.open(Ending.RESTARTED, text)
+            raise FlightFaultError(Ending.RESTARTED, text)
+        if silence_s <= self._patience.deadman_s:
+            self._look_at_positions(now)
+        if self._in_flight:
+            self._look_at_fix()
+
+    def _age_s(self, time_s: float) -> float:
+        return 0.0 if self._monitor.time_s is None else self._monitor.time_s - time_s
+
+    def _look_at_silence(self, silence_s: float) -> None:
+        vehicle = self._client.vehicle.system_id
+        if silence_s > self._patience.link_lost_s:
+            text = f"link lost: nothing from vehicle {vehicle} for {silence_s:.1f} s"
+            self.open(Ending.LINK_LOST, text)
+            raise FlightFaultError(Ending.LINK_LOST, f"{text}; look for it, and at the link")
+        if silence_s > self._patience.deadman_s:
+            self.open(
+                Ending.LINK_LOST,
+                f"nothing from vehicle {vehicle} for {silence_s:.1f} s; waiting for it up to {self._patience.link_lost_s:g} s",
+            )
+        elif self.is_open(Ending.LINK_LOST):
+            self.close(Ending.LINK_LOST, f"vehicle {vehicle} is heard again")
+
+    def _look_at_heartbeat(self, silence_s: float) -> None:
+        age_s, limit_s = self._client.heartbeat_age_s, self._patience.heartbeat_s
+        vehicle = self._client.vehicle.system_id
+        if silence_s > self._patience.deadman_s:
+            return
+        if age_s > self._patience.link_lost_s:
+            text = f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages come"
+            self.open(Ending.HEARTBEAT_LOST, text)
+            raise FlightFaultError(Ending.HEARTBEAT_LOST, f"{text}; its mode and whether it is armed are not known")
+        if age_s > limit_s:
+            self.open(
+                Ending.HEARTBEAT_LOST,
+                f"no heartbeat from vehicle {vehicle} for {age_s:.1f} s, although other messages come; waiting for it up to "
+                f"{self._patience.link_lost_s:g} s",
+            )
+        elif self.is_open(Ending.HEARTBEAT_LOST):
+            self.close(Ending.HEARTBEAT_LOST, f"the heartbeat of vehicle {vehicle} is back")
+
+    def _look_at_positions(self, now: float) -> None:
+        heard_at = self._monitor.position_at_s
+        if heard_at is None:
+            return
+        if now - heard_at > self._patience.deadman_s:
+            self.open(
+                Ending.POSITION_LOST,
+                f"no position for {now - heard_at:.1f} s, although other messages of the vehicle come",
+            )
+        elif self.is_open(Ending.POSITION_LOST):
+            self.close(Ending.POSITION_LOST, "positions come again")
+
+    def _look_at_fix(self) -> None:
+        gps = self._monitor.latest(m.GpsRawInt)
+        lacks = []
+        if gps is not None and gps.fix_type < _FIX_3D:
+            lacks.append(f"satellite fix (GPS fix type {gps.fix_type})")
+        ekf = self._monitor.latest(m.EkfStatusReport)
+        if self._client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT and ekf is not None and not has_position(ekf):
+            lacks.append("position estimate (EKF)")
+        if lacks:
+            self.open(Ending.GPS_LOST, f"the vehicle has lost its {' and its '.join(lacks)}")
+        else:
+            self.close(Ending.GPS_LOST, "the vehicle has its position again")
+
+
+def has_position(ekf: m.EkfStatusReport) -> bool:
+    """Whether ArduPilot's filter knows where the vehicle is."""
+    return bool(ekf.flags & EkfFlag.POSITION_HORIZONTAL_ABSOLUTE) and not ekf.flags & EkfFlag.CONSTANT_POSITION
