@@ -8,8 +8,23 @@ Fields named ``target_system`` and ``target_component`` say whom a message is fo
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from mission_io.condition_messages import PREARM_CHECK_BIT as PREARM_CHECK_BIT
+from mission_io.condition_messages import BatteryStatus as BatteryStatus
+from mission_io.condition_messages import EkfStatusReport as EkfStatusReport
+from mission_io.condition_messages import GpsRawInt as GpsRawInt
+from mission_io.condition_messages import RadioStatus as RadioStatus
+from mission_io.condition_messages import SysStatus as SysStatus
+from mission_io.condition_messages import VfrHud as VfrHud
 from mission_io.enums import MissionState, ModeFlag
 from mission_io.items import MissionType
+from mission_io.parameter_messages import ParamRequestList as ParamRequestList
+from mission_io.parameter_messages import ParamRequestRead as ParamRequestRead
+from mission_io.parameter_messages import ParamSet as ParamSet
+from mission_io.parameter_messages import ParamValue as ParamValue
+from mission_io.parameter_messages import RequestDataStream as RequestDataStream
+from mission_io.terrain_messages import TerrainData as TerrainData
+from mission_io.terrain_messages import TerrainReport as TerrainReport
+from mission_io.terrain_messages import TerrainRequest as TerrainRequest
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,51 +139,6 @@ class CommandAck:
     result_param2: int = 0
     target_system: int = 0
     target_component: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class SysStatus:
-    """Sensor health as bit masks (MAV_SYS_STATUS_SENSOR), load and battery; None where unknown."""
-
-    sensors_present: int
-    sensors_enabled: int
-    sensors_healthy: int
-    load_fraction: float = 0.0
-    battery_v: float | None = None
-    battery_a: float | None = None
-    battery_remaining_percent: int | None = None
-
-
-PREARM_CHECK_BIT = 0x10000000
-"""The bit of ``SysStatus.sensors_healthy`` that says the vehicle's own checks before arming pass."""
-
-
-@dataclass(frozen=True, slots=True)
-class GpsRawInt:
-    """What the satellite receiver says, before any filter."""
-
-    time_s: float
-    fix_type: int
-    lat_deg: float
-    lon_deg: float
-    alt_amsl_m: float
-    horizontal_dilution: float | None = None
-    vertical_dilution: float | None = None
-    ground_speed_m_s: float | None = None
-    course_deg: float | None = None
-    satellites_visible: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class EkfStatusReport:
-    """What ArduPilot's position filter believes of itself; variances are ratios, above 1 is bad."""
-
-    flags: int
-    velocity_variance: float = 0.0
-    position_horizontal_variance: float = 0.0
-    position_vertical_variance: float = 0.0
-    compass_variance: float = 0.0
-    terrain_alt_variance: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -301,66 +271,11 @@ class SetMode:
 
 
 @dataclass(frozen=True, slots=True)
-class ParamRequestRead:
-    """Asks for a parameter by name (``index`` -1) or by index."""
-
-    target_system: int
-    target_component: int
-    name: str
-    index: int = -1
-
-
-@dataclass(frozen=True, slots=True)
-class ParamSet:
-    """Asks to set a parameter; ``param_type`` is a MAV_PARAM_TYPE number (9: 32-bit float)."""
-
-    target_system: int
-    target_component: int
-    name: str
-    value: float
-    param_type: int = 9
-
-
-@dataclass(frozen=True, slots=True)
-class ParamValue:
-    """A parameter as the vehicle has it."""
-
-    name: str
-    value: float
-    param_type: int = 9
-    count: int = 0
-    index: int = 65535
-
-
-@dataclass(frozen=True, slots=True)
 class SystemTime:
     """Time since 1970 in UTC, 0 when unknown, and since boot; seconds."""
 
     time_unix_s: float
     time_boot_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class RadioStatus:
-    """What a telemetry radio says of its link; strengths and noise in its own units, 255 unknown.
-
-    Attributes:
-        rssi: Signal here.
-        remote_rssi: Signal at the other radio.
-        transmit_buffer_percent: Room left in the radio's buffer.
-        noise: Noise here.
-        remote_noise: Noise at the other radio.
-        receive_errors: Packets with errors.
-        corrected: Packets that the radio repaired.
-    """
-
-    rssi: int
-    remote_rssi: int
-    transmit_buffer_percent: int
-    noise: int
-    remote_noise: int
-    receive_errors: int = 0
-    corrected: int = 0
 
 
 Message: TypeAlias = (
@@ -394,6 +309,13 @@ Message: TypeAlias = (
     | ParamValue
     | SystemTime
     | RadioStatus
+    | BatteryStatus
+    | VfrHud
+    | ParamRequestList
+    | RequestDataStream
+    | TerrainRequest
+    | TerrainData
+    | TerrainReport
 )
 
 

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as pymavlink
 
-from mission_io import codec
+from mission_io import message_table
 from mission_io.codec import Codec
 from mission_io.dialect import layout_of
 from mission_io.framing import mavlink2_frame
 from mission_io.messages import Heartbeat, HomePosition, Message
 
-ROWS = {row.layout.name: row for row in codec._ROWS}
+ROWS = {row.layout.name: row for row in message_table.ROWS}
 EXACT = 2**53
 """Above it the microseconds of 64-bit times have no double of their own."""
 
@@ -82,6 +82,7 @@ DECIDED_ZERO = {
     "sys_status": {
         "drop_rate_comm", "errors_comm", "errors_count1", "errors_count2", "errors_count3", "errors_count4",
     },
+    "battery_status": {"energy_consumed", "temperature", "battery_function", "type"},
     "autopilot_version": {
         "middleware_sw_version", "os_sw_version", "board_version", "flight_custom_version",
         "middleware_custom_version", "os_custom_version", "vendor_id", "product_id",

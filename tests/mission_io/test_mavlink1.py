@@ -75,6 +75,7 @@ OLD_SAMPLES: list[Message] = [
     m.MissionAck(255, 190, 13),
     m.MissionRequestList(1, 1),
     m.MissionClearAll(1, 1),
+    m.BatteryStatus(0, (15.25, *(None,) * 9), 12.5, 1234, 71),
 ]
 SAYABLE = OLD_SAMPLES + [
     s for s in SAMPLES if type(s) not in {type(old) for old in OLD_SAMPLES} | {m.MissionRequestList}
