@@ -23,7 +23,7 @@ echo "gate: import contracts"
 # A test file stays in one process: what its tests share is made once.
 parallel="-n auto --dist loadfile"
 # Whole flights, and set-ups in processes of their own, are not measured: tracing every line slows a flying vehicle down.
-whole="tests/cli tests/test_pipeline.py tests/test_setup.py tests/test_wheel.py"
+whole="tests/cli tests/test_pipeline.py tests/test_setup.py tests/test_wheel.py sitl_tests"
 echo "gate: tests"
 rm -f .coverage .coverage.*
 "$bin/python" -m pytest -q $parallel --cov --cov-report= $(printf -- '--ignore=%s ' $whole)

@@ -1,0 +1,29 @@
+"""What the vehicles are asked, a function each; ``ALL`` has them by the names of ``matrix.toml``."""
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+from sitl_tests.capabilities import demonstration, failsafes, flights, refusals, stations, transfers
+from sitl_tests.case import Case, Finding
+
+ALL: Mapping[str, Callable[[Case], Finding]] = MappingProxyType(
+    {
+        "connect": transfers.connect,
+        "mission-round-trip": transfers.mission_round_trip,
+        "fence-round-trip": transfers.fence_round_trip,
+        "rally-round-trip": transfers.rally_round_trip,
+        "upload-under-loss": transfers.upload_under_loss,
+        "refused-mission": refusals.refused_mission,
+        "failed-upload": refusals.failed_upload,
+        "terrain-frames": refusals.terrain_frames,
+        "second-station": stations.second_station,
+        "arming": flights.arming,
+        "fly-square": flights.fly_square,
+        "pause-and-resume": flights.pause_and_resume,
+        "change-in-flight": flights.change_in_flight,
+        "fence-breach": failsafes.fence_breach,
+        "link-loss": failsafes.link_loss,
+        "fly-demo": demonstration.fly_demo,
+    }
+)
+"""Name of a capability to what tries it."""

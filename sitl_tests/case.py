@@ -1,0 +1,133 @@
+"""What a capability works with: a running vehicle, a folder, and ground stations that speak to it."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mission_io.client import Client
+from mission_io.items import MissionItem, MissionType
+from mission_io.link import open_link
+from sitl_tests.matrix import ClientName
+from sitl_tests.simulators.running import RunningVehicle
+from uavcover.errors import VehicleError
+from uavcover.flight.conversation import Conversation
+from uavcover.flight.events import FlightEvent
+from uavcover.flight.flight_plan import Patience
+from uavcover.flight.monitor import Monitor
+from uavcover.model.vehicle import AutopilotName
+
+_FIRST_HEARTBEAT_S = 60.0
+_SECOND_STATION = 254
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What came of a capability.
+
+    Attributes:
+        outcome: in one word, as ``matrix.toml`` has it.
+        detail: the figures, for the table.
+    """
+
+    outcome: str
+    detail: str
+
+
+class Station:
+    """A ground station that has found the vehicle.
+
+    Attributes:
+        client: speaks to it.
+        monitor: hears all that the client hears.
+        conversation: waits in vehicle time, with the wall clock as the watchdog behind it.
+    """
+
+    def __init__(self, client: Client, monitor: Monitor, on_event: Callable[[FlightEvent], None]) -> None:
+        self.client, self.monitor = client, monitor
+        self.conversation = Conversation(client, monitor, patience=Patience(), on_event=on_event, stop=lambda: 0)
+
+    def wait_s(self, duration_s: float) -> None:
+        """Listen for a while of vehicle time."""
+        begun_s = self._time_s()
+        self.wait(
+            lambda: self._time_s() >= begun_s + duration_s, within_s=10.0 * duration_s, what="its clock stands still"
+        )
+
+    def wait(self, done: Callable[[], bool], *, within_s: float, what: str) -> None:
+        """Listen until something is so.
+
+        Raises:
+            VehicleError: it does not become so within so much vehicle time.
+        """
+        self.conversation.wait(done, patience_s=within_s, what=lambda: what)
+
+    def _time_s(self) -> float:
+        if self.monitor.time_s is None:
+            self.wait(lambda: self.monitor.time_s is not None, within_s=30.0, what="the vehicle does not tell its time")
+        if self.monitor.time_s is None:
+            raise VehicleError("the vehicle does not tell its time")
+        return self.monitor.time_s
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One capability's run.
+
+    Attributes:
+        vehicle: it runs, on its own.
+        autopilot: whose ways it has.
+        client: which client speaks to it.
+        folder: for what the case writes.
+        seed: of everything random.
+        events: everything that was told, for the record.
+    """
+
+    vehicle: RunningVehicle
+    autopilot: AutopilotName
+    client: ClientName
+    folder: Path
+    seed: int
+    events: list[str] = field(default_factory=list)
+
+    @contextmanager
+    def station(self, url: str | None = None) -> Iterator[Station]:
+        """A ground station on the vehicle's first link, or on another."""
+        with self._station(url or self.vehicle.url, 255) as station:
+            yield station
+
+    @contextmanager
+    def second_station(self) -> Iterator[Station]:
+        """Another ground station, with a system id of its own, on the vehicle's second link."""
+        with self._station(self.vehicle.second_url, _SECOND_STATION) as station:
+            yield station
+
+    def held(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
+        """What a station that knows nothing finds on the vehicle."""
+        with self.station() as station:
+            return station.client.download(mission_type)
+
+    @contextmanager
+    def _station(self, url: str, system_id: int) -> Iterator[Station]:
+        monitor = Monitor()
+        with Client(open_link(url), system_id=system_id, listener=monitor) as client:
+            found = client.wait_for_vehicle(_FIRST_HEARTBEAT_S)
+            monitor.listen_to(found.system_id)
+            yield Station(client, monitor, self._take_event)
+
+    def _take_event(self, event: FlightEvent) -> None:
+        at = "" if event.time_s is None else f"{event.time_s:9.1f} s  "
+        self.events.append(f"{at}{event.kind.name.lower()}: {event.text}")
+
+
+class Stopwatch:
+    """Wall-clock seconds since it was made."""
+
+    def __init__(self) -> None:
+        self._begun_s = time.monotonic()
+
+    @property
+    def elapsed_s(self) -> float:
+        """How long it has run."""
+        return time.monotonic() - self._begun_s

@@ -1,0 +1,137 @@
+"""Steps of a flight that several capabilities share, on our own client's functions, and what a flown track must show."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mission_io import messages as m
+from mission_io.autopilots import mission_from_wire
+from mission_io.items import Command, Frame, GeoPoint, Mission, MissionType
+from sitl_tests.case import Case, Station
+from sitl_tests.errors import require
+from sitl_tests.missions import FIRST_WAYPOINT_ITEM, route_mission
+from uavcover.flight.flight_plan import FlightPlan
+from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.readiness import request_telemetry, wait_until_ready
+from uavcover.flight.start import arm_and_start, first_seq
+from uavcover.frames import LocalFrame
+from uavcover.mission_compiler import AUTOPILOTS
+
+PASSED_WITHIN_M = 4.0
+"""A waypoint counts as flown when the track comes so near; both autopilots turn 2 m before it by default."""
+LANDED_WITHIN_M = 3.0
+FLIGHT_S = 600.0
+_ITEM_S = 120.0
+
+
+def frame_at(home: GeoPoint) -> LocalFrame:
+    """East, north and up from home."""
+    return LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m)
+
+
+@dataclass(slots=True)
+class Path:
+    """Where a vehicle was told to have been, in metres east, north and up from home.
+
+    Attributes:
+        home: the origin.
+        times_s: of each position, vehicle time.
+        enu_m: each position.
+    """
+
+    home: GeoPoint
+    times_s: list[float] = field(default_factory=list)
+    enu_m: list[tuple[float, float, float]] = field(default_factory=list)
+
+    def take(self, position: m.GlobalPositionInt) -> None:
+        """Add a position."""
+        east, north, up = (
+            frame_at(self.home).enu_from_geodetic(position.lat_deg, position.lon_deg, position.alt_amsl_m)[0].tolist()
+        )
+        self.times_s.append(position.time_boot_s)
+        self.enu_m.append((east, north, up))
+
+    def nearest_m(self, point_m: tuple[float, float, float]) -> float:
+        """How near it came to a point."""
+        return float(np.linalg.norm(np.array(self.enu_m) - np.array(point_m), axis=1).min())
+
+    @property
+    def last_m(self) -> tuple[float, float, float]:
+        """Where it ended."""
+        return self.enu_m[-1]
+
+
+def plan_of(mission: Mission, home: GeoPoint) -> FlightPlan:
+    """What ``fly`` needs to know of a ``route_mission``."""
+    return FlightPlan(
+        mission=mission,
+        first_waypoint_item=FIRST_WAYPOINT_ITEM,
+        waypoint_count=len(mission.items) - FIRST_WAYPOINT_ITEM - 2,
+        frame=frame_at(home),
+        home=home,
+    )
+
+
+def waypoints_held(case: Case) -> list[tuple[float, float, float]]:
+    """The waypoints of the mission that another station downloads from the vehicle, in metres from home."""
+    held = mission_from_wire(case.held(MissionType.MISSION), AUTOPILOTS[case.autopilot])
+    places = []
+    for item in held.items:
+        if item.command == Command.NAV_WAYPOINT:
+            above = case.vehicle.home.alt_amsl_m if item.frame is Frame.ABOVE_HOME else 0.0
+            enu = frame_at(case.vehicle.home).enu_from_geodetic(item.lat_deg, item.lon_deg, above + item.alt_m)[0]
+            places.append((float(enu[0]), float(enu[1]), float(enu[2])))
+    return places
+
+
+def require_flown(path: Path, waypoints_m: list[tuple[float, float, float]]) -> float:
+    """Refuse a path that leaves out a waypoint or does not end at home; the largest miss in metres."""
+    require(bool(waypoints_m), "the vehicle holds no waypoint")
+    misses = [path.nearest_m(point) for point in waypoints_m]
+    worst = max(misses)
+    require(worst <= PASSED_WITHIN_M, f"waypoint {misses.index(worst)} was passed at {worst:.1f} m")
+    require_at_home(path)
+    return worst
+
+
+def require_at_home(path: Path) -> None:
+    """Refuse a path that does not end at home."""
+    away_m = float(np.hypot(path.last_m[0], path.last_m[1]))
+    require(away_m <= LANDED_WITHIN_M, f"it landed {away_m:.1f} m from home")
+
+
+def take_off(case: Case, station: Station, mission: Mission | None = None) -> Path:
+    """Upload, wait until ready, arm, start; the path grows from then on."""
+    mission = mission if mission is not None else route_mission(case.vehicle.home)
+    path = Path(case.vehicle.home)
+    require(station.client.upload_and_verify(mission).passed, "the mission was read back changed")
+    request_telemetry(station.conversation)
+    wait_until_ready(station.conversation)
+    station.monitor.on_position = path.take
+    arm_and_start(station.conversation)
+    return path
+
+
+def wait_for_waypoint(station: Station, number: int) -> None:
+    """Listen until the vehicle flies to a waypoint of a ``route_mission``."""
+    seq = first_seq(station.conversation) + FIRST_WAYPOINT_ITEM + number
+    station.wait(
+        lambda: station.monitor.current_seq >= seq, within_s=_ITEM_S, what=f"the vehicle does not go on to item {seq}"
+    )
+
+
+def wait_for_mode(station: Station, mode: Mode, *, within_s: float) -> None:
+    """Listen until the vehicle has changed to a mode."""
+    wanted = custom_mode(station.conversation.autopilot, mode)
+    station.wait(
+        lambda: station.client.vehicle.custom_mode == wanted,
+        within_s=within_s,
+        what=f"the vehicle does not change to {mode.value} mode, it is in {station.conversation.mode_name},",
+    )
+
+
+def wait_until_landed(station: Station) -> None:
+    """Listen until the vehicle has landed and disarmed."""
+    station.wait(
+        lambda: not station.client.vehicle.armed, within_s=FLIGHT_S, what="the vehicle does not land and disarm"
+    )

@@ -1,0 +1,116 @@
+"""``matrix.toml``: which vehicles there are, what each is asked, and what is expected of it."""
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any, Literal, cast, get_args
+
+from sitl_tests.errors import MatrixError
+from uavcover.model.vehicle import AutopilotName
+
+SimulatorKind = Literal["mock", "arducopter", "px4"]
+ClientName = Literal["native", "mavsdk"]
+WORKS = "works"
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleKind:
+    """A row's vehicle.
+
+    Attributes:
+        name: what the matrix calls it.
+        simulator: what starts it.
+        autopilot: whose ways it has.
+        speed: vehicle seconds per second.
+    """
+
+    name: str
+    simulator: SimulatorKind
+    autopilot: AutopilotName
+    speed: float
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """What a capability comes to on a vehicle, and why where that is not the usual."""
+
+    outcome: str
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One vehicle, asked one thing, through one client.
+
+    Attributes:
+        vehicle: which vehicle.
+        capability: name of the capability.
+        shows: what it shows, a sentence.
+        client: which client speaks to the vehicle.
+        expected: what is to come of it.
+        long: whether it takes minutes.
+        parameters: the vehicle's parameters that are set before it starts.
+    """
+
+    vehicle: VehicleKind
+    capability: str
+    shows: str
+    client: ClientName
+    expected: Expectation
+    long: bool
+    parameters: Mapping[str, float]
+
+    @property
+    def name(self) -> str:
+        """Names the cell, its folder and its test."""
+        return f"{self.vehicle.name}-{self.capability}-{self.client}"
+
+
+def load_matrix() -> tuple[Cell, ...]:
+    """All cells of ``matrix.toml``, capability by capability.
+
+    Raises:
+        MatrixError: it names a vehicle, simulator, client or key that there is not.
+    """
+    return tuple(cells_of(tomllib.loads(resources.files("sitl_tests").joinpath("matrix.toml").read_text("utf-8"))))
+
+
+def cells_of(document: Mapping[str, Any]) -> Iterator[Cell]:
+    """The cells of a matrix that was read from TOML; errors as ``load_matrix``."""
+    _known_keys("matrix.toml", document, {"vehicles", "capabilities"})
+    vehicles = [_vehicle(name, table) for name, table in document["vehicles"].items()]
+    for capability, table in document["capabilities"].items():
+        where = f"capabilities.{capability}"
+        _known_keys(where, table, {"shows", "expected", "otherwise", "clients", "long", "parameters"})
+        otherwise = table.get("otherwise", {})
+        _known_keys(f"{where}.otherwise", otherwise, {vehicle.name for vehicle in vehicles})
+        _known_keys(f"{where}.parameters", table.get("parameters", {}), set(get_args(AutopilotName)))
+        _known_keys(f"{where}.clients", dict.fromkeys(table.get("clients", [])), set(get_args(ClientName)))
+        usual = Expectation(table.get("expected", WORKS))
+        for client in table.get("clients", ["native"]):
+            for vehicle in vehicles:
+                other = otherwise.get(vehicle.name)
+                yield Cell(
+                    vehicle=vehicle,
+                    capability=capability,
+                    shows=table["shows"],
+                    client=cast(ClientName, client),
+                    expected=usual if other is None else Expectation(other["outcome"], other["why"]),
+                    long=table.get("long", False),
+                    parameters=table.get("parameters", {}).get(vehicle.autopilot, {}),
+                )
+
+
+def _vehicle(name: str, table: Mapping[str, Any]) -> VehicleKind:
+    where = f"vehicles.{name}"
+    _known_keys(where, table, {"simulator", "autopilot", "speed"})
+    _known_keys(f"{where}.simulator", {table["simulator"]: None}, set(get_args(SimulatorKind)))
+    _known_keys(f"{where}.autopilot", {table["autopilot"]: None}, set(get_args(AutopilotName)))
+    return VehicleKind(name, table["simulator"], table["autopilot"], float(table["speed"]))
+
+
+def _known_keys(where: str, table: Mapping[str, Any], known: set[str]) -> None:
+    for key in table:
+        if key not in known:
+            raise MatrixError(f"{where}: {key!r} is not one of {', '.join(sorted(known))}")

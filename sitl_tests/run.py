@@ -1,0 +1,87 @@
+"""Running one cell of the matrix: start the vehicle, try the capability, stop the vehicle, keep the logs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+
+from mission_io.errors import MissionIoError
+from mission_io.items import GeoPoint
+from sitl_tests.capabilities import ALL
+from sitl_tests.capabilities.demonstration import SCENARIO
+from sitl_tests.case import Case, Finding, Stopwatch
+from sitl_tests.errors import CheckFailedError
+from sitl_tests.matrix import Cell
+from sitl_tests.simulators import arducopter, mock, px4
+from sitl_tests.simulators.files import sha256
+from sitl_tests.simulators.running import Start, StartRequest
+from uavcover import pipeline
+from uavcover.errors import UavcoverError
+from uavcover.on_vehicle import require_home
+
+FAILED = "failed"
+EVENTS = "events.txt"
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What came of a cell.
+
+    Attributes:
+        cell: which.
+        finding: what came of it; its outcome is "failed" for a check that failed, with the reason as the detail.
+        version: what flew.
+        wall_s: how long it took.
+        log_sha256: the autopilot's logs of this case, by file name.
+    """
+
+    cell: Cell
+    finding: Finding
+    version: str
+    wall_s: float
+    log_sha256: Mapping[str, str]
+
+    @property
+    def as_expected(self) -> bool:
+        """Whether the outcome is the one that the matrix has."""
+        return self.finding.outcome == self.cell.expected.outcome
+
+
+def run_cell(cell: Cell, folder: Path, *, seed: int = 1) -> Result:
+    """Run a cell in a folder of its own, which must not exist yet.
+
+    Raises:
+        MissingSimulatorError: its simulator was not named.
+        SimulatorError: its simulator does not start.
+    """
+    folder.mkdir(parents=True)
+    watch = Stopwatch()
+    request = StartRequest(folder, home(), cell.vehicle.speed, cell.parameters)
+    with _starter(cell)(request) as vehicle:
+        case = Case(vehicle=vehicle, autopilot=cell.vehicle.autopilot, client=cell.client, folder=folder, seed=seed)
+        try:
+            finding = ALL[cell.capability](case)
+        except (CheckFailedError, UavcoverError, MissionIoError) as error:
+            finding = Finding(FAILED, f"{type(error).__name__}: {error}")
+        finally:
+            (folder / EVENTS).write_text("".join(f"{line}\n" for line in case.events))
+        version = vehicle.version
+    logs = {path.name: sha256(path) for path in vehicle.log_files()}
+    return Result(cell, finding, version, watch.elapsed_s, MappingProxyType(logs))
+
+
+@cache
+def home() -> GeoPoint:
+    """The demo's home: the lowest ground of its area, because simulators without terrain are flat at home's height."""
+    return require_home(pipeline.load_site(SCENARIO))
+
+
+def _starter(cell: Cell) -> Start:
+    match cell.vehicle.simulator:
+        case "mock":
+            return mock.starter(cell.vehicle.autopilot)
+        case "arducopter":
+            return arducopter.start
+        case "px4":
+            return px4.start

@@ -1,0 +1,25 @@
+"""The mock vehicle of this project, in a thread of this process, on real UDP."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from sitl_tests.simulators.running import RunningVehicle, Start, StartRequest
+from uavcover.flight.mock.server import start_in_background
+from uavcover.flight.mock.vehicle import MockVehicle
+from uavcover.mission_compiler import AUTOPILOTS
+from uavcover.model.vehicle import AutopilotName
+
+
+def starter(autopilot: AutopilotName) -> Start:
+    """What starts a mock vehicle with the ways of an autopilot."""
+
+    @contextmanager
+    def start(request: StartRequest) -> Iterator[RunningVehicle]:
+        vehicle = MockVehicle(AUTOPILOTS[autopilot], request.home, speed=request.speed)
+        with start_in_background(vehicle, speed=request.speed) as background:
+            url = f"udpout://127.0.0.1:{background.port}"
+            yield RunningVehicle(
+                url=url, second_url=url, home=request.home, version=f"mock {autopilot}", log_files=lambda: ()
+            )
+
+    return start

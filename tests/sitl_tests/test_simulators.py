@@ -1,0 +1,58 @@
+import sys
+
+import pytest
+
+from mission_io.items import GeoPoint
+from sitl_tests.errors import MissingSimulatorError, SimulatorError
+from sitl_tests.simulators import arducopter, px4
+from sitl_tests.simulators.process import SimulatorProcess
+from sitl_tests.simulators.running import StartRequest
+
+HOME = GeoPoint(36.5, -84.2, 300.0)
+
+
+def request_in(folder):
+    return StartRequest(folder, HOME, 1.0, {})
+
+
+@pytest.mark.parametrize(("module", "variable"), [(arducopter, "UAVCOVER_ARDUCOPTER"), (px4, "UAVCOVER_PX4")])
+def test_a_missing_simulator_says_which_variable_to_set(module, variable, tmp_path, monkeypatch):
+    monkeypatch.delenv(variable, raising=False)
+    with pytest.raises(MissingSimulatorError, match=f"set {variable} to the b"), module.start(request_in(tmp_path)):
+        pass
+
+
+@pytest.mark.parametrize(("module", "variable"), [(arducopter, "UAVCOVER_ARDUCOPTER"), (px4, "UAVCOVER_PX4")])
+def test_a_variable_that_names_nothing_is_an_error(module, variable, tmp_path, monkeypatch):
+    monkeypatch.setenv(variable, str(tmp_path / "nothing"))
+    with pytest.raises(SimulatorError, match=variable), module.start(request_in(tmp_path)):
+        pass
+
+
+def test_an_arducopter_without_default_parameters_says_how_to_name_them(tmp_path, monkeypatch):
+    program = tmp_path / "arducopter"
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("UAVCOVER_ARDUCOPTER", str(program))
+    with (
+        pytest.raises(SimulatorError, match="set UAVCOVER_ARDUCOPTER_DEFAULTS"),
+        arducopter.start(request_in(tmp_path)),
+    ):
+        pass
+
+
+def test_a_simulator_is_ended_when_it_is_left(tmp_path):
+    command = [sys.executable, "-c", "import signal; print('ready', flush=True); signal.pause()"]
+    with SimulatorProcess(command, tmp_path) as process:
+        process.wait_for_line("ready", within_s=30.0)
+        process.require_running()
+    with pytest.raises(SimulatorError, match="ended with exit code -15"):
+        process.require_running()
+
+
+def test_a_simulator_that_ends_at_once_is_an_error_with_its_console(tmp_path):
+    command = [sys.executable, "-c", "print('no such model'); raise SystemExit(3)"]
+    with SimulatorProcess(command, tmp_path) as process:
+        with pytest.raises(SimulatorError, match=r"ended with exit code 3; see .*console.txt"):
+            process.wait_for_line("ready", within_s=30.0)
+    assert "no such model" in (tmp_path / "console.txt").read_text()
