@@ -20,16 +20,19 @@ def received_until(link, wanted: bytes) -> list[bytes]:
 
 
 def relayed(count: int, *, seed: int, loss: float) -> list[bytes]:
-    with UdpLink.listening() as vehicle:
-        with Relay(f"udpout://127.0.0.1:{vehicle.local_port}", seed=seed, conditions=Conditions(loss=loss)) as relay:
-            station = open_link(relay.url)
-            got = []
-            for n in range(count):
-                station.send(b"%d" % n)
-                data = vehicle.receive(0.05)
-                if data is not None:
-                    got.append(data)
-            station.close()
+    got = []
+    conditions = Conditions(loss=loss)
+    with (
+        UdpLink.listening() as vehicle,
+        Relay(f"udpout://127.0.0.1:{vehicle.local_port}", seed=seed, conditions=conditions) as relay,
+    ):
+        station = open_link(relay.url)
+        for n in range(count):
+            station.send(b"%d" % n)
+            data = vehicle.receive(0.05)
+            if data is not None:
+                got.append(data)
+        station.close()
     return got
 
 

@@ -52,7 +52,7 @@ def test_a_simulator_is_ended_when_it_is_left(tmp_path):
 
 def test_a_simulator_that_ends_at_once_is_an_error_with_its_console(tmp_path):
     command = [sys.executable, "-c", "print('no such model'); raise SystemExit(3)"]
-    with SimulatorProcess(command, tmp_path) as process:
-        with pytest.raises(SimulatorError, match=r"ended with exit code 3; see .*console.txt"):
-            process.wait_for_line("ready", within_s=30.0)
+    says = r"ended with exit code 3; see .*console.txt"
+    with SimulatorProcess(command, tmp_path) as process, pytest.raises(SimulatorError, match=says):
+        process.wait_for_line("ready", within_s=30.0)
     assert "no such model" in (tmp_path / "console.txt").read_text()
