@@ -1,0 +1,166 @@
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.naive import obstacles as naive
+from uavcover.kernels.obstacle_breach import tops_near_m, worst_breach
+from uavcover.kernels.obstacles import NO_OBSTACLES, horizons, keeps_clear, make_obstacles, roofs_m
+
+deterministic = settings(derandomize=True, deadline=None, max_examples=150)
+
+GROWN_M = 6.0
+
+
+def obstacles_of(prisms, grown_m=GROWN_M):
+    """Kernels' obstacles of (polygon, top) pairs."""
+    edges, first = [], [0]
+    for footprint, _ in prisms:
+        for ring in (footprint.exterior, *footprint.interiors):
+            corners = np.array(ring.coords)
+            edges.append(np.hstack([corners[:-1], corners[1:]]))
+        first.append(sum(map(len, edges)))
+    tops = np.array([top for _, top in prisms], dtype=float)
+    return make_obstacles(np.vstack(edges), np.array(first), tops, grown_m=grown_m)
+
+
+coordinates = st.integers(-40, 40).map(float)
+odd = st.floats(-40.0, 40.0, width=32)
+heights = st.one_of(st.integers(0, 30).map(float), st.floats(0.0, 30.0, width=32))
+
+
+@st.composite
+def footprints(draw):
+    east, north = draw(coordinates), draw(coordinates)
+    wide, deep = draw(st.integers(1, 15)), draw(st.integers(1, 15))
+    box = shapely.box(east, north, east + wide, north + deep)
+    kind = draw(st.sampled_from(["box", "turned", "court", "corner"]))
+    if kind == "turned":
+        return shapely.affinity.rotate(box, draw(st.floats(0.0, 90.0, width=32)))
+    if kind == "court" and min(wide, deep) > 2:
+        return box.difference(box.buffer(-1.0))
+    if kind == "corner" and min(wide, deep) > 1:
+        return box.difference(shapely.box(east + wide / 2, north + deep / 2, east + wide, north + deep))
+    return box
+
+
+prism_lists = st.lists(st.tuples(footprints(), heights), min_size=1, max_size=5)
+places = st.tuples(st.one_of(coordinates, odd), st.one_of(coordinates, odd), heights)
+
+
+def clear(prisms, p, q, beside=0.0, above=0.0):
+    return keeps_clear(obstacles_of(prisms), *p, *q, beside, above)
+
+
+@deterministic
+@given(prism_lists, places, places)
+def test_a_line_enters_a_prism_when_shapely_says_so(prisms, p, q):
+    inside = naive.enters(prisms, p, q)
+    if inside > 1e-6:
+        assert not clear(prisms, p, q)
+    # A line along a wall lies in the polygon of shapely, which has no inside there.
+    elif not any(footprint.boundary.intersects(shapely.LineString([p[:2], q[:2]])) for footprint, _ in prisms):
+        assert clear(prisms, p, q)
+
+
+@deterministic
+@given(prism_lists, places, places, st.floats(0.125, GROWN_M, width=32), st.floats(0.0, 10.0, width=32))
+def test_clearance_is_that_of_shapely(prisms, p, q, beside, above):
+    distance = naive.clearance_beside(prisms, p, q, above)
+    if abs(distance - beside) > 1e-6:
+        assert clear(prisms, p, q, beside, above) == (distance > beside)
+
+
+@deterministic
+@given(footprints(), heights, places, places, st.floats(0.5, GROWN_M, width=32), st.floats(0.0, 10.0, width=32))
+def test_what_a_line_lacks_is_found_by_trying_places(footprint, top, p, q, beside, above):
+    expected = naive.lacking(footprint, top, p, q, beside, above)
+    number, lacking, at = worst_breach(obstacles_of([(footprint, top)]), *p, *q, beside, above)
+    # Between two places that were tried lie at most 0.03 m, and as much height.
+    assert lacking == pytest.approx(expected, abs=0.06)
+    assert (number == 0) == (lacking > 0.0)
+    assert 0.0 <= at <= 1.0
+
+
+@deterministic
+@given(prism_lists, places)
+def test_the_horizon_passes_over_every_prism(prisms, place):
+    lattice = np.zeros((1, 1), dtype=np.int32)
+    centre = np.array([place])
+    found = horizons(obstacles_of(prisms), lattice, centre, place[0], place[1], 5.0, 30.0)[0]
+    assert found == pytest.approx(naive.horizon(prisms, place, 30.0), rel=1e-9)
+
+
+@deterministic
+@given(prism_lists, places)
+def test_roofs_are_the_highest_tops_over_a_place(prisms, place):
+    inside = [top for footprint, top in prisms if footprint.contains(shapely.Point(place[:2]))]
+    on_edge = any(footprint.boundary.distance(shapely.Point(place[:2])) < 1e-9 for footprint, _ in prisms)
+    if not on_edge:
+        found = roofs_m(obstacles_of(prisms), np.array([place[0]]), np.array([place[1]]))[0]
+        assert found == max(inside, default=-math.inf)
+
+
+@deterministic
+@given(prism_lists, places, places, st.floats(0.125, GROWN_M, width=32))
+def test_the_highest_top_near_a_leg(prisms, p, q, beside):
+    line = np.array([p[:2], q[:2]])
+    distances = [footprint.distance(shapely.LineString(line)) for footprint, _ in prisms]
+    if all(abs(d - beside) > 1e-6 for d in distances):
+        expected = max((top for d, (_, top) in zip(distances, prisms, strict=True) if d < beside), default=-math.inf)
+        assert tops_near_m(obstacles_of(prisms), line, beside).tolist() == [expected]
+
+
+BOX = [(shapely.box(0.0, 0.0, 10.0, 10.0), 20.0)]
+
+
+@pytest.mark.parametrize(
+    ("p", "q", "is_clear"),
+    [
+        ((-5.0, 5.0, 10.0), (15.0, 5.0, 10.0), False),  # straight through
+        ((-5.0, 5.0, 21.0), (15.0, 5.0, 21.0), True),  # over it
+        ((-5.0, 5.0, 35.5), (15.0, 5.0, 15.5), True),  # just over the far edge of the roof
+        ((-5.0, 5.0, 34.5), (15.0, 5.0, 14.5), False),
+        ((-5.0, -5.0, 5.0), (15.0, 15.0, 5.0), False),  # through two corners
+        ((-5.0, 5.5, 5.0), (5.0, 15.5, 5.0), True),  # past a corner
+        ((-5.0, 4.5, 5.0), (5.0, 14.5, 5.0), False),
+        ((0.0, 5.0, 0.0), (-10.0, 5.0, 3.0), True),  # from the foot of a wall away
+        ((0.0, 5.0, 0.0), (10.0, 5.0, 30.0), False),  # from the foot of a wall over it
+        ((5.0, 5.0, 20.0), (40.0, 5.0, 22.0), True),  # from the roof
+        ((5.0, 5.0, 19.0), (5.0, 5.0, 40.0), False),  # straight up from inside
+        ((5.0, 5.0, 20.0), (5.0, 5.0, 40.0), True),
+        ((math.nan, 5.0, 20.0), (5.0, 5.0, 40.0), False),
+    ],
+)
+def test_a_ray_and_a_box(p, q, is_clear):
+    assert clear(BOX, p, q) == is_clear
+    if math.isfinite(p[0]):
+        assert clear(BOX, q, p) == is_clear
+
+
+def test_no_obstacles_are_never_in_the_way():
+    assert keeps_clear(NO_OBSTACLES, -5.0, 5.0, 10.0, 15.0, 5.0, 10.0, 5.0, 5.0)
+    assert worst_breach(NO_OBSTACLES, -5.0, 5.0, 10.0, 15.0, 5.0, 10.0, 5.0, 5.0)[0] == -1
+    assert roofs_m(NO_OBSTACLES, np.zeros(1), np.zeros(1)).tolist() == [-math.inf]
+
+
+def test_tiles_leave_no_prism_out():
+    rng = np.random.default_rng(5)
+    corners = rng.uniform(0.0, 2000.0, (300, 2))
+    prisms = [
+        (shapely.box(e, n, e + w, n + d), top)
+        for (e, n), (w, d), top in zip(
+            corners, rng.uniform(2.0, 60.0, (300, 2)), rng.uniform(5.0, 30.0, 300), strict=True
+        )
+    ]
+    obstacles = obstacles_of(prisms)
+    answers = set()
+    for p, q in rng.uniform([0.0, 0.0, 0.0], [2000.0, 2000.0, 120.0], (300, 2, 3)):
+        q = p + (q - p) * rng.choice([0.02, 0.1, 1.0])
+        answer = keeps_clear(obstacles, *p, *q, 5.0, 4.0)
+        assert answer == (naive.clearance_beside(prisms, p, q, 4.0) > 5.0)
+        answers.add(answer)
+    assert answers == {True, False}

@@ -1,0 +1,141 @@
+"""By how much a line comes too near to what stands on the ground, and where: the figures behind a refusal."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.kernels._jit import kernel
+from uavcover.kernels.obstacles import Obstacles, clear_of, distance_m, lower_part, over_footprint, over_prism
+
+
+@kernel
+def worst_breach(
+    obstacles: Obstacles, pe: float, pn: float, pu: float, qe: float, qn: float, qu: float, beside: float, above: float
+) -> tuple[int, float, float]:
+    """How much clearance the line p-q lacks where it lacks most.
+
+    What it lacks of a prism is the smaller of two: how far aside it would have to be where it is too low, and how much higher
+    where it is too near. A line that leads over the footprint too low can only be higher.
+
+    Returns:
+        number of the prism, -1 when the line is clear of all; metres that it lacks; the parameter 0..1 where.
+    """
+    worst, lacking, place = -1, 0.0, 0.0
+    for prism in range(obstacles.top_m.size):
+        if clear_of(obstacles, prism, pe, pn, pu, qe, qn, qu, beside, above):
+            continue
+        higher, at = _lacking_height(obstacles, prism, pe, pn, pu, qe, qn, qu, beside, above)
+        begin, end = lower_part(pu, qu, obstacles.top_m[prism] + above)
+        if not over_footprint(obstacles, prism, pe, pn, qe, qn, begin, end):
+            distance, nearest_at = distance_m(obstacles, prism, pe, pn, qe, qn, begin, end)
+            if beside - distance < higher:
+                higher, at = beside - distance, nearest_at
+        if higher > lacking:
+            worst, lacking, place = prism, higher, at
+    return worst, lacking, place
+
+
+@kernel
+def _lacking_height(
+    obstacles: Obstacles,
+    prism: int,
+    pe: float,
+    pn: float,
+    pu: float,
+    qe: float,
+    qn: float,
+    qu: float,
+    beside: float,
+    above: float,
+) -> tuple[float, float]:
+    """How much higher the line p-q has to be where it is within ``beside`` of a footprint, and where 0..1.
+
+    Along the line height changes evenly, so it is lowest at an end of the part that is that near: at an end of the line, or
+    where it enters or leaves the surroundings of an edge.
+    """
+    lowest, at = math.inf, 0.0
+    for t in (0.0, 1.0):
+        e, n = pe + t * (qe - pe), pn + t * (qn - pn)
+        if pu + t * (qu - pu) < lowest and over_prism(obstacles, prism, e, n):
+            lowest, at = pu + t * (qu - pu), t
+    for edge in range(obstacles.first_edge[prism], obstacles.first_edge[prism + 1]):
+        begin, end = _near_edge(
+            pe, pn, qe - pe, qn - pn, obstacles.edges_m[edge, 0], obstacles.edges_m[edge, 1],
+            obstacles.edges_m[edge, 2], obstacles.edges_m[edge, 3], beside,
+        )  # fmt: skip
+        if begin <= end:
+            for t in (begin, end):
+                if pu + t * (qu - pu) < lowest:
+                    lowest, at = pu + t * (qu - pu), t
+    return obstacles.top_m[prism] + above - lowest, at
+
+
+@kernel
+def _near_edge(
+    pe: float, pn: float, de: float, dn: float, ae: float, an: float, be: float, bn: float, radius: float
+) -> tuple[float, float]:
+    """Where in 0..1 the line from p by d comes within ``radius`` of the edge a-b: one interval, empty when reversed.
+
+    The surroundings of an edge are convex: two discs and the strip between them.
+    """
+    begin, end = 1.0, 0.0
+    for ce, cn in ((ae, an), (be, bn)):
+        low, high = _in_disc(pe - ce, pn - cn, de, dn, radius)
+        if low <= high:
+            begin, end = min(begin, low), max(end, high)
+    length = math.hypot(be - ae, bn - an)
+    if length > 0.0:
+        ue, un = (be - ae) / length, (bn - an) / length
+        low, high = _between((pe - ae) * ue + (pn - an) * un, de * ue + dn * un, 0.0, length)
+        low2, high2 = _between((pn - an) * ue - (pe - ae) * un, dn * ue - de * un, -radius, radius)
+        low, high = max(low, low2), min(high, high2)
+        if low <= high:
+            begin, end = min(begin, low), max(end, high)
+    return begin, end
+
+
+@kernel
+def _in_disc(e: float, n: float, de: float, dn: float, radius: float) -> tuple[float, float]:
+    """Where in 0..1 a place that moves from (e, n) by (de, dn) is within ``radius`` of the origin."""
+    a, b, c = de * de + dn * dn, e * de + n * dn, e * e + n * n - radius * radius
+    if a == 0.0:
+        return (0.0, 1.0) if c <= 0.0 else (1.0, 0.0)
+    root2 = b * b - a * c
+    if root2 < 0.0:
+        return 1.0, 0.0
+    root = math.sqrt(root2)
+    return max(0.0, (-b - root) / a), min(1.0, (-b + root) / a)
+
+
+@kernel
+def _between(value: float, change: float, low: float, high: float) -> tuple[float, float]:
+    """Where in 0..1 a number that goes from ``value`` by ``change`` is between ``low`` and ``high``."""
+    if change == 0.0:
+        return (0.0, 1.0) if low <= value <= high else (1.0, 0.0)
+    t0, t1 = (low - value) / change, (high - value) / change
+    return max(0.0, min(t0, t1)), min(1.0, max(t0, t1))
+
+
+@kernel
+def tops_near_m(obstacles: Obstacles, line: NDArray[np.float64], beside: float) -> NDArray[np.float64]:
+    """(n - 1,) highest top within ``beside`` of each leg of an (n, 2) line on the map; -inf where there is none."""
+    legs = line.shape[0] - 1
+    out = np.full(max(legs, 0), -math.inf)
+    for k in range(legs):
+        for prism in range(obstacles.top_m.size):
+            # Lower than any top, every part of the line counts.
+            if obstacles.top_m[prism] > out[k] and not clear_of(
+                obstacles,
+                prism,
+                line[k, 0],
+                line[k, 1],
+                -math.inf,
+                line[k + 1, 0],
+                line[k + 1, 1],
+                -math.inf,
+                beside,
+                0.0,
+            ):
+                out[k] = obstacles.top_m[prism]
+    return out
