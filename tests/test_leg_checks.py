@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.planning.sites import ORIGIN, make_site, ridge
+from tests.planning.sites import ORIGIN, make_site, ridge, tower
 from uavcover.leg_checks import (
     LegProblem,
     climb_angles_deg,
@@ -12,6 +12,7 @@ from uavcover.leg_checks import (
     measure_violations,
     route_height_range_m,
 )
+from uavcover.model.obstacles import Obstacles
 from uavcover.site import Site
 
 
@@ -199,3 +200,31 @@ def test_arguments_are_left_alone() -> None:
     find_problems(make_site(), points, lowest_agl_m=40.0, highest_agl_m=120.0)
     measure_violations(make_site(), points, margin_m=0.0)
     np.testing.assert_array_equal(points, GOOD)
+
+
+TOWER = Obstacles(prisms=(tower(140, 90, 160, 110, 50),), clearance_beside_m=12.0, clearance_above_m=8.0)
+
+
+def test_an_obstacle_by_how_much_and_where() -> None:
+    site = make_site(obstacles=TOWER)
+    # Over it: the top is at 50 m, so 58 m is enough and 53 m is 5 m too low, from where the leg is 12 m near.
+    assert find_problems(site, route((0, 100, 58), (300, 100, 58)), lowest_agl_m=40.0, highest_agl_m=120.0) == []
+    found = only(site, route((0, 100, 53), (300, 100, 53)))
+    assert (found.kind, found.leg, found.name) == ("obstacle", 1, "tower")
+    assert found.value == pytest.approx(5.0)
+    assert found.east_m == pytest.approx(128.0)
+    assert str(found) == "leg to waypoint 1: 5.0 m too near to obstacle 'tower' at 128 m east, 100 m north"
+    # Beside it, lower: 12 m is enough, 10 m lacks 2.
+    assert measure_violations(site, route((0, 122, 45), (300, 122, 45)), margin_m=0.0).obstacle_m == 0.0
+    assert measure_violations(site, route((0, 120, 45), (300, 120, 45)), margin_m=0.0).obstacle_m == pytest.approx(2.0)
+    # Between two samples of any grid: the leg is looked at all along.
+    assert measure_violations(site, route((0, 99, 45), (300, 101, 45)), margin_m=0.0).total == pytest.approx(13.0)
+
+
+def test_where_limits_are_for_waypoints_a_leg_may_pass_through_an_obstacle() -> None:
+    site = make_site(obstacles=TOWER, limits={"applies_to": "waypoints"})
+    assert measure_violations(site, route((0, 100, 53), (300, 100, 53)), margin_m=0.0).total == 0.0
+    inside = route((0, 100, 53), (150, 100, 45))
+    assert measure_violations(site, inside, margin_m=0.0).obstacle_m == pytest.approx(13.0)
+    (found,) = find_waypoint_problems(site, inside, lowest_agl_m=40.0, highest_agl_m=120.0)
+    assert str(found).startswith("waypoint 1: 13.0 m too near to obstacle 'tower'")

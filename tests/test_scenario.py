@@ -89,7 +89,14 @@ def refused(*changes, text=GOOD, folder=FOLDER):
 
 
 def test_the_bundled_scenarios_load_and_come_back_from_their_text():
-    assert bundled_scenarios() == ("jacksboro", "paper-R2", "paper-planar", "paper-r1", "ridge-25km2")
+    assert bundled_scenarios() == (
+        "jacksboro",
+        "paper-R2",
+        "paper-planar",
+        "paper-r1",
+        "ridge-25km2",
+        "ridge-obstacles",
+    )
     for name in bundled_scenarios():
         scenario = load_scenario(name)
         assert scenario.name == name

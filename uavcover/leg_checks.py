@@ -15,6 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.site import Site
+from uavcover.terrain.clearance import leg_breaches, waypoint_breaches
 
 FloatArray = NDArray[np.float64]
 
@@ -26,7 +27,14 @@ _FENCE_LOCK = threading.Lock()
 
 
 ProblemKind = Literal[
-    "no elevation data", "too low", "too high", "below sea-level limit", "above sea-level limit", "climb", "fence"
+    "no elevation data",
+    "too low",
+    "too high",
+    "below sea-level limit",
+    "above sea-level limit",
+    "climb",
+    "fence",
+    "obstacle",
 ]
 
 
@@ -37,12 +45,14 @@ class LegProblem:
     Attributes:
         leg: number of the waypoint at its end, counted from 0; leg k goes from waypoint k - 1 to k.
         kind: which limit.
-        value: what the leg has where it is worst; for the fence, metres outside of it.
+        value: what the leg has where it is worst; for the fence, metres outside of it; for an obstacle, metres that are lacking
+            aside or in height, whichever is less.
         limit: what is allowed.
         unit: of both.
         east_m: where it is worst.
         north_m: where it is worst.
         waypoint_alone: whether only the waypoint was looked at, not the leg that leads to it.
+        name: of the obstacle.
     """
 
     leg: int
@@ -53,6 +63,7 @@ class LegProblem:
     east_m: float
     north_m: float
     waypoint_alone: bool = False
+    name: str = ""
 
     def __str__(self) -> str:
         what = f"waypoint {self.leg}" if self.waypoint_alone else f"leg to waypoint {self.leg}"
@@ -61,6 +72,8 @@ class LegProblem:
             return f"{what}: no elevation data {where}"
         if self.kind == "fence":
             return f"{what}: {self.value:.1f} m outside the fence {where}"
+        if self.kind == "obstacle":
+            return f"{what}: {self.value:.1f} m too near to obstacle {self.name!r} {where}"
         amounts = f"{self.value:.1f} {self.unit} against {self.limit:.1f} {self.unit}"
         return f"{what}: {self.kind}, {amounts} {where}"
 
@@ -75,6 +88,7 @@ class Violations:
         sea_level_m: metres outside the sea-level limits, summed over the waypoints.
         climb_deg: degrees steeper than the limit, summed over the legs.
         fence_m: metres of the route outside the fence.
+        obstacle_m: metres of clearance from obstacles that are lacking, summed over the legs.
         no_data_legs: legs without elevation data.
     """
 
@@ -83,14 +97,14 @@ class Violations:
     sea_level_m: float
     climb_deg: float
     fence_m: float
+    obstacle_m: float
     no_data_legs: int
 
     @property
     def total(self) -> float:
         """One number, 0 when every limit holds: metres and degrees added up, 1000 for a leg without data."""
-        return (
-            self.below_m + self.above_m + self.sea_level_m + self.climb_deg + self.fence_m + 1000.0 * self.no_data_legs
-        )
+        metres = self.below_m + self.above_m + self.sea_level_m + self.fence_m + self.obstacle_m
+        return metres + self.climb_deg + 1000.0 * self.no_data_legs
 
 
 def measure_violations(site: Site, route_m: FloatArray, *, margin_m: float) -> Violations:
@@ -125,6 +139,7 @@ def measure_violations(site: Site, route_m: FloatArray, *, margin_m: float) -> V
         sea_level_m=sea,
         climb_deg=climb,
         fence_m=_length_outside_fence_m(site, route_m),
+        obstacle_m=float(_breaches(site, route_m)[:, 1].sum()),
         no_data_legs=int((~known).sum()),
     )
 
@@ -149,8 +164,10 @@ def find_problems(
     ranges = site.ground.leg_height_ranges_m(route_m)
     alts = site.alts_amsl_m(route_m)
     angles = climb_angles_deg(route_m)
+    breaches = leg_breaches(site.ground, route_m, site.scenario.obstacles)
     for leg, row in enumerate(ranges, start=1):
         a, b = route_m[leg - 1], route_m[leg]
+        problems += _obstacle_problems(site, leg, (a, b), breaches[leg - 1])
         problems += _height_problems(site, leg, (a, b), row, alts[leg - 1 : leg + 1], lowest_agl_m, highest_agl_m)
         if angles[leg - 1] > limits.max_climb_angle_deg + CLIMB_TOLERANCE_DEG:
             angle = float(angles[leg - 1])
@@ -177,7 +194,9 @@ def find_waypoint_problems(
     problems: list[LegProblem] = []
     rows = _waypoint_figures(site, route_m)
     alts = site.alts_amsl_m(route_m)
+    breaches = waypoint_breaches(site.ground, route_m, site.scenario.obstacles)
     for k, (point, row) in enumerate(zip(route_m, rows, strict=True)):
+        problems += _obstacle_problems(site, k, (point, point), breaches[k])
         problems += _height_problems(site, k, (point, point), row, alts[[k, k]], lowest_agl_m, highest_agl_m)
         outside, _ = _furthest_outside_fence(site, point, point)
         if outside > 0.0:
@@ -218,6 +237,24 @@ def _height_problems(
     if limits.max_alt_amsl_m is not None and highest > limits.max_alt_amsl_m + HEIGHT_TOLERANCE_M:
         at = float(np.argmax(alts_amsl_m))
         yield problem("above sea-level limit", highest, limits.max_alt_amsl_m, "m AMSL", at)
+
+
+def _obstacle_problems(
+    site: Site, leg: int, ends_m: tuple[FloatArray, FloatArray], breach: FloatArray
+) -> Iterator[LegProblem]:
+    """What is wrong with a leg between two (3,) ends among obstacles; ``breach`` is its row of figures."""
+    number, lacking, t = breach
+    if lacking > 0.0:
+        place = ends_m[0] + t * (ends_m[1] - ends_m[0])
+        name = site.prisms[int(number)].footprint.name
+        yield LegProblem(leg, "obstacle", float(lacking), 0.0, "m", float(place[0]), float(place[1]), name=name)
+
+
+def _breaches(site: Site, route_m: FloatArray) -> FloatArray:
+    """Rows as of :func:`leg_breaches`, for the legs or for the waypoints alone, as the limits apply."""
+    if site.scenario.limits.applies_to == "legs" and len(route_m) > 1:
+        return leg_breaches(site.ground, route_m, site.scenario.obstacles)
+    return waypoint_breaches(site.ground, route_m, site.scenario.obstacles)
 
 
 def climb_angles_deg(route_m: FloatArray) -> FloatArray:

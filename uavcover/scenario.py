@@ -13,11 +13,16 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from uavcover.errors import ScenarioError
+from uavcover.geojson import polygons_of, read_geojson
 from uavcover.model.area import Area, Ring
 from uavcover.model.limits import FlightLimits
+from uavcover.model.obstacles import Obstacles
 from uavcover.model.scenario import RasterTerrain, Scenario
+from uavcover.obstacle_file import read_obstacles
 
 _BUNDLED = "bundled:"
+_MOST_MISTAKES = 5
+"""An error line names no more obstacles than this."""
 _SCENARIO = TypeAdapter(Scenario)
 _AREA = TypeAdapter(Area)
 
@@ -77,10 +82,14 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
             mistakes += _shape_mistakes(_AREA.validate_json(json.dumps(raw["area"], default=str), strict=True), folder)
         raise ScenarioError(f"{source}: {'; '.join(mistakes)}") from error
     mistakes += _shape_mistakes(scenario.area, folder) + _fence_mistakes(scenario.limits)
+    mistakes += _obstacle_mistakes(scenario, folder)
     if mistakes:
         raise ScenarioError(f"{source}: {'; '.join(mistakes)}")
     return dataclasses.replace(
-        scenario, area=_inline_geojson(scenario.area, folder), terrain=_absolute_file(scenario.terrain, folder)
+        scenario,
+        area=_inline_geojson(scenario.area, folder),
+        terrain=_absolute_file(scenario.terrain, folder),
+        obstacles=_inline_obstacles(scenario.obstacles, folder),
     )
 
 
@@ -94,8 +103,15 @@ def dump_scenario(scenario: Scenario) -> str:
 def terrain_path(terrain: RasterTerrain) -> Path:
     """The elevation file of a loaded scenario."""
     if terrain.file.startswith(_BUNDLED):
-        return Path(str(resources.files("uavcover") / "data" / terrain.file.removeprefix(_BUNDLED)))
+        return _data_file(terrain.file, Path())
     return Path(terrain.file)
+
+
+def _data_file(name: str, folder: Path) -> Path:
+    """A file that a scenario names: of the package, or relative to a folder."""
+    if name.startswith(_BUNDLED):
+        return Path(str(resources.files("uavcover") / "data" / name.removeprefix(_BUNDLED)))
+    return folder / name
 
 
 def _mistakes(errors: list[ErrorDetails], raw: dict[str, Any]) -> list[str]:
@@ -193,13 +209,9 @@ def _inline_geojson(area: Area, folder: Path) -> Area:
     if area.geojson is None:
         return area
     path = folder / area.geojson
+    document = read_geojson(path, key="area.geojson")
     try:
-        document = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise ScenarioError(f"area.geojson: {path} cannot be read as GeoJSON ({error})") from error
-    try:
-        _check_geojson_crs(document, path)
-        polygons = list(_polygons(document))
+        polygons = [rings for rings, _ in polygons_of(document)]
         if len(polygons) != 1:
             raise ScenarioError(f"area.geojson: {path} has {len(polygons)} polygons; exactly one is needed")
         rings = tuple(tuple((float(p[0]), float(p[1])) for p in ring) for ring in polygons[0])
@@ -208,27 +220,35 @@ def _inline_geojson(area: Area, folder: Path) -> Area:
         raise ScenarioError(f"area.geojson: {path}: not a GeoJSON polygon ({error})") from error
 
 
-def _check_geojson_crs(document: Any, path: Path) -> None:
-    # RFC 7946 has longitude and latitude on WGS 84 only; older files may name another system.
-    crs = document.get("crs") if isinstance(document, dict) else None
-    if crs and not any(name in json.dumps(crs) for name in ("CRS84", "EPSG::4326", "EPSG:4326")):
-        raise ScenarioError(
-            f"area.geojson: {path} names another coordinate system ({_shown(crs)}); convert it to longitude and latitude "
-            "on WGS 84 (ogr2ogr -t_srs EPSG:4326)"
-        )
+def _inline_obstacles(obstacles: Obstacles, folder: Path) -> Obstacles:
+    """The obstacles with those of their file among them in place of the file.
+
+    Raises:
+        ScenarioError: the file cannot be used.
+    """
+    if obstacles.file is None:
+        return obstacles
+    read = read_obstacles(_data_file(obstacles.file, folder))
+    return dataclasses.replace(obstacles, file=None, prisms=(*obstacles.prisms, *read))
 
 
-def _polygons(document: Any) -> list[Any]:
-    if not isinstance(document, dict):
-        return []
-    kind = document.get("type")
-    if kind == "FeatureCollection":
-        return [polygon for feature in document.get("features") or [] for polygon in _polygons(feature)]
-    if kind == "Feature":
-        return _polygons(document.get("geometry"))
-    if kind == "MultiPolygon":
-        return list(document.get("coordinates") or [])
-    return [document.get("coordinates")] if kind == "Polygon" else []
+def _obstacle_mistakes(scenario: Scenario, folder: Path) -> list[str]:
+    """What is wrong with the footprints of the obstacles."""
+    found: list[str] = []
+    try:
+        prisms = _inline_obstacles(scenario.obstacles, folder).prisms
+    except ScenarioError as error:
+        return [str(error)]
+    for number, prism in enumerate(prisms):
+        where = f"obstacles.prisms.{number} ({prism.name or 'no name'})"
+        if prism.rings_lon_lat_deg and not scenario.area.is_geographic and scenario.origin is None:
+            found.append(f"{where}: longitudes and latitudes need an [origin]; give rings_east_north_m")
+        outer, *courts = [
+            _valid_ring(ring, where, found) for ring in prism.rings_lon_lat_deg or prism.rings_east_north_m
+        ]
+        if outer is not None and any(court is not None and not outer.covers(court) for court in courts):
+            found.append(f"{where}: a courtyard reaches outside the footprint")
+    return found[:_MOST_MISTAKES]
 
 
 def _absolute_file(terrain: Any, folder: Path) -> Any:
@@ -283,15 +303,25 @@ def _valid_ring(ring: Ring, where: str, found: list[str]) -> Any:
     return polygon
 
 
-def _dump_table(table: dict[str, Any], path: tuple[str, ...], lines: list[str]) -> None:
+def _dump_table(table: dict[str, Any], path: tuple[str, ...], lines: list[str], *, opening: str = "[{}]") -> None:
     if path:
-        lines.append(f"\n[{'.'.join(path)}]")
+        lines.append("\n" + opening.format(".".join(path)))
+    rows = {key: value for key, value in table.items() if _is_rows(value)}
     lines.extend(
-        f"{key} = {_toml(value)}" for key, value in table.items() if value is not None and not isinstance(value, dict)
+        f"{key} = {_toml(value)}"
+        for key, value in table.items()
+        if value is not None and key not in rows and not isinstance(value, dict)
     )
     for key, value in table.items():
         if isinstance(value, dict):
             _dump_table(value, (*path, key), lines)
+    for key, value in rows.items():
+        for row in value:
+            _dump_table(row, (*path, key), lines, opening="[[{}]]")
+
+
+def _is_rows(value: Any) -> bool:
+    return isinstance(value, tuple) and bool(value) and all(isinstance(row, dict) for row in value)
 
 
 def _toml(value: Any) -> str:

@@ -12,6 +12,7 @@ from uavcover.frames import LocalFrame
 from uavcover.model.area import Ring
 from uavcover.model.scenario import RasterTerrain, Scenario, SineCosineTerrain
 from uavcover.terrain.ground import Ground, sine_cosine_ground
+from uavcover.terrain.obstacles import Footprint, Prism, stand_on
 from uavcover.terrain.raster import read_ground, read_height_amsl_m
 
 FloatArray = NDArray[np.float64]
@@ -34,6 +35,7 @@ class Site:
         area: what is to be seen, holes cut out, (east, north) metres.
         fence: what must not be left, (east, north) metres.
         home_m: (3,) take-off place on the ground, ENU metres; none without a home.
+        prisms: the obstacles that stand on the ground, in the numbers of its kernels.
     """
 
     scenario: Scenario
@@ -42,6 +44,7 @@ class Site:
     area: shapely.Polygon | shapely.MultiPolygon
     fence: shapely.Polygon
     home_m: FloatArray | None
+    prisms: tuple[Prism, ...] = ()
 
     @property
     def alt_amsl_offset_m(self) -> float:
@@ -73,7 +76,15 @@ def build_site(scenario: Scenario, *, terrain_file: Path | None = None) -> Site:
         _check_near(scenario, area, fence, home_en)
     if home_en is not None and not fence.covers(shapely.Point(home_en)):
         raise ScenarioError("home: the take-off place is outside limits.fence; move one of the two")
-    ground = _ground(scenario, frame, shapely.union_all([area, fence]).bounds, terrain_file)
+    footprints = _footprints(scenario, frame, shapely.union_all([area, fence]))
+    bounds = shapely.union_all([area, fence, *(footprint.polygon for footprint in footprints)]).bounds
+    ground = _ground(scenario, frame, bounds, terrain_file)
+    prisms: tuple[Prism, ...] = ()
+    if footprints:
+        clearance_m = max(scenario.obstacles.clearance_beside_m, scenario.uncertainty.position_m)
+        ground, prisms = stand_on(ground, footprints, largest_clearance_m=clearance_m)
+    if home_en is not None:
+        _check_home_is_clear(scenario, home_en, footprints)
     home = None
     if home_en is not None:
         home_up = float(ground.heights_m(home_en)[0])
@@ -81,7 +92,7 @@ def build_site(scenario: Scenario, *, terrain_file: Path | None = None) -> Site:
             raise TerrainError(f"home: no elevation at the take-off place ({ground.source})")
         home = np.array([home_en[0], home_en[1], home_up])
         home.flags.writeable = False
-    return Site(scenario=scenario, frame=frame, ground=ground, area=area, fence=fence, home_m=home)
+    return Site(scenario=scenario, frame=frame, ground=ground, area=area, fence=fence, home_m=home, prisms=prisms)
 
 
 def _frame(scenario: Scenario, terrain_file: Path | None) -> LocalFrame | None:
@@ -157,6 +168,29 @@ def _home_en(scenario: Scenario, frame: LocalFrame | None) -> FloatArray | None:
     if frame is None or home.lat_deg is None or home.lon_deg is None:
         raise ScenarioError("home: lat_deg and lon_deg need an origin")
     return np.asarray(frame.enu_from_geodetic(home.lat_deg, home.lon_deg, frame.alt_amsl_m)[0, :2])
+
+
+def _footprints(scenario: Scenario, frame: LocalFrame | None, places: shapely.Geometry) -> list[Footprint]:
+    """The obstacles that stand in area or fence, or near enough to matter there."""
+    found = []
+    for number, prism in enumerate(scenario.obstacles.prisms):
+        rings = [_polygon(ring, None, frame).exterior for ring in prism.rings_lon_lat_deg]
+        rings += [shapely.LinearRing(ring) for ring in prism.rings_east_north_m]
+        polygon = shapely.Polygon(rings[0], rings[1:])
+        if polygon.distance(places) <= TERRAIN_MARGIN_M:
+            found.append(Footprint(prism.name or str(number), polygon, prism.height_m))
+    return found
+
+
+def _check_home_is_clear(scenario: Scenario, home_en: FloatArray, footprints: list[Footprint]) -> None:
+    clearance_m = scenario.obstacles.clearance_beside_m
+    for footprint in footprints:
+        distance_m = footprint.polygon.distance(shapely.Point(home_en))
+        if distance_m < clearance_m:
+            raise ScenarioError(
+                f"home: {distance_m:.1f} m from obstacle {footprint.name!r}, obstacles.clearance_beside_m is {clearance_m:g} m; "
+                "move the take-off place"
+            )
 
 
 def _fence(

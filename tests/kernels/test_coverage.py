@@ -2,9 +2,11 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.kernels.test_obstacles import obstacles_of
 from tests.naive import coverage as naive
 from uavcover.kernels import coverage as kernels
 from uavcover.kernels.coverage import (
@@ -17,6 +19,7 @@ from uavcover.kernels.coverage import (
     Cells,
     Sight,
 )
+from uavcover.kernels.obstacles import horizons, roofs_m
 from uavcover.kernels.surface import gradients, heights
 from uavcover.terrain.ground import grid_ground, sine_cosine_ground
 
@@ -33,11 +36,21 @@ sights = st.builds(
 
 
 def rough_ground(seed, *, gaps=False):
+    """A small grid; with an odd seed two boxes and a court stand on it."""
     rng = np.random.default_rng(seed)
     nodes = rng.uniform(-1.0, 1.0, (5, 6)) * rng.choice([0.2, 1.0, 3.0])
     if gaps:
         nodes[rng.integers(5), rng.integers(6)] = math.nan
-    return grid_ground(nodes, east0_m=-1.0, north0_m=2.0, step_m=1.0, source="test", vertical_datum="local").surface
+    bare = grid_ground(nodes, east0_m=-1.0, north0_m=2.0, step_m=1.0, source="test", vertical_datum="local").surface
+    if seed % 2 == 0:
+        return bare
+    prisms = []
+    for _ in range(3):
+        east, north = rng.uniform([-0.5, 2.3], [2.5, 4.5])
+        box = shapely.affinity.rotate(shapely.box(east, north, east + 1.1, north + 0.7), rng.uniform(0.0, 90.0))
+        prisms.append((box, rng.uniform(0.0, 3.0)))
+    prisms[0] = (prisms[0][0].difference(prisms[0][0].buffer(-0.2)), prisms[0][1])
+    return bare._replace(obstacles=obstacles_of(prisms))
 
 
 def cells_on(surface, seed=0):
@@ -46,17 +59,21 @@ def cells_on(surface, seed=0):
     east0, north0, size = -0.8, 2.1, 0.45
     east, north = np.meshgrid(east0 + np.arange(10) * size, north0 + np.arange(8) * size)
     up = heights(surface, east.ravel(), north.ravel()).reshape(east.shape)
+    roof = roofs_m(surface.obstacles, east.ravel(), north.ravel()).reshape(up.shape)
+    up = np.maximum(up, roof)
     there = np.isfinite(up) & (rng.random(up.shape) < 0.8)
     lattice = np.full(up.shape, -1, dtype=np.int32)
     lattice[there] = rng.permutation(int(there.sum()))
     order = np.argsort(lattice[there])
     places = np.column_stack([east[there], north[there], up[there]])[order]
     slopes = gradients(surface, np.ascontiguousarray(places[:, 0]), np.ascontiguousarray(places[:, 1]))
+    slopes[np.isfinite(roof[there][order])] = 0.0
     normals = np.column_stack([-slopes, np.ones(len(places))])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    for array in (lattice, places, normals):
+    horizon = horizons(surface.obstacles, lattice, places, east0, north0, size, 100.0)
+    for array in (lattice, places, normals, horizon):
         array.setflags(write=False)
-    return Cells(east0, north0, size, lattice, places, normals)
+    return Cells(east0, north0, size, lattice, places, normals, horizon)
 
 
 def eyes_over(seed, count=3):
@@ -119,6 +136,19 @@ def test_the_shortcut_by_the_steepest_slope_never_changes_an_answer(seed, analyt
         fast_seen = kernels.seen_from_points(surface, sight, cells, eye[None])
         slow_seen = kernels.seen_from_points(slow, sight, cells, eye[None])
         assert fast_seen.tolist() == slow_seen.tolist()
+
+
+def test_obstacles_hide_and_a_gap_is_seen_when_they_are_taken_away():
+    sight = Sight(CONE, 300.0, 1.0, -1.0, RAY)
+    flat = grid_ground(np.zeros((9, 9)), east0_m=-80, north0_m=-80, step_m=20, source="", vertical_datum="").surface
+    wall = flat._replace(obstacles=obstacles_of([(shapely.box(20.0, -30.0, 25.0, 30.0), 30.0)]))
+    eye, up = np.array([0.0, 0.0, 60.0]), np.array([0.0, 0.0, 1.0])
+    # The ray over the wall's far edge comes down at 60 / 30 times its distance; past its end nothing hides.
+    for place, hidden in (((49.9, 0.0), True), ((50.1, 0.0), False), ((15.0, 0.0), False), ((25.0, 50.0), False)):
+        centre = np.array([*place, 0.0])
+        assert kernels.sees(flat, sight, eye, centre, up)
+        assert kernels.sees(wall, sight, eye, centre, up) != hidden
+    assert kernels.sees(wall, sight, eye, np.array([22.0, 0.0, 30.0]), up), "its roof"
 
 
 def test_regression_shortcut_saw_from_outside_the_data():
@@ -200,9 +230,10 @@ def test_a_cell_exactly_at_the_reach_is_seen():
     surface = grid_ground(np.zeros((2, 2)), east0_m=-9, north0_m=-9, step_m=18, source="", vertical_datum="").surface
     centre = np.array([[0.1 * k, 0.0, 0.0] for k in range(8)])
     lattice, normals = np.arange(8, dtype=np.int32)[None], np.tile([0.0, 0.0, 1.0], (8, 1))
-    for array in (lattice, centre, normals):
+    horizon = np.zeros(8)
+    for array in (lattice, centre, normals, horizon):
         array.setflags(write=False)
-    cells = Cells(0.0, 0.0, 0.1, lattice, centre, normals)
+    cells = Cells(0.0, 0.0, 0.1, lattice, centre, normals, horizon)
     for radius in (0.3, 0.30000000000000004, 0.7):
         sight = Sight(DISC, radius, 0.0, -1.0, NO_LINE_OF_SIGHT)
         seen = kernels.seen_from_points(surface, sight, cells, np.zeros((1, 3)))

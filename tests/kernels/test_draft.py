@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.kernels.test_coverage import cells_on, rough_ground, sights
 from tests.naive import draft as naive
-from tests.planning.sites import hills, make_site
+from tests.planning.sites import hills, make_site, tower
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.kernels import coverage as coverage_kernels
 from uavcover.kernels.annealing import Prices, Schedule, anneal, energy_of_share, snapshot
@@ -20,6 +20,7 @@ from uavcover.kernels.draft import ALONG_PATH, AT_WAYPOINTS, WIDEST, Draft, Room
 from uavcover.kernels.route import path_length
 from uavcover.kernels.spans import list_cells
 from uavcover.leg_checks import measure_violations
+from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Route
 from uavcover.model.sensor import NadirCamera, SphereSensor
 from uavcover.planning.draft_route import draft_of, local_task
@@ -167,11 +168,12 @@ def test_equal_generators_give_equal_routes():
     ids=["along-path", "at-waypoints"],
 )
 def test_hot_changes_never_break_a_limit_of_the_legs(sensor):
-    # Concave fence, sea-level limit, climb limit and band with a margin, all at once.
+    # Concave fence, sea-level limit, climb limit, band with a margin and two towers, all at once.
     fence = ((-150, -150), (450, -150), (450, 120), (200, 120), (200, 350), (-150, 350))
     site = make_site(
         hills, sensor=sensor, fence=fence, cell_m=20.0,
         limits={"height_margin_m": 5.0, "max_alt_amsl_m": 490.0, "max_climb_angle_deg": 20.0},
+        obstacles=Obstacles(prisms=(tower(90, 50, 110, 70, 45), tower(50, 130, 80, 150, 150)), clearance_beside_m=15.0),
     )  # fmt: skip
     task = local_task(CoverageMap(site, cell_size_m=20.0), margin_m=0.0, reach_m=70.0)
     corners = np.array([[20.0, 20.0], [180.0, 20.0], [180.0, 100.0], [20.0, 100.0]])

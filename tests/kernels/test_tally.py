@@ -32,6 +32,7 @@ def one_cell(east=0.0, north=0.0, up=0.0, normal=(0.0, 0.0, 1.0)):
         np.zeros((1, 1), dtype=np.int32),
         np.array([[east, north, up]]),
         np.array([normal], dtype=float),
+        np.zeros(1),
     )
 
 

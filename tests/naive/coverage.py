@@ -3,6 +3,7 @@
 import itertools
 import math
 
+from tests.naive import obstacles as naive_obstacles
 from tests.naive import surface as naive_surface
 from uavcover.kernels.coverage import CONE, DISC, GRAZING_M, MIDPOINT, RAY, SPHERE
 from uavcover.kernels.surface import SINE_COSINE
@@ -40,6 +41,8 @@ def in_line_of_sight(surface, sight, eye, centre):
         east, north, up = (0.5 * (e + c) for e, c in zip(eye, centre, strict=True))
         return up >= height(surface, east, north)
     if sight.line_of_sight == RAY:
+        if naive_obstacles.enters(naive_obstacles.prisms_of(surface.obstacles), eye, centre) > 1e-9:
+            return False
         if surface.kind == SINE_COSINE:
             heights = naive_surface.sampled_heights(lambda e, n: height(surface, e, n), eye, centre, 400)
             return min(heights) >= -GRAZING_M

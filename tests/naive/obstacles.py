@@ -6,6 +6,19 @@ import numpy as np
 import shapely
 
 
+def prisms_of(obstacles):
+    """(footprint, top) pairs of the kernels' numbers; every ring is an outline, inside of which even-odd counts."""
+    found = []
+    for k in range(obstacles.top_m.size):
+        edges = obstacles.edges_m[obstacles.first_edge[k] : obstacles.first_edge[k + 1]]
+        rings = shapely.polygonize([shapely.LineString([edge[:2], edge[2:]]) for edge in edges])
+        footprint = shapely.Polygon()
+        for outline in sorted({shapely.Polygon(part.exterior) for part in rings.geoms}, key=lambda p: -p.area):
+            footprint = footprint.symmetric_difference(outline)
+        found.append((footprint, float(obstacles.top_m[k])))
+    return found
+
+
 def lower_part(p, q, limit):
     """The part of the line p-q that is lower than ``limit``, as a line on the map; none when no part is."""
     if min(p[2], q[2]) >= limit:

@@ -10,11 +10,13 @@ import shapely
 from uavcover.frames import LocalFrame
 from uavcover.model.area import Area
 from uavcover.model.limits import FlightLimits
+from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.model.scenario import Home, Origin, PlannerSettings, Requirements, Scenario, SineCosineTerrain
 from uavcover.model.sensor import NadirCamera, Sensor
 from uavcover.model.vehicle import Vehicle
 from uavcover.site import Site
 from uavcover.terrain.ground import grid_ground
+from uavcover.terrain.obstacles import Footprint, stand_on
 
 ORIGIN = Origin(lat_deg=36.5, lon_deg=-84.2, alt_amsl_m=400.0)
 SQUARE = ((0.0, 0.0), (300.0, 0.0), (300.0, 200.0), (0.0, 200.0))
@@ -50,6 +52,7 @@ def make_site(
     vehicle: dict[str, Any] | None = None,
     planner: dict[str, Any] | None = None,
     requirements: dict[str, Any] | None = None,
+    obstacles: Obstacles | None = None,
 ) -> Site:
     scenario = Scenario(
         name="test",
@@ -62,6 +65,7 @@ def make_site(
         home=None if home is None else Home(east_m=home[0], north_m=home[1]),
         planner=PlannerSettings(**{"algorithm": "imodbo", "population_size": 20, "evaluations": 60, **(planner or {})}),
         requirements=Requirements(**(requirements or {})),
+        obstacles=obstacles or Obstacles(),
     )
     axis = np.arange(LOW_M, HIGH_M + STEP_M / 2, STEP_M)
     east, north = np.meshgrid(axis, axis)
@@ -75,7 +79,21 @@ def make_site(
         home_m = np.array([*home, float(ground.heights_m(np.array(home))[0])])
     frame = LocalFrame(ORIGIN.lat_deg, ORIGIN.lon_deg, ORIGIN.alt_amsl_m) if on_earth else None
     around = shapely.Polygon(fence) if fence is not None else hull.buffer(150.0, join_style="mitre")
-    return Site(scenario, frame, ground, area, around, home_m)
+    footprints = [
+        Footprint(
+            prism.name, shapely.Polygon(prism.rings_east_north_m[0], prism.rings_east_north_m[1:]), prism.height_m
+        )
+        for prism in scenario.obstacles.prisms
+    ]
+    ground, prisms = stand_on(ground, footprints, largest_clearance_m=scenario.obstacles.clearance_beside_m)
+    return Site(scenario, frame, ground, area, around, home_m, prisms)
+
+
+def tower(
+    west_m: float, south_m: float, east_m: float, north_m: float, height_m: float, *, name: str = "tower"
+) -> Obstacle:
+    ring = ((west_m, south_m), (east_m, south_m), (east_m, north_m), (west_m, north_m))
+    return Obstacle(height_m=height_m, rings_east_north_m=(ring,), name=name)
 
 
 def with_scenario(site: Site, **changes: Any) -> Site:

@@ -6,8 +6,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from uavcover.coverage.sensors import farthest_m
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.kernels.coverage import Cells
+from uavcover.kernels.obstacles import horizons
 from uavcover.site import Site
 
 MAX_CELLS = 4_000_000
@@ -19,7 +21,8 @@ class CellGrid:
 
     Attributes:
         cells: lattice, centres and normals.
-        weight_m2: (n,) area of the ground in each cell: side^2 sqrt(1 + zx^2 + zy^2), slopes at the centre (LIMITS, Eq. 1).
+        weight_m2: (n,) area of the ground in each cell: side^2 sqrt(1 + zx^2 + zy^2), slopes at the centre (LIMITS, Eq. 1); of
+            the roof, where an obstacle stands.
     """
 
     cells: Cells
@@ -63,13 +66,21 @@ def make_cells(site: Site, cell_size_m: float) -> CellGrid:
     slopes = site.ground.gradients(places)
     if not (np.isfinite(up).all() and np.isfinite(slopes).all()):
         raise TerrainError(_missing(site, places, ~np.isfinite(up)))
+    # Under an obstacle nothing can be seen: there the cell is a part of its flat roof.
+    roof = site.ground.roofs_m(places)
+    up = np.maximum(up, roof)
+    slopes[np.isfinite(roof)] = 0.0
     steepness = np.sqrt(1.0 + (slopes**2).sum(axis=1))
     centre = np.column_stack([places, up])
     normal = np.column_stack([-slopes, np.ones(len(places))]) / steepness[:, None]
     weight = cell_size_m**2 * steepness
-    for array in (index, centre, normal, weight):
+    horizon = horizons(
+        site.ground.surface.obstacles, index, centre, float(e[0]), float(n[0]), float(cell_size_m),
+        farthest_m(site.scenario.sensor),
+    )  # fmt: skip
+    for array in (index, centre, normal, horizon, weight):
         array.flags.writeable = False
-    return CellGrid(Cells(float(e[0]), float(n[0]), float(cell_size_m), index, centre, normal), weight)
+    return CellGrid(Cells(float(e[0]), float(n[0]), float(cell_size_m), index, centre, normal, horizon), weight)
 
 
 def _missing(site: Site, places: NDArray[np.float64], missing: NDArray[np.bool_]) -> str:

@@ -12,6 +12,7 @@ from uavcover.coverage.sensors import reach_at_height_m, sight_of
 from uavcover.kernels import coverage as kernels
 from uavcover.kernels.coverage import Sight
 from uavcover.site import Site
+from uavcover.terrain.clearance import waypoint_breaches
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -70,8 +71,8 @@ class CoverageMap:
         """(cells,) whether a cell can be seen from some allowed place.
 
         Every cell is tried from right above it and from 36 places around it, each at three heights, all inside the fence,
-        the height band and the sea-level limits. A cell that is found is coverable for certain; one that is not found
-        might still be seen from a place that was not tried, so the set is a lower bound.
+        the height band and the sea-level limits and clear of obstacles. A cell that is found is coverable for certain; one
+        that is not found might still be seen from a place that was not tried, so the set is a lower bound.
         """
         limits = self.site.scenario.limits
         middle_agl = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
@@ -109,7 +110,10 @@ class CoverageMap:
             high = np.minimum(high, limits.max_alt_amsl_m + sea)
         inside = shapely.intersects_xy(self.site.fence, east_north_m[:, 0], east_north_m[:, 1])
         up = np.where((low <= high) & inside, low + share * (high - low), np.nan)
-        return np.column_stack([east_north_m, up])
+        places = np.column_stack([east_north_m, up])
+        too_near = waypoint_breaches(self.site.ground, places, self.site.scenario.obstacles)[:, 1] > 0.0
+        places[too_near, 2] = np.nan
+        return places
 
 
 def sees_each(coverage: CoverageMap, eyes_m: FloatArray, cell_numbers: NDArray[np.int64]) -> BoolArray:

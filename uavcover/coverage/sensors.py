@@ -25,6 +25,11 @@ def sight_of(sensor: Sensor) -> Sight:
             )
 
 
+def farthest_m(sensor: Sensor) -> float:
+    """No sensor sees a cell farther away than this, metres on the map."""
+    return sensor.radius_m if isinstance(sensor, DiscSensor) else sensor.range_m
+
+
 def reach_at_height_m(sensor: Sensor, height_agl_m: float) -> float:
     """Horizontal radius of flat ground that a sensor sees from a height; 0 when it does not reach the ground."""
     match sensor:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
+from uavcover.kernels.obstacles import keeps_clear
 from uavcover.kernels.surface import Surface, has_node_cell, height, stays_above
 
 SPHERE = 0
@@ -32,8 +33,9 @@ class Cells(NamedTuple):
         north0_m: north of the centre of lattice row 0.
         size_m: side of a cell.
         lattice: (rows, columns) int32, number of the cell or -1.
-        centre_m: (n, 3) centres on the ground.
-        normal: (n, 3) unit normals of the ground.
+        centre_m: (n, 3) centres on the ground, or on the roof of what stands there.
+        normal: (n, 3) unit normals of the ground, or of the roof.
+        horizon: (n,) tangent of the slope above which no obstacle in the sensor's reach can hide the cell; 0 where none is near.
     """
 
     east0_m: float
@@ -42,6 +44,7 @@ class Cells(NamedTuple):
     lattice: NDArray[np.int32]
     centre_m: NDArray[np.float64]
     normal: NDArray[np.float64]
+    horizon: NDArray[np.float64]
 
 
 class Sight(NamedTuple):
@@ -105,16 +108,20 @@ def in_view(sight: Sight, de: float, dn: float, du: float, ne: float, nn: float,
 
 @kernel
 def in_line_of_sight(surface: Surface, sight: Sight, eye: NDArray[np.float64], centre: NDArray[np.float64]) -> bool:
-    """Whether nothing of the ground stands between ``eye`` (3,) and the centre (3,) of a cell."""
-    return nothing_between(surface, sight, eye[0], eye[1], eye[2], centre[0], centre[1], centre[2])
+    """Whether neither ground nor an obstacle stands between ``eye`` (3,) and the centre (3,) of a cell."""
+    return nothing_between(surface, sight, math.inf, eye[0], eye[1], eye[2], centre[0], centre[1], centre[2])
 
 
 @kernel
 def nothing_between(
-    surface: Surface, sight: Sight, ee: float, en: float, eu: float, ce: float, cn: float, cu: float
+    surface: Surface, sight: Sight, horizon: float, ee: float, en: float, eu: float, ce: float, cn: float, cu: float
 ) -> bool:
-    """:func:`in_line_of_sight` by coordinates."""
+    """:func:`in_line_of_sight` by coordinates, with the cell's own ``horizon`` (infinite: not known)."""
     if sight.line_of_sight == RAY:
+        if not eu - cu >= horizon * math.hypot(ee - ce, en - cn) and not keeps_clear(
+            surface.obstacles, ee, en, eu, ce, cn, cu, 0.0, 0.0
+        ):
+            return False
         if eu - cu >= surface.steepest * math.hypot(ee - ce, en - cn) and has_node_cell(surface, ee, en):
             # The ray leaves the ground more steeply than the ground can rise anywhere: nothing stands in its way.
             return True
@@ -198,7 +205,7 @@ def _look(
             ce, cn, cu = centre[cell, 0], centre[cell, 1], centre[cell, 2]
             if in_view(
                 sight, ee - ce, en - cn, eu - cu, normal[cell, 0], normal[cell, 1], normal[cell, 2]
-            ) and nothing_between(surface, sight, ee, en, eu, ce, cn, cu):
+            ) and nothing_between(surface, sight, cells.horizon[cell], ee, en, eu, ce, cn, cu):
                 first[cell] = number
                 table[i, j] = j + 1
                 new += 1

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
 from uavcover.kernels.coverage import Cells, Sight
+from uavcover.kernels.obstacles import keeps_clear
 from uavcover.kernels.spans import list_cells
 from uavcover.kernels.surface import Surface, height, height_range_between
 
@@ -35,6 +36,8 @@ class Room(NamedTuple):
         max_slope: tangent of the steepest leg.
         legs: 1 when heights, slopes and fence hold for every leg at its full length, 0 for the waypoints alone.
         fence_m: (k, 2) corners of the fence, east and north.
+        beside_m: clearance beside the obstacles on the surface.
+        above_m: clearance above their tops.
     """
 
     lowest_agl_m: float
@@ -44,6 +47,8 @@ class Room(NamedTuple):
     max_slope: float
     legs: int
     fence_m: NDArray[np.float64]
+    beside_m: float = 0.0
+    above_m: float = 0.0
 
 
 class Task(NamedTuple):
@@ -177,7 +182,7 @@ def allowed_place(task: Task, p: tuple[float, float, float]) -> bool:
     # A comparison with NaN is False: no elevation data, no waypoint.
     if not (room.lowest_agl_m <= agl <= room.highest_agl_m and room.lowest_up_m <= p[2] <= room.highest_up_m):
         return False
-    return inside_fence(room.fence_m, p[0], p[1])
+    return inside_fence(room.fence_m, p[0], p[1]) and _clear_of_obstacles(task, p, p)
 
 
 @kernel
@@ -188,12 +193,19 @@ def allowed_leg(task: Task, p: tuple[float, float, float], q: tuple[float, float
         return True
     if abs(q[2] - p[2]) > room.max_slope * math.hypot(q[0] - p[0], q[1] - p[1]):
         return False
-    if _crosses(room.fence_m, p, q):
+    if _crosses(room.fence_m, p, q) or not _clear_of_obstacles(task, p, q):
         return False
     low, _, high, _ = height_range_between(
         task.surface, p[0], p[1], p[2], q[0], q[1], q[2], room.lowest_agl_m - _HEIGHT_TOLERANCE_M
     )
     return bool(low >= room.lowest_agl_m - _HEIGHT_TOLERANCE_M and high <= room.highest_agl_m + _HEIGHT_TOLERANCE_M)
+
+
+@kernel
+def _clear_of_obstacles(task: Task, p: tuple[float, float, float], q: tuple[float, float, float]) -> bool:
+    """Whether the straight line p-q keeps its clearance from everything that stands on the surface."""
+    room = task.room
+    return keeps_clear(task.surface.obstacles, p[0], p[1], p[2], q[0], q[1], q[2], room.beside_m, room.above_m)
 
 
 @kernel

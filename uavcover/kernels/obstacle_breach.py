@@ -6,7 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
-from uavcover.kernels.obstacles import Obstacles, clear_of, distance_m, lower_part, over_footprint, over_prism
+from uavcover.kernels.obstacles import (
+    Obstacles,
+    clear_of,
+    distance_m,
+    keeps_clear,
+    lower_part,
+    over_footprint,
+    over_prism,
+)
 
 
 @kernel
@@ -66,8 +74,9 @@ def _lacking_height(
         )  # fmt: skip
         if begin <= end:
             for t in (begin, end):
-                if pu + t * (qu - pu) < lowest:
-                    lowest, at = pu + t * (qu - pu), t
+                up = pu + t * (qu - pu)
+                if up < lowest or (up == lowest and t < at):
+                    lowest, at = up, t
     return obstacles.top_m[prism] + above - lowest, at
 
 
@@ -115,6 +124,27 @@ def _between(value: float, change: float, low: float, high: float) -> tuple[floa
         return (0.0, 1.0) if low <= value <= high else (1.0, 0.0)
     t0, t1 = (low - value) / change, (high - value) / change
     return max(0.0, min(t0, t1)), min(1.0, max(t0, t1))
+
+
+@kernel
+def breaches(
+    obstacles: Obstacles,
+    begins: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    beside: float,
+    above: float,
+) -> NDArray[np.float64]:
+    """(n, 3) :func:`worst_breach` of the lines between (n, 3) places; -1, 0, 0 for one that is clear or not finite."""
+    out = np.zeros((begins.shape[0], 3))
+    for k in range(begins.shape[0]):
+        pe, pn, pu = begins[k, 0], begins[k, 1], begins[k, 2]
+        qe, qn, qu = ends[k, 0], ends[k, 1], ends[k, 2]
+        out[k, 0] = -1.0
+        if math.isfinite(pe + pn + pu + qe + qn + qu) and not keeps_clear(
+            obstacles, pe, pn, pu, qe, qn, qu, beside, above
+        ):
+            out[k, 0], out[k, 1], out[k, 2] = worst_breach(obstacles, pe, pn, pu, qe, qn, qu, beside, above)
+    return out
 
 
 @kernel

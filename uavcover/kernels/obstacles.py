@@ -192,8 +192,7 @@ def clear_of(
 def over_footprint(
     obstacles: Obstacles, prism: int, pe: float, pn: float, qe: float, qn: float, begin: float, end: float
 ) -> bool:
-    """Whether the part begin..end of the line p-q on the map lies over a footprint somewhere; touching an edge
-    may count either way."""
+    """Whether the part begin..end of the line p-q on the map lies over a footprint; just touching it may count either way."""
     de, dn = qe - pe, qn - pn
     length2 = de * de + dn * dn
     if length2 == 0.0:

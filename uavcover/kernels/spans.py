@@ -69,7 +69,7 @@ def list_cells(
     # beside the leg is seen from somewhere on its straight line when radius^2 >= distance^2 (1 - growth^2) at the nearest place.
     growth2 = tan * tan * du * du * per_length2
     narrows = sight.kind == CONE and horizontal2 > 0.0 and growth2 < 1.0
-    # A ray inside a cone that is steeper than the ground ever is needs no test.
+    # A ray inside a cone that is steeper than the ground ever is needs no test, unless an obstacle stands near its cell.
     always_clear = sight.kind == CONE and surface.steepest * tan <= 1.0
     if always_clear and not (has_node_cell(surface, p[0], p[1]) and has_node_cell(surface, q[0], q[1])):
         always_clear = False
@@ -108,8 +108,9 @@ def list_cells(
             e, n, u = ae + t * de, an + t * dn, p[2] - cells.centre_m[cell, 2] + t * du
             # In view first, here and in place: it decides for most cells, and a call with the ground costs as much again.
             seen = in_view(sight, e, n, u, cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2])
-            if not (seen and always_clear) and (seen or pieces > 0):
-                seen = _sees_cell(surface, sight, cells, cell, p, de, dn, du, pieces, always_clear)
+            clear = always_clear and cells.horizon[cell] * tan <= 1.0
+            if not (seen and clear) and (seen or pieces > 0):
+                seen = _sees_cell(surface, sight, cells, cell, p, de, dn, du, pieces, clear)
             if seen:
                 if count == out.size:
                     return -1
@@ -182,7 +183,7 @@ def _sample_sees(
     if always_clear:
         return True
     ce, cn, cu = cells.centre_m[cell, 0], cells.centre_m[cell, 1], cells.centre_m[cell, 2]
-    return nothing_between(surface, sight, ce + e, cn + n, cu + u, ce, cn, cu)
+    return nothing_between(surface, sight, cells.horizon[cell], ce + e, cn + n, cu + u, ce, cn, cu)
 
 
 @kernel

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
+from uavcover.kernels.obstacles import NO_OBSTACLES, Obstacles
 
 GRID = 0
 SINE_COSINE = 1
@@ -27,7 +28,7 @@ _ANALYTIC_PIECE = 0.05
 
 
 class Surface(NamedTuple):
-    """A height surface in the local frame.
+    """A height surface in the local frame, and what stands on it.
 
     Attributes:
         kind: GRID or SINE_COSINE.
@@ -37,6 +38,7 @@ class Surface(NamedTuple):
         up_m: (rows, columns) float64 heights of the nodes, rows going north; (1, 1) and unused for SINE_COSINE.
         steepest: no two places of the surface have a steeper slope between them (tangent). Infinite when it is not known,
             as with no-data.
+        obstacles: prisms on the surface. Heights above the surface are heights above ground, not above them.
     """
 
     kind: int
@@ -45,6 +47,7 @@ class Surface(NamedTuple):
     step_m: float
     up_m: NDArray[np.float64]
     steepest: float
+    obstacles: Obstacles = NO_OBSTACLES
 
 
 @kernel

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from uavcover.kernels._jit import kernel
 from uavcover.kernels.coverage import CONE, DISC, GRAZING_M, MIDPOINT, RAY, Cells, Sight
 from uavcover.kernels.local_slopes import LocalSlopes, steepest_between
+from uavcover.kernels.obstacles import keeps_clear
 from uavcover.kernels.surface import Surface, height, height_range_between
 
 NOT_IN_RANGE = 0
@@ -146,21 +147,25 @@ def tally_rows(
                         (ee - ce) * normal[cell, 0] + (en - cn) * normal[cell, 1] + (eu - cu) * normal[cell, 2]
                     ) / distance
                 outcome = view(sight, horizontal, distance, depth, cos_incidence)
-                if outcome == OCCLUDED and _unhidden(surface, slopes, sight, ee, en, eu, ce, cn, cu):
+                if outcome == OCCLUDED and _unhidden(
+                    surface, slopes, sight, cells.horizon[cell], 0.0, ee, en, eu, ce, cn, cu
+                ):
                     outcome = SEEN
                     _note(sight, camera, k, times_s[k], cell, distance, depth, cos_incidence, tally)
                 if outcome > tally.outcome[cell]:
                     tally.outcome[cell] = outcome
                 if exact:
                     continue
+                horizon, beside, lift = cells.horizon[cell], camera.horizontal_m, camera.lift_m
                 if outcome == SEEN and not tally.sure[cell]:
                     tally.sure[cell] = _sure_in_view(
                         sight, camera, horizontal, distance, depth, cos_incidence
-                    ) and _unhidden(surface, slopes, sight, ee, en, eu - camera.lift_m, ce, cn, cu)
+                    ) and _unhidden(surface, slopes, sight, horizon, beside, ee, en, eu - lift, ce, cn, cu)
                 if not tally.possible[cell]:
+                    # From a place a little aside an obstacle may not be in the way.
                     tally.possible[cell] = outcome == SEEN or (
                         _possible_in_view(sight, camera, horizontal, distance, depth, cos_incidence)
-                        and _unhidden(surface, slopes, sight, ee, en, eu + camera.lift_m, ce, cn, cu)
+                        and _unhidden(surface, slopes, sight, horizon, -beside, ee, en, eu + lift, ce, cn, cu)
                     )
 
 
@@ -169,6 +174,8 @@ def _unhidden(
     surface: Surface,
     slopes: LocalSlopes,
     sight: Sight,
+    horizon: float,
+    beside: float,
     ee: float,
     en: float,
     eu: float,
@@ -176,8 +183,17 @@ def _unhidden(
     cn: float,
     cu: float,
 ) -> bool:
-    """Whether nothing stands between an eye and a cell; most rays leave the cell more steeply than any ground around it."""
+    """Whether nothing stands between an eye and a cell; most rays leave the cell more steeply than any ground around it.
+
+    Obstacles stand in the way when the ray comes within ``beside`` of them; below 0 they never do.
+    """
     if sight.line_of_sight == RAY:
+        if (
+            beside >= 0.0
+            and not eu - cu >= horizon * (math.hypot(ee - ce, en - cn) + beside)
+            and not keeps_clear(surface.obstacles, ee, en, eu, ce, cn, cu, beside, 0.0)
+        ):
+            return False
         if eu - cu >= steepest_between(surface, slopes, ee, en, ce, cn) * math.hypot(ee - ce, en - cn):
             return True
         return bool(height_range_between(surface, ee, en, eu, ce, cn, cu, -GRAZING_M)[0] >= -GRAZING_M)

@@ -6,6 +6,7 @@ from typing import ClassVar, Literal
 from uavcover.model.area import Area
 from uavcover.model.checks import STRICT, require, require_positive
 from uavcover.model.limits import FlightLimits
+from uavcover.model.obstacles import Obstacles
 from uavcover.model.sensor import Sensor
 from uavcover.model.uncertainty import Uncertainty
 from uavcover.model.vehicle import Vehicle
@@ -202,6 +203,7 @@ class Scenario:
         planner: how the route is searched for.
         select: the rule by which one route of the Pareto set is chosen.
         requirements: what the flown track must reach.
+        obstacles: what stands on the ground.
         uncertainty: how well it is known where vehicle and ground were.
         description: one line for people.
     """
@@ -220,6 +222,7 @@ class Scenario:
     select: str = "weighted:0.6,0.2,0.2"
     requirements: Requirements = field(default_factory=Requirements)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    obstacles: Obstacles = field(default_factory=Obstacles)
     description: str = ""
 
     def __post_init__(self) -> None:
@@ -230,6 +233,12 @@ class Scenario:
                 f"sensor.range_m: {reach_m} m does not reach the ground from limits.min_height_agl_m = "
                 f"{self.limits.min_height_agl_m} m",
             )
+        require(
+            not (self.obstacles.file or self.obstacles.prisms)
+            or self.sensor.kind == "disc"
+            or self.sensor.line_of_sight == "ray",
+            'sensor.line_of_sight: among obstacles it must be "ray"; "midpoint" asks one place of the ray only',
+        )
         require(
             self.area.cell_size_m <= reach_m,
             f"area.cell_size_m: cells of {self.area.cell_size_m} m are larger than the sensor's reach of {reach_m} m",

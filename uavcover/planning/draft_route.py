@@ -96,6 +96,8 @@ def _room(site: Site) -> Room:
         max_slope=math.tan(math.radians(limits.max_climb_angle_deg)),
         legs=1 if limits.applies_to == "legs" else 0,
         fence_m=fence,
+        beside_m=site.scenario.obstacles.clearance_beside_m,
+        above_m=site.scenario.obstacles.clearance_above_m,
     )
 
 

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from uavcover.errors import TerrainError
 from uavcover.kernels import surface as kernels
+from uavcover.kernels.obstacles import roofs_m
 from uavcover.kernels.surface import GRID, SINE_COSINE, Surface
 
 FloatArray = NDArray[np.float64]
@@ -34,9 +35,14 @@ class Ground:
         return kernels.heights(self.surface, np.ascontiguousarray(en[:, 0]), np.ascontiguousarray(en[:, 1]))
 
     def gradients(self, east_north_m: ArrayLike) -> FloatArray:
-        """Slopes (n, 2) towards east and north at (n, 2) places, dimensionless."""
+        """Slopes (n, 2) of the ground towards east and north at (n, 2) places, dimensionless."""
         en = np.atleast_2d(np.asarray(east_north_m, float))
         return kernels.gradients(self.surface, np.ascontiguousarray(en[:, 0]), np.ascontiguousarray(en[:, 1]))
+
+    def roofs_m(self, east_north_m: ArrayLike) -> FloatArray:
+        """Up coordinates (n,) of the highest obstacle over each of (n, 2) places; -inf where none stands."""
+        en = np.atleast_2d(np.asarray(east_north_m, float))
+        return roofs_m(self.surface.obstacles, np.ascontiguousarray(en[:, 0]), np.ascontiguousarray(en[:, 1]))
 
     def leg_height_ranges_m(self, route_m: ArrayLike) -> FloatArray:
         """Lowest and highest point above ground of every leg of an (n, 3) ENU route, at full length.

@@ -1,0 +1,60 @@
+"""What stands on the ground: hides what is behind it, and must not be hit."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from uavcover.model.area import Ring
+from uavcover.model.checks import STRICT, require, require_lon_lat, require_not_negative, require_positive
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Obstacle:
+    """A footprint with a flat top; one of the two kinds of rings: the outline, then courtyards.
+
+    Attributes:
+        height_m: of the top above the highest ground under the footprint.
+        rings_lon_lat_deg: (longitude, latitude) on WGS 84, the order of GeoJSON.
+        rings_east_north_m: in the local frame.
+        name: for people.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    height_m: float
+    rings_lon_lat_deg: tuple[Ring, ...] = ()
+    rings_east_north_m: tuple[Ring, ...] = ()
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        require_positive(height_m=self.height_m)
+        require(
+            bool(self.rings_lon_lat_deg) != bool(self.rings_east_north_m),
+            "rings: give exactly one of rings_lon_lat_deg and rings_east_north_m",
+        )
+        for ring in self.rings_lon_lat_deg:
+            require_lon_lat(ring, "rings_lon_lat_deg")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Obstacles:
+    """The obstacles of a scenario, and how far the vehicle stays away from them on the whole flight.
+
+    Attributes:
+        file: a ``.geojson`` or ``.csv`` file with them, relative to the scenario file, or ``bundled:NAME``.
+        prisms: the same in the scenario itself.
+        clearance_beside_m: least distance from a footprint on the map, wherever the vehicle is not high enough above the top.
+        clearance_above_m: height above the top from which it is.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    file: str | None = None
+    prisms: tuple[Obstacle, ...] = ()
+    clearance_beside_m: float = 10.0
+    clearance_above_m: float = 10.0
+
+    def __post_init__(self) -> None:
+        require_not_negative(clearance_beside_m=self.clearance_beside_m, clearance_above_m=self.clearance_above_m)
+        require(
+            self.clearance_beside_m <= 50.0, f"clearance_beside_m: {self.clearance_beside_m} m must be at most 50 m"
+        )
