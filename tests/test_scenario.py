@@ -197,7 +197,7 @@ MISTAKES = {
     "not one of": (
         "seed = 7",
         'algorithm = "nsga9"',
-        "planner.algorithm: must be 'memetic', 'local-search', 'imodbo' or 'modbo', not 'nsga9'",
+        "planner.algorithm: must be 'memetic', 'local-search', 'imodbo', 'modbo', 'nsga2' or 'moead', not 'nsga9'",
     ),
     "datum": ('"EGM96"', '"NN"', "terrain.vertical_datum: must be 'EGM96', 'EGM2008' or 'WGS84-ellipsoid', not 'NN'"),
     "kind": ('"nadir-camera"', '"nadir"', "sensor.kind: must be 'sphere' or 'disc' or 'nadir-camera', not 'nadir'"),
