@@ -281,6 +281,18 @@ ROWS: Final[tuple[MessageRow, ...]] = (
         _same("spacing_m", "spacing"), _same("terrain_alt_amsl_m", "terrain_height"),
         _same("height_above_terrain_m", "current_height"), "pending", "loaded",
     ),
+    _row(m.LogRequestList, "log_request_list", *_TO, _same("first", "start"), _same("last", "end")),
+    _row(
+        m.LogEntry, "log_entry", _same("log_id", "id"), _same("log_count", "num_logs"),
+        _same("last_log_id", "last_log_num"), _same("time_unix_s", "time_utc"), _same("size_bytes", "size"),
+    ),
+    _row(
+        m.LogRequestData, "log_request_data", *_TO, _same("log_id", "id"), _same("offset_bytes", "ofs"), "count"
+    ),
+    _row(
+        m.LogData, "log_data", _same("log_id", "id"), _same("offset_bytes", "ofs"), "count", _same("padded", "data")
+    ),
+    _row(m.LogRequestEnd, "log_request_end", *_TO),
     _row(
         m.RadioStatus, "radio_status", "rssi", _same("remote_rssi", "remrssi"),
         _same("transmit_buffer_percent", "txbuf"), "noise", _same("remote_noise", "remnoise"),

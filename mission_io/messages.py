@@ -17,6 +17,11 @@ from mission_io.condition_messages import SysStatus as SysStatus
 from mission_io.condition_messages import VfrHud as VfrHud
 from mission_io.enums import MissionState, ModeFlag
 from mission_io.items import MissionType
+from mission_io.log_messages import LogData as LogData
+from mission_io.log_messages import LogEntry as LogEntry
+from mission_io.log_messages import LogRequestData as LogRequestData
+from mission_io.log_messages import LogRequestEnd as LogRequestEnd
+from mission_io.log_messages import LogRequestList as LogRequestList
 from mission_io.parameter_messages import ParamRequestList as ParamRequestList
 from mission_io.parameter_messages import ParamRequestRead as ParamRequestRead
 from mission_io.parameter_messages import ParamSet as ParamSet
@@ -316,6 +321,11 @@ Message: TypeAlias = (
     | TerrainRequest
     | TerrainData
     | TerrainReport
+    | LogRequestList
+    | LogEntry
+    | LogRequestData
+    | LogData
+    | LogRequestEnd
 )
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from sitl_tests.capabilities import demonstration, failsafes, flights, refusals, stations, transfers
+from sitl_tests.capabilities import demonstration, failsafes, flights, logs, refusals, stations, transfers
 from sitl_tests.case import Case, Finding
 
 ALL: Mapping[str, Callable[[Case], Finding]] = MappingProxyType(
@@ -23,6 +23,7 @@ ALL: Mapping[str, Callable[[Case], Finding]] = MappingProxyType(
         "change-in-flight": flights.change_in_flight,
         "fence-breach": failsafes.fence_breach,
         "link-loss": failsafes.link_loss,
+        "log-download": logs.log_download,
         "fly-demo": demonstration.fly_demo,
     }
 )

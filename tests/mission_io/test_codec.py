@@ -55,6 +55,11 @@ SAMPLES: list[m.Message] = [
     m.TerrainRequest(46.1234567, -7.7654321, 100, 2**56 - 1),
     m.TerrainData(46.1234567, -7.7654321, 100, 55, tuple(range(-8, 8))),
     m.TerrainReport(46.1234567, -7.7654321, 100, 512.5, 60.25, 56, 1120),
+    m.LogRequestList(1, 1, 3, 8),
+    m.LogEntry(4, 5, 8, 1790000000, 123456789),
+    m.LogRequestData(1, 1, 4, 90000, 46080),
+    m.LogData(4, 90000, 2, (7, 255, *(0,) * 88)),
+    m.LogRequestEnd(1, 1),
     m.RadioStatus(180, 175, 98, 40, 41, 300, 7),
 ]
 
