@@ -193,6 +193,8 @@ class MockVehicle:
                 value = answer_parameter(self, message)
                 if value is not None:
                     self._emit(value)
+            case m.LogRequestList():
+                self._emit(m.LogEntry(log_id=0, log_count=0, last_log_id=0, time_unix_s=0, size_bytes=0))  # keeps none
             case _:
                 self._emit_all(self.missions.receive(received, self.powered_s, flying=self.armed))
                 self._look_at_missions()
