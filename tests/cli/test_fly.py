@@ -1,3 +1,4 @@
+import json
 import signal
 import subprocess
 from pathlib import Path
@@ -36,6 +37,7 @@ def test_interrupt_brings_it_home(cli: Cli, planned: Path) -> None:
     assert process.returncode == 130, err
     assert "flying home along checked legs" in out
     assert "flown home along checked legs, landed and disarmed" in out
+    assert json.loads((planned / "run.json").read_text())["flight"]["ending"] == "returned"
     track = read_track(planned / "track.csv")
     assert len(read_recorded_track(planned / "flight.rrd")) == len(track)
 
@@ -59,12 +61,20 @@ def test_second_interrupt_leaves_it_holding(cli: Cli, planned: Path) -> None:
 def test_vehicle_that_dies_in_flight(cli: Cli, planned: Path) -> None:
     with mock_vehicle("--speed", 30) as (port, vehicle):
         url = upload(cli, planned, port)
-        with started(command("fly", planned, "--to", url)) as process:
-            wait_for_line(process, "in the air")
+        with started(command("fly", planned, "--to", url, "--json", "--link-lost", 5)) as process:
+            assert process.stderr is not None
+            seen = next(line for line in process.stderr if "in the air" in line)
             vehicle.kill()
-            _, err = process.communicate(timeout=100)
+            out, err = process.communicate(timeout=100)
+    assert seen
     assert process.returncode == 3
-    assert len(err.splitlines()) == 1
+    assert "warning: nothing from vehicle 1 for 3." in err
+    document = json.loads(out)
+    assert document["exit_code"] == 3
+    assert document["ending"] == "link_lost"
+    assert [incident["kind"] for incident in document["incidents"]] == ["link_lost"]
+    assert document["error"].startswith("link lost: nothing from vehicle 1 for 5")
+    assert json.loads((planned / "run.json").read_text())["flight"]["ending"] == "link_lost"
     assert len(read_track(planned / "track.csv")) > 10
     assert (planned / "flight.rrd").exists()
 
@@ -88,6 +98,20 @@ def test_full_disk_does_not_end_the_flight(planned: Path) -> None:
     assert len(read_track(planned / "track.csv")) > 100
     recorded = in_process("inspect", planned, "--text")  # what the recording held when the disk was full
     assert recorded.code == 0, recorded.err
+
+
+def test_pause_makes_it_wait_and_go_on(cli: Cli, planned: Path) -> None:
+    with mock_vehicle("--speed", 60) as (port, _):
+        url = upload(cli, planned, port)
+        with started(command("fly", planned, "--to", url)) as process:
+            wait_for_line(process, "in the air")
+            process.send_signal(signal.SIGUSR1)
+            wait_for_line(process, "paused: the vehicle holds its place")
+            process.send_signal(signal.SIGUSR1)
+            out, err = process.communicate(timeout=100)
+    assert process.returncode == 0, err
+    assert "the vehicle goes on with its mission" in out
+    assert "flown to the end" in out
 
 
 def test_bad_usage(cli: Cli, tmp_path: Path) -> None:

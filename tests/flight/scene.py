@@ -88,9 +88,8 @@ class Scene:
         wanted = mission() if wanted is None else wanted
         plan = options.pop("plan", None) or plan_for(wanted)
         options.setdefault("plan_return", way_home)
-        return fly(
-            self.client, self.monitor, plan, on_sample=self.samples.append, on_event=self.events.append, **options
-        )
+        options.setdefault("on_event", self.events.append)
+        return fly(self.client, self.monitor, plan, on_sample=self.samples.append, **options)
 
     def told(self, kind: EventKind) -> list[str]:
         return [event.text for event in self.events if event.kind is kind]

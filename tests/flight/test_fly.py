@@ -319,7 +319,7 @@ def test_a_pilot_who_lands_it_early_is_an_error_that_says_how_far_it_came():
             on_event=lambda event: (scene.events.append(event), land_at_waypoint_2(event)),
             plan_return=way_home,
         )
-    assert "somebody else took over: the vehicle changed to land mode" in scene.told(EventKind.WARNING)
+    assert "the vehicle changed to land mode: somebody else took over" in scene.told(EventKind.WARNING)
 
 
 def test_a_vehicle_that_restarts_in_flight_is_an_error():

@@ -91,7 +91,9 @@ class Conversation:
         parts = [where, "armed" if vehicle.armed else "disarmed", f"in {self.mode_name}"]
         here = monitor.latest(m.GlobalPositionInt)
         if here is not None:
-            parts.append(f"at {here.lat_deg:.6f}, {here.lon_deg:.6f}, {here.alt_above_home_m:.0f} m above home")
+            old = self.client.clock.now() - (monitor.position_at_s or 0.0) > self.patience.deadman_s + self.silence_s
+            place = f"{here.lat_deg:.6f}, {here.lon_deg:.6f}, {here.alt_above_home_m:.0f} m above home"
+            parts.append(f"last known at {place}" if old else f"at {place}")
         heard = f" (heard {self.silence_s:.0f} s ago)" if self.silence_s > self.patience.deadman_s else ""
         return ", ".join(parts) + heard
 
@@ -113,6 +115,12 @@ class Conversation:
             self.watch.take_text(said)
             self.tell(EventKind.TEXT, said.text)
         self.watch.look()
+
+    def listen(self, seconds: float) -> None:
+        """Hear what the vehicle says for so long on the link's clock, whatever goes wrong."""
+        until_s = self.client.clock.now() + seconds
+        while self.client.clock.now() < until_s:
+            self.client.poll(_POLL_S)
 
     def insist(self, act: Callable[[], ResultT]) -> ResultT:
         """Do something that the vehicle has to answer; when it does not, again until the link counts as lost.

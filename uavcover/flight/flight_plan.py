@@ -7,11 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_io.autopilots import Autopilot
-from mission_io.items import Frame, GeoPoint, Mission
+from mission_io.items import Command, Frame, GeoPoint, Mission, MissionItem
 from uavcover.errors import InputError
 from uavcover.frames import LocalFrame
 
 FloatArray = NDArray[np.float64]
+
+_PLACES = (Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND, Command.NAV_LOITER_TIME)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,22 +45,39 @@ class FlightPlan:
     def waypoints_m(self) -> FloatArray:
         """(n, 3) ENU, the planned waypoints, as their items say."""
         end = self.first_waypoint_item + self.waypoint_count
-        places = [
-            (i.lat_deg, i.lon_deg, i.alt_m + (self.home.alt_amsl_m if i.frame is Frame.ABOVE_HOME else 0.0))
-            for i in self.mission.items[self.first_waypoint_item : end]
-        ]
-        lat_deg, lon_deg, alt_amsl_m = np.array(places, dtype=float).reshape(-1, 3).T
-        return self.frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)
+        places = [self._place_m(item) for item in self.mission.items[self.first_waypoint_item : end]]
+        return np.array(places, dtype=float).reshape(-1, 3)
+
+    def legs_m(self) -> dict[int, FloatArray]:
+        """The leg that leads to each item, by its index: (2, 3) ENU; none for the first place and for commands."""
+        legs: dict[int, FloatArray] = {}
+        before: FloatArray | None = None
+        for index, item in enumerate(self.mission.items):
+            if item.command not in _PLACES or (item.lat_deg, item.lon_deg) == (0.0, 0.0):
+                continue
+            here = self._place_m(item)
+            if before is not None:
+                legs[index] = np.vstack([before, here])
+            before = here
+        return legs
+
+    def _place_m(self, item: MissionItem) -> FloatArray:
+        alt_amsl_m = item.alt_m + (self.home.alt_amsl_m if item.frame is Frame.ABOVE_HOME else 0.0)
+        place_m: FloatArray = self.frame.enu_from_geodetic(item.lat_deg, item.lon_deg, alt_amsl_m)[0]
+        return place_m
+
+    def index_of(self, seq: int, autopilot: Autopilot) -> int:
+        """Index in ``mission.items`` of item ``seq`` on the wire."""
+        return seq - (1 if autopilot.home_in_item_0 else 0)
 
     def waypoint_of(self, seq: int, autopilot: Autopilot) -> int:
         """Number of the planned waypoint that item ``seq`` on the wire is; -1 for the other items."""
-        number = seq - self.first_waypoint_item - (1 if autopilot.home_in_item_0 else 0)
+        number = self.index_of(seq, autopilot) - self.first_waypoint_item
         return number if 0 <= number < self.waypoint_count else -1
 
     def is_past_waypoints(self, seq: int, autopilot: Autopilot) -> bool:
         """Whether item ``seq`` on the wire comes after the last planned waypoint."""
-        first = self.first_waypoint_item + (1 if autopilot.home_in_item_0 else 0)
-        return seq >= first + self.waypoint_count
+        return self.index_of(seq, autopilot) >= self.first_waypoint_item + self.waypoint_count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

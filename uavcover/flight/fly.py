@@ -40,6 +40,10 @@ from uavcover.model.track import TrackSample
 __all__ = ["Ending", "FlightOutcome", "Onward", "fly", "fly_on"]
 
 
+_AFTER_RESTART_S = 3.0
+"""So long a vehicle that restarted is listened to, to say what it does now."""
+
+
 @dataclass(frozen=True, slots=True)
 class Onward:
     """How a vehicle in the air goes on.
@@ -174,10 +178,15 @@ class _Flight:
         """Record from the next position on, and count the planned waypoints."""
         conversation = self.conversation
         autopilot = conversation.autopilot
+
+        def waypoint_of(seq: int) -> int:
+            """The items of a mission that somebody else made are no planned waypoints."""
+            return -1 if conversation.watch.is_open(Ending.MISSION_CHANGED) else plan.waypoint_of(seq, autopilot)
+
         self.recorder = Recorder(
             conversation.monitor,
             plan.frame,
-            waypoint_of=lambda seq: plan.waypoint_of(seq, autopilot),
+            waypoint_of=waypoint_of,
             on_sample=self._on_sample,
         )
         self.progress = Progress(conversation, plan)
@@ -235,6 +244,8 @@ class _Flight:
             ending = Ending.LINK_LOST
         else:
             ending = Ending.FAILED if self.touched else Ending.NOT_ARMED
+        if ending is Ending.RESTARTED:
+            conversation.listen(_AFTER_RESTART_S)
         text = str(error)
         if isinstance(error, MissionIoError):
             text += conversation.complaints

@@ -8,14 +8,17 @@ from mission_io.items import Command
 from uavcover.flight.conversation import Conversation, Stopped, Timer
 from uavcover.flight.events import EventKind
 from uavcover.flight.flight_plan import FlightPlan
+from uavcover.flight.mission_guard import MissionGuard
 from uavcover.flight.modes import Mode
 from uavcover.flight.outcome import Ending, FlightFaultError
-from uavcover.flight.progress import MissionGuard, Progress
+from uavcover.flight.progress import Progress
 from uavcover.flight.start import hold_mode, set_mode
 from uavcover.flight.takeover import Takeover
 
 _MOVED_M = 2.0
 _METRES_PER_DEGREE = 111_320.0
+_LANDED_TOLD_S = 2.0
+"""The heartbeat may tell that the vehicle disarmed before another message tells that it landed."""
 
 
 def follow_mission(conversation: Conversation, plan: FlightPlan, progress: Progress) -> None:
@@ -26,12 +29,13 @@ def follow_mission(conversation: Conversation, plan: FlightPlan, progress: Progr
         Stopped: the user asked to stop while the vehicle did what it was told.
     """
     guard = MissionGuard(conversation, plan, progress)
-    follower = _Follower(conversation, conversation.patience.stuck_s + longest_wait_s(plan), stops_before=0)
+    stuck_s = conversation.patience.stuck_s + longest_wait_s(plan)
+    follower = _Follower(conversation, stuck_s, stops_before=0, pause=conversation.pause)
 
     def look() -> None:
-        progress.update()
         if follower.in_mission and not conversation.monitor.on_ground:
             guard.look()
+        progress.update()
 
     while conversation.client.vehicle.armed:
         follower.step(look)
@@ -48,10 +52,13 @@ def follow_home(conversation: Conversation, *, stops_before: int, longest_wait_s
         FlightFaultError: it is gone, stuck, or on the ground and does not disarm.
         Stopped: the user asked once more.
     """
-    follower = _Follower(conversation, conversation.patience.stuck_s + longest_wait_s, stops_before=stops_before)
+    stuck_s = conversation.patience.stuck_s + longest_wait_s
+    follower = _Follower(conversation, stuck_s, stops_before=stops_before, pause=lambda: False)
     while conversation.client.vehicle.armed:
         follower.step(lambda: None)
     follower.settle()
+    if _fell(conversation):
+        raise FlightFaultError(Ending.CRASHED, f"disarmed in the air on its way home{conversation.complaints}")
     if follower.cause is not None:
         raise FlightFaultError(
             follower.cause, "the vehicle did not fly its way home to the end; it has landed and disarmed"
@@ -69,21 +76,30 @@ def _judge(conversation: Conversation, plan: FlightPlan, progress: Progress, fol
     flown = f"{progress.reached_count} of {plan.waypoint_count} planned waypoints"
     if follower.cause is not None:
         raise FlightFaultError(follower.cause, f"{watch.text_of(follower.cause)}; it landed and disarmed after {flown}")
-    for kind in (Ending.MISSION_CHANGED, Ending.CRASHED):
+    fallen = _fell(conversation)
+    how = "it was disarmed in the air" if fallen else "it landed and disarmed"
+    for kind in (Ending.MISSION_CHANGED, Ending.WIND_ABOVE_LIMITS, Ending.OFF_ROUTE):
         if watch.is_open(kind):
-            raise FlightFaultError(kind, f"{watch.text_of(kind)}; it landed and disarmed after {flown}")
+            raise FlightFaultError(kind, f"{watch.text_of(kind)}; {how} after {flown}")
+    cause = watch.recent_cause(within_s=10.0)
+    if fallen or (cause is not None and cause[0] is Ending.CRASHED):
+        raise FlightFaultError(Ending.CRASHED, f"{how} after {flown}{conversation.complaints}")
     if progress.all_reached:
         return
-    cause = watch.recent_cause(within_s=10.0)
-    if cause is not None and cause[0] is Ending.CRASHED:
-        raise FlightFaultError(Ending.CRASHED, f"crashed after {flown}; {cause[1]}")
     lasting = next((kind for kind in (Ending.GPS_LOST, Ending.POSITION_LOST) if watch.is_open(kind)), None)
     if lasting is not None:
-        raise FlightFaultError(lasting, f"{watch.text_of(lasting)}; it landed and disarmed after {flown}")
+        raise FlightFaultError(lasting, f"{watch.text_of(lasting)}; {how} after {flown}")
     raise FlightFaultError(
         Ending.ENDED_EARLY,
         f"the vehicle landed and disarmed after {flown}, in {conversation.mode_name}{conversation.complaints}",
     )
+
+
+def _fell(conversation: Conversation) -> bool:
+    """Whether the vehicle was disarmed in the air."""
+    if conversation.monitor.on_ground is False:
+        conversation.listen(_LANDED_TOLD_S)
+    return conversation.monitor.on_ground is False
 
 
 class _Follower:
@@ -93,10 +109,13 @@ class _Follower:
         conversation: with the vehicle.
         stuck_s: without getting on, in its mission.
         stops_before: how many stops of the user are known already.
+        pause: whether the vehicle is to wait now.
     """
 
-    def __init__(self, conversation: Conversation, stuck_s: float, *, stops_before: int) -> None:
-        self._conversation, self._stops_before = conversation, stops_before
+    def __init__(
+        self, conversation: Conversation, stuck_s: float, *, stops_before: int, pause: Callable[[], bool]
+    ) -> None:
+        self._conversation, self._stops_before, self._pause = conversation, stops_before, pause
         self._takeover = Takeover(conversation)
         self._stillness = Stillness(conversation, stuck_s)
         self._elsewhere = Stillness(conversation, conversation.patience.elsewhere_s)
@@ -162,7 +181,7 @@ class _Follower:
 
     def _pause_or_go_on(self) -> None:
         conversation = self._conversation
-        wanted = conversation.pause()
+        wanted = self._pause()
         if wanted == self._paused or self._takeover.begun or conversation.monitor.on_ground is not False:
             return
         if wanted:
@@ -185,6 +204,11 @@ class _Follower:
 
     def _wait_until_disarmed(self) -> None:
         conversation = self._conversation
+        if conversation.watch.is_open(Ending.HEARTBEAT_LOST):
+            raise FlightFaultError(
+                Ending.HEARTBEAT_LOST,
+                f"{conversation.watch.text_of(Ending.HEARTBEAT_LOST)}; it is on the ground and may be armed: keep away",
+            )
         if self._landed is None:
             self._landed = Timer(conversation, conversation.patience.disarm_s)
             conversation.tell(EventKind.STAGE, "on the ground")

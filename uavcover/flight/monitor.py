@@ -93,26 +93,30 @@ class Monitor:
         if self._system_id is None or received.system_id != self._system_id:
             return
         message = received.message
+        self._look_for_restart(message)
         self.heard_at_s = now
         self.counts[type(message)] += 1
         self._latest[type(message)] = message
         match message:
             case m.GlobalPositionInt():
-                self._take_time(message.time_boot_s)
                 self.position_at_s = now
                 if self.on_position is not None:
                     self.on_position(message)
-            case m.Attitude() | m.SystemTime():
-                self._take_time(message.time_boot_s)
             case m.MissionItemReached():
                 self.reached = max(self.reached, message.seq)
             case m.StatusText():
                 self.texts.append(message)
 
-    def _take_time(self, time_s: float) -> None:
+    def _look_for_restart(self, message: m.Message) -> None:
+        """Take the vehicle's time from a message; what was said before a restart is over."""
+        if not isinstance(message, m.GlobalPositionInt | m.Attitude | m.SystemTime):
+            return
+        time_s = message.time_boot_s
         if self.time_s is not None and time_s < self.time_s - _RESTART_S:
             self.restarted = True
-        self.time_s = time_s if self.time_s is None or self.restarted else max(self.time_s, time_s)
+            self._latest.clear()
+            self.time_s = time_s
+        self.time_s = time_s if self.time_s is None else max(self.time_s, time_s)
 
 
 def open_vehicle(link: Link | str, *, timing: Timing | None = None) -> tuple[Client, Monitor]:

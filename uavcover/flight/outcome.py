@@ -26,6 +26,7 @@ class Ending(Enum):
     GPS_LOST = "the vehicle lost its satellite fix or its position estimate"
     BATTERY_FAILSAFE = "the battery was low, and the vehicle did what it does then"
     WIND_ABOVE_LIMITS = "the wind was above the vehicle's limits"
+    OFF_ROUTE = "the vehicle left the planned route, although it holds the planned mission"
     FENCE_BREACHED = "the vehicle left its fence"
     FAILSAFE = "the vehicle took another failsafe"
     PILOT_TOOK_OVER = "somebody else changed the flight mode"

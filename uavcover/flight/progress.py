@@ -1,15 +1,11 @@
-"""How far along the planned waypoints a vehicle is, and whether it still flies the mission that was planned."""
+"""How far along the planned waypoints a vehicle is."""
 
 import math
 
 import numpy as np
 
 from mission_io import messages as m
-from mission_io.autopilots import wire_items
-from mission_io.compare import compare_items
-from mission_io.errors import MissionIoError
-from mission_io.items import MissionType
-from uavcover.flight.conversation import Conversation, Timer
+from uavcover.flight.conversation import Conversation
 from uavcover.flight.events import EventKind
 from uavcover.flight.flight_plan import FlightPlan
 from uavcover.flight.outcome import Ending
@@ -17,8 +13,6 @@ from uavcover.flight.passage import FloatArray, Passage
 
 _UNSEEN_S = 1.0
 _TRUST_S = 5.0
-_DOUBT_S = 3.0
-_OFF_ROUTE_RADII = 10.0
 
 
 class Progress:
@@ -35,6 +29,7 @@ class Progress:
         self._conversation, self._plan = conversation, plan
         self._passage = Passage(plan.waypoints_m(), radius_m=plan.acceptance_radius_m)
         self._passage.believe(plan.passed_before)
+        self._legs_m = plan.legs_m()
         self._seen_s = -math.inf
         self._trust_until_s = -math.inf
         self.heading_for = -1
@@ -50,16 +45,17 @@ class Progress:
         return self._passage.complete
 
     @property
-    def off_route_m(self) -> float:
-        """Distance from the leg that is flown; 0 where no planned leg is."""
-        here = self._place_m()
-        return 0.0 if here is None or self.heading_for < 1 else self._distance_to_leg_m(here, self.heading_for)
+    def off_leg_m(self) -> float:
+        """Distance from the leg that is flown, the ways there and home too; 0 where there is none."""
+        seq, here = self._conversation.monitor.current_seq, self._place_m()
+        leg = self._legs_m.get(self._plan.index_of(seq, self._conversation.autopilot))
+        return 0.0 if here is None or leg is None else _distance_m(here, leg)
 
     def update(self) -> None:
         """Look at what the vehicle says, and tell when it goes on to another waypoint."""
         monitor, autopilot, plan = self._conversation.monitor, self._conversation.autopilot, self._plan
         here, passage = self._place_m(), self._passage
-        if monitor.current_seq < 0 or here is None:
+        if monitor.current_seq < 0 or here is None or self._conversation.watch.is_open(Ending.MISSION_CHANGED):
             return
         self._look_for_silence()
         number = plan.waypoint_of(monitor.current_seq, autopilot)
@@ -100,91 +96,10 @@ class Progress:
             self._trust_until_s = here.time_boot_s + _TRUST_S
         self._seen_s = here.time_boot_s
 
-    def _distance_to_leg_m(self, here: FloatArray, number: int) -> float:
-        begin, end = self._plan.waypoints_m()[number - 1 : number + 1]
-        leg = end - begin
-        length_2 = float(leg @ leg)
-        share = 0.0 if length_2 == 0.0 else min(1.0, max(0.0, float((here - begin) @ leg) / length_2))
-        return float(np.linalg.norm(here - begin - share * leg))
 
-
-class MissionGuard:
-    """Notices that another ground station changed the mission, or the item that is flown.
-
-    A sign of it (another number of items, waypoints that are left out, going back, a place far off the planned leg) has the
-    mission read back and compared.
-
-    Args:
-        conversation: with the vehicle.
-        plan: what it is to fly.
-        progress: along it.
-    """
-
-    def __init__(self, conversation: Conversation, plan: FlightPlan, progress: Progress) -> None:
-        self._conversation, self._plan, self._progress = conversation, plan, progress
-        self._total: int | None = None
-        self._farthest = -1
-        self._doubt: Timer | None = None
-        self._off_route_told = False
-
-    def look(self) -> None:
-        """Look for signs; called while the vehicle is in its mission."""
-        if self._conversation.watch.is_open(Ending.MISSION_CHANGED):
-            return
-        sign = self._sign()
-        if sign is None:
-            self._doubt = None
-        elif self._doubt is None:
-            self._doubt = Timer(self._conversation, _DOUBT_S)
-        elif self._doubt.over:
-            self._doubt = None
-            self._read_back(sign)
-
-    def _sign(self) -> str | None:
-        current = self._conversation.monitor.latest(m.MissionCurrent)
-        number, progress = self._progress.heading_for, self._progress
-        if current is None:
-            return None
-        if self._total is None:
-            self._total = current.total
-        if current.total is not None and self._total is not None and current.total != self._total:
-            return f"the vehicle holds {current.total} items instead of {self._total}"
-        self._farthest = max(self._farthest, number)
-        if number > progress.reached_count + 1 or (
-            not progress.all_reached and self._plan.is_past_waypoints(current.seq, self._conversation.autopilot)
-        ):
-            return f"the vehicle goes to item {current.seq} and leaves out waypoint {progress.reached_count}"
-        if 0 <= number < self._farthest:
-            return f"the vehicle goes back to waypoint {number} from {self._farthest}"
-        off_m = progress.off_route_m
-        if off_m > _OFF_ROUTE_RADII * self._plan.acceptance_radius_m and not self._off_route_told:
-            return f"the vehicle is {off_m:.0f} m off the planned leg to waypoint {number}"
-        return None
-
-    def _read_back(self, sign: str) -> None:
-        """Compare the mission that the vehicle holds with the planned one."""
-        conversation = self._conversation
-        autopilot = conversation.autopilot
-        try:
-            held = conversation.client.download(MissionType.MISSION)
-        except MissionIoError as error:
-            conversation.watch.open(Ending.MISSION_CHANGED, f"{sign}; its mission could not be read back: {error}")
-            return
-        wrong = [
-            d for d in compare_items(wire_items(self._plan.mission, autopilot), held, autopilot) if not d.acceptable
-        ]
-        if wrong:
-            where = "" if wrong[0].item is None else f" in item {wrong[0].item}"
-            conversation.watch.open(
-                Ending.MISSION_CHANGED,
-                f"{sign}: somebody else changed the mission; {wrong[0].field}{where} is {wrong[0].received}, planned is "
-                f"{wrong[0].sent}",
-            )
-        elif "off the planned leg" in sign:
-            self._off_route_told = True
-            conversation.tell(EventKind.WARNING, f"{sign}; it still holds the planned mission")
-        else:
-            conversation.watch.open(
-                Ending.MISSION_CHANGED,
-                f"{sign}: somebody else set the item that is flown; the mission is the planned one",
-            )
+def _distance_m(here: FloatArray, leg: FloatArray) -> float:
+    """Distance of a (3,) place from a (2, 3) leg."""
+    along = leg[1] - leg[0]
+    length_2 = float(along @ along)
+    share = 0.0 if length_2 == 0.0 else min(1.0, max(0.0, float((here - leg[0]) @ along) / length_2))
+    return float(np.linalg.norm(here - leg[0] - share * along))

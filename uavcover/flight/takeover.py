@@ -54,9 +54,8 @@ class Takeover:
         if found is None:
             self.cause, why = Ending.PILOT_TOOK_OVER, "somebody else took over"
         else:
-            self.cause = found[0]
-            why = f"{found[0].value}; {found[1]}"
-        text = f"{why}: the vehicle changed to {conversation.mode_name}"
+            self.cause, why = found
+        text = f"the vehicle changed to {conversation.mode_name}: {why}"
         if conversation.watch.is_open(self.cause):
             conversation.tell(EventKind.WARNING, text)
         conversation.watch.open(self.cause, text)

@@ -61,6 +61,7 @@ class Watch:
         self._open: dict[Ending, int] = {}
         self._said: list[_Said] = []
         self._in_flight = False
+        self._heard_again_at_s = client.clock.now()
         self.incidents: list[Incident] = []
 
     def take_off(self) -> None:
@@ -124,12 +125,12 @@ class Watch:
         now = self._client.clock.now()
         silence_s = self._monitor.silence_s(now)
         self._look_at_silence(silence_s)
-        self._look_at_heartbeat(silence_s)
         if self._monitor.restarted:
             text = f"vehicle {self._client.vehicle.system_id} restarted: its clock began anew"
             self.open(Ending.RESTARTED, text)
             raise FlightFaultError(Ending.RESTARTED, text)
         if silence_s <= self._patience.deadman_s:
+            self._look_at_heartbeat(now)
             self._look_at_positions(now)
         if self._in_flight:
             self._look_at_fix()
@@ -149,22 +150,18 @@ class Watch:
                 f"nothing from vehicle {vehicle} for {silence_s:.1f} s; waiting for it up to {self._patience.link_lost_s:g} s",
             )
         elif self.is_open(Ending.LINK_LOST):
+            self._heard_again_at_s = self._client.clock.now()
             self.close(Ending.LINK_LOST, f"vehicle {vehicle} is heard again")
 
-    def _look_at_heartbeat(self, silence_s: float) -> None:
-        age_s, limit_s = self._client.heartbeat_age_s, self._patience.heartbeat_s
+    def _look_at_heartbeat(self, now: float) -> None:
+        """A heartbeat that stays away while other messages come: following goes on by these."""
+        age_s = min(self._client.heartbeat_age_s, now - self._heard_again_at_s)
         vehicle = self._client.vehicle.system_id
-        if silence_s > self._patience.deadman_s:
-            return
-        if age_s > self._patience.link_lost_s:
-            text = f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages come"
-            self.open(Ending.HEARTBEAT_LOST, text)
-            raise FlightFaultError(Ending.HEARTBEAT_LOST, f"{text}; its mode and whether it is armed are not known")
-        if age_s > limit_s:
+        if age_s > self._patience.heartbeat_s:
             self.open(
                 Ending.HEARTBEAT_LOST,
-                f"no heartbeat from vehicle {vehicle} for {age_s:.1f} s, although other messages come; waiting for it up to "
-                f"{self._patience.link_lost_s:g} s",
+                f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages come; its mode, and "
+                "whether it is armed, are not known",
             )
         elif self.is_open(Ending.HEARTBEAT_LOST):
             self.close(Ending.HEARTBEAT_LOST, f"the heartbeat of vehicle {vehicle} is back")
