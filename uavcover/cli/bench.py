@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import typer
 
+from uavcover.cli.bench_coverage import bench_coverage
 from uavcover.cli.bench_link import bench_link
 from uavcover.cli.bench_mmf import bench_mmf
 from uavcover.cli.bench_paper import bench_paper
@@ -17,6 +18,7 @@ bench = typer.Typer(
 )
 
 _BENCHMARKS: dict[str, tuple[Callable[..., int], str]] = {
+    "coverage": (bench_coverage, "planners and baselines on the bundled scenarios, at equal time"),
     "link": (bench_link, "missions over links that lose datagrams, against MAVSDK"),
     "mmf": (bench_mmf, "the paper's 24 functions: Tables 3 and 4, tests, figures"),
     "paper": (bench_paper, "the paper's simulation: Tables 5 and 6, Figures 7 to 11"),
