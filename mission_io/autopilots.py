@@ -52,6 +52,8 @@ class Autopilot:
         frames: The frames it takes for positions.
         position_free_frames: The frames it takes for commands without a position.
         command_frame_returned: The frame that such a command comes back with.
+        returns_int_frames: Whether items come back with the frames 5, 6 and 11, or with 0, 3 and 10 although their
+            coordinates are integers.
         storage: What it changes in the numbers it stores, by field and command.
         keeps_autocontinue: Whether that flag comes back as it was sent. If not, it comes back set, and not set from fences
             and rally points (seen with ArduCopter 4.7).
@@ -66,8 +68,9 @@ class Autopilot:
         says_give_up: Whether it tells (with OPERATION_CANCELLED) that it gave up.
         atomic: The lists that a failed upload leaves as they were.
         busy_result: What a second ground station's upload is answered.
-        busy_request_result: What a list or an item that is asked for, or an emptying, is answered while a transfer is
-            going on that keeps it out; None for nothing.
+        busy_request_result: What a list or an item that is asked for is answered while a transfer is going on that keeps
+            it out; None for nothing.
+        busy_clear_results: What an emptying is answered meanwhile: ArduPilot says no twice, in two words.
         answers_strangers: Whether an item is answered that comes from a station which began no transfer, or not the last.
         count_restarts: Whether a COUNT in the middle of an upload starts it over; if not, it is answered ERROR.
         wrong_sequence_result: What an item that was not asked for is answered; None for nothing.
@@ -83,6 +86,7 @@ class Autopilot:
     frames: frozenset[Frame]
     position_free_frames: frozenset[Frame]
     command_frame_returned: Frame
+    returns_int_frames: bool
     storage: Storage
     keeps_autocontinue: bool
     nan_allowed: Mapping[int, frozenset[int]]
@@ -96,6 +100,7 @@ class Autopilot:
     atomic: frozenset[MissionType]
     busy_result: MissionResult
     busy_request_result: MissionResult | None
+    busy_clear_results: tuple[MissionResult, ...]
     answers_strangers: bool
     count_restarts: bool
     wrong_sequence_result: MissionResult | None
@@ -116,6 +121,7 @@ ARDUPILOT = Autopilot(
     frames=frozenset({Frame.AMSL, Frame.ABOVE_HOME, Frame.ABOVE_TERRAIN}),
     position_free_frames=frozenset(Frame),
     command_frame_returned=Frame.AMSL,
+    returns_int_frames=False,
     storage=ARDUPILOT_COPTER_STORAGE,
     keeps_autocontinue=False,
     nan_allowed={
@@ -135,6 +141,7 @@ ARDUPILOT = Autopilot(
     atomic=frozenset({MissionType.FENCE}),
     busy_result=MissionResult.DENIED,
     busy_request_result=MissionResult.DENIED,
+    busy_clear_results=(MissionResult.DENIED, MissionResult.ERROR),
     answers_strangers=True,
     count_restarts=True,
     wrong_sequence_result=MissionResult.INVALID_SEQUENCE,
@@ -158,6 +165,7 @@ PX4 = Autopilot(
     frames=frozenset({Frame.AMSL, Frame.ABOVE_HOME}),
     position_free_frames=frozenset({Frame.COMMAND}),
     command_frame_returned=Frame.COMMAND,
+    returns_int_frames=True,
     storage=PX4_STORAGE,
     keeps_autocontinue=True,
     nan_allowed={0: frozenset({1, 2, 3, 4})},
@@ -171,6 +179,7 @@ PX4 = Autopilot(
     atomic=frozenset(MissionType),
     busy_result=MissionResult.ERROR,
     busy_request_result=None,
+    busy_clear_results=(),
     answers_strangers=False,
     count_restarts=False,
     wrong_sequence_result=None,

@@ -1,7 +1,7 @@
 """The vehicle's side of the mission protocol: takes uploads, serves downloads, clears; as one autopilot would do it."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from mission_io.autopilots import Autopilot, home_item, stored_item
@@ -327,6 +327,8 @@ class MissionServer:
             target_system=to.system_id,
             target_component=to.component_id,
         )
+        if not self.autopilot.returns_int_frames:
+            message = replace(message, frame=int(item.frame))
         self._outbox.append(message)
 
     def _accept_again(self, now: float) -> None:
@@ -349,6 +351,11 @@ class MissionServer:
         del now
         if self.autopilot.busy_request_result is not None:
             self._answer(self.autopilot.busy_request_result)
+
+    def _answer_busy_clear(self, now: float) -> None:
+        del now
+        for result in self.autopilot.busy_clear_results:
+            self._answer(result)
 
     def _answer_other_item(self, now: float) -> None:
         if self._is_answered():

@@ -10,6 +10,7 @@ from uavcover.errors import VehicleError
 from uavcover.flight.events import EventKind
 from uavcover.flight.fly import Ending
 from uavcover.flight.mock import commands as mock_commands
+from uavcover.flight.mock import inbox
 from uavcover.flight.mock import vehicle as mock_vehicle
 from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.flight.simulation import simulated_by
@@ -33,7 +34,7 @@ def test_parameters_tell_when_the_uid_does_not(autopilot, name, value, expected,
     def answer(_: MockVehicle, message: m.ParamRequestRead) -> m.ParamValue | None:
         return m.ParamValue(name, value) if message.name == name else None
 
-    monkeypatch.setattr(mock_vehicle, "answer_parameter", answer)
+    monkeypatch.setattr(inbox, "answer_parameter", answer)
     scene = make_scene(autopilot)
     scene.client.wait_for_vehicle()
     assert simulated_by(scene.client) == expected

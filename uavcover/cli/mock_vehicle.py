@@ -1,5 +1,7 @@
 """``uavcover mock-vehicle``: a MAVLink vehicle for any ground station."""
 
+import contextlib
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -8,7 +10,9 @@ from uavcover.cli import options
 
 
 def mock_vehicle(
-    listen: Annotated[str, typer.Option("--listen", help="udpin://HOST:PORT; port 0 is any free one.", metavar="URL")],
+    listen: Annotated[
+        str, typer.Option("--listen", help="udpin:// or tcpin://HOST:PORT; port 0 is any free one.", metavar="URL")
+    ],
     autopilot: options.Autopilot = None,
     scenario: Annotated[
         str, typer.Option(help="Stands at this scenario's home and flies like its vehicle.")
@@ -21,6 +25,17 @@ def mock_vehicle(
     wind_m_s: Annotated[float, typer.Option("--wind", help="Steady wind, m/s.")] = 0.0,
     wind_from_deg: Annotated[float, typer.Option("--wind-from", help="Where it comes from, degrees.")] = 270.0,
     gust_m_s: Annotated[float, typer.Option("--gust", help="Standard deviation of the gusts, m/s.")] = 0.0,
+    gps_noise_m: Annotated[float, typer.Option("--gps-noise", help="Standard deviation of its position, m.")] = 0.0,
+    gps_latency_s: Annotated[float, typer.Option("--gps-latency", help="Age of its satellite positions, s.")] = 0.0,
+    endurance_s: Annotated[
+        float | None, typer.Option("--endurance", help="For how long its full battery hovers, s.")
+    ] = None,
+    behaviour: Annotated[
+        str, typer.Option(help="quick: ready in 2 s. observed: as the real autopilots start up, talk and wait.")
+    ] = "quick",
+    truth: Annotated[
+        Path | None, typer.Option(help="Where it really is, as CSV.", metavar="FILE.csv", show_default=False)
+    ] = None,
     fault: Annotated[
         list[str] | None,
         typer.Option(help="What goes wrong, and when; repeatable. See below.", metavar="NAME[:ARG][@MOMENT]"),
@@ -30,7 +45,7 @@ def mock_vehicle(
     quiet: options.Quiet = False,
     verbose: options.Verbose = 0,
 ) -> int:
-    """Be a vehicle on a UDP port until Ctrl-C; prints the port it bound.
+    """Be a vehicle on a port until Ctrl-C; prints the port it bound.
 
     Faults: heartbeat-loss[:S], gps-loss[:S], battery-failsafe[:return|land], pilot-mode[:MODE], reboot[:S],
     link-outage[:S], stuck[:S], arming-refused[:S], strong-wind[:M_S], mission-changed. Moments: @40s after take-off,
@@ -42,9 +57,13 @@ def mock_vehicle(
     from uavcover import pipeline
     from uavcover.cli.console import Console
     from uavcover.errors import InputError
+    from uavcover.flight.mock.battery import BatteryData
+    from uavcover.flight.mock.behaviour import OBSERVED, quick
     from uavcover.flight.mock.faults import parse_fault
+    from uavcover.flight.mock.positioning import GpsError
     from uavcover.flight.mock.server import run
     from uavcover.flight.mock.settings import Settings
+    from uavcover.flight.mock.truth import TruthFile
     from uavcover.flight.mock.vehicle import MockVehicle
     from uavcover.flight.mock.wind import Wind
     from uavcover.mission_compiler import AUTOPILOTS
@@ -74,17 +93,27 @@ def mock_vehicle(
         place = at_home
         settings, default = Settings.for_vehicle(site.scenario.vehicle), site.scenario.vehicle.autopilot
     name = options.autopilot_name(autopilot, default)
-    wind = Wind(speed_m_s=wind_m_s, from_deg=wind_from_deg, gust_m_s=gust_m_s)
-    vehicle = MockVehicle(
-        AUTOPILOTS[name], place,
-        settings=settings, wind=wind, rng=np.random.default_rng(used_seed), speed=speed,
-        faults=[parse_fault(text) for text in fault or ()],
-    )  # fmt: skip
+    ways = {"quick": quick(), "observed": OBSERVED[AUTOPILOTS[name].mav_autopilot]}
+    if behaviour not in ways:
+        raise InputError(f"--behaviour: {behaviour!r} is not quick or observed")
+    try:
+        wind = Wind(speed_m_s=wind_m_s, from_deg=wind_from_deg, gust_m_s=gust_m_s)
+        gps = GpsError(horizontal_m=gps_noise_m, vertical_m=1.5 * gps_noise_m, latency_s=gps_latency_s)
+        battery = BatteryData() if endurance_s is None else BatteryData(endurance_s=endurance_s)
+    except ValueError as error:
+        raise InputError(str(error)) from error
 
     def tell(port: int) -> None:
-        console.say(f"{name} mock vehicle at {place.lat_deg:.6f}, {place.lon_deg:.6f}, listening on UDP port {port}")
+        console.say(f"{name} mock vehicle at {place.lat_deg:.6f}, {place.lon_deg:.6f}, listening on port {port}")
         console.result({"port": port, "autopilot": name, "lat_deg": place.lat_deg, "lon_deg": place.lon_deg,
                         "alt_amsl_m": place.alt_amsl_m})  # fmt: skip
 
-    run(listen, vehicle, speed=speed, loss=loss, seed=used_seed, on_bound=tell)
+    with contextlib.ExitStack() as stack:
+        vehicle = MockVehicle(
+            AUTOPILOTS[name], place,
+            settings=settings, wind=wind, gps=gps, battery=battery, rng=np.random.default_rng(used_seed), speed=speed,
+            behaviour=ways[behaviour], faults=[parse_fault(text) for text in fault or ()],
+            on_truth=None if truth is None else stack.enter_context(TruthFile(truth)),
+        )  # fmt: skip
+        run(listen, vehicle, speed=speed, loss=loss, seed=used_seed, on_bound=tell)
     return 0

@@ -22,6 +22,7 @@ from tests.flight.scene import HOME, mission, plan_for, way_home
 from uavcover.errors import InputError, VehicleError
 from uavcover.flight.fly import Ending, fly
 from uavcover.flight.mock.peer import InMemoryPeer
+from uavcover.flight.mock.ports import TcpPort
 from uavcover.flight.mock.server import MockServer, register_mock, run, start_in_background
 from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.flight.monitor import open_vehicle
@@ -174,11 +175,37 @@ def test_impossible_options_are_refused(options, message):
 def test_a_port_that_is_taken_is_an_error():
     with background() as mock, pytest.raises(VehicleError, match=f"cannot listen on UDP 127.0.0.1:{mock.port}"):
         MockServer(MockVehicle(PX4, HOME), port=mock.port)
+    with (
+        MockServer(MockVehicle(PX4, HOME), kind=TcpPort) as server,
+        pytest.raises(VehicleError, match="is the port taken"),
+    ):
+        MockServer(MockVehicle(PX4, HOME), kind=TcpPort, port=server.port)
 
 
-def test_only_udp_is_listened_on():
+def test_over_tcp_it_talks_to_whoever_connects_and_forgets_who_has_gone():
+    vehicle = MockVehicle(PX4, HOME, speed=SPEED)
+    server = MockServer(vehicle, kind=TcpPort, speed=SPEED)
+    stop = threading.Event()
+    thread = threading.Thread(target=server.serve, args=(stop.is_set,))
+    thread.start()
+    url = f"tcp://127.0.0.1:{server.port}"
+    try:
+        with Client(open_link(url)) as one, Client(open_link(url), system_id=254) as two:
+            for client in (one, two):
+                client.wait_for_vehicle()
+            assert one.upload_and_verify(mission()).passed
+        with Client(open_link(url)) as later:
+            later.wait_for_vehicle()
+            assert len(later.download(MissionType.MISSION)) == len(mission().items)
+    finally:
+        stop.set()
+        thread.join()
+        server.close()
+
+
+def test_only_udp_and_incoming_tcp_are_listened_on():
     register_mock(lambda: MockVehicle(ARDUPILOT, HOME))
-    with pytest.raises(InputError, match="the mock vehicle speaks UDP only"):
+    with pytest.raises(InputError, match="use udpin://HOST:PORT or tcpin://HOST:PORT"):
         run("mock:", MockVehicle(PX4, HOME))
 
 
@@ -190,7 +217,7 @@ def test_run_ends_on_a_signal_and_puts_the_handlers_back():
         ports.append(port)
         signal.raise_signal(signal.SIGTERM)
 
-    for url in ("udpin://127.0.0.1:0", "udpout://127.0.0.1:14999"):
+    for url in ("udpin://127.0.0.1:0", "udpout://127.0.0.1:14999", "tcpin://127.0.0.1:0"):
         run(url, MockVehicle(PX4, HOME), loss=Random(1).random() * 0.1, on_bound=bound)
     assert all(port > 0 for port in ports)
     assert signal.getsignal(signal.SIGTERM) is before

@@ -224,19 +224,6 @@ def test_speeds_can_be_changed_by_command_and_by_parameter():
     assert bench.vehicle.speeds == before
 
 
-@pytest.mark.parametrize(
-    ("autopilot", "name", "value"), [(ARDUPILOT, "WPNAV_SPEED", 750.0), (PX4, "MPC_XY_CRUISE", 7.5)]
-)
-def test_parameters_are_read_and_set_in_their_own_units(autopilot, name, value):
-    bench = ready(autopilot)
-    [answer] = bench.send(m.ParamSet(1, 1, name, value))
-    assert answer == m.ParamValue(name, value, 9, 6, 0)
-    assert bench.vehicle.settings.cruise_m_s == 7.5
-    assert bench.send(m.ParamRequestRead(1, 1, "", 0)) == [answer]
-    assert bench.send(m.ParamRequestRead(1, 1, "NO_SUCH")) == []
-    assert bench.send(m.ParamSet(1, 1, name, -1.0)) == [answer]
-
-
 def test_waits_and_radii_of_the_mission_are_kept():
     bench = ready(PX4)
     bench.load(*up_there(go(0, 30, 20, hold_s=5.0), delay(4.0), go(0, 60, 20, acceptance_radius_m=9.0)))

@@ -290,8 +290,8 @@ SERVER = (
     Script("an unknown item asked for in the middle: PX4 is silent", f"{_UP}, req 99", "RECEIVING"),
     Script("clear in the middle: PX4 is silent", f"{_UP}, clear", "RECEIVING"),
     *(
-        Script(f"{step} in the middle: ArduPilot", f"{_UP}, {step}", "RECEIVING", "ack DENIED", autopilot="ArduPilot")
-        for step in ("req 0", "req 99", "clear")
+Script(f"{step} in the middle: ArduPilot", f"{_UP}, {step}", "RECEIVING", sends, autopilot="ArduPilot")
+        for step, sends in (("req 0", "ack DENIED"), ("req 99", "ack DENIED"), ("clear", "ack DENIED, ack ERROR"))
     ),
     Script("a thanks in the middle", f"{_UP}, ack ACCEPTED", "RECEIVING"),
     Script("cancel", f"{_UP}, ack OPERATION_CANCELLED", "IDLE"),

@@ -56,7 +56,6 @@ class Battery:
     Attributes:
         remaining: what is left, 1 is full.
         power_w: what is drawn.
-        used_wh: what was drawn since it was full.
     """
 
     def __init__(self, data: BatteryData, *, remaining: float = 1.0) -> None:
@@ -68,9 +67,9 @@ class Battery:
         self.power_w = data.hover_w * _IDLE_SHARE
 
     @property
-    def used_wh(self) -> float:
-        """What was drawn since it was full."""
-        return (1.0 - self.remaining) * self.capacity_wh
+    def capacity_mah(self) -> float:
+        """What a full one holds, at its nominal voltage."""
+        return 1000.0 * self.capacity_wh / (_CELLS * 0.5 * (_FULL_V + _EMPTY_V))
 
     @property
     def voltage_v(self) -> float:

@@ -81,6 +81,8 @@ _EVERYTHING: Mapping[type[m.Message], float] = MappingProxyType(
         m.ExtendedSysState: 1.0,
         m.SystemTime: 1.0,
         m.HomePosition: 5.0,
+        m.BatteryStatus: 2.0,
+        m.VfrHud: 1.0,
     }
 )
 _ONLY_HEARTBEATS: Mapping[type[m.Message], float] = MappingProxyType({m.Heartbeat: 1.0})

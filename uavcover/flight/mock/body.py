@@ -1,5 +1,6 @@
 """The flying part of the mock vehicle: a body in the air or on the ground, and the itinerary that it follows."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from uavcover.frames import LocalFrame
 STEP_S = 0.02
 """One step of the simulation, seconds of vehicle time."""
 
+_SAME_PLACE_M = 0.05
 _TOUCH_M = 0.1
 """So deep below the ground a vehicle that does not mean to land has crashed; less is standing on it."""
 
@@ -31,7 +33,7 @@ class MockBody:
     lead below home. With it, flying into the ground is a crash.
 
     Args:
-        home: where it stands at first, and the origin of its frame.
+        home: where it stands at first, and the origin of its frame; home itself moves to where it is armed.
         airframe: what it can do.
         wind: steady wind and gusts.
         gps: how far its positions are off.
@@ -58,7 +60,7 @@ class MockBody:
         rng: np.random.Generator,
         ground: Ground | None,
     ) -> None:
-        self.home = home
+        self.home, self.home_m = home, (0.0, 0.0, 0.0)
         self.frame = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m)
         self.point = PointMass(airframe, step_s=STEP_S, position_m=(0.0, 0.0, 0.0))
         self.on_ground, self.crashed, self.falling = True, False, False
@@ -95,8 +97,19 @@ class MockBody:
         if self.on_ground:
             self.point.rest(up_m=self.point.position_m[2])
 
-    def place(self, item: MissionItem) -> Vector:
-        """The position that a mission item names; a take-off goes straight up, whatever place it names."""
+    def set_home_here(self) -> None:
+        """Count heights above home from here on from where it believes to stand."""
+        here = self.believed.position_m
+        if math.dist(here, self.home_m) > _SAME_PLACE_M:
+            self.home, self.home_m = self.geodetic_of(here), here
+
+    def place(self, item: MissionItem, ground: Ground) -> Vector:
+        """The position that a mission item names; a take-off goes straight up, whatever place it names.
+
+        Args:
+            item: the item.
+            ground: height of the ground as the vehicle knows it.
+        """
         if item.command == Command.NAV_TAKEOFF:
             here = self.geodetic_of(self.believed.position_m)
             item = replace(item, lat_deg=here.lat_deg, lon_deg=here.lon_deg)
@@ -104,7 +117,7 @@ class MockBody:
         if item.frame is Frame.ABOVE_HOME:
             alt_amsl_m += self.home.alt_amsl_m
         elif item.frame is Frame.ABOVE_TERRAIN:
-            alt_amsl_m += self._ground_alt_amsl_m(item.lat_deg, item.lon_deg)
+            alt_amsl_m += ground(item.lat_deg, item.lon_deg)
         east, north, up = self.frame.enu_from_geodetic(item.lat_deg, item.lon_deg, alt_amsl_m)[0]
         return (float(east), float(north), float(up))
 
@@ -131,7 +144,8 @@ class MockBody:
         if self._ground is None:
             return 0.0
         here = self.geodetic()
-        return self._ground_alt_amsl_m(here.lat_deg, here.lon_deg) - self.home.alt_amsl_m
+        return self._ground(here.lat_deg, here.lon_deg) - self.frame.alt_amsl_m
 
-    def _ground_alt_amsl_m(self, lat_deg: float, lon_deg: float) -> float:
-        return self.home.alt_amsl_m if self._ground is None else self._ground(lat_deg, lon_deg)
+    def ground_alt_amsl_m(self, lat_deg: float, lon_deg: float) -> float:
+        """Height of the true ground above mean sea level."""
+        return self.frame.alt_amsl_m if self._ground is None else self._ground(lat_deg, lon_deg)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 from mission_io import messages as m
 from mission_io.enums import CommandResult
-from mission_io.items import Command
+from mission_io.items import Command, Frame, MissionItem
+from mission_io.wire import DEGREES_SCALE
 from uavcover.flight.mock.itinerary import changed_speeds
-from uavcover.flight.mock.settings import PARAMETERS, parameter, with_parameter
 from uavcover.flight.mock.telemetry import KIND_BY_ID
 from uavcover.flight.modes import Mode, mode_from_params
 
@@ -21,23 +21,42 @@ _FORCE_DISARM = 21196.0
 
 def answer_command(vehicle: "MockVehicle", command: m.CommandLong | m.CommandInt) -> CommandResult:
     """Carry out a command and return what to answer."""
+    if command.command == Command.DO_REPOSITION and isinstance(command, m.CommandInt):
+        return _reposition(vehicle, command)
     handler = _HANDLERS.get(command.command)
     return CommandResult.UNSUPPORTED if handler is None else handler(vehicle, command.params)
 
 
 def answer_parameter(vehicle: "MockVehicle", message: m.ParamRequestRead | m.ParamSet) -> m.ParamValue | None:
     """Read or set a parameter; None (silence) for one that does not exist."""
-    number = vehicle.autopilot.mav_autopilot
-    names = list(PARAMETERS[number])
-    name = message.name
-    if isinstance(message, m.ParamRequestRead) and 0 <= message.index < len(names):
-        name = names[message.index]
-    if name not in names:
+    index = message.index if isinstance(message, m.ParamRequestRead) else -1
+    name = vehicle.parameters.name_of(message.name, index)
+    if name is None:
         return None
     if isinstance(message, m.ParamSet):
-        vehicle.settings = with_parameter(vehicle.settings, number, name, message.value)
-    value = parameter(vehicle.settings, number, name)
-    return None if value is None else m.ParamValue(name, value, 9, len(names), names.index(name))
+        vehicle.parameters.set(name, message.value)
+    return vehicle.parameters.message(name)
+
+
+_STREAMS: dict[int, tuple[type[m.Message], ...]] = {
+    2: (m.SysStatus, m.MissionCurrent, m.GpsRawInt, m.ExtendedSysState),
+    6: (m.GlobalPositionInt,),
+    10: (m.Attitude,),
+    11: (m.VfrHud,),
+    12: (m.SystemTime, m.EkfStatusReport, m.BatteryStatus, m.TerrainReport),
+}
+"""What ArduPilot has in each group (MAV_DATA_STREAM), of what this vehicle tells."""
+_EVERY_STREAM = 0
+
+
+def request_stream(vehicle: "MockVehicle", message: m.RequestDataStream) -> None:
+    """Begin or end groups of messages, as ArduPilot does; PX4 knows no groups."""
+    if not vehicle.is_ardupilot:
+        return
+    groups = _STREAMS.values() if message.stream == _EVERY_STREAM else [_STREAMS.get(message.stream, ())]
+    interval_s = 1.0 / message.rate_hz if message.start and message.rate_hz > 0 else None
+    for kind in (kind for group in groups for kind in group):
+        vehicle.set_interval(kind, interval_s)
 
 
 def _arm(vehicle: "MockVehicle", params: Params) -> CommandResult:
@@ -109,6 +128,29 @@ def _land(vehicle: "MockVehicle", params: Params) -> CommandResult:
     return vehicle.set_mode(Mode.LAND)
 
 
+def _take_off(vehicle: "MockVehicle", params: Params) -> CommandResult:
+    """ArduPilot in GUIDED: to a height above home (param7). PX4: to a height above sea level, or its own default."""
+    height_m = params[6] if len(params) > 6 else math.nan
+    if vehicle.is_ardupilot:
+        if vehicle.mode is not Mode.GUIDED or not math.isfinite(height_m):
+            return CommandResult.FAILED
+    elif math.isfinite(height_m):
+        height_m -= vehicle.body.home.alt_amsl_m
+    else:
+        height_m = vehicle.parameters["MIS_TAKEOFF_ALT"]
+    return vehicle.take_off(height_m)
+
+
+def _reposition(vehicle: "MockVehicle", command: m.CommandInt) -> CommandResult:
+    if command.frame not in _GLOBAL_FRAMES or not math.isfinite(command.z):
+        return CommandResult.DENIED
+    lat_deg, lon_deg = command.x / DEGREES_SCALE, command.y / DEGREES_SCALE
+    frame = _GLOBAL_FRAMES[command.frame]
+    return vehicle.fly_to(MissionItem(Command.NAV_WAYPOINT, frame, lat_deg=lat_deg, lon_deg=lon_deg, alt_m=command.z))
+
+
+_GLOBAL_FRAMES = {0: Frame.AMSL, 5: Frame.AMSL, 3: Frame.ABOVE_HOME, 6: Frame.ABOVE_HOME}
+
 _HANDLERS: dict[int, Callable[["MockVehicle", Params], CommandResult]] = {
     Command.COMPONENT_ARM_DISARM: _arm,
     Command.DO_SET_MODE: _set_mode,
@@ -122,4 +164,5 @@ _HANDLERS: dict[int, Callable[["MockVehicle", Params], CommandResult]] = {
     Command.REQUEST_AUTOPILOT_CAPABILITIES: _capabilities,
     Command.NAV_RETURN_TO_LAUNCH: _return,
     Command.NAV_LAND: _land,
+    Command.NAV_TAKEOFF: _take_off,
 }

@@ -1,7 +1,13 @@
-"""What the mock vehicle does by itself when something it flies by is missing: position, battery."""
+"""What the mock vehicle does by itself when something is not as it should be: position, battery, ground station, fence.
 
+Whether and how it acts is in its parameters, with the autopilots' own names, values and defaults.
+"""
+
+import math
 from typing import TYPE_CHECKING
 
+from uavcover.flight.mock.behaviour import TransferClock
+from uavcover.flight.mock.fence import FenceWatch
 from uavcover.flight.modes import Mode
 
 if TYPE_CHECKING:
@@ -10,34 +16,61 @@ if TYPE_CHECKING:
 _POSITION_TIMEOUT_S = 1.0
 _WARNING, _CRITICAL, _EMERGENCY = 4, 2, 0
 _LOW_CHARGE, _CRITICAL_CHARGE = 0.2, 0.1
+_BATTERY_ACTIONS = {1.0: Mode.LAND, 2.0: Mode.RETURN}
+_GCS_ACTIONS = {True: {1.0: Mode.RETURN, 5.0: Mode.LAND}, False: {1.0: Mode.HOLD, 2.0: Mode.RETURN, 3.0: Mode.LAND}}
+_FENCE_ACTIONS = {
+    True: {1.0: Mode.RETURN, 2.0: Mode.LAND, 4.0: Mode.HOLD},
+    False: {2.0: Mode.HOLD, 3.0: Mode.RETURN, 5.0: Mode.LAND},
+}
+"""Value of the parameter to mode; ArduPilot under True, PX4 under False."""
 
 
 class Failsafes:
     """Looks at the vehicle a few times a second and remembers what it has reacted to."""
 
     def __init__(self) -> None:
+        self._fence = FenceWatch()
         self._position_lost_at_s: float | None = None
-        self._landed_for_position = False
+        self._heard_at_s: float | None = None
         self._charge_told = 1.0
+        self._done: set[str] = set()
+
+    def hear_ground_station(self, vehicle: "MockVehicle") -> None:
+        """A ground station's heartbeat has come."""
+        self._heard_at_s = vehicle.time_s
+        self._done.discard("ground station")
+
+    def breach(self, vehicle: "MockVehicle") -> str | None:
+        """Which limit of its fence the vehicle is beyond; None for none."""
+        return self._fence.breach(vehicle)
 
     def look(self, vehicle: "MockVehicle") -> None:
         """Look, and react."""
         self._look_at_position(vehicle)
         self._look_at_battery(vehicle)
+        if vehicle.flying:
+            self._look_for_ground_station(vehicle)
+            self._look_at_fence(vehicle)
+
+    def _once(self, what: str) -> bool:
+        """Whether this is the first time that something is reacted to."""
+        first = what not in self._done
+        self._done.add(what)
+        return first
 
     def _look_at_position(self, vehicle: "MockVehicle") -> None:
         if not vehicle.body.believed.lost:
-            self._position_lost_at_s, self._landed_for_position = None, False
+            self._position_lost_at_s = None
+            self._done.discard("position")
             return
         if self._position_lost_at_s is None:
             self._position_lost_at_s = vehicle.time_s
-        if not self._landed_for_position and vehicle.time_s >= self._position_lost_at_s + _POSITION_TIMEOUT_S:
-            self._landed_for_position = True
+        if vehicle.time_s >= self._position_lost_at_s + _POSITION_TIMEOUT_S and self._once("position"):
             vehicle.fail_safe("EKF" if vehicle.is_ardupilot else "No position", Mode.LAND)
 
     def _look_at_battery(self, vehicle: "MockVehicle") -> None:
         battery = vehicle.body.battery
-        if battery.remaining <= 0.0 and not vehicle.body.on_ground and vehicle.armed:
+        if battery.remaining <= 0.0 and vehicle.flying:
             vehicle.say(_EMERGENCY, "Battery 1 is empty")
             vehicle.disarm(force=True)
         for level, word, severity in ((_LOW_CHARGE, "low", _WARNING), (_CRITICAL_CHARGE, "critical", _CRITICAL)):
@@ -45,3 +78,46 @@ class Failsafes:
                 self._charge_told = level
                 volts = f"Battery 1 is {word} {battery.voltage_v:.2f}V"
                 vehicle.say(severity, volts if vehicle.is_ardupilot else f"{word.capitalize()} battery level")
+        if not vehicle.flying:
+            return
+        for level, mode in _battery_actions(vehicle):
+            if battery.remaining <= level and self._once(f"battery {level} {mode.value}"):
+                vehicle.fail_safe("Battery", mode)
+
+    def _look_for_ground_station(self, vehicle: "MockVehicle") -> None:
+        ardupilot, get = vehicle.is_ardupilot, vehicle.parameters
+        mode = _GCS_ACTIONS[ardupilot].get(get["FS_GCS_ENABLE" if ardupilot else "NAV_DLL_ACT"])
+        if mode is None or self._heard_at_s is None:
+            return
+        patience_s = get["FS_GCS_TIMEOUT" if ardupilot else "COM_DL_LOSS_T"]
+        if vehicle.behaviour.transfer_clock is TransferClock.LINK:
+            patience_s *= vehicle.speed
+        if vehicle.time_s >= self._heard_at_s + patience_s and self._once("ground station"):
+            vehicle.fail_safe("GCS" if ardupilot else "Data link lost", mode)
+
+    def _look_at_fence(self, vehicle: "MockVehicle") -> None:
+        limit = self._fence.breach(vehicle)
+        if limit is None:
+            self._done.discard("fence")
+        elif self._once("fence"):
+            ardupilot = vehicle.is_ardupilot
+            vehicle.say(_CRITICAL, f"{limit} fence breached" if ardupilot else f"Geofence violation: {limit}")
+            action = vehicle.parameters["FENCE_ACTION" if ardupilot else "GF_ACTION"]
+            mode = _FENCE_ACTIONS[ardupilot].get(action)
+            if mode is not None:
+                vehicle.fail_safe("Fence" if ardupilot else "Geofence", mode)
+
+
+def _battery_actions(vehicle: "MockVehicle") -> list[tuple[float, Mode]]:
+    """From which share of the charge on the vehicle does what."""
+    get, battery = vehicle.parameters, vehicle.body.battery
+    if vehicle.is_ardupilot:
+        pairs = [(get["BATT_LOW_MAH"], get["BATT_FS_LOW_ACT"]), (get["BATT_CRT_MAH"], get["BATT_FS_CRT_ACT"])]
+        found = [(mah / battery.capacity_mah if mah > 0.0 else -math.inf, _BATTERY_ACTIONS.get(a)) for mah, a in pairs]
+        return [(level, mode) for level, mode in found if mode is not None]
+    action = get["COM_LOW_BAT_ACT"]
+    if action == 2.0:
+        return [(get["BAT_CRIT_THR"], Mode.LAND)]
+    if action == 3.0:
+        return [(get["BAT_CRIT_THR"], Mode.RETURN), (get["BAT_EMERGEN_THR"], Mode.LAND)]
+    return []

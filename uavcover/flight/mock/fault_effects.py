@@ -84,7 +84,7 @@ def _drain_battery(vehicle: "MockVehicle", fault: Fault) -> None:
     vehicle.body.battery.drop_to(_CRITICAL_CHARGE)
     battery = vehicle.body.battery
     if vehicle.is_ardupilot:
-        used_mah = 1000.0 * battery.used_wh / battery.voltage_v
+        used_mah = (1.0 - battery.remaining) * battery.capacity_mah
         vehicle.say(_CRITICAL, f"Battery 1 is critical {battery.voltage_v:.2f}V used {used_mah:.0f} mAh")
     vehicle.fail_safe("Battery", mode)
 
@@ -126,7 +126,7 @@ def _change_mission(vehicle: "MockVehicle", _: Fault) -> None:
     vehicle.missions.replace(MissionType.MISSION, (*items[:gone], *items[gone + 1 :]))
     if vehicle.is_ardupilot:
         vehicle.say(_INFO, "Flight plan received")
-    vehicle.mission_changed()
+    vehicle.mission.changed()
 
 
 _BEGIN: dict[FaultKind, Callable[["MockVehicle", Fault], None]] = {

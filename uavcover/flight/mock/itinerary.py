@@ -13,6 +13,9 @@ from uavcover.flight.mock.settings import Settings
 
 _SLOW_LANDING_BELOW_M = 10.0
 _SETTLED_M = 0.5
+_CIRCLE_RADIUS_M = 10.0
+"""Of a loiter that names none: ArduPilot's CIRCLE_RADIUS."""
+_CIRCLE_LEG_M = 10.0
 
 
 class Mover(Protocol):
@@ -62,12 +65,12 @@ class Step:
     wait_s: float = 0.0
 
 
-def return_steps(seq: int | None, settings: Settings, speeds: Speeds) -> list[Step]:
+def return_steps(seq: int | None, settings: Settings, speeds: Speeds, *, home_m: Vector) -> list[Step]:
     """Climb to the return height, go home in a straight line, land: an autopilot's own way home."""
-    height = settings.return_height_m
+    above_home = (home_m[0], home_m[1], home_m[2] + settings.return_height_m)
     return [
-        Step(seq, StepKind.CLIMB, speeds, (0.0, 0.0, height)),
-        Step(seq, StepKind.LEVEL, speeds, (0.0, 0.0, height)),
+        Step(seq, StepKind.CLIMB, speeds, above_home),
+        Step(seq, StepKind.LEVEL, speeds, above_home),
         Step(seq, StepKind.DESCEND, speeds),
     ]
 
@@ -79,6 +82,7 @@ def mission_steps(
     place: Callable[[MissionItem], Vector],
     settings: Settings,
     speeds: Speeds,
+    home_m: Vector = (0.0, 0.0, 0.0),
 ) -> list[Step]:
     """The steps of a mission from item ``first_seq`` on, starting with ``speeds``.
 
@@ -88,6 +92,7 @@ def mission_steps(
         place: position of an item in the vehicle's frame, east, north, up in metres.
         settings: the vehicle's.
         speeds: as they are now; the mission's speed changes apply from where they stand.
+        home_m: where home is, in the vehicle's frame.
     """
     steps: list[Step] = []
     for seq in range(first_seq, len(items)):
@@ -101,16 +106,37 @@ def mission_steps(
                 steps.append(Step(seq, StepKind.GO, speeds, place(item), radius))
                 if item.params[0] > 0.0:
                     steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=item.params[0]))
+            case Command.NAV_LOITER_UNLIM:
+                steps.append(Step(seq, StepKind.GO, speeds, place(item), settings.acceptance_radius_m))
+                steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=math.inf))
+            case Command.NAV_LOITER_TURNS:
+                steps.extend(_turns(seq, item, place(item), settings, speeds))
             case Command.NAV_LAND:
                 somewhere = item.has_position and (item.lat_deg, item.lon_deg) != (0.0, 0.0)
                 steps.append(Step(seq, StepKind.LEVEL, speeds, place(item) if somewhere else None))
                 steps.append(Step(seq, StepKind.DESCEND, speeds))
             case Command.NAV_RETURN_TO_LAUNCH:
-                steps.extend(return_steps(seq, settings, speeds))
+                steps.extend(return_steps(seq, settings, speeds, home_m=home_m))
             case Command.NAV_DELAY:
                 steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=max(0.0, item.params[0])))
             case Command.DO_CHANGE_SPEED:
                 speeds = changed_speeds(speeds, item.params)
+    return steps
+
+
+def _turns(seq: int, item: MissionItem, center: Vector, settings: Settings, speeds: Speeds) -> list[Step]:
+    """Circles around a place, begun in the north: clockwise, or the other way with a negative radius."""
+    turns, radius_m = item.params[0], item.params[2]
+    if not (math.isfinite(radius_m) and radius_m != 0.0):
+        radius_m = _CIRCLE_RADIUS_M
+    sense, radius_m = math.copysign(1.0, radius_m), abs(radius_m)
+    corners = max(12, math.ceil(math.tau * radius_m / _CIRCLE_LEG_M))
+    accept_m = min(settings.acceptance_radius_m, 0.25 * radius_m)
+    steps: list[Step] = []
+    for n in range(round(max(0.0, turns) * corners) + 1):
+        angle = sense * math.tau * n / corners
+        point = (center[0] + radius_m * math.sin(angle), center[1] + radius_m * math.cos(angle), center[2])
+        steps.append(Step(seq, StepKind.GO, speeds, point, accept_m))
     return steps
 
 

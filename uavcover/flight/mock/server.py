@@ -1,9 +1,7 @@
-"""The mock vehicle on a UDP port: as a process of its own (``run``), or in a thread behind the URL ``mock:``."""
+"""The mock vehicle on a port: as a process of its own (``run``), or in a thread behind the URL ``mock:``."""
 
 import logging
-import select
 import signal
-import socket
 import threading
 import time
 from collections.abc import Callable
@@ -12,8 +10,9 @@ from types import FrameType
 from typing import Self
 
 from mission_io.link import Link, LinkUrl, UdpLink, parse_link_url, register_endpoint
-from uavcover.errors import InputError, VehicleError
+from uavcover.errors import InputError
 from uavcover.flight.mock.peer import MockPeer
+from uavcover.flight.mock.ports import Place, Port, TcpPort, UdpPort
 from uavcover.flight.mock.vehicle import MockVehicle
 
 _log = logging.getLogger(__name__)
@@ -22,16 +21,15 @@ _TICK_S = 0.01
 _LONGEST_TICK_S = 0.1
 """After a longer pause (a busy machine) the vehicle's time is held back, not caught up with in one burst."""
 
-UdpPlace = tuple[str, int]
-
 
 class MockServer:
-    """Serves one vehicle on one UDP socket in real time times ``speed``; a context manager that lets go of the port.
+    """Serves one vehicle on one port in real time times ``speed``; a context manager that lets go of the port.
 
     Args:
         vehicle: the vehicle, made with the same ``speed``.
         host: address to bind.
         port: port to bind; 0 is any free one, see ``port``.
+        kind: UDP, or TCP.
         speed: vehicle seconds per second.
         loss: share of the datagrams that get lost, each way.
         rng: decides which.
@@ -47,25 +45,20 @@ class MockServer:
         *,
         host: str = "127.0.0.1",
         port: int = 0,
+        kind: Callable[[str, int], Port] = UdpPort,
         speed: float = 1.0,
         loss: float = 0.0,
         rng: Random | None = None,
-        greet: UdpPlace | None = None,
+        greet: Place | None = None,
     ) -> None:
         if not speed > 0.0:
             raise InputError(f"speed: {speed} must be above 0")
         if not 0.0 <= loss < 1.0:
             raise InputError(f"loss: {loss} is not from 0 to below 1")
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind((host, port))
-        except OSError as error:
-            self._socket.close()
-            raise VehicleError(f"cannot listen on UDP {host}:{port}: {error.strerror}; is the port taken?") from None
-        self._socket.setblocking(False)
+        self._port = kind(host, port)
         self._loss, self._rng = loss, rng if rng is not None else Random(0)
         self._now = time.monotonic()
-        self._peer: MockPeer[UdpPlace] = MockPeer(vehicle, speed=speed, origin_s=self._now)
+        self._peer: MockPeer[Place] = MockPeer(vehicle, speed=speed, origin_s=self._now)
         if greet is not None:
             self._peer.greet(greet)
         self._said_slow = False
@@ -73,13 +66,12 @@ class MockServer:
     @property
     def port(self) -> int:
         """The port that was bound."""
-        port: int = self._socket.getsockname()[1]
-        return port
+        return self._port.number
 
     def serve(self, stopped: Callable[[], bool]) -> None:
         """Fly and answer until ``stopped`` says so."""
         while not stopped():
-            select.select([self._socket], [], [], _TICK_S)
+            self._port.wait(_TICK_S)
             now = time.monotonic()
             if now - self._now > _LONGEST_TICK_S:
                 self._peer.hold_time(now - _LONGEST_TICK_S)
@@ -87,40 +79,24 @@ class MockServer:
                     self._said_slow = True
                     _log.info("the machine is too busy for this speed; the vehicle's time runs slower")
             self._now = now
-            self._take_all(now)
+            for place in self._port.newcomers():
+                self._peer.greet(place)
+            for place, data in self._port.take():
+                if not self._lost():
+                    self._peer.receive_from(place, data, now)
             for place, datagram in self._peer.datagrams(now):
-                self._send(place, datagram)
+                if not self._lost():
+                    self._port.send(place, datagram)
 
     def close(self) -> None:
         """Let go of the port."""
-        self._socket.close()
+        self._port.close()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def _take_all(self, now: float) -> None:
-        while True:
-            try:
-                data, place = self._socket.recvfrom(65535)
-            except BlockingIOError:
-                return
-            except ConnectionError:
-                continue  # a ground station that has gone
-            if not self._lost():
-                self._peer.receive_from((place[0], place[1]), data, now)
-
-    def _send(self, place: UdpPlace, datagram: bytes) -> None:
-        if self._lost():
-            return
-        try:
-            self._socket.sendto(datagram, place)
-        except (BlockingIOError, ConnectionError):
-            return  # lost, like any datagram
-        except OSError as error:
-            _log.debug("cannot send to %s:%d: %s", *place, error)
 
     def _lost(self) -> bool:
         return self._loss > 0.0 and self._rng.random() < self._loss
@@ -138,7 +114,8 @@ def run(
     """Be a vehicle until SIGTERM or SIGINT. To be called in the main thread of its process.
 
     Args:
-        url: ``udpin://HOST:PORT`` answers whoever speaks to it, port 0 is any; ``udpout://HOST:PORT`` also speaks first.
+        url: ``udpin://HOST:PORT`` answers whoever speaks to it, port 0 is any; ``udpout://HOST:PORT`` also speaks first;
+            ``tcpin://HOST:PORT`` talks to whoever connects.
         vehicle: the vehicle, made with the same ``speed``.
         speed: vehicle seconds per second.
         loss: share of the datagrams that get lost, each way.
@@ -146,24 +123,25 @@ def run(
         on_bound: called with the port once it is bound.
 
     Raises:
-        InputError: a URL that is not UDP, or a speed or loss out of range.
+        InputError: a URL that is none of these, or a speed or loss out of range.
         VehicleError: the port cannot be bound.
         mission_io.errors.MisuseError: a URL that is not understood.
     """
     place = parse_link_url(url)
-    if place.scheme not in ("udpin", "udpout"):
-        raise InputError(f"{url!r}: the mock vehicle speaks UDP only; use udpin://HOST:PORT")
+    if place.scheme not in ("udpin", "udpout", "tcpin"):
+        raise InputError(f"{url!r}: the mock vehicle does not listen there; use udpin://HOST:PORT or tcpin://HOST:PORT")
     stop = threading.Event()
 
     def end(number: int, frame: FrameType | None) -> None:
         del number, frame
         stop.set()
 
-    inward = place.scheme == "udpin"
+    inward = place.scheme != "udpout"
     server = MockServer(
         vehicle,
         host=place.host if inward else "0.0.0.0" if place.host not in ("127.0.0.1", "localhost") else "127.0.0.1",
         port=place.port if inward else 0,
+        kind=TcpPort if place.scheme == "tcpin" else UdpPort,
         speed=speed,
         loss=loss,
         rng=Random(seed),

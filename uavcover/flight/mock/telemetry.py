@@ -16,7 +16,13 @@ if TYPE_CHECKING:
 MOCK_UID = int.from_bytes(b"uavcover", "big")
 """The ``uid`` in the mock's AUTOPILOT_VERSION: how it says that it is no real vehicle."""
 
-_CAPABILITIES = 0x4 | 0x8 | 0x2 | 0x2000  # MISSION_INT, COMMAND_INT, PARAM_FLOAT, MAVLINK2
+_CAPABILITIES = {
+    # MISSION_INT, COMMAND_INT, MAVLINK2, MISSION_FENCE, MISSION_RALLY; then ArduPilot's C_CAST and TERRAIN, PX4's BYTEWISE
+    True: 0x4 | 0x8 | 0x2000 | 0x4000 | 0x8000 | 0x20000 | 0x200,
+    False: 0x4 | 0x8 | 0x2000 | 0x4000 | 0x8000 | 0x10,
+}
+_VERSIONS = {True: 0x04070000, False: 0x011100FF}  # 4.7.0-dev, 1.17.0; ArduPilot under True
+_CHARGE_OK, _CHARGE_LOW, _CHARGE_CRITICAL = 1, 2, 3
 _STANDBY, _ACTIVE, _BOOT = 3, 4, 1
 _FIX_3D, _NO_FIX = 3, 1
 _SENSOR_GPS = 0x20
@@ -136,6 +142,37 @@ def _gps(vehicle: "MockVehicle") -> m.Message:
     )
 
 
+def _battery(vehicle: "MockVehicle") -> m.Message:
+    battery = vehicle.body.battery
+    left = battery.remaining
+    state = _CHARGE_CRITICAL if left <= 0.1 else _CHARGE_LOW if left <= 0.2 else _CHARGE_OK
+    return m.BatteryStatus(
+        0,
+        (battery.voltage_v, *(None,) * 9),
+        battery.current_a,
+        round((1.0 - left) * battery.capacity_mah),
+        round(100.0 * left),
+        round(battery.time_left_s) or None,
+        state,
+    )
+
+
+def _display(vehicle: "MockVehicle") -> m.Message:
+    point, believed = vehicle.body.point, vehicle.body.believed.position_m
+    east, north, up = point.velocity_m_s
+    throttle = round(50.0 * vehicle.body.battery.power_w / vehicle.body.battery.data.hover_w) if vehicle.flying else 0
+    heading = round(math.degrees(point.yaw_rad)) % 360
+    alt_amsl_m = vehicle.body.frame.alt_amsl_m + believed[2]
+    return m.VfrHud(point.airspeed_m_s, math.hypot(east, north), heading, min(100, throttle), alt_amsl_m, up)
+
+
+def _terrain(vehicle: "MockVehicle") -> m.Message | None:
+    if vehicle.terrain is None:
+        return None
+    here = vehicle.body.geodetic_of(vehicle.body.believed.position_m)
+    return vehicle.terrain.report(here.lat_deg, here.lon_deg, here.alt_amsl_m)
+
+
 def _home(vehicle: "MockVehicle") -> m.Message | None:
     home = vehicle.body.home
     return m.HomePosition(home.lat_deg, home.lon_deg, home.alt_amsl_m) if vehicle.home_known else None
@@ -167,7 +204,12 @@ _BUILDERS: dict[type[m.Message], Callable[["MockVehicle"], m.Message | None]] = 
     m.ExtendedSysState: lambda vehicle: m.ExtendedSysState(int(vehicle.body.landed_state)),
     m.SystemTime: lambda vehicle: m.SystemTime(0.0, vehicle.time_s),
     m.HomePosition: _home,
-    m.AutopilotVersion: lambda _: m.AutopilotVersion(_CAPABILITIES, uid=MOCK_UID),
+    m.AutopilotVersion: lambda vehicle: m.AutopilotVersion(
+        _CAPABILITIES[vehicle.is_ardupilot], _VERSIONS[vehicle.is_ardupilot], MOCK_UID
+    ),
+    m.BatteryStatus: _battery,
+    m.VfrHud: _display,
+    m.TerrainReport: _terrain,
 }
 
 KIND_BY_ID: dict[int, type[m.Message]] = {message_id(kind): kind for kind in _BUILDERS}

@@ -13,24 +13,28 @@ from mission_io.autopilots import Autopilot
 from mission_io.enums import AutopilotId, CommandResult, MissionState
 from mission_io.items import GeoPoint, MissionItem, MissionType
 from mission_io.protocol.exchange import Address
-from uavcover.flight.mock.arming import reason_not_to_arm
+from uavcover.flight.mock.arming import refusal_to_arm
 from uavcover.flight.mock.battery import BatteryData
-from uavcover.flight.mock.behaviour import Behaviour, TransferClock, quick
+from uavcover.flight.mock.behaviour import Behaviour, TerrainSource, TransferClock, quick
 from uavcover.flight.mock.body import STEP_S, Ground, MockBody
-from uavcover.flight.mock.commands import answer_command, answer_parameter
-from uavcover.flight.mock.dynamics import Airframe
+from uavcover.flight.mock.dynamics import Airframe, Vector
 from uavcover.flight.mock.failsafes import Failsafes
 from uavcover.flight.mock.fault_effects import Faults
 from uavcover.flight.mock.faults import Fault, FaultKind
 from uavcover.flight.mock.guidance import Speeds
-from uavcover.flight.mock.itinerary import Step, StepKind, mission_steps, return_steps
+from uavcover.flight.mock.inbox import take
+from uavcover.flight.mock.itinerary import Step, StepKind, return_steps
+from uavcover.flight.mock.mission_flight import MissionFlight
 from uavcover.flight.mock.mission_store import MissionStore
+from uavcover.flight.mock.outbox import Outbox
+from uavcover.flight.mock.parameters import Parameters
 from uavcover.flight.mock.positioning import GpsError
 from uavcover.flight.mock.settings import Settings
 from uavcover.flight.mock.telemetry import Streams, telemetry, truth_sample
+from uavcover.flight.mock.terrain_feed import TerrainFeed
 from uavcover.flight.mock.truth import OnTruth
 from uavcover.flight.mock.wind import Wind
-from uavcover.flight.modes import Mode, mode_from_custom
+from uavcover.flight.modes import Mode
 
 _DISARM_AFTER_LANDING_S = 2.0
 _DISARM_WHEN_IDLE_S = 10.0
@@ -88,7 +92,7 @@ class MockVehicle:
         self.autopilot, self.speed = autopilot, speed
         self.behaviour = behaviour if behaviour is not None else quick()
         self.address = Address(system_id, 1)
-        self.settings = settings if settings is not None else Settings()
+        self.parameters = Parameters(autopilot.mav_autopilot, settings if settings is not None else Settings())
         self.speeds: Speeds = self.settings.speeds
         rng = rng if rng is not None else np.random.default_rng(0)
         self.body: MockBody = MockBody(
@@ -102,8 +106,9 @@ class MockVehicle:
         )
         self.faults = Faults(faults)
         self.mode, self.armed = Mode.MANUAL, False
-        self.mission_state = MissionState.NOT_STARTED
-        self.current_seq = 0
+        self.mission: MissionFlight = MissionFlight(self)
+        self.terrain = TerrainFeed() if self._asks_for_terrain else None
+        self.failsafes = Failsafes()
         self.took_off_at_s: float | None = None
         self.missions = MissionStore(
             autopilot,
@@ -112,12 +117,12 @@ class MockVehicle:
             stale_read_back=self.behaviour.stale_read_back,
             rng=rng,
         )
-        self._streams, self._failsafes = Streams(self), Failsafes()
+        self._streams = Streams(self)
         self._on_truth = on_truth
         self._steps_done = self._boot_step = self._off_until_step = 0
         self._texts_said = 0
         self._disarm_at_s = 0.0
-        self._outbox: list[m.Message] = []
+        self._outbox = Outbox(self)
 
     # How the vehicle is.
 
@@ -130,6 +135,31 @@ class MockVehicle:
     def time_s(self) -> float:
         """Vehicle time: since it was last switched on."""
         return (self._steps_done - self._boot_step) * STEP_S
+
+    @property
+    def settings(self) -> Settings:
+        """How it flies unless a mission says otherwise."""
+        return self.parameters.settings
+
+    @property
+    def cut_off(self) -> bool:
+        """Whether nothing gets through, in neither direction."""
+        return self._steps_done < self._off_until_step or self.faults.is_going_on(FaultKind.LINK_OUTAGE)
+
+    @property
+    def flying(self) -> bool:
+        """Whether its motors keep it in the air."""
+        return self.armed and not self.body.on_ground
+
+    @property
+    def mission_state(self) -> MissionState:
+        """What it does with its mission."""
+        return self.mission.state
+
+    @property
+    def current_seq(self) -> int:
+        """Number of the mission item that it flies to, on the wire."""
+        return self.mission.current_seq
 
     @property
     def is_ardupilot(self) -> bool:
@@ -167,37 +197,16 @@ class MockVehicle:
     def receive(self, received: m.Received, now: float) -> None:
         """Take a message that arrives at ``now``."""
         self.advance(now)
-        message = received.message
-        if self._cut_off or not m.is_for(
-            message, system_id=self.address.system_id, component_id=self.address.component_id
-        ):
+        local = self.address
+        if self.cut_off or not m.is_for(received.message, system_id=local.system_id, component_id=local.component_id):
             return
-        match message:
-            case m.CommandLong() | m.CommandInt():
-                result = answer_command(self, message)
-                self._emit(
-                    m.CommandAck(
-                        message.command,
-                        result,
-                        target_system=received.system_id,
-                        target_component=received.component_id,
-                    )
-                )
-            case m.SetMode():
-                mode = mode_from_custom(self.autopilot, message.custom_mode)
-                if mode is not None:
-                    self.set_mode(mode)
-            case m.MissionSetCurrent():
-                self.set_current(message.seq)
-            case m.ParamRequestRead() | m.ParamSet():
-                value = answer_parameter(self, message)
-                if value is not None:
-                    self._emit(value)
-            case m.LogRequestList():
-                self._emit(m.LogEntry(log_id=0, log_count=0, last_log_id=0, time_unix_s=0, size_bytes=0))  # keeps none
-            case _:
-                self._emit_all(self.missions.receive(received, self.powered_s, flying=self.armed))
-                self._look_at_missions()
+        self._outbox.put_all(take(self, received))
+
+    def take_mission_message(self, received: m.Received) -> list[m.Message]:
+        """Act on a message of the mission protocol, and return what is answered at once."""
+        answers = self.missions.receive(received, self.powered_s, flying=self.armed)
+        self._look_at_missions()
+        return answers
 
     def advance(self, now: float) -> None:
         """Let vehicle time run to ``now``, counted from when it was first switched on; the past changes nothing."""
@@ -205,29 +214,13 @@ class MockVehicle:
         while self._steps_done < last:
             self._steps_done += 1
             self._step()
-        self._emit_all(self.missions.messages_to_send(self.powered_s))
+        self._outbox.put_all(self.missions.messages_to_send(self.powered_s))
         self._look_at_missions()
 
     def outgoing(self) -> list[m.Message]:
         """What it has to say since the last call. A message with a target is for that ground station only."""
-        self._emit_all(self.missions.messages_to_send(self.powered_s))
-        outbox, self._outbox = self._outbox, []
-        return outbox
-
-    def _emit(self, message: m.Message) -> None:
-        """Say something, unless a fault keeps it from being heard."""
-        silenced = isinstance(message, m.Heartbeat) and self.faults.is_going_on(FaultKind.HEARTBEAT_LOSS)
-        if not (silenced or self._cut_off):
-            self._outbox.append(message)
-
-    def _emit_all(self, messages: Iterable[m.Message]) -> None:
-        for message in messages:
-            self._emit(message)
-
-    @property
-    def _cut_off(self) -> bool:
-        """Whether nothing gets through, in neither direction."""
-        return self._steps_done < self._off_until_step or self.faults.is_going_on(FaultKind.LINK_OUTAGE)
+        self._outbox.put_all(self.missions.messages_to_send(self.powered_s))
+        return self._outbox.take()
 
     # What it can be told to do; the results are answers to commands.
 
@@ -235,26 +228,18 @@ class MockVehicle:
         """Start the motors."""
         if self.armed:
             return CommandResult.ACCEPTED
-        ardupilot = self.is_ardupilot
-        reason = reason_not_to_arm(self)
-        if reason is not None:
-            self.say(_CRITICAL, reason)
-            return CommandResult.FAILED if ardupilot else CommandResult.TEMPORARILY_REJECTED
-        armable = (Mode.MANUAL, Mode.GUIDED, Mode.HOLD) if ardupilot else tuple(Mode)
-        if self.mode not in armable:
-            self.say(_CRITICAL, f"Arm: {self.mode.name} mode is not armable")
-            return CommandResult.FAILED
-        if self.mode is Mode.MISSION and not self._has_mission():
-            self.say(_CRITICAL, "Preflight Fail: no valid mission")
-            return CommandResult.TEMPORARILY_REJECTED
+        refusal = refusal_to_arm(self)
+        if refusal is not None:
+            return refusal
         self.armed, self.body.crashed = True, False
-        self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S * self.speed
+        self.body.set_home_here()
+        self.missions.set_home(self.body.home)
+        self._stay_armed()
         self.speeds = self.settings.speeds
-        self.current_seq = self._first_seq()
-        self.mission_state = MissionState.NOT_STARTED
-        self.say(_INFO, "Arming motors" if ardupilot else "Armed by external command")
+        self.mission.rewind()
+        self.say(_INFO, "Arming motors" if self.is_ardupilot else "Armed by external command")
         if self.mode is Mode.MISSION:  # PX4 takes off as soon as it is armed
-            self._follow_mission()
+            self.mission.start()
         return CommandResult.ACCEPTED
 
     def disarm(self, *, force: bool = False) -> CommandResult:
@@ -265,12 +250,12 @@ class MockVehicle:
             self.say(_INFO, "Disarming motors")
         self.armed = False
         self.body.cut_motors()
-        self._follow([])
+        self.follow([])
         return CommandResult.ACCEPTED
 
     def set_mode(self, mode: Mode) -> CommandResult:
         """Change the flight mode."""
-        if mode is Mode.MISSION and not self._has_mission():
+        if mode is Mode.MISSION and not self.mission.there_is_one:
             self.say(_WARNING, "Mode change to MISSION failed: no mission")
             return CommandResult.FAILED
         if mode not in (Mode.MANUAL, Mode.LAND) and not (self.home_known and not self.body.believed.lost):
@@ -281,40 +266,56 @@ class MockVehicle:
             return CommandResult.ACCEPTED
         flying = not self.body.on_ground
         if mode is Mode.MISSION and (flying or not self.is_ardupilot):
-            self._follow_mission()
+            self.mission.start()
         elif mode is not Mode.MISSION:
-            if self.mission_state is MissionState.ACTIVE:
-                self.mission_state = MissionState.PAUSED
-            self._follow(self._mode_steps(mode) if flying else [])
+            self.mission.pause()
+            self.follow(self._mode_steps(mode) if flying else [])
         return CommandResult.ACCEPTED
 
     def start_mission(self) -> CommandResult:
         """Begin the mission: ArduPilot waits for this on the ground."""
-        if not self.armed or not self._has_mission():
+        if not self.armed or not self.mission.there_is_one:
             return CommandResult.FAILED
         if self.mode is not Mode.MISSION:
             return self.set_mode(Mode.MISSION) if not self.body.on_ground else CommandResult.FAILED
         if self.mission_state is not MissionState.ACTIVE:
-            self._follow_mission()
+            self.mission.start()
         return CommandResult.ACCEPTED
 
     def set_current(self, seq: int) -> CommandResult:
         """Go on with another item."""
-        if not self._first_seq() <= seq < len(self.mission_items):
+        if not self.mission.go_to(seq):
             return CommandResult.DENIED
-        self.current_seq = seq
-        if self.mission_state is MissionState.COMPLETE:
-            self.mission_state = MissionState.PAUSED
-        if self.mode is Mode.MISSION and self.armed and not self.body.on_ground:
-            self._follow_mission()
+        if self.mode is Mode.MISSION and self.flying:
+            self.mission.start()
         self.tell(m.MissionCurrent)
         return CommandResult.ACCEPTED
+
+    def take_off(self, height_m: float) -> CommandResult:
+        """Climb straight up to a height above home and stay there."""
+        if not self.armed or not height_m > 0.0:
+            return CommandResult.FAILED
+        if not self.is_ardupilot:
+            self.mode = Mode.HOLD
+        home = self.body.home_m
+        self._stay_armed()
+        self.follow([Step(None, StepKind.CLIMB, self.settings.speeds, (home[0], home[1], home[2] + height_m))])
+        return CommandResult.ACCEPTED
+
+    def fly_to(self, item: MissionItem) -> CommandResult:
+        """Fly to the place of an item and stay there: ArduPilot in GUIDED, PX4 in HOLD."""
+        if not self.flying:
+            return CommandResult.FAILED
+        result = self.set_mode(Mode.GUIDED if self.is_ardupilot else Mode.HOLD)
+        if result is CommandResult.ACCEPTED:
+            self.follow([Step(None, StepKind.GO, self.settings.speeds, self.place(item))])
+        return result
 
     def set_speeds(self, speeds: Speeds) -> None:
         """Fly at other speeds from here on."""
         self.speeds = speeds
-        if self.mode is Mode.MISSION and self.armed and not self.body.on_ground:
-            self._follow_mission()
+        if self.mode is Mode.MISSION and self.flying:
+            self.mission.start()
 
     def set_interval(self, kind: type[m.Message], interval_s: float | None) -> None:
         """Send a kind of message each ``interval_s`` seconds; 0 is its default, None is never."""
@@ -325,11 +326,24 @@ class MockVehicle:
         """Send one message of a kind now."""
         message = telemetry(self, kind)
         if message is not None:
-            self._emit(message)
+            self._outbox.put(message)
 
     def say(self, severity: int, text: str) -> None:
         """Send a line for the pilot."""
-        self._emit(m.StatusText(severity, text))
+        self._outbox.put(m.StatusText(severity, text))
+
+    def say_reached(self, seq: int) -> None:
+        """Tell that an item was reached."""
+        self._outbox.put(m.MissionItemReached(seq))
+
+    def follow(self, steps: list[Step]) -> None:
+        """Do these steps from now on; none is to stay."""
+        self.body.follow(steps, self.time_s, land_m_s=self.settings.land_m_s)
+
+    def place(self, item: MissionItem) -> Vector:
+        """The position that a mission item names, by the ground as the vehicle knows it."""
+        ground = self.body.ground_alt_amsl_m
+        return self.body.place(item, ground if self.terrain is None else self.terrain.known_or(ground))
 
     # How it goes on by itself.
 
@@ -347,19 +361,9 @@ class MockVehicle:
         """Lose power for a while and start anew: motors off, conversations and intervals forgotten, lists kept."""
         self.armed = False
         self.body.cut_motors()
-        self._follow([])
-        self._outbox.clear()
+        self.follow([])
+        self._outbox.take()
         self._off_until_step = self._steps_done + round(seconds / STEP_S)
-
-    def mission_changed(self) -> None:
-        """Go on with a mission that was changed."""
-        flying = self.armed and not self.body.on_ground
-        if flying and self.mode is Mode.MISSION:
-            self._follow_mission()
-        elif not flying or not self.autopilot.home_in_item_0:
-            self.current_seq = 0
-            self.mission_state = MissionState.NOT_STARTED
-        self.tell(m.MissionCurrent)
 
     def _step(self) -> None:
         body = self.body
@@ -376,7 +380,11 @@ class MockVehicle:
         body.believed.step()
         if self._steps_done % _LOOK_EVERY == 0:
             self._draw_power()
-            self._failsafes.look(self)
+            self.failsafes.look(self)
+            self._outbox.put_all(self.missions.messages_to_send(self.powered_s))
+            if self.terrain is not None and self.home_known:
+                self.terrain.want_for(self.body.home, self.mission_items)
+                self._outbox.put_all(self.terrain.requests(now))
         if now + 1e-9 >= self._streams.next_due_s:
             for kind in self._streams.due(now):
                 self.tell(kind)
@@ -397,9 +405,9 @@ class MockVehicle:
     def _start_up(self) -> None:
         """Be switched on again."""
         self._boot_step, self._texts_said = self._steps_done, 0
-        self.mode, self.mission_state, self.current_seq = Mode.MANUAL, MissionState.NOT_STARTED, 0
+        self.mode, self.mission = Mode.MANUAL, MissionFlight(self)
         self.missions.reboot(self.powered_s)
-        self._streams, self._failsafes = Streams(self), Failsafes()
+        self._streams, self.failsafes = Streams(self), Failsafes()
 
     def _fly(self, now: float) -> None:
         body = self.body
@@ -409,7 +417,7 @@ class MockVehicle:
             self._landing_changed(now)
         if not self.armed:
             return
-        self._follow_progress()
+        self.mission.go_on(now)
         if body.on_ground and (body.crashed or now >= self._disarm_at_s):
             self.disarm()
 
@@ -424,58 +432,23 @@ class MockVehicle:
             self.say(_CRITICAL, "Crash: Disarming: hit the ground")
             return
         self.say(_INFO, "Landed")
-        step = self.body.itinerary.step
-        if self.mission_state is MissionState.ACTIVE and step is not None and step.seq is not None:
-            self._emit(m.MissionItemReached(step.seq))
-            self._complete()
-        self._follow([])
-
-    def _follow_progress(self) -> None:
-        """Tell which items were reached, and which one is current."""
-        if self.mission_state is not MissionState.ACTIVE:
-            return
-        itinerary = self.body.itinerary
-        while itinerary.completed:
-            self._emit(m.MissionItemReached(itinerary.completed.pop(0)))
-        step = itinerary.step
-        if step is None:
-            self._complete()
-        elif step.seq is not None and step.seq != self.current_seq:
-            self.current_seq = step.seq
-            self.speeds = step.speeds
-            self.tell(m.MissionCurrent)
-
-    def _complete(self) -> None:
-        self.mission_state = MissionState.COMPLETE
-        self.tell(m.MissionCurrent)
-
-    def _follow_mission(self) -> None:
-        """Fly the mission from the current item on."""
-        self.current_seq = max(self.current_seq, self._first_seq())
-        steps = mission_steps(
-            self.mission_items, self.current_seq, place=self.body.place, settings=self.settings, speeds=self.speeds
-        )
-        self.mission_state = MissionState.ACTIVE
-        self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S * self.speed
-        self._follow(steps)
-        self.body.itinerary.stuck = self.faults.is_going_on(FaultKind.STUCK)
-        self.tell(m.MissionCurrent)
-
-    def _follow(self, steps: list[Step]) -> None:
-        self.body.follow(steps, self.time_s, land_m_s=self.settings.land_m_s)
+        self.mission.landed(now)
+        self.follow([])
 
     def _mode_steps(self, mode: Mode) -> list[Step]:
         if mode is Mode.RETURN:
-            return return_steps(None, self.settings, self.settings.speeds)
+            return return_steps(None, self.settings, self.settings.speeds, home_m=self.body.home_m)
         if mode is Mode.LAND:
             return [Step(None, StepKind.DESCEND, self.settings.speeds)]
         return []
 
-    def _first_seq(self) -> int:
-        return 1 if self.autopilot.home_in_item_0 else 0
+    def _stay_armed(self) -> None:
+        """Wait for the next command once more."""
+        self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S * self.speed
 
-    def _has_mission(self) -> bool:
-        return len(self.mission_items) > self._first_seq()
+    @property
+    def _asks_for_terrain(self) -> bool:
+        return self.is_ardupilot and self.behaviour.terrain is TerrainSource.GROUND_STATION
 
     def _look_at_missions(self) -> None:
         """Take note of what a transfer changed."""
@@ -483,4 +456,4 @@ class MockVehicle:
             self.missions.set_home(self.body.home)
         for event in self.missions.events(self.powered_s):
             if event.mission_type is MissionType.MISSION:
-                self.mission_changed()
+                self.mission.changed()
