@@ -114,7 +114,9 @@ class TcpPort:
 
     def wait(self, timeout_s: float) -> None:
         """Wait until a connection or bytes are here, for at most so long."""
-        select.select([self._socket, *(c.channel for c in self._connections.values())], [], [], timeout_s)
+        select.select(
+            [self._socket.fileno(), *(c.channel.fileno() for c in self._connections.values())], [], [], timeout_s
+        )
 
     def newcomers(self) -> list[Place]:
         """Who has connected since the last call."""
