@@ -11,10 +11,11 @@ from pyproj import Transformer
 from mission_io.formats import plan as plan_format
 from mission_io.formats import wpl
 from mission_io.items import Command, Frame, MissionItem, same_item
-from tests.planning.sites import ORIGIN, flat, hills, make_site, ridge
+from tests.planning.sites import ORIGIN, flat, hills, make_site, ridge, tower
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.leg_checks import find_problems
 from uavcover.mission_compiler import CompiledMission, check_straight_return, compile_mission, compile_return, transit
+from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Route
 from uavcover.pipeline import export_text
 from uavcover.planning.swaths import fly_layout, regular_layout
@@ -367,3 +368,28 @@ def test_pymavlink_and_our_own_readers_read_the_same_items_back(tmp_path: Path) 
     assert all(same_item(a, b) for a, b in zip(plan.mission.items, found.mission.items, strict=True))
     assert plan.fence == found.fence
     assert plan.rally == found.rally
+
+
+MAST = Obstacles(prisms=(tower(-60, 40, -50, 60, 90, name="mast"),), clearance_beside_m=12.0, clearance_above_m=7.0)
+
+
+def test_the_ways_there_and_home_lead_over_an_obstacle() -> None:
+    site = make_site(obstacles=MAST, limits={"max_climb_angle_deg": 80.0})
+    # The mast stands between home and the area, higher than the route is flown.
+    found = compiled(site, route((0, 50, 60), (300, 50, 60), (300, 150, 60), (0, 55, 60)))
+    path = found.path_m
+    for a, b in itertools.pairwise(path):
+        for t in np.linspace(0.0, 1.0, 400):
+            e, n, u = a + t * (b - a)
+            beside = math.hypot(max(-60 - e, 0.0, e + 50), max(40 - n, 0.0, n - 60))
+            assert beside >= 12.0 - 1e-6 or u >= 97.0 - 1e-6
+    assert path[:, 2].max() >= 97.0
+    assert found.return_advice.safe_return_height_m == pytest.approx(97.0)
+    assert found.return_advice.unsafe_waypoints == (0, 1, 2, 3)
+    assert found.return_advice.worst_clearance_m == pytest.approx(60.0 - 97.0 + 20.0)
+
+
+def test_a_planned_leg_into_an_obstacle_is_refused_with_its_name() -> None:
+    site = make_site(obstacles=Obstacles(prisms=(tower(140, 40, 160, 60, 90, name="mast"),)))
+    with pytest.raises(InfeasibleError, match=r"the planned route: leg to waypoint 1: .* too near to obstacle 'mast'"):
+        compiled(site, route((0, 50, 60), (300, 50, 60)))

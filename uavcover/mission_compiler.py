@@ -19,6 +19,7 @@ from mission_io.items import Frame, GeoPoint, Mission, MissionItem, change_speed
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.frames import LocalFrame
 from uavcover.kernels.coverage import sample_path
+from uavcover.kernels.obstacle_breach import tops_near_m
 from uavcover.kernels.route import flight_time, follow_terrain
 from uavcover.leg_checks import LegProblem, find_problems
 from uavcover.model.route import Route
@@ -221,7 +222,8 @@ def compile_return(site: Site, *, lat_deg: float, lon_deg: float, alt_amsl_m: fl
 def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_height_m: float) -> FloatArray:
     """A way between the column above home and a point, over the terrain.
 
-    It aims at the transit clearance and the height margin above it, for what the vehicle adds in flight.
+    It aims at the transit clearance and the height margin above it, for what the vehicle adds in flight, and leads over
+    obstacles.
 
     Args:
         site: the scenario on its ground.
@@ -232,7 +234,7 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
     Returns:
         (k, 3) ENU from the column's top to the point.
     """
-    limits = site.scenario.limits
+    limits, obstacles = site.scenario.limits, site.scenario.obstacles
     wanted_m = limits.transit_clearance_m + limits.height_margin_m
     end_ground = float(site.ground.heights_m(end_m[:2])[0])
     if math.hypot(*(end_m[:2] - home_en_m)) < _COLUMN_M:
@@ -250,6 +252,8 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
             math.tan(math.radians(limits.max_climb_angle_deg)) * (1.0 - 1e-9),
             _TRANSIT_TOLERANCE_M,
             _SAMPLE_SPACING_M / 2.0**attempt,
+            obstacles.clearance_beside_m,
+            obstacles.clearance_above_m + (limits.height_margin_m if site.prisms else 0.0),
         )
         lowest = float(site.ground.leg_height_ranges_m(points)[:, 0].min())
         if not lowest < wanted_m:
@@ -281,7 +285,9 @@ def check_straight_return(site: Site, path_m: FloatArray, *, first_waypoint: int
     for row in range(len(path_m)):
         starts = sample_path(np.ascontiguousarray(path_m[max(row - 1, 0) : row + 1]), spacing)
         ups = np.maximum(starts[:, 2], home[2] + height)
-        clear = _lowest_on_the_way_home_m(site, starts, ups, home)
+        clear = np.minimum(
+            _lowest_on_the_way_home_m(site, starts, ups, home), _clear_of_tops_m(site, starts, ups, home) + clearance
+        )
         lowest[row] = np.min(clear, initial=np.inf)
         # A level line: the highest ground below it is where it is lowest above ground.
         highest_ground = float(np.maximum(highest_ground, np.max(ups - clear, initial=-np.inf)))
@@ -307,6 +313,14 @@ def _lowest_on_the_way_home_m(site: Site, starts_m: FloatArray, ups_m: FloatArra
     line[0::2] = np.column_stack([starts_m[:, :2], ups_m])
     line[1::2] = np.column_stack([ends, ups_m])
     return site.ground.leg_height_ranges_m(line)[0::2, 0]
+
+
+def _clear_of_tops_m(site: Site, starts_m: FloatArray, ups_m: FloatArray, home_m: FloatArray) -> FloatArray:
+    """(n,) how much higher than asked for the same lines pass over obstacles; infinite where there is none, negative: too low."""
+    lines = np.hstack([starts_m[:, :2], np.tile(home_m[:2], (len(starts_m), 1))])
+    limits = site.scenario.obstacles
+    tops = tops_near_m(site.ground.surface.obstacles, np.ascontiguousarray(lines), limits.clearance_beside_m)
+    return np.asarray(ups_m - tops - limits.clearance_above_m)
 
 
 def _place(site: Site) -> tuple[LocalFrame, FloatArray]:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tests.naive import obstacles as naive
 from uavcover.kernels.obstacle_breach import tops_near_m, worst_breach
-from uavcover.kernels.obstacles import NO_OBSTACLES, horizons, keeps_clear, make_obstacles, roofs_m
+from uavcover.kernels.obstacles import NO_OBSTACLES, horizons, keeps_clear, make_obstacles, roofs_m, top_within_m
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=150)
 
@@ -107,11 +107,19 @@ def test_roofs_are_the_highest_tops_over_a_place(prisms, place):
 @deterministic
 @given(prism_lists, places, places, st.floats(0.125, GROWN_M, width=32))
 def test_the_highest_top_near_a_leg(prisms, p, q, beside):
-    line = np.array([p[:2], q[:2]])
-    distances = [footprint.distance(shapely.LineString(line)) for footprint, _ in prisms]
+    distances = [footprint.distance(shapely.LineString([p[:2], q[:2]])) for footprint, _ in prisms]
     if all(abs(d - beside) > 1e-6 for d in distances):
         expected = max((top for d, (_, top) in zip(distances, prisms, strict=True) if d < beside), default=-math.inf)
-        assert tops_near_m(obstacles_of(prisms), line, beside).tolist() == [expected]
+        assert tops_near_m(obstacles_of(prisms), np.array([[*p[:2], *q[:2]]]), beside).tolist() == [expected]
+
+
+@deterministic
+@given(prism_lists, places, st.floats(0.0, 25.0, width=32))
+def test_the_highest_top_around_a_place(prisms, place, radius):
+    distances = [footprint.distance(shapely.Point(place[:2])) for footprint, _ in prisms]
+    if all(abs(d - radius) > 1e-6 and (d == 0.0 or d > 1e-6) for d in distances):
+        tops = [top for d, (_, top) in zip(distances, prisms, strict=True) if d < radius or d == 0.0]
+        assert top_within_m(obstacles_of(prisms), *place[:2], radius) == max(tops, default=-math.inf)
 
 
 BOX = [(shapely.box(0.0, 0.0, 10.0, 10.0), 20.0)]

@@ -124,7 +124,7 @@ def test_terrain_following_keeps_band_slope_tolerance_and_corners(seed, max_slop
     wanted = rng.uniform(0.0, 90.0, len(polyline))
     polyline.setflags(write=False)
     wanted.setflags(write=False)
-    route = kernels.follow_terrain(surface, polyline, wanted, low, high, max_slope, tolerance, spacing)
+    route = kernels.follow_terrain(surface, polyline, wanted, low, high, max_slope, tolerance, spacing, 0.0, 0.0)
     assert np.isfinite(route).all()
     assert {tuple(corner) for corner in polyline.tolist()} <= {tuple(p) for p in route[:, :2].tolist()}
     assert route[0, :2].tolist() == polyline[0].tolist()
@@ -153,7 +153,7 @@ def test_where_both_limits_cannot_hold_the_lower_one_wins():
     nodes[:, 10:] = 100.0
     surface = grid_ground(nodes, east0_m=0, north0_m=0, step_m=10, source="", vertical_datum="").surface
     polyline = np.array([[0.0, 5.0], [200.0, 5.0]])
-    route = kernels.follow_terrain(surface, polyline, np.full(2, 15.0), 10.0, 20.0, 1.0, 0.0, 1.0)
+    route = kernels.follow_terrain(surface, polyline, np.full(2, 15.0), 10.0, 20.0, 1.0, 0.0, 1.0, 0.0, 0.0)
     up_at = np.interp([60.0, 90.0, 100.0, 150.0], route[:, 0], route[:, 2])
     # 45 degrees up to the lower limit above the edge, 110 m; 10 m of cliff are too steep to keep under 20 m.
     assert up_at[1] == pytest.approx(100.0)
@@ -164,10 +164,10 @@ def test_where_both_limits_cannot_hold_the_lower_one_wins():
 def test_on_flat_ground_and_a_tolerance_saves_waypoints():
     flat = grid_ground(np.zeros((5, 5)), east0_m=0, north0_m=0, step_m=100, source="", vertical_datum="").surface
     polyline = np.array([[0.0, 0.0], [400.0, 0.0], [400.0, 300.0]])
-    route = kernels.follow_terrain(flat, polyline, np.full(3, 50.0), 40.0, 60.0, 0.5, 0.5, 7.0)
+    route = kernels.follow_terrain(flat, polyline, np.full(3, 50.0), 40.0, 60.0, 0.5, 0.5, 7.0, 0.0, 0.0)
     np.testing.assert_allclose(route, [[0, 0, 50], [400, 0, 50], [400, 300, 50]])
     tight, loose = (
-        kernels.follow_terrain(hills(1), polyline, np.full(3, 50.0), 20.0, 90.0, 2.0, tolerance, 5.0)
+        kernels.follow_terrain(hills(1), polyline, np.full(3, 50.0), 20.0, 90.0, 2.0, tolerance, 5.0, 0.0, 0.0)
         for tolerance in (0.1, 10.0)
     )
     assert len(loose) < len(tight)
@@ -176,8 +176,8 @@ def test_on_flat_ground_and_a_tolerance_saves_waypoints():
 def test_a_corner_given_twice_changes_nothing():
     polyline = np.array([[10.0, 10.0], [200.0, 30.0], [200.0, 30.0], [300.0, 300.0], [300.0, 300.0]])
     once = polyline[[0, 1, 3]]
-    twice = kernels.follow_terrain(hills(4), polyline, np.full(5, 40.0), 20.0, 90.0, 1.0, 2.0, 5.0)
-    expected = kernels.follow_terrain(hills(4), once, np.full(3, 40.0), 20.0, 90.0, 1.0, 2.0, 5.0)
+    twice = kernels.follow_terrain(hills(4), polyline, np.full(5, 40.0), 20.0, 90.0, 1.0, 2.0, 5.0, 0.0, 0.0)
+    expected = kernels.follow_terrain(hills(4), once, np.full(3, 40.0), 20.0, 90.0, 1.0, 2.0, 5.0, 0.0, 0.0)
     different = np.concatenate([[True], np.abs(np.diff(twice, axis=0)).sum(axis=1) > 0])
     np.testing.assert_allclose(twice[different], expected)
 
@@ -187,7 +187,7 @@ def test_no_chord_crosses_ground_without_data_and_the_rest_is_as_if_it_were_not_
     nodes[:, 20] = math.nan
     surface = grid_ground(nodes, east0_m=0, north0_m=0, step_m=10, source="", vertical_datum="").surface
     polyline = np.array([[0.0, 10.0], [400.0, 10.0]])
-    route = kernels.follow_terrain(surface, polyline, np.full(2, 50.0), 40.0, 60.0, 0.5, 5.0, 5.0)
+    route = kernels.follow_terrain(surface, polyline, np.full(2, 50.0), 40.0, 60.0, 0.5, 5.0, 5.0, 0.0, 0.0)
     gap = np.isnan(route[:, 2])
     assert gap.any()
     assert ((route[gap, 0] >= 190.0) & (route[gap, 0] <= 210.0)).all()
@@ -200,6 +200,6 @@ def test_no_chord_crosses_ground_without_data_and_the_rest_is_as_if_it_were_not_
 def test_terrain_following_over_the_analytic_surface():
     surface = sine_cosine_ground(50.0).surface
     polyline = np.array([[0.0, 0.0], [300.0, 200.0]])
-    route = kernels.follow_terrain(surface, polyline, np.full(2, 30.0), 20.0, 40.0, 1.0, 1.0, 1.0)
+    route = kernels.follow_terrain(surface, polyline, np.full(2, 30.0), 20.0, 40.0, 1.0, 1.0, 1.0, 0.0, 0.0)
     above = [p[2] - height(surface, p[0], p[1]) for p in route]
     assert 20.0 <= min(above) <= max(above) <= 40.0

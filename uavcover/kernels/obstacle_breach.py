@@ -148,24 +148,14 @@ def breaches(
 
 
 @kernel
-def tops_near_m(obstacles: Obstacles, line: NDArray[np.float64], beside: float) -> NDArray[np.float64]:
-    """(n - 1,) highest top within ``beside`` of each leg of an (n, 2) line on the map; -inf where there is none."""
-    legs = line.shape[0] - 1
-    out = np.full(max(legs, 0), -math.inf)
-    for k in range(legs):
+def tops_near_m(obstacles: Obstacles, lines: NDArray[np.float64], beside: float) -> NDArray[np.float64]:
+    """(n,) highest top within ``beside`` of each of (n, 4) lines on the map, east and north of both ends; -inf where none is."""
+    out = np.full(lines.shape[0], -math.inf)
+    for k in range(lines.shape[0]):
         for prism in range(obstacles.top_m.size):
             # Lower than any top, every part of the line counts.
             if obstacles.top_m[prism] > out[k] and not clear_of(
-                obstacles,
-                prism,
-                line[k, 0],
-                line[k, 1],
-                -math.inf,
-                line[k + 1, 0],
-                line[k + 1, 1],
-                -math.inf,
-                beside,
-                0.0,
+                obstacles, prism, lines[k, 0], lines[k, 1], -math.inf, lines[k, 2], lines[k, 3], -math.inf, beside, 0.0
             ):
                 out[k] = obstacles.top_m[prism]
     return out

@@ -284,6 +284,35 @@ def roofs_m(obstacles: Obstacles, east: NDArray[np.float64], north: NDArray[np.f
 
 
 @kernel
+def top_within_m(obstacles: Obstacles, east: float, north: float, radius: float) -> float:
+    """Up coordinate of the highest top of the prisms within ``radius`` of a place on the map; -inf where there is none."""
+    if obstacles.top_m.size == 0 or not math.isfinite(east + north):
+        return -math.inf
+    rows, columns = obstacles.tile_top_m.shape
+    tile, around = obstacles.tile_m, max(0.0, radius - obstacles.grown_m)
+    top = -math.inf
+    for i in range(
+        max(0, math.floor((north - around - obstacles.south_m) / tile)),
+        min(rows - 1, math.floor((north + around - obstacles.south_m) / tile)) + 1,
+    ):
+        for j in range(
+            max(0, math.floor((east - around - obstacles.west_m) / tile)),
+            min(columns - 1, math.floor((east + around - obstacles.west_m) / tile)) + 1,
+        ):
+            if obstacles.tile_top_m[i, j] <= top:
+                continue
+            cell = i * columns + j
+            for entry in range(obstacles.tile_first[cell], obstacles.tile_first[cell + 1]):
+                prism = obstacles.tile_prisms[entry]
+                if obstacles.top_m[prism] > top and (
+                    over_prism(obstacles, prism, east, north)
+                    or distance_m(obstacles, prism, east, north, east, north, 0.0, 0.0)[0] <= radius
+                ):
+                    top = obstacles.top_m[prism]
+    return top
+
+
+@kernel
 def horizons(
     obstacles: Obstacles,
     lattice: NDArray[np.int32],

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
+from uavcover.kernels.obstacles import top_within_m
 from uavcover.kernels.surface import Surface, height
 
 
@@ -152,12 +153,15 @@ def follow_terrain(
     max_slope: float,
     tolerance: float,
     spacing: float,
+    beside: float,
+    above: float,
 ) -> NDArray[np.float64]:
     """Lay a polyline over the ground: heights inside a band above it, slopes inside a limit, few waypoints.
 
     1. Sample the ground along the line.
     2. The lowest and highest allowed profiles are widened until no slope is steeper than ``max_slope``: where the ground
-       rises faster, the climb starts earlier. Where both cannot be had, the lower limit wins.
+       rises faster, the climb starts earlier. Where both cannot be had, the lower limit wins. Near an obstacle the lowest
+       profile is that far above its top.
     3. The wanted height above ground, made no steeper than that, is the reference.
     4. Straight chords, as long as they stay within ``tolerance`` of the reference and inside the band at every sample,
        replace it. Corners of the polyline stay waypoints.
@@ -171,6 +175,8 @@ def follow_terrain(
         max_slope: tangent of the steepest climb.
         tolerance: how far a chord may leave the reference, metres.
         spacing: distance between samples, metres. Between two samples the ground is not looked at.
+        beside: clearance beside obstacles, metres.
+        above: clearance above their tops, metres.
 
     Returns:
         (m, 3) east, north, up; NaN ups where the ground has no data.
@@ -198,7 +204,8 @@ def follow_terrain(
             north[k] = polyline[i, 1] + t * (polyline[i + 1, 1] - polyline[i, 1]) if t < 1.0 else polyline[i + 1, 1]
             ground = height(surface, east[k], north[k])
             reference[k] = ground + wanted[i] + t * (wanted[i + 1] - wanted[i])
-            lowest[k] = ground + low
+            # Both samples around a place that is near an obstacle are as high as it asks for, and so is the chord between.
+            lowest[k] = max(ground + low, top_within_m(surface.obstacles, east[k], north[k], beside + spacing) + above)
             highest[k] = ground + high
         corner[k] = True
     corner[0] = True

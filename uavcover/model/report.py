@@ -10,13 +10,14 @@ ViolationKind = Literal[
     "below-sea-level-limit",
     "above-sea-level-limit",
     "fence",
+    "obstacle",
     "ground-speed",
     "deviation",
 ]
 
 GapReason = Literal["never-in-range", "too-oblique", "occluded", "out-of-limits"]
-"""Why a cell was not seen: no look had it in range and field of view; those that had were too oblique; ground stood between;
-no place inside the limits sees it at all."""
+"""Why a cell was not seen: no look had it in range and field of view; those that had were too oblique; ground or an
+obstacle stood between; no place inside the limits sees it at all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +29,8 @@ class Violation:
         start_s: vehicle time at which it began.
         end_s: vehicle time at which it ended.
         worst_s: vehicle time at which it was worst.
-        worst: the worst value reached, in the unit of the limit.
+        worst: the worst value reached, in the unit of the limit; of the fence, metres outside; of an obstacle, metres of
+            clearance that were lacking, aside or in height, whichever is less.
         limit: the limit.
         excess: how far the worst value is beyond the limit, above 0.
         unit: of all three.

@@ -41,6 +41,8 @@ def lay_over_terrain(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArra
         math.tan(math.radians(limits.max_climb_angle_deg)) * (1.0 - 1e-9),
         max(tolerance_m, 0.0),
         SAMPLE_SPACING_M,
+        site.scenario.obstacles.clearance_beside_m,
+        site.scenario.obstacles.clearance_above_m,
     )
     return finite_heights(points)
 

@@ -1,4 +1,4 @@
-"""Was it safe? Heights, sea-level limits and the fence along the flown track, at its full length."""
+"""Was it safe? Heights, sea-level limits, fence and obstacles along the flown track, at its full length."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from uavcover.model.report import Violation, ViolationKind
 from uavcover.model.track import Track
 from uavcover.site import Site
+from uavcover.terrain.clearance import leg_breaches, waypoint_breaches
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -173,6 +174,7 @@ def find_violations(
     # Along a straight line height above sea level is linear: it is worst at a sample.
     sea = Figures(track.geodetic[:, 2], numbers)
     outside = Figures(_outside_fence_m(site, enu_m, joined), numbers)
+    lacking = _lacking_clearance(site, enu_m, joined)
     find = ViolationFinder(track, enu_m)
     found = [
         *find.below("below-band", route, low, limits.min_height_agl_m, phase="route"),
@@ -184,6 +186,8 @@ def find_violations(
         ),
         *find.above("fence", route, outside, 0.0, phase="route"),
         *find.above("fence", ~route, outside, 0.0, phase="transit"),
+        *find.above("obstacle", route, lacking, 0.0, phase="route"),
+        *find.above("obstacle", ~route, lacking, 0.0, phase="transit"),
     ]  # fmt: skip
     if limits.min_alt_amsl_m is not None:
         found += find.below("below-sea-level-limit", route, sea, limits.min_alt_amsl_m, phase="route")
@@ -191,6 +195,18 @@ def find_violations(
         found += find.above("above-sea-level-limit", route, sea, limits.max_alt_amsl_m, phase="route")
         found += find.above("above-sea-level-limit", ~route, sea, limits.max_alt_amsl_m, phase="transit")
     return sorted(found, key=lambda violation: violation.start_s)
+
+
+def _lacking_clearance(site: Site, enu_m: FloatArray, joined: BoolArray) -> Figures:
+    """Metres of clearance from obstacles that each sample of an (n, 3) track lacks, there or on a leg next to it."""
+    breaches = waypoint_breaches(site.ground, enu_m, site.scenario.obstacles)
+    lacking, at = breaches[:, 1].copy(), np.arange(len(enu_m), dtype=float)
+    legs = leg_breaches(site.ground, enu_m, site.scenario.obstacles)
+    for k in np.flatnonzero(joined & (legs[:, 1] > 0.0)):
+        for sample in (k, k + 1):
+            if legs[k, 1] > lacking[sample]:
+                lacking[sample], at[sample] = legs[k, 1], k + legs[k, 2]
+    return Figures(lacking, at)
 
 
 def _outside_fence_m(site: Site, enu_m: FloatArray, joined: BoolArray) -> FloatArray:
