@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mission_io.client import Client
+from mission_io.enums import AutopilotId
 from mission_io.items import MissionItem, MissionType
 from mission_io.link import open_link
+from mission_io.messages import Heartbeat, Received
 from sitl_tests.matrix import ClientName
 from sitl_tests.simulators.running import RunningVehicle
 from uavcover.errors import VehicleError
@@ -41,11 +43,14 @@ class Station:
     Attributes:
         client: speaks to it.
         monitor: hears all that the client hears.
+        modes: the flight modes (``custom_mode``) that its heartbeats have told, one after the other.
         conversation: waits in vehicle time, with the wall clock as the watchdog behind it.
     """
 
-    def __init__(self, client: Client, monitor: Monitor, on_event: Callable[[FlightEvent], None]) -> None:
-        self.client, self.monitor = client, monitor
+    def __init__(
+        self, client: Client, monitor: Monitor, modes: list[int], on_event: Callable[[FlightEvent], None]
+    ) -> None:
+        self.client, self.monitor, self.modes = client, monitor, modes
         self.conversation = Conversation(client, monitor, patience=Patience(), on_event=on_event, stop=lambda: 0)
 
     def wait_s(self, duration_s: float) -> None:
@@ -111,12 +116,25 @@ class Case:
     @contextmanager
     def _station(self, url: str, system_id: int) -> Iterator[Station]:
         monitor = Monitor()
-        with Client(open_link(url), system_id=system_id, listener=monitor) as client:
+        modes: list[int] = []
+
+        def listen(received: Received, now: float) -> None:
+            monitor(received, now)
+            beat = received.message
+            if (
+                isinstance(beat, Heartbeat)
+                and beat.autopilot != AutopilotId.INVALID
+                and beat.custom_mode not in modes[-1:]
+            ):
+                modes.append(beat.custom_mode)
+
+        with Client(open_link(url), system_id=system_id, listener=listen) as client:
             found = client.wait_for_vehicle(_FIRST_HEARTBEAT_S)
             monitor.listen_to(found.system_id)
-            yield Station(client, monitor, self._take_event)
+            yield Station(client, monitor, modes, self.take_event)
 
-    def _take_event(self, event: FlightEvent) -> None:
+    def take_event(self, event: FlightEvent) -> None:
+        """Keep an event for the record."""
         at = "" if event.time_s is None else f"{event.time_s:9.1f} s  "
         self.events.append(f"{at}{event.kind.name.lower()}: {event.text}")
 

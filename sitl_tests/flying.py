@@ -1,5 +1,6 @@
 """Steps of a flight that several capabilities share, on our own client's functions, and what a flown track must show."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,12 +11,16 @@ from mission_io.items import Command, Frame, GeoPoint, Mission, MissionType
 from sitl_tests.case import Case, Station
 from sitl_tests.errors import require
 from sitl_tests.missions import FIRST_WAYPOINT_ITEM, route_mission
+from uavcover.errors import VehicleError
+from uavcover.flight.events import FlightEvent
 from uavcover.flight.flight_plan import FlightPlan
-from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.fly import fly
+from uavcover.flight.outcome import FlightFailedError, FlightOutcome
 from uavcover.flight.readiness import request_telemetry, wait_until_ready
 from uavcover.flight.start import arm_and_start, first_seq
 from uavcover.frames import LocalFrame
 from uavcover.mission_compiler import AUTOPILOTS
+from uavcover.model.track import TrackSample
 
 PASSED_WITHIN_M = 4.0
 """A waypoint counts as flown when the track comes so near; both autopilots turn 2 m before it by default."""
@@ -50,6 +55,17 @@ class Path:
         )
         self.times_s.append(position.time_boot_s)
         self.enu_m.append((east, north, up))
+
+    def take_sample(self, sample: TrackSample) -> None:
+        """Add a sample of a track whose frame begins at home."""
+        self.times_s.append(sample.time_s)
+        self.enu_m.append((sample.east_m, sample.north_m, sample.up_m))
+
+    def moved_m(self, begin_s: float, end_s: float) -> float:
+        """The farthest that it came in a stretch of time from where that began."""
+        inside = [enu for time_s, enu in zip(self.times_s, self.enu_m, strict=True) if begin_s <= time_s <= end_s]
+        require(len(inside) > 1, f"no positions between {begin_s:.1f} s and {end_s:.1f} s")
+        return float(np.linalg.norm(np.array(inside) - np.array(inside[0]), axis=1).max())
 
     def nearest_m(self, point_m: tuple[float, float, float]) -> float:
         """How near it came to a point."""
@@ -100,6 +116,37 @@ def require_at_home(path: Path) -> None:
     require(away_m <= LANDED_WITHIN_M, f"it landed {away_m:.1f} m from home")
 
 
+def fly_mission(
+    case: Case,
+    station: Station,
+    mission: Mission,
+    *,
+    on_event: Callable[[FlightEvent], None] = lambda _: None,
+    pause: Callable[[], bool] = lambda: False,
+) -> tuple[FlightOutcome, Path]:
+    """Upload a ``route_mission`` and fly it by our own ``fly``; its outcome also when that is an error, and the path."""
+    require(station.client.upload_and_verify(mission).passed, "the mission was read back changed")
+    path = Path(case.vehicle.home)
+
+    def take(event: FlightEvent) -> None:
+        case.take_event(event)
+        on_event(event)
+
+    try:
+        outcome = fly(
+            station.client, station.monitor, plan_of(mission, case.vehicle.home),
+            on_sample=path.take_sample, on_event=take, plan_return=_no_way_home, pause=pause, confirmed=True,
+        )  # fmt: skip
+    except FlightFailedError as error:
+        outcome = error.outcome
+        case.events.append(f"fly ended with {outcome.ending.key}: {error}")
+    return outcome, path
+
+
+def _no_way_home(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Mission:
+    raise VehicleError(f"no way home was planned from {lat_deg:.6f}, {lon_deg:.6f}, {alt_amsl_m:.0f} m")
+
+
 def take_off(case: Case, station: Station, mission: Mission | None = None) -> Path:
     """Upload, wait until ready, arm, start; the path grows from then on."""
     mission = mission if mission is not None else route_mission(case.vehicle.home)
@@ -117,16 +164,6 @@ def wait_for_waypoint(station: Station, number: int) -> None:
     seq = first_seq(station.conversation) + FIRST_WAYPOINT_ITEM + number
     station.wait(
         lambda: station.monitor.current_seq >= seq, within_s=_ITEM_S, what=f"the vehicle does not go on to item {seq}"
-    )
-
-
-def wait_for_mode(station: Station, mode: Mode, *, within_s: float) -> None:
-    """Listen until the vehicle has changed to a mode."""
-    wanted = custom_mode(station.conversation.autopilot, mode)
-    station.wait(
-        lambda: station.client.vehicle.custom_mode == wanted,
-        within_s=within_s,
-        what=f"the vehicle does not change to {mode.value} mode, it is in {station.conversation.mode_name},",
     )
 
 

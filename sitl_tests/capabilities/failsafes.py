@@ -1,17 +1,17 @@
-"""What the vehicle does by itself when it leaves its fence or hears no ground station any more."""
+"""What the vehicle does by itself when it leaves its fence or hears no ground station any more, and what we make of it."""
 
-from mission_io.errors import MissionIoError
 from sitl_tests.case import Case, Finding, Station
 from sitl_tests.errors import require
-from sitl_tests.flying import require_at_home, take_off, wait_for_waypoint, wait_until_landed
+from sitl_tests.flying import fly_mission, require_at_home
 from sitl_tests.missions import fence_around, route_mission
 from sitl_tests.relay import Relay
-from uavcover.errors import VehicleError
+from uavcover.flight.events import EventKind, FlightEvent
 from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.outcome import Ending
 
 _FENCE_HALF_WIDTH_M = 60.0
 _OUTWARD_M = ((0.0, 30.0), (0.0, 150.0))
-_REACTION_S = 120.0
+_NOT_FLOWN = frozenset({Ending.NOT_ARMED, Ending.NOT_READY, Ending.ARMING_REFUSED, Ending.NOT_STARTED})
 
 
 def fence_breach(case: Case) -> Finding:
@@ -20,43 +20,45 @@ def fence_breach(case: Case) -> Finding:
     with case.station() as station:
         fence = station.client.upload_and_verify(fence_around(home, _FENCE_HALF_WIDTH_M))
         require(fence.passed, "the fence was read back changed")
-        try:
-            path = take_off(case, station, route_mission(home, _OUTWARD_M))
-        except (VehicleError, MissionIoError) as error:
-            return Finding("refuses", str(error))
-        outcome, mode = _reaction(station)
-        wait_until_landed(station)
+        outcome, path = fly_mission(case, station, route_mission(home, _OUTWARD_M))
+        reaction = _reaction(station)
+    said = f"our side calls it {outcome.ending.key}"
+    if outcome.ending in _NOT_FLOWN:
+        return Finding("refuses", f"it does not take off with such a mission; {said}: {case.events[-1]}")
     farthest_m = max(north for _, north, _ in path.enu_m)
-    if outcome == "returns":
+    if reaction == "returns":
         require_at_home(path)
-    return Finding(outcome, f"fence at {_FENCE_HALF_WIDTH_M:g} m north, it came to {farthest_m:.0f} m; then {mode}")
+        require(outcome.ending is Ending.FENCE_BREACHED, said)
+    return Finding(reaction, f"fence at {_FENCE_HALF_WIDTH_M:g} m north, it came to {farthest_m:.0f} m; {said}")
 
 
 def link_loss(case: Case) -> Finding:
     """On the way, nothing from any ground station reaches the vehicle any more; we still hear it."""
+    lost_s: list[float] = []
     with Relay(case.vehicle.url, seed=case.seed) as relay, case.station(relay.url) as station:
-        path = take_off(case, station)
-        wait_for_waypoint(station, 1)
-        lost_s = station.monitor.time_s or 0.0
-        relay.cut_to_vehicle()
-        outcome, mode = _reaction(station)
-        after_s = (station.monitor.time_s or 0.0) - lost_s
-        wait_until_landed(station)
-    if outcome == "returns":
+
+        def cut(event: FlightEvent) -> None:
+            if event.kind is EventKind.WAYPOINT and event.waypoint == 1 and not lost_s:
+                lost_s.append(event.time_s or 0.0)
+                relay.cut_to_vehicle()
+
+        outcome, path = fly_mission(case, station, route_mission(case.vehicle.home), on_event=cut)
+        reaction = _reaction(station)
+    said = f"our side calls it {outcome.ending.key}"
+    require(bool(lost_s), f"it did not come to the second waypoint; {said}: {case.events[-1]}")
+    if reaction == "returns":
         require_at_home(path)
-    return Finding(outcome, f"{mode} {after_s:.0f} s after the last heartbeat of a ground station")
+        require(outcome.ending is Ending.LINK_LOST, said)
+    return Finding(reaction, f"cut off on the way to the second waypoint; {said}")
 
 
-def _reaction(station: Station) -> tuple[str, str]:
-    """What the vehicle changes to before it has landed, as an outcome and for people."""
-    autopilot = station.conversation.autopilot
+def _reaction(station: Station) -> str:
+    """What the vehicle changed to by itself."""
     named = {Mode.RETURN: "returns", Mode.LAND: "lands", Mode.HOLD: "holds"}
-    numbers = {custom_mode(autopilot, mode): outcome for mode, outcome in named.items()}
-    station.wait(
-        lambda: station.client.vehicle.custom_mode in numbers or not station.client.vehicle.armed,
-        within_s=_REACTION_S,
-        what="the vehicle neither changes its mode nor lands",
-    )
-    if not station.client.vehicle.armed:
-        return "flies-on", "it flew its mission to the end"
-    return numbers[station.client.vehicle.custom_mode], station.conversation.mode_name
+    autopilot = station.conversation.autopilot
+    mission = custom_mode(autopilot, Mode.MISSION)
+    after = station.modes[station.modes.index(mission) :] if mission in station.modes else []
+    for mode, word in named.items():
+        if custom_mode(autopilot, mode) in after:
+            return word
+    return "flies-on"

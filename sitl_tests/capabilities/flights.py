@@ -1,14 +1,11 @@
 """Small flights, each compared with the mission that another station downloads from the vehicle."""
 
-import numpy as np
-
 from mission_io.errors import CommandRefusedError
-from mission_io.items import Command, Mission
+from mission_io.items import Command
 from sitl_tests.case import Case, Finding, Station
 from sitl_tests.errors import CheckFailedError, require
 from sitl_tests.flying import (
-    Path,
-    plan_of,
+    fly_mission,
     require_flown,
     take_off,
     wait_for_waypoint,
@@ -17,15 +14,15 @@ from sitl_tests.flying import (
 )
 from sitl_tests.matrix import WORKS
 from sitl_tests.missions import DIAMOND_M, FIRST_WAYPOINT_ITEM, route_mission
-from uavcover.errors import VehicleError
-from uavcover.flight.fly import Ending, fly
+from uavcover.flight.events import EventKind, FlightEvent
+from uavcover.flight.outcome import Ending, FlightOutcome
 from uavcover.flight.readiness import request_telemetry, wait_until_ready
-from uavcover.flight.return_home import hold
 from uavcover.flight.start import first_seq, hold_mode, set_current_item, set_mode, start_mission
 
 _ARM_TRIES = 10
 _HOLDS_WITHIN_M = 3.0
-_PAUSE_S = 15.0
+_PAUSE_S = 25.0
+_COMES_TO_REST_S = 10.0
 
 
 def arming(case: Case) -> Finding:
@@ -44,17 +41,9 @@ def arming(case: Case) -> Finding:
 
 def fly_square(case: Case) -> Finding:
     """A small mission from arming to disarming by ``fly``; every waypoint of the downloaded mission is passed."""
-    mission = route_mission(case.vehicle.home)
-    path = Path(case.vehicle.home)
     with case.station() as station:
-        require(station.client.upload_and_verify(mission).passed, "the mission was read back changed")
-        outcome = fly(
-            station.client, station.monitor, plan_of(mission, case.vehicle.home),
-            on_sample=lambda sample: path.enu_m.append((sample.east_m, sample.north_m, sample.up_m)),
-            on_event=lambda event: case.events.append(event.text),
-            plan_return=_no_way_home, confirmed=True,
-        )  # fmt: skip
-    require(outcome.ending is Ending.LANDED, f"it ended: {outcome.ending.value}")
+        outcome, path = fly_mission(case, station, route_mission(case.vehicle.home))
+    _require_landed(case, outcome)
     rate_hz = outcome.sample_count / outcome.duration_s
     worst_m = require_flown(path, waypoints_held(case))
     return Finding(
@@ -63,20 +52,25 @@ def fly_square(case: Case) -> Finding:
 
 
 def pause_and_resume(case: Case) -> Finding:
-    """On the way it is told to hold, stays, goes on, and flies the rest."""
+    """On the way it is told to wait where it is, stays, goes on, and flies the rest, all by ``fly``."""
+    begun_s: list[float] = []
     with case.station() as station:
-        path = take_off(case, station)
-        wait_for_waypoint(station, 1)
-        hold(station.conversation)
-        before = len(path.enu_m)
-        station.wait_s(_PAUSE_S)
-        still = np.array(path.enu_m[before:])
-        moved_m = float(np.linalg.norm(still - still[0], axis=1).max())
-        start_mission(station.conversation)
-        wait_until_landed(station)
-    require(moved_m <= _HOLDS_WITHIN_M, f"it moved {moved_m:.1f} m while it was to hold")
+
+        def begin(event: FlightEvent) -> None:
+            if event.kind is EventKind.WAYPOINT and event.waypoint == 1 and not begun_s:
+                begun_s.append(event.time_s or 0.0)
+
+        def pause() -> bool:
+            return bool(begun_s) and (station.monitor.time_s or 0.0) < begun_s[0] + _PAUSE_S
+
+        outcome, path = fly_mission(case, station, route_mission(case.vehicle.home), on_event=begin, pause=pause)
+    _require_landed(case, outcome)
+    require(bool(begun_s), "it was not on the way to the second waypoint")
+    moved_m = path.moved_m(begun_s[0] + _COMES_TO_REST_S, begun_s[0] + _PAUSE_S)
+    require(moved_m <= _HOLDS_WITHIN_M, f"it moved {moved_m:.1f} m while it was to wait")
     worst_m = require_flown(path, waypoints_held(case))
-    return Finding(WORKS, f"held within {moved_m:.1f} m for {_PAUSE_S:g} s; waypoints passed within {worst_m:.1f} m")
+    still_s = _PAUSE_S - _COMES_TO_REST_S
+    return Finding(WORKS, f"moved {moved_m:.1f} m in {still_s:g} s of waiting; waypoints passed within {worst_m:.1f} m")
 
 
 def change_in_flight(case: Case) -> Finding:
@@ -107,5 +101,5 @@ def _arm(station: Station) -> int:
     raise CheckFailedError(f"arming was refused {_ARM_TRIES} times{station.conversation.complaints}")
 
 
-def _no_way_home(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Mission:
-    raise VehicleError(f"no way home was planned from {lat_deg:.6f}, {lon_deg:.6f}, {alt_amsl_m:.0f} m")
+def _require_landed(case: Case, outcome: FlightOutcome) -> None:
+    require(outcome.ending is Ending.LANDED, f"it ended with {outcome.ending.key}: {case.events[-1]}")
