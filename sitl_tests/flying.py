@@ -7,11 +7,10 @@ import numpy as np
 
 from mission_io import messages as m
 from mission_io.autopilots import mission_from_wire
-from mission_io.items import Command, Frame, GeoPoint, Mission, MissionType
+from mission_io.items import Command, Frame, GeoPoint, Mission, MissionType, land, waypoint
 from sitl_tests.case import Case, Station
 from sitl_tests.errors import require
 from sitl_tests.missions import FIRST_WAYPOINT_ITEM, route_mission
-from uavcover.errors import VehicleError
 from uavcover.flight.events import FlightEvent
 from uavcover.flight.flight_plan import FlightPlan
 from uavcover.flight.fly import fly
@@ -123,8 +122,20 @@ def fly_mission(
     *,
     on_event: Callable[[FlightEvent], None] = lambda _: None,
     pause: Callable[[], bool] = lambda: False,
+    stop: Callable[[], int] = lambda: 0,
+    home: GeoPoint | None = None,
 ) -> tuple[FlightOutcome, Path]:
-    """Upload a ``route_mission`` and fly it by our own ``fly``; its outcome also when that is an error, and the path."""
+    """Upload a ``route_mission`` and fly it by our own ``fly``; its outcome also when that is an error, and the path.
+
+    Args:
+        case: what for.
+        station: flies it.
+        mission: what to fly.
+        on_event: is told what happens.
+        pause: whether the vehicle is to wait where it is.
+        stop: how often the user has asked to stop; once is home, by way of a point above it.
+        home: where the plan begins; the vehicle's own by default.
+    """
     require(station.client.upload_and_verify(mission).passed, "the mission was read back changed")
     path = Path(case.vehicle.home)
 
@@ -132,10 +143,13 @@ def fly_mission(
         case.take_event(event)
         on_event(event)
 
+    def way_home(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Mission:
+        return _way_home(case.vehicle.home, lat_deg, lon_deg, alt_amsl_m)
+
     try:
         outcome = fly(
-            station.client, station.monitor, plan_of(mission, case.vehicle.home),
-            on_sample=path.take_sample, on_event=take, plan_return=_no_way_home, pause=pause, confirmed=True,
+            station.client, station.monitor, plan_of(mission, home or case.vehicle.home),
+            on_sample=path.take_sample, on_event=take, plan_return=way_home, pause=pause, stop=stop, confirmed=True,
         )  # fmt: skip
     except FlightFailedError as error:
         outcome = error.outcome
@@ -143,8 +157,17 @@ def fly_mission(
     return outcome, path
 
 
-def _no_way_home(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Mission:
-    raise VehicleError(f"no way home was planned from {lat_deg:.6f}, {lon_deg:.6f}, {alt_amsl_m:.0f} m")
+def _way_home(home: GeoPoint, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Mission:
+    """From a place in the air to above home, and down: simulators have no terrain that such a leg could hit."""
+    frame, height_m = Frame.ABOVE_HOME, alt_amsl_m - home.alt_amsl_m
+    return Mission(
+        home,
+        (
+            waypoint(lat_deg, lon_deg, height_m, frame=frame),
+            waypoint(home.lat_deg, home.lon_deg, height_m, frame=frame),
+            land(home.lat_deg, home.lon_deg, 0.0, frame=frame),
+        ),
+    )
 
 
 def take_off(case: Case, station: Station, mission: Mission | None = None) -> Path:

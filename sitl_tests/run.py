@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from mission_io.errors import MissionIoError
 from mission_io.items import GeoPoint
-from sitl_tests.capabilities import ALL
+from sitl_tests.capabilities import ALL, PREPARATIONS
 from sitl_tests.capabilities.demonstration import SCENARIO
 from sitl_tests.case import Case, Finding, Stopwatch
 from sitl_tests.errors import CheckFailedError
@@ -56,6 +56,8 @@ def run_cell(cell: Cell, folder: Path, *, seed: int = 1) -> Result:
         SimulatorError: its simulator does not start.
     """
     folder.mkdir(parents=True)
+    if cell.capability in PREPARATIONS:
+        PREPARATIONS[cell.capability]()
     watch = Stopwatch()
     request = StartRequest(folder, home(), cell.vehicle.speed, cell.parameters)
     with _starter(cell)(request) as vehicle:

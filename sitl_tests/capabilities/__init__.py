@@ -20,6 +20,9 @@ ALL: Mapping[str, Callable[[Case], Finding]] = MappingProxyType(
         "arming": flights.arming,
         "fly-square": flights.fly_square,
         "pause-and-resume": flights.pause_and_resume,
+        "second-flight": flights.second_flight,
+        "stop-and-return": flights.stop_and_return,
+        "wrong-home": flights.wrong_home,
         "change-in-flight": flights.change_in_flight,
         "fence-breach": failsafes.fence_breach,
         "link-loss": failsafes.link_loss,
@@ -28,3 +31,6 @@ ALL: Mapping[str, Callable[[Case], Finding]] = MappingProxyType(
     }
 )
 """Name of a capability to what tries it."""
+
+PREPARATIONS: Mapping[str, Callable[[], object]] = MappingProxyType({"fly-demo": demonstration.planned_run})
+"""What a capability needs before its vehicle is started, since it takes long."""

@@ -11,6 +11,8 @@ from uavcover.flight.outcome import Ending
 
 _FENCE_HALF_WIDTH_M = 60.0
 _OUTWARD_M = ((0.0, 30.0), (0.0, 150.0))
+_AWAY_M = ((0.0, 30.0), (0.0, 600.0))
+"""Long enough that the failsafe comes on the way, whatever the time after which it does."""
 _NOT_FLOWN = frozenset({Ending.NOT_ARMED, Ending.NOT_READY, Ending.ARMING_REFUSED, Ending.NOT_STARTED})
 
 
@@ -42,7 +44,7 @@ def link_loss(case: Case) -> Finding:
                 lost_s.append(event.time_s or 0.0)
                 relay.cut_to_vehicle()
 
-        outcome, path = fly_mission(case, station, route_mission(case.vehicle.home), on_event=cut)
+        outcome, path = fly_mission(case, station, route_mission(case.vehicle.home, _AWAY_M), on_event=cut)
         reaction = _reaction(station)
     said = f"our side calls it {outcome.ending.key}"
     require(bool(lost_s), f"it did not come to the second waypoint; {said}: {case.events[-1]}")

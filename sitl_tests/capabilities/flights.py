@@ -1,11 +1,12 @@
 """Small flights, each compared with the mission that another station downloads from the vehicle."""
 
 from mission_io.errors import CommandRefusedError
-from mission_io.items import Command
+from mission_io.items import Command, GeoPoint
 from sitl_tests.case import Case, Finding, Station
 from sitl_tests.errors import CheckFailedError, require
 from sitl_tests.flying import (
     fly_mission,
+    require_at_home,
     require_flown,
     take_off,
     wait_for_waypoint,
@@ -21,6 +22,7 @@ from uavcover.flight.start import first_seq, hold_mode, set_current_item, set_mo
 
 _ARM_TRIES = 10
 _HOLDS_WITHIN_M = 3.0
+_ELSEWHERE_DEG = 0.003
 _PAUSE_S = 25.0
 _COMES_TO_REST_S = 10.0
 
@@ -49,6 +51,46 @@ def fly_square(case: Case) -> Finding:
     return Finding(
         WORKS, f"{outcome.duration_s:.0f} s, {rate_hz:.1f} samples a second, waypoints passed within {worst_m:.1f} m"
     )
+
+
+def second_flight(case: Case) -> Finding:
+    """The same vehicle flies a second mission after it has landed; nothing of the first one is taken for the second."""
+    with case.station() as station:
+        first, _ = fly_mission(case, station, route_mission(case.vehicle.home))
+        _require_landed(case, first)
+    with case.station() as station:
+        second, path = fly_mission(case, station, route_mission(case.vehicle.home, DIAMOND_M, height_m=30.0))
+    _require_landed(case, second)
+    worst_m = require_flown(path, waypoints_held(case))
+    return Finding(WORKS, f"the second flight's waypoints passed within {worst_m:.1f} m")
+
+
+def stop_and_return(case: Case) -> Finding:
+    """The user stops on the way: it holds, takes the way home that is uploaded then, and lands at home."""
+    stopped: list[str] = []
+    with case.station() as station:
+
+        def stop(event: FlightEvent) -> None:
+            if event.kind is EventKind.WAYPOINT and event.waypoint == 2:
+                stopped.append(event.text)
+
+        outcome, path = fly_mission(
+            case, station, route_mission(case.vehicle.home), on_event=stop, stop=lambda: len(stopped)
+        )
+    require(outcome.ending is Ending.RETURNED, f"it ended with {outcome.ending.key}: {case.events[-1]}")
+    require_at_home(path)
+    return Finding(WORKS, f"{outcome.waypoints_reached} waypoints flown before the stop, then home")
+
+
+def wrong_home(case: Case) -> Finding:
+    """The mission was planned for another place: the vehicle is not armed."""
+    home = case.vehicle.home
+    elsewhere = GeoPoint(home.lat_deg + _ELSEWHERE_DEG, home.lon_deg, home.alt_amsl_m)
+    with case.station() as station:
+        outcome, _ = fly_mission(case, station, route_mission(elsewhere), home=elsewhere)
+        armed = station.client.vehicle.armed
+    require(outcome.ending is Ending.NOT_ARMED and not armed, f"it ended with {outcome.ending.key}, armed: {armed}")
+    return Finding("refused", case.events[-1])
 
 
 def pause_and_resume(case: Case) -> Finding:

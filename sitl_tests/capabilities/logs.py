@@ -11,7 +11,8 @@ from sitl_tests.missions import route_mission
 from sitl_tests.simulators.files import sha256
 
 _SHORT_M = ((0.0, 10.0),)
-_CLOSED_S = 10.0
+_CLOSED_S = 30.0
+"""ArduPilot goes on logging for 15 s after it was disarmed."""
 _LIST_S = 20.0
 
 
