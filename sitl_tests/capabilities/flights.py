@@ -18,6 +18,7 @@ from sitl_tests.missions import DIAMOND_M, FIRST_WAYPOINT_ITEM, route_mission
 from uavcover.flight.events import EventKind, FlightEvent
 from uavcover.flight.outcome import Ending, FlightOutcome
 from uavcover.flight.readiness import request_telemetry, wait_until_ready
+from uavcover.flight.return_home import hold
 from uavcover.flight.start import first_seq, hold_mode, set_current_item, set_mode, start_mission
 
 _ARM_TRIES = 10
@@ -116,11 +117,12 @@ def pause_and_resume(case: Case) -> Finding:
 
 
 def change_in_flight(case: Case) -> Finding:
-    """Another mission is uploaded in the air, read back, and flown from its first waypoint."""
+    """It holds, another mission is uploaded in the air, read back, and flown from its first waypoint."""
     other = route_mission(case.vehicle.home, DIAMOND_M, height_m=30.0)
     with case.station() as station:
         path = take_off(case, station)
         wait_for_waypoint(station, 1)
+        hold(station.conversation, "told to hold for another mission")
         checked = station.client.upload_and_verify(other, in_flight=True)
         require(checked.passed, "the new mission was read back changed")
         set_current_item(station.conversation, first_seq(station.conversation) + FIRST_WAYPOINT_ITEM)
