@@ -165,3 +165,44 @@ def test_far_beside_the_leg_the_vehicle_first_comes_back_to_it():
 def test_impossible_values_are_refused(make):
     with pytest.raises(ValueError, match="must"):
         make()
+
+
+@settings(max_examples=15, deadline=None)
+@given(_points)
+def test_what_the_controller_asks_for_changes_no_faster_than_the_jerk_limit(points):
+    airframe = Airframe(max_jerk_m_s3=12.0)
+    states = fly_route(points, airframe=airframe)
+    change = np.diff(states[:, 6:9], axis=0) / STEP_S
+    assert np.hypot(change[:, 0], change[:, 1]).max() <= 12.0 + 1e-6
+    assert np.abs(change[:, 2]).max() <= 12.0 + 1e-6
+
+
+def test_against_the_wind_it_makes_its_airspeed_and_no_more():
+    airframe = Airframe(max_airspeed_m_s=15.0, max_speed_m_s=40.0)
+    body = PointMass(airframe, step_s=STEP_S, position_m=(0.0, 0.0, 50.0))
+    for _ in range(1000):
+        body.step((0.0, 14.0, 0.0), (0.0, -9.0, 0.0))
+    assert body.velocity_m_s[1] == pytest.approx(15.0 - 9.0, abs=0.1)
+    assert body.airspeed_m_s == pytest.approx(15.0, abs=0.1)
+    for _ in range(1000):  # more wind than it can fly: it drifts with the rest
+        body.step((0.0, 0.0, 0.0), (0.0, -20.0, 0.0))
+    assert body.velocity_m_s[1] == pytest.approx(15.0 - 20.0, abs=0.1)
+
+
+def test_a_wind_that_comes_up_keeps_its_gusts():
+    field = WindField(Wind(gust_m_s=1.0), step_s=STEP_S, rng=np.random.default_rng(3))
+    before = np.array([field.step() for _ in range(20_000)])
+    field.change(Wind(speed_m_s=12.0, from_deg=270.0))
+    after = np.array([field.step() for _ in range(20_000)])
+    assert np.hypot(*(after[1] - before[-1])[:2]) < 1.0  # not at once
+    assert after[2000:, 0].mean() == pytest.approx(12.0, abs=0.5)
+    assert after[2000:, 1].std() == pytest.approx(before[:, 1].std(), rel=0.3)
+
+
+def test_a_body_without_motors_falls():
+    body = PointMass(Airframe(), step_s=STEP_S, position_m=(0.0, 0.0, 100.0))
+    for _ in range(50):
+        body.fall((3.0, 0.0, 0.0))
+    # One second of free fall with drag 0.2/s: v = g / k (1 - exp(-k t)).
+    assert body.velocity_m_s[2] == pytest.approx(-9.80665 / 0.2 * (1.0 - math.exp(-0.2)), rel=0.01)
+    assert body.position_m[0] > 0.2
