@@ -23,7 +23,7 @@ from uavcover import after_flight, pipeline
 from uavcover.errors import VehicleError
 from uavcover.mission_compiler import CompiledMission
 from uavcover.model.track import Track, TrackSample
-from uavcover.on_vehicle import connect, fly
+from uavcover.on_vehicle import Orders, connect, fly
 from uavcover.site import Site
 from uavcover.verification.phases import PlannedRoute
 
@@ -66,7 +66,7 @@ def flown_once(site: Site, compiled: CompiledMission) -> Track:
     samples: list[TrackSample] = []
     with connect("mock:", site, mock_speed=SPEED) as vehicle:
         pipeline.upload(vehicle.client, compiled)
-        fly(vehicle, site, compiled, on_sample=samples.append)
+        fly(vehicle, site, compiled, Orders(on_sample=samples.append))
     rows = np.array(
         [
             [

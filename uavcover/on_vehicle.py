@@ -2,28 +2,37 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mission_io import SigningKey
+from mission_io.autopilots import wire_items
 from mission_io.client import Client
-from mission_io.items import GeoPoint
+from mission_io.compare import compare_items
+from mission_io.items import GeoPoint, MissionType
+from mission_io.messages import ExtendedSysState
 from mission_io.protocol.exchange import Timing
+from uavcover import pipeline
 from uavcover.errors import InputError
+from uavcover.flight.break_off import along_leg_m
 from uavcover.flight.conversation import Conversation
 from uavcover.flight.events import FlightEvent
 from uavcover.flight.flight_plan import FlightPlan, Patience
-from uavcover.flight.fly import FlightOutcome
+from uavcover.flight.fly import FlightOutcome, Onward
 from uavcover.flight.fly import fly as fly_plan
+from uavcover.flight.fly import fly_on as fly_on_plan
 from uavcover.flight.mock.server import register_mock
 from uavcover.flight.mock.settings import Settings
 from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.flight.monitor import Monitor, open_vehicle
 from uavcover.flight.readiness import check_home as check_home_of
-from uavcover.mission_compiler import AUTOPILOTS, CompiledMission, compile_return
+from uavcover.flight.return_home import PlanReturn
+from uavcover.leg_checks import find_problems
+from uavcover.mission_compiler import AUTOPILOTS, CompiledMission, compile_continuation, compile_return
 from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import AutopilotName
+from uavcover.resumption import Unfinished
 from uavcover.site import Site
 
 
@@ -143,36 +152,121 @@ def check_home(vehicle: Connected, site: Site, compiled: CompiledMission) -> Non
     check_home_of(conversation, flight_plan(site, compiled))
 
 
-def fly(
-    vehicle: Connected,
-    site: Site,
-    compiled: CompiledMission,
-    *,
-    on_sample: Callable[[TrackSample], None],
-    on_event: Callable[[FlightEvent], None] = lambda _: None,
-    stop: Callable[[], int] = lambda: 0,
-    pause: Callable[[], bool] = lambda: False,
-    confirmed: bool = False,
-    patience: Patience | None = None,
-) -> FlightOutcome:
-    """Fly the mission that the vehicle holds: ready, check, arm, start, follow, land; see :mod:`uavcover.flight.fly`.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Orders:
+    """What the user wants of a flight, and who is told about it.
 
-    Args:
-        vehicle: connected.
-        site: the scenario on its ground.
-        compiled: what the vehicle is to hold.
+    Attributes:
         on_sample: takes every sample as it comes.
         on_event: is told what happens.
         stop: how often the user has asked to stop: once is home along checked legs, twice is hold.
         pause: whether the user wants the vehicle to wait where it is.
-        confirmed: whether a vehicle that may be real may be armed.
+        confirmed: whether a vehicle that may be real may be flown.
         patience: how long to wait for what.
+    """
+
+    on_sample: Callable[[TrackSample], None]
+    on_event: Callable[[FlightEvent], None] = lambda _: None
+    stop: Callable[[], int] = lambda: 0
+    pause: Callable[[], bool] = lambda: False
+    confirmed: bool = False
+    patience: Patience | None = None
+
+
+def fly(vehicle: Connected, site: Site, compiled: CompiledMission, orders: Orders) -> FlightOutcome:
+    """Fly the mission that the vehicle holds: ready, check, arm, start, follow, land; see :mod:`uavcover.flight.fly`.
+
+    Args:
+        vehicle: connected, on the ground.
+        site: the scenario on its ground.
+        compiled: what the vehicle is to hold.
+        orders: what the user wants, and who is told.
 
     Raises:
         FlightFailedError: the vehicle or the link failed, or the vehicle is not what was planned for; it carries the outcome.
     """
     return fly_plan(
         vehicle.client, vehicle.monitor, flight_plan(site, compiled),
-        on_sample=on_sample, on_event=on_event, confirmed=confirmed, stop=stop, pause=pause, patience=patience,
-        plan_return=lambda lat, lon, alt: compile_return(site, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt),
+        on_sample=orders.on_sample, on_event=orders.on_event, stop=orders.stop, pause=orders.pause,
+        confirmed=orders.confirmed, patience=orders.patience, plan_return=_plan_return(site),
     )  # fmt: skip
+
+
+def is_in_the_air(vehicle: Connected) -> bool:
+    """Whether the vehicle is armed and does not say that it stands on the ground."""
+    vehicle.client.poll(0.0)
+    if vehicle.client.vehicle.armed and vehicle.monitor.on_ground is None:
+        vehicle.client.request_message(ExtendedSysState)
+    return vehicle.client.vehicle.armed and vehicle.monitor.on_ground is not True
+
+
+def fly_on(vehicle: Connected, site: Site, unfinished: Unfinished, orders: Orders) -> FlightOutcome:
+    """Take over a vehicle in the air, and fly what is left of a plan.
+
+    A vehicle that still holds the mission and is where it left its route goes on with the item it was flying to. Any other is
+    sent a mission that leads from where it is, along checked legs, to where the route was left.
+
+    Args:
+        vehicle: connected, in the air.
+        site: the scenario on its ground.
+        unfinished: what is left.
+        orders: what the user wants, and who is told.
+
+    Raises:
+        FlightFailedError: as ``fly``; also when there is no checked way on from where the vehicle is, which then holds there.
+    """
+
+    def plan_onward(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Onward:
+        held = _held_onward(vehicle, site, unfinished, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m)
+        if held is not None:
+            return held
+        flown_s = (vehicle.monitor.time_s or 0.0) - float(unfinished.track.time_s[0])
+        compiled = compile_continuation(
+            site, unfinished.route, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m,
+            flown_s=max(0.0, flown_s), autopilot=vehicle.autopilot,
+        )  # fmt: skip
+        return Onward(flight_plan(site, compiled), upload=True, first_item=0)
+
+    return fly_on_plan(
+        vehicle.client, vehicle.monitor, plan_onward,
+        on_sample=orders.on_sample, on_event=orders.on_event, stop=orders.stop, pause=orders.pause,
+        confirmed=orders.confirmed, patience=orders.patience, plan_return=_plan_return(site),
+    )  # fmt: skip
+
+
+def _held_onward(
+    vehicle: Connected, site: Site, unfinished: Unfinished, *, lat_deg: float, lon_deg: float, alt_amsl_m: float
+) -> Onward | None:
+    """How to go on with the mission that the vehicle holds; none when it holds another, or is not where it left the route."""
+    number, planned_m = unfinished.broken.waypoint, unfinished.planned.route.waypoints_m
+    if site.frame is None or number == 0:
+        return None
+    here_m = site.frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
+    flown_m, aside_m = along_leg_m(here_m, planned_m[number - 1 : number + 1])
+    near_m = site.scenario.vehicle.acceptance_radius_m
+    limits = site.scenario.limits
+    way = np.ascontiguousarray([here_m, planned_m[number]])
+    if (
+        aside_m > near_m
+        or flown_m > unfinished.broken.flown_m + near_m
+        or find_problems(site, way, lowest_agl_m=limits.min_height_agl_m, highest_agl_m=limits.max_height_agl_m)
+    ):
+        return None
+    compiled = pipeline.compile_plan(site, unfinished.planned.route, autopilot=vehicle.autopilot)
+    autopilot = AUTOPILOTS[vehicle.autopilot]
+    held = vehicle.client.download(MissionType.MISSION)
+    if any(not d.acceptable for d in compare_items(wire_items(compiled.mission, autopilot), held, autopilot)):
+        return None
+    # The numbers of the track are those of the route that is left: a route that begins on the leg has one more.
+    passed = len(unfinished.route) - (len(planned_m) - number)
+    plan = replace(
+        flight_plan(site, compiled),
+        first_waypoint_item=compiled.first_waypoint_item + number - passed,
+        waypoint_count=len(unfinished.route),
+        passed_before=passed,
+    )
+    return Onward(plan, upload=False, first_item=compiled.first_waypoint_item + number)
+
+
+def _plan_return(site: Site) -> PlanReturn:
+    return lambda lat, lon, alt: compile_return(site, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)

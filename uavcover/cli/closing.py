@@ -12,6 +12,7 @@ from uavcover import after_flight
 from uavcover.cli.console import Console, percent
 from uavcover.cli.verifying import judge_run
 from uavcover.model.report import VerificationReport
+from uavcover.resumption import flown_tracks
 from uavcover.run_folder import RunFolder
 
 
@@ -52,7 +53,7 @@ def close_gaps(
         console.say(f"nothing to close; written: {run.file('gaps.geojson')}")
         return document
     with console.progress("planning the gap mission"):
-        own_logs = list(logs) or [run.file("track.csv")]
+        own_logs = list(logs) or flown_tracks(run)
         in_the_air = after_flight.read_log(own_logs[-1], site).track if start is Start.LAST else None
         mission = after_flight.plan_gap_mission(
             site, verdict, min_area_m2=min_area_m2, target=target, in_the_air=in_the_air

@@ -1,5 +1,6 @@
 """``uavcover fly``: arm, start, follow, record, land."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -24,6 +25,10 @@ def fly(
     link_lost_s: Annotated[
         float, typer.Option("--link-lost", metavar="S", help="Give the vehicle up after so long a silence.")
     ] = 30.0,
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", help="Go on with the flight that was not finished, from the ground or in the air."),
+    ] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Replace the track, recording and verdict of an older flight.")
     ] = False,
@@ -34,7 +39,8 @@ def fly(
     """Wait until ready, arm, start, follow, record, land.
 
     Ctrl-C: hold, then home along checked legs, and land; twice: hold, and leave it there; both end with 130. The key p (without
-    a terminal: SIGUSR1) pauses: the vehicle holds; p again, and it goes on.
+    a terminal: SIGUSR1) pauses: the vehicle holds; p again, and it goes on. --resume goes on with a flight that ended early,
+    whatever ended it, in a folder of its own inside RUN; verify counts both.
     """
     from uavcover import pipeline
     from uavcover.cli.console import Console
@@ -46,17 +52,27 @@ def fly(
     key = options.signing_key(signing_key)
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     folder = RunFolder(run)
-    site, planned = pipeline.read_planned(folder)
+    patience = Patience(deadman_s=deadman_s, link_lost_s=link_lost_s)
     viewer_url = None
     if live:
         from uavcover.recording.viewer import open_live_viewer
 
         viewer_url = open_live_viewer()
+    if resume:
+        from uavcover.cli.resuming import resume_run
+
+        resumed, document = resume_run(
+            folder, to, console, timeout_s=timeout_s, confirmed=yes, mock_speed=mock_speed, viewer_url=viewer_url,
+            signing_key=key, patience=patience, command=sys.argv,
+        )  # fmt: skip
+        console.result(document)
+        return INTERRUPTED if resumed is not None and resumed.ending in ENDED_BY_USER else 0
+    site, planned = pipeline.read_planned(folder)
     # A vehicle that begins with this process holds nothing yet.
     outcome, document = fly_run(
         folder, site, planned.route, to, console,
         timeout_s=timeout_s, confirmed=yes, force=force, mock_speed=mock_speed, upload_first=to.startswith("mock:"),
-        viewer_url=viewer_url, signing_key=key, patience=Patience(deadman_s=deadman_s, link_lost_s=link_lost_s),
+        viewer_url=viewer_url, signing_key=key, patience=patience,
     )  # fmt: skip
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0

@@ -2,6 +2,7 @@
 
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
 from mission_io import SigningKey
@@ -15,7 +16,7 @@ from uavcover.flight.fly import Ending, FlightOutcome
 from uavcover.flight.outcome import FlightFailedError
 from uavcover.flight.track_file import read_track
 from uavcover.model.route import Route
-from uavcover.on_vehicle import check_home, connect, fly, require_home
+from uavcover.on_vehicle import Connected, Orders, check_home, connect, fly, require_home
 from uavcover.recording.writer import write_recording
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
@@ -46,34 +47,51 @@ def fly_run(
     with (
         run.reserved(FLIGHT_FILES, force=force),
         connect(url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key) as vehicle,
-        Interrupts(_FIRST_STOP) as interrupts,
-        PauseKey(console) as keys,
     ):
         compiled = pipeline.compile_plan(site, route, autopilot=vehicle.autopilot)
         if upload_first:
             check_home(vehicle, site, compiled)
             pipeline.upload(vehicle.client, compiled)
-        with console.progress("flying", total=len(route)) as bar:
-            log = FlightLog(
-                run, overwrite=force, console=console, bar=bar, waypoint_count=len(route), vehicle=vehicle,
-                live=live_recording(run, site, route, viewer_url=viewer_url),
-            )  # fmt: skip
-            try:
-                outcome = fly(
-                    vehicle, site, compiled,
-                    on_sample=log.take_sample, on_event=log.take_event, confirmed=confirmed, stop=lambda: interrupts.count,
-                    pause=keys.paused, patience=patience,
-                )  # fmt: skip
-            except FlightFailedError as error:
-                if log.sample_count:
-                    _note_outcome(run, error.outcome)
-                raise
-            except KeyboardInterrupt:
-                console.warn("aborted: the vehicle was left as it is, maybe armed and in the air; take over from here")
-                raise
-            finally:
-                log.close()
-                _keep_recording(run, site, route, log, console)
+        return record_flight(
+            run, site, route, console, vehicle, lambda orders: fly(vehicle, site, compiled, orders),
+            confirmed=confirmed, force=force, viewer_url=viewer_url, patience=patience,
+        )  # fmt: skip
+
+
+def record_flight(
+    run: RunFolder, site: Site, route: Route, console: Console, vehicle: Connected, begin: Callable[[Orders], FlightOutcome],
+    *, confirmed: bool, force: bool, viewer_url: str | None, patience: Patience | None,
+) -> tuple[FlightOutcome, dict[str, Any]]:  # fmt: skip
+    """Let ``begin`` fly, and keep the record in the run folder, which is reserved.
+
+    Raises:
+        FlightFailedError: the flight did not end as it should; the run folder has all the same what was recorded.
+    """
+    with (
+        Interrupts(_FIRST_STOP) as interrupts,
+        PauseKey(console) as keys,
+        console.progress("flying", total=len(route)) as bar,
+    ):
+        log = FlightLog(
+            run, overwrite=force, console=console, bar=bar, waypoint_count=len(route), vehicle=vehicle,
+            live=live_recording(run, site, route, viewer_url=viewer_url),
+        )  # fmt: skip
+        orders = Orders(
+            on_sample=log.take_sample, on_event=log.take_event, stop=lambda: interrupts.count, pause=keys.paused,
+            confirmed=confirmed, patience=patience,
+        )  # fmt: skip
+        try:
+            outcome = begin(orders)
+        except FlightFailedError as error:
+            if log.sample_count:
+                _note_outcome(run, error.outcome)
+            raise
+        except KeyboardInterrupt:
+            console.warn("aborted: the vehicle was left as it is, maybe armed and in the air; take over from here")
+            raise
+        finally:
+            log.close()
+            _keep_recording(run, site, route, log, console)
     if log.error is not None:
         raise log.error
     if log.sample_count:

@@ -8,6 +8,7 @@ from uavcover import after_flight, pipeline
 from uavcover.cli.console import Console, metres, percent
 from uavcover.model.report import VerificationReport
 from uavcover.model.track import Track
+from uavcover.resumption import flown_tracks
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
 from uavcover.verification.phases import PlannedRoute
@@ -27,7 +28,7 @@ def verify_run(run: RunFolder, console: Console, *, logs: Sequence[Path] = ()) -
 def judge_run(run: RunFolder, console: Console, *, logs: Sequence[Path]) -> tuple[Site, Verdict, list[str]]:
     """The verdict on the logs of a run, by default its own track, and the logs' names; nothing is written."""
     site = pipeline.load_site(run.existing("scenario.toml", made_by="uavcover plan"))
-    paths = list(logs) or [run.existing("track.csv", made_by="uavcover fly")]
+    paths = list(logs) or flown_tracks(run)
     tracks: list[tuple[Track, PlannedRoute | None]] = []
     for path in paths:
         loaded = after_flight.read_log(path, site)

@@ -1,16 +1,16 @@
 """The running conversation with one vehicle: waiting with patience, passing on what it says, noticing that it is gone."""
 
-import math
 from collections import deque
 from collections.abc import Callable
 from typing import TypeVar
 
 from mission_io import messages as m
 from mission_io.autopilots import Autopilot
-from mission_io.errors import VehicleSilentError
+from mission_io.enums import MissionState
+from mission_io.errors import MisuseError, VehicleSilentError
 from uavcover.flight.events import EventKind, FlightEvent
 from uavcover.flight.flight_plan import Patience
-from uavcover.flight.modes import mode_from_custom
+from uavcover.flight.modes import Mode, custom_mode, mode_from_custom
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.outcome import Ending, FlightFaultError
 from uavcover.flight.vehicle_client import VehicleClient
@@ -39,6 +39,7 @@ class Conversation:
 
     Attributes:
         watch: notices what goes wrong.
+        paused: whether the vehicle was told to wait on its way, and has not gone on since.
     """
 
     def __init__(
@@ -54,6 +55,7 @@ class Conversation:
         self.client, self.monitor, self.patience = client, monitor, patience
         self.stop = stop
         self.pause = pause
+        self.paused = False
         self._on_event = on_event
         self._recent_complaints: deque[str] = deque(maxlen=3)
         self.watch = Watch(client, monitor, patience, self.tell)
@@ -67,6 +69,16 @@ class Conversation:
     def complaints(self) -> str:
         """The vehicle's latest warnings as the end of a sentence; empty when there were none."""
         return f"; it says: {' | '.join(self._recent_complaints)}" if self._recent_complaints else ""
+
+    @property
+    def obeys(self) -> bool:
+        """Whether the vehicle is in its mission, or paused by us; MISSION_CURRENT tells sooner than the heartbeat."""
+        if self.paused:
+            return True
+        current = self.monitor.latest(m.MissionCurrent)
+        left = current is not None and current.state == MissionState.PAUSED
+        in_mission = self.client.vehicle.custom_mode == custom_mode(self.autopilot, Mode.MISSION)
+        return in_mission and not left
 
     @property
     def mode_name(self) -> str:
@@ -84,9 +96,10 @@ class Conversation:
     def vehicle_now(self) -> str:
         """What the vehicle does, or did when it was heard last, for people."""
         monitor = self.monitor
-        if math.isinf(self.silence_s):
-            return "never heard"
-        vehicle = self.client.vehicle
+        try:
+            vehicle = self.client.vehicle
+        except MisuseError:
+            return "not heard"
         where = {True: "on the ground", False: "in the air", None: "somewhere"}[monitor.on_ground]
         parts = [where, "armed" if vehicle.armed else "disarmed", f"in {self.mode_name}"]
         here = monitor.latest(m.GlobalPositionInt)

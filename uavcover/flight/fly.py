@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from mission_io import messages as m
 from mission_io.errors import MissionIoError, TransferSilentError, VehicleSilentError
-from uavcover.errors import VehicleError
+from uavcover.errors import UavcoverError, VehicleError
 from uavcover.flight.conversation import Conversation, Stopped
 from uavcover.flight.events import EventKind, FlightEvent
 from uavcover.flight.flight_plan import FlightPlan, Patience
@@ -180,8 +180,9 @@ class _Flight:
         autopilot = conversation.autopilot
 
         def waypoint_of(seq: int) -> int:
-            """The items of a mission that somebody else made are no planned waypoints."""
-            return -1 if conversation.watch.is_open(Ending.MISSION_CHANGED) else plan.waypoint_of(seq, autopilot)
+            """No planned waypoint is flown to while somebody else has the vehicle, or made its mission."""
+            astray = conversation.watch.is_open(Ending.MISSION_CHANGED) or not conversation.obeys
+            return -1 if astray else plan.waypoint_of(seq, autopilot)
 
         self.recorder = Recorder(
             conversation.monitor,
@@ -289,7 +290,10 @@ def _from_the_air(
         here = conversation.monitor.latest(m.GlobalPositionInt)
         if here is None:
             raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not tell where it is; it was left holding")
-        onward = plan_onward(here.lat_deg, here.lon_deg, here.alt_amsl_m)
+        try:
+            onward = plan_onward(here.lat_deg, here.lon_deg, here.alt_amsl_m)
+        except UavcoverError as error:
+            raise FlightFaultError(Ending.FAILED, f"no checked way on from here: {error}; left holding") from error
         plan = onward.plan
         check_home_position(conversation, plan)
         if onward.upload:

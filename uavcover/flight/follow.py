@@ -17,6 +17,8 @@ from uavcover.flight.takeover import Takeover
 
 _MOVED_M = 2.0
 _METRES_PER_DEGREE = 111_320.0
+_GOING_ON_S = 2.0
+"""After a pause the vehicle may still tell for a moment that its mission is paused."""
 _LANDED_TOLD_S = 2.0
 """The heartbeat may tell that the vehicle disarmed before another message tells that it landed."""
 
@@ -121,12 +123,13 @@ class _Follower:
         self._elsewhere = Stillness(conversation, conversation.patience.elsewhere_s)
         self._landed: Timer | None = None
         self._told_to_disarm = False
-        self._paused = False
+        self._holds = False
+        self._going_on: Timer | None = None
 
     @property
     def in_mission(self) -> bool:
         """Whether the vehicle flies its mission now."""
-        return not self._takeover.begun and not self._paused
+        return not self._takeover.begun and not self._holds
 
     @property
     def cause(self) -> Ending | None:
@@ -148,9 +151,11 @@ class _Follower:
         if conversation.stop() > self._stops_before:
             self._end_at_users_wish()
         self._pause_or_go_on()
+        if self._going_on is not None and self._going_on.over:
+            self._going_on, conversation.paused = None, self._holds
         conversation.pump()
         look()
-        self._takeover.update({hold_mode(conversation)} if self._paused else {Mode.MISSION})
+        self._takeover.update({hold_mode(conversation)} if self._holds else {Mode.MISSION})
         if conversation.monitor.on_ground:
             self._wait_until_disarmed()
             return
@@ -165,7 +170,7 @@ class _Follower:
                 )
             return
         self._elsewhere.restart()
-        if self._paused:
+        if self._holds:
             self._stillness.restart()
         elif self._stillness.too_long:
             self._raise_stuck()
@@ -182,15 +187,17 @@ class _Follower:
     def _pause_or_go_on(self) -> None:
         conversation = self._conversation
         wanted = self._pause()
-        if wanted == self._paused or self._takeover.begun or conversation.monitor.on_ground is not False:
+        if wanted == self._holds or self._takeover.begun or conversation.monitor.on_ground is not False:
             return
         if wanted:
+            conversation.paused = True
             conversation.insist(lambda: set_mode(conversation, hold_mode(conversation)))
             conversation.tell(EventKind.STOP, f"paused: the vehicle holds its place in {conversation.mode_name}")
         else:
             conversation.insist(lambda: set_mode(conversation, Mode.MISSION))
             conversation.tell(EventKind.STOP, "the vehicle goes on with its mission")
-        self._paused = wanted
+            self._going_on = Timer(conversation, _GOING_ON_S)
+        self._holds = wanted
 
     def _raise_stuck(self) -> None:
         conversation = self._conversation

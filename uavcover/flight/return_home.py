@@ -46,6 +46,7 @@ def return_home(conversation: Conversation, plan_return: PlanReturn, *, longest_
         FlightFaultError: the vehicle is gone, or does something else.
     """
     stops = 1
+    conversation.paused = False
     hold(conversation)
     if conversation.stop() > stops:
         return _leave(conversation, "second stop")

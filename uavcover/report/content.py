@@ -13,6 +13,7 @@ from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.documents import PlannedDocument, read_plan_document
 from uavcover.model.track import Track
 from uavcover.report.pareto_file import ParetoRow, read_pareto
+from uavcover.resumption import flown_tracks
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
 from uavcover.verification.verify import Verdict, track_positions_m
@@ -84,8 +85,7 @@ def read_run(run: RunFolder, *, logs: Sequence[Path]) -> ReportContent:
     """
     site = pipeline.load_site(run.existing("scenario.toml", made_by="uavcover plan"))
     plan = run.read_json("plan.json", made_by="uavcover plan")
-    own = run.file("track.csv")
-    paths = list(logs) or ([own] if own.is_file() else [])
+    paths = list(logs) or (flown_tracks(run) if run.file("track.csv").is_file() else [])
     read = [after_flight.read_log(path, site) for path in paths]
     verdict = None
     if read:

@@ -1,0 +1,69 @@
+"""Going on with a flight, as ``fly --resume`` does it."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from mission_io import SigningKey
+from uavcover import pipeline
+from uavcover.cli.console import Console
+from uavcover.cli.flying import record_flight
+from uavcover.flight.flight_plan import Patience
+from uavcover.flight.fly import FlightOutcome
+from uavcover.on_vehicle import check_home, connect, fly, fly_on, is_in_the_air, require_home
+from uavcover.resumption import Unfinished, find_unfinished, save_rest
+from uavcover.run_folder import RunFolder
+
+
+def resume_run(
+    run: RunFolder, url: str, console: Console,
+    *, timeout_s: float, confirmed: bool, command: Sequence[str], mock_speed: float = 20.0, viewer_url: str | None = None,
+    signing_key: SigningKey | None = None, patience: Patience | None = None,
+) -> tuple[FlightOutcome | None, dict[str, Any]]:  # fmt: skip
+    """Fly what the latest flight of a run has left, from the ground or from where the vehicle is in the air.
+
+    It has a folder of its own inside the run's, with its plan, mission, track and recording.
+
+    Returns:
+        The outcome, none when there was nothing left to fly; and what to tell programs.
+
+    Raises:
+        InputError: nothing was flown yet.
+        InfeasibleError: there is no checked way to what is left.
+        FlightFailedError: the flight did not end as it should.
+    """
+    with run.reserved((), force=True):
+        site, _ = pipeline.read_planned(run)
+        require_home(site)
+        unfinished = find_unfinished(run, site)
+        _say(unfinished, console)
+        if unfinished.complete:
+            return None, {"run": str(run), "ending": None, "waypoints_left": 0}
+        folder, route = unfinished.folder, unfinished.route
+        with folder.reserved((), force=True):
+            folder.remove(["track.csv"])  # of a flight that resumed an older one
+            save_rest(unfinished, site, command=command)
+            with connect(url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key) as vehicle:
+                if is_in_the_air(vehicle):
+                    console.say("the vehicle is in the air: it goes on from where it is")
+                    begin = lambda orders: fly_on(vehicle, site, unfinished, orders)  # noqa: E731
+                else:
+                    compiled = pipeline.compile_plan(site, route, autopilot=vehicle.autopilot)
+                    check_home(vehicle, site, compiled)
+                    results = pipeline.upload(vehicle.client, compiled)
+                    folder.write_json("upload.json", pipeline.upload_document(site, compiled, url, results))
+                    begin = lambda orders: fly(vehicle, site, compiled, orders)  # noqa: E731
+                outcome, document = record_flight(
+                    folder, site, route, console, vehicle, begin,
+                    confirmed=confirmed, force=True, viewer_url=viewer_url, patience=patience,
+                )  # fmt: skip
+    return outcome, {**document, "resumed_at_waypoint": unfinished.broken.waypoint}
+
+
+def _say(unfinished: Unfinished, console: Console) -> None:
+    count, number = len(unfinished.planned.route), unfinished.broken.waypoint
+    if unfinished.complete:
+        console.say(f"all {count} waypoints of {unfinished.flown} are flown; there is nothing to resume")
+        return
+    where = f", {unfinished.broken.flown_m:.0f} m along the leg to it" if unfinished.broken.flown_m > 0.0 else ""
+    console.say(f"{unfinished.flown}: waypoint {number} of {count} is the first that was not flown{where}")
+    console.say(f"the rest is kept in {unfinished.folder}")
