@@ -15,8 +15,20 @@ from tests.planning.sites import hills, make_site, tower
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.kernels import coverage as coverage_kernels
 from uavcover.kernels.annealing import Prices, Schedule, anneal, energy_of_share, snapshot
+from uavcover.kernels.cone_spans import cone_cells
 from uavcover.kernels.coverage import CONE, DISC, RAY, SPHERE, Sight
-from uavcover.kernels.draft import ALONG_PATH, AT_WAYPOINTS, WIDEST, Draft, Room, Task, inside_fence, recount
+from uavcover.kernels.draft import (
+    ALONG_PATH,
+    AT_WAYPOINTS,
+    WIDEST,
+    Draft,
+    Room,
+    Task,
+    empty_draft,
+    inside_fence,
+    recount,
+    seen_alone,
+)
 from uavcover.kernels.route import path_length
 from uavcover.kernels.spans import list_cells
 from uavcover.leg_checks import measure_violations
@@ -74,43 +86,68 @@ def test_a_list_that_is_too_short_says_so():
     assert list_cells(surface, sight, cells, (1.0, 3.0, 2.0), (1.0, 3.0, 2.0), 1.0, out) == -1
 
 
-def small_task(sensing: int, *, legs: int = 0, seed: int = 3) -> Task:
+SIGHTS = {SPHERE: Sight(SPHERE, 1.1, 0.0, -1.0, RAY), CONE: Sight(CONE, 1.6, 0.8, 0.35, RAY)}
+
+
+def small_task(sensing: int, *, legs: int = 0, seed: int = 3, kind: int = SPHERE) -> Task:
     surface = sine_cosine_ground(1.0).surface
     cells = cells_on(surface, seed)
-    weight = np.random.default_rng(seed).uniform(0.5, 1.0, cells.centre_m.shape[0])
-    weight[::7] = 0.0
-    weight /= weight.sum()
-    weight.flags.writeable = False
-    room = Room(0.1, 2.5, -1.0, 3.0, 1.0, legs, SQUARE)
-    return Task(surface, Sight(SPHERE, 1.1, 0.0, -1.0, RAY), cells, weight, 0.4, sensing, room)
+    shares = np.random.default_rng(seed).uniform(0.5, 1.0, cells.centre_m.shape[0])
+    shares[::7] = 0.0
+    square = np.empty(len(shares), dtype=np.int32)
+    square[cells.lattice[cells.lattice >= 0]] = np.flatnonzero(cells.lattice.ravel() >= 0)
+    weight = np.zeros(cells.lattice.size)
+    weight[square] = shares / shares.sum()
+    for array in (square, weight):
+        array.flags.writeable = False
+    room = Room(0.1, 2.5, -1.0, 3.0, 0.6, legs, SQUARE)
+    sight = SIGHTS[kind]
+    return Task(surface, sight, cells, cone_cells(surface, sight, cells), square, weight, 0.4, sensing, room)
 
 
 def small_draft(task: Task, count: int, capacity: int, *, seed: int = 1) -> Draft:
-    lists = capacity + WIDEST + 1
-    draft = Draft(
-        np.zeros((capacity, 3)), np.array([count]), np.arange(lists), np.zeros((lists, 200), dtype=np.int32),
-        np.zeros(lists, dtype=np.int64), np.zeros(task.weight.size, dtype=np.uint16), np.zeros(1), np.zeros((WIDEST, 3)),
-    )  # fmt: skip
+    rows, columns = task.cells.lattice.shape
+    cells = len(task.square)
+    draft = empty_draft(capacity=capacity, stride=200, squares=rows * columns, cells=cells, columns=columns)
+    draft.size[0] = count
     points = np.random.default_rng(seed).uniform([-0.5, 2.3, 1.2], [3.0, 5.0, 1.6], (count, 3))
     draft.route[:count] = points
     assert recount(task, draft)
     return draft
 
 
+@pytest.mark.parametrize("kind", [SPHERE, CONE])
 @pytest.mark.parametrize("sensing", [AT_WAYPOINTS, ALONG_PATH])
 @pytest.mark.parametrize("count", [1, 2, 5])
-def test_a_recount_is_the_naive_one(sensing, count):
-    task = small_task(sensing)
+def test_a_recount_is_the_naive_one(kind, sensing, count):
+    task = small_task(sensing, kind=kind)
     draft = small_draft(task, count, 6)
     counts, seen = naive.counts(task, draft.route[:count])
-    assert draft.counts.tolist() == counts
+    assert draft.counts[task.square].tolist() == counts
+    assert draft.counts.sum() == sum(counts)
+    assert sum(counts) > 0 or count < 5
     assert draft.seen[0] == pytest.approx(seen, rel=1e-12)
 
 
+@pytest.mark.parametrize("kind", [SPHERE, CONE])
+@pytest.mark.parametrize("sensing", [AT_WAYPOINTS, ALONG_PATH])
+def test_what_a_span_alone_sees(kind, sensing):
+    task = small_task(sensing, kind=kind)
+    draft = small_draft(task, 5, 6)
+    looks = naive.span_looks(sensing, [tuple(point) for point in draft.route[:5]], task.spacing_m)
+    seen = [naive.list_cells(task.surface, task.sight, task.cells, span) for span in looks]
+    for k, mine in enumerate(seen):
+        alone = mine.difference(*seen[:k], *seen[k + 1 :])
+        assert seen_alone(task, draft, k) == pytest.approx(
+            float(task.weight[task.square[list(alone)]].sum()), abs=1e-12
+        )
+
+
+@pytest.mark.parametrize("kind", [SPHERE, CONE])
 @pytest.mark.parametrize("sensing", [AT_WAYPOINTS, ALONG_PATH])
 @pytest.mark.parametrize("legs", [0, 1])
-def test_counts_after_10_000_changes_are_those_of_a_full_recount(sensing, legs):
-    task = small_task(sensing, legs=legs)
+def test_counts_after_10_000_changes_are_those_of_a_full_recount(kind, sensing, legs):
+    task = small_task(sensing, legs=legs, kind=kind)
     draft = small_draft(task, 6, 14)
     prices, rng = Prices(0.01, 0.05, 1.0, 0.9), np.random.default_rng(4)
     fewest = 1 if sensing == AT_WAYPOINTS and legs == 0 else 2
@@ -129,7 +166,7 @@ def test_counts_after_10_000_changes_are_those_of_a_full_recount(sensing, legs):
     assert draft.counts.tolist() == before[0].tolist()
     assert draft.seen[0] == pytest.approx(before[1], abs=1e-9)
     counts, _ = naive.counts(task, snapshot(draft))
-    assert draft.counts.tolist() == counts
+    assert draft.counts[task.square].tolist() == counts
 
 
 @pytest.mark.parametrize("sensing", [AT_WAYPOINTS, ALONG_PATH])

@@ -26,11 +26,12 @@ def list_cells(surface, sight, cells, looks):
 
 def counts(task, route):
     """By how many spans each cell is seen, and the weight of those that are seen."""
-    found = [0] * len(task.weight)
+    found = [0] * len(task.square)
     for looks in span_looks(task.sensing, [tuple(point) for point in route], task.spacing_m):
         for cell in list_cells(task.surface, task.sight, task.cells, looks):
             found[cell] += 1
-    return found, sum(weight for weight, count in zip(task.weight, found, strict=True) if count)
+    shares = task.weight[task.square].tolist()
+    return found, sum(weight for weight, count in zip(shares, found, strict=True) if count)
 
 
 def inside_ring(ring, east, north):

@@ -18,23 +18,21 @@ from uavcover.kernels.draft import (
     WIDEST,
     Draft,
     Task,
-    add_list,
     allowed_leg,
     allowed_place,
     distance,
-    drop_list,
     exchange_allowed,
     exchange_length,
     keep_exchange,
+    list_span,
     place,
     reverse_order,
     reverse_rows,
     span_count,
     transfer,
     try_exchange,
-    undo_exchange,
 )
-from uavcover.kernels.spans import list_cells
+from uavcover.kernels.runs import compare, make_changes, weigh_changes
 from uavcover.kernels.surface import height
 
 _SMALLEST_STEP = 0.01
@@ -160,7 +158,6 @@ def _exchange(
     if new < 0:
         return False
     if change + energy_of_share(prices, draft.seen[0] + gained) - before > allowance:
-        undo_exchange(task, draft, first, last, new)
         return False
     keep_exchange(task, draft, first, last, fresh, new, gained)
     return True
@@ -196,8 +193,9 @@ def _insertion(task: Task, draft: Draft, at: int, de: float, dn: float, rng: np.
 def _near_a_gap(task: Task, draft: Draft, de: float, dn: float, rng: np.random.Generator) -> bool:
     """Write a place near a cell that counts and is not seen into fresh[0], at any allowed height; False when none was met."""
     for _ in range(_TRIES_FOR_A_GAP):
-        cell = int(rng.random() * draft.counts.size)
-        if draft.counts[cell] == 0 and task.weight[cell] > 0.0:
+        cell = int(rng.random() * task.square.size)
+        square = task.square[cell]
+        if draft.counts[square] == 0 and task.weight[square] > 0.0:
             e, n = task.cells.centre_m[cell, 0] + de, task.cells.centre_m[cell, 1] + dn
             ground = height(task.surface, e, n)
             low = max(ground + task.room.lowest_agl_m, task.room.lowest_up_m)
@@ -268,7 +266,6 @@ def _transfer(
         if new < 0:
             return False
         if change + energy_of_share(prices, draft.seen[0] + gained) - share > allowance:
-            undo_exchange(task, draft, at, at + 1, new)
             return False
         keep_exchange(task, draft, at, at + 1, 1, new, gained)
     elif to in (at, at + 1) or change > allowance:
@@ -331,40 +328,45 @@ def _turn_legs_round(task: Task, prices: Prices, draft: Draft, i: int, j: int, m
     """Turn waypoints i..j round where legs see, if what is then missing costs no more than ``most``."""
     n = draft.size[0]
     spans = span_count(task, n)
-    gained = 0.0
-    for side in range(2):
-        number = draft.slot[spans + side]
-        draft.sizes[number] = 0
-        if (side == 0 and i > 0) or (side == 1 and j < n - 1):
-            p = place(draft.route, i - 1 if side == 0 else i)
-            q = place(draft.route, j if side == 0 else j + 1)
-            found = list_cells(task.surface, task.sight, task.cells, p, q, task.spacing_m, draft.lists[number])
-            if found < 0:
-                if side == 1:
-                    drop_list(task, draft, draft.slot[spans])
-                return False
-            draft.sizes[number] = found
-            gained += add_list(task, draft, number)
+    p, q = place(draft.route, i), place(draft.route, j)
+    new = 0
     if i > 0:
-        gained -= drop_list(task, draft, draft.slot[i - 1])
+        if not list_span(task, draft, spans, place(draft.route, i - 1), q):
+            return False
+        new = 1
     if j < n - 1:
-        gained -= drop_list(task, draft, draft.slot[j])
+        if not list_span(task, draft, spans + new, p, place(draft.route, j + 1)):
+            return False
+        new += 1
+    gained = _compare_ends(task, draft, i, j, spans, new)
     if energy_of_share(prices, draft.seen[0] + gained) > most:
-        if i > 0:
-            add_list(task, draft, draft.slot[i - 1])
-        if j < n - 1:
-            add_list(task, draft, draft.slot[j])
-        drop_list(task, draft, draft.slot[spans])
-        drop_list(task, draft, draft.slot[spans + 1])
         return False
+    make_changes(draft.changes, draft.changed[0], draft.counts)
     if i > 0:
         draft.slot[i - 1], draft.slot[spans] = draft.slot[spans], draft.slot[i - 1]
     if j < n - 1:
-        draft.slot[j], draft.slot[spans + 1] = draft.slot[spans + 1], draft.slot[j]
+        free = spans + new - 1
+        draft.slot[j], draft.slot[free] = draft.slot[free], draft.slot[j]
     reverse_order(draft.slot, i, j - 1)
     reverse_rows(draft.route, i, j)
     draft.seen[0] += gained
     return True
+
+
+@kernel
+def _compare_ends(task: Task, draft: Draft, i: int, j: int, spans: int, new: int) -> float:
+    """Change of the weight that is seen when the legs before waypoint i and behind j give way to the sets behind the spans."""
+    olds = 0
+    if i > 0:
+        draft.sets[olds, 0] = draft.slot[i - 1]
+        olds += 1
+    if j < draft.size[0] - 1:
+        draft.sets[olds, 0] = draft.slot[j]
+        olds += 1
+    for k in range(new):
+        draft.sets[olds + k, 0] = draft.slot[spans + k]
+    draft.changed[0] = compare(draft.runs, draft.sizes, draft.sets, olds, new, draft.changes)
+    return weigh_changes(draft.changes, draft.changed[0], draft.counts, task.weight)
 
 
 @kernel

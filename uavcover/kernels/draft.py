@@ -1,7 +1,8 @@
 """A route under change: how many of its spans see each cell, kept up to date span by span.
 
-A waypoint is exchanged for another by taking away the cells of the spans that end at it and adding those of the new spans; no
-other cell is touched. Spans are legs when the sensor looks along the path, and single waypoints otherwise.
+A waypoint is exchanged for another by comparing the cells of the spans that end at it with those of the new spans; only where
+they differ a count is looked at, and none is written before the change is kept. Spans are legs when the sensor looks along
+the path, and single waypoints otherwise.
 """
 
 import math
@@ -11,13 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
+from uavcover.kernels.cone_spans import NOT_SO, ConeCells, list_cone_runs
 from uavcover.kernels.coverage import Cells, Sight
 from uavcover.kernels.obstacles import keeps_clear
+from uavcover.kernels.runs import compare, make_changes, runs_of, weigh_changes
 from uavcover.kernels.spans import list_cells
 from uavcover.kernels.surface import Surface, height, height_range_between
 
 WIDEST = 8
-"""Most waypoints that one change puts in; a draft has this many lists more than waypoints, and one."""
+"""Most waypoints that one change puts in; a draft has this many sets of squares more than waypoints, and one."""
+
+MOST_SETS = 2 * (WIDEST + 1)
+"""So many spans one change takes away and puts in at most."""
 
 AT_WAYPOINTS = 0
 ALONG_PATH = 1
@@ -58,7 +64,9 @@ class Task(NamedTuple):
         surface: the ground.
         sight: the sensor.
         cells: of the area.
-        weight: (n,) share of each cell, of a sum of 1; 0 for a cell that does not count.
+        cone_cells: the cells for the quick way of a camera that looks straight down.
+        square: (n,) place of each cell on the lattice, row * columns + column.
+        weight: (rows * columns,) share of the cell in each square, of a sum of 1; 0 where none counts.
         spacing_m: largest distance between looks along the path.
         sensing: AT_WAYPOINTS or ALONG_PATH.
         room: the limits.
@@ -67,6 +75,8 @@ class Task(NamedTuple):
     surface: Surface
     sight: Sight
     cells: Cells
+    cone_cells: ConeCells
+    square: NDArray[np.int32]
     weight: NDArray[np.float64]
     spacing_m: float
     sensing: int
@@ -79,22 +89,60 @@ class Draft(NamedTuple):
     Attributes:
         route: (capacity, 3) waypoints in flying order, then nothing.
         size: (1,) how many waypoints.
-        slot: (capacity + WIDEST + 1,) which list belongs to span k; behind the spans the free lists.
-        lists: (capacity + WIDEST + 1, stride) cells that each span sees.
-        sizes: (capacity + WIDEST + 1,) how many.
-        counts: (n,) by how many spans each cell is seen.
+        slot: (capacity + WIDEST + 1,) which set belongs to span k; behind the spans the free sets.
+        runs: (capacity + WIDEST + 1, stride) squares that each span sees, as of :mod:`uavcover.kernels.runs`.
+        sizes: (capacity + WIDEST + 1,) how many numbers of each.
+        counts: (rows * columns,) by how many spans each square is seen.
         seen: (1,) weight of the cells that are seen, 0..1.
         fresh: (WIDEST, 3) waypoints that a change puts in.
+        changes: (m, 3) what a change does to the counts.
+        changed: (1,) how many rows of it.
+        sets: (MOST_SETS, 3) working memory.
+        squares: (n,) working memory.
+        row: (columns,) working memory.
     """
 
     route: NDArray[np.float64]
     size: NDArray[np.int64]
     slot: NDArray[np.int64]
-    lists: NDArray[np.int32]
+    runs: NDArray[np.int32]
     sizes: NDArray[np.int64]
     counts: NDArray[np.uint16]
     seen: NDArray[np.float64]
     fresh: NDArray[np.float64]
+    changes: NDArray[np.int32]
+    changed: NDArray[np.int64]
+    sets: NDArray[np.int64]
+    squares: NDArray[np.int32]
+    row: NDArray[np.uint8]
+
+
+def empty_draft(*, capacity: int, stride: int, squares: int, cells: int, columns: int) -> Draft:
+    """A draft without a waypoint.
+
+    Args:
+        capacity: most waypoints.
+        stride: most numbers of a span's runs.
+        squares: of the lattice.
+        cells: on it.
+        columns: of the lattice.
+    """
+    sets = capacity + WIDEST + 1
+    return Draft(
+        route=np.zeros((capacity, 3)),
+        size=np.zeros(1, dtype=np.int64),
+        slot=np.arange(sets, dtype=np.int64),
+        runs=np.zeros((sets, stride), dtype=np.int32),
+        sizes=np.zeros(sets, dtype=np.int64),
+        counts=np.zeros(squares, dtype=np.uint16),
+        seen=np.zeros(1),
+        fresh=np.zeros((WIDEST, 3)),
+        changes=np.zeros((MOST_SETS * stride, 3), dtype=np.int32),
+        changed=np.zeros(1, dtype=np.int64),
+        sets=np.zeros((MOST_SETS, 3), dtype=np.int64),
+        squares=np.zeros(cells, dtype=np.int32),
+        row=np.zeros(columns, dtype=np.uint8),
+    )
 
 
 @kernel
@@ -117,47 +165,54 @@ def span_count(task: Task, waypoints: int) -> int:
 
 @kernel
 def recount(task: Task, draft: Draft) -> bool:
-    """List and count everything anew; False when a list is too short for its span."""
+    """List and count everything anew; False when a span has more runs than there is room for."""
     n = draft.size[0]
-    for cell in range(draft.counts.size):
-        draft.counts[cell] = 0
+    for square in range(draft.counts.size):
+        draft.counts[square] = 0
     draft.seen[0] = 0.0
     for k in range(span_count(task, n)):
         other = min(k + 1, n - 1) if task.sensing == ALONG_PATH else k
-        number = draft.slot[k]
-        found = list_cells(
-            task.surface, task.sight, task.cells, place(draft.route, k), place(draft.route, other), task.spacing_m,
-            draft.lists[number],
-        )  # fmt: skip
-        if found < 0:
+        if not list_span(task, draft, k, place(draft.route, k), place(draft.route, other)):
             return False
-        draft.sizes[number] = found
-        draft.seen[0] += add_list(task, draft, number)
+        draft.seen[0] += compare_spans(task, draft, k, k, k, k + 1)
+        make_changes(draft.changes, draft.changed[0], draft.counts)
     return True
 
 
 @kernel
-def add_list(task: Task, draft: Draft, number: int) -> float:
-    """Count the cells of a list once more; returns the weight that is seen newly."""
-    gained = 0.0
-    for i in range(draft.sizes[number]):
-        cell = draft.lists[number, i]
-        if draft.counts[cell] == 0:
-            gained += task.weight[cell]
-        draft.counts[cell] += 1
-    return gained
+def list_span(task: Task, draft: Draft, k: int, p: tuple[float, float, float], q: tuple[float, float, float]) -> bool:
+    """Write what is seen from p-q into the set of slot k; False when it has more runs than there is room for."""
+    number = draft.slot[k]
+    found = list_cone_runs(
+        task.surface, task.sight, task.cells, task.cone_cells, p, q, task.spacing_m, draft.row, draft.runs[number]
+    )
+    if found == NOT_SO:
+        cells = list_cells(task.surface, task.sight, task.cells, p, q, task.spacing_m, draft.squares)
+        for i in range(cells):
+            draft.squares[i] = task.square[draft.squares[i]]
+        found = runs_of(draft.squares, cells, draft.runs[number])
+    draft.sizes[number] = max(found, 0)
+    return found >= 0
 
 
 @kernel
-def drop_list(task: Task, draft: Draft, number: int) -> float:
-    """Count the cells of a list once less; returns the weight that is no longer seen."""
-    lost = 0.0
-    for i in range(draft.sizes[number]):
-        cell = draft.lists[number, i]
-        draft.counts[cell] -= 1
-        if draft.counts[cell] == 0:
-            lost += task.weight[cell]
-    return lost
+def compare_spans(task: Task, draft: Draft, begin: int, end: int, first: int, last: int) -> float:
+    """Change of the weight that is seen when spans begin..end - 1 give way to the sets of slots first..last - 1.
+
+    What changes is left in draft.changes; the counts stay as they are.
+    """
+    for k in range(begin, end):
+        draft.sets[k - begin, 0] = draft.slot[k]
+    for k in range(first, last):
+        draft.sets[end - begin + k - first, 0] = draft.slot[k]
+    draft.changed[0] = compare(draft.runs, draft.sizes, draft.sets, end - begin, last - first, draft.changes)
+    return weigh_changes(draft.changes, draft.changed[0], draft.counts, task.weight)
+
+
+@kernel
+def seen_alone(task: Task, draft: Draft, k: int) -> float:
+    """Weight of the cells that no other span sees than span k."""
+    return -compare_spans(task, draft, k, k + 1, 0, 0)
 
 
 @kernel
@@ -272,22 +327,22 @@ def old_spans(task: Task, draft: Draft, first: int, last: int) -> tuple[int, int
 
 @kernel
 def try_exchange(task: Task, draft: Draft, first: int, last: int, fresh: int) -> tuple[float, int]:
-    """Count cells as if the exchange were made; see :func:`keep_exchange` and :func:`undo_exchange`.
+    """What the exchange would change; nothing is counted before :func:`keep_exchange`.
 
     Returns:
-        change of the weight that is seen, and how many spans are new; -1 when a list is too short: nothing was counted.
+        change of the weight that is seen, and how many spans are new; -1 when one has more runs than there is room for.
     """
     n = draft.size[0]
     spans = span_count(task, n)
     new = 0
     if task.sensing == AT_WAYPOINTS:
         while new < fresh:
-            if not _list_span(task, draft, spans + new, place(draft.fresh, new), place(draft.fresh, new)):
+            if not list_span(task, draft, spans + new, place(draft.fresh, new), place(draft.fresh, new)):
                 return 0.0, -1
             new += 1
     elif n - (last - first) + fresh == 1:
         alone = place(draft.fresh, 0) if fresh == 1 else place(draft.route, last if first == 0 else 0)
-        if not _list_span(task, draft, spans, alone, alone):
+        if not list_span(task, draft, spans, alone, alone):
             return 0.0, -1
         new = 1
     else:
@@ -295,44 +350,21 @@ def try_exchange(task: Task, draft: Draft, first: int, last: int, fresh: int) ->
             if (k < 0 and first == 0) or (k == fresh - 1 and last == n):
                 continue
             p, q = _around(draft, first, last, fresh, k), _around(draft, first, last, fresh, k + 1)
-            if not _list_span(task, draft, spans + new, p, q):
+            if not list_span(task, draft, spans + new, p, q):
                 return 0.0, -1
             new += 1
     begin, end = old_spans(task, draft, first, last)
-    change = 0.0
-    for k in range(new):
-        change += add_list(task, draft, draft.slot[spans + k])
-    for k in range(begin, end):
-        change -= drop_list(task, draft, draft.slot[k])
-    return change, new
-
-
-@kernel
-def _list_span(task: Task, draft: Draft, k: int, p: tuple[float, float, float], q: tuple[float, float, float]) -> bool:
-    number = draft.slot[k]
-    found = list_cells(task.surface, task.sight, task.cells, p, q, task.spacing_m, draft.lists[number])
-    draft.sizes[number] = max(found, 0)
-    return found >= 0
-
-
-@kernel
-def undo_exchange(task: Task, draft: Draft, first: int, last: int, new: int) -> None:
-    """Count as before :func:`try_exchange`."""
-    spans = span_count(task, draft.size[0])
-    begin, end = old_spans(task, draft, first, last)
-    for k in range(begin, end):
-        add_list(task, draft, draft.slot[k])
-    for k in range(new):
-        drop_list(task, draft, draft.slot[spans + k])
+    return compare_spans(task, draft, begin, end, spans, spans + new), new
 
 
 @kernel
 def keep_exchange(task: Task, draft: Draft, first: int, last: int, fresh: int, new: int, change: float) -> None:
-    """Make the exchange that :func:`try_exchange` has counted."""
+    """Make the exchange that :func:`try_exchange` has compared."""
     n = draft.size[0]
     spans = span_count(task, n)
     begin, end = old_spans(task, draft, first, last)
-    # The new lists move in front of those that follow; the old ones become free.
+    make_changes(draft.changes, draft.changed[0], draft.counts)
+    # The new sets move in front of those that follow; the old ones become free.
     for k in range(new):
         _rotate_right(draft.slot, end + k, spans + k)
     for k in range(end - begin):
@@ -393,7 +425,7 @@ def reverse_rows(route: NDArray[np.float64], first: int, last: int) -> None:
 
 @kernel
 def transfer(draft: Draft, at: int, to: int) -> None:
-    """Take waypoint ``at`` with its list out and put it in as waypoint ``to``; for sensing at waypoints, where order is free."""
+    """Take waypoint ``at`` with its set out and put it in as waypoint ``to``; for sensing at waypoints, where order is free."""
     e, n, u = place(draft.route, at)
     step = 1 if to > at else -1
     k = at

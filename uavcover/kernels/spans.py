@@ -110,7 +110,7 @@ def list_cells(
             seen = in_view(sight, e, n, u, cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2])
             clear = always_clear and cells.horizon[cell] * tan <= 1.0
             if not (seen and clear) and (seen or pieces > 0):
-                seen = _sees_cell(surface, sight, cells, cell, p, de, dn, du, pieces, clear)
+                seen = leg_sees_cell(surface, sight, cells, cell, p, de, dn, du, pieces, clear)
             if seen:
                 if count == out.size:
                     return -1
@@ -120,7 +120,7 @@ def list_cells(
 
 
 @kernel
-def _sees_cell(
+def leg_sees_cell(
     surface: Surface,
     sight: Sight,
     cells: Cells,

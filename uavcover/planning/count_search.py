@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uavcover.kernels.annealing import Prices
-from uavcover.kernels.draft import recount
+from uavcover.kernels.draft import recount, seen_alone
 from uavcover.model.route import Route
 from uavcover.planning.draft_route import draft_of
 from uavcover.planning.goal_search import Start
@@ -119,11 +119,5 @@ def _without_least(work: Work, chain: Chain) -> Route:
     """The chain's route without the waypoint that sees least by itself."""
     draft = chain.draft
     recount(work.task.numbers, draft)
-    n = int(draft.size[0])
-    weight = work.task.numbers.weight
-    alone = []
-    for k in range(n):
-        number = draft.slot[k]
-        seen = draft.lists[number, : draft.sizes[number]]
-        alone.append(float(weight[seen[draft.counts[seen] == 1]].sum()))
+    alone = [seen_alone(work.task.numbers, draft, k) for k in range(int(draft.size[0]))]
     return Route(np.delete(chain.route.waypoints_m, int(np.argmin(alone)), axis=0))

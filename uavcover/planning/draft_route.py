@@ -8,8 +8,9 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.kernels.cone_spans import cone_cells
 from uavcover.kernels.coverage import CONE, Sight
-from uavcover.kernels.draft import ALONG_PATH, AT_WAYPOINTS, WIDEST, Draft, Room, Task, recount
+from uavcover.kernels.draft import ALONG_PATH, AT_WAYPOINTS, Draft, Room, Task, empty_draft, recount
 from uavcover.kernels.spans import horizontal_reach
 from uavcover.model.route import Route
 from uavcover.site import Site
@@ -27,7 +28,7 @@ class LocalTask:
     Attributes:
         numbers: for :mod:`uavcover.kernels.annealing`.
         reach_m: how far the sensor sees on the map from the middle of the allowed band.
-        stride: most cells that a span may see.
+        stride: most numbers that the runs of a span may have.
     """
 
     numbers: Task
@@ -51,25 +52,32 @@ def local_task(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> Loc
     """
     site = coverage.site
     scenario = site.scenario
-    weight = np.where(coverage.coverable, coverage.grid.weight_m2, 0.0)
-    weight /= max(float(weight.sum()), 1e-300)
-    weight.flags.writeable = False
+    cells = coverage.grid.cells
+    square = np.empty(coverage.grid.count, dtype=np.int32)
+    places = np.flatnonzero(cells.lattice >= 0)
+    square[cells.lattice.ravel()[places]] = places
+    counted = np.where(coverage.coverable, coverage.grid.weight_m2, 0.0)
+    weight = np.zeros(cells.lattice.size)
+    weight[square] = counted / max(float(counted.sum()), 1e-300)
+    for array in (square, weight):
+        array.flags.writeable = False
     sight = narrowed(coverage.sight, margin_m=margin_m, reach_m=reach_m)
     sensing = ALONG_PATH if scenario.sensor.sensing == "along-path" else AT_WAYPOINTS
     numbers = Task(
         site.ground.surface,
         sight,
-        coverage.grid.cells,
+        cells,
+        cone_cells(site.ground.surface, sight, cells),
+        square,
         weight,
         float(scenario.sensor.sample_spacing_m),
         sensing,
         _room(site),
     )
-    across = 2.0 * horizontal_reach(sight) / coverage.grid.cells.size_m + 1.0
-    cells_at_once = 0.25 * math.pi * (across + 1.0) ** 2
-    # A leg of up to eight radii; longer ones are cut.
-    stride = int(cells_at_once) + 8 if sensing == AT_WAYPOINTS else int(cells_at_once + 4.0 * across * across) + 8
-    return LocalTask(numbers, reach_m, min(stride, coverage.grid.count))
+    across = 2.0 * horizontal_reach(sight) / cells.size_m + 2.0
+    # A place may see every other cell of what is in reach; of a leg of up to eight radii a row has few runs. Longer ones are cut.
+    stride = max(int(0.25 * math.pi * across * across), 0 if sensing == AT_WAYPOINTS else int(40.0 * across)) + 8
+    return LocalTask(numbers, reach_m, stride)
 
 
 def narrowed(sight: Sight, *, margin_m: float, reach_m: float) -> Sight:
@@ -118,18 +126,15 @@ def draft_of(task: LocalTask, route: Route, *, capacity: int) -> Draft:
 
 
 def _empty(task: LocalTask, points: FloatArray, capacity: int) -> Draft:
-    rows = min(max(capacity, len(points)), _MOST_WAYPOINTS)
-    lists = rows + WIDEST + 1
-    draft = Draft(
-        route=np.zeros((rows, 3)),
-        size=np.array([len(points)], dtype=np.int64),
-        slot=np.arange(lists, dtype=np.int64),
-        lists=np.zeros((lists, task.stride), dtype=np.int32),
-        sizes=np.zeros(lists, dtype=np.int64),
-        counts=np.zeros(task.numbers.weight.size, dtype=np.uint16),
-        seen=np.zeros(1),
-        fresh=np.zeros((WIDEST, 3)),
+    cells = task.numbers.cells
+    draft = empty_draft(
+        capacity=min(max(capacity, len(points)), _MOST_WAYPOINTS),
+        stride=task.stride,
+        squares=cells.lattice.size,
+        cells=len(cells.centre_m),
+        columns=cells.lattice.shape[1],
     )
+    draft.size[0] = len(points)
     draft.route[: len(points)] = points
     return draft
 

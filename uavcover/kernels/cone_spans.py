@@ -1,0 +1,224 @@
+"""What a camera that looks straight down sees from a leg, as runs of squares: the quick way of :mod:`uavcover.kernels.spans`.
+
+A cell c is inside the cone of the sample at s metres along the leg when |c - P(s)| <= tan (u(s) - z_c), on the map. The left
+side is convex in s and the right one linear, so their difference has one smallest value, at a known place, and of the
+samples along the leg one of the two beside that place is the best. Two tests decide, whatever the number of samples.
+Cells for which more than the cone counts (rays, incidence, range) are tried one by one.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.kernels._jit import kernel
+from uavcover.kernels.coverage import CONE, NO_LINE_OF_SIGHT, RAY, Cells, Sight
+from uavcover.kernels.spans import horizontal_reach, leg_sees_cell, samples_of_leg
+from uavcover.kernels.surface import Surface, has_node_cell
+
+NOT_SO = -2
+"""There is no quick way for this leg."""
+
+_INSIDE = 1
+_TO_BE_TRIED = 2
+
+_BLOCK = 16
+_WHOLE = 1.5 * 2.0**52
+"""Added to a number of ordinary size it leaves no room for a fraction."""
+_NEARLY_HALF = 0.5 - 1e-7
+"""A whole number less this is rounded to itself, and not to the even number beside it."""
+
+
+class ConeCells(NamedTuple):
+    """Cells as the quick way takes them.
+
+    Attributes:
+        up_m: (rows, columns) heights of the centres on the lattice, NaN where there is no cell; (0, 0) when there is no quick
+            way for the sensor.
+        plain: (rows, columns) whether a cell is seen from wherever it is inside the cone and in range.
+        lowest_m: (rows / 16, columns / 16), rounded up, smallest of the heights in each block; infinite where there is no cell.
+    """
+
+    up_m: NDArray[np.float64]
+    plain: NDArray[np.bool_]
+    lowest_m: NDArray[np.float64]
+
+
+def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
+    """Lay cells out for the quick way."""
+    if sight.kind != CONE or sight.line_of_sight not in (NO_LINE_OF_SIGHT, RAY):
+        return ConeCells(np.empty((0, 0)), np.empty((0, 0), dtype=np.bool_), np.empty((0, 0)))
+    there = cells.lattice >= 0
+    numbers = cells.lattice[there]
+    up_m = np.full(cells.lattice.shape, np.nan)
+    up_m[there] = cells.centre_m[numbers, 2]
+    # The incidence is at most the slope and half the opening angle together.
+    slope = np.arccos(np.minimum(1.0, cells.normal[numbers, 2]))
+    any_incidence = slope + math.atan(sight.tan_half_fov) <= math.acos(sight.cos_max_incidence)
+    steepest = np.maximum(cells.horizon[numbers], surface.steepest)
+    always_clear = (sight.line_of_sight == NO_LINE_OF_SIGHT) | (steepest * sight.tan_half_fov <= 1.0)
+    plain = np.zeros(cells.lattice.shape, dtype=np.bool_)
+    plain[there] = any_incidence & always_clear
+    rows, columns = math.ceil(up_m.shape[0] / _BLOCK), math.ceil(up_m.shape[1] / _BLOCK)
+    blocks = np.full((rows * _BLOCK, columns * _BLOCK), np.inf)
+    at_row, at_column = np.nonzero(there)
+    blocks[at_row, at_column] = up_m[there]
+    lowest_m = np.ascontiguousarray(blocks.reshape(rows, _BLOCK, columns, _BLOCK).min(axis=(1, 3)))
+    for array in (up_m, plain, lowest_m):
+        array.flags.writeable = False
+    return ConeCells(up_m, plain, lowest_m)
+
+
+@kernel
+def list_cone_runs(
+    surface: Surface,
+    sight: Sight,
+    cells: Cells,
+    quick: ConeCells,
+    p: tuple[float, float, float],
+    q: tuple[float, float, float],
+    spacing: float,
+    row: NDArray[np.uint8],
+    out: NDArray[np.int32],
+) -> int:
+    """Write the runs of squares that are seen from the span p-q into ``out``; returns how many numbers were written.
+
+    Args:
+        surface: the ground.
+        sight: the sensor, a cone.
+        cells: of the area.
+        quick: the same, laid out by :func:`cone_cells`.
+        p: east, north, up of one end, metres, finite.
+        q: of the other end; the same for a single place.
+        spacing: largest distance between samples, metres.
+        row: (columns,) working memory.
+        out: (stride,) first square of a run, first square behind it, and so on, rising. A square is row * columns + column.
+
+    Returns:
+        How many numbers, -1 when there are more than ``out`` holds, NOT_SO when :func:`uavcover.kernels.spans.list_cells` has to
+        find out.
+    """
+    de, dn, du = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    horizontal = math.sqrt(de * de + dn * dn)
+    tan = sight.tan_half_fov
+    if quick.up_m.size == 0 or abs(tan * du) >= 0.99 * horizontal > 0.0 or (horizontal == 0.0 and du != 0.0):
+        return NOT_SO
+    if not (has_node_cell(surface, p[0], p[1]) and has_node_cell(surface, q[0], q[1])):
+        return NOT_SO
+    pieces = samples_of_leg(math.sqrt(horizontal * horizontal + du * du), spacing)
+    rows, columns = quick.up_m.shape
+    reach = _reach_over(sight, cells, quick, p, q) + 1e-6 * cells.size_m
+    south, north = min(p[1], q[1]) - reach, max(p[1], q[1]) + reach
+    first_row = max(0, math.ceil((south - cells.north0_m) / cells.size_m))
+    last_row = min(rows - 1, math.floor((north - cells.north0_m) / cells.size_m))
+    count = 0
+    for i in range(first_row, last_row + 1):
+        row_north = cells.north0_m + i * cells.size_m
+        first, last = _columns_in_reach(cells, p, de, dn, row_north, reach, columns)
+        if first > last:
+            continue
+        _mark_row(cells, quick, i, first, last, p, de, dn, du, tan, pieces, sight.reach_m**2, row)
+        inside = False
+        for j in range(first, last + 1):
+            seen = row[j - first] == _INSIDE
+            if row[j - first] == _TO_BE_TRIED:
+                cell = cells.lattice[i, j]
+                clear = max(surface.steepest, cells.horizon[cell]) * tan <= 1.0
+                seen = leg_sees_cell(surface, sight, cells, cell, p, de, dn, du, pieces, clear)
+            if seen != inside:
+                if count == out.size:
+                    return -1
+                out[count] = i * columns + j
+                count += 1
+                inside = seen
+        if inside:
+            if count == out.size:
+                return -1
+            out[count] = i * columns + last + 1
+            count += 1
+    return count
+
+
+@kernel
+def _reach_over(
+    sight: Sight, cells: Cells, quick: ConeCells, p: tuple[float, float, float], q: tuple[float, float, float]
+) -> float:
+    """No cell is seen farther away than this on the map: the cone's radius over the lowest ground near the leg."""
+    reach = horizontal_reach(sight)
+    per_block = 1.0 / (cells.size_m * _BLOCK)
+    rows, columns = quick.lowest_m.shape
+    first_row = max(0, int((min(p[1], q[1]) - reach - cells.north0_m) * per_block + 0.5 / _BLOCK))
+    last_row = min(rows - 1, int((max(p[1], q[1]) + reach - cells.north0_m) * per_block + 0.5 / _BLOCK))
+    first = max(0, int((min(p[0], q[0]) - reach - cells.east0_m) * per_block + 0.5 / _BLOCK))
+    last = min(columns - 1, int((max(p[0], q[0]) + reach - cells.east0_m) * per_block + 0.5 / _BLOCK))
+    lowest = math.inf
+    for i in range(first_row, last_row + 1):
+        for j in range(first, last + 1):
+            lowest = min(lowest, quick.lowest_m[i, j])
+    return min(reach, max(0.0, (max(p[2], q[2]) - lowest) * sight.tan_half_fov))
+
+
+@kernel
+def _columns_in_reach(
+    cells: Cells, p: tuple[float, float, float], de: float, dn: float, row_north: float, reach: float, columns: int
+) -> tuple[int, int]:
+    """First and last column of a row that any part of the leg from p by (de, dn) may reach."""
+    begin, end = 0.0, 1.0
+    half = reach
+    if dn != 0.0:
+        t0, t1 = (row_north - reach - p[1]) / dn, (row_north + reach - p[1]) / dn
+        begin, end = max(0.0, min(t0, t1)), min(1.0, max(t0, t1))
+    else:
+        half = math.sqrt(max(0.0, reach * reach - (row_north - p[1]) ** 2))
+    east0, east1 = p[0] + begin * de, p[0] + end * de
+    first = max(0, math.ceil((min(east0, east1) - half - cells.east0_m) / cells.size_m))
+    last = min(columns - 1, math.floor((max(east0, east1) + half - cells.east0_m) / cells.size_m))
+    return first, last
+
+
+@kernel
+def _mark_row(
+    cells: Cells,
+    quick: ConeCells,
+    i: int,
+    first: int,
+    last: int,
+    p: tuple[float, float, float],
+    de: float,
+    dn: float,
+    du: float,
+    tan: float,
+    pieces: int,
+    range2: float,
+    row: NDArray[np.uint8],
+) -> None:
+    """Mark the columns first..last of row i: 0, _INSIDE, or _TO_BE_TRIED for a cell inside the cone where more counts."""
+    horizontal = math.sqrt(de * de + dn * dn)
+    per_metre = 1.0 / horizontal if horizontal > 0.0 else 0.0
+    along_e, along_n = de * per_metre, dn * per_metre
+    # Where the leg climbs, the best place lies further along: where the distance grows as fast as the cone's radius.
+    growth = tan * du * per_metre
+    ahead = growth / math.sqrt(1.0 - growth * growth)
+    samples = pieces * per_metre
+    piece = 1.0 / max(pieces, 1)
+    most = float(max(pieces - 1, 0))
+    up_m = quick.up_m[i, first : last + 1]
+    plain = quick.plain[i, first : last + 1]
+    east = p[0] - (cells.east0_m + first * cells.size_m)
+    an = p[1] - (cells.north0_m + i * cells.size_m)
+    for j in range(last + 1 - first):
+        ae = east - j * cells.size_m
+        up = p[2] - up_m[j]
+        best = (abs(ae * along_n - an * along_e) * ahead - ae * along_e - an * along_n) * samples
+        # The whole number below, rounded by adding and taking away: a call of floor would cost as much as all the rest.
+        t = (min(most, max(0.0, best)) - _NEARLY_HALF + _WHOLE - _WHOLE) * piece
+        e, n, u = ae + t * de, an + t * dn, up + t * du
+        radius, beside2 = max(0.0, u * tan), e * e + n * n
+        inside, in_range = beside2 <= radius * radius, beside2 + u * u <= range2
+        t += piece
+        e, n, u = ae + t * de, an + t * dn, up + t * du
+        radius, beside2 = max(0.0, u * tan), e * e + n * n
+        inside_next = beside2 <= radius * radius
+        easy = plain[j] & ((inside & in_range) | (inside_next & (beside2 + u * u <= range2)))
+        row[j] = (inside | inside_next) * (_TO_BE_TRIED - easy)
