@@ -37,7 +37,7 @@ class ConeCells(NamedTuple):
         up_m: (rows, columns) heights of the centres on the lattice, NaN where there is no cell; (0, 0) when there is no quick
             way for the sensor.
         plain: (rows, columns) whether a cell is seen from wherever it is inside the cone and in range.
-        lowest_m: (rows / 16, columns / 16), rounded up, smallest of the heights in each block; infinite where there is no cell.
+        lowest_m: (rows // 16 + 1, columns // 16 + 1) smallest of the heights in each block; infinite where there is no cell.
     """
 
     up_m: NDArray[np.float64]
@@ -60,9 +60,9 @@ def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
     always_clear = (sight.line_of_sight == NO_LINE_OF_SIGHT) | (steepest * sight.tan_half_fov <= 1.0)
     plain = np.zeros(cells.lattice.shape, dtype=np.bool_)
     plain[there] = any_incidence & always_clear
-    rows, columns = math.ceil(up_m.shape[0] / _BLOCK), math.ceil(up_m.shape[1] / _BLOCK)
-    blocks = np.full((rows * _BLOCK, columns * _BLOCK), np.inf)
     at_row, at_column = np.nonzero(there)
+    rows, columns = len(cells.lattice) // _BLOCK + 1, len(cells.lattice[0]) // _BLOCK + 1
+    blocks = np.full((rows * _BLOCK, columns * _BLOCK), np.inf)
     blocks[at_row, at_column] = up_m[there]
     lowest_m = np.ascontiguousarray(blocks.reshape(rows, _BLOCK, columns, _BLOCK).min(axis=(1, 3)))
     for array in (up_m, plain, lowest_m):
