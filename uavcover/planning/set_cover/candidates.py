@@ -1,0 +1,129 @@
+"""Places of a lattice inside the limits, and the cells that each of them sees."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.coverage.coverage_map import CoverageMap, sees_each
+from uavcover.kernels.spans import horizontal_reach
+from uavcover.planning.waypoint_encoding import allowed_band_m
+from uavcover.site import Site
+
+FloatArray = NDArray[np.float64]
+
+MOST_PLACES = 20_000
+_PLACES_AT_ONCE = 2_000
+_ROUNDING_M = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """Places, and what they see: set k of :mod:`uavcover.kernels.set_cover` is the cells of place k.
+
+    Attributes:
+        places_m: (p, 3) ENU.
+        spacing_m: of the lattice.
+        start: (p + 1,) where the cells of each place begin in ``cells``.
+        cells: numbers of the cells that are seen, rising for each place.
+        weight: (n,) share of each cell in what can be covered at all; 0 for one that cannot.
+    """
+
+    places_m: FloatArray
+    spacing_m: float
+    start: NDArray[np.int64]
+    cells: NDArray[np.int32]
+    weight: FloatArray
+
+    @property
+    def in_words(self) -> str:
+        """What the candidates are, for people."""
+        return f"lattice of {self.spacing_m:g} m, {len(self.places_m):,} places"
+
+    @property
+    def reachable(self) -> float:
+        """Share of what can be covered that all places together see, 0..1."""
+        return float(self.weight[np.unique(self.cells)].sum())
+
+    def coverage_of(self, chosen: NDArray[np.int64]) -> float:
+        """Share of what can be covered that some of the places see, 0..1."""
+        seen = [self.cells[self.start[k] : self.start[k + 1]] for k in chosen]
+        return float(self.weight[np.unique(np.concatenate(seen))].sum()) if seen else 0.0
+
+
+def lattice_candidates(coverage: CoverageMap, *, spacing_m: float | None = None) -> Candidates:
+    """The places of a cubic lattice, counted from the south-west corner of the area and from up = 0, inside the limits.
+
+    Args:
+        coverage: on the cells that count.
+        spacing_m: default: half a cell, doubled until there are at most MOST_PLACES places.
+    """
+    spacing = 0.5 * coverage.grid.cells.size_m if spacing_m is None else spacing_m
+    places = _lattice(coverage, spacing)
+    while spacing_m is None and len(places) > MOST_PLACES:
+        spacing *= 2.0
+        places = _lattice(coverage, spacing)
+    return candidates_at(coverage, places, spacing_m=spacing)
+
+
+def candidates_at(coverage: CoverageMap, places_m: FloatArray, *, spacing_m: float) -> Candidates:
+    """Given (p, 3) ENU places with what each sees."""
+    # Importing scipy.spatial takes a while, which other commands need not wait for.
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(coverage.grid.cells.centre_m[:, :2])
+    reach = horizontal_reach(coverage.sight) * (1.0 + 1e-9)
+    counts = np.zeros(len(places_m), dtype=np.int64)
+    seen: list[NDArray[np.int32]] = []
+    for first in range(0, len(places_m), _PLACES_AT_ONCE):
+        some = places_m[first : first + _PLACES_AT_ONCE]
+        near = tree.query_ball_point(some[:, :2], reach, return_sorted=True)
+        sizes = np.array([len(numbers) for numbers in near], dtype=np.int64)
+        if not sizes.sum():
+            continue
+        numbers = np.concatenate([np.asarray(row, dtype=np.int64) for row in near])
+        rows = np.repeat(np.arange(len(some)), sizes)
+        sees = sees_each(coverage, some[rows], numbers)
+        counts[first : first + len(some)] = np.bincount(rows[sees], minlength=len(some))
+        seen.append(numbers[sees].astype(np.int32))
+    weight = np.where(coverage.coverable, coverage.grid.weight_m2, 0.0)
+    return Candidates(
+        places_m=places_m,
+        spacing_m=spacing_m,
+        start=np.concatenate([[0], np.cumsum(counts)]),
+        cells=np.concatenate(seen) if seen else np.empty(0, dtype=np.int32),
+        weight=weight / max(float(weight.sum()), 1e-300),
+    )
+
+
+def _lattice(coverage: CoverageMap, spacing_m: float) -> FloatArray:
+    """(p, 3) places; as many as that, and one level more, are laid out at most before they are counted."""
+    site = coverage.site
+    around = _around(site, horizontal_reach(coverage.sight))
+    west, south, east, north = around.bounds
+    corner_e, corner_n = site.area.bounds[:2]
+    places = _steps_2d((west - corner_e, east - corner_e), (south - corner_n, north - corner_n), spacing_m)
+    places += (corner_e, corner_n)
+    places = places[shapely.intersects_xy(around.buffer(_ROUNDING_M), places[:, 0], places[:, 1])]
+    low, high = allowed_band_m(site, places)
+    lowest = np.ceil((low - _ROUNDING_M) / spacing_m)
+    levels = np.where(np.isfinite(low + high), np.floor((high + _ROUNDING_M) / spacing_m) - lowest + 1.0, 0.0)
+    counts = np.maximum(levels, 0.0).astype(np.int64)
+    rows = np.repeat(np.arange(len(places)), counts)
+    level = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return np.column_stack([places[rows], (lowest[rows] + level) * spacing_m])
+
+
+def _around(site: Site, reach_m: float) -> shapely.Geometry:
+    """Where a place may be that sees some of the area."""
+    return site.fence.intersection(site.area.buffer(reach_m))
+
+
+def _steps_2d(east_m: tuple[float, float], north_m: tuple[float, float], spacing_m: float) -> FloatArray:
+    """(k, 2) multiples of a spacing inside a rectangle."""
+    axes = [
+        np.arange(np.ceil((low - _ROUNDING_M) / spacing_m), np.floor((high + _ROUNDING_M) / spacing_m) + 1.0)
+        for low, high in (east_m, north_m)
+    ]
+    return spacing_m * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
