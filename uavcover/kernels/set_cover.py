@@ -80,8 +80,12 @@ def drop_needless(
     weight: NDArray[np.float64],
     chosen: NDArray[np.int64],
     enough: float,
+    most: int,
 ) -> NDArray[np.int64]:
-    """Leave out chosen sets, the one that alone covers least first, while at least ``enough`` stays covered."""
+    """Leave out chosen sets, the one that alone covers least first.
+
+    As long as at least ``enough`` stays covered, and as long as there are more than ``most``.
+    """
     times = np.zeros(weight.size, dtype=np.int64)
     total = 0.0
     for k in chosen:
@@ -89,6 +93,7 @@ def drop_needless(
             total += weight[items[i]] if times[items[i]] == 0 else 0.0
             times[items[i]] += 1
     keep = np.ones(chosen.size, dtype=np.bool_)
+    left = chosen.size
     while True:
         least, loss = -1, 0.0
         for number in range(chosen.size):
@@ -100,15 +105,15 @@ def drop_needless(
                     alone += weight[items[i]]
             if least < 0 or alone < loss:
                 least, loss = number, alone
-        if least < 0 or total - loss < enough - _NOTHING:
+        if least < 0 or (left <= most and total - loss < enough - _NOTHING):
             return chosen[keep]
+        left -= 1
         keep[least] = False
         total -= loss
         for i in range(start[chosen[least]], start[chosen[least] + 1]):
             times[items[i]] -= 1
 
 
-@kernel
 def undominated(start: NDArray[np.int64], items: NDArray[np.int32], count: int) -> NDArray[np.bool_]:
     """(p,) which sets are not part of another one; of equal sets the first counts. Empty sets never do.
 
@@ -117,6 +122,14 @@ def undominated(start: NDArray[np.int64], items: NDArray[np.int32], count: int) 
         items: in rising order within a set.
         count: of items in all.
     """
+    # Larger sets first, so that a set is only part of one that was looked at before.
+    return _undominated(start, items, count, np.argsort(-np.diff(start), kind="stable"))
+
+
+@kernel
+def _undominated(
+    start: NDArray[np.int64], items: NDArray[np.int32], count: int, by_size: NDArray[np.int64]
+) -> NDArray[np.bool_]:
     p = start.size - 1
     keep = np.zeros(p, dtype=np.bool_)
     # For every item a chain of the kept sets that have it, through their places in ``items``.
@@ -126,8 +139,7 @@ def undominated(start: NDArray[np.int64], items: NDArray[np.int32], count: int) 
     owner = np.empty(items.size, dtype=np.int64)
     for k in range(p):
         owner[start[k] : start[k + 1]] = k
-    # Larger sets first, so that a set is only part of one that was looked at before.
-    for k in np.argsort(-(start[1:] - start[:-1]), kind="mergesort"):
+    for k in by_size:
         if start[k] == start[k + 1]:
             continue
         rarest = items[start[k]]

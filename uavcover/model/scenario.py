@@ -12,6 +12,7 @@ from uavcover.model.uncertainty import Uncertainty
 from uavcover.model.vehicle import Vehicle
 
 PlannerAlgorithm = Literal["memetic", "local-search", "imodbo", "modbo", "nsga2", "moead"]
+InitialRoute = Literal["boustrophedon", "greedy-set-cover", "set-cover", "exact-set-cover"]
 VerticalDatum = Literal["EGM96", "EGM2008", "WGS84-ellipsoid"]
 
 
@@ -126,6 +127,9 @@ class PlannerSettings:
         cell_size_m: cells the search counts on; default: twice the area's cells, on which the result is judged.
         order: "nearest-neighbour": the paper's decoding. "improved": the same, then 2-opt. Of the optimizer's routes; the local
             search finds its own order.
+        initial: constructed routes that the search begins with, beside sampled ones (Latin hypercube), and that its result is
+            compared with; default: "boustrophedon" for swaths, and a "set-cover" where the local search may visit waypoints in
+            any order.
         seed: of the random numbers.
     """
 
@@ -138,6 +142,7 @@ class PlannerSettings:
     max_waypoints: int = 60
     cell_size_m: float | None = None
     order: Literal["nearest-neighbour", "improved"] = "improved"
+    initial: tuple[InitialRoute, ...] | None = None
     seed: int = 1
 
     def __post_init__(self) -> None:

@@ -1,7 +1,8 @@
-"""Routes that any planner must be compared with: the plain and the tuned boustrophedon."""
+"""Routes that any planner must be compared with, and the plain and the tuned boustrophedon among them."""
 
+import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ from uavcover.planning.objectives import Evaluation, evaluate_routes
 from uavcover.planning.swaths import SwathLayout, fly_layout, long_side_angle_rad, regular_layout, width_across_m
 from uavcover.site import Site
 
+TUNED = "boustrophedon-tuned"
 PLAIN_TOLERANCE_M = 10.0
 _TUNED_ANGLES = 6
 _TUNED_INSETS = (0.0, 0.5)
@@ -27,14 +29,14 @@ class Baseline:
     Attributes:
         name: the method.
         route: its waypoints.
-        layout: the lines it is made of.
+        layout: the lines it is made of, if it is made of lines.
         objectives: (3,) values on the planner's cells.
         violation: total violation of the hard limits.
     """
 
     name: str
     route: Route
-    layout: SwathLayout
+    layout: SwathLayout | None
     objectives: np.ndarray[tuple[int], np.dtype[np.float64]]
     violation: float
 
@@ -81,7 +83,7 @@ def boustrophedons(
     for batch in _scan(site):
         if should_stop():
             break
-        found += _evaluate(coverage, "boustrophedon-tuned", batch, executor)
+        found += _evaluate(coverage, TUNED, batch, executor)
     return found
 
 
@@ -112,9 +114,14 @@ def _lines(site: Site, angle_rad: float, height_agl_m: float, factor: float) -> 
 def _evaluate(
     coverage: CoverageMap, name: str, layouts: list[SwathLayout], executor: Executor | None
 ) -> list[Baseline]:
-    routes = [fly_layout(coverage.site, layout) for layout in layouts]
+    found = evaluated(coverage, name, [fly_layout(coverage.site, layout) for layout in layouts], executor)
+    return [dataclasses.replace(each, layout=layout) for each, layout in zip(found, layouts, strict=True)]
+
+
+def evaluated(coverage: CoverageMap, name: str, routes: Sequence[Route], executor: Executor | None) -> list[Baseline]:
+    """Routes that a known method made, with their values."""
     values: Evaluation = evaluate_routes(coverage, routes, executor)
     return [
-        Baseline(name, route, layout, values.objectives[i], float(values.violations[i].sum()))
-        for i, (route, layout) in enumerate(zip(routes, layouts, strict=True))
+        Baseline(name, route, None, values.objectives[i], float(values.violations[i].sum()))
+        for i, route in enumerate(routes)
     ]

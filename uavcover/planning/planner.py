@@ -14,11 +14,13 @@ from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import ALGORITHMS
 from uavcover.optimizers.interface import Optimizer
-from uavcover.planning.baselines import Baseline, boustrophedons
+from uavcover.planning.baselines import TUNED, Baseline
+from uavcover.planning.initial_routes import constructed_routes
 from uavcover.planning.members import judge_members, pareto_members, why_infeasible
 from uavcover.planning.memetic import improve
 from uavcover.planning.search import Effort, Encoding, Progress, rounds_of, search
 from uavcover.planning.selection import parse_rule, select
+from uavcover.planning.set_cover.programs import SolverEffort
 from uavcover.planning.snapshots import NamedRoute, Snapshots
 from uavcover.planning.swath_encoding import SwathEncoding
 from uavcover.planning.waypoint_encoding import WaypointEncoding
@@ -33,6 +35,10 @@ CONSTRUCTED_SHARE = 0.25
 
 _BASELINE_SHARE = 0.5
 """Share of a time budget that the baselines may use."""
+
+_SOLVER_SHARE = 0.3
+_SOLVER_NODES = 1
+"""What an exact set cover may use: a share of the time budget, or so many nodes of branch and bound, whatever they take."""
 
 _OPTIMIZER: dict[PlannerAlgorithm, tuple[str, float]] = {
     "memetic": ("imodbo", 0.1),
@@ -85,11 +91,10 @@ def plan_routes(
     if rule.required_coverage is not None:
         # The rule speaks of what is coverable, the objectives of the whole area.
         goal = rule.required_coverage * coarse.share(coarse.coverable)
-    baselines: list[Baseline] = []
-    if settings.encoding == "swaths":
-        baselines = boustrophedons(
-            coarse, executor, lambda: should_stop() or effort.is_over(started, share=_BASELINE_SHARE)
-        )
+    baselines = constructed_routes(
+        coarse, settings, asked=rule.required_coverage, solver=_solver(effort), executor=executor,
+        should_stop=lambda: should_stop() or effort.is_over(started, share=_BASELINE_SHARE),
+    )  # fmt: skip
     constructed: list[NamedRoute] = [(b.route, b.name) for b in _worth_showing(baselines, goal)]
     kept = Snapshots(()) if snapshots is None else snapshots
 
@@ -169,6 +174,12 @@ def plan_routes(
     )
 
 
+def _solver(effort: Effort) -> SolverEffort:
+    if effort.budget_s is None:
+        return SolverEffort(nodes=_SOLVER_NODES)
+    return SolverEffort(time_s=_SOLVER_SHARE * effort.budget_s)
+
+
 def _shared(effort: Effort, share: float, started: float) -> Effort:
     """A share of the evaluations, or of the time: from now on."""
     budget_s = effort.budget_s
@@ -181,13 +192,16 @@ def _encoding(
     site: Site, settings: PlannerSettings, baselines: Sequence[Baseline], goal: float | None
 ) -> tuple[Encoding, FloatArray | None]:
     """The encoding, and the constructed routes that its first population begins with."""
+    count = max(1, int(CONSTRUCTED_SHARE * settings.population_size))
+    ranked = _by_merit(baselines, goal)
     if settings.encoding == "waypoints":
         origin = np.zeros(3) if site.home_m is None else site.home_m
-        return WaypointEncoding(site, capacity=settings.max_waypoints, order=settings.order, reference_m=origin), None
-    ranked = _by_merit(baselines, goal)
-    encoding = SwathEncoding(site, centre=ranked[0].layout)
-    count = max(1, int(CONSTRUCTED_SHARE * settings.population_size))
-    return encoding, np.array([encoding.near(baseline.layout) for baseline in ranked[:count]])
+        points = WaypointEncoding(site, capacity=settings.max_waypoints, order=settings.order, reference_m=origin)
+        rows = [points.near(b.route) for b in ranked if len(b.route) <= settings.max_waypoints][:count]
+        return points, np.array(rows) if rows else None
+    layouts = [b.layout for b in ranked if b.layout is not None]
+    swaths = SwathEncoding(site, centre=layouts[0])
+    return swaths, np.array([swaths.near(layout) for layout in layouts[:count]])
 
 
 def _by_merit(baselines: Sequence[Baseline], goal: float | None) -> list[Baseline]:
@@ -199,15 +213,14 @@ def _by_merit(baselines: Sequence[Baseline], goal: float | None) -> list[Baselin
 
 
 def _worth_showing(baselines: Sequence[Baseline], goal: float | None) -> list[Baseline]:
-    """The plain baseline, and the tuned ones that nothing else among them beats."""
-    if not baselines:
-        return []
-    plain, tuned = baselines[:1], [b for b in baselines[1:] if b.violation <= 0.0]
+    """Each method's route; of the tuned boustrophedons those that nothing else among them beats."""
+    tuned = [b for b in baselines if b.name == TUNED and b.violation <= 0.0]
+    others = [b for b in baselines if b.name != TUNED]
     if not tuned:
-        return list(plain)
+        return others
     mask = non_dominated_mask(np.array([b.objectives for b in tuned]), np.zeros(len(tuned)))
     best = [b for b, keep in zip(tuned, mask, strict=True) if keep]
-    return list(plain) + _by_merit(best, goal)
+    return others + _by_merit(best, goal)
 
 
 def _judging_map(site: Site, coarse: CoverageMap) -> CoverageMap:

@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.errors import InputError
 from uavcover.kernels import route as kernels
 from uavcover.model.route import Route
 from uavcover.planning.terrain_following import finite_heights, lay_over_terrain
@@ -38,6 +39,24 @@ class WaypointEncoding:
         west, south, east, north = site.area.bounds
         self.lower = np.tile([west, south, 0.0, 0.0], capacity)
         self.upper = np.tile([east, north, 1.0, 1.0], capacity)
+
+    def near(self, route: Route) -> FloatArray:
+        """(d,) genes of a route's waypoints; inside the bounds, so a waypoint outside the area is moved to its border.
+
+        Raises:
+            InputError: it has more waypoints than there are nodes.
+        """
+        points = route.waypoints_m
+        capacity = self.lower.size // 4
+        if len(points) > capacity:
+            raise InputError(
+                f"initial: a route of {len(points)} waypoints does not fit into max_waypoints = {capacity}"
+            )
+        genes = self.lower.reshape(-1, 4).copy()
+        low, high = allowed_band_m(self._site, points[:, :2])
+        room = np.where(high > low, high - low, 1.0)
+        genes[: len(points)] = np.column_stack([points[:, :2], (points[:, 2] - low) / room, np.ones(len(points))])
+        return np.asarray(np.clip(genes.ravel(), self.lower, self.upper))
 
     def decode(self, genes: FloatArray) -> Route:
         """The route of a (d,) vector of genes."""

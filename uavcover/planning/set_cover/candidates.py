@@ -1,5 +1,6 @@
 """Places of a lattice inside the limits, and the cells that each of them sees."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,6 @@ from uavcover.site import Site
 
 FloatArray = NDArray[np.float64]
 
-MOST_PLACES = 20_000
 _PLACES_AT_ONCE = 2_000
 _ROUNDING_M = 1e-9
 
@@ -52,19 +52,30 @@ class Candidates:
         return float(self.weight[np.unique(np.concatenate(seen))].sum()) if seen else 0.0
 
 
-def lattice_candidates(coverage: CoverageMap, *, spacing_m: float | None = None) -> Candidates:
-    """The places of a cubic lattice, counted from the south-west corner of the area and from up = 0, inside the limits.
+def lattice_candidates(coverage: CoverageMap, *, spacing_m: float) -> Candidates:
+    """The places of a cubic lattice, counted from the south-west corner of the area and from up = 0, inside the limits."""
+    return candidates_at(coverage, _lattice(coverage, spacing_m), spacing_m=spacing_m)
 
-    Args:
-        coverage: on the cells that count.
-        spacing_m: default: half a cell, doubled until there are at most MOST_PLACES places.
-    """
-    spacing = 0.5 * coverage.grid.cells.size_m if spacing_m is None else spacing_m
-    places = _lattice(coverage, spacing)
-    while spacing_m is None and len(places) > MOST_PLACES:
-        spacing *= 2.0
-        places = _lattice(coverage, spacing)
-    return candidates_at(coverage, places, spacing_m=spacing)
+
+def finest_lattice_candidates(coverage: CoverageMap, *, spacing_m: float, most: int) -> Candidates:
+    """The places of a cubic lattice whose spacing is doubled until there are at most ``most`` places."""
+    reach = horizontal_reach(coverage.sight)
+    around, limits = _around(coverage.site, reach), coverage.site.scenario.limits
+    band_m = limits.max_height_agl_m - limits.min_height_agl_m
+    # Far too fine a lattice is not even laid out.
+    while float(shapely.area(around)) * max(band_m / spacing_m, 1.0) / spacing_m**2 > 8.0 * most:
+        spacing_m *= 2.0
+    while len(places := _lattice(coverage, spacing_m)) > most:
+        spacing_m *= 2.0
+    return candidates_at(coverage, places, spacing_m=spacing_m)
+
+
+def level_candidates(coverage: CoverageMap, *, spacing_m: float, height_agl_m: float) -> Candidates:
+    """The places of a square lattice at one height above ground, counted from the south-west corner of the area."""
+    places = _lattice_2d(coverage.site, horizontal_reach(coverage.sight), spacing_m)
+    up = coverage.site.ground.heights_m(places) + height_agl_m
+    known = np.isfinite(up)
+    return candidates_at(coverage, np.column_stack([places, up])[known], spacing_m=spacing_m)
 
 
 def candidates_at(coverage: CoverageMap, places_m: FloatArray, *, spacing_m: float) -> Candidates:
@@ -78,8 +89,8 @@ def candidates_at(coverage: CoverageMap, places_m: FloatArray, *, spacing_m: flo
     seen: list[NDArray[np.int32]] = []
     for first in range(0, len(places_m), _PLACES_AT_ONCE):
         some = places_m[first : first + _PLACES_AT_ONCE]
-        near = tree.query_ball_point(some[:, :2], reach, return_sorted=True)
-        sizes = np.array([len(numbers) for numbers in near], dtype=np.int64)
+        near: Sequence[list[int]] = tree.query_ball_point(some[:, :2], reach, return_sorted=True)  # type: ignore[assignment]
+        sizes = np.array([len(row) for row in near], dtype=np.int64)
         if not sizes.sum():
             continue
         numbers = np.concatenate([np.asarray(row, dtype=np.int64) for row in near])
@@ -98,15 +109,9 @@ def candidates_at(coverage: CoverageMap, places_m: FloatArray, *, spacing_m: flo
 
 
 def _lattice(coverage: CoverageMap, spacing_m: float) -> FloatArray:
-    """(p, 3) places; as many as that, and one level more, are laid out at most before they are counted."""
-    site = coverage.site
-    around = _around(site, horizontal_reach(coverage.sight))
-    west, south, east, north = around.bounds
-    corner_e, corner_n = site.area.bounds[:2]
-    places = _steps_2d((west - corner_e, east - corner_e), (south - corner_n, north - corner_n), spacing_m)
-    places += (corner_e, corner_n)
-    places = places[shapely.intersects_xy(around.buffer(_ROUNDING_M), places[:, 0], places[:, 1])]
-    low, high = allowed_band_m(site, places)
+    """(p, 3) places of a cubic lattice inside fence and height band."""
+    places = _lattice_2d(coverage.site, horizontal_reach(coverage.sight), spacing_m)
+    low, high = allowed_band_m(coverage.site, places)
     lowest = np.ceil((low - _ROUNDING_M) / spacing_m)
     levels = np.where(np.isfinite(low + high), np.floor((high + _ROUNDING_M) / spacing_m) - lowest + 1.0, 0.0)
     counts = np.maximum(levels, 0.0).astype(np.int64)
@@ -115,15 +120,19 @@ def _lattice(coverage: CoverageMap, spacing_m: float) -> FloatArray:
     return np.column_stack([places[rows], (lowest[rows] + level) * spacing_m])
 
 
+def _lattice_2d(site: Site, reach_m: float, spacing_m: float) -> FloatArray:
+    """(k, 2) places of a square lattice inside the fence from which some of the area may be seen."""
+    around = _around(site, reach_m)
+    west, south, east, north = shapely.bounds(around)
+    corner_e, corner_n = site.area.bounds[:2]
+    axes = [
+        np.arange(np.ceil((low - _ROUNDING_M) / spacing_m), np.floor((high + _ROUNDING_M) / spacing_m) + 1.0)
+        for low, high in ((west - corner_e, east - corner_e), (south - corner_n, north - corner_n))
+    ]
+    places = spacing_m * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2) + (corner_e, corner_n)
+    return places[shapely.intersects_xy(shapely.buffer(around, _ROUNDING_M), places[:, 0], places[:, 1])]
+
+
 def _around(site: Site, reach_m: float) -> shapely.Geometry:
     """Where a place may be that sees some of the area."""
     return site.fence.intersection(site.area.buffer(reach_m))
-
-
-def _steps_2d(east_m: tuple[float, float], north_m: tuple[float, float], spacing_m: float) -> FloatArray:
-    """(k, 2) multiples of a spacing inside a rectangle."""
-    axes = [
-        np.arange(np.ceil((low - _ROUNDING_M) / spacing_m), np.floor((high + _ROUNDING_M) / spacing_m) + 1.0)
-        for low, high in (east_m, north_m)
-    ]
-    return spacing_m * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -1,12 +1,15 @@
 """Exact answers on given places, by linear and mixed-integer programs (HiGHS through scipy)."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels import set_cover as kernels
-from uavcover.planning.set_cover.candidates import Candidates
+from uavcover.planning.set_cover.reduced import Reduced
+
+if TYPE_CHECKING:
+    from scipy.optimize._milp import _OptionsMILP
 
 FloatArray = NDArray[np.float64]
 
@@ -42,45 +45,17 @@ class Answer:
 
 
 class CoverProgram:
-    """The programs of some candidates: places that another one replaces are left out, cells with the same places are one.
+    """The programs of a reduced table."""
 
-    Attributes:
-        numbers: (c,) which places are left.
-    """
-
-    def __init__(self, candidates: Candidates) -> None:
+    def __init__(self, reduced: Reduced) -> None:
         from scipy import sparse
 
-        worth = candidates.weight > 0.0
-        start, cells = _only(candidates.start, candidates.cells, worth)
-        keep = kernels.undominated(start, cells, candidates.weight.size)
-        self.numbers = np.flatnonzero(keep)
-        back, places = kernels.transposed(start, cells, candidates.weight.size)
-        new_number = np.cumsum(keep) - 1
-        classes: dict[bytes, int] = {}
-        rows: list[NDArray[np.int64]] = []
-        weight: list[float] = []
-        for cell in np.flatnonzero(worth):
-            seen_by = places[back[cell] : back[cell + 1]]
-            row = new_number[seen_by[keep[seen_by]]].astype(np.int64)
-            if row.size == 0:
-                continue
-            number = classes.setdefault(row.tobytes(), len(rows))
-            if number == len(rows):
-                rows.append(row)
-                weight.append(0.0)
-            weight[number] += float(candidates.weight[cell])
-        self._weight = np.array(weight)
-        indptr = np.concatenate([[0], np.cumsum([row.size for row in rows])]).astype(np.int64)
-        indices = np.concatenate(rows) if rows else np.empty(0, dtype=np.int64)
-        self._matrix = sparse.csr_array(
-            (np.ones(indices.size), indices, indptr), shape=(len(rows), self.numbers.size)
+        self._reduced = reduced
+        by_place = sparse.csr_array(
+            (np.ones(reduced.classes.size), reduced.classes, reduced.start),
+            shape=(reduced.numbers.size, reduced.weight.size),
         )
-
-    @property
-    def reachable(self) -> float:
-        """Share of what can be covered that the places see together, 0..1."""
-        return float(self._weight.sum())
+        self._matrix = sparse.csr_array(by_place.T)
 
     def fewest_places(self, coverage: float, effort: SolverEffort) -> Answer:
         """As few places as see a share of what can be covered; the whole ``reachable`` share is the set cover problem.
@@ -94,11 +69,14 @@ class CoverProgram:
         if coverage <= 0.0:
             return Answer(np.empty(0, dtype=np.int64), 0.0)
         rows, c = self._matrix.shape
-        if coverage >= self.reachable - _COVERED:
+        if coverage >= self._reduced.reachable - _COVERED:
             return self._counted(self._solve(np.ones(c), self._matrix, np.ones(rows), c, effort))
         # A class of cells counts as seen as far as its variable says, which is at most the number of places that see it.
         matrix = sparse.vstack(
-            [sparse.hstack([self._matrix, -sparse.eye_array(rows)]), sparse.csr_array(np.append(np.zeros(c), self._weight)[None])]
+            [
+                sparse.hstack([self._matrix, -sparse.eye_array(rows)]),
+                sparse.csr_array(np.append(np.zeros(c), self._reduced.weight)[None]),
+            ]
         )
         lower = np.append(np.zeros(rows), coverage - _COVERED)
         return self._counted(self._solve(np.append(np.ones(c), np.zeros(rows)), matrix, lower, c, effort))
@@ -109,11 +87,14 @@ class CoverProgram:
 
         rows, c = self._matrix.shape
         matrix = sparse.vstack(
-            [sparse.hstack([self._matrix, -sparse.eye_array(rows)]), sparse.csr_array(np.append(-np.ones(c), np.zeros(rows))[None])]
+            [
+                sparse.hstack([self._matrix, -sparse.eye_array(rows)]),
+                sparse.csr_array(np.append(-np.ones(c), np.zeros(rows))[None]),
+            ]
         )
         lower = np.append(np.zeros(rows), -float(count))
-        chosen, least = self._solve(np.append(np.zeros(c), -self._weight), matrix, lower, c, effort)
-        return Answer(chosen, None if least is None else min(-least, self.reachable))
+        chosen, least = self._solve(np.append(np.zeros(c), -self._reduced.weight), matrix, lower, c, effort)
+        return Answer(chosen, None if least is None else min(-least, self._reduced.reachable))
 
     def _counted(self, outcome: tuple[NDArray[np.int64] | None, float | None]) -> Answer:
         """A number of places is whole."""
@@ -128,25 +109,16 @@ class CoverProgram:
 
         constraints = LinearConstraint(matrix, lb=lower)  # type: ignore[arg-type]
         relaxed = effort.nodes == 0
-        options: dict[str, float] = {}
+        options: _OptionsMILP = {}
         if effort.time_s is not None:
             options["time_limit"] = max(0.0, effort.time_s)
         if effort.nodes:
             options["node_limit"] = effort.nodes
-        whole = np.zeros(cost.size)
-        whole[:binaries] = 0.0 if relaxed else 1.0
+        whole = np.zeros(cost.size, dtype=np.int64)
+        whole[:binaries] = 0 if relaxed else 1
         result = milp(cost, constraints=constraints, integrality=whole, bounds=Bounds(0.0, 1.0), options=options)
         if relaxed:
             return None, float(result.fun) if result.success else None
         bound = result.mip_dual_bound
-        chosen = None if result.x is None else self.numbers[np.flatnonzero(result.x[:binaries] > 0.5)]
+        chosen = None if result.x is None else self._reduced.numbers[np.flatnonzero(result.x[:binaries] > 0.5)]
         return chosen, float(bound) if bound is not None and np.isfinite(bound) else None
-
-
-def _only(
-    start: NDArray[np.int64], cells: NDArray[np.int32], worth: NDArray[np.bool_]
-) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """The sets without cells that count for nothing."""
-    keep = worth[cells]
-    before = np.concatenate([[0], np.cumsum(keep)])
-    return before[start], cells[keep]
