@@ -159,7 +159,8 @@ def test_the_plan_is_not_worse_than_the_covers_it_began_with(dome, algorithm):
     plan = plan_routes(dome.site, settings=settings, select_rule="coverage>=0.9", effort=Effort(40, None, lambda: 0.0))
     assert {member.origin for member in plan.baselines} == {"greedy-set-cover", "set-cover"}
     assert plan.rule_met
-    assert plan.chosen.metrics.path_length_m <= min(member.metrics.path_length_m for member in plan.baselines)
+    enough = [member.metrics for member in plan.baselines if member.metrics.coverage_of_coverable >= 0.9]
+    assert plan.chosen.metrics.path_length_m <= min(metrics.path_length_m for metrics in enough)
     again = plan_routes(
         dome.site,
         settings=dataclasses.replace(settings),
