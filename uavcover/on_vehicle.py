@@ -137,6 +137,8 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
         ground_alt_amsl_m=float(site.alts_amsl_m(point)[0]),
         max_home_error_m=site.scenario.limits.max_home_error_m,
         acceptance_radius_m=site.scenario.vehicle.acceptance_radius_m,
+        max_climb_m_s=site.scenario.vehicle.max_climb_m_s,
+        max_descent_m_s=site.scenario.vehicle.max_descent_m_s,
     )
 
 

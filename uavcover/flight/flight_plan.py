@@ -30,6 +30,8 @@ class FlightPlan:
         max_home_error_m: largest distance of the vehicle's home from the planned one, over ground and in height.
         passed_before: how many planned waypoints were passed before the flight, where it goes on with a mission.
         acceptance_radius_m: a planned waypoint that the vehicle came so near to was passed.
+        max_climb_m_s: upward speed that the plan counts on; none when it does not say.
+        max_descent_m_s: downward speed that the plan counts on.
     """
 
     mission: Mission
@@ -41,6 +43,8 @@ class FlightPlan:
     max_home_error_m: float = 10.0
     passed_before: int = 0
     acceptance_radius_m: float = 3.0
+    max_climb_m_s: float | None = None
+    max_descent_m_s: float | None = None
 
     def waypoints_m(self) -> FloatArray:
         """(n, 3) ENU, the planned waypoints, as their items say."""

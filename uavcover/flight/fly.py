@@ -25,6 +25,7 @@ from uavcover.flight.readiness import (
 from uavcover.flight.recorder import Recorder
 from uavcover.flight.return_home import PlanReturn, hold, return_home
 from uavcover.flight.simulation import simulated_by
+from uavcover.flight.speed_limits import tell_slower_limits
 from uavcover.flight.start import (
     arm_and_start,
     disarm_on_ground,
@@ -266,6 +267,7 @@ def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn,
         wait_until_ready(conversation)
         check_home(conversation, plan)
         check_mission(conversation, plan)
+        tell_slower_limits(conversation, plan)
         _refuse_armed(conversation)
         progress = flight.record(plan)
         flight.touched = True
