@@ -28,6 +28,7 @@ from mission_io.items import Frame, GeoPoint, Mission, MissionType, waypoint
 from mission_io.link import open_link
 from uavcover import pipeline
 from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.coverage.level_looks import LevelLooks
 from uavcover.flight.mock.server import start_in_background
 from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.planning.baselines import plain_boustrophedon
@@ -56,11 +57,15 @@ def coverage_rows() -> list[Row]:
     site = pipeline.load_site("jacksboro")
     coverage = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
     looks = coverage.looks(fly_layout(site, plain_boustrophedon(site)).waypoints_m)
-    coverage.seen_from(looks)
-    fast_s = best_s(lambda: coverage.seen_from(looks), 20)
-    few = looks[:: max(1, len(looks) // 3)]
-    naive_s = best_s(lambda: naive_first_seen(site.ground.surface, coverage.sight, coverage.grid.cells, few), 1)
-    few_s = best_s(lambda: coverage.seen_from(few), 20)
+    coverage.seen_by(looks)
+    fast_s = best_s(lambda: coverage.seen_by(looks), 20)
+    every = max(1, len(looks) // 3)
+    few = LevelLooks(looks.places_m[::every].copy(), looks.headings[::every].copy())
+    naive_s = best_s(
+        lambda: naive_first_seen(site.ground.surface, coverage.sight, coverage.grid.cells, few.places_m, few.headings),
+        1,
+    )
+    few_s = best_s(lambda: coverage.seen_by(few), 20)
     return [
         ("coverage of a whole route, jacksboro, 10 m cells", f"{1 / fast_s:.0f} a second", f"{len(looks)} looks"),
         (

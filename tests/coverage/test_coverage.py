@@ -145,7 +145,7 @@ def test_sensing_along_the_path_looks_between_the_waypoints_too():
     path = CoverageMap(
         grid_site(np.zeros((17, 17)), sensor=dataclasses.replace(disc, sensing="along-path")), cell_size_m=2.0
     )
-    assert ends.looks(route).tolist() == route.tolist()
+    assert ends.looks(route).places_m.tolist() == route.tolist()
     assert len(path.looks(route)) == 11
     assert path.share(path.seen(route)) > 2 * ends.share(ends.seen(route))
     first = path.first_seen(path.looks(route))

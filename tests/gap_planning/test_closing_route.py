@@ -5,6 +5,7 @@ import pytest
 
 from tests.planning.sites import flat, hills, make_site
 from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.coverage.level_looks import LevelLooks
 from uavcover.errors import InfeasibleError
 from uavcover.gap_planning.closing_route import plan_closing_route
 from uavcover.gap_planning.missing import MissingCells
@@ -129,5 +130,9 @@ def test_missing_cells_see_what_the_whole_map_sees() -> None:
     missing = missing_in(coverage, (50, 60, 220, 140))
     part = MissingCells.of(coverage, missing)
     places = np.array([[100.0, 100.0, 90.0], [180.0, 60.0, 85.0]])
-    np.testing.assert_array_equal(part.seen_from(places, coverage.sight), coverage.seen_from(places)[missing])
+    looks = LevelLooks.towards_north(places)
+    np.testing.assert_array_equal(
+        part.seen_by(looks, coverage.sight),
+        coverage.seen_by(looks)[missing],
+    )
     np.testing.assert_array_equal(part.weight_m2, coverage.grid.weight_m2[missing])

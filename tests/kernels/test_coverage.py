@@ -9,29 +9,48 @@ from hypothesis import strategies as st
 from tests.kernels.test_obstacles import obstacles_of
 from tests.naive import coverage as naive
 from uavcover.kernels import coverage as kernels
-from uavcover.kernels.coverage import (
+from uavcover.kernels.coverage import Cells
+from uavcover.kernels.obstacles import horizons, roofs_m
+from uavcover.kernels.sight import (
     CONE,
     DISC,
+    FRUSTUM,
     MIDPOINT,
     NO_LINE_OF_SIGHT,
     RAY,
     SPHERE,
-    Cells,
+    Aim,
     Sight,
+    in_view,
+    level_aim,
 )
-from uavcover.kernels.obstacles import horizons, roofs_m
 from uavcover.kernels.surface import gradients, heights
 from uavcover.terrain.ground import grid_ground, sine_cosine_ground
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=25)
 
+
+def make_sight(pitch_deg, heading_deg, **numbers):
+    """A sight with angles in degrees; a heading of None turns with the vehicle."""
+    pitch = math.radians(pitch_deg)
+    heading = math.nan if heading_deg is None else math.radians(heading_deg)
+    return Sight(
+        cos_pitch=math.cos(pitch), sin_pitch=math.sin(pitch), heading_e=math.sin(heading), heading_n=math.cos(heading),
+        **numbers,
+    )  # fmt: skip
+
+
 sights = st.builds(
-    Sight,
-    kind=st.sampled_from([SPHERE, DISC, CONE]),
+    make_sight,
+    kind=st.sampled_from([SPHERE, DISC, CONE, FRUSTUM, FRUSTUM]),
     reach_m=st.sampled_from([0.7, 2.0, 3.3]),
     tan_half_fov=st.sampled_from([0.4, 1.3]),
     cos_max_incidence=st.sampled_from([0.0, 0.6, 0.9]),
     line_of_sight=st.sampled_from([NO_LINE_OF_SIGHT, RAY, MIDPOINT]),
+    tan_half_along=st.sampled_from([0.3, 0.9]),
+    pitch_deg=st.sampled_from([-90.0, -71.0, -30.0]),
+    heading_deg=st.sampled_from([None, 40.0, 290.0]),
+    sample_focal_m=st.sampled_from([math.inf, 1.2]),
 )
 
 
@@ -82,15 +101,31 @@ def eyes_over(seed, count=3):
     return rng.uniform([-2.0, 1.5, -1.0], [5.0, 6.5, 3.5], (count, 3))
 
 
+NORTH = np.array([[0.0, 1.0]])
+DOWN = Aim(0.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+
+def north(eyes):
+    """For sensors that see the same whatever the heading."""
+    return np.tile([0.0, 1.0], (len(eyes), 1))
+
+
+def headings_of(seed, count):
+    """Of any length; the first is none at all."""
+    headings = np.random.default_rng(seed + 1).normal(size=(count, 2))
+    headings[0] = 0.0
+    return headings
+
+
 @deterministic
 @given(sights, st.integers(0, 1000), st.booleans())
 def test_seen_cells_equal_the_naive_twin(sight, seed, gaps):
     surface = rough_ground(seed, gaps=gaps)
     cells = cells_on(surface, seed)
-    eyes = eyes_over(seed)
-    expected = naive.first_seen(surface, sight, cells, eyes)
-    assert kernels.first_seen(surface, sight, cells, eyes).tolist() == expected
-    assert kernels.seen_from_points(surface, sight, cells, eyes).tolist() == [k >= 0 for k in expected]
+    eyes, headings = eyes_over(seed), headings_of(seed, 3)
+    expected = naive.first_seen(surface, sight, cells, eyes, headings)
+    assert kernels.first_seen(surface, sight, cells, eyes, headings).tolist() == expected
+    assert kernels.seen_from_points(surface, sight, cells, eyes, headings).tolist() == [k >= 0 for k in expected]
 
 
 @deterministic
@@ -100,15 +135,15 @@ def test_each_pair_equals_the_naive_twin(sight, seed):
     cells = cells_on(surface, seed)
     count = len(cells.centre_m)
     eyes = cells.centre_m + np.random.default_rng(seed).uniform([-2, -2, 0], [2, 2, 3], (count, 3))
-    expected = [
-        naive.sees(surface, sight, eye, centre, normal)
-        for eye, centre, normal in zip(eyes.tolist(), cells.centre_m.tolist(), cells.normal.tolist(), strict=True)
-    ]
-    assert kernels.sees_each(surface, sight, eyes, cells.centre_m, cells.normal).tolist() == expected
-    assert [kernels.sees(surface, sight, eyes[i], cells.centre_m[i], cells.normal[i]) for i in range(count)] == expected
+    headings = headings_of(seed, count)
+    rows = [array.tolist() for array in (eyes, cells.centre_m, cells.normal, headings)]
+    expected = [naive.sees(surface, sight, *row) for row in zip(*rows, strict=True)]
+    assert kernels.sees_each(surface, sight, eyes, headings, cells.centre_m, cells.normal).tolist() == expected
     for i in range(count):
-        view = kernels.in_view(sight, *(eyes[i] - cells.centre_m[i]), *cells.normal[i])
-        assert view == naive.in_view(sight, eyes[i].tolist(), cells.centre_m[i].tolist(), cells.normal[i].tolist())
+        aim = level_aim(sight, *headings[i])
+        assert kernels.sees(surface, sight, aim, eyes[i], cells.centre_m[i], cells.normal[i]) == expected[i]
+        view = in_view(sight, aim, *(eyes[i] - cells.centre_m[i]), *cells.normal[i])
+        assert view == naive.in_view(sight, *(row[i] for row in rows))
         clear = kernels.in_line_of_sight(surface, sight, eyes[i], cells.centre_m[i])
         assert (view and clear) == expected[i]
 
@@ -118,8 +153,9 @@ def test_each_pair_equals_the_naive_twin(sight, seed):
 def test_above_the_analytic_surface_the_naive_twin_agrees(sight, seed):
     surface = sine_cosine_ground(1.5).surface
     cells = cells_on(surface, seed)
-    eyes = eyes_over(seed, 2)
-    assert kernels.first_seen(surface, sight, cells, eyes).tolist() == naive.first_seen(surface, sight, cells, eyes)
+    eyes, headings = eyes_over(seed, 2), headings_of(seed, 2)
+    expected = naive.first_seen(surface, sight, cells, eyes, headings)
+    assert kernels.first_seen(surface, sight, cells, eyes, headings).tolist() == expected
 
 
 @deterministic
@@ -133,8 +169,8 @@ def test_the_shortcut_by_the_steepest_slope_never_changes_an_answer(seed, analyt
     eyes = np.random.default_rng(seed).uniform([-3.0, 0.0, 0.0], [6.0, 8.0, 15.0], (6, 3))
     for eye in eyes:
         sight = Sight(SPHERE, 20.0, 0.0, -1.0, RAY)
-        fast_seen = kernels.seen_from_points(surface, sight, cells, eye[None])
-        slow_seen = kernels.seen_from_points(slow, sight, cells, eye[None])
+        fast_seen = kernels.seen_from_points(surface, sight, cells, eye[None], NORTH)
+        slow_seen = kernels.seen_from_points(slow, sight, cells, eye[None], NORTH)
         assert fast_seen.tolist() == slow_seen.tolist()
 
 
@@ -155,8 +191,8 @@ def test_regression_shortcut_saw_from_outside_the_data():
     surface = grid_ground(np.zeros((3, 3)), east0_m=0, north0_m=0, step_m=1, source="", vertical_datum="").surface
     sight = Sight(SPHERE, 20.0, 0.0, -1.0, RAY)
     centre, normal = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    assert kernels.sees(surface, sight, np.array([2.0, 1.0, 9.0]), centre, normal)
-    assert not kernels.sees(surface, sight, np.array([2.5, 1.0, 9.0]), centre, normal)
+    assert kernels.sees(surface, sight, DOWN, np.array([2.0, 1.0, 9.0]), centre, normal)
+    assert not kernels.sees(surface, sight, DOWN, np.array([2.5, 1.0, 9.0]), centre, normal)
 
 
 def test_regression_a_place_that_is_not_finite_saw_everything():
@@ -169,8 +205,10 @@ def test_regression_a_place_that_is_not_finite_saw_everything():
                 for kind in (SPHERE, DISC, CONE):
                     for line_of_sight in (NO_LINE_OF_SIGHT, RAY, MIDPOINT):
                         sight = Sight(kind, 9.0, 1.0, -1.0, line_of_sight)
-                        assert not kernels.seen_from_points(surface, sight, cells, eye).any()
-                        assert not kernels.sees_each(surface, sight, eye, cells.centre_m[:1], cells.normal[:1])[0]
+                        assert not kernels.seen_from_points(surface, sight, cells, eye, north(eye)).any()
+                        assert not kernels.sees_each(
+                            surface, sight, eye, north(eye), cells.centre_m[:1], cells.normal[:1]
+                        )[0]
 
 
 def test_no_data_is_never_seen_through():
@@ -179,13 +217,13 @@ def test_no_data_is_never_seen_through():
     surface = grid_ground(nodes, east0_m=0, north0_m=0, step_m=1, source="", vertical_datum="").surface
     centre, normal = np.array([2.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
     sight = Sight(SPHERE, 50.0, 0.0, -1.0, RAY)
-    assert kernels.sees(surface, sight, np.array([3.9, 1.0, 1.0]), centre, normal)
+    assert kernels.sees(surface, sight, DOWN, np.array([3.9, 1.0, 1.0]), centre, normal)
     # Beyond the gap, and above it, however high.
-    assert not kernels.sees(surface, sight, np.array([9.0, 1.0, 1.0]), centre, normal)
-    assert not kernels.sees(surface, sight, np.array([9.0, 1.0, 40.0]), centre, normal)
-    assert not kernels.sees(surface, sight, np.array([4.5, 1.0, 40.0]), centre, normal)
+    assert not kernels.sees(surface, sight, DOWN, np.array([9.0, 1.0, 1.0]), centre, normal)
+    assert not kernels.sees(surface, sight, DOWN, np.array([9.0, 1.0, 40.0]), centre, normal)
+    assert not kernels.sees(surface, sight, DOWN, np.array([4.5, 1.0, 40.0]), centre, normal)
     midpoint = sight._replace(line_of_sight=MIDPOINT)
-    assert not kernels.sees(surface, midpoint, np.array([8.0, 1.0, 40.0]), centre, normal)
+    assert not kernels.sees(surface, midpoint, DOWN, np.array([8.0, 1.0, 40.0]), centre, normal)
 
 
 def test_a_wall_hides_what_is_behind_it():
@@ -195,14 +233,14 @@ def test_a_wall_hides_what_is_behind_it():
     centre, normal = np.array([5.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
     ray = Sight(SPHERE, 50.0, 0.0, -1.0, RAY)
     # By the intercept theorem the wall of 5 m at 5 m just hides a place 10 m away below 10 m.
-    assert not kernels.sees(surface, ray, np.array([15.0, 1.0, 9.99]), centre, normal)
-    assert kernels.sees(surface, ray, np.array([15.0, 1.0, 10.01]), centre, normal)
+    assert not kernels.sees(surface, ray, DOWN, np.array([15.0, 1.0, 9.99]), centre, normal)
+    assert kernels.sees(surface, ray, DOWN, np.array([15.0, 1.0, 10.01]), centre, normal)
     # The paper's midpoint test looks only at the middle: a wall elsewhere escapes it.
     midpoint = ray._replace(line_of_sight=MIDPOINT)
-    assert kernels.sees(surface, midpoint, np.array([19.0, 1.0, 3.0]), centre, normal)
-    assert not kernels.sees(surface, ray, np.array([19.0, 1.0, 3.0]), centre, normal)
+    assert kernels.sees(surface, midpoint, DOWN, np.array([19.0, 1.0, 3.0]), centre, normal)
+    assert not kernels.sees(surface, ray, DOWN, np.array([19.0, 1.0, 3.0]), centre, normal)
     assert kernels.sees(
-        surface, ray._replace(line_of_sight=NO_LINE_OF_SIGHT), np.array([19.0, 1.0, 3.0]), centre, normal
+        surface, ray._replace(line_of_sight=NO_LINE_OF_SIGHT), DOWN, np.array([19.0, 1.0, 3.0]), centre, normal
     )
 
 
@@ -222,8 +260,8 @@ def test_reach_on_flat_ground_from_three_metres(sight, radius):
     eye, up = np.array([0.0, 0.0, 3.0]), np.array([0.0, 0.0, 1.0])
     for angle in np.arange(0.0, 6.0, 0.7):
         direction = np.array([math.cos(angle), math.sin(angle), 0.0])
-        assert kernels.sees(surface, sight, eye, direction * (radius - 1e-6), up)
-        assert not kernels.sees(surface, sight, eye, direction * (radius + 1e-6), up)
+        assert kernels.sees(surface, sight, DOWN, eye, direction * (radius - 1e-6), up)
+        assert not kernels.sees(surface, sight, DOWN, eye, direction * (radius + 1e-6), up)
 
 
 def test_a_cell_exactly_at_the_reach_is_seen():
@@ -236,7 +274,7 @@ def test_a_cell_exactly_at_the_reach_is_seen():
     cells = Cells(0.0, 0.0, 0.1, lattice, centre, normals, horizon)
     for radius in (0.3, 0.30000000000000004, 0.7):
         sight = Sight(DISC, radius, 0.0, -1.0, NO_LINE_OF_SIGHT)
-        seen = kernels.seen_from_points(surface, sight, cells, np.zeros((1, 3)))
+        seen = kernels.seen_from_points(surface, sight, cells, np.zeros((1, 3)), NORTH)
         assert seen.tolist() == (centre[:, 0] ** 2 <= radius**2).tolist()
 
 
@@ -244,24 +282,17 @@ def test_a_camera_never_sees_upwards():
     surface = grid_ground(np.zeros((2, 2)), east0_m=-9, north0_m=-9, step_m=18, source="", vertical_datum="").surface
     camera = Sight(CONE, 9.0, 1.0, -1.0, NO_LINE_OF_SIGHT)
     centre, normal = np.array([0.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    assert kernels.sees(surface, camera, np.array([0.0, 0.0, 1.0]), centre, normal)
-    assert not kernels.sees(surface, camera, np.array([0.0, 0.0, -1.0]), centre, normal)
-    assert not kernels.sees(surface, camera, np.array([0.0, 0.0, 0.0]), centre, normal)
+    assert kernels.sees(surface, camera, DOWN, np.array([0.0, 0.0, 1.0]), centre, normal)
+    assert not kernels.sees(surface, camera, DOWN, np.array([0.0, 0.0, -1.0]), centre, normal)
+    assert not kernels.sees(surface, camera, DOWN, np.array([0.0, 0.0, 0.0]), centre, normal)
 
 
-def test_look_counts_only_what_is_new_and_changes_nothing_else():
+def test_no_look_sees_nothing():
     surface = rough_ground(3)
     cells = cells_on(surface)
     sight = Sight(DISC, 1.0, 0.0, -1.0, NO_LINE_OF_SIGHT)
-    seen = np.zeros(len(cells.centre_m), dtype=bool)
-    eye = np.array([1.0, 3.5, 5.0])
-    new = kernels.look(surface, sight, cells, eye, seen)
-    assert 0 < new == seen.sum() < len(seen)
-    assert kernels.look(surface, sight, cells, eye, seen) == 0
-    everywhere = np.ones_like(seen)
-    assert kernels.look(surface, sight, cells, eye, everywhere) == 0
-    assert kernels.seen_from_points(surface, sight, cells, np.empty((0, 3))).sum() == 0
-    assert set(kernels.first_seen(surface, sight, cells, np.empty((0, 3))).tolist()) == {-1}
+    assert kernels.seen_from_points(surface, sight, cells, np.empty((0, 3)), np.empty((0, 2))).sum() == 0
+    assert set(kernels.first_seen(surface, sight, cells, np.empty((0, 3)), np.empty((0, 2))).tolist()) == {-1}
 
 
 @deterministic

@@ -9,14 +9,13 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.kernels.test_coverage import cells_on, rough_ground, sights
+from tests.kernels.test_coverage import cells_on, make_sight, rough_ground, sights
 from tests.naive import draft as naive
 from tests.planning.sites import hills, make_site, tower
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.kernels import coverage as coverage_kernels
 from uavcover.kernels.annealing import Prices, Schedule, anneal, energy_of_share, snapshot
 from uavcover.kernels.cone_spans import cone_cells
-from uavcover.kernels.coverage import CONE, DISC, RAY, SPHERE, Sight
 from uavcover.kernels.draft import (
     ALONG_PATH,
     AT_WAYPOINTS,
@@ -30,6 +29,7 @@ from uavcover.kernels.draft import (
     seen_alone,
 )
 from uavcover.kernels.route import path_length
+from uavcover.kernels.sight import CONE, DISC, FRUSTUM, RAY, SPHERE, Sight
 from uavcover.kernels.spans import list_cells
 from uavcover.leg_checks import measure_violations
 from uavcover.model.obstacles import Obstacles
@@ -65,16 +65,19 @@ def test_the_cells_of_a_span_are_those_that_any_of_its_samples_sees(seed, sight,
     assert listed(surface, sight, cells, p, q, spacing) == naive.list_cells(surface, sight, cells, looks)
 
 
-@pytest.mark.parametrize("kind", [SPHERE, DISC, CONE])
+@pytest.mark.parametrize("kind", [SPHERE, DISC, CONE, FRUSTUM])
 @pytest.mark.parametrize("rise", [0.0, 3.0, 40.0])
 def test_a_leg_sees_what_its_samples_see_by_the_other_kernel(kind, rise):
     surface = rough_ground(5)
     cells = cells_on(surface, 5)
-    sight = Sight(kind, 3.3, 1.3, 0.5, RAY)
+    sight = Sight(kind, 3.3, 1.3, 0.5, RAY, tan_half_along=0.5)
     route = np.array([[-0.9, 2.3, 1.5], [3.7, 5.4, 1.5 + rise]])
-    whole = coverage_kernels.seen_from_points(surface, sight, cells, coverage_kernels.sample_path(route, 0.25))
+    looks = coverage_kernels.sample_path(route, 0.25)
+    headings = np.tile(route[1, :2] - route[0, :2], (len(looks), 1))
+    whole = coverage_kernels.seen_from_points(surface, sight, cells, looks, headings)
+    assert whole.sum() > 0
     assert listed(surface, sight, cells, *route, 0.25) == set(np.flatnonzero(whole).tolist())
-    # The other way round it looks from the same places.
+    # The other way round it looks straight down from the same places.
     assert listed(surface, sight, cells, *route[::-1], 0.25) == set(np.flatnonzero(whole).tolist())
 
 
@@ -86,10 +89,22 @@ def test_a_list_that_is_too_short_says_so():
     assert list_cells(surface, sight, cells, (1.0, 3.0, 2.0), (1.0, 3.0, 2.0), 1.0, out) == -1
 
 
-SIGHTS = {SPHERE: Sight(SPHERE, 1.1, 0.0, -1.0, RAY), CONE: Sight(CONE, 1.6, 0.8, 0.35, RAY)}
+PICTURE = make_sight(
+    -65.0, None, kind=FRUSTUM, reach_m=2.5, tan_half_fov=0.6, cos_max_incidence=0.2, line_of_sight=RAY,
+    tan_half_along=0.4, sample_focal_m=2.4,
+)  # fmt: skip
+TURNED_PICTURE = make_sight(
+    -80.0, 230.0, kind=FRUSTUM, reach_m=2.5, tan_half_fov=0.8, cos_max_incidence=0.2, line_of_sight=RAY,
+    tan_half_along=0.4,
+)  # fmt: skip
+COARSE = Sight(CONE, 1.6, 0.8, 0.35, RAY, sample_focal_m=0.9)
+SIGHTS = {
+    "sphere": Sight(SPHERE, 1.1, 0.0, -1.0, RAY), "cone": Sight(CONE, 1.6, 0.8, 0.35, RAY), "cone, fine": COARSE,
+    "picture": PICTURE, "picture with a heading": TURNED_PICTURE,
+}  # fmt: skip
 
 
-def small_task(sensing: int, *, legs: int = 0, seed: int = 3, kind: int = SPHERE) -> Task:
+def small_task(sensing: int, *, legs: int = 0, seed: int = 3, kind: str = "sphere") -> Task:
     surface = sine_cosine_ground(1.0).surface
     cells = cells_on(surface, seed)
     shares = np.random.default_rng(seed).uniform(0.5, 1.0, cells.centre_m.shape[0])
@@ -129,7 +144,7 @@ def test_a_recount_is_the_naive_one(kind, sensing, count):
     assert draft.seen[0] == pytest.approx(seen, rel=1e-12)
 
 
-@pytest.mark.parametrize("kind", [SPHERE, CONE])
+@pytest.mark.parametrize("kind", ["sphere", "cone"])
 @pytest.mark.parametrize("sensing", [AT_WAYPOINTS, ALONG_PATH])
 def test_what_a_span_alone_sees(kind, sensing):
     task = small_task(sensing, kind=kind)
@@ -143,9 +158,14 @@ def test_what_a_span_alone_sees(kind, sensing):
         )
 
 
-@pytest.mark.parametrize("kind", [SPHERE, CONE])
-@pytest.mark.parametrize("sensing", [AT_WAYPOINTS, ALONG_PATH])
-@pytest.mark.parametrize("legs", [0, 1])
+@pytest.mark.parametrize(
+    ("kind", "sensing", "legs"),
+    [
+        *itertools.product(("sphere", "cone"), (AT_WAYPOINTS, ALONG_PATH), (0, 1)),
+        ("cone, fine", ALONG_PATH, 1), ("picture", ALONG_PATH, 1), ("picture with a heading", ALONG_PATH, 0),
+        ("picture with a heading", AT_WAYPOINTS, 0),
+    ],
+)  # fmt: skip
 def test_counts_after_10_000_changes_are_those_of_a_full_recount(kind, sensing, legs):
     task = small_task(sensing, legs=legs, kind=kind)
     draft = small_draft(task, 6, 14)

@@ -4,13 +4,28 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from tests.kernels.test_coverage import cells_on, deterministic, rough_ground, sights
 from tests.naive import tally as naive
 from uavcover.kernels import tally as kernels
-from uavcover.kernels.coverage import CONE, DISC, NO_LINE_OF_SIGHT, RAY, SPHERE, Cells, Sight
+from uavcover.kernels.coverage import Cells
 from uavcover.kernels.local_slopes import local_slopes
-from uavcover.kernels.tally import NOT_IN_RANGE, OCCLUDED, SEEN, TOO_OBLIQUE, Camera
+from uavcover.kernels.sight import (
+    CONE,
+    DISC,
+    FRUSTUM,
+    NO_LINE_OF_SIGHT,
+    NOT_IN_RANGE,
+    OCCLUDED,
+    RAY,
+    SEEN,
+    SPHERE,
+    TOO_COARSE,
+    TOO_OBLIQUE,
+    Sight,
+)  # fmt: skip
+from uavcover.kernels.tally import Camera
 from uavcover.terrain.ground import grid_ground
 
 EXACT = Camera(focal_px=900.0, pass_gap_s=1.5, offset_m=0.0, horizontal_m=0.0, lift_m=0.0, turn_rad=0.0)
@@ -36,12 +51,20 @@ def one_cell(east=0.0, north=0.0, up=0.0, normal=(0.0, 0.0, 1.0)):
     )
 
 
-def tallied(surface, sight, camera, cells, eyes, axes, times, *, workers=1):
+def tops_of(axes, turn=0.3):
+    """Unit vectors at right angles to (k, 3) axes, turned somehow about them."""
+    axes = np.asarray(axes, dtype=float)
+    top = np.cross(axes, np.cross([math.sin(turn), math.cos(turn), 0.1], axes))
+    return top / np.linalg.norm(top, axis=1)[:, None]
+
+
+def tallied(surface, sight, camera, cells, eyes, axes, times, *, tops=None, workers=1):
     tally = kernels.empty_tally(cells.centre_m.shape[0])
     eyes, axes = (np.ascontiguousarray(array, dtype=float) for array in (eyes, axes))
+    tops = tops_of(axes) if tops is None else tops
     slopes, times = local_slopes(surface), np.asarray(times, dtype=float)
     for first_row in range(workers):
-        kernels.tally_rows(surface, slopes, sight, camera, cells, eyes, axes, times, first_row, workers, tally)
+        kernels.tally_rows(surface, slopes, sight, camera, cells, eyes, axes, tops, times, first_row, workers, tally)
     return tally
 
 
@@ -61,8 +84,9 @@ def test_equals_its_naive_twin(seed, sight, tilt):
     eyes, axes, times = some_looks(rng, 6, tilt=tilt)
     eyes[rng.integers(6), 2] = math.nan
     known = np.isfinite(eyes).all(axis=1)
-    expected = naive.tally(surface, sight, EXACT, cells, eyes[known], axes[known], times[known])
-    tally = tallied(surface, sight, EXACT, cells, eyes, axes, times, workers=int(rng.integers(1, 4)))
+    tops = tops_of(axes, rng.uniform(0.0, math.tau))
+    expected = naive.tally(surface, sight, EXACT, cells, eyes[known], axes[known], tops[known], times[known])
+    tally = tallied(surface, sight, EXACT, cells, eyes, axes, times, tops=tops, workers=int(rng.integers(1, 4)))
     numbers = np.flatnonzero(known)
     assert tally.outcome.tolist() == [cell["outcome"] for cell in expected]
     assert tally.passes.tolist() == [cell["passes"] for cell in expected]
@@ -112,6 +136,16 @@ def test_why_a_cell_was_not_seen():
     assert tallied(surface, sight, EXACT, cell, eyes, np.repeat(DOWN, 3, 0), [0.0, 1.0, 2.0]).outcome[0] == OCCLUDED
 
 
+def test_a_picture_taken_from_too_high_is_too_coarse():
+    focal_px, largest_m = 900.0, 0.1
+    for kind in (CONE, FRUSTUM):
+        sight = Sight(kind, 500.0, 1.0, 0.0, RAY, tan_half_along=1.0, sample_focal_m=largest_m * focal_px)
+        for up, outcome in ((89.9, SEEN), (90.1, TOO_COARSE)):
+            tally = tallied(flat_ground(), sight, EXACT, one_cell(30.0), [[0.0, 0.0, up]], DOWN, [0.0])
+            assert tally.outcome[0] == outcome
+            assert tally.ground_sample_m[0] == (pytest.approx(up / focal_px) if outcome == SEEN else math.inf)
+
+
 def test_passes_are_separate_when_the_cell_was_out_of_sight_for_longer_than_the_gap():
     sight = Sight(SPHERE, 100.0, 0.0, -1.0, NO_LINE_OF_SIGHT)
     eye = np.repeat([[0.0, 0.0, 80.0]], 5, axis=0)
@@ -132,7 +166,8 @@ def test_sure_and_possible_bound_what_any_error_would_have_made(seed, sight, hor
     camera = Camera(
         math.nan, 1.0, math.hypot(horizontal, vertical), horizontal, vertical + horizontal * surface.steepest, turn
     )
-    tally = tallied(surface, sight, camera, cells, eyes, axes, times)
+    tops = tops_of(axes, rng.uniform(0.0, math.tau))
+    tally = tallied(surface, sight, camera, cells, eyes, axes, times, tops=tops)
     seen = tally.outcome == SEEN
     assert not (tally.sure & ~seen).any()
     assert not (seen & ~tally.possible).any()
@@ -140,11 +175,10 @@ def test_sure_and_possible_bound_what_any_error_would_have_made(seed, sight, hor
         angle, radius = rng.uniform(0.0, math.tau), horizontal * math.sqrt(rng.random())
         by = np.array([radius * math.cos(angle), radius * math.sin(angle), rng.uniform(-vertical, vertical)])
         moved = eyes + by
-        turned = axes + math.tan(turn) * rng.random() * np.cross(axes, rng.normal(size=3) / 3.0)
-        turned /= np.linalg.norm(turned, axis=1)[:, None]
-        if math.acos(min(1.0, float((turned * axes).sum()))) > turn:
-            turned = axes
-        other = tallied(surface, sight, EXACT, cells, moved, turned, times).outcome == SEEN
+        error = rng.normal(size=3)
+        error *= turn * rng.random() / np.linalg.norm(error)
+        turned, turned_tops = (Rotation.from_rotvec(error).apply(rows) for rows in (axes, tops))
+        other = tallied(surface, sight, EXACT, cells, moved, turned, times, tops=turned_tops).outcome == SEEN
         assert not (tally.sure & ~other).any()
         assert not (other & ~tally.possible).any()
 

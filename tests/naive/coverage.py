@@ -5,7 +5,8 @@ import math
 
 from tests.naive import obstacles as naive_obstacles
 from tests.naive import surface as naive_surface
-from uavcover.kernels.coverage import CONE, DISC, GRAZING_M, MIDPOINT, RAY, SPHERE
+from uavcover.kernels.coverage import GRAZING_M
+from uavcover.kernels.sight import CONE, DISC, FRUSTUM, MIDPOINT, RAY, SPHERE
 from uavcover.kernels.surface import SINE_COSINE
 
 
@@ -21,19 +22,57 @@ def _angle_deg(a, b):
     return math.degrees(math.acos(max(-1.0, min(1.0, dot / (math.hypot(*a) * math.hypot(*b))))))
 
 
-def in_view(sight, eye, centre, normal):
+def in_camera_frame(sight, ray, heading):
+    """A ray turned into the axes of a level vehicle's camera: right, top of the picture, depth."""
+    he, hn = heading if math.isnan(sight.heading_e) else (sight.heading_e, sight.heading_n)
+    # Turn the heading to the north, then the camera's axis from its pitch to the horizon.
+    yaw = math.atan2(he, hn)
+    east = ray[0] * math.cos(yaw) - ray[1] * math.sin(yaw)
+    north = ray[0] * math.sin(yaw) + ray[1] * math.cos(yaw)
+    pitch = math.atan2(sight.sin_pitch, sight.cos_pitch)
+    return (
+        east,
+        ray[2] * math.cos(pitch) - north * math.sin(pitch),
+        north * math.cos(pitch) + ray[2] * math.sin(pitch),
+    )
+
+
+def ground_sample_m(focal_px, distance, off_axis_deg, incidence_deg):
+    """A pixel's solid angle cos^3 / f^2, spread over ground at that distance and incidence."""
+    solid = math.cos(math.radians(off_axis_deg)) ** 3 / focal_px**2
+    return math.sqrt(distance**2 * solid / math.cos(math.radians(incidence_deg)))
+
+
+def in_view(sight, eye, centre, normal, heading=(0.0, 1.0)):
     ray = [e - c for e, c in zip(eye, centre, strict=True)]
     if sight.kind == DISC:
         return math.hypot(ray[0], ray[1]) <= sight.reach_m
-    if math.hypot(*ray) > sight.reach_m:
+    distance = math.hypot(*ray)
+    if distance > sight.reach_m:
         return False
     if sight.kind == SPHERE:
         return True
-    assert sight.kind == CONE
-    off_nadir = _angle_deg(ray, (0.0, 0.0, 1.0))
-    incidence = _angle_deg(ray, normal)
     half_fov = math.degrees(math.atan(sight.tan_half_fov))
-    return off_nadir <= half_fov and incidence <= math.degrees(math.acos(sight.cos_max_incidence))
+    if sight.kind == CONE:
+        off_axis = _angle_deg(ray, (0.0, 0.0, 1.0))
+        inside = off_axis <= half_fov
+    else:
+        assert sight.kind == FRUSTUM
+        if math.isnan(sight.heading_e) and tuple(heading) == (0.0, 0.0):
+            return False
+        right, top, depth = in_camera_frame(sight, [-x for x in ray], heading)
+        off_axis = math.degrees(math.atan2(math.hypot(right, top), depth))
+        half_along = math.degrees(math.atan(sight.tan_half_along))
+        inside = (
+            depth > 0.0
+            and abs(math.degrees(math.atan2(right, depth))) <= half_fov
+            and abs(math.degrees(math.atan2(top, depth))) <= half_along
+        )
+    incidence = _angle_deg(ray, normal)
+    if not inside or incidence > math.degrees(math.acos(sight.cos_max_incidence)):
+        return False
+    # For one pixel of focal length.
+    return incidence < 90.0 and ground_sample_m(1.0, distance, off_axis, incidence) <= sight.sample_focal_m
 
 
 def in_line_of_sight(surface, sight, eye, centre):
@@ -53,16 +92,17 @@ def in_line_of_sight(surface, sight, eye, centre):
     return True
 
 
-def sees(surface, sight, eye, centre, normal):
+def sees(surface, sight, eye, centre, normal, heading=(0.0, 1.0)):
     if not all(math.isfinite(x) for x in eye):
         return False
-    return in_view(sight, eye, centre, normal) and in_line_of_sight(surface, sight, eye, centre)
+    return in_view(sight, eye, centre, normal, heading) and in_line_of_sight(surface, sight, eye, centre)
 
 
-def first_seen(surface, sight, cells, eyes):
+def first_seen(surface, sight, cells, eyes, headings):
     first = []
+    looks = list(zip(eyes.tolist(), headings.tolist(), strict=True))
     for centre, normal in zip(cells.centre_m.tolist(), cells.normal.tolist(), strict=True):
-        seen_by = [k for k, eye in enumerate(eyes.tolist()) if sees(surface, sight, eye, centre, normal)]
+        seen_by = [k for k, (eye, way) in enumerate(looks) if sees(surface, sight, eye, centre, normal, way)]
         first.append(seen_by[0] if seen_by else -1)
     return first
 

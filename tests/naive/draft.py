@@ -15,12 +15,13 @@ def span_looks(sensing, route, spacing):
 
 
 def list_cells(surface, sight, cells, looks):
-    """Numbers of the cells that any of the looks sees."""
+    """Numbers of the cells that any of the looks along one leg sees; the vehicle heads along it."""
+    heading = [b - a for a, b in zip(looks[0][:2], looks[-1][:2], strict=True)]
     places = zip(cells.centre_m.tolist(), cells.normal.tolist(), strict=True)
     return {
         number
         for number, (centre, normal) in enumerate(places)
-        if any(naive_coverage.sees(surface, sight, look, centre, normal) for look in looks)
+        if any(naive_coverage.sees(surface, sight, look, centre, normal, heading) for look in looks)
     }
 
 

@@ -2,9 +2,8 @@
 
 import math
 
-from tests.naive.coverage import _angle_deg, in_line_of_sight
-from uavcover.kernels.coverage import CONE, DISC
-from uavcover.kernels.tally import NOT_IN_RANGE, OCCLUDED, SEEN, TOO_OBLIQUE
+from tests.naive.coverage import _angle_deg, ground_sample_m, in_line_of_sight
+from uavcover.kernels.sight import CONE, DISC, FRUSTUM, NOT_IN_RANGE, OCCLUDED, SEEN, TOO_COARSE, TOO_OBLIQUE
 
 
 def angles_deg(eye, axis, centre, normal):
@@ -14,28 +13,45 @@ def angles_deg(eye, axis, centre, normal):
     return _angle_deg(to_cell, axis), _angle_deg(to_eye, normal)
 
 
-def outcome(surface, sight, eye, axis, centre, normal):
+def in_picture(sight, eye, axis, top, centre):
+    """By the angles to both sides of the camera's axis, in the plane of its top and in that of its right."""
+    right = (
+        axis[1] * top[2] - axis[2] * top[1],
+        axis[2] * top[0] - axis[0] * top[2],
+        axis[0] * top[1] - axis[1] * top[0],
+    )
+    to_cell = [c - e for e, c in zip(eye, centre, strict=True)]
+    depth, across, along = (sum(x * y for x, y in zip(to_cell, way, strict=True)) for way in (axis, right, top))
+    half_across, half_along = math.atan(sight.tan_half_fov), math.atan(sight.tan_half_along)
+    return abs(math.atan2(across, depth)) <= half_across and abs(math.atan2(along, depth)) <= half_along
+
+
+def outcome(surface, sight, eye, axis, top, centre, normal):
     if sight.kind == DISC:
         if math.dist(eye[:2], centre[:2]) > sight.reach_m:
             return NOT_IN_RANGE
     elif math.dist(eye, centre) > sight.reach_m:
         return NOT_IN_RANGE
-    if sight.kind == CONE:
+    if sight.kind in (CONE, FRUSTUM):
         off_axis, incidence = angles_deg(eye, axis, centre, normal)
-        if off_axis > math.degrees(math.atan(sight.tan_half_fov)):
+        if sight.kind == CONE and off_axis > math.degrees(math.atan(sight.tan_half_fov)):
+            return NOT_IN_RANGE
+        if sight.kind == FRUSTUM and not in_picture(sight, eye, axis, top, centre):
             return NOT_IN_RANGE
         if incidence > math.degrees(math.acos(sight.cos_max_incidence)):
             return TOO_OBLIQUE
+        if ground_sample_m(1.0, math.dist(eye, centre), off_axis, incidence) > sight.sample_focal_m:
+            return TOO_COARSE
     return SEEN if in_line_of_sight(surface, sight, eye, centre) else OCCLUDED
 
 
-def tally(surface, sight, camera, cells, eyes, axes, times):
+def tally(surface, sight, camera, cells, eyes, axes, tops, times):
     """A dictionary for each cell."""
     found = []
     for centre, normal in zip(cells.centre_m.tolist(), cells.normal.tolist(), strict=True):
         outcomes = [
-            outcome(surface, sight, eye, axis, centre, normal)
-            for eye, axis in zip(eyes.tolist(), axes.tolist(), strict=True)
+            outcome(surface, sight, eye, axis, top, centre, normal)
+            for eye, axis, top in zip(eyes.tolist(), axes.tolist(), tops.tolist(), strict=True)
         ]
         seen_by = [k for k, result in enumerate(outcomes) if result == SEEN]
         passes = 0
@@ -44,12 +60,9 @@ def tally(surface, sight, camera, cells, eyes, axes, times):
                 passes += 1
         samples = []
         for k in seen_by:
-            if sight.kind == CONE:
+            if sight.kind in (CONE, FRUSTUM):
                 off_axis, incidence = angles_deg(eyes[k].tolist(), axes[k].tolist(), centre, normal)
-                # A pixel's solid angle cos^3 / f^2, spread over ground at that distance and incidence.
-                solid = math.cos(math.radians(off_axis)) ** 3 / camera.focal_px**2
-                area = math.dist(eyes[k], centre) ** 2 * solid / math.cos(math.radians(incidence))
-                samples.append(math.sqrt(area))
+                samples.append(ground_sample_m(camera.focal_px, math.dist(eyes[k], centre), off_axis, incidence))
         found.append(
             {
                 "outcome": max(outcomes, default=NOT_IN_RANGE),

@@ -11,7 +11,7 @@ import pytest
 from tests.planning.sites import hills, make_site
 from tests.planning.test_planner import Clock, frozen, same, values
 from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.kernels.coverage import CONE, DISC, Sight
+from uavcover.kernels.sight import CONE, DISC, Sight
 from uavcover.leg_checks import measure_violations
 from uavcover.model.route import Plan, Route
 from uavcover.model.sensor import DiscSensor, SphereSensor

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.coverage.level_looks import LevelLooks
 from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.recording import FlightEvent, VehicleState
@@ -47,7 +48,7 @@ def make_flight(
     middle_agl_m = 0.5 * (scenario.limits.min_height_agl_m + scenario.limits.max_height_agl_m)
     waypoints = np.column_stack([places, site.ground.heights_m(places) + middle_agl_m])
     track = fly(site, waypoints, speed_m_s=speed_m_s, rate_hz=rate_hz)
-    first = coverage.first_seen(track.enu_m)
+    first = coverage.first_seen(LevelLooks.towards_north(track.enu_m))
     return Flight(
         site=site,
         coverage=coverage,

@@ -14,6 +14,7 @@ from rerun.chunk import RrdReader
 from rerun.experimental import ViewerClient
 
 from tests.recording.flights import Flight
+from uavcover.coverage.level_looks import LevelLooks
 from uavcover.model.track import Track, TrackSample
 from uavcover.recording import RecordingError, VehicleState, describe_recording, layout, read_recorded_track, viewer
 from uavcover.recording.live import LiveRecording
@@ -79,7 +80,9 @@ def test_cells_turn_as_a_level_camera_sees_them(flight: Flight, grown: Path) -> 
     for entity, rgba in colors.items():
         green[cells[entity]] = ((rgba >> 16) & 255) > 2 * (rgba >> 24)
     route = flight.track.current_waypoint[:SAMPLES] >= 1
-    np.testing.assert_array_equal(green, flight.coverage.seen_from(flight.track.enu_m[:SAMPLES][route]))
+    np.testing.assert_array_equal(
+        green, flight.coverage.seen_by(LevelLooks.towards_north(flight.track.enu_m[:SAMPLES][route]))
+    )
     assert green.sum() > 100
 
 

@@ -8,6 +8,7 @@ import shapely
 
 from tests.recording.flights import Flight
 from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.coverage.level_looks import LevelLooks
 from uavcover.recording.footprint import footprints_m
 from uavcover.recording.relief import relief_mesh
 from uavcover.recording.scene import waypoint_labels
@@ -17,6 +18,7 @@ from uavcover.terrain.ground import Ground, grid_ground
 from uavcover.terrain.shading import hillshade
 
 DOWN = np.array([[0.0, 0.0, -1.0]])
+NORTH = np.array([[0.0, 1.0, 0.0]])
 
 
 def plane(slope_east: float, *, hole: bool = False) -> Ground:
@@ -54,7 +56,7 @@ def test_light_comes_from_the_north_west() -> None:
 def test_footprint_of_a_nadir_camera_over_a_plane_is_a_circle(flight: Flight) -> None:
     site = dataclasses.replace(flight.site, ground=plane(0.0))
     coverage = _over(flight, site.ground)
-    (ring,) = footprints_m(coverage, np.array([[250.0, 250.0, 180.0]]), DOWN)
+    (ring,) = footprints_m(coverage, np.array([[250.0, 250.0, 180.0]]), DOWN, NORTH)
     radius_m = np.hypot(ring[:, 0] - 250.0, ring[:, 1] - 250.0)
     expected_m = 80.0 * np.tan(np.radians(site.scenario.sensor.fov_deg / 2.0))  # type: ignore[union-attr]
     step_m = 200.0 * np.sin(np.radians(site.scenario.sensor.fov_deg / 2.0)) / 40.0  # type: ignore[union-attr]
@@ -70,7 +72,7 @@ def test_footprint_of_a_rolled_camera_lies_where_its_rays_meet_the_plane(flight:
     axis = body_rotations(np.array([[roll_deg, 0.0, 0.0]])).apply(DOWN)
     assert axis[0] == pytest.approx([-np.sin(np.radians(roll_deg)), 0.0, -np.cos(np.radians(roll_deg))])
     height_m = 60.0
-    (ring,) = footprints_m(coverage, np.array([[250.0, 250.0, 100.0 + height_m]]), axis)
+    (ring,) = footprints_m(coverage, np.array([[250.0, 250.0, 100.0 + height_m]]), axis, NORTH)
     half_deg = coverage.site.scenario.sensor.fov_deg / 2.0  # type: ignore[union-attr]
     ends = [250.0 - height_m * np.tan(np.radians(roll_deg + side * half_deg)) for side in (1.0, -1.0)]
     np.testing.assert_allclose([ring[:, 0].min(), ring[:, 0].max()], ends, atol=12.0)
@@ -90,15 +92,18 @@ def test_the_texture_lies_on_the_mesh_with_north_on_top() -> None:
 def test_footprint_is_empty_out_of_reach_and_below_ground(flight: Flight) -> None:
     coverage = _over(flight, plane(0.0))
     high, buried = footprints_m(
-        coverage, np.array([[250.0, 250.0, 400.0], [250.0, 250.0, 50.0]]), np.repeat(DOWN, 2, axis=0)
+        coverage,
+        np.array([[250.0, 250.0, 400.0], [250.0, 250.0, 50.0]]),
+        np.repeat(DOWN, 2, axis=0),
+        np.repeat(NORTH, 2, axis=0),
     )
     assert high.shape == buried.shape == (0, 3)
 
 
 def test_seen_cells_lie_in_the_footprint(flight: Flight) -> None:
     eye = flight.track.enu_m[300:301]
-    (ring,) = footprints_m(flight.coverage, eye, DOWN)
-    centres = flight.coverage.grid.cells.centre_m[flight.coverage.seen_from(eye)]
+    (ring,) = footprints_m(flight.coverage, eye, DOWN, NORTH)
+    centres = flight.coverage.grid.cells.centre_m[flight.coverage.seen_by(LevelLooks.towards_north(eye))]
     # The outline is known to a 40th of the reach.
     outline = shapely.Polygon(ring[:, :2]).buffer(5.0)
     assert len(centres) > 10

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from tests.planning.sites import CAMERA, make_site
 from tests.verification.flights import changed, fly_along, track_of
+from uavcover.coverage.camera_turn import camera_turn
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.model.sensor import NadirCamera, SphereSensor
-from uavcover.verification.looks import camera_axes
 from uavcover.verification.verify import flown_coverage, verify_track
 
 PATH = np.array([[0.0, 100.0, 80.0], [300.0, 100.0, 80.0]])
@@ -26,11 +26,11 @@ def middle_north(coverage, seen):
 
 def test_axes_are_those_of_scipys_rotations():
     attitude = np.random.default_rng(3).uniform([-40.0, -30.0, 0.0], [40.0, 30.0, 360.0], (50, 3))
-    axes, unknown = camera_axes(CAMERA, attitude)
+    turn = camera_turn(CAMERA, attitude)
     # Yaw, pitch, roll of the body (forward, right, down) against north-east-down; the camera looks down in the body.
     ned = Rotation.from_euler("ZYX", attitude[:, ::-1], degrees=True).apply([0.0, 0.0, 1.0])
-    np.testing.assert_allclose(axes, ned[:, [1, 0, 2]] * [1.0, 1.0, -1.0], atol=1e-12)
-    assert unknown == 0
+    np.testing.assert_allclose(turn.axes, ned[:, [1, 0, 2]] * [1.0, 1.0, -1.0], atol=1e-12)
+    assert turn.level_assumed == 0
 
 
 @pytest.mark.parametrize(
@@ -43,8 +43,8 @@ def test_axes_are_those_of_scipys_rotations():
     ],
 )
 def test_which_way_it_looks(attitude, points):
-    axes, _ = camera_axes(CAMERA, np.array([attitude]))
-    np.testing.assert_allclose(axes[0], [*points, -math.cos(math.radians(30.0))], atol=1e-12)
+    turn = camera_turn(CAMERA, np.array([attitude]))
+    np.testing.assert_allclose(turn.axes[0], [*points, -math.cos(math.radians(30.0))], atol=1e-12)
 
 
 def test_a_track_rolled_by_30_degrees_covers_other_cells():

@@ -9,6 +9,7 @@ import pytest
 from tests.planning.sites import flat, make_site, ridge, with_scenario
 from tests.verification.flights import fly_along, moved, taken
 from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.kernels.sight import OCCLUDED
 from uavcover.model.sensor import NadirCamera
 from uavcover.model.uncertainty import Uncertainty
 from uavcover.site import Site
@@ -156,7 +157,7 @@ def test_position_errors_also_blur_what_stands_behind_a_hill() -> None:
     unsure = with_scenario(site, uncertainty=Uncertainty(height_m=8.0))
     blurred = verdict_on(unsure, path, cell_m=5.0)
     behind = blurred.coverage.grid.cells.centre_m[:, 0] > 152.0
-    assert (exact.flown.outcome[behind] == 2).sum() > 10
+    assert (exact.flown.outcome[behind] == OCCLUDED).sum() > 10
     assert (blurred.flown.possibly_seen & behind).sum() > (exact.flown.seen & behind).sum()
 
 

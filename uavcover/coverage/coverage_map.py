@@ -1,6 +1,5 @@
 """Coverage of routes and tracks, and what can be covered at all."""
 
-import math
 from functools import cached_property
 
 import numpy as np
@@ -8,18 +7,16 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.coverage.cells import CellGrid, make_cells
-from uavcover.coverage.sensors import reach_at_height_m, sight_of
+from uavcover.coverage.level_looks import LevelLooks
+from uavcover.coverage.sensors import look_spacing_m, sight_of, turns_with_legs
+from uavcover.coverage.trial_places import trial_places
 from uavcover.kernels import coverage as kernels
-from uavcover.kernels.coverage import Sight
+from uavcover.kernels.sight import Sight
 from uavcover.site import Site
 from uavcover.terrain.clearance import waypoint_breaches
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-
-_TRY_DIRECTIONS = 12
-_TRY_RADII = (0.35, 0.7, 0.95)
-_TRY_HEIGHTS = (0.5, 0.0, 1.0)
 
 
 class CoverageMap:
@@ -36,26 +33,35 @@ class CoverageMap:
         self.grid: CellGrid = make_cells(site, cell_size_m)
         self.sight: Sight = sight_of(site.scenario.sensor)
 
-    def looks(self, route_m: FloatArray) -> FloatArray:
-        """Places (k, 3) from which a sensor on an (n, 3) ENU route looks: its waypoints, or samples along its legs."""
+    def looks(self, route_m: FloatArray) -> LevelLooks:
+        """From where a sensor on an (n, 3) ENU route looks: its waypoints, or samples along its legs.
+
+        A camera that turns with the legs looks twice from a waypoint between two legs: along the one and along the other.
+        """
         route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
         if self.site.scenario.sensor.sensing == "at-waypoints":
-            return route
-        return kernels.sample_path(route, self.site.scenario.sensor.sample_spacing_m)
+            return LevelLooks.towards_north(route)
+        spacing_m = look_spacing_m(self.site.scenario)
+        if not turns_with_legs(self.sight):
+            return LevelLooks.towards_north(kernels.sample_path(route, spacing_m))
+        legs = [kernels.sample_path(np.ascontiguousarray(route[k : k + 2]), spacing_m) for k in range(len(route) - 1)]
+        headings = [np.tile(leg[-1, :2] - leg[0, :2], (len(leg), 1)) for leg in legs]
+        if not legs:
+            return LevelLooks(route, np.zeros((len(route), 2)))
+        return LevelLooks(np.vstack(legs), np.vstack(headings))
 
     def seen(self, route_m: FloatArray) -> BoolArray:
         """(cells,) whether each cell is seen from an (n, 3) ENU route, by the sensing rule of the scenario."""
-        return self.seen_from(self.looks(route_m))
+        return self.seen_by(self.looks(route_m))
 
-    def seen_from(self, points_m: FloatArray) -> BoolArray:
-        """(cells,) whether each cell is seen from any of (k, 3) ENU points."""
-        points = np.ascontiguousarray(points_m, dtype=float).reshape(-1, 3)
-        return kernels.seen_from_points(self.site.ground.surface, self.sight, self.grid.cells, points)
+    def seen_by(self, looks: LevelLooks) -> BoolArray:
+        """(cells,) whether each cell is seen by any of the looks."""
+        return self.first_seen(looks) >= 0
 
-    def first_seen(self, points_m: FloatArray) -> NDArray[np.int64]:
-        """(cells,) number of the first of (k, 3) ENU points that sees each cell, -1 where none does."""
-        points = np.ascontiguousarray(points_m, dtype=float).reshape(-1, 3)
-        return kernels.first_seen(self.site.ground.surface, self.sight, self.grid.cells, points)
+    def first_seen(self, looks: LevelLooks) -> NDArray[np.int64]:
+        """(cells,) number of the first look that sees each cell, -1 where none does."""
+        surface = self.site.ground.surface
+        return kernels.first_seen(surface, self.sight, self.grid.cells, looks.places_m, looks.headings)
 
     def share(self, seen: BoolArray) -> float:
         """Share of the area, 0..1, weighted by the ground's surface."""
@@ -70,30 +76,19 @@ class CoverageMap:
     def coverable(self) -> BoolArray:
         """(cells,) whether a cell can be seen from some allowed place.
 
-        Every cell is tried from right above it and from 36 places around it, each at three heights, all inside the fence,
-        the height band and the sea-level limits and clear of obstacles. A cell that is found is coverable for certain; one
-        that is not found might still be seen from a place that was not tried, so the set is a lower bound.
+        Every cell is tried from several places around it (:func:`uavcover.coverage.trial_places.trial_places`), all inside the
+        fence, the height band and the sea-level limits and clear of obstacles. A cell that is found is coverable for certain;
+        one that is not found might still be seen from a place that was not tried, so the set is a lower bound.
         """
-        limits = self.site.scenario.limits
-        middle_agl = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
-        reach = max(
-            reach_at_height_m(self.site.scenario.sensor, h)
-            for h in (limits.min_height_agl_m, middle_agl, limits.max_height_agl_m)
-        )
-        offsets = [(0.0, 0.0)] + [
-            (reach * r * math.cos(a), reach * r * math.sin(a))
-            for r in _TRY_RADII
-            for a in np.arange(_TRY_DIRECTIONS) * (2.0 * math.pi / _TRY_DIRECTIONS)
-        ]
-        cells = self.grid.cells
         found = np.zeros(self.grid.count, dtype=bool)
-        for de, dn in offsets:
-            for share in _TRY_HEIGHTS:
-                todo = np.flatnonzero(~found)
-                if todo.size == 0:
-                    return found
-                eyes = self._allowed_places(cells.centre_m[todo, :2] + (de, dn), share)
-                found[todo] = sees_each(self, eyes, todo)
+        for place in trial_places(self.site.scenario):
+            todo = np.flatnonzero(~found)
+            if todo.size == 0:
+                break
+            centres = self.grid.cells.centre_m[todo, :2]
+            eyes = self._allowed_places(centres + np.array([place.east_m, place.north_m]), place.band_share)
+            looks = LevelLooks(eyes, np.tile([place.heading_e, place.heading_n], (todo.size, 1)))
+            found[todo] = sees_each(self, looks, todo)
         return found
 
     def _allowed_places(self, east_north_m: FloatArray, share: float) -> FloatArray:
@@ -116,10 +111,10 @@ class CoverageMap:
         return places
 
 
-def sees_each(coverage: CoverageMap, eyes_m: FloatArray, cell_numbers: NDArray[np.int64]) -> BoolArray:
-    """(k,) whether the sensor at each of (k, 3) places sees the cell of the same row; False where a place is NaN."""
+def sees_each(coverage: CoverageMap, looks: LevelLooks, cell_numbers: NDArray[np.int64]) -> BoolArray:
+    """(k,) whether each of k looks sees the cell of the same row; False where a place is NaN."""
     cells = coverage.grid.cells
     return kernels.sees_each(
-        coverage.site.ground.surface, coverage.sight, np.ascontiguousarray(eyes_m),
+        coverage.site.ground.surface, coverage.sight, np.ascontiguousarray(looks.places_m), looks.headings,
         cells.centre_m[cell_numbers], cells.normal[cell_numbers],
     )  # fmt: skip

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.kernels.coverage import MIDPOINT, RAY
+from uavcover.kernels.sight import MIDPOINT, RAY
 from uavcover.site import Site
 
 BoolArray = NDArray[np.bool_]

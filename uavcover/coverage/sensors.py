@@ -1,11 +1,17 @@
-"""Sensors of a scenario as the plain numbers that kernels take."""
+"""Sensors of a scenario as the plain numbers that kernels take, and what they see of flat ground."""
 
 import math
+from dataclasses import dataclass
 
-from uavcover.kernels.coverage import CONE, DISC, MIDPOINT, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight
-from uavcover.model.sensor import DiscSensor, NadirCamera, Sensor, SphereSensor
+import numpy as np
+
+from uavcover.errors import ScenarioError
+from uavcover.kernels.sight import CONE, DISC, FRUSTUM, MIDPOINT, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight
+from uavcover.model.scenario import Scenario
+from uavcover.model.sensor import Camera, DiscSensor, FrameCamera, NadirCamera, Sensor, SphereSensor
 
 _LINE_OF_SIGHT = {"ray": RAY, "midpoint": MIDPOINT}
+_PICTURE_STEPS = 41
 
 
 def sight_of(sensor: Sensor) -> Sight:
@@ -19,9 +25,26 @@ def sight_of(sensor: Sensor) -> Sight:
             return Sight(
                 CONE,
                 sensor.range_m,
-                math.tan(math.radians(sensor.fov_deg) / 2.0),
+                _tan_half(sensor.fov_deg),
                 math.cos(math.radians(sensor.max_incidence_deg)),
                 _LINE_OF_SIGHT[sensor.line_of_sight],
+                sample_focal_m=_sample_focal_m(sensor),
+            )
+        case FrameCamera():
+            off_nadir = math.radians(90.0 + sensor.pitch_deg)
+            heading = math.nan if sensor.heading_deg is None else math.radians(sensor.heading_deg)
+            return Sight(
+                FRUSTUM,
+                sensor.range_m,
+                _tan_half(sensor.fov_across_deg) * (1.0 - sensor.side_overlap),
+                math.cos(math.radians(sensor.max_incidence_deg)),
+                _LINE_OF_SIGHT[sensor.line_of_sight],
+                tan_half_along=_tan_half(sensor.fov_along_deg),
+                cos_pitch=math.sin(off_nadir),
+                sin_pitch=-math.cos(off_nadir),
+                heading_e=math.sin(heading),
+                heading_n=math.cos(heading),
+                sample_focal_m=_sample_focal_m(sensor),
             )
 
 
@@ -30,8 +53,72 @@ def farthest_m(sensor: Sensor) -> float:
     return sensor.radius_m if isinstance(sensor, DiscSensor) else sensor.range_m
 
 
+def turns_with_legs(sight: Sight) -> bool:
+    """Whether what a sensor sees depends on the direction of the leg that is flown."""
+    return sight.kind == FRUSTUM and math.isnan(sight.heading_e)
+
+
+def focal_px(sensor: Sensor) -> float:
+    """Focal length of a camera in pixels; NaN when it is not known, or the sensor has none."""
+    if not isinstance(sensor, Camera) or sensor.pixels_across is None:
+        return math.nan
+    across_deg = sensor.fov_deg if isinstance(sensor, NadirCamera) else sensor.fov_across_deg
+    return sensor.pixels_across / (2.0 * _tan_half(across_deg))
+
+
+def _tan_half(angle_deg: float) -> float:
+    return math.tan(math.radians(angle_deg) / 2.0)
+
+
+def _sample_focal_m(sensor: Camera) -> float:
+    return math.inf if sensor.max_ground_sample_m is None else sensor.max_ground_sample_m * focal_px(sensor)
+
+
+@dataclass(frozen=True, slots=True)
+class FlatPicture:
+    """What a frame camera on a level vehicle sees of flat ground: from ``near_m`` to ``far_m`` ahead of it, negative is behind.
+
+    Attributes:
+        near_m: of the picture's middle line, ahead of the vehicle.
+        far_m: likewise.
+        half_width_m: half the picture's width where it is widest, what an overlap leaves of it.
+    """
+
+    near_m: float
+    far_m: float
+    half_width_m: float
+
+
+def flat_picture(sensor: FrameCamera, height_agl_m: float) -> FlatPicture | None:
+    """What a frame camera sees of flat ground from a height; none when nothing."""
+    sight = sight_of(sensor)
+    off_nadir, half = math.radians(90.0 + sensor.pitch_deg), math.radians(0.5 * sensor.fov_along_deg)
+    # On flat ground the incidence angle is the angle off the vertical, and "facing" the height.
+    slant = min(sensor.range_m, height_agl_m / max(sight.cos_max_incidence, 1e-12))
+    if slant <= height_agl_m:
+        return None
+    farthest = math.sqrt(slant**2 - height_agl_m**2)
+    near = max(height_agl_m * math.tan(off_nadir - half), -farthest)
+    far = farthest if off_nadir + half >= 0.5 * math.pi else min(height_agl_m * math.tan(off_nadir + half), farthest)
+    deepest = (sight.sample_focal_m**2 * height_agl_m) ** (1.0 / 3.0)
+    # Depth of a place x ahead: height cos(off nadir) + x sin(off nadir).
+    if -sight.sin_pitch * height_agl_m + near * sight.cos_pitch > deepest:
+        return None
+    if sight.cos_pitch > 0.0:
+        far = min(far, (deepest + sight.sin_pitch * height_agl_m) / sight.cos_pitch)
+    if far <= near:
+        return None
+    ahead = np.linspace(near, far, _PICTURE_STEPS)
+    depth = -sight.sin_pitch * height_agl_m + ahead * sight.cos_pitch
+    width = np.minimum(sight.tan_half_fov * depth, np.sqrt(np.maximum(farthest**2 - ahead**2, 0.0)))
+    return FlatPicture(near, far, float(width.max()))
+
+
 def reach_at_height_m(sensor: Sensor, height_agl_m: float) -> float:
-    """Horizontal radius of flat ground that a sensor sees from a height; 0 when it does not reach the ground."""
+    """Half the width of the strip of flat ground that a sensor sees from a height; 0 when it does not reach the ground.
+
+    A picture whose heading stays the same is crossed in any direction: then it is half of its shorter side.
+    """
     match sensor:
         case DiscSensor():
             return sensor.radius_m
@@ -41,4 +128,42 @@ def reach_at_height_m(sensor: Sensor, height_agl_m: float) -> float:
             slant = math.sqrt(max(0.0, sensor.range_m**2 - height_agl_m**2))
             # On flat ground the incidence angle is the angle off the vertical.
             half_angle_deg = min(0.5 * sensor.fov_deg, sensor.max_incidence_deg)
-            return min(slant, height_agl_m * math.tan(math.radians(half_angle_deg)))
+            deepest = (sight_of(sensor).sample_focal_m ** 2 * height_agl_m) ** (1.0 / 3.0)
+            radius = min(slant, height_agl_m * math.tan(math.radians(half_angle_deg)))
+            return radius if height_agl_m <= deepest else 0.0
+        case FrameCamera():
+            picture = flat_picture(sensor, height_agl_m)
+            if picture is None:
+                return 0.0
+            if sensor.heading_deg is None:
+                return picture.half_width_m
+            return min(picture.half_width_m, 0.5 * (picture.far_m - picture.near_m))
+
+
+def trigger_distance_m(scenario: Scenario) -> float | None:
+    """Way between two pictures; none when the scenario does not ask for pictures by distance.
+
+    From a forward overlap it follows at the lowest height of the band, where a picture shows least.
+
+    Raises:
+        ScenarioError: from there it shows nothing.
+    """
+    sensor = scenario.sensor
+    if not isinstance(sensor, FrameCamera):
+        return None
+    if sensor.forward_overlap is None:
+        return sensor.trigger_distance_m
+    lowest_m = scenario.limits.min_height_agl_m
+    picture = flat_picture(sensor, lowest_m)
+    if picture is None:
+        raise ScenarioError(
+            f"sensor.forward_overlap: from limits.min_height_agl_m = {lowest_m:g} m no flat ground is in the picture, close and "
+            "steep enough; give another pitch_deg, range_m or max_ground_sample_m"
+        )
+    return (1.0 - sensor.forward_overlap) * (picture.far_m - picture.near_m)
+
+
+def look_spacing_m(scenario: Scenario) -> float:
+    """Largest distance between two looks along the path: between two pictures, where these are taken by distance."""
+    distance = trigger_distance_m(scenario)
+    return scenario.sensor.sample_spacing_m if distance is None else distance

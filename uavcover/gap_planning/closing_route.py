@@ -9,7 +9,7 @@ from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.errors import InfeasibleError
 from uavcover.gap_planning.missing import MissingCells
 from uavcover.gap_planning.viewpoints import cover, grid_places, inside_fence, places_around
-from uavcover.kernels.coverage import CONE, Sight
+from uavcover.kernels.sight import CONE, FRUSTUM, Sight
 from uavcover.kernels.tour import order_between_ends
 from uavcover.leg_checks import measure_violations
 from uavcover.model.route import Route
@@ -232,9 +232,11 @@ def _narrower(site: Site, sight: Sight) -> Sight:
     """The sensor with its edge drawn in by the vehicle's acceptance radius at the middle of the band."""
     limits, radius = site.scenario.limits, site.scenario.vehicle.acceptance_radius_m
     reach = max(sight.reach_m - radius, 0.5 * sight.reach_m)
-    if sight.kind != CONE:
+    if sight.kind not in {CONE, FRUSTUM}:
         return sight._replace(reach_m=reach)
-    middle = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
+    less = radius / (0.5 * (limits.min_height_agl_m + limits.max_height_agl_m))
     return sight._replace(
-        reach_m=reach, tan_half_fov=max(sight.tan_half_fov - radius / middle, 0.5 * sight.tan_half_fov)
+        reach_m=reach,
+        tan_half_fov=max(sight.tan_half_fov - less, 0.5 * sight.tan_half_fov),
+        tan_half_along=max(sight.tan_half_along - less, 0.5 * sight.tan_half_along),
     )

@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.coverage.level_looks import LevelLooks
 from uavcover.kernels import coverage as kernels
-from uavcover.kernels.coverage import Cells, Sight
+from uavcover.kernels.coverage import Cells
+from uavcover.kernels.sight import Sight
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -46,11 +48,11 @@ class MissingCells:
         )  # fmt: skip
         return cls(coverage, cells, coverage.grid.weight_m2[numbers])
 
-    def seen_from(self, places_m: FloatArray, sight: Sight) -> BoolArray:
-        """(m,) whether each is seen from any of (k, 3) ENU places."""
-        points = np.ascontiguousarray(places_m, dtype=float).reshape(-1, 3)
-        return kernels.seen_from_points(self.coverage.site.ground.surface, sight, self.cells, points)
+    def seen_by(self, looks: LevelLooks, sight: Sight) -> BoolArray:
+        """(m,) whether each is seen by any of the looks."""
+        surface = self.coverage.site.ground.surface
+        return kernels.seen_from_points(surface, sight, self.cells, looks.places_m, looks.headings)
 
     def seen_on(self, route_m: FloatArray, sight: Sight) -> BoolArray:
-        """(m,) whether each is seen from an (n, 3) ENU route, by the sensing rule of the scenario."""
-        return self.seen_from(self.coverage.looks(route_m), sight)
+        """(m,) whether each is seen on an (n, 3) ENU route, by the sensing rule of the scenario."""
+        return self.seen_by(self.coverage.looks(route_m), sight)

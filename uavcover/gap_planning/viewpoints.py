@@ -6,9 +6,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from uavcover.coverage.sensors import reach_at_height_m
+from uavcover.coverage.level_looks import LevelLooks
+from uavcover.coverage.sensors import reach_at_height_m, turns_with_legs
 from uavcover.gap_planning.missing import MissingCells
-from uavcover.kernels.coverage import Sight
+from uavcover.kernels.sight import Sight
 from uavcover.planning.baselines import best_height_agl_m
 from uavcover.site import Site
 
@@ -20,6 +21,7 @@ _SPACING_REACHES = 0.4
 _AROUND_REACHES = (0.0, 0.35, 0.7, 0.95)
 _AROUND_DIRECTIONS = 12
 _AROUND_SHARES = (0.5, 0.0, 1.0)
+_HEADINGS = 8
 
 
 def grid_places(site: Site, missing: MissingCells) -> FloatArray:
@@ -79,7 +81,7 @@ def cover(site: Site, missing: MissingCells, places_agl_m: FloatArray, sight: Si
 
     ups = site.ground.heights_m(places_agl_m[:, :2]) + places_agl_m[:, 2]
     eyes = np.column_stack([places_agl_m[:, :2], ups])
-    columns = [np.flatnonzero(missing.seen_from(eye, sight) & wanted) for eye in eyes]
+    columns = [np.flatnonzero(missing.seen_by(_any_way(eye, sight), sight) & wanted) for eye in eyes]
     ends = np.concatenate([[0], np.cumsum([len(part) for part in columns])])
     cells = np.concatenate(columns) if columns else np.empty(0, dtype=np.int64)
     hits = sparse.csr_array((np.ones(len(cells)), cells, ends), shape=(len(columns), len(wanted)))
@@ -93,3 +95,13 @@ def cover(site: Site, missing: MissingCells, places_agl_m: FloatArray, sight: Si
         chosen.append(best)
         left[columns[best]] = 0.0
     return places_agl_m[np.array(chosen, dtype=np.int64)]
+
+
+def _any_way(place_m: FloatArray, sight: Sight) -> LevelLooks:
+    """Looks from a (3,) ENU place: in several directions where it matters which way the vehicle comes.
+
+    What such a place shows is too much then; the route that is laid through it decides.
+    """
+    if not turns_with_legs(sight):
+        return LevelLooks.towards_north(place_m)
+    return LevelLooks.by_yaw(np.tile(place_m, (_HEADINGS, 1)), 360.0 / _HEADINGS * np.arange(_HEADINGS, dtype=float))

@@ -3,7 +3,7 @@
 A cell c is inside the cone of the sample at s metres along the leg when |c - P(s)| <= tan (u(s) - z_c), on the map. The left
 side is convex in s and the right one linear, so their difference has one smallest value, at a known place, and of the
 samples along the leg one of the two beside that place is the best. Two tests decide, whatever the number of samples.
-Cells for which more than the cone counts (rays, incidence, range) are tried one by one.
+Cells for which more than the cone counts (rays, incidence, range, ground sample distance) are tried one by one.
 """
 
 import math
@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
-from uavcover.kernels.coverage import CONE, NO_LINE_OF_SIGHT, RAY, Cells, Sight
-from uavcover.kernels.spans import horizontal_reach, leg_sees_cell, samples_of_leg
+from uavcover.kernels.coverage import Cells
+from uavcover.kernels.sight import CONE, NO_LINE_OF_SIGHT, RAY, Sight, horizontal_reach
+from uavcover.kernels.spans import leg_sees_cell, samples_of_leg
 from uavcover.kernels.surface import Surface, has_node_cell
 
 NOT_SO = -2
@@ -59,7 +60,7 @@ def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
     steepest = np.maximum(cells.horizon[numbers], surface.steepest)
     always_clear = (sight.line_of_sight == NO_LINE_OF_SIGHT) | (steepest * sight.tan_half_fov <= 1.0)
     plain = np.zeros(cells.lattice.shape, dtype=np.bool_)
-    plain[there] = any_incidence & always_clear
+    plain[there] = any_incidence & always_clear & math.isinf(sight.sample_focal_m)
     at_row, at_column = np.nonzero(there)
     rows, columns = len(cells.lattice) // _BLOCK + 1, len(cells.lattice[0]) // _BLOCK + 1
     blocks = np.full((rows * _BLOCK, columns * _BLOCK), np.inf)

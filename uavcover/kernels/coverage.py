@@ -11,15 +11,8 @@ from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
 from uavcover.kernels.obstacles import keeps_clear
+from uavcover.kernels.sight import MIDPOINT, RAY, Aim, Sight, horizontal_reach, in_view, level_aim
 from uavcover.kernels.surface import Surface, has_node_cell, height, stays_above
-
-SPHERE = 0
-DISC = 1
-CONE = 2
-
-NO_LINE_OF_SIGHT = 0
-RAY = 1
-MIDPOINT = 2
 
 GRAZING_M = 1e-6
 """A ray that dips below the ground by no more than this still sees: the target itself lies on the ground."""
@@ -47,63 +40,27 @@ class Cells(NamedTuple):
     horizon: NDArray[np.float64]
 
 
-class Sight(NamedTuple):
-    """What a sensor can see, as plain numbers.
-
-    Attributes:
-        kind: SPHERE, DISC or CONE.
-        reach_m: largest slant range (SPHERE, CONE) or horizontal radius (DISC).
-        tan_half_fov: tangent of half the opening angle (CONE).
-        cos_max_incidence: cosine of the largest incidence angle (CONE); -1: any.
-        line_of_sight: NO_LINE_OF_SIGHT, RAY or MIDPOINT.
-    """
-
-    kind: int
-    reach_m: float
-    tan_half_fov: float
-    cos_max_incidence: float
-    line_of_sight: int
-
-
 @kernel
 def sees(
-    surface: Surface, sight: Sight, eye: NDArray[np.float64], centre: NDArray[np.float64], normal: NDArray[np.float64]
+    surface: Surface,
+    sight: Sight,
+    aim: Aim,
+    eye: NDArray[np.float64],
+    centre: NDArray[np.float64],
+    normal: NDArray[np.float64],
 ) -> bool:
-    """Whether the sensor at ``eye`` (3,) sees the cell with this centre (3,) and normal (3,); False where it is not finite."""
+    """Whether the sensor at ``eye`` (3,), turned by ``aim``, sees the cell with this centre (3,) and normal (3,).
+
+    False where the eye is not finite.
+    """
     if not math.isfinite(eye[0] + eye[1] + eye[2]):
         return False
     de = eye[0] - centre[0]
     dn = eye[1] - centre[1]
     du = eye[2] - centre[2]
-    if not in_view(sight, de, dn, du, normal[0], normal[1], normal[2]):
+    if not in_view(sight, aim, de, dn, du, normal[0], normal[1], normal[2]):
         return False
     return in_line_of_sight(surface, sight, eye, centre)
-
-
-@kernel
-def in_view(sight: Sight, de: float, dn: float, du: float, ne: float, nn: float, nu: float) -> bool:
-    """Whether a cell is in range, inside the field of view and not too oblique.
-
-    Args:
-        sight: the sensor.
-        de: from the cell to the sensor, east.
-        dn: north.
-        du: up.
-        ne: unit normal of the cell, east.
-        nn: north.
-        nu: up.
-    """
-    horizontal2 = de * de + dn * dn
-    if sight.kind == DISC:
-        return bool(horizontal2 <= sight.reach_m * sight.reach_m)
-    distance2 = horizontal2 + du * du
-    if distance2 > sight.reach_m * sight.reach_m:
-        return False
-    if sight.kind == CONE:
-        if du <= 0.0 or horizontal2 > (du * sight.tan_half_fov) ** 2:
-            return False
-        return bool(de * ne + dn * nn + du * nu >= sight.cos_max_incidence * math.sqrt(distance2))
-    return True
 
 
 @kernel
@@ -132,22 +89,6 @@ def nothing_between(
 
 
 @kernel
-def look(surface: Surface, sight: Sight, cells: Cells, eye: NDArray[np.float64], seen: NDArray[np.bool_]) -> int:
-    """Mark in ``seen`` (n,) every cell that the sensor at ``eye`` (3,) sees; returns how many are new.
-
-    A place that is not finite sees nothing.
-    """
-    first = np.full(seen.size, -1, dtype=np.int64)
-    for cell in range(seen.size):
-        if seen[cell]:
-            first[cell] = 0
-    new = _look(surface, sight, cells, eye[0], eye[1], eye[2], 1, first, _open_columns(cells, first))
-    for cell in range(seen.size):
-        seen[cell] = first[cell] >= 0
-    return new
-
-
-@kernel
 def _open_columns(cells: Cells, first: NDArray[np.int64]) -> NDArray[np.int32]:
     """(rows, columns + 1) for each place of the lattice, the next column, itself included, with a cell not yet seen.
 
@@ -169,6 +110,7 @@ def _look(
     surface: Surface,
     sight: Sight,
     cells: Cells,
+    aim: Aim,
     ee: float,
     en: float,
     eu: float,
@@ -181,12 +123,8 @@ def _look(
         return 0
     rows, columns = cells.lattice.shape
     centre, normal = cells.centre_m, cells.normal
-    reach = sight.reach_m
-    if sight.kind == CONE:
-        # The slant range bounds the radius: r = range sin(half angle).
-        reach *= sight.tan_half_fov / math.sqrt(1.0 + sight.tan_half_fov * sight.tan_half_fov)
     # A little wider against rounding: in_view decides.
-    reach += 1e-6 * cells.size_m
+    reach = horizontal_reach(sight) + 1e-6 * cells.size_m
     first_row = max(0, math.ceil((en - reach - cells.north0_m) / cells.size_m))
     last_row = min(rows - 1, math.floor((en + reach - cells.north0_m) / cells.size_m))
     new = 0
@@ -204,7 +142,7 @@ def _look(
             cell = cells.lattice[i, j]
             ce, cn, cu = centre[cell, 0], centre[cell, 1], centre[cell, 2]
             if in_view(
-                sight, ee - ce, en - cn, eu - cu, normal[cell, 0], normal[cell, 1], normal[cell, 2]
+                sight, aim, ee - ce, en - cn, eu - cu, normal[cell, 0], normal[cell, 1], normal[cell, 2]
             ) and nothing_between(surface, sight, cells.horizon[cell], ee, en, eu, ce, cn, cu):
                 first[cell] = number
                 table[i, j] = j + 1
@@ -214,19 +152,40 @@ def _look(
 
 
 @kernel
-def first_seen(surface: Surface, sight: Sight, cells: Cells, eyes: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(n,) number of the first of the (m, 3) points that sees each cell, -1 where none does."""
+def first_seen(
+    surface: Surface,
+    sight: Sight,
+    cells: Cells,
+    eyes: NDArray[np.float64],
+    headings: NDArray[np.float64],
+) -> NDArray[np.int64]:
+    """(n,) number of the first look that sees each cell, -1 where none does.
+
+    Args:
+        surface: the ground.
+        sight: the sensor.
+        cells: of the area.
+        eyes: (m, 3) from where it looks.
+        headings: (m, 2) east and north, of any length: where the level vehicle heads there.
+    """
     first = np.full(cells.centre_m.shape[0], -1, dtype=np.int64)
     table = _open_columns(cells, first)
     for k in range(eyes.shape[0]):
-        _look(surface, sight, cells, eyes[k, 0], eyes[k, 1], eyes[k, 2], k, first, table)
+        aim = level_aim(sight, headings[k, 0], headings[k, 1])
+        _look(surface, sight, cells, aim, eyes[k, 0], eyes[k, 1], eyes[k, 2], k, first, table)
     return first
 
 
 @kernel
-def seen_from_points(surface: Surface, sight: Sight, cells: Cells, eyes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) whether each cell is seen from any of the (m, 3) points."""
-    return first_seen(surface, sight, cells, eyes) >= 0
+def seen_from_points(
+    surface: Surface,
+    sight: Sight,
+    cells: Cells,
+    eyes: NDArray[np.float64],
+    headings: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """(n,) whether each cell is seen by any of the looks; see :func:`first_seen`."""
+    return first_seen(surface, sight, cells, eyes, headings) >= 0
 
 
 @kernel
@@ -266,11 +225,22 @@ def sees_each(
     surface: Surface,
     sight: Sight,
     eyes: NDArray[np.float64],
+    headings: NDArray[np.float64],
     centres: NDArray[np.float64],
     normals: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """(k,) whether the sensor at each (k, 3) place sees the cell of the same row; False where a place is not finite."""
+    """(k,) whether each of k looks sees the cell of the same row; False where a place is not finite.
+
+    Args:
+        surface: the ground.
+        sight: the sensor.
+        eyes: (k, 3) from where it looks.
+        headings: (k, 2) east and north, of any length: where the level vehicle heads there.
+        centres: (k, 3) of the cells.
+        normals: (k, 3) of the cells.
+    """
     out = np.zeros(eyes.shape[0], dtype=np.bool_)
     for i in range(eyes.shape[0]):
-        out[i] = sees(surface, sight, eyes[i], centres[i], normals[i])
+        aim = level_aim(sight, headings[i, 0], headings[i, 1])
+        out[i] = sees(surface, sight, aim, eyes[i], centres[i], normals[i])
     return out

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
 from uavcover.kernels.cone_spans import NOT_SO, ConeCells, list_cone_runs
-from uavcover.kernels.coverage import Cells, Sight
+from uavcover.kernels.coverage import Cells
 from uavcover.kernels.obstacles import keeps_clear
 from uavcover.kernels.runs import compare, make_changes, runs_of, weigh_changes
+from uavcover.kernels.sight import Sight
 from uavcover.kernels.spans import list_cells
 from uavcover.kernels.surface import Surface, height, height_range_between
 

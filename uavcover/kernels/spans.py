@@ -1,8 +1,9 @@
 """The cells that a stretch of a route sees, as a list: what a local search adds and takes away again.
 
 A span is a leg whose sensor looks at regular samples along it, or a single place (both ends the same). The set of places from
-which a cell is in view is convex for every sensor here (a ball, a disc, a cone above the cell), so the samples of a leg
-that see a cell are neighbours: their range is solved in closed form, and only inside it are samples tried.
+which a cell is in view is convex for every sensor here (a ball, a disc, a cone or a pyramid above the cell; a level vehicle keeps
+its heading along a leg), so the samples of a leg that see a cell are neighbours: their range is solved in closed form, and
+only inside it are samples tried. Along a straight leg each side plane of a pyramid is linear.
 """
 
 import math
@@ -11,18 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
-from uavcover.kernels.coverage import CONE, DISC, Cells, Sight, in_view, nothing_between
+from uavcover.kernels.coverage import Cells, nothing_between
+from uavcover.kernels.sight import CONE, DISC, FRUSTUM, Aim, Sight, horizontal_reach, in_round_view, in_view, level_aim
 from uavcover.kernels.surface import Surface, has_node_cell
 
 _ROUNDING = 1e-7
-
-
-@kernel
-def horizontal_reach(sight: Sight) -> float:
-    """Largest horizontal distance at which a sensor sees anything, metres: for a cone range sin(half angle)."""
-    if sight.kind != CONE:
-        return sight.reach_m
-    return sight.reach_m * sight.tan_half_fov / math.sqrt(1.0 + sight.tan_half_fov * sight.tan_half_fov)
 
 
 @kernel
@@ -64,13 +58,16 @@ def list_cells(
     last_row = min(rows - 1, math.floor((north - cells.north0_m) / cells.size_m))
     horizontal2 = de * de + dn * dn
     per_length2 = 1.0 / horizontal2 if horizontal2 > 0.0 else 0.0
+    picture = sight.kind == FRUSTUM
     tan = sight.tan_half_fov
     # How fast the radius of a cone on the ground grows along the leg; where it grows slower than the leg moves on, a cell
     # beside the leg is seen from somewhere on its straight line when radius^2 >= distance^2 (1 - growth^2) at the nearest place.
     growth2 = tan * tan * du * du * per_length2
     narrows = sight.kind == CONE and horizontal2 > 0.0 and growth2 < 1.0
-    # A ray inside a cone that is steeper than the ground ever is needs no test, unless an obstacle stands near its cell.
-    always_clear = sight.kind == CONE and surface.steepest * tan <= 1.0
+    # A ray inside a cone or a picture that is steeper than the ground ever is needs no test, unless an obstacle stands near its
+    # cell.
+    widest = tan if sight.kind == CONE else _widest_tangent(sight) if picture else math.inf
+    always_clear = surface.steepest * widest <= 1.0
     if always_clear and not (has_node_cell(surface, p[0], p[1]) and has_node_cell(surface, q[0], q[1])):
         always_clear = False
     piece = 1.0 / max(pieces, 1)
@@ -103,13 +100,17 @@ def list_cells(
                 beside2 = (ae + along * de) ** 2 + (an + along * dn) ** 2
                 if radius <= 0.0 or beside2 * (1.0 - growth2) > radius * radius * (1.0 + _ROUNDING):
                     continue
-            likely = math.floor(nearest * pieces + 0.5)
-            t = likely * piece
-            e, n, u = ae + t * de, an + t * dn, p[2] - cells.centre_m[cell, 2] + t * du
-            # In view first, here and in place: it decides for most cells, and a call with the ground costs as much again.
-            seen = in_view(sight, e, n, u, cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2])
-            clear = always_clear and cells.horizon[cell] * tan <= 1.0
-            if not (seen and clear) and (seen or pieces > 0):
+            seen = False
+            if not picture:
+                likely = math.floor(nearest * pieces + 0.5)
+                t = likely * piece
+                e, n, u = ae + t * de, an + t * dn, p[2] - cells.centre_m[cell, 2] + t * du
+                # In view first, here and in place: it decides for most cells, and a call with the ground costs as much again.
+                seen = in_round_view(
+                    sight, e, n, u, cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2]
+                )
+            clear = always_clear and cells.horizon[cell] * widest <= 1.0
+            if not (seen and clear) and (seen or pieces > 0 or picture):
                 seen = leg_sees_cell(surface, sight, cells, cell, p, de, dn, du, pieces, clear)
             if seen:
                 if count == out.size:
@@ -151,6 +152,8 @@ def leg_sees_cell(
                 ae * ae + an * an - tan2 * au * au,
             )
             low, high = max(low, cone_low), min(high, cone_high)
+        elif sight.kind == FRUSTUM:
+            low, high = _inside_picture(sight, level_aim(sight, de, dn), low, high, ae, an, au, de, dn, du)
         if low > high:
             return False
         first = max(0, math.ceil(low * pieces - _ROUNDING * pieces))
@@ -178,7 +181,12 @@ def _sample_sees(
 ) -> bool:
     """Whether the cell is seen from its own centre plus (ae, an, au) plus t (de, dn, du)."""
     e, n, u = ae + t * de, an + t * dn, au + t * du
-    if not in_view(sight, e, n, u, cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2]):
+    ne, nn, nu = cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2]
+    if sight.kind == FRUSTUM:
+        seen = in_view(sight, level_aim(sight, de, dn), e, n, u, ne, nn, nu)
+    else:
+        seen = in_round_view(sight, e, n, u, ne, nn, nu)
+    if not seen:
         return False
     if always_clear:
         return True
@@ -196,3 +204,48 @@ def _inside(a: float, b: float, c: float) -> tuple[float, float]:
         return 1.0, 0.0
     root = math.sqrt(max(0.0, root2))
     return max(0.0, (-b - root) / a - _ROUNDING), min(1.0, (-b + root) / a + _ROUNDING)
+
+
+@kernel
+def _inside_picture(
+    sight: Sight, aim: Aim, low: float, high: float, ae: float, an: float, au: float, de: float, dn: float, du: float
+) -> tuple[float, float]:
+    """The part of low..high, 0..1 of a leg, on which a cell is between the four side planes of the picture.
+
+    The sensor is at (ae, an, au) + t (de, dn, du) from the cell. Empty (low above high) where the camera's turn is not known.
+    """
+    depth = -(ae * aim.axis_e + an * aim.axis_n + au * aim.axis_u)
+    deeper = -(de * aim.axis_e + dn * aim.axis_n + du * aim.axis_u)
+    across = ae * aim.right_e + an * aim.right_n + au * aim.right_u
+    wider = de * aim.right_e + dn * aim.right_n + du * aim.right_u
+    along = ae * aim.top_e + an * aim.top_n + au * aim.top_u
+    longer = de * aim.top_e + dn * aim.top_n + du * aim.top_u
+    if not math.isfinite(depth):
+        return 1.0, 0.0
+    ta, tl = sight.tan_half_fov, sight.tan_half_along
+    low, high = _not_negative(low, high, ta * depth - across, ta * deeper - wider)
+    low, high = _not_negative(low, high, ta * depth + across, ta * deeper + wider)
+    low, high = _not_negative(low, high, tl * depth - along, tl * deeper - longer)
+    return _not_negative(low, high, tl * depth + along, tl * deeper + longer)
+
+
+@kernel
+def _not_negative(low: float, high: float, at_0: float, change: float) -> tuple[float, float]:
+    """The part of low..high where at_0 + t change >= 0, a hair wider: the samples decide."""
+    slack = _ROUNDING * (abs(at_0) + abs(change))
+    if change > 0.0:
+        return max(low, -(at_0 + slack) / change), high
+    if change < 0.0:
+        return low, min(high, -(at_0 + slack) / change)
+    return (low, high) if at_0 + slack >= 0.0 else (1.0, 0.0)
+
+
+@kernel
+def _widest_tangent(sight: Sight) -> float:
+    """Tangent of the largest angle between the vertical and a ray that the sensor of a level vehicle sees."""
+    reach = horizontal_reach(sight)
+    return (
+        reach / math.sqrt(max(0.0, sight.reach_m * sight.reach_m - reach * reach))
+        if reach < sight.reach_m
+        else math.inf
+    )

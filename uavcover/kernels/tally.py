@@ -11,15 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
-from uavcover.kernels.coverage import CONE, DISC, GRAZING_M, MIDPOINT, RAY, Cells, Sight
+from uavcover.kernels.coverage import GRAZING_M, Cells
 from uavcover.kernels.local_slopes import LocalSlopes, steepest_between
 from uavcover.kernels.obstacles import keeps_clear
+from uavcover.kernels.sight import (
+    CONE,
+    DISC,
+    FRUSTUM,
+    MIDPOINT,
+    OCCLUDED,
+    RAY,
+    SEEN,
+    SPHERE,
+    Sight,
+    ground_sample_m,
+    view,
+)  # fmt: skip
 from uavcover.kernels.surface import Surface, height, height_range_between
-
-NOT_IN_RANGE = 0
-TOO_OBLIQUE = 1
-OCCLUDED = 2
-SEEN = 3
 
 
 class Camera(NamedTuple):
@@ -31,7 +39,7 @@ class Camera(NamedTuple):
         offset_m: the eye may be anywhere within this distance of where it was measured, relative to the ground.
         horizontal_m: the horizontal part of that.
         lift_m: raised or lowered by this, the ray to the measured eye bounds the rays to all of these places.
-        turn_rad: the axis may point anywhere within this angle of where it was measured.
+        turn_rad: the camera may be turned anyhow within this angle of how it was measured.
     """
 
     focal_px: float
@@ -52,7 +60,7 @@ class Tally(NamedTuple):
         nearest_m: shortest distance from which it was seen, infinite: never.
         ground_sample_m: smallest ground sample distance with which it was seen, infinite: never, or not known.
         cos_incidence: cosine of the smallest incidence angle under which it was seen, -1: never.
-        outcome: uint8, the furthest that any look got: NOT_IN_RANGE, TOO_OBLIQUE, OCCLUDED, SEEN.
+        outcome: uint8, the furthest that any look got: NOT_IN_RANGE, TOO_OBLIQUE, TOO_COARSE, OCCLUDED, SEEN.
         sure: whether a look saw it whatever the errors were.
         possible: whether a look may have seen it, the errors being as they may.
     """
@@ -92,6 +100,7 @@ def tally_rows(
     cells: Cells,
     eyes: NDArray[np.float64],
     axes: NDArray[np.float64],
+    tops: NDArray[np.float64],
     times_s: NDArray[np.float64],
     first_row: int,
     row_step: int,
@@ -107,6 +116,7 @@ def tally_rows(
         cells: of the area.
         eyes: (k, 3) where the sensor was; a place that is not finite sees nothing.
         axes: (k, 3) unit vectors along which a camera looked.
+        tops: (k, 3) unit vectors at right angles to them: the top of its picture; NaN where it is not known.
         times_s: (k,) increasing.
         first_row: of the lattice.
         row_step: of the lattice.
@@ -121,14 +131,16 @@ def tally_rows(
         if not math.isfinite(ee + en + eu):
             continue
         ae, an, au = axes[k, 0], axes[k, 1], axes[k, 2]
+        te, tn, tu = tops[k, 0], tops[k, 1], tops[k, 2]
+        re, rn, ru = an * tu - au * tn, au * te - ae * tu, ae * tn - an * te
         reach = _reach_over_ground_m(sight, au) if exact else farthest
         # A little wider against rounding: the tests below decide.
         reach += 1e-6 * cells.size_m
         lowest = max(0, math.ceil((en - reach - cells.north0_m) / cells.size_m))
         highest = min(rows - 1, math.floor((en + reach - cells.north0_m) / cells.size_m))
         for i in range(lowest + (first_row - lowest) % row_step, highest + 1, row_step):
-            dn = cells.north0_m + i * cells.size_m - en
-            half = math.sqrt(max(0.0, reach * reach - dn * dn))
+            to_row = cells.north0_m + i * cells.size_m - en
+            half = math.sqrt(max(0.0, reach * reach - to_row * to_row))
             west = max(0, math.ceil((ee - half - cells.east0_m) / cells.size_m))
             east = min(columns - 1, math.floor((ee + half - cells.east0_m) / cells.size_m))
             for j in range(west, east + 1):
@@ -136,22 +148,21 @@ def tally_rows(
                 if cell < 0:
                     continue
                 ce, cn, cu = centre[cell, 0], centre[cell, 1], centre[cell, 2]
-                horizontal = math.hypot(ee - ce, en - cn)
-                distance = math.sqrt((ee - ce) ** 2 + (en - cn) ** 2 + (eu - cu) ** 2)
-                if sight.kind != DISC and distance > farthest:
+                de, dn, du = ee - ce, en - cn, eu - cu
+                horizontal2 = de * de + dn * dn
+                distance2 = horizontal2 + du * du
+                if sight.kind != DISC and distance2 > farthest * farthest:
                     continue
-                depth = (ce - ee) * ae + (cn - en) * an + (cu - eu) * au
-                cos_incidence = 1.0
-                if distance > 0.0:
-                    cos_incidence = (
-                        (ee - ce) * normal[cell, 0] + (en - cn) * normal[cell, 1] + (eu - cu) * normal[cell, 2]
-                    ) / distance
-                outcome = view(sight, horizontal, distance, depth, cos_incidence)
+                depth = -(de * ae + dn * an + du * au)
+                across = de * re + dn * rn + du * ru
+                along = de * te + dn * tn + du * tu
+                facing = de * normal[cell, 0] + dn * normal[cell, 1] + du * normal[cell, 2]
+                outcome = view(sight, horizontal2, distance2, depth, across, along, facing)
                 if outcome == OCCLUDED and _unhidden(
                     surface, slopes, sight, cells.horizon[cell], 0.0, ee, en, eu, ce, cn, cu
                 ):
                     outcome = SEEN
-                    _note(sight, camera, k, times_s[k], cell, distance, depth, cos_incidence, tally)
+                    _note(sight, camera, k, times_s[k], cell, math.sqrt(distance2), depth, facing, tally)
                 if outcome > tally.outcome[cell]:
                     tally.outcome[cell] = outcome
                 if exact:
@@ -159,12 +170,12 @@ def tally_rows(
                 horizon, beside, lift = cells.horizon[cell], camera.horizontal_m, camera.lift_m
                 if outcome == SEEN and not tally.sure[cell]:
                     tally.sure[cell] = _sure_in_view(
-                        sight, camera, horizontal, distance, depth, cos_incidence
+                        sight, camera, horizontal2, distance2, depth, across, along, facing
                     ) and _unhidden(surface, slopes, sight, horizon, beside, ee, en, eu - lift, ce, cn, cu)
                 if not tally.possible[cell]:
                     # From a place a little aside an obstacle may not be in the way.
                     tally.possible[cell] = outcome == SEEN or (
-                        _possible_in_view(sight, camera, horizontal, distance, depth, cos_incidence)
+                        _possible_in_view(sight, camera, horizontal2, distance2, depth, across, along, facing)
                         and _unhidden(surface, slopes, sight, horizon, -beside, ee, en, eu + lift, ce, cn, cu)
                     )
 
@@ -211,7 +222,7 @@ def _note(
     cell: int,
     distance: float,
     depth: float,
-    cos_incidence: float,
+    facing: float,
     tally: Tally,
 ) -> None:
     """Note that a look saw a cell."""
@@ -222,98 +233,96 @@ def _note(
         tally.passes[cell] += 1
     tally.last_s[cell] = time_s
     tally.nearest_m[cell] = min(tally.nearest_m[cell], distance)
-    tally.cos_incidence[cell] = max(tally.cos_incidence[cell], cos_incidence)
-    if sight.kind == CONE and depth > 0.0 and cos_incidence > 0.0:
-        sample = ground_sample_m(camera.focal_px, distance, depth, cos_incidence)
+    tally.cos_incidence[cell] = max(tally.cos_incidence[cell], facing / distance if distance > 0.0 else 1.0)
+    if (sight.kind == CONE or sight.kind == FRUSTUM) and depth > 0.0 and facing > 0.0:
+        sample = ground_sample_m(camera.focal_px, depth, facing)
         if sample < tally.ground_sample_m[cell]:
             tally.ground_sample_m[cell] = sample
 
 
 @kernel
-def view(sight: Sight, horizontal: float, distance: float, depth: float, cos_incidence: float) -> int:
-    """How a cell stands to the view of a sensor, whatever lies between.
-
-    Args:
-        sight: the sensor.
-        horizontal: from the sensor to the cell over ground, metres.
-        distance: from the sensor to the cell.
-        depth: the part of it along the axis of the camera.
-        cos_incidence: of the angle between the ray and the normal of the ground.
-
-    Returns:
-        NOT_IN_RANGE: out of range or outside the field of view. TOO_OBLIQUE. OCCLUDED: neither; the ray decides.
-    """
-    if sight.kind == DISC:
-        return OCCLUDED if horizontal <= sight.reach_m else NOT_IN_RANGE
-    if distance > sight.reach_m:
-        return NOT_IN_RANGE
-    if sight.kind == CONE:
-        if depth <= 0.0 or depth * math.sqrt(1.0 + sight.tan_half_fov**2) < distance:
-            return NOT_IN_RANGE
-        if cos_incidence < sight.cos_max_incidence:
-            return TOO_OBLIQUE
-    return OCCLUDED
-
-
-@kernel
-def ground_sample_m(focal_px: float, distance: float, depth: float, cos_incidence: float) -> float:
-    """Side of the square of ground that one pixel of a rectilinear camera sees.
-
-    A pixel off the axis by the angle t fills the solid angle cos(t)^3 / f^2; at distance d on ground of incidence i that is an
-    area of d^2 cos(t)^3 / (f^2 cos(i)). On flat ground below a level camera this is height / f in the whole picture.
-
-    Args:
-        focal_px: f, focal length in pixels.
-        distance: d, metres.
-        depth: d cos(t), metres.
-        cos_incidence: cos(i), above 0.
-    """
-    return depth / focal_px * math.sqrt(depth / (distance * cos_incidence))
-
-
-@kernel
 def _reach_over_ground_m(sight: Sight, axis_up: float) -> float:
     """No cell farther away than this over ground is in view."""
-    if sight.kind != CONE:
+    if sight.kind != CONE and sight.kind != FRUSTUM:
         return sight.reach_m
-    widest = math.atan(sight.tan_half_fov) + math.acos(min(1.0, max(-1.0, -axis_up)))
+    # To the corner of a picture; a round view has no other direction than its half angle.
+    half = math.atan(math.hypot(sight.tan_half_fov, sight.tan_half_along))
+    widest = half + math.acos(min(1.0, max(-1.0, -axis_up)))
     return sight.reach_m * math.sin(min(widest, 0.5 * math.pi))
 
 
 @kernel
 def _sure_in_view(
-    sight: Sight, camera: Camera, horizontal: float, distance: float, depth: float, cos_incidence: float
+    sight: Sight,
+    camera: Camera,
+    horizontal2: float,
+    distance2: float,
+    depth: float,
+    across: float,
+    along: float,
+    facing: float,
 ) -> bool:
-    """Whether a cell is in view from every place within ``offset_m`` and with every axis within ``turn_rad``.
+    """Whether a cell is in view from every place within ``offset_m`` and with every turn within ``turn_rad``.
 
-    Seen from the cell, the eye moves by at most asin(offset / distance), so both angles keep that much from their limits.
+    Seen from the cell, the eye moves by at most asin(offset / distance), so all angles keep that much from their limits.
     """
     if sight.kind == DISC:
-        return horizontal + camera.horizontal_m <= sight.reach_m
+        return math.sqrt(horizontal2) + camera.horizontal_m <= sight.reach_m
+    distance = math.sqrt(distance2)
     if distance <= camera.offset_m or distance + camera.offset_m > sight.reach_m:
         return False
-    if sight.kind == CONE:
-        swing = math.asin(camera.offset_m / distance)
-        off_axis = math.acos(min(1.0, max(-1.0, depth / distance)))
-        if off_axis + swing + camera.turn_rad > math.atan(sight.tan_half_fov):
-            return False
-        return math.acos(min(1.0, max(-1.0, cos_incidence))) + swing <= math.acos(sight.cos_max_incidence)
-    return True
+    if sight.kind == SPHERE:
+        return True
+    swing = math.asin(camera.offset_m / distance)
+    if _inside_by_rad(sight, distance, depth, across, along) < swing + camera.turn_rad:
+        return False
+    if _angle_rad(facing, distance) + swing > math.acos(sight.cos_max_incidence):
+        return False
+    deepest = (distance + camera.offset_m) * math.cos(max(0.0, _angle_rad(depth, distance) - swing - camera.turn_rad))
+    return sight.sample_focal_m == math.inf or deepest**3 <= sight.sample_focal_m**2 * (facing - camera.offset_m)
 
 
 @kernel
 def _possible_in_view(
-    sight: Sight, camera: Camera, horizontal: float, distance: float, depth: float, cos_incidence: float
+    sight: Sight,
+    camera: Camera,
+    horizontal2: float,
+    distance2: float,
+    depth: float,
+    across: float,
+    along: float,
+    facing: float,
 ) -> bool:
-    """Whether a cell may be in view from some place within ``offset_m`` and with some axis within ``turn_rad``."""
+    """Whether a cell may be in view from some place within ``offset_m`` and with some turn within ``turn_rad``."""
     if sight.kind == DISC:
-        return horizontal - camera.horizontal_m <= sight.reach_m
+        return math.sqrt(horizontal2) - camera.horizontal_m <= sight.reach_m
+    distance = math.sqrt(distance2)
     if distance - camera.offset_m > sight.reach_m:
         return False
-    if sight.kind == CONE and distance > camera.offset_m:
-        swing = math.asin(camera.offset_m / distance)
-        off_axis = math.acos(min(1.0, max(-1.0, depth / distance)))
-        if off_axis - swing - camera.turn_rad > math.atan(sight.tan_half_fov):
-            return False
-        return math.acos(min(1.0, max(-1.0, cos_incidence))) - swing <= math.acos(sight.cos_max_incidence)
-    return True
+    if sight.kind == SPHERE or distance <= camera.offset_m:
+        return True
+    swing = math.asin(camera.offset_m / distance)
+    if not _inside_by_rad(sight, distance, depth, across, along) >= -swing - camera.turn_rad:
+        return False
+    if _angle_rad(facing, distance) - swing > math.acos(sight.cos_max_incidence):
+        return False
+    off_axis = min(0.5 * math.pi, _angle_rad(depth, distance) + swing + camera.turn_rad)
+    shallowest = (distance - camera.offset_m) * math.cos(off_axis)
+    return sight.sample_focal_m == math.inf or shallowest**3 <= sight.sample_focal_m**2 * (facing + camera.offset_m)
+
+
+@kernel
+def _angle_rad(part: float, whole: float) -> float:
+    """The angle whose cosine is ``part / whole``."""
+    return math.acos(min(1.0, max(-1.0, part / whole)))
+
+
+@kernel
+def _inside_by_rad(sight: Sight, distance: float, depth: float, across: float, along: float) -> float:
+    """By what angle a ray is inside the field of view, negative outside: for a picture the smallest to one of its side planes."""
+    if sight.kind == CONE:
+        return math.atan(sight.tan_half_fov) - _angle_rad(depth, distance)
+    ta, tl = sight.tan_half_fov, sight.tan_half_along
+    side = (ta * depth - abs(across)) / math.sqrt(1.0 + ta * ta)
+    end = (tl * depth - abs(along)) / math.sqrt(1.0 + tl * tl)
+    return 0.5 * math.pi - _angle_rad(min(side, end), distance)

@@ -15,9 +15,9 @@ ViolationKind = Literal[
     "deviation",
 ]
 
-GapReason = Literal["never-in-range", "too-oblique", "occluded", "out-of-limits"]
+GapReason = Literal["never-in-range", "too-oblique", "occluded", "out-of-limits", "too-coarse"]
 """Why a cell was not seen: no look had it in range and field of view; those that had were too oblique; ground or an
-obstacle stood between; no place inside the limits sees it at all."""
+obstacle stood between; no place inside the limits sees it at all; a pixel saw too much ground."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What sees: a sphere, the paper's planar disc, or a camera that looks straight down."""
+"""What sees: a sphere, the paper's planar disc, a camera with a round view straight down, or one with a rectangular picture."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -72,6 +72,7 @@ class NadirCamera:
         sample_spacing_m: distance between looks when sensing along the path.
         mount: "fixed" to the vehicle, whose roll and pitch it shares, or "stabilised" by a gimbal that keeps it level.
         pixels_across: pixels along the diameter of the field of view, for ground sample distances; none: not known.
+        max_ground_sample_m: largest side of the ground that a pixel sees; none: any.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -85,15 +86,117 @@ class NadirCamera:
     sample_spacing_m: float = 10.0
     mount: Mount = "fixed"
     pixels_across: int | None = None
+    max_ground_sample_m: float | None = None
 
     def __post_init__(self) -> None:
-        require(self.pixels_across is None or self.pixels_across > 0, "pixels_across: must be above 0")
         require_positive(range_m=self.range_m, sample_spacing_m=self.sample_spacing_m)
-        require(0.0 < self.fov_deg < 180.0, f"fov_deg: {self.fov_deg} is outside 0..180 degrees")
+        _require_angle("fov_deg", self.fov_deg)
+        _require_incidence(self.max_incidence_deg)
+        _require_pixels(self.pixels_across, self.max_ground_sample_m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameCamera:
+    """A camera with a rectangular picture, at any angle between straight down and straight ahead.
+
+    Planning takes the vehicle as level and heading along its legs. Verification takes the flown track's attitude.
+
+    Attributes:
+        kind: names this sensor in a scenario.
+        fov_across_deg: full angle between the left and the right side of the picture.
+        fov_along_deg: full angle between its bottom and its top.
+        range_m: largest slant range.
+        pitch_deg: of the camera's axis against the horizon: -90 looks straight down, -30 ahead and a little down.
+        heading_deg: clockwise from north, where a gimbal turns the top of the picture (or the axis, when it is not straight
+            down); none: with the vehicle, which follows its legs.
+        max_incidence_deg: largest angle between the ray and the normal of the ground.
+        sensing: at waypoints, which needs a heading, or all along the path.
+        line_of_sight: "ray" or "midpoint".
+        sample_spacing_m: distance between looks when sensing along the path, where no pictures by distance are asked for.
+        mount: "fixed" to the vehicle, whose roll and pitch it shares, or "stabilised" by a gimbal that keeps it level.
+        pixels_across: pixels from the left to the right side of the picture, for ground sample distances; none: not known.
+        max_ground_sample_m: largest side of the ground that a pixel sees; none: any.
+        forward_overlap: share of a picture's length on the ground that the next one shows again, from the lowest height of
+            the band; pictures are taken by distance then. None: no such wish.
+        side_overlap: share of a picture's width that the next strip shows again: a cell counts in the middle of the picture
+            only, 1 - side_overlap of its width.
+        trigger_distance_m: way between two pictures, instead of a forward overlap.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    kind: Literal["frame-camera"]
+    fov_across_deg: float
+    fov_along_deg: float
+    range_m: float
+    pitch_deg: float = -90.0
+    heading_deg: float | None = None
+    max_incidence_deg: float = 75.0
+    sensing: Sensing = "along-path"
+    line_of_sight: LineOfSight = "ray"
+    sample_spacing_m: float = 10.0
+    mount: Mount = "fixed"
+    pixels_across: int | None = None
+    max_ground_sample_m: float | None = None
+    forward_overlap: float | None = None
+    side_overlap: float = 0.0
+    trigger_distance_m: float | None = None
+
+    def __post_init__(self) -> None:
+        require_positive(range_m=self.range_m, sample_spacing_m=self.sample_spacing_m)
+        _require_angle("fov_across_deg", self.fov_across_deg)
+        _require_angle("fov_along_deg", self.fov_along_deg)
         require(
-            0.0 < self.max_incidence_deg <= 90.0,
-            f"max_incidence_deg: {self.max_incidence_deg} is outside 0..90 degrees",
+            -90.0 <= self.pitch_deg <= 0.0,
+            f"pitch_deg: {self.pitch_deg} is outside -90 (straight down)..0 (to the horizon)",
         )
+        _require_incidence(self.max_incidence_deg)
+        _require_pixels(self.pixels_across, self.max_ground_sample_m)
+        require(
+            self.heading_deg is None or 0.0 <= self.heading_deg < 360.0,
+            f"heading_deg: {self.heading_deg} is outside 0 to below 360, clockwise from north",
+        )
+        require(
+            self.heading_deg is None or self.mount == "stabilised",
+            'heading_deg: goes with mount = "stabilised"; a fixed camera turns with the vehicle, which follows its legs',
+        )
+        require(
+            self.heading_deg is not None or self.sensing == "along-path",
+            'heading_deg: is needed with sensing = "at-waypoints", where no leg says which way the picture is turned',
+        )
+        self._require_overlaps()
+
+    def _require_overlaps(self) -> None:
+        for key, share in (("forward_overlap", self.forward_overlap), ("side_overlap", self.side_overlap)):
+            require(share is None or 0.0 <= share < 1.0, f"{key}: {share} is no share of a picture, 0 to below 1")
+        require(self.trigger_distance_m is None or self.trigger_distance_m > 0.0, "trigger_distance_m: must be above 0")
+        require(
+            self.forward_overlap is None or self.trigger_distance_m is None,
+            "trigger_distance_m: give it or forward_overlap, not both",
+        )
+        for key, value in (("forward_overlap", self.forward_overlap), ("trigger_distance_m", self.trigger_distance_m)):
+            require(
+                value is None or self.sensing == "along-path",
+                f'{key}: pictures by distance go with sensing = "along-path"',
+            )
 
 
-Sensor = SphereSensor | DiscSensor | NadirCamera
+def _require_angle(key: str, angle_deg: float) -> None:
+    require(0.0 < angle_deg < 180.0, f"{key}: {angle_deg} is outside 0..180 degrees")
+
+
+def _require_incidence(max_incidence_deg: float) -> None:
+    require(0.0 < max_incidence_deg <= 90.0, f"max_incidence_deg: {max_incidence_deg} is outside 0..90 degrees")
+
+
+def _require_pixels(pixels_across: int | None, max_ground_sample_m: float | None) -> None:
+    require(pixels_across is None or pixels_across > 0, "pixels_across: must be above 0")
+    require(max_ground_sample_m is None or max_ground_sample_m > 0.0, "max_ground_sample_m: must be above 0")
+    require(
+        max_ground_sample_m is None or pixels_across is not None,
+        "max_ground_sample_m: needs pixels_across, from which the size of a pixel follows",
+    )
+
+
+Camera = NadirCamera | FrameCamera
+Sensor = SphereSensor | DiscSensor | NadirCamera | FrameCamera

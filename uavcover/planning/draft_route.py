@@ -8,10 +8,10 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.coverage.sensors import look_spacing_m
 from uavcover.kernels.cone_spans import cone_cells
-from uavcover.kernels.coverage import CONE, Sight
 from uavcover.kernels.draft import ALONG_PATH, AT_WAYPOINTS, Draft, Room, Task, empty_draft, recount
-from uavcover.kernels.spans import horizontal_reach
+from uavcover.kernels.sight import CONE, FRUSTUM, Sight, horizontal_reach
 from uavcover.model.route import Route
 from uavcover.site import Site
 
@@ -70,7 +70,7 @@ def local_task(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> Loc
         cone_cells(site.ground.surface, sight, cells),
         square,
         weight,
-        float(scenario.sensor.sample_spacing_m),
+        look_spacing_m(scenario),
         sensing,
         _room(site),
     )
@@ -81,8 +81,14 @@ def local_task(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> Loc
 
 
 def narrowed(sight: Sight, *, margin_m: float, reach_m: float) -> Sight:
-    """A sensor that sees ``margin_m`` less far on the map, for a cone from where it sees ``reach_m``."""
+    """A sensor that sees ``margin_m`` less far on the map, for a camera from where it sees ``reach_m`` to the side.
+
+    A picture loses the same angle at its bottom and its top as at its sides: the ground there is as near, or farther away.
+    """
     share = max(0.1, 1.0 - margin_m / max(reach_m, 1e-9))
+    if sight.kind == FRUSTUM:
+        along = max(0.1 * sight.tan_half_along, sight.tan_half_along - (1.0 - share) * sight.tan_half_fov)
+        return sight._replace(tan_half_fov=sight.tan_half_fov * share, tan_half_along=along)
     if sight.kind == CONE:
         return sight._replace(tan_half_fov=sight.tan_half_fov * share)
     return sight._replace(reach_m=sight.reach_m * share)

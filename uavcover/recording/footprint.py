@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.kernels.coverage import CONE, DISC
+from uavcover.kernels.sight import CONE, DISC, FRUSTUM
 
 FloatArray = NDArray[np.float64]
 
@@ -13,7 +13,7 @@ _STEPS = 40
 _LEVEL_COS = 0.9995  # an axis nearer to straight down than 1.8 degrees has its middle below the sensor
 
 
-def footprints_m(coverage: CoverageMap, eyes_m: FloatArray, axes: FloatArray) -> list[FloatArray]:
+def footprints_m(coverage: CoverageMap, eyes_m: FloatArray, axes: FloatArray, tops: FloatArray) -> list[FloatArray]:
     """Outlines on the ground of the sensor's view from (k, 3) ENU places.
 
     In each of 48 directions the ground is followed from where the sensor's axis meets it to where it first leaves the
@@ -24,6 +24,7 @@ def footprints_m(coverage: CoverageMap, eyes_m: FloatArray, axes: FloatArray) ->
         coverage: the cells with their sensor.
         eyes_m: (k, 3) ENU places of the sensor.
         axes: (k, 3) unit vectors in ENU, where a camera points; other sensors look everywhere.
+        tops: (k, 3) unit vectors at right angles to them: the top of its picture.
 
     Returns:
         k closed rings (49, 3), ENU metres; a ring is empty where the sensor does not reach the ground on its axis, and
@@ -32,15 +33,17 @@ def footprints_m(coverage: CoverageMap, eyes_m: FloatArray, axes: FloatArray) ->
     sight = coverage.sight
     azimuth = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS + 1)
     rings: list[FloatArray] = []
-    for eye, axis in zip(np.asarray(eyes_m, float).reshape(-1, 3), np.asarray(axes, float).reshape(-1, 3), strict=True):
+    for eye, axis, top in zip(*(np.asarray(rows, float).reshape(-1, 3) for rows in (eyes_m, axes, tops)), strict=True):
         reach_m = sight.reach_m
         middle = eye[:2]
-        if sight.kind == CONE:
+        if sight.kind in {CONE, FRUSTUM}:
             if -axis[2] < _LEVEL_COS:
                 middle = _on_axis_m(coverage, eye, axis)
                 reach_m *= 2.0  # across the whole range
             else:
-                reach_m *= sight.tan_half_fov / np.sqrt(1.0 + sight.tan_half_fov**2) / _LEVEL_COS
+                # To the corner of a picture.
+                widest = np.hypot(sight.tan_half_fov, sight.tan_half_along)
+                reach_m *= widest / np.sqrt(1.0 + widest**2) / _LEVEL_COS
         radius = np.linspace(0.0, reach_m, _STEPS + 1)
         east = middle[0] + np.sin(azimuth)[:, None] * radius
         north = middle[1] + np.cos(azimuth)[:, None] * radius
@@ -55,6 +58,12 @@ def footprints_m(coverage: CoverageMap, eyes_m: FloatArray, axes: FloatArray) ->
             along = de * axis[0] + dn * axis[1] + du * axis[2]
             across2 = de**2 + dn**2 + du**2 - along**2
             inside &= (along > 0.0) & (across2 <= (along * sight.tan_half_fov) ** 2)
+        if sight.kind == FRUSTUM:
+            right = np.cross(axis, top)
+            depth = de * axis[0] + dn * axis[1] + du * axis[2]
+            across = de * right[0] + dn * right[1] + du * right[2]
+            along = de * top[0] + dn * top[1] + du * top[2]
+            inside &= (np.abs(across) <= depth * sight.tan_half_fov) & (np.abs(along) <= depth * sight.tan_half_along)
         last = np.where(inside.all(axis=1), _STEPS, inside.argmin(axis=1) - 1)
         rows = np.flatnonzero(last >= 0)
         column = last[rows]

@@ -11,6 +11,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.coverage.level_looks import LevelLooks
 from uavcover.errors import OutputError
 from uavcover.model.route import Route
 from uavcover.model.track import Track, TrackSample
@@ -201,7 +202,7 @@ class LiveRecording:
         route = new.current_waypoint >= 1
         if not route.any():
             return []
-        seen = self._seen | self._coverage.seen_from(new.enu_m[route])
+        seen = self._seen | self._coverage.seen_by(LevelLooks.by_yaw(new.enu_m[route], new.attitude_deg[route, 2]))
         changed = seen & ~self._seen
         self._seen = seen
         return [

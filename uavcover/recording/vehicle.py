@@ -8,8 +8,9 @@ import rerun as rr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from uavcover.coverage.camera_turn import CameraTurn, camera_turn
 from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.model.sensor import NadirCamera
+from uavcover.model.sensor import Camera, FrameCamera
 from uavcover.model.track import Track
 from uavcover.recording import layout
 from uavcover.recording.footprint import footprints_m
@@ -37,8 +38,8 @@ def draw_vehicle(recording: rr.RecordingStream, coverage: CoverageMap) -> None:
         rr.Points3D([[0.0, 0.0, 0.0]], colors=[layout.VEHICLE_RGB], radii=ui_points(6.0)),
     )
     sensor = site.scenario.sensor
-    if isinstance(sensor, NadirCamera):
-        edges = _frustum(sensor.fov_deg, length_m=0.5 * site.scenario.limits.max_height_agl_m)
+    if isinstance(sensor, Camera):
+        edges = _view_edges(sensor, length_m=0.5 * site.scenario.limits.max_height_agl_m)
         log_static(recording, layout.CAMERA, rr.LineStrips3D(edges, colors=[layout.CAMERA_RGB], radii=ui_points(1.0)))
     for entity, rgb, size in ((layout.FLOWN, layout.FLOWN_RGB, 2.5), (layout.FOOTPRINT, layout.FOOTPRINT_RGB, 2.0)):
         log_static(recording, entity, rr.LineStrips3D.from_fields(colors=[rgb], radii=ui_points(size)))
@@ -65,11 +66,9 @@ def send_vehicle(recording: rr.RecordingStream, coverage: CoverageMap, track: Tr
         layout.VEHICLE, times, rr.Transform3D.columns(translation=track.enu_m, quaternion=quaternions)
     )
     sensor = site.scenario.sensor
-    fixed = isinstance(sensor, NadirCamera) and sensor.mount == "fixed"
-    if isinstance(sensor, NadirCamera):
-        if not fixed:
-            quaternions = np.tile([0.0, 0.0, 0.0, 1.0], (len(track), 1))
-        camera = rr.Transform3D.columns(translation=track.enu_m, quaternion=quaternions)
+    turn = camera_turn(sensor, track.attitude_deg)
+    if isinstance(sensor, Camera):
+        camera = rr.Transform3D.columns(translation=track.enu_m, quaternion=_rotations(turn).as_quat())
         recording.send_columns(layout.CAMERA, times, camera)
     ends = _step_samples(track.time_s)
     pieces = [(int(a), int(b) + 1) for a, b in itertools.pairwise(ends)]
@@ -77,10 +76,8 @@ def send_vehicle(recording: rr.RecordingStream, coverage: CoverageMap, track: Tr
     if pieces:
         path = [track.enu_m[a:b] for a, b in pieces]
         recording.send_columns(layout.FLOWN, steps, rr.LineStrips3D.columns(strips=path))
-    down = np.tile([0.0, 0.0, -1.0], (ends.size, 1))
-    axes = turns[ends].apply(down) if fixed else down
     above_m = (0.0, 0.0, 2.0 * lift_m(coverage))
-    rings = [ring + above_m for ring in footprints_m(coverage, track.enu_m[ends], axes)]
+    rings = [ring + above_m for ring in footprints_m(coverage, track.enu_m[ends], turn.axes[ends], turn.tops[ends])]
     recording.send_columns(layout.FOOTPRINT, [time_column(track.time_s[ends])], rr.LineStrips3D.columns(strips=rings))
     if site.frame is None:
         return
@@ -98,10 +95,22 @@ def body_rotations(attitude_deg: FloatArray) -> Rotation:
     return Rotation.from_euler("ZYX", np.column_stack([90.0 - yaw, -pitch, roll]), degrees=True)
 
 
-def _frustum(fov_deg: float, *, length_m: float) -> list[FloatArray]:
-    """The edges and the rim of a round field of view, downwards from the origin."""
+def _rotations(turn: CameraTurn) -> Rotation:
+    """Rotations from the camera (top, left of the picture, against its axis) to the local frame."""
+    left = np.cross(turn.tops, turn.axes)
+    return Rotation.from_matrix(np.stack([turn.tops, left, -turn.axes], axis=2))
+
+
+def _view_edges(sensor: Camera, *, length_m: float) -> list[FloatArray]:
+    """The edges and the rim of a field of view, downwards from the origin; the top of a picture points to x."""
+    if isinstance(sensor, FrameCamera):
+        right = length_m * math.tan(math.radians(sensor.fov_across_deg / 2.0))
+        top = length_m * math.tan(math.radians(sensor.fov_along_deg / 2.0))
+        corners = [(top, right), (top, -right), (-top, -right), (-top, right), (top, right)]
+        rim = np.array([(x, y, -length_m) for x, y in corners])
+        return [np.array([[0.0, 0.0, 0.0], corner]) for corner in rim[:-1]] + [rim]
     turn = np.linspace(0.0, 2.0 * np.pi, 4 * _CAMERA_EDGES + 1)
-    radius = length_m * math.tan(math.radians(fov_deg / 2.0))
+    radius = length_m * math.tan(math.radians(sensor.fov_deg / 2.0))
     rim = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.full(turn.size, -length_m)])
     return [np.array([[0.0, 0.0, 0.0], corner]) for corner in rim[:-1:4]] + [rim]
 

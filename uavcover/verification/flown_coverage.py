@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.coverage.sensors import focal_px
 from uavcover.kernels import tally as kernels
 from uavcover.kernels.local_slopes import LocalSlopes, local_slopes
 from uavcover.kernels.tally import Camera, Tally
-from uavcover.model.sensor import NadirCamera
+from uavcover.model.sensor import Camera as CameraSensor
 from uavcover.model.uncertainty import Uncertainty
 from uavcover.verification.looks import Looks
 
@@ -59,7 +60,7 @@ def tally_looks(coverage: CoverageMap, looks: Looks) -> FlownCoverage:
     def add(first_row: int) -> None:
         kernels.tally_rows(
             site.ground.surface, slopes, coverage.sight, camera, coverage.grid.cells, looks.places_m, looks.axes,
-            looks.times_s, first_row, WORKERS, tally,
+            looks.tops, looks.times_s, first_row, WORKERS, tally,
         )  # fmt: skip
 
     with ThreadPoolExecutor(WORKERS) as executor:
@@ -92,6 +93,7 @@ def joined_looks(parts: Sequence[Looks], *, pause_s: float) -> Looks:
     return Looks(
         np.vstack([part.places_m for part in parts]),
         np.vstack([part.axes for part in parts]),
+        np.vstack([part.tops for part in parts]),
         np.concatenate(times),
         sum(part.level_assumed for part in parts),
     )
@@ -99,20 +101,17 @@ def joined_looks(parts: Sequence[Looks], *, pause_s: float) -> Looks:
 
 def _camera(coverage: CoverageMap, uncertainty: Uncertainty, slopes: LocalSlopes) -> Camera:
     sensor = coverage.site.scenario.sensor
-    focal_px = float("nan")
-    if isinstance(sensor, NadirCamera) and sensor.pixels_across is not None:
-        focal_px = sensor.pixels_across / (2.0 * coverage.sight.tan_half_fov)
     horizontal, vertical = uncertainty.position_m, uncertainty.vertical_m
     # A ray that is moved sideways by p at the eye and not at all at the cell meets ground that is higher by at most its slope
     # times the way it was moved: as much as lowering the eye by p times the steepest slope does.
     lift = vertical + (horizontal * _steepest_known(slopes) if horizontal > 0.0 else 0.0)
     return Camera(
-        focal_px=focal_px,
+        focal_px=focal_px(sensor),
         pass_gap_s=coverage.site.scenario.requirements.max_gap_s,
         offset_m=float(np.hypot(horizontal, vertical)),
         horizontal_m=horizontal,
         lift_m=lift,
-        turn_rad=float(np.radians(uncertainty.attitude_deg)) if isinstance(sensor, NadirCamera) else 0.0,
+        turn_rad=float(np.radians(uncertainty.attitude_deg)) if isinstance(sensor, CameraSensor) else 0.0,
     )
 
 

@@ -6,13 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.kernels.tally import NOT_IN_RANGE, OCCLUDED, TOO_OBLIQUE
+from uavcover.kernels.sight import NOT_IN_RANGE, OCCLUDED, TOO_COARSE, TOO_OBLIQUE
 from uavcover.model.report import Gap, GapReason
 from uavcover.verification.flown_coverage import FlownCoverage
 
 BoolArray = NDArray[np.bool_]
 
-REASONS: tuple[GapReason, ...] = ("never-in-range", "too-oblique", "occluded", "out-of-limits")
+REASONS: tuple[GapReason, ...] = ("never-in-range", "too-oblique", "occluded", "out-of-limits", "too-coarse")
+"""In the order of their numbers in ``coverage.tif``."""
+_OUTCOMES = {NOT_IN_RANGE: REASONS[0], TOO_OBLIQUE: REASONS[1], OCCLUDED: REASONS[2], TOO_COARSE: REASONS[4]}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +43,7 @@ def reason_codes(coverage: CoverageMap, flown: FlownCoverage) -> NDArray[np.uint
     """(cells,) 0 where a cell was seen, else the number of its reason in REASONS, counted from 1."""
     codes = np.zeros(coverage.grid.count, dtype=np.uint8)
     missing = ~flown.seen
-    for outcome, reason in ((NOT_IN_RANGE, REASONS[0]), (TOO_OBLIQUE, REASONS[1]), (OCCLUDED, REASONS[2])):
+    for outcome, reason in _OUTCOMES.items():
         codes[missing & (flown.outcome == outcome)] = 1 + REASONS.index(reason)
     # Said last: what cannot be seen at all was also never in range, or always too oblique.
     codes[missing & ~coverage.coverable] = 1 + REASONS.index("out-of-limits")

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.coverage.camera_turn import camera_turn
+from uavcover.coverage.sensors import look_spacing_m, trigger_distance_m
 from uavcover.errors import TrackError
-from uavcover.model.sensor import NadirCamera, Sensor
 from uavcover.model.track import Track
 from uavcover.site import Site
 from uavcover.verification.phases import PlannedRoute, observed_stretches
@@ -25,12 +26,14 @@ class Looks:
     Attributes:
         places_m: (k, 3) ENU.
         axes: (k, 3) unit vectors, ENU: where a camera pointed.
+        tops: (k, 3) unit vectors at right angles to them: the top of its picture.
         times_s: (k,).
         level_assumed: how many of them were taken as level because the track has no attitude there.
     """
 
     places_m: FloatArray
     axes: FloatArray
+    tops: FloatArray
     times_s: FloatArray
     level_assumed: int
 
@@ -41,8 +44,10 @@ class Looks:
 def looks_of(site: Site, track: Track, enu_m: FloatArray, route: BoolArray, planned: PlannedRoute | None) -> Looks:
     """The looks of a track on the planned route, by the sensing rule of the scenario.
 
-    Along the path there is one at every sample, and between two samples as many as keep them ``sample_spacing_m`` apart; place,
-    attitude and time are read linearly in between. Where the samples are further apart than ``max_gap_s`` there is none.
+    Along the path there is one at every sample, and between two samples as many as keep them ``sample_spacing_m`` apart; or, with
+    pictures by distance, one at the beginning and wherever the vehicle has come that far from the last one, as autopilots
+    trigger. Place, attitude and time are read linearly in between. Where the samples are further apart than ``max_gap_s`` there
+    is none. Where the track does not know the yaw that a picture needs, the vehicle is taken to fly nose ahead.
 
     Args:
         site: the scenario on its ground.
@@ -59,7 +64,10 @@ def looks_of(site: Site, track: Track, enu_m: FloatArray, route: BoolArray, plan
         before, share = _reached(site, enu_m, planned), np.empty(0)
     else:
         runs = observed_stretches(track, route, max_gap_s=site.scenario.requirements.max_gap_s)
-        parts = [_between(run, enu_m, sensor.sample_spacing_m) for run in runs]
+        if trigger_distance_m(site.scenario) is None:
+            parts = [_between(run, enu_m, look_spacing_m(site.scenario)) for run in runs]
+        else:
+            parts = [_pictures(run, enu_m, look_spacing_m(site.scenario)) for run in runs]
         before = np.concatenate([part[0] for part in parts]) if parts else np.empty(0, dtype=np.int64)
         share = np.concatenate([part[1] for part in parts]) if parts else np.empty(0)
     if share.size == 0:
@@ -74,30 +82,9 @@ def looks_of(site: Site, track: Track, enu_m: FloatArray, route: BoolArray, plan
     attitude = np.column_stack([track.attitude_deg[:, :2], np.unwrap(track.attitude_deg[:, 2], period=360.0)])
     # np.unwrap carries a missing yaw on to the end; the samples behind it know theirs.
     attitude[:, 2] = np.where(np.isfinite(attitude[:, 2]), attitude[:, 2], track.attitude_deg[:, 2])
-    axes, level_assumed = camera_axes(sensor, read(attitude))
-    return Looks(np.ascontiguousarray(read(enu_m)), axes, read(track.time_s), level_assumed)
-
-
-def camera_axes(sensor: Sensor, attitude_deg: FloatArray) -> tuple[FloatArray, int]:
-    """Where the camera of a vehicle with these (k, 3) rolls, pitches and yaws points.
-
-    The camera looks along the vehicle's downward axis. A stabilised one, and sensors that are no camera, look straight down. A
-    row that is not known is taken as level.
-
-    Returns:
-        (k, 3) unit vectors in ENU, and how many rows were not known.
-    """
-    level = np.tile([0.0, 0.0, -1.0], (len(attitude_deg), 1))
-    if not isinstance(sensor, NadirCamera) or sensor.mount == "stabilised":
-        return level, 0
-    known = np.asarray(np.isfinite(attitude_deg).all(axis=1), dtype=bool)
-    roll, pitch, yaw = np.radians(np.where(known[:, None], attitude_deg, 0.0)).T
-    # The third column of the rotation from body (forward, right, down) to north-east-down, yaw-pitch-roll order.
-    north = np.cos(roll) * np.sin(pitch) * np.cos(yaw) + np.sin(roll) * np.sin(yaw)
-    east = np.cos(roll) * np.sin(pitch) * np.sin(yaw) - np.sin(roll) * np.cos(yaw)
-    down = np.cos(roll) * np.cos(pitch)
-    axes = np.where(known[:, None], np.column_stack([east, north, -down]), level)
-    return np.ascontiguousarray(axes), int((~known).sum())
+    course = enu_m[after] - enu_m[np.where(after > before, before, np.maximum(before - 1, 0))]
+    turn = camera_turn(sensor, read(attitude), np.degrees(np.arctan2(course[:, 0], course[:, 1])))
+    return Looks(np.ascontiguousarray(read(enu_m)), turn.axes, turn.tops, read(track.time_s), turn.level_assumed)
 
 
 def _between(run: NDArray[np.int64], enu_m: FloatArray, spacing_m: float) -> tuple[NDArray[np.int64], FloatArray]:
@@ -107,6 +94,26 @@ def _between(run: NDArray[np.int64], enu_m: FloatArray, spacing_m: float) -> tup
     leg = np.repeat(np.arange(len(legs)), pieces)
     piece = np.arange(len(leg)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     return np.append(run[leg], run[-1]), np.append(piece / pieces[leg], 0.0)
+
+
+def _pictures(run: NDArray[np.int64], enu_m: FloatArray, distance_m: float) -> tuple[NDArray[np.int64], FloatArray]:
+    """As :func:`_between` for pictures: the first at once, then one wherever the last one is ``distance_m`` away over ground."""
+    places = enu_m[run, :2]
+    legs, shares, last = [0], [0.0], places[0]
+    for leg in range(len(run) - 1):
+        # |start + t way - last| = distance_m, the later solution: the vehicle was nearer before.
+        way = places[leg + 1] - places[leg]
+        length2 = float(way @ way)
+        while length2 > 0.0 and float(np.hypot(*(places[leg + 1] - last))) >= distance_m:
+            start = places[leg] - last
+            half = float(start @ way)
+            t = (-half + np.sqrt(half**2 - length2 * (float(start @ start) - distance_m**2))) / length2
+            if not t <= 1.0:
+                break
+            legs.append(leg)
+            shares.append(t)
+            last = places[leg] + t * way
+    return run[np.array(legs)], np.array(shares)
 
 
 def _reached(site: Site, enu_m: FloatArray, planned: PlannedRoute | None) -> NDArray[np.int64]:

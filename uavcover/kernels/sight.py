@@ -1,0 +1,203 @@
+"""What a sensor has in view, whatever lies between: one test for planner, local search and verification.
+
+A camera's view is told in its own axes: where it looks, the right of its picture and the top of it. For every sensor here the set
+of places from which a cell is in view is convex while the axes stay the same: a ball, a disc, a cone, a pyramid; the places with
+a small enough incidence angle are a cone around the cell's normal, and those with a small enough ground sample distance
+satisfy depth^3 <= constant * height above the cell's plane, a convex function below a linear one.
+"""
+
+import math
+from typing import NamedTuple
+
+from uavcover.kernels._jit import kernel
+
+SPHERE = 0
+DISC = 1
+CONE = 2
+FRUSTUM = 3
+
+NO_LINE_OF_SIGHT = 0
+RAY = 1
+MIDPOINT = 2
+
+NOT_IN_RANGE = 0
+TOO_OBLIQUE = 1
+TOO_COARSE = 2
+OCCLUDED = 3
+SEEN = 4
+
+
+class Sight(NamedTuple):
+    """What a sensor can see, as plain numbers.
+
+    Attributes:
+        kind: SPHERE, DISC, CONE or FRUSTUM.
+        reach_m: largest slant range (SPHERE, CONE, FRUSTUM) or horizontal radius (DISC).
+        tan_half_fov: tangent of half the opening angle (CONE), of half the angle across the picture (FRUSTUM).
+        cos_max_incidence: cosine of the largest incidence angle (CONE, FRUSTUM); -1: any.
+        line_of_sight: NO_LINE_OF_SIGHT, RAY or MIDPOINT.
+        tan_half_along: tangent of half the angle from the bottom to the top of the picture (FRUSTUM).
+        cos_pitch: of the angle between the camera's axis and the horizon (FRUSTUM).
+        sin_pitch: likewise; -1 looks straight down.
+        heading_e: east part of the direction that a level camera's picture has at its top, where it is always the same
+            (FRUSTUM); NaN: the camera turns with the legs.
+        heading_n: north part.
+        sample_focal_m: largest ground sample distance times the focal length in pixels (CONE, FRUSTUM); infinite: any.
+    """
+
+    kind: int
+    reach_m: float
+    tan_half_fov: float
+    cos_max_incidence: float
+    line_of_sight: int
+    tan_half_along: float = 0.0
+    cos_pitch: float = 0.0
+    sin_pitch: float = -1.0
+    heading_e: float = math.nan
+    heading_n: float = math.nan
+    sample_focal_m: float = math.inf
+
+
+class Aim(NamedTuple):
+    """How a camera is turned: three unit vectors at right angles, in ENU; NaN where it is not known.
+
+    Attributes:
+        axis_e: where it looks.
+        axis_n: likewise.
+        axis_u: likewise.
+        right_e: the right of its picture.
+        right_n: likewise.
+        right_u: likewise.
+        top_e: the top of its picture.
+        top_n: likewise.
+        top_u: likewise.
+    """
+
+    axis_e: float
+    axis_n: float
+    axis_u: float
+    right_e: float
+    right_n: float
+    right_u: float
+    top_e: float
+    top_n: float
+    top_u: float
+
+
+@kernel
+def level_aim(sight: Sight, east: float, north: float) -> Aim:
+    """How the camera of a level vehicle is turned that heads along (east, north), of any length.
+
+    A picture with a top has no direction where the vehicle heads nowhere: all is NaN then, and nothing is in view.
+    """
+    if sight.kind != FRUSTUM:
+        return Aim(0.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    he, hn = sight.heading_e, sight.heading_n
+    if math.isnan(he):
+        length = math.hypot(east, north)
+        he, hn = (east / length, north / length) if length > 0.0 else (math.nan, math.nan)
+    c, s = sight.cos_pitch, sight.sin_pitch
+    return Aim(c * he, c * hn, s, hn, -he, 0.0, -s * he, -s * hn, c)
+
+
+@kernel
+def in_view(sight: Sight, aim: Aim, de: float, dn: float, du: float, ne: float, nn: float, nu: float) -> bool:
+    """Whether a cell is in range, inside the field of view, not too oblique and not too coarse, from a level vehicle.
+
+    Args:
+        sight: the sensor.
+        aim: how it is turned, by :func:`level_aim`.
+        de: from the cell to the sensor, east.
+        dn: north.
+        du: up.
+        ne: unit normal of the cell, east.
+        nn: north.
+        nu: up.
+    """
+    if sight.kind != FRUSTUM:
+        return in_round_view(sight, de, dn, du, ne, nn, nu)
+    horizontal2 = de * de + dn * dn
+    depth = -(de * aim.axis_e + dn * aim.axis_n + du * aim.axis_u)
+    across = de * aim.right_e + dn * aim.right_n + du * aim.right_u
+    along = de * aim.top_e + dn * aim.top_n + du * aim.top_u
+    facing = de * ne + dn * nn + du * nu
+    return bool(view(sight, horizontal2, horizontal2 + du * du, depth, across, along, facing) == OCCLUDED)
+
+
+@kernel
+def in_round_view(sight: Sight, de: float, dn: float, du: float, ne: float, nn: float, nu: float) -> bool:
+    """:func:`in_view` of every sensor but a FRUSTUM: what it sees does not depend on the heading."""
+    horizontal2 = de * de + dn * dn
+    return bool(view(sight, horizontal2, horizontal2 + du * du, du, 0.0, 0.0, de * ne + dn * nn + du * nu) == OCCLUDED)
+
+
+@kernel
+def view(
+    sight: Sight, horizontal2: float, distance2: float, depth: float, across: float, along: float, facing: float
+) -> int:
+    """How a cell stands to the view of a sensor, whatever lies between.
+
+    Args:
+        sight: the sensor.
+        horizontal2: squared distance from the sensor to the cell over ground, metres^2.
+        distance2: squared distance from the sensor to the cell.
+        depth: the part of the distance along the axis of the camera, metres.
+        across: the part along the right of the picture, of either sign.
+        along: the part along the top of the picture, of either sign.
+        facing: height of the sensor above the plane of the cell: distance times the cosine of the incidence angle.
+
+    Returns:
+        NOT_IN_RANGE: out of range or outside the field of view. TOO_OBLIQUE. TOO_COARSE: a pixel sees too much ground.
+        OCCLUDED: none of these; the ray decides.
+    """
+    if sight.kind == DISC:
+        return OCCLUDED if horizontal2 <= sight.reach_m * sight.reach_m else NOT_IN_RANGE
+    if distance2 > sight.reach_m * sight.reach_m:
+        return NOT_IN_RANGE
+    if sight.kind == SPHERE:
+        return OCCLUDED
+    if sight.kind == CONE:
+        if depth <= 0.0 or distance2 > depth * depth * (1.0 + sight.tan_half_fov * sight.tan_half_fov):
+            return NOT_IN_RANGE
+    # Asked for rather than against: a comparison with NaN is False.
+    elif not (depth > 0.0 and abs(across) <= depth * sight.tan_half_fov and abs(along) <= depth * sight.tan_half_along):
+        return NOT_IN_RANGE
+    if facing < sight.cos_max_incidence * math.sqrt(distance2):
+        return TOO_OBLIQUE
+    if depth * depth * depth > sight.sample_focal_m * sight.sample_focal_m * facing:
+        return TOO_COARSE
+    return OCCLUDED
+
+
+@kernel
+def ground_sample_m(focal_px: float, depth: float, facing: float) -> float:
+    """Side of the square of ground that one pixel of a rectilinear camera sees.
+
+    A pixel off the axis by the angle t fills the solid angle cos(t)^3 / f^2; at distance d on ground of incidence i that is an
+    area of d^2 cos(t)^3 / (f^2 cos(i)) = depth^3 / (f^2 facing). On flat ground below a level camera this is height / f in the
+    whole picture.
+
+    Args:
+        focal_px: f, focal length in pixels.
+        depth: d cos(t), metres.
+        facing: d cos(i), metres, above 0.
+    """
+    return depth / focal_px * math.sqrt(depth / facing)
+
+
+@kernel
+def horizontal_reach(sight: Sight) -> float:
+    """Largest horizontal distance at which a sensor on a level vehicle sees anything, metres.
+
+    For a cone that is range sin(half angle). The ray of a frustum that leaves the vertical most goes to one of its upper corners:
+    the rays within an angle of the vertical are convex, so the corners decide.
+    """
+    if sight.kind == CONE:
+        return sight.reach_m * sight.tan_half_fov / math.sqrt(1.0 + sight.tan_half_fov * sight.tan_half_fov)
+    if sight.kind != FRUSTUM:
+        return sight.reach_m
+    highest = sight.sin_pitch + sight.tan_half_along * sight.cos_pitch
+    if highest >= 0.0:
+        return sight.reach_m
+    corner2 = 1.0 + sight.tan_half_fov * sight.tan_half_fov + sight.tan_half_along * sight.tan_half_along
+    return sight.reach_m * math.sqrt(max(0.0, 1.0 - highest * highest / corner2))
