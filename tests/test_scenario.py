@@ -200,7 +200,7 @@ MISTAKES = {
         "planner.algorithm: must be 'memetic', 'local-search', 'imodbo', 'modbo', 'nsga2' or 'moead', not 'nsga9'",
     ),
     "datum": ('"EGM96"', '"NN"', "terrain.vertical_datum: must be 'EGM96', 'EGM2008' or 'WGS84-ellipsoid', not 'NN'"),
-    "kind": ('"nadir-camera"', '"nadir"', "sensor.kind: must be 'sphere' or 'disc' or 'nadir-camera', not 'nadir'"),
+    "kind": ('"nadir-camera"', '"nadir"', "sensor.kind: must be 'sphere' or 'disc' or 'nadir-camera' or 'frame-camera', not 'nadir'"),
     "no kind": ('kind = "raster"', "", "terrain.kind: is missing; give 'raster' or 'sine-cosine'"),
     "kind of a number": ('kind = "raster"', "kind = 3", "terrain.kind: must be 'raster' or 'sine-cosine', not 3"),
     "missing": ("fov_deg = 70.0", "", "sensor.fov_deg: is missing"),
@@ -244,7 +244,9 @@ def test_a_mistake_is_named_by_the_key_that_the_user_wrote(old, new, begins):
 def test_sections_that_are_no_tables():
     text = GOOD.split("[sensor]")[0].replace('name = "test"', 'name = "test"\nsensor = 5\nlimits = []')
     message = refused(text=text)
-    assert "sensor: must be a table with a kind ('sphere' or 'disc' or 'nadir-camera'), not 5" in message
+    assert (
+        "sensor: must be a table with a kind ('sphere' or 'disc' or 'nadir-camera' or 'frame-camera'), not 5" in message
+    )
     assert "limits: must be a table, not []" in message
 
 

@@ -182,9 +182,9 @@ def test_obstacles_hide_and_a_gap_is_seen_when_they_are_taken_away():
     # The ray over the wall's far edge comes down at 60 / 30 times its distance; past its end nothing hides.
     for place, hidden in (((49.9, 0.0), True), ((50.1, 0.0), False), ((15.0, 0.0), False), ((25.0, 50.0), False)):
         centre = np.array([*place, 0.0])
-        assert kernels.sees(flat, sight, eye, centre, up)
-        assert kernels.sees(wall, sight, eye, centre, up) != hidden
-    assert kernels.sees(wall, sight, eye, np.array([22.0, 0.0, 30.0]), up), "its roof"
+        assert kernels.sees(flat, sight, DOWN, eye, centre, up)
+        assert kernels.sees(wall, sight, DOWN, eye, centre, up) != hidden
+    assert kernels.sees(wall, sight, DOWN, eye, np.array([22.0, 0.0, 30.0]), up), "its roof"
 
 
 def test_regression_shortcut_saw_from_outside_the_data():
