@@ -200,7 +200,11 @@ MISTAKES = {
         "planner.algorithm: must be 'memetic', 'local-search', 'imodbo', 'modbo', 'nsga2' or 'moead', not 'nsga9'",
     ),
     "datum": ('"EGM96"', '"NN"', "terrain.vertical_datum: must be 'EGM96', 'EGM2008' or 'WGS84-ellipsoid', not 'NN'"),
-    "kind": ('"nadir-camera"', '"nadir"', "sensor.kind: must be 'sphere' or 'disc' or 'nadir-camera' or 'frame-camera', not 'nadir'"),
+    "kind": (
+        '"nadir-camera"',
+        '"nadir"',
+        "sensor.kind: must be 'sphere' or 'disc' or 'nadir-camera' or 'frame-camera', not 'nadir'",
+    ),
     "no kind": ('kind = "raster"', "", "terrain.kind: is missing; give 'raster' or 'sine-cosine'"),
     "kind of a number": ('kind = "raster"', "kind = 3", "terrain.kind: must be 'raster' or 'sine-cosine', not 3"),
     "missing": ("fov_deg = 70.0", "", "sensor.fov_deg: is missing"),
