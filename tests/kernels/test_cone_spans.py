@@ -1,5 +1,7 @@
 """The quick way of the camera that looks straight down against the slow twin."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -38,6 +40,7 @@ def listed(surface, sight, cells, p, q, spacing):
     sight=st.builds(
         Sight, st.just(CONE), st.sampled_from([1.5, 4.0]), st.sampled_from([0.3, 0.7, 1.4]),
         st.sampled_from([-1.0, 0.5, 0.9]), st.sampled_from([NO_LINE_OF_SIGHT, RAY]),
+        st.just(0.0), st.just(0.0), st.just(-1.0), st.just(math.nan), st.just(math.nan), st.sampled_from([math.inf, 2.2]),
     ),
     spacing=st.sampled_from([0.2, 1.0, 20.0]),
     rise=st.sampled_from([0.0, 0.3, -0.8]),

@@ -71,6 +71,8 @@ def in_view(sight, eye, centre, normal, heading=(0.0, 1.0)):
     incidence = _angle_deg(ray, normal)
     if not inside or incidence > math.degrees(math.acos(sight.cos_max_incidence)):
         return False
+    if sight.sample_focal_m == math.inf:
+        return True
     # For one pixel of focal length.
     return incidence < 90.0 and ground_sample_m(1.0, distance, off_axis, incidence) <= sight.sample_focal_m
 

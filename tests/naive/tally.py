@@ -40,7 +40,10 @@ def outcome(surface, sight, eye, axis, top, centre, normal):
             return NOT_IN_RANGE
         if incidence > math.degrees(math.acos(sight.cos_max_incidence)):
             return TOO_OBLIQUE
-        if ground_sample_m(1.0, math.dist(eye, centre), off_axis, incidence) > sight.sample_focal_m:
+        if (
+            sight.sample_focal_m < math.inf
+            and ground_sample_m(1.0, math.dist(eye, centre), off_axis, incidence) > sight.sample_focal_m
+        ):
             return TOO_COARSE
     return SEEN if in_line_of_sight(surface, sight, eye, centre) else OCCLUDED
 

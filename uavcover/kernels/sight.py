@@ -164,7 +164,8 @@ def view(
         return NOT_IN_RANGE
     if facing < sight.cos_max_incidence * math.sqrt(distance2):
         return TOO_OBLIQUE
-    if depth * depth * depth > sight.sample_focal_m * sight.sample_focal_m * facing:
+    limit = sight.sample_focal_m
+    if limit < math.inf and depth * depth * depth > limit * limit * facing:
         return TOO_COARSE
     return OCCLUDED
 
