@@ -8,6 +8,7 @@ import pytest
 from tests.naive import set_cover as naive
 from tests.planning.sites import make_site
 from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.coverage.level_looks import LevelLooks
 from uavcover.leg_checks import measure_violations
 from uavcover.model.scenario import PlannerSettings
 from uavcover.model.sensor import SphereSensor
@@ -105,7 +106,7 @@ def test_the_lattice_lies_inside_the_limits_and_sees_what_the_map_says(dome):
     assert measure_violations(dome.site, places, margin_m=0.0).total == 0.0
     for k in (0, len(places) // 2, len(places) - 1):
         seen = candidates.cells[candidates.start[k] : candidates.start[k + 1]]
-        assert seen.tolist() == np.flatnonzero(dome.seen_from(places[k : k + 1])).tolist()
+        assert seen.tolist() == np.flatnonzero(dome.seen_by(LevelLooks.towards_north(places[k : k + 1]))).tolist()
     assert candidates.weight.sum() == pytest.approx(1.0)
     assert candidates.in_words == f"lattice of 20 m, {len(places):,} places"
 

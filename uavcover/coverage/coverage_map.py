@@ -88,7 +88,7 @@ class CoverageMap:
             centres = self.grid.cells.centre_m[todo, :2]
             eyes = self._allowed_places(centres + np.array([place.east_m, place.north_m]), place.band_share)
             looks = LevelLooks(eyes, np.tile([place.heading_e, place.heading_n], (todo.size, 1)))
-            found[todo] = sees_each(self, looks, todo)
+            found[todo] = sees_each(self, looks, todo, self.sight)
         return found
 
     def _allowed_places(self, east_north_m: FloatArray, share: float) -> FloatArray:
@@ -111,10 +111,10 @@ class CoverageMap:
         return places
 
 
-def sees_each(coverage: CoverageMap, looks: LevelLooks, cell_numbers: NDArray[np.int64]) -> BoolArray:
-    """(k,) whether each of k looks sees the cell of the same row; False where a place is NaN."""
+def sees_each(coverage: CoverageMap, looks: LevelLooks, cell_numbers: NDArray[np.int64], sight: Sight) -> BoolArray:
+    """(k,) whether each of k looks of a sensor sees the cell of the same row; False where a place is NaN."""
     cells = coverage.grid.cells
     return kernels.sees_each(
-        coverage.site.ground.surface, coverage.sight, np.ascontiguousarray(looks.places_m), looks.headings,
+        coverage.site.ground.surface, sight, np.ascontiguousarray(looks.places_m), looks.headings,
         cells.centre_m[cell_numbers], cells.normal[cell_numbers],
     )  # fmt: skip

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uavcover.errors import ScenarioError
-from uavcover.kernels.sight import CONE, DISC, FRUSTUM, MIDPOINT, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight
+from uavcover.kernels.sight import CONE, DISC, FRUSTUM, MIDPOINT, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight, horizontal_reach
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import Camera, DiscSensor, FrameCamera, NadirCamera, Sensor, SphereSensor
 
@@ -56,6 +56,18 @@ def farthest_m(sensor: Sensor) -> float:
 def turns_with_legs(sight: Sight) -> bool:
     """Whether what a sensor sees depends on the direction of the leg that is flown."""
     return sight.kind == FRUSTUM and math.isnan(sight.heading_e)
+
+
+def whatever_heading(sight: Sight) -> Sight:
+    """A sensor that sees at least what this one sees under any heading, itself where that does not matter: a bound."""
+    if not turns_with_legs(sight):
+        return sight
+    reach = horizontal_reach(sight)
+    if reach >= sight.reach_m:
+        return sight._replace(kind=SPHERE)
+    return sight._replace(
+        kind=CONE, tan_half_fov=reach / math.sqrt(sight.reach_m**2 - reach**2), sample_focal_m=math.inf
+    )
 
 
 def focal_px(sensor: Sensor) -> float:

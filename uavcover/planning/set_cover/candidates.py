@@ -8,7 +8,9 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap, sees_each
-from uavcover.kernels.spans import horizontal_reach
+from uavcover.coverage.level_looks import LevelLooks
+from uavcover.coverage.sensors import whatever_heading
+from uavcover.kernels.sight import horizontal_reach
 from uavcover.planning.waypoint_encoding import allowed_band_m
 from uavcover.site import Site
 
@@ -79,7 +81,7 @@ def level_candidates(coverage: CoverageMap, *, spacing_m: float, height_agl_m: f
 
 
 def candidates_at(coverage: CoverageMap, places_m: FloatArray, *, spacing_m: float) -> Candidates:
-    """Given (p, 3) ENU places with what each sees."""
+    """Given (p, 3) ENU places with what each sees; at least that, for a camera that turns with the legs."""
     # Importing scipy.spatial takes a while, which other commands need not wait for.
     from scipy.spatial import cKDTree
 
@@ -95,7 +97,7 @@ def candidates_at(coverage: CoverageMap, places_m: FloatArray, *, spacing_m: flo
             continue
         numbers = np.concatenate([np.asarray(row, dtype=np.int64) for row in near])
         rows = np.repeat(np.arange(len(some)), sizes)
-        sees = sees_each(coverage, some[rows], numbers)
+        sees = sees_each(coverage, LevelLooks.towards_north(some[rows]), numbers, whatever_heading(coverage.sight))
         counts[first : first + len(some)] = np.bincount(rows[sees], minlength=len(some))
         seen.append(numbers[sees].astype(np.int32))
     weight = np.where(coverage.coverable, coverage.grid.weight_m2, 0.0)
