@@ -1,8 +1,13 @@
+import csv
 import signal
 import socket
+from pathlib import Path
 
 import pytest
 
+from mission_io.client import Client
+from mission_io.link import open_link
+from mission_io.messages import SysStatus
 from tests.cli.conftest import Cli, mock_vehicle
 
 
@@ -13,6 +18,22 @@ def test_tells_its_port_and_ends_when_told(number: signal.Signals) -> None:
         process.send_signal(number)
         out, err = process.communicate(timeout=30)
     assert (process.returncode, out, err) == (0, "", "")
+
+
+def test_takes_faults_errors_and_a_log_of_the_truth(tmp_path: Path) -> None:
+    truth = tmp_path / "truth.csv"
+    with mock_vehicle(
+        "-q", "--speed", "20", "--fault", "heartbeat-loss:0.5@boot+60s", "--gps-noise", "1", "--endurance", "900",
+        "--truth", truth,
+    ) as (port, process):  # fmt: skip
+        with Client(open_link(f"udpout://127.0.0.1:{port}")) as client:
+            client.wait_for_vehicle()
+            assert client.request_message(SysStatus).battery_remaining_percent == 100
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=30)
+    rows = list(csv.DictReader(truth.read_text().splitlines()))
+    assert len(rows) > 5
+    assert any(abs(float(row["east_error_m"])) > 0.01 for row in rows)
 
 
 @pytest.mark.parametrize(

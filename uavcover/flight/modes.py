@@ -45,6 +45,15 @@ _CUSTOM_MODES: Mapping[int, Mapping[Mode, int]] = MappingProxyType(
 )
 
 
+_ALSO: Mapping[int, Mapping[int, Mode]] = MappingProxyType(
+    {
+        AutopilotId.ARDUPILOT: {16: Mode.HOLD, 17: Mode.HOLD, 21: Mode.RETURN},  # POSHOLD, BRAKE, SMART_RTL
+        AutopilotId.PX4: {},
+    }
+)
+"""Further modes that mean the same to this package; it never asks for them."""
+
+
 def custom_mode(autopilot: Autopilot, mode: Mode) -> int:
     """The heartbeat's ``custom_mode`` of a mode."""
     return _CUSTOM_MODES[autopilot.mav_autopilot][mode]
@@ -52,7 +61,10 @@ def custom_mode(autopilot: Autopilot, mode: Mode) -> int:
 
 def mode_from_custom(autopilot: Autopilot, number: int) -> Mode | None:
     """The mode that a heartbeat's ``custom_mode`` stands for; None for one that this package has no word for."""
-    return next((mode for mode, known in _CUSTOM_MODES[autopilot.mav_autopilot].items() if known == number), None)
+    for mode, known in _CUSTOM_MODES[autopilot.mav_autopilot].items():
+        if known == number:
+            return mode
+    return _ALSO[autopilot.mav_autopilot].get(number)
 
 
 def mode_from_params(autopilot: Autopilot, params: tuple[float, ...]) -> Mode | None:

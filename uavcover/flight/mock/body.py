@@ -97,6 +97,13 @@ class MockBody:
         if self.on_ground:
             self.point.rest(up_m=self.point.position_m[2])
 
+    def draw_power(self, seconds: float, *, motors: bool) -> None:
+        """Draw from the battery what the motors, or without them the electronics, take in so many seconds."""
+        if motors:
+            self.battery.fly(seconds, airspeed_m_s=self.point.airspeed_m_s, climb_m_s=self.point.velocity_m_s[2])
+        else:
+            self.battery.idle(seconds)
+
     def set_home_here(self) -> None:
         """Count heights above home from here on from where it believes to stand."""
         here = self.believed.position_m

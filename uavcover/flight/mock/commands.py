@@ -8,7 +8,7 @@ from mission_io import messages as m
 from mission_io.enums import CommandResult
 from mission_io.items import Command, Frame, MissionItem
 from mission_io.wire import DEGREES_SCALE
-from uavcover.flight.mock.itinerary import changed_speeds
+from uavcover.flight.mock.itinerary import Step, StepKind, changed_speeds
 from uavcover.flight.mock.telemetry import KIND_BY_ID
 from uavcover.flight.modes import Mode, mode_from_params
 
@@ -138,15 +138,29 @@ def _take_off(vehicle: "MockVehicle", params: Params) -> CommandResult:
         height_m -= vehicle.body.home.alt_amsl_m
     else:
         height_m = vehicle.parameters["MIS_TAKEOFF_ALT"]
-    return vehicle.take_off(height_m)
+    if not vehicle.armed or not height_m > 0.0:
+        return CommandResult.FAILED
+    if not vehicle.is_ardupilot:
+        vehicle.mode = Mode.HOLD
+    east, north, up = vehicle.body.home_m
+    vehicle.stay_armed()
+    vehicle.follow([Step(None, StepKind.CLIMB, vehicle.settings.speeds, (east, north, up + height_m))])
+    return CommandResult.ACCEPTED
 
 
 def _reposition(vehicle: "MockVehicle", command: m.CommandInt) -> CommandResult:
+    """To a place, and stay there: ArduPilot in GUIDED, PX4 in HOLD."""
+    if not vehicle.flying:
+        return CommandResult.FAILED
     if command.frame not in _GLOBAL_FRAMES or not math.isfinite(command.z):
         return CommandResult.DENIED
     lat_deg, lon_deg = command.x / DEGREES_SCALE, command.y / DEGREES_SCALE
     frame = _GLOBAL_FRAMES[command.frame]
-    return vehicle.fly_to(MissionItem(Command.NAV_WAYPOINT, frame, lat_deg=lat_deg, lon_deg=lon_deg, alt_m=command.z))
+    item = MissionItem(Command.NAV_WAYPOINT, frame, lat_deg=lat_deg, lon_deg=lon_deg, alt_m=command.z)
+    result = vehicle.set_mode(Mode.GUIDED if vehicle.is_ardupilot else Mode.HOLD)
+    if result is CommandResult.ACCEPTED:
+        vehicle.follow([Step(None, StepKind.GO, vehicle.settings.speeds, vehicle.place(item))])
+    return result
 
 
 _GLOBAL_FRAMES = {0: Frame.AMSL, 5: Frame.AMSL, 3: Frame.ABOVE_HOME, 6: Frame.ABOVE_HOME}

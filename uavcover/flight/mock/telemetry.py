@@ -25,8 +25,8 @@ _VERSIONS = {True: 0x04070000, False: 0x011100FF}  # 4.7.0-dev, 1.17.0; ArduPilo
 _CHARGE_OK, _CHARGE_LOW, _CHARGE_CRITICAL = 1, 2, 3
 _STANDBY, _ACTIVE, _BOOT = 3, 4, 1
 _FIX_3D, _NO_FIX = 3, 1
-_SENSOR_GPS = 0x20
-_SENSORS = 0x2C | 0x8000 | m.PREARM_CHECK_BIT
+_SENSOR_GPS, _SENSOR_FENCE = 0x20, 0x100000
+_SENSORS = 0x2C | _SENSOR_FENCE | 0x8000 | m.PREARM_CHECK_BIT
 _EKF_GOOD = (
     EkfFlag.ATTITUDE
     | EkfFlag.VELOCITY_HORIZONTAL
@@ -125,6 +125,8 @@ def _sys_status(vehicle: "MockVehicle") -> m.Message:
     healthy = _SENSORS if vehicle.checks_pass else _SENSORS & ~m.PREARM_CHECK_BIT
     if not vehicle.has_fix:
         healthy &= ~_SENSOR_GPS
+    if vehicle.failsafes.breach(vehicle) is not None:
+        healthy &= ~_SENSOR_FENCE
     battery = vehicle.body.battery
     return m.SysStatus(
         _SENSORS, _SENSORS, healthy, 0.3, battery.voltage_v, battery.current_a, round(100.0 * battery.remaining)

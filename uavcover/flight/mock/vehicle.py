@@ -234,7 +234,7 @@ class MockVehicle:
         self.armed, self.body.crashed = True, False
         self.body.set_home_here()
         self.missions.set_home(self.body.home)
-        self._stay_armed()
+        self.stay_armed()
         self.speeds = self.settings.speeds
         self.mission.rewind()
         self.say(_INFO, "Arming motors" if self.is_ardupilot else "Armed by external command")
@@ -291,26 +291,6 @@ class MockVehicle:
         self.tell(m.MissionCurrent)
         return CommandResult.ACCEPTED
 
-    def take_off(self, height_m: float) -> CommandResult:
-        """Climb straight up to a height above home and stay there."""
-        if not self.armed or not height_m > 0.0:
-            return CommandResult.FAILED
-        if not self.is_ardupilot:
-            self.mode = Mode.HOLD
-        home = self.body.home_m
-        self._stay_armed()
-        self.follow([Step(None, StepKind.CLIMB, self.settings.speeds, (home[0], home[1], home[2] + height_m))])
-        return CommandResult.ACCEPTED
-
-    def fly_to(self, item: MissionItem) -> CommandResult:
-        """Fly to the place of an item and stay there: ArduPilot in GUIDED, PX4 in HOLD."""
-        if not self.flying:
-            return CommandResult.FAILED
-        result = self.set_mode(Mode.GUIDED if self.is_ardupilot else Mode.HOLD)
-        if result is CommandResult.ACCEPTED:
-            self.follow([Step(None, StepKind.GO, self.settings.speeds, self.place(item))])
-        return result
-
     def set_speeds(self, speeds: Speeds) -> None:
         """Fly at other speeds from here on."""
         self.speeds = speeds
@@ -339,6 +319,10 @@ class MockVehicle:
     def follow(self, steps: list[Step]) -> None:
         """Do these steps from now on; none is to stay."""
         self.body.follow(steps, self.time_s, land_m_s=self.settings.land_m_s)
+
+    def stay_armed(self) -> None:
+        """Wait for the next command once more."""
+        self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S * self.speed
 
     def place(self, item: MissionItem) -> Vector:
         """The position that a mission item names, by the ground as the vehicle knows it."""
@@ -379,7 +363,7 @@ class MockVehicle:
             self._fly(now)
         body.believed.step()
         if self._steps_done % _LOOK_EVERY == 0:
-            self._draw_power()
+            body.draw_power(_LOOK_EVERY * STEP_S, motors=self.flying)
             self.failsafes.look(self)
             self._outbox.put_all(self.missions.messages_to_send(self.powered_s))
             if self.terrain is not None and self.home_known:
@@ -394,13 +378,6 @@ class MockVehicle:
         while self._texts_said < len(texts) and now >= texts[self._texts_said].at_s:
             self.say(texts[self._texts_said].severity, texts[self._texts_said].text)
             self._texts_said += 1
-
-    def _draw_power(self) -> None:
-        body, seconds = self.body, _LOOK_EVERY * STEP_S
-        if self.armed and not body.on_ground:
-            body.battery.fly(seconds, airspeed_m_s=body.point.airspeed_m_s, climb_m_s=body.point.velocity_m_s[2])
-        else:
-            body.battery.idle(seconds)
 
     def _start_up(self) -> None:
         """Be switched on again."""
@@ -441,10 +418,6 @@ class MockVehicle:
         if mode is Mode.LAND:
             return [Step(None, StepKind.DESCEND, self.settings.speeds)]
         return []
-
-    def _stay_armed(self) -> None:
-        """Wait for the next command once more."""
-        self._disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S * self.speed
 
     @property
     def _asks_for_terrain(self) -> bool:
