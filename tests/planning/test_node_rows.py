@@ -1,5 +1,7 @@
 """Rows of nodes for sensors that look from waypoints."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from uavcover.leg_checks import measure_violations
 from uavcover.model.sensor import DiscSensor, SphereSensor
 from uavcover.pipeline import load_site
 from uavcover.planning.node_rows import NodeRows, fly_rows, plain_rows, scanned_rows
+from uavcover.planning.planner import Effort, plan_routes
 
 DISC = DiscSensor(kind="disc", radius_m=50.0, sensing="at-waypoints")
 
@@ -45,6 +48,19 @@ def test_nodes_keep_the_height_band(applies_to: str) -> None:
         route = fly_rows(site, layout)
         assert len(route) >= 12
         assert measure_violations(site, route.waypoints_m, margin_m=0.0).total == 0.0
+
+
+def test_rows_are_a_named_beginning_of_free_waypoints() -> None:
+    site = load_site("paper-planar")
+    settings = dataclasses.replace(
+        site.scenario.planner, algorithm="imodbo", initial=("boustrophedon",), evaluations=100, max_waypoints=20
+    )
+    plan = plan_routes(site, settings=settings, select_rule="max-coverage", effort=Effort(100, None, lambda: 0.0))
+    assert len(plan.baselines[0].route) == len(fly_rows(site, plain_rows(site))) == 64
+    tuned = [one for one in plan.baselines if one.origin == "boustrophedon-tuned"]
+    assert max(len(one.route) for one in tuned) <= 20
+    # Rows that are known at the start: the optimizer's own routes see no less.
+    assert plan.chosen.metrics.coverage_of_coverable >= max(one.metrics.coverage_of_coverable for one in tuned)
 
 
 def test_the_scan_is_of_sensible_lattices_each_once() -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from itertools import islice
 
 import numpy as np
 
@@ -9,7 +10,15 @@ from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.coverage.sensors import reach_at_height_m
 from uavcover.model.route import Route
 from uavcover.model.scenario import InitialRoute, PlannerSettings
-from uavcover.planning.baselines import PLAIN_TOLERANCE_M, Baseline, best_height_agl_m, boustrophedons, evaluated
+from uavcover.planning.baselines import (
+    PLAIN_TOLERANCE_M,
+    TUNED,
+    Baseline,
+    best_height_agl_m,
+    boustrophedons,
+    evaluated,
+)
+from uavcover.planning.node_rows import fly_rows, plain_rows, scanned_rows
 from uavcover.planning.set_cover.candidates import Candidates, finest_lattice_candidates, level_candidates
 from uavcover.planning.set_cover.covers import cut_down, greedy_cover, searched_cover
 from uavcover.planning.set_cover.programs import CoverProgram, SolverEffort
@@ -24,6 +33,7 @@ _SPACING_REACHES = 0.4
 """Of the lattice where sensing is along the path, which sees more than its waypoints do."""
 
 _STEPS = 20_000
+_ROWS_AT_ONCE = 50
 _STREAM = 2
 
 
@@ -51,7 +61,8 @@ def constructed_routes(
     names = initial_names(coverage, settings)
     found: list[Baseline] = []
     if "boustrophedon" in names:
-        found += boustrophedons(coverage, executor, should_stop)
+        make = boustrophedons if settings.encoding == "swaths" else _rows(settings)
+        found += make(coverage, executor, should_stop)
     covers: list[InitialRoute] = [name for name in names if name != "boustrophedon"]
     if not covers or (found and should_stop()):
         return found
@@ -64,6 +75,22 @@ def constructed_routes(
         if route is not None:
             found += evaluated(coverage, name, [route], executor)
     return found
+
+
+def _rows(
+    settings: PlannerSettings,
+) -> Callable[[CoverageMap, Executor | None, Callable[[], bool]], list[Baseline]]:
+    """The boustrophedon of free waypoints: rows of nodes, the plain ones first, then all that the encoding has room for."""
+
+    def make(coverage: CoverageMap, executor: Executor | None, should_stop: Callable[[], bool]) -> list[Baseline]:
+        site = coverage.site
+        found = evaluated(coverage, "boustrophedon", [fly_rows(site, plain_rows(site))], executor)
+        scan = scanned_rows(site, most_nodes=settings.max_waypoints)
+        while (batch := [fly_rows(site, rows) for rows in islice(scan, _ROWS_AT_ONCE)]) and not should_stop():
+            found += evaluated(coverage, TUNED, batch, executor)
+        return found
+
+    return make
 
 
 def initial_names(coverage: CoverageMap, settings: PlannerSettings) -> Sequence[InitialRoute]:

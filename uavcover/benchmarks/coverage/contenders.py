@@ -10,11 +10,14 @@ from typing import Final
 from uavcover.benchmarks.coverage.cases import Case
 from uavcover.benchmarks.coverage.judging import Judge
 from uavcover.benchmarks.coverage.line_scan import Tried, scan
+from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.errors import InfeasibleError
-from uavcover.model.scenario import PlannerAlgorithm
+from uavcover.model.scenario import InitialRoute, PlannerAlgorithm
 from uavcover.planning.baselines import plain_boustrophedon
+from uavcover.planning.initial_routes import constructed_routes
 from uavcover.planning.node_rows import fly_rows, plain_rows
 from uavcover.planning.planner import Effort, plan_routes
+from uavcover.planning.set_cover.programs import SolverEffort
 from uavcover.planning.snapshots import NamedRoute, Snapshots
 from uavcover.planning.swaths import fly_layout
 from uavcover.site import Site
@@ -23,6 +26,9 @@ PLANNERS: tuple[PlannerAlgorithm, ...] = ("memetic", "imodbo", "modbo", "nsga2",
 """The planners by name; the first is ours, the others are plain optimizers: only what they found themselves counts for them."""
 
 OURS = PLANNERS[0]
+
+_SOLVER_S = 120.0
+"""What the exact set cover may take; on large scenarios it then is the best that was found."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,8 +98,32 @@ def _tuned(judge: Judge) -> Found:
     return Found({cpu_s: tuple(routes)}, len(routes), cpu_s, tuple(tried))
 
 
+def _set_cover(name: InitialRoute) -> Callable[[Judge], Found]:
+    def make(judge: Judge) -> Found:
+        site = judge.site
+        coarse = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
+        settings = dataclasses.replace(site.scenario.planner, initial=(name,), seed=1)
+        begin = time.process_time()
+        made = constructed_routes(
+            coarse, settings, asked=judge.case.asked, solver=SolverEffort(time_s=_SOLVER_S), executor=None,
+            should_stop=lambda: False,
+        )  # fmt: skip
+        cpu_s = time.process_time() - begin
+        # Lines are made beside a cover where they are the encoding; here they are a baseline of their own.
+        routes = tuple((one.route, one.name) for one in made if one.name == name)
+        return Found({cpu_s: routes}, len(routes), cpu_s)
+
+    return make
+
+
 CONSTRUCTIONS: Final = MappingProxyType[str, Callable[[Judge], Found]](
-    {"boustrophedon": _plain, "boustrophedon-tuned": _tuned}
+    {
+        "boustrophedon": _plain,
+        "boustrophedon-tuned": _tuned,
+        "greedy-set-cover": _set_cover("greedy-set-cover"),
+        "set-cover": _set_cover("set-cover"),
+        "exact-set-cover": _set_cover("exact-set-cover"),
+    }
 )
 """Baselines that need no random numbers, each run once and for as long as it takes."""
 

@@ -56,7 +56,7 @@ def _panel(axis: Any, outcomes: Outcomes, scenario: str, value: Callable[[Sample
             axis.errorbar(
                 at, middle, yerr=whiskers, fmt="o-", markersize=3.5, capsize=2.0, color=f"C{number}", label=name
             )
-    for baseline, style in zip(CONSTRUCTIONS, ("-", "--", ":", "-."), strict=False):
+    for baseline, style in zip(CONSTRUCTIONS, ("-", "--", ":", "-.", (0, (1, 3))), strict=False):
         samples = outcomes.ended(scenario, baseline, ONCE)
         if samples and not math.isnan(value(samples[0])):
             axis.axhline(value(samples[0]), color="0.4", linestyle=style, linewidth=0.9, label=baseline)
