@@ -29,10 +29,10 @@ from uavcover.model.report import VerificationReport
 from uavcover.model.route import Plan, RouteMember
 from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import AutopilotName
-from uavcover.on_vehicle import Connected, Orders, fly, fly_on, home_of, is_in_the_air
+from uavcover.on_vehicle import Connected, Orders, fly, fly_from_the_air, fly_on, home_of, is_in_the_air
 from uavcover.planning.baselines import fly_layout, regular_layout
 from uavcover.planning.objectives import judge
-from uavcover.resumption import find_unfinished, flights_of, flown_tracks, save_rest
+from uavcover.resumption import find_unfinished, flights_of, flown_tracks, save_rest, took_off_s
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
 
@@ -254,6 +254,36 @@ def test_what_resumed_an_older_flight_does_not_count(site, run):
     track = field.run.file("track.csv")
     track.write_text("".join(track.read_text().splitlines(keepends=True)[:-5]))
     assert len(flights_of(field.run)) == 1
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_left_holding_it_closes_the_gaps_from_where_it_is_and_lands(site, run, undisturbed, autopilot):
+    field = Field(site, run, autopilot=autopilot)
+    first = field.fly(stop=lambda: 2 * int(field.vehicle.time_s > 110.0))
+    assert first is not None
+    assert first.ending is Ending.LEFT_HOLDING
+    track = read_track(field.run.file("track.csv"))
+    torn = (track, after_flight.planned_for(field.run.file("track.csv"), field.run))
+    before = after_flight.judge_tracks(site, [torn])
+    assert before.report.coverage_fraction < undisturbed.coverage_fraction - 0.1
+    mission = after_flight.plan_gap_mission(site, before, in_the_air=track)
+    gaps = after_flight.save_gap_mission(field.run, site, mission, command=["test"], force=False)
+    station = field.connected()
+    assert is_in_the_air(station)
+    up_since_s = took_off_s(gaps)
+    assert up_since_s == track.time_s[0]
+    closed = field.recorded(
+        gaps,
+        lambda orders: fly_from_the_air(station, site, mission.closing.route, orders, up_since_s=up_since_s),
+        killed_after=10**9,
+    )
+    assert closed is not None
+    assert closed.ending is Ending.LANDED
+    closing = gaps.file("track.csv")
+    together = [torn, (read_track(closing), after_flight.planned_for(closing, field.run))]
+    report = after_flight.judge_tracks(site, together).report
+    assert report.coverage_fraction >= undisturbed.coverage_fraction
+    assert report.violations == ()
 
 
 def test_nothing_flown_is_nothing_to_resume(site, run):

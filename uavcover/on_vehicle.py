@@ -19,7 +19,7 @@ from uavcover.flight.break_off import along_leg_m
 from uavcover.flight.conversation import Conversation
 from uavcover.flight.events import FlightEvent
 from uavcover.flight.flight_plan import FlightPlan, Patience
-from uavcover.flight.fly import FlightOutcome, Onward
+from uavcover.flight.fly import FlightOutcome, Onward, PlanOnward
 from uavcover.flight.fly import fly as fly_plan
 from uavcover.flight.fly import fly_on as fly_on_plan
 from uavcover.flight.mock.server import register_mock
@@ -30,6 +30,7 @@ from uavcover.flight.readiness import check_home as check_home_of
 from uavcover.flight.return_home import PlanReturn
 from uavcover.leg_checks import find_problems
 from uavcover.mission_compiler import AUTOPILOTS, CompiledMission, compile_continuation, compile_return
+from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import AutopilotName
 from uavcover.resumption import Unfinished
@@ -222,18 +223,60 @@ def fly_on(vehicle: Connected, site: Site, unfinished: Unfinished, orders: Order
         held = _held_onward(vehicle, site, unfinished, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m)
         if held is not None:
             return held
-        flown_s = (vehicle.monitor.time_s or 0.0) - float(unfinished.track.time_s[0])
-        compiled = compile_continuation(
-            site, unfinished.route, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m,
-            flown_s=max(0.0, flown_s), autopilot=vehicle.autopilot,
-        )  # fmt: skip
-        return Onward(flight_plan(site, compiled), upload=True, first_item=0)
+        return _sent_onward(
+            vehicle, site, unfinished.route, lat_deg, lon_deg, alt_amsl_m, up_since_s=float(unfinished.track.time_s[0])
+        )
 
+    return _take_over(vehicle, site, plan_onward, orders)
+
+
+def fly_from_the_air(
+    vehicle: Connected, site: Site, route: Route, orders: Orders, *, up_since_s: float | None
+) -> FlightOutcome:
+    """Take over a vehicle in the air, and fly a whole route from where it is, along checked legs, and home.
+
+    Args:
+        vehicle: connected, in the air.
+        site: the scenario on its ground.
+        route: the planned route, such as the one that closes the gaps of the flight that the vehicle is still on.
+        orders: what the user wants, and who is told.
+        up_since_s: vehicle time at which it took off, which its endurance has to bear; none: since it was switched on.
+
+    Raises:
+        FlightFailedError: as ``fly``; also when there is no checked way to the route, and the vehicle then holds where it is.
+    """
+
+    def plan_onward(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Onward:
+        return _sent_onward(vehicle, site, route, lat_deg, lon_deg, alt_amsl_m, up_since_s=up_since_s or 0.0)
+
+    return _take_over(vehicle, site, plan_onward, orders)
+
+
+def _take_over(vehicle: Connected, site: Site, plan_onward: PlanOnward, orders: Orders) -> FlightOutcome:
     return fly_on_plan(
         vehicle.client, vehicle.monitor, plan_onward,
         on_sample=orders.on_sample, on_event=orders.on_event, stop=orders.stop, pause=orders.pause,
         confirmed=orders.confirmed, patience=orders.patience, plan_return=_plan_return(site),
     )  # fmt: skip
+
+
+def _sent_onward(
+    vehicle: Connected,
+    site: Site,
+    route: Route,
+    lat_deg: float,
+    lon_deg: float,
+    alt_amsl_m: float,
+    *,
+    up_since_s: float,
+) -> Onward:
+    """A mission from where the vehicle is, to be sent to it."""
+    flown_s = (vehicle.monitor.time_s or 0.0) - up_since_s
+    compiled = compile_continuation(
+        site, route, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m,
+        flown_s=max(0.0, flown_s), autopilot=vehicle.autopilot,
+    )  # fmt: skip
+    return Onward(flight_plan(site, compiled), upload=True, first_item=0)
 
 
 def _held_onward(

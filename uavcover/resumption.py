@@ -97,6 +97,18 @@ def find_unfinished(run: RunFolder, site: Site) -> Unfinished:
     return Unfinished(latest, planned, track, broken, Route(left), folder)
 
 
+def took_off_s(run: RunFolder) -> float | None:
+    """When the vehicle took off for the flight whose gaps a run closes, vehicle time; none when there is no such flight.
+
+    Raises:
+        InputError: its track cannot be read.
+    """
+    before = RunFolder(run.path.resolve().parent)
+    if not (before.file("plan.json").is_file() and before.file(TRACK).is_file()):
+        return None
+    return float(read_track(flights_of(before)[-1].file(TRACK)).time_s[0])
+
+
 def save_rest(unfinished: Unfinished, site: Site, *, command: Sequence[str]) -> None:
     """Write the plan of what is left, with its mission from home, into its folder, and which flight it goes on with.
 

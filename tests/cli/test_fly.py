@@ -118,3 +118,9 @@ def test_bad_usage(cli: Cli, tmp_path: Path) -> None:
     ended = cli("fly", tmp_path / "nope", "--to", "mock:")
     assert ended.code == 2
     assert "no such run folder" in ended.error
+
+
+def test_a_run_of_which_nothing_was_flown_is_not_resumed_on_the_ground(cli: Cli, planned: Path) -> None:
+    ended = cli("fly", planned, "--resume", "--to", "mock:")
+    assert ended.code == 2
+    assert "the vehicle is on the ground; fly it without --resume" in ended.error

@@ -7,10 +7,11 @@ from mission_io import SigningKey
 from uavcover import pipeline
 from uavcover.cli.console import Console
 from uavcover.cli.flying import record_flight
+from uavcover.errors import InputError
 from uavcover.flight.flight_plan import Patience
 from uavcover.flight.fly import FlightOutcome
-from uavcover.on_vehicle import check_home, connect, fly, fly_on, is_in_the_air, require_home
-from uavcover.resumption import Unfinished, find_unfinished, save_rest
+from uavcover.on_vehicle import check_home, connect, fly, fly_from_the_air, fly_on, is_in_the_air, require_home
+from uavcover.resumption import TRACK, Unfinished, find_unfinished, save_rest, took_off_s
 from uavcover.run_folder import RunFolder
 
 
@@ -21,19 +22,32 @@ def resume_run(
 ) -> tuple[FlightOutcome | None, dict[str, Any]]:  # fmt: skip
     """Fly what the latest flight of a run has left, from the ground or from where the vehicle is in the air.
 
-    It has a folder of its own inside the run's, with its plan, mission, track and recording.
+    It has a folder of its own inside the run's, with its plan, mission, track and recording. A run of which nothing was flown,
+    such as the one that closes the gaps of another, is flown from where the vehicle is in the air.
 
     Returns:
         The outcome, none when there was nothing left to fly; and what to tell programs.
 
     Raises:
-        InputError: nothing was flown yet.
+        InputError: nothing was flown yet, and the vehicle is on the ground.
         InfeasibleError: there is no checked way to what is left.
         FlightFailedError: the flight did not end as it should.
     """
     with run.reserved((), force=True):
-        site, _ = pipeline.read_planned(run)
+        site, planned = pipeline.read_planned(run)
         require_home(site)
+        if not run.file(TRACK).exists():
+            with connect(url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key) as vehicle:
+                if not is_in_the_air(vehicle):
+                    raise InputError(
+                        f"{run}: nothing of it was flown, and the vehicle is on the ground; fly it without --resume"
+                    )
+                console.say("the vehicle is in the air: it flies all of this run from where it is")
+                return record_flight(
+                    run, site, planned.route, console, vehicle,
+                    lambda orders: fly_from_the_air(vehicle, site, planned.route, orders, up_since_s=took_off_s(run)),
+                    confirmed=confirmed, force=False, viewer_url=viewer_url, patience=patience,
+                )  # fmt: skip
         unfinished = find_unfinished(run, site)
         _say(unfinished, console)
         if unfinished.complete:
