@@ -57,7 +57,7 @@ def start(request: StartRequest) -> Iterator[RunningVehicle]:
         **{f"PX4_PARAM_{name}": f"{value:g}" for name, value in request.parameters.items()},
     }
     command = [str(build / "bin" / "px4"), "-i", str(instance), "-d", str(build / "etc")]
-    with SimulatorProcess(command, request.folder, environment=environment) as process:
+    with _leaving_nothing(instance), SimulatorProcess(command, request.folder, environment=environment) as process:
         process.wait_for_line("Startup script returned successfully", within_s=_START_S)
         _tell(build, instance, "mavlink", "stop-all")
         urls = []
@@ -75,10 +75,23 @@ def start(request: StartRequest) -> Iterator[RunningVehicle]:
         )
 
 
+@contextmanager
+def _leaving_nothing(instance: int) -> Iterator[None]:
+    """Remove what an instance that was ended leaves behind, by which its number would count as taken."""
+    try:
+        yield
+    finally:
+        for path in _marks(instance):
+            path.unlink(missing_ok=True)
+
+
+def _marks(instance: int) -> tuple[Path, ...]:
+    return Path(f"/tmp/px4-sock-{instance}"), Path(f"/tmp/px4_lock-{instance}")
+
+
 def _free_instance() -> int:
     for instance in range(_FIRST_OWN_INSTANCE, _MOST_INSTANCES):
-        lock = Path(f"/tmp/px4-sock-{instance}")
-        if not lock.exists() and is_udp_port_free(_GROUND_STATION_PORT + instance):
+        if not any(mark.exists() for mark in _marks(instance)) and is_udp_port_free(_GROUND_STATION_PORT + instance):
             return instance
     raise SimulatorError(f"all PX4 instances up to {_MOST_INSTANCES} are in use, or have left /tmp/px4-sock-* behind")
 
