@@ -199,7 +199,10 @@ ROWS: Final[tuple[MessageRow, ...]] = (
     ),
     _row(m.MissionCurrent, "mission_current", "seq", _known("total", "total", 65535), _same("state", "mission_state")),
     _row(m.MissionItemReached, "mission_item_reached", "seq"),
-    _row(m.StatusText, "statustext", "severity", _text("text", "text", 50)),
+    _row(
+        m.StatusText, "statustext", "severity", _text("text", "text", 50), _same("text_id", "id"),
+        _same("chunk", "chunk_seq"),
+    ),
     _row(m.CommandLong, "command_long", *_TO, "command", _numbers(7), "confirmation"),
     _row(
         m.CommandInt, "command_int", *_TO, "frame", "command", _numbers(4), "x", "y", "z", current=0, autocontinue=0

@@ -11,7 +11,7 @@ from uavcover.flight.outcome import Ending
 
 _FENCE_HALF_WIDTH_M = 60.0
 _OUTWARD_M = ((0.0, 30.0), (0.0, 150.0))
-_AWAY_M = ((0.0, 30.0), (0.0, 600.0))
+_AWAY_M = ((0.0, 30.0), (0.0, 1000.0))
 """Long enough that the failsafe comes on the way, whatever the time after which it does."""
 _NOT_FLOWN = frozenset({Ending.NOT_ARMED, Ending.NOT_READY, Ending.ARMING_REFUSED, Ending.NOT_STARTED})
 
@@ -50,7 +50,7 @@ def link_loss(case: Case) -> Finding:
     require(bool(lost_s), f"it did not come to the second waypoint; {said}: {case.events[-1]}")
     if reaction == "returns":
         require_at_home(path)
-        require(outcome.ending is Ending.LINK_LOST, said)
+        require(not outcome.ending.good, said)
     return Finding(reaction, f"cut off on the way to the second waypoint; {said}")
 
 

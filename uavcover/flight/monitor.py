@@ -10,6 +10,7 @@ from mission_io.client import Client
 from mission_io.enums import LandedState, MissionState
 from mission_io.link import Link, open_link
 from mission_io.protocol.exchange import Timing
+from uavcover.flight.texts import TextAssembler
 
 MessageT = TypeVar("MessageT", bound=m.Message)
 
@@ -41,6 +42,7 @@ class Monitor:
         self.counts: Counter[type[m.Message]] = Counter()
         self.restarted = False
         self.reached = -1
+        self._assembler = TextAssembler()
         self._system_id: int | None = None
         self._latest: dict[type, m.Message] = {}
 
@@ -105,7 +107,7 @@ class Monitor:
             case m.MissionItemReached():
                 self.reached = max(self.reached, message.seq)
             case m.StatusText():
-                self.texts.append(message)
+                self.texts.extend(self._assembler.take(message))
 
     def _look_for_restart(self, message: m.Message) -> None:
         """Take the vehicle's time from a message; what was said before a restart is over."""

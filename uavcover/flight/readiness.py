@@ -41,6 +41,8 @@ _STREAMS: dict[type[m.Message], _Stream] = {
     m.GpsRawInt: _Stream(1.0, 0.2),
 }
 _OF_ARDUPILOT: dict[type[m.Message], _Stream] = {m.EkfStatusReport: _Stream(1.0, 0.2)}
+_UNASKED_OF_PX4 = frozenset({m.MissionCurrent})
+"""PX4 sends these by itself, and answers FAILED when it is asked."""
 _FIX_3D = 3
 _TRIES = 3
 _PREARM_CHECKS = 401
@@ -82,7 +84,10 @@ def _streams(conversation: Conversation) -> dict[type[m.Message], _Stream]:
 
 
 def _request(conversation: Conversation, streams: Mapping[type[m.Message], _Stream]) -> None:
+    px4 = conversation.client.vehicle.mav_autopilot == AutopilotId.PX4
     for kind, stream in streams.items():
+        if px4 and kind in _UNASKED_OF_PX4:
+            continue
         try:
             conversation.client.request_message_interval(kind, stream.interval_s)
         except CommandRefusedError as error:

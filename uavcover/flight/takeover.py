@@ -36,7 +36,9 @@ class Takeover:
         """Look at the mode; ``expected`` are those it was told."""
         conversation = self._conversation
         numbers = [custom_mode(conversation.autopilot, mode) for mode in expected]
-        if conversation.client.vehicle.custom_mode in numbers:
+        if self._left is not None and conversation.monitor.on_ground:
+            self.settle()  # PX4 goes back to the mode it was told once it has landed: that ends no takeover
+        elif conversation.client.vehicle.custom_mode in numbers:
             if self.cause is not None:
                 conversation.watch.close(self.cause, f"the vehicle is back in {conversation.mode_name}")
             self._left = self.cause = None
