@@ -3,6 +3,7 @@
 import argparse
 import platform
 import shlex
+import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -13,7 +14,7 @@ from pathlib import Path
 from sitl_tests.errors import MissingSimulatorError, SitlError
 from sitl_tests.matrix import Cell, load_matrix
 from sitl_tests.results import Circumstances, csv_text, markdown_text
-from sitl_tests.run import Result, run_cell
+from sitl_tests.run import Result, kept_result, run_cell
 
 _PACKAGES = ("uavcover", "pymavlink", "mavsdk")
 
@@ -52,8 +53,15 @@ def _results(cells: Sequence[Cell], logs: Path, seed: int, skipped: dict[str, st
     for number, cell in enumerate(cells, 1):
         if cell.vehicle.name in skipped:
             continue
+        folder = logs / cell.name
+        kept = kept_result(cell, folder)
+        if kept is not None:
+            yield kept
+            continue
+        if folder.exists():  # stopped in the middle
+            shutil.rmtree(folder)
         try:
-            result = run_cell(cell, logs / cell.name, seed=seed)
+            result = run_cell(cell, folder, seed=seed)
         except MissingSimulatorError as error:
             skipped[cell.vehicle.name] = str(error)
             print(f"{cell.vehicle.name}: {error}", file=sys.stderr)
@@ -89,7 +97,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--vehicle", action="append", help="only this vehicle (repeatable)")
     parser.add_argument("--capability", action="append", help="only this capability (repeatable)")
     parser.add_argument("--client", action="append", help="only this client (repeatable)")
-    parser.add_argument("--logs", help="folder for the logs of the cases; must not have them yet")
+    parser.add_argument(
+        "--logs", help="folder for the logs of the cases; cases that were run in it before are not run again"
+    )
     parser.add_argument("--seed", type=int, default=1, help="of the lossy links")
     return parser
 

@@ -1,5 +1,6 @@
 """Running one cell of the matrix: start the vehicle, try the capability, stop the vehicle, keep the logs."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -22,6 +23,7 @@ from uavcover.on_vehicle import require_home
 
 FAILED = "failed"
 EVENTS = "events.txt"
+RESULT = "result.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +50,27 @@ class Result:
         return self.finding.outcome == self.cell.expected.outcome
 
 
+def kept_result(cell: Cell, folder: Path) -> Result | None:
+    """What came of a cell that was run in this folder before; none when it was not, or not to its end."""
+    path = folder / RESULT
+    if not path.exists():
+        return None
+    kept = json.loads(path.read_text(encoding="utf-8"))
+    finding = Finding(kept["outcome"], kept["detail"])
+    return Result(cell, finding, kept["version"], kept["wall_s"], MappingProxyType(kept["log_sha256"]))
+
+
+def _keep(result: Result, folder: Path) -> None:
+    kept = {
+        "outcome": result.finding.outcome,
+        "detail": result.finding.detail,
+        "version": result.version,
+        "wall_s": result.wall_s,
+        "log_sha256": dict(result.log_sha256),
+    }
+    (folder / RESULT).write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+
+
 def run_cell(cell: Cell, folder: Path, *, seed: int = 1) -> Result:
     """Run a cell in a folder of its own, which must not exist yet.
 
@@ -70,7 +93,9 @@ def run_cell(cell: Cell, folder: Path, *, seed: int = 1) -> Result:
             (folder / EVENTS).write_text("".join(f"{line}\n" for line in case.events))
         version = vehicle.version
     logs = {path.name: sha256(path) for path in vehicle.log_files()}
-    return Result(cell, finding, version, watch.elapsed_s, MappingProxyType(logs))
+    result = Result(cell, finding, version, watch.elapsed_s, MappingProxyType(logs))
+    _keep(result, folder)
+    return result
 
 
 @cache
