@@ -1,4 +1,5 @@
 import json
+import select
 import signal
 import subprocess
 from pathlib import Path
@@ -124,3 +125,27 @@ def test_a_run_of_which_nothing_was_flown_is_not_resumed_on_the_ground(cli: Cli,
     ended = cli("fly", planned, "--resume", "--to", "mock:")
     assert ended.code == 2
     assert "the vehicle is on the ground; fly it without --resume" in ended.error
+
+
+def test_a_killed_flight_is_resumed_in_the_air(cli: Cli, planned: Path) -> None:
+    with mock_vehicle("--speed", 60) as (port, _):
+        url = upload(cli, planned, port)
+        with started(command("fly", planned, "--to", url)) as process:
+            wait_for_line(process, "in the air")
+            track = planned / "track.csv"
+            while track.stat().st_size < 200_000:
+                assert process.poll() is None
+                select.select([], [], [], 0.05)
+            process.kill()
+        ended = cli("fly", planned, "--to", url, "--resume", "--json")
+    assert ended.code == 0, ended.err
+    assert ended.document["ending"] == "landed"
+    assert ended.document["resumed_at_waypoint"] >= 1
+    assert "the vehicle is in the air: it goes on from where it is" in ended.err
+    verdict = cli("verify", planned, "--json")
+    assert verdict.document["track"] == "track.csv, resumed-1/track.csv"
+    assert verdict.document["coverage_fraction"] > 0.97, verdict.document["reasons"]
+    assert verdict.document["violations"] == []
+    again = cli("fly", planned, "--to", "mock:", "--resume", "--json")
+    assert again.code == 0
+    assert again.document["waypoints_left"] == 0
