@@ -44,6 +44,8 @@ def fly_run(
     """
     require_home(site)
     pipeline.compile_plan(site, route)  # a bad leg is known before anybody is asked
+    if run.file("track.csv").exists() and not force:
+        raise OutputError(f"{run}: holds the track of a flight; go on with it by --resume, or replace it by --force")
     with (
         run.reserved(FLIGHT_FILES, force=force),
         connect(url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key) as vehicle,
@@ -85,6 +87,9 @@ def record_flight(
         except FlightFailedError as error:
             if log.sample_count:
                 _note_outcome(run, error.outcome)
+                console.say(
+                    f"kept: {log.sample_count} samples in {run.file('track.csv')}; fly --resume goes on with them"
+                )
             raise
         except KeyboardInterrupt:
             console.warn("aborted: the vehicle was left as it is, maybe armed and in the air; take over from here")

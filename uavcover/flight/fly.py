@@ -157,14 +157,19 @@ class _Flight:
         self.simulator: str | None = None
         self.touched = False
 
-    def find(self, *, confirmed: bool) -> None:
+    def find(self, refuse: Callable[[Conversation], None], *, confirmed: bool) -> None:
         """Find the vehicle, and out whether it is simulated.
+
+        Args:
+            refuse: raises when the vehicle is not as it has to be.
+            confirmed: whether the user said that a real vehicle may be flown.
 
         Raises:
             FlightFaultError: it may be real, and the user did not say that it may be flown.
         """
         client, monitor = self.conversation.client, self.conversation.monitor
         vehicle = client.wait_for_vehicle()
+        refuse(self.conversation)
         monitor.listen_to(vehicle.system_id)
         monitor.begin()
         self.conversation.tell(EventKind.STAGE, f"vehicle {vehicle.system_id}, {vehicle.autopilot.name}")
@@ -259,9 +264,7 @@ class _Flight:
 
 def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn, *, confirmed: bool) -> FlightOutcome:
     conversation = flight.conversation
-    conversation.client.wait_for_vehicle()
-    _refuse_armed(conversation)
-    flight.find(confirmed=confirmed)
+    flight.find(_refuse_armed, confirmed=confirmed)
     try:
         request_telemetry(conversation)
         wait_until_ready(conversation)
@@ -282,8 +285,7 @@ def _from_the_air(
     flight: _Flight, plan_onward: PlanOnward, plan_return: PlanReturn, *, confirmed: bool
 ) -> FlightOutcome:
     conversation = flight.conversation
-    flight.find(confirmed=confirmed)
-    _refuse_taken(conversation)
+    flight.find(_refuse_taken, confirmed=confirmed)
     try:
         request_telemetry(conversation)
         check_telemetry(conversation)
@@ -325,7 +327,8 @@ def _refuse_armed(conversation: Conversation) -> None:
     if vehicle.armed:
         raise FlightFaultError(
             Ending.NOT_ARMED,
-            f"vehicle {vehicle.system_id} is armed already, in {conversation.mode_name}; not touched",
+            f"vehicle {vehicle.system_id} is armed already, in {conversation.mode_name}; not touched; --resume goes on with "
+            "a flight that ended early",
         )
 
 

@@ -61,14 +61,15 @@ def check_telemetry(conversation: Conversation) -> None:
         FlightFaultError: a kind of message does not come, or too rarely; it names it.
     """
     wanted = _streams(conversation)
-    rare: dict[type[m.Message], float] = {}
-    for attempt in range(_TRIES):
-        if attempt:
-            _request(conversation, {kind: wanted[kind] for kind in rare})
-        rates_hz = _measured_rates_hz(conversation, wanted)
-        rare = {kind: rate_hz for kind, rate_hz in rates_hz.items() if rate_hz < wanted[kind].least_hz}
+    rare = _rare(conversation, wanted)
+    for _ in range(_TRIES - 1):
         if not rare:
             return
+        again = {kind: wanted[kind] for kind in rare}
+        _request(conversation, again)
+        rare = _rare(conversation, again)
+    if not rare:
+        return
     told = " and ".join(f"{kind.__name__} {rate_hz:.1f} times a second" for kind, rate_hz in rare.items())
     needed = " and ".join(f"{wanted[kind].least_hz:g}" for kind in rare)
     raise FlightFaultError(
@@ -95,20 +96,19 @@ def _request(conversation: Conversation, streams: Mapping[type[m.Message], _Stre
             conversation.tell(EventKind.WARNING, text)
 
 
-def _measured_rates_hz(
-    conversation: Conversation, streams: Mapping[type[m.Message], _Stream]
-) -> dict[type[m.Message], float]:
-    """How often each kind comes, by the vehicle's time; a kind that is asked for rarely is given the time for two."""
+def _rare(conversation: Conversation, streams: Mapping[type[m.Message], _Stream]) -> dict[type[m.Message], float]:
+    """The kinds that come too rarely, and how often they come; a kind that is asked for rarely is given the time for three."""
     monitor = conversation.monitor
     before, began_s = monitor.counts.copy(), monitor.time_s
-    window_s = max(conversation.patience.rate_s, 2.0 * max(stream.interval_s for stream in streams.values()))
+    window_s = max(conversation.patience.rate_s, 3.0 * max(stream.interval_s for stream in streams.values()))
     timer = Timer(conversation, window_s)
     while not timer.over:
         if conversation.stop():
             raise Stopped
         conversation.pump()
     elapsed_s = window_s if began_s is None or monitor.time_s is None else monitor.time_s - began_s
-    return {kind: (monitor.counts[kind] - before[kind]) / max(elapsed_s, window_s) for kind in streams}
+    rates_hz = {kind: (monitor.counts[kind] - before[kind]) / max(elapsed_s, window_s) for kind in streams}
+    return {kind: rate_hz for kind, rate_hz in rates_hz.items() if rate_hz < streams[kind].least_hz}
 
 
 def wait_until_ready(conversation: Conversation) -> None:
