@@ -43,6 +43,11 @@ class Ending(Enum):
         """Its name in documents."""
         return self.name.lower()
 
+    @property
+    def good(self) -> bool:
+        """Whether the flight went as it was planned, or as the user wished."""
+        return self in (Ending.LANDED, Ending.RETURNED, Ending.LEFT_HOLDING, Ending.NOT_FLOWN)
+
 
 @dataclass(frozen=True, slots=True)
 class Incident:
