@@ -21,7 +21,7 @@ from uavcover.benchmarks.coverage.judging import (
     moment_document,
     read_moment,
 )
-from uavcover.benchmarks.coverage.line_scan import Tried, length_at
+from uavcover.benchmarks.coverage.line_scan import Tried, length_at, scan, short_families
 from uavcover.benchmarks.coverage.results import write_results
 from uavcover.benchmarks.coverage.runs import (
     EVALUATIONS,
@@ -38,7 +38,7 @@ from uavcover.benchmarks.kept_runs import KeptRuns
 from uavcover.coverage.hold_out import HoldOut
 from uavcover.model.route import Route
 from uavcover.pipeline import load_site
-from uavcover.planning.node_rows import NodeRows, fly_rows
+from uavcover.planning.node_rows import NodeRows, fly_rows, scanned_rows
 from uavcover.scenario import bundled_scenarios
 
 PLANAR = CASES["paper-planar"]
@@ -116,6 +116,28 @@ class TestLengthAt:
         assert length_at(tried, 0.96) == 1300.0  # 12 lines were not tried: nothing between 11 and 13
         assert length_at(tried, 0.5) == 1000.0  # what breaks a limit does not count
         assert math.isnan(length_at(tried, 0.999))
+
+    def test_only_families_that_are_short_somewhere_are_judged(self) -> None:
+        def family(name: str, *pairs: tuple[float, float]) -> list[Tried]:
+            return [Tried(name, k, seen, seen, 2, length, 0.0) for k, (seen, length) in enumerate(pairs)]
+
+        tried = [
+            *family("short", (0.9, 100.0), (1.0, 200.0)),
+            *family("short at last", (0.9, 150.0), (1.0, 209.0)),
+            *family("long", (0.9, 106.0), (1.0, 211.0)),
+            *family("sees too little", (0.8, 10.0)),
+        ]
+        assert short_families(tried, [0.9, 1.0]) == {"short", "short at last"}
+        assert short_families(tried, [0.8]) == {"sees too little"}
+
+    def test_a_scan_has_what_a_scan_of_everything_would_choose(self, judge: Judge) -> None:
+        tried, routes = scan(judge)
+        assert len(tried) == len(routes) > 50
+        moment, _ = judge.moment(0.0, routes)
+        assert moment.chosen["asked"].met
+        whole = [(fly_rows(judge.site, rows), "x") for rows in scanned_rows(judge.site, most_nodes=60)]
+        best, _ = judge.moment(0.0, whole)
+        assert moment.chosen["asked"].length_m <= best.chosen["asked"].length_m
 
 
 class TestOrder:

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from itertools import groupby, pairwise
 
 from uavcover.benchmarks.coverage.judging import Judge
+from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.coverage.sensors import reach_at_height_m
 from uavcover.model.route import Route
-from uavcover.planning.baselines import PLAIN_TOLERANCE_M, best_height_agl_m
+from uavcover.planning.baselines import PLAIN_TOLERANCE_M, TUNED, best_height_agl_m
 from uavcover.planning.node_rows import fly_rows, scanned_rows
 from uavcover.planning.snapshots import NamedRoute
 from uavcover.planning.swaths import fly_layout, long_side_angle_rad, regular_layout, width_across_m
@@ -18,6 +19,9 @@ _ANGLES = 12
 _INSETS = (0.0, 0.5, 0.8)
 _FEWEST_LINES, _MOST_LINES = 0.8, 1.45
 _MOST_NODES = 120
+
+_LESS_COVERAGE = (0.0, 0.002, 0.005, 0.01, 0.03)
+_LONGER = 1.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,19 +48,43 @@ class Tried:
 
 
 def scan(judge: Judge) -> tuple[list[Tried], list[NamedRoute]]:
-    """Everything that was tried, and the routes."""
+    """What was worth judging of everything that was tried, and the routes.
+
+    All are tried on the planner's cells first. Families that are more than 5 % longer there than the best, at every one of a few
+    coverages about the one that is asked for, are not judged on the finer cells.
+    """
     site = judge.site
     laid = list(_lines(site) if site.scenario.sensor.sensing == "along-path" else _rows(site))
-    routes: list[NamedRoute] = [(route, "boustrophedon-tuned") for _, _, route in laid]
-    members = judge.judged(routes)
+    coarse = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
+    first = [
+        Tried(family, lines, seen, seen, len(route), route.length_m, 0.0)
+        for family, lines, route in laid
+        for seen in [coarse.share_of_coverable(coarse.seen(route.waypoints_m))]
+    ]
+    kept = short_families(first, [judge.case.asked - less for less in _LESS_COVERAGE])
+    routes: list[NamedRoute] = [(route, TUNED) for family, _, route in laid if family in kept]
+    names = [(family, lines) for family, lines, _ in laid if family in kept]
     tried = [
         Tried(
             family, lines, m.metrics.coverage_of_coverable, judge.hold_out(m), m.metrics.waypoint_count,
             m.metrics.path_length_m, m.violation,
         )
-        for (family, lines, _), m in zip(laid, members, strict=True)
+        for (family, lines), m in zip(names, judge.judged(routes), strict=True)
     ]  # fmt: skip
     return tried, routes
+
+
+def short_families(tried: Sequence[Tried], coverages: Sequence[float]) -> set[str]:
+    """Families that are at most 5 % longer than the best at one of the coverages."""
+    by_family: dict[str, list[Tried]] = {}
+    for one in tried:
+        by_family.setdefault(one.family, []).append(one)
+    kept: set[str] = set()
+    for coverage in coverages:
+        lengths = {family: length_at(members, coverage) for family, members in by_family.items()}
+        best = min((length for length in lengths.values() if not math.isnan(length)), default=math.inf)
+        kept |= {family for family, length in lengths.items() if length <= _LONGER * best}
+    return kept
 
 
 def _lines(site: Site) -> Iterator[tuple[str, int, Route]]:
