@@ -16,6 +16,8 @@ from mission_io.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoin
 from mission_io.checks import check_for_autopilot
 from mission_io.content import Content, items_of, mission_type_of
 from mission_io.items import Frame, GeoPoint, Mission, MissionItem, change_speed, land, takeoff, waypoint
+from uavcover.camera_items import headed, pointing_items, start_pictures, stop_pictures
+from uavcover.coverage.sensors import trigger_distance_m
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.frames import LocalFrame
 from uavcover.kernels.coverage import sample_path
@@ -175,7 +177,15 @@ def _compiled(
     _check_transit(site, "the way there", there_m, far_end=len(there_m) - 1, far_end_lowest_agl_m=lowest_agl_m)
     _check_transit(site, "the way home", back, far_end=0, far_end_lowest_agl_m=lowest_agl_m)
 
-    items = [*opening, *(_item(waypoint, frame, point, home) for point in planned)]
+    sensor = site.scenario.sensor
+    first, *_ = sensing = [headed(_item(waypoint, frame, point, home), sensor, autopilot) for point in planned]
+    opening = [*opening, *pointing_items(sensor, autopilot)]
+    picture_distance_m = trigger_distance_m(site.scenario)
+    if picture_distance_m is not None:
+        # A command is carried out once the waypoint in front of it is reached: so the first one stands there twice.
+        opening += [first, start_pictures(picture_distance_m)]
+        sensing.append(stop_pictures())
+    items = [*opening, *sensing]
     items += [_item(waypoint, frame, point, home) for point in back[1:]]
     items.append(_item(land, frame, home, home))
     mission = Mission(_geo_point(frame, home), tuple(items))
