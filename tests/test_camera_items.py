@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mission_io.actions import PointGimbal, PointMount, TriggerEvery, action_of
-from mission_io.autopilots import ARDUPILOT, PX4, stored_item
+from mission_io.autopilots import ARDUPILOT, PX4, command_read_back, stored_item
 from mission_io.formats import plan, wpl
 from mission_io.items import Command
 from tests.planning.sites import CAMERA, make_site
@@ -63,7 +63,7 @@ def test_the_commands_survive_storage_and_files(name, autopilot):
     for item in mission.items:
         if not item.has_position:
             assert dataclasses.replace(
-                stored_item(item, autopilot), frame=item.frame, autocontinue=True
+                command_read_back(stored_item(item, autopilot)), frame=item.frame, autocontinue=True
             ) == dataclasses.replace(item, params=tuple(map(float, np.float32(item.params))))
     result = compiled(FRAME, name)
     file = plan.PlanFile(mission, result.fence, result.rally, mav_autopilot=int(autopilot.mav_autopilot))
