@@ -40,14 +40,14 @@ def test_a_leg_over_flat_ground_shows_a_strip():
 
 
 def test_a_tilted_camera_looks_ahead_of_the_vehicle():
-    seen = seen_along(AHEAD, [[50.0, 100.0, 80.0], [51.0, 100.0, 80.0]])
-    near, far = (50.0 + 80.0 * math.tan(math.radians(35.0 + side)) for side in (-20.0, 20.0))
+    seen = seen_along(AHEAD, [[50.0, 100.0, 50.0], [51.0, 100.0, 50.0]])
+    near, far = (50.0 + 50.0 * math.tan(math.radians(35.0 + side)) for side in (-20.0, 20.0))
     assert seen[:, 0].min() == pytest.approx(near, abs=5.0)
     assert seen[:, 0].max() == pytest.approx(far, abs=5.0)
-    picture = flat_picture(AHEAD, 80.0)
+    picture = flat_picture(AHEAD, 50.0)
     assert (50.0 + picture.near_m, 50.0 + picture.far_m) == pytest.approx((near, far))
     assert np.ptp(seen[:, 1]) == pytest.approx(2.0 * picture.half_width_m, abs=10.0)
-    back = seen_along(AHEAD, [[250.0, 100.0, 80.0], [249.0, 100.0, 80.0]])
+    back = seen_along(AHEAD, [[250.0, 100.0, 50.0], [249.0, 100.0, 50.0]])
     assert back[:, 0].max() == pytest.approx(300.0 - near, abs=5.0)
 
 
