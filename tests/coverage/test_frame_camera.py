@@ -46,7 +46,7 @@ def test_a_tilted_camera_looks_ahead_of_the_vehicle():
     assert seen[:, 0].max() == pytest.approx(far, abs=5.0)
     picture = flat_picture(AHEAD, 50.0)
     assert (50.0 + picture.near_m, 50.0 + picture.far_m) == pytest.approx((near, far))
-    assert np.ptp(seen[:, 1]) == pytest.approx(2.0 * picture.half_width_m, abs=10.0)
+    assert np.ptp(seen[:, 1]) == pytest.approx(2.0 * picture.half_width_m, abs=15.0)
     back = seen_along(AHEAD, [[250.0, 100.0, 50.0], [249.0, 100.0, 50.0]])
     assert back[:, 0].max() == pytest.approx(300.0 - near, abs=5.0)
 
