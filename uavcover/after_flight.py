@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -79,13 +79,18 @@ def read_planned_route(run: RunFolder) -> PlannedRoute | None:
 
 
 def planned_for(log: Path, run: RunFolder) -> PlannedRoute | None:
-    """The plan that a log followed: the one beside it, as in the folder of a gap mission, otherwise the run folder's.
+    """The plan that a log followed: the one beside it, as in the folder of a gap mission or a sortie, otherwise the run folder's.
 
     Raises:
         InputError: the plan cannot be read.
     """
     beside = RunFolder(log.parent)
-    return read_planned_route(beside if beside.file("plan.json").exists() else run)
+    planned = read_planned_route(beside if beside.file("plan.json").exists() else run)
+    if planned is None or not any(sortie.path in log.parents for sortie in run.sorties()):
+        return planned
+    # The flights of one plan count together, and so does what it promised.
+    whole = read_planned_route(run)
+    return planned if whole is None else replace(planned, coverage_fraction=whole.coverage_fraction)
 
 
 def judge_tracks(site: Site, tracks: Sequence[tuple[Track, PlannedRoute | None]]) -> Verdict:

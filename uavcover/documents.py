@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,7 +50,9 @@ class PlannedDocument:
     rule_met: bool
 
 
-def plan_document(site: Site, plan: Plan, *, seed: int, bounds: dict[str, float]) -> dict[str, Any]:
+def plan_document(
+    site: Site, plan: Plan, *, seed: int, bounds: dict[str, float], sorties: Sequence[dict[str, Any]] = ()
+) -> dict[str, Any]:
     """``plan.json``: equal for equal seed and evaluations in everything but ``wall_s``."""
     frame = site.frame
     origin = None
@@ -69,6 +72,7 @@ def plan_document(site: Site, plan: Plan, *, seed: int, bounds: dict[str, float]
         "rule_met": plan.rule_met,
         "waypoints": _waypoints(site, plan.chosen.route.waypoints_m),
         "metrics": dataclasses.asdict(plan.chosen.metrics),
+        "sorties": list(sorties),
         "bounds": bounds,
         "baselines": [
             {"name": b.origin, "violation": b.violation, **dataclasses.asdict(b.metrics)} for b in plan.baselines

@@ -15,7 +15,7 @@ from mission_io import autopilots
 from mission_io.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.checks import check_for_autopilot
 from mission_io.content import Content, items_of, mission_type_of
-from mission_io.items import Frame, GeoPoint, Mission, MissionItem, change_speed, land, takeoff, waypoint
+from mission_io.items import Frame, GeoPoint, Mission, MissionItem, MissionType, change_speed, land, takeoff, waypoint
 from uavcover.camera_items import headed, pointing_items, start_pictures, stop_pictures
 from uavcover.coverage.sensors import trigger_distance_m
 from uavcover.errors import InfeasibleError, InputError
@@ -40,6 +40,10 @@ _TRANSIT_TRIES = 5
 _SAMPLE_SPACING_M = 5.0
 _COLUMN_M = 0.1
 """Legs with less horizontal way than this are vertical columns, which the climb limit does not speak of."""
+
+
+class MissionTooLongError(InfeasibleError):
+    """One flight cannot do it: it takes longer than the endurance, or more items than the autopilot holds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,14 +197,14 @@ def _compiled(
     time_s = _flight_time_s(site, path, start_m, home)
     if vehicle.endurance_s is not None and flown_s + time_s > vehicle.endurance_s:
         before = f" after {flown_s:.0f} s in the air" if flown_s > 0.0 else ""
-        raise InfeasibleError(
+        raise MissionTooLongError(
             f"the flight takes {time_s:.0f} s with the ways there and home{before}, vehicle.endurance_s is "
             f"{vehicle.endurance_s:.0f} s; ask for less coverage (--select), or plan a smaller area"
         )
     advice = check_straight_return(site, path, first_waypoint=len(there_m) - 1, waypoint_count=len(planned))
     fence, rally = _fence(site, frame), _rally(frame, home, advice)
     for content in (mission, fence, rally):
-        _check_autopilot(content, AUTOPILOTS[autopilot])
+        _check_autopilot(content, AUTOPILOTS[autopilot], item_limit=vehicle.max_mission_items)
     return CompiledMission(
         mission=mission,
         fence=fence,
@@ -370,13 +374,16 @@ def _check_transit(site: Site, what: str, points_m: FloatArray, *, far_end: int,
     _refuse(what, [p for p in problems if p.kind not in ignored])
 
 
-def _check_autopilot(content: Content, autopilot: autopilots.Autopilot) -> None:
+def _check_autopilot(content: Content, autopilot: autopilots.Autopilot, *, item_limit: int | None) -> None:
     """Refuse a list that the autopilot would not take or would understand otherwise."""
-    problems = check_for_autopilot(items_of(content, autopilot), autopilot, mission_type_of(content))
+    items = items_of(content, autopilot)
+    problems = check_for_autopilot(items, autopilot, mission_type_of(content))
     if problems:
-        raise InfeasibleError(
-            f"{autopilot.name} would not take this {mission_type_of(content).name.lower()}: {problems[0]}"
-        )
+        # Too many items are said of the list as a whole.
+        refused = MissionTooLongError if problems[0].item is None else InfeasibleError
+        raise refused(f"{autopilot.name} would not take this {mission_type_of(content).name.lower()}: {problems[0]}")
+    if item_limit is not None and mission_type_of(content) is MissionType.MISSION and len(items) > item_limit:
+        raise MissionTooLongError(f"the mission has {len(items)} items, vehicle.max_mission_items is {item_limit}")
 
 
 def _item(make: object, frame: LocalFrame, point_m: FloatArray, home_m: FloatArray) -> MissionItem:

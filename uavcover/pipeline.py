@@ -31,17 +31,20 @@ from uavcover.documents import (
     read_plan_document,
 )
 from uavcover.errors import InputError
+from uavcover.leg_checks import measure_violations
 from uavcover.mission_compiler import AUTOPILOTS, CompiledMission, compile_mission
 from uavcover.model.report import VerificationReport
-from uavcover.model.route import Plan, Route
+from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings, RasterTerrain, Scenario
 from uavcover.model.track import Track
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planning.baselines import best_height_agl_m
+from uavcover.planning.objectives import judge
 from uavcover.planning.planner import Effort, Progress, plan_routes
 from uavcover.run_folder import SCHEMA_VERSION, RunFolder, json_text
 from uavcover.scenario import dump_scenario, load_scenario, terrain_path
 from uavcover.site import Site, build_site
+from uavcover.sorties import Sortie, compile_sorties
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.verify import verify_track
 
@@ -144,6 +147,11 @@ def compile_plan(site: Site, route: Route, *, autopilot: AutopilotName | None = 
     return compile_mission(site, route, autopilot=autopilot or site.scenario.vehicle.autopilot)
 
 
+def compile_flights(site: Site, route: Route, *, autopilot: AutopilotName | None = None) -> tuple[Sortie, ...]:
+    """The missions of a planned route: one, or several where endurance or items ask for it; see :mod:`uavcover.sorties`."""
+    return compile_sorties(site, route, autopilot=autopilot or site.scenario.vehicle.autopilot)
+
+
 def upload(
     client: Client,
     compiled: CompiledMission,
@@ -206,19 +214,65 @@ def save_plan(
     autopilot: AutopilotName,
     seed: int,
     command: Sequence[str],
+    sorties: Sequence[Sortie] = (),
 ) -> None:
     """Write the scenario, the Pareto set, the chosen route and its mission files, all or none.
 
     What belonged to an older plan in the same folder (its upload, flight and verdict) is removed.
+
+    Args:
+        run: the folder.
+        site: the scenario on its ground.
+        result: the plan.
+        compiled: its mission, none when there is none or several.
+        autopilot: for whom the mission files are.
+        seed: of every random number.
+        command: how it was asked for.
+        sorties: its flights when there are several; each gets a run folder of its own inside this one.
     """
     scenario = dump_scenario(site.scenario)
-    texts = {"scenario.toml": scenario, "pareto.csv": pareto_csv(result)}
+    about = json_text(_run_document(site, scenario, seed=seed, command=command, plan_wall_s=result.wall_s))
+    limits = bounds(site)
+    texts = {"scenario.toml": scenario, "pareto.csv": pareto_csv(result), "run.json": about}
     if compiled is not None:
         texts |= mission_texts(compiled, autopilot=autopilot, name=site.scenario.name)
-    about = _run_document(site, scenario, seed=seed, command=command, plan_wall_s=result.wall_s)
-    texts["run.json"] = json_text(about)
-    texts["plan.json"] = json_text(plan_document(site, result, seed=seed, bounds=bounds(site)))
-    run.write_together(texts, stale=[name for name in OF_A_PLAN if name not in texts])
+    rows = [_sortie_row(number, sortie) for number, sortie in enumerate(sorties, start=1)]
+    texts["plan.json"] = json_text(plan_document(site, result, seed=seed, bounds=limits, sorties=rows))
+    stale = [name for name in OF_A_PLAN if name not in texts]
+    judged = judging_map(site) if sorties else None
+    for row, sortie in zip(rows, sorties, strict=True):
+        if judged is None:
+            break
+        plan = _plan_of_sortie(judged, result, sortie)
+        own = {"scenario.toml": scenario, "pareto.csv": pareto_csv(plan), "run.json": about}
+        own |= mission_texts(sortie.compiled, autopilot=autopilot, name=f"{site.scenario.name}, sortie {row['number']}")
+        own["plan.json"] = json_text(plan_document(site, plan, seed=seed, bounds=limits))
+        texts |= {f"{row['folder']}/{name}": text for name, text in own.items()}
+        stale += [f"{row['folder']}/{name}" for name in OF_A_PLAN if name not in own]
+    for number in range(len(sorties) + 1, len(run.sorties()) + 1):
+        stale += [f"sortie-{number}/{name}" for name in (*PLAN_FILES, *OF_A_PLAN)]
+    run.write_together(texts, stale=stale)
+
+
+def _sortie_row(number: int, sortie: Sortie) -> dict[str, Any]:
+    return {
+        "number": number,
+        "folder": f"sortie-{number}",
+        "first_waypoint": sortie.first,
+        "last_waypoint": sortie.last,
+        "flight_time_s": sortie.compiled.flight_time_s,
+        "route_length_m": sortie.route.length_m,
+        "path_length_m": Route(sortie.compiled.path_m).length_m,
+        "mission_items": len(sortie.compiled.mission.items),
+    }
+
+
+def _plan_of_sortie(judged: CoverageMap, whole: Plan, sortie: Sortie) -> Plan:
+    """A plan with the part of the chosen route that a sortie flies, judged by itself."""
+    route = sortie.route
+    violation = measure_violations(judged.site, route.waypoints_m, margin_m=0.0).total
+    member = RouteMember(route, judge(judged, route), violation, whole.chosen.origin)
+    return dataclasses.replace(whole, chosen=member, members=(member,), baselines=())
 
 
 def mission_texts(compiled: CompiledMission, *, autopilot: AutopilotName, name: str) -> dict[str, str]:

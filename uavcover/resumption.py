@@ -65,11 +65,16 @@ def flights_of(run: RunFolder) -> list[RunFolder]:
 
 
 def flown_tracks(run: RunFolder) -> list[Path]:
-    """The tracks that count together: the run's, and those of the flights that resumed it.
+    """The tracks that count together: the run's, or those of its sorties, each with the flights that resumed it.
 
     Raises:
         InputError: nothing was flown.
     """
+    if sorties := run.sorties():
+        flown = [sortie for sortie in sorties if sortie.file(TRACK).is_file()]
+        if not flown:
+            run.existing(TRACK, made_by="uavcover fly --sortie 1")
+        return [track for sortie in flown for track in flown_tracks(sortie)]
     run.existing(TRACK, made_by="uavcover fly")
     return [folder.file(TRACK) for folder in flights_of(run)]
 

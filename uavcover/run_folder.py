@@ -31,6 +31,31 @@ class RunFolder:
         """Path of one of its files."""
         return self.path / name
 
+    def sorties(self) -> list["RunFolder"]:
+        """Its folders ``sortie-1``, ``sortie-2``, ..., each a run folder of its own; none when it is one flight."""
+        found: list[RunFolder] = []
+        while (folder := RunFolder(self.path / f"sortie-{len(found) + 1}")).file("plan.json").is_file():
+            found.append(folder)
+        return found
+
+    def flight(self, sortie: int | None) -> "RunFolder":
+        """The folder of one flight: this one, or that of a sortie.
+
+        Raises:
+            InputError: it has sorties and none was named, or not this one.
+        """
+        sorties = self.sorties()
+        if not sorties and sortie is None:
+            return self
+        if not sorties:
+            raise InputError(f"{self.path}: is one flight and has no sorties; leave --sortie out")
+        if sortie is None or not 1 <= sortie <= len(sorties):
+            named = "" if sortie is None else f", not sortie {sortie}"
+            raise InputError(
+                f"{self.path}: is flown as {len(sorties)} sorties{named}; say which: --sortie 1 to {len(sorties)}"
+            )
+        return sorties[sortie - 1]
+
     def existing(self, name: str, *, made_by: str) -> Path:
         """Path of a file that must be there.
 
@@ -164,6 +189,7 @@ def _write_together(texts: Mapping[Path, str | bytes], stale: Iterable[Path]) ->
     try:
         for path, text in texts.items():
             with _writing(path):
+                path.parent.mkdir(exist_ok=True)
                 handle, unfinished[path] = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
                 with os.fdopen(handle, "wb") as file:
                     file.write(text.encode() if isinstance(text, str) else text)

@@ -12,6 +12,7 @@ def export(
     run: Annotated[Path, typer.Argument(help="Run folder.")],
     file_format: Annotated[str, typer.Option("--format", help="waypoints, plan, kml, geojson or csv.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="File to write.", metavar="FILE")],
+    sortie: options.Sortie = None,
     autopilot: options.Autopilot = None,
     force: options.Force = False,
     as_json: options.Json = False,
@@ -27,7 +28,7 @@ def export(
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     if file_format not in pipeline.EXPORT_FORMATS:
         raise InputError(f"--format: {file_format!r} is not one of {', '.join(pipeline.EXPORT_FORMATS)}")
-    site, planned = pipeline.read_planned(RunFolder(run))
+    site, planned = pipeline.read_planned(RunFolder(run).flight(sortie))
     name = options.autopilot_name(autopilot, site.scenario.vehicle.autopilot)
     compiled = pipeline.compile_plan(site, planned.route, autopilot=name)
     text = pipeline.export_text(compiled, file_format, autopilot=name, name=site.scenario.name)

@@ -12,6 +12,7 @@ from uavcover.cli import options
 def fly(
     run: Annotated[Path, typer.Argument(help="Run folder whose mission the vehicle holds.")],
     to: options.To,
+    sortie: options.Sortie = None,
     yes: Annotated[bool, typer.Option("--yes", help="Arm a vehicle that is not simulated.")] = False,
     timeout_s: options.Timeout = 10.0,
     signing_key: options.SigningKeyFile = None,
@@ -51,7 +52,7 @@ def fly(
 
     key = options.signing_key(signing_key)
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
-    folder = RunFolder(run)
+    folder = RunFolder(run).flight(sortie)
     patience = Patience(deadman_s=deadman_s, link_lost_s=link_lost_s)
     viewer_url = None
     if live:

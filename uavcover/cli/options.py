@@ -40,6 +40,9 @@ Logs = Annotated[
         help="A flown track: .csv, .rrd, .bin, .tlog, .ulg or .gpx; can be given several times. Default: RUN/track.csv.",
     ),
 ]
+Sortie = Annotated[
+    int | None, typer.Option("--sortie", help="Which flight of a plan that is flown as several.", metavar="N", min=1)
+]
 Timeout = Annotated[
     float, typer.Option("--timeout", help="Seconds to wait for the vehicle's first heartbeat.", metavar="SECONDS")
 ]

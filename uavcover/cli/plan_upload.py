@@ -12,6 +12,7 @@ from uavcover.cli import options
 def plan_upload(
     source: Annotated[str, typer.Argument(help="A scenario (planned first), or a run folder.", metavar="SCENARIO|RUN")],
     to: options.To,
+    sortie: options.Sortie = None,
     run: Annotated[
         Path | None, typer.Option("-o", "--out", help="Run folder to plan into; default: the scenario's name.")
     ] = None,
@@ -49,9 +50,8 @@ def plan_upload(
             raise InputError(
                 f"{source}: is a run folder and has its plan already; {', '.join(unused)} would do nothing"
             )
-        folder = RunFolder(source)
+        folder = RunFolder(source).flight(sortie)
         site, planned = pipeline.read_planned(folder)
-        route = planned.route
     else:
         folder = RunFolder(run if run is not None else Path(source).stem)
         request = PlanRequest(
@@ -63,7 +63,9 @@ def plan_upload(
             console.warn("nothing was uploaded")
             console.result(outcome.document)
             return outcome.exit_code
-        site, route = outcome.site, outcome.plan.chosen.route
+        folder = folder.flight(sortie)
+        site, planned = pipeline.read_planned(folder)
+    route = planned.route
     document = upload_run(
         folder, site, route, to, console, timeout_s=timeout_s, link=link, in_flight=in_flight, signing_key=key
     )

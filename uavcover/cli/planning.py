@@ -18,6 +18,7 @@ from uavcover.planning.planner import Progress
 from uavcover.planning.selection import parse_rule, select
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
+from uavcover.sorties import Sortie
 
 _FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
 
@@ -62,7 +63,8 @@ class PlanOutcome:
     Attributes:
         site: the scenario on its ground.
         plan: the Pareto set and the choice.
-        compiled: the mission, none for a scenario that has no place on Earth.
+        compiled: the mission, none for a scenario that has no place on Earth, and none when it is flown as several sorties.
+        sorties: the flights when there are several.
         document: the answer for ``--json``.
         exit_code: 0, 1 when the rule was not met, 130 when the user ended the search.
     """
@@ -70,6 +72,7 @@ class PlanOutcome:
     site: Site
     plan: Plan
     compiled: CompiledMission | None
+    sorties: tuple[Sortie, ...]
     document: dict[str, Any]
     exit_code: int
 
@@ -95,17 +98,23 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
         console.say(f"planning {site.scenario.name}: {site.scenario.description}".rstrip(": "))
         with console.progress("planning") as bar:
             result = _search(site, request, stops, bar)
-        compiled, refused = None, None
+        flights: tuple[Sortie, ...] = ()
+        refused = None
         if site.frame is not None and site.home_m is not None:
             try:
-                compiled = pipeline.compile_plan(site, result.chosen.route, autopilot=name)
+                flights = pipeline.compile_flights(site, result.chosen.route, autopilot=name)
             except InfeasibleError as error:
                 refused = error
         seed = site.scenario.planner.seed if request.seed is None else request.seed
-        pipeline.save_plan(run, site, result, compiled=compiled, autopilot=name, seed=seed, command=request.command)
+        compiled = flights[0].compiled if len(flights) == 1 else None
+        sorties = flights if len(flights) > 1 else ()
+        pipeline.save_plan(
+            run, site, result, compiled=compiled, autopilot=name, seed=seed, command=request.command, sorties=sorties
+        )
     if refused is not None:
         raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
-    _say_plan(console, run, result, compiled, time.monotonic() - started)
+    _say_plan(console, run, result, time.monotonic() - started)
+    _say_missions(console, run, compiled, sorties)
     code = INTERRUPTED if result.interrupted else 0 if result.rule_met else 1
     document = {
         "run": str(run),
@@ -116,9 +125,10 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
         "rule": result.rule,
         "rule_met": result.rule_met,
         "interrupted": result.interrupted,
-        "mission_files": compiled is not None,
+        "mission_files": bool(flights),
+        "sorties": len(sorties),
     }
-    return PlanOutcome(site, result, compiled, document, code)
+    return PlanOutcome(site, result, compiled, sorties, document, code)
 
 
 def _search(site: Site, request: PlanRequest, stops: Interrupts, bar: Bar) -> Plan:
@@ -133,7 +143,7 @@ def _search(site: Site, request: PlanRequest, stops: Interrupts, bar: Bar) -> Pl
     )  # fmt: skip
 
 
-def _say_plan(console: Console, run: RunFolder, result: Plan, compiled: CompiledMission | None, wall_s: float) -> None:
+def _say_plan(console: Console, run: RunFolder, result: Plan, wall_s: float) -> None:
     console.say(f"{'':22}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}")
     shown = [("chosen route", result.chosen)]
     plain = [member for member in result.baselines if member.origin == "boustrophedon"][:1]
@@ -151,9 +161,32 @@ def _say_plan(console: Console, run: RunFolder, result: Plan, compiled: Compiled
         console.warn(f"no route meets {result.rule}; the best there is has been written")
     if result.interrupted:
         console.warn(f"interrupted: the best route found so far has been written to {run}")
-    if compiled is None:
+
+
+def _say_missions(
+    console: Console, run: RunFolder, compiled: CompiledMission | None, sorties: Sequence[Sortie]
+) -> None:
+    if compiled is not None:
+        _say_return(console, compiled, "")
+        console.say(f"written: {run.file('mission.waypoints')} and mission.plan, fence, rally, kml beside it")
+    elif not sorties:
         console.say("the scenario has no place on Earth: no mission files (give it an [origin] and a [home])")
         return
+    for number, sortie in enumerate(sorties, start=1):
+        console.say(
+            f"sortie {number:<2}  waypoints {sortie.first} to {sortie.last}, {sortie.compiled.flight_time_s:.0f} s, "
+            f"{len(sortie.compiled.mission.items)} items"
+        )
+        _say_return(console, sortie.compiled, f"sortie {number}: ")
+    if sorties:
+        total_s = sum(sortie.compiled.flight_time_s for sortie in sorties)
+        console.say(
+            f"one flight is not enough: {len(sorties)} sorties, {total_s:.0f} s in all, in {run.file('sortie-1')} and so on; "
+            "each is uploaded and flown with --sortie N"
+        )
+
+
+def _say_return(console: Console, compiled: CompiledMission, which: str) -> None:
     advice = compiled.return_advice
     if advice.unsafe_waypoints:
         numbers = ", ".join(map(str, advice.unsafe_waypoints[:8])) + (
@@ -165,10 +198,9 @@ def _say_plan(console: Console, run: RunFolder, result: Plan, compiled: Compiled
             else "some ground on the way is not known, so no height is"
         )
         console.warn(
-            f"a straight return at {advice.return_height_m:.0f} m above home is not safe from waypoints {numbers} "
+            f"{which}a straight return at {advice.return_height_m:.0f} m above home is not safe from waypoints {numbers} "
             f"(lowest {metres(advice.worst_clearance_m)} above ground); {remedy}"
         )
-    console.say(f"written: {run.file('mission.waypoints')} and mission.plan, fence, rally, kml beside it")
 
 
 def _figures(label: str, member: RouteMember) -> str:

@@ -29,6 +29,9 @@ def judge_run(run: RunFolder, console: Console, *, logs: Sequence[Path]) -> tupl
     """The verdict on the logs of a run, by default its own track, and the logs' names; nothing is written."""
     site = pipeline.load_site(run.existing("scenario.toml", made_by="uavcover plan"))
     paths = list(logs) or flown_tracks(run)
+    for number, sortie in enumerate(run.sorties(), start=1):
+        if not logs and not sortie.file("track.csv").is_file():
+            console.warn(f"sortie {number} was not flown yet: fly it with --sortie {number}")
     tracks: list[tuple[Track, PlannedRoute | None]] = []
     for path in paths:
         loaded = after_flight.read_log(path, site)

@@ -19,7 +19,8 @@ class Vehicle:
         acceptance_radius_m: a waypoint counts as reached within this distance.
         takeoff_height_m: height above home of the vertical climb, raised where the way there needs more.
         return_height_m: the autopilot's own return height above home, checked from every waypoint.
-        endurance_s: longest flight, or none.
+        endurance_s: longest flight, or none. A route that takes longer is flown as several sorties.
+        max_mission_items: most items of a mission, home among them where the autopilot counts it; none: what it is known to take.
         autopilot: whose conventions the mission files follow unless a command says otherwise.
     """
 
@@ -32,6 +33,7 @@ class Vehicle:
     takeoff_height_m: float = 30.0
     return_height_m: float = 60.0
     endurance_s: float | None = None
+    max_mission_items: int | None = None
     autopilot: AutopilotName = "ardupilot"
 
     def __post_init__(self) -> None:
@@ -45,3 +47,7 @@ class Vehicle:
         )
         require(self.cruise_speed_m_s <= 100.0, f"cruise_speed_m_s: {self.cruise_speed_m_s} m/s is no multirotor")
         require(self.endurance_s is None or self.endurance_s > 0.0, "endurance_s: must be above 0")
+        require(
+            self.max_mission_items is None or self.max_mission_items >= 8,
+            f"max_mission_items: {self.max_mission_items} is too few for take-off, a leg and landing (8)",
+        )

@@ -85,7 +85,8 @@ def read_run(run: RunFolder, *, logs: Sequence[Path]) -> ReportContent:
     """
     site = pipeline.load_site(run.existing("scenario.toml", made_by="uavcover plan"))
     plan = run.read_json("plan.json", made_by="uavcover plan")
-    paths = list(logs) or (flown_tracks(run) if run.file("track.csv").is_file() else [])
+    flown = any(folder.file("track.csv").is_file() for folder in (run, *run.sorties()))
+    paths = list(logs) or (flown_tracks(run) if flown else [])
     read = [after_flight.read_log(path, site) for path in paths]
     verdict = None
     if read:
@@ -100,7 +101,7 @@ def read_run(run: RunFolder, *, logs: Sequence[Path]) -> ReportContent:
         members=read_pareto(pareto) if pareto.is_file() else (),
         about=_optional_json(run, "run.json"),
         upload=_optional_json(run, "upload.json"),
-        flights=tuple(_flight(site, path.name, r.track) for r, path in zip(read, paths, strict=True)),
+        flights=tuple(_flight(site, _shown(path, run), r.track) for r, path in zip(read, paths, strict=True)),
         verdict=verdict,
         warnings=tuple(warning for r in read for warning in r.warnings),
     )
@@ -109,6 +110,11 @@ def read_run(run: RunFolder, *, logs: Sequence[Path]) -> ReportContent:
 def _flight(site: Site, source: str, track: Track) -> Flight:
     enu = track_positions_m(site, track)
     return Flight(source, track, enu, enu[:, 2] - site.ground.heights_m(enu[:, :2]))
+
+
+def _shown(path: Path, run: RunFolder) -> str:
+    """A sortie's track with its folder, any other log by its name."""
+    return f"{path.parent.name}/{path.name}" if path.parent.parent == run.path else path.name
 
 
 def _optional_json(run: RunFolder, name: str) -> dict[str, Any]:

@@ -1,0 +1,201 @@
+"""A planned route as several flights: where to go home in between, so that the ways home are short in sum."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.errors import InfeasibleError
+from uavcover.kernels.route import leg_times
+from uavcover.mission_compiler import AUTOPILOTS, CompiledMission, MissionTooLongError, compile_mission, transit
+from uavcover.model.route import Route
+from uavcover.model.vehicle import AutopilotName
+from uavcover.site import Site
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_ROUNDS = 60
+"""How often a split is made anew without what the compiler refused of the one before."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sortie:
+    """One flight of a planned route.
+
+    Attributes:
+        first: number of its first waypoint in the whole route.
+        last: of its last one; where the sensor looks along the path, the next sortie begins there too.
+        route: its waypoints.
+        compiled: its mission, from take-off at home to landing there.
+    """
+
+    first: int
+    last: int
+    route: Route
+    compiled: CompiledMission
+
+
+def compile_sorties(site: Site, route: Route, *, autopilot: AutopilotName) -> tuple[Sortie, ...]:
+    """Compile a route as one flight or, where endurance or items do not suffice, as several with their own ways there and home.
+
+    The order of the waypoints stays. Where to split is found by dynamic programming over all places where it can be: the sum of
+    the flight times is as small as it can be.
+
+    Args:
+        site: the scenario on its ground.
+        route: the planned route.
+        autopilot: whose limits hold.
+
+    Raises:
+        InputError: the scenario has no place on Earth or no home.
+        InfeasibleError: a leg breaks a limit, or a part of the route cannot be reached inside the endurance (says which).
+    """
+    try:
+        return (Sortie(0, len(route) - 1, route, compile_mission(site, route, autopilot=autopilot)),)
+    except MissionTooLongError as error:
+        if len(route) < 2:
+            raise
+        refusal: InfeasibleError = error
+    ways = _Ways.of(site, route, item_limit=_item_limit(site, autopilot))
+    for _ in range(_ROUNDS):
+        cuts = _split(ways)
+        if cuts is None:
+            raise InfeasibleError(_why_not(site, ways, refusal)) from refusal
+        sorties: list[Sortie] = []
+        for first, last in cuts:
+            part = Route(route.waypoints_m[first : last + 1])
+            try:
+                sorties.append(Sortie(first, last, part, compile_mission(site, part, autopilot=autopilot)))
+            except MissionTooLongError as error:
+                # The compiler counts what the estimate does not: a little less room for every flight.
+                refusal, ways = error, ways.tighter()
+                break
+            except InfeasibleError as error:
+                # No way home from one of the ends: whose, the message says; both are left out.
+                refusal, ways = error, ways.without(first, last)
+                break
+        else:
+            return tuple(sorties)
+    raise InfeasibleError(f"the route could not be split into flights: {refusal}") from refusal
+
+
+def _item_limit(site: Site, autopilot: AutopilotName) -> float:
+    limits = (AUTOPILOTS[autopilot].item_limit, site.scenario.vehicle.max_mission_items)
+    return min((float(limit) for limit in limits if limit is not None), default=math.inf)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Ways:
+    """What a flight that begins or ends at each of (n,) waypoints costs.
+
+    Attributes:
+        so_far_s: (n,) flight time from the first waypoint.
+        there_s: (n,) from home on the ground; infinite where no flight may begin.
+        back_s: (n,) to home, landed; infinite where no flight may end.
+        there_items: (n,) mission items before the waypoint, home among them.
+        back_items: (n,) behind it.
+        shared: 1 when the next flight begins with the last waypoint of the one before, 0 when with the next.
+        endurance_s: of one flight.
+        item_limit: of one mission.
+    """
+
+    so_far_s: FloatArray
+    there_s: FloatArray
+    back_s: FloatArray
+    there_items: IntArray
+    back_items: IntArray
+    shared: int
+    endurance_s: float
+    item_limit: float
+
+    @classmethod
+    def of(cls, site: Site, route: Route, *, item_limit: float) -> "_Ways":
+        """The costs of a route; every way is laid over the terrain as the compiler lays it."""
+        home, vehicle = site.home_m, site.scenario.vehicle
+        if home is None:
+            raise InfeasibleError(f"scenario {site.scenario.name}: has no [home]")
+        points, n = route.waypoints_m, len(route)
+        there, back, items = np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
+        for k, point in enumerate(points):
+            way = transit(site, home[:2], point, ground_end_height_m=vehicle.takeoff_height_m)
+            there[k] = _time_s(site, np.vstack([home, way]))
+            back[k] = _time_s(site, np.vstack([way[::-1], home]))
+            items[k] = len(way) - 1
+        so_far = np.concatenate([[0.0], np.cumsum(_leg_times_s(site, points))])
+        # Home, take-off and speed, and the way between; behind it the way and the landing.
+        return cls(
+            so_far, there, back, items + 2, items + 1, 1 if site.scenario.sensor.sensing == "along-path" else 0,
+            vehicle.endurance_s or math.inf, item_limit,
+        )  # fmt: skip
+
+    def tighter(self) -> "_Ways":
+        """The same with a little less room."""
+        return self._with(endurance_s=0.998 * self.endurance_s, item_limit=self.item_limit - 2)
+
+    def without(self, first: int, last: int) -> "_Ways":
+        """The same where no flight may begin at one waypoint or end at another, but for the ends of the route."""
+        there, back = self.there_s.copy(), self.back_s.copy()
+        there[first] = back[last] = math.inf
+        return self._with(there_s=there, back_s=back)
+
+    def _with(self, **changes: object) -> "_Ways":
+        values = {name: getattr(self, name) for name in self.__slots__}
+        return _Ways(**{**values, **changes})
+
+
+def _split(ways: _Ways) -> list[tuple[int, int]] | None:
+    """First and last waypoint of each flight with the least flight time in sum; none when there is no split.
+
+    cost(j), of all up to waypoint j, is the least of cost(i) + flight(i .. j) over the places i where that flight can begin.
+    """
+    n = len(ways.so_far_s)
+    # cost[i] of all before a flight that begins at waypoint i.
+    cost = np.full(n + 1, math.inf)
+    cost[0] = 0.0
+    begun = np.zeros(n, dtype=np.int64)
+    for last in range(ways.shared, n):
+        starts = np.arange(0, last + 1 - ways.shared)
+        flight = ways.there_s[starts] + (ways.so_far_s[last] - ways.so_far_s[starts]) + ways.back_s[last]
+        items = ways.there_items[starts] + (last - starts + 1) + ways.back_items[last]
+        total = np.where((flight <= ways.endurance_s) & (items <= ways.item_limit), cost[starts] + flight, math.inf)
+        best = int(np.argmin(total))
+        begun[last] = best
+        cost[last + 1 - ways.shared] = total[best]
+    end = n - ways.shared
+    if not math.isfinite(cost[end]):
+        return None
+    cuts: list[tuple[int, int]] = []
+    while end > 0:
+        last = end - 1 + ways.shared
+        cuts.append((int(begun[last]), last))
+        end = int(begun[last])
+    return cuts[::-1]
+
+
+def _why_not(site: Site, ways: _Ways, refusal: InfeasibleError) -> str:
+    """Which part of a route no flight reaches, and by how much."""
+    step = ways.shared
+    n = len(ways.so_far_s)
+    firsts = np.arange(n - step)
+    least = ways.there_s[firsts] + (ways.so_far_s[firsts + step] - ways.so_far_s[firsts]) + ways.back_s[firsts + step]
+    worst = int(np.argmax(np.where(np.isfinite(least), least, -math.inf)))
+    if least[worst] > ways.endurance_s:
+        what = f"the leg to waypoint {worst + 1}" if step else f"waypoint {worst}"
+        return (
+            f"{what}: flown alone it takes {least[worst]:.0f} s with the ways there and home, vehicle.endurance_s is "
+            f"{site.scenario.vehicle.endurance_s or math.inf:.0f} s; move [home] nearer, or plan a smaller area"
+        )
+    return f"the route cannot be split into flights: {refusal}"
+
+
+def _leg_times_s(site: Site, points_m: FloatArray) -> FloatArray:
+    vehicle = site.scenario.vehicle
+    return leg_times(
+        np.ascontiguousarray(points_m), vehicle.cruise_speed_m_s, vehicle.max_climb_m_s, vehicle.max_descent_m_s
+    )
+
+
+def _time_s(site: Site, points_m: FloatArray) -> float:
+    return float(_leg_times_s(site, points_m).sum())
