@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 import shapely
 
+from tests.planning.sites import hills, make_site
 from tests.recording.flights import Flight
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.coverage.level_looks import LevelLooks
+from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.recording.footprint import footprints_m
 from uavcover.recording.relief import relief_mesh
-from uavcover.recording.scene import waypoint_labels
+from uavcover.recording.scene import obstacle_triangles_m, waypoint_labels
 from uavcover.recording.tiles import coverage_tiles, lift_m, shown_from_s, tick_times_s
 from uavcover.recording.vehicle import body_rotations
 from uavcover.terrain.ground import Ground, grid_ground
@@ -146,3 +148,19 @@ def test_labels_are_thinned_out_and_keep_the_last() -> None:
 def _over(flight: Flight, ground: Ground) -> CoverageMap:
     area = shapely.box(100.0, 100.0, 400.0, 400.0)
     return CoverageMap(dataclasses.replace(flight.site, ground=ground, area=area), cell_size_m=20.0)
+
+
+def test_an_obstacle_is_its_roof_and_its_walls() -> None:
+    outer, court = ((50, 50), (80, 50), (80, 90), (50, 90)), ((60, 60), (70, 60), (70, 80), (60, 80))
+    school = Obstacle(height_m=12.0, rings_east_north_m=(outer, court), name="school")
+    site = make_site(hills, obstacles=Obstacles(prisms=(school,)))
+    a, b, c = np.moveaxis(obstacle_triangles_m(site).reshape(-1, 3, 3), 1, 0)
+    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    top = site.prisms[0].top_m
+    roof = (a[:, 2] == top) & (b[:, 2] == top) & (c[:, 2] == top)
+    assert areas[roof].sum() == pytest.approx(30.0 * 40.0 - 10.0 * 20.0)
+    # Every other corner stands on the ground below it or at the height of the roof; eight walls of two triangles.
+    corners = np.vstack([a[~roof], b[~roof], c[~roof]])
+    on_ground = np.isclose(corners[:, 2], site.ground.heights_m(corners[:, :2]))
+    assert (on_ground | (corners[:, 2] == top)).all()
+    assert (~roof).sum() == 16

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.planning.sites import flat, make_site, tower
+from uavcover.model.obstacles import Obstacles
 from uavcover.report import map_data as drawing
 from uavcover.report.content import ReportContent
 from uavcover.report.images import UNSEEN_RGB, cell_layers, cells_bounds_m
@@ -89,3 +91,16 @@ def test_gaps_are_told_with_their_reason(content: ReportContent, data: dict[str,
     assert content.verdict is not None
     assert len(data["gaps"]) == len(content.verdict.report.gaps) > 0
     assert data["gaps"][0]["reason"] == "never in range and field of view"
+
+
+def test_obstacles_with_their_names_heights_and_grounds() -> None:
+    site = make_site(flat, obstacles=Obstacles(prisms=(tower(10, 20, 30, 50, 17.5, name="silo"),)))
+    (drawn,) = [drawing._obstacle(site, prism) for prism in site.prisms]
+    assert (drawn["name"], drawn["height"], drawn["top"]) == ("silo", 17.5, 17.5)
+    (ring,) = drawn["rings"]
+    assert {tuple(place) for place in ring} == {
+        (10.0, 20.0, 0.0),
+        (30.0, 20.0, 0.0),
+        (30.0, 50.0, 0.0),
+        (10.0, 50.0, 0.0),
+    }

@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 
+from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.model.report import Violation, ViolationKind
 from uavcover.report.content import ReportContent
 from uavcover.report.requirements import RequirementRow, requirement_rows
@@ -14,7 +15,10 @@ def rows_of(content: ReportContent, *violations: Violation, **requirements: obje
     scenario = content.site.scenario
     asked = dataclasses.replace(scenario.requirements, **requirements)  # type: ignore[arg-type]
     limits = dataclasses.replace(scenario.limits, max_alt_amsl_m=2000.0)
-    scenario = dataclasses.replace(scenario, requirements=asked, limits=limits)
+    shed = Obstacle(height_m=5.0, rings_east_north_m=(((0.0, 0.0), (5.0, 0.0), (5.0, 5.0)),))
+    scenario = dataclasses.replace(
+        scenario, requirements=asked, limits=limits, obstacles=Obstacles(prisms=(shed,), clearance_above_m=7.0)
+    )
     report = dataclasses.replace(content.verdict.report, violations=violations)
     return {row.name: row for row in requirement_rows(scenario, report)}
 
@@ -45,6 +49,7 @@ def test_a_share_is_compared_with_what_was_asked(content: ReportContent) -> None
         ("clearance", "Clearance on the ways there and home"),
         ("above-sea-level-limit", "Height above sea level"),
         ("fence", "Inside the fence"),
+        ("obstacle", "Clear of obstacles"),
         ("ground-speed", "Speed over ground on the route"),
         ("deviation", "Distance from the planned route"),
     ],

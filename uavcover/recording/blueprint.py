@@ -34,6 +34,7 @@ LEGEND_TEXT = """
 | cyan ring | ground inside the sensor's field of view |
 | blue outline | the area |
 | orange outline | the fence |
+| violet blocks | obstacles |
 """
 
 

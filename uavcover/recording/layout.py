@@ -13,6 +13,7 @@ WORLD: Final = "/world"
 TERRAIN: Final = f"{WORLD}/terrain"
 AREA: Final = f"{WORLD}/area"
 FENCE: Final = f"{WORLD}/fence"
+OBSTACLES: Final = f"{WORLD}/obstacles"
 HOME: Final = f"{WORLD}/home"
 PLANNED: Final = f"{WORLD}/planned"
 WAYPOINTS: Final = f"{PLANNED}/waypoints"
@@ -56,6 +57,7 @@ CELL_NUMBERS: Final = "cell_numbers"
 
 Rgb = tuple[int, int, int]
 
+OBSTACLE_RGB: Final[Rgb] = (142, 111, 193)
 PLANNED_RGB: Final[Rgb] = (255, 255, 255)
 FLOWN_RGB: Final[Rgb] = (255, 196, 0)
 VEHICLE_RGB: Final[Rgb] = (255, 64, 64)

@@ -41,10 +41,12 @@ def log_scene(recording: rr.RecordingStream, site: Site, planned: Route | None, 
         (layout.FENCE, "fence", [site.fence], layout.FENCE_RGB),
     )
     for entity, name, polygons, rgb in outlines:
-        rings = [np.asarray(r.coords)[:, :2] for p in polygons for r in (p.exterior, *p.interiors)]
+        rings = [ring for polygon in polygons for ring in _rings_m(polygon)]
         draped = [_draped(site, ring, bounds_m, lift_m) for ring in rings]
         log_static(recording, entity, rr.LineStrips3D(draped, colors=[rgb], radii=ui_points(1.5)))
         _log_map_lines(recording, site, name, draped, rgb, width=1.5)
+    if site.prisms:
+        _log_obstacles(recording, site)
     if site.home_m is not None:
         log_static(
             recording,
@@ -78,6 +80,47 @@ def _log_planned(recording: rr.RecordingStream, site: Site, planned: Route) -> N
     )
     _log_map_lines(recording, site, "planned", [points], rgb, width=1.0)
     _log_map_points(recording, site, "planned/waypoints", points, rgb, size=3.0)
+
+
+def obstacle_triangles_m(site: Site) -> FloatArray:
+    """(3 k, 3) corners of the triangles of every obstacle: its flat roof, and its walls from the ground up."""
+    corners: list[FloatArray] = []
+    for prism in site.prisms:
+        for triangle in shapely.get_parts(shapely.constrained_delaunay_triangles(prism.footprint.polygon)):
+            corners.append(_at_height(np.asarray(triangle.exterior.coords)[:3], prism.top_m))
+        for places in _rings_m(prism.footprint.polygon):
+            foot, roof = _at_height(places, 0.0), _at_height(places, prism.top_m)
+            foot[:, 2] = site.ground.heights_m(places)
+            for k in range(len(places) - 1):
+                corners.append(np.stack([foot[k], foot[k + 1], roof[k]]))
+                corners.append(np.stack([roof[k], foot[k + 1], roof[k + 1]]))
+    return np.concatenate(corners)
+
+
+def _log_obstacles(recording: rr.RecordingStream, site: Site) -> None:
+    """Obstacles as blocks, and their outlines on the map."""
+    vertices, rgb = obstacle_triangles_m(site), layout.OBSTACLE_RGB
+    log_static(
+        recording,
+        layout.OBSTACLES,
+        rr.Mesh3D(
+            vertex_positions=vertices,
+            triangle_indices=np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3),
+            vertex_colors=np.tile(np.array(rgb, dtype=np.uint8), (len(vertices), 1)),
+        ),
+    )
+    roofs = [_at_height(ring, prism.top_m) for prism in site.prisms for ring in _rings_m(prism.footprint.polygon)]
+    _log_map_lines(recording, site, "obstacles", roofs, rgb, width=1.0)
+
+
+def _rings_m(polygon: shapely.Polygon) -> list[FloatArray]:
+    """(n, 2) places of the outline and of the holes."""
+    return [np.asarray(ring.coords)[:, :2] for ring in (polygon.exterior, *polygon.interiors)]
+
+
+def _at_height(places_m: FloatArray, up_m: float) -> FloatArray:
+    """(n, 3) places on the map at one height."""
+    return np.column_stack([places_m[:, :2], np.full(len(places_m), up_m)])
 
 
 def _draped(site: Site, ring_m: FloatArray, bounds_m: tuple[float, float, float, float], lift_m: float) -> FloatArray:

@@ -22,6 +22,7 @@ FIGURE_NAMES = ("side-view.png", "top-view.png")
 
 _DPI = 150
 _SIDE_NODES, _TOP_NODES = 120, 500
+_OBSTACLE = "#8e6fc1"
 _PLANNED, _FLOWN, _CHOSEN, _BASELINE = "#1f3f8f", "#d55e00", "#d55e00", "#6b7075"
 _MAX_NUMBERS = 60
 
@@ -110,6 +111,13 @@ def _top_view(content: ReportContent) -> Figure:
         for ring in (polygon.exterior, *polygon.interiors):
             axes.plot(*np.asarray(ring.coords).T[:2], color="white", linewidth=1.2)
     axes.plot(*np.asarray(content.site.fence.exterior.coords).T[:2], color="white", linewidth=1.0, linestyle="--")
+    for prism in content.site.prisms:
+        axes.fill(
+            *np.asarray(prism.footprint.polygon.exterior.coords).T[:2],
+            facecolor=_OBSTACLE,
+            edgecolor="black",
+            linewidth=0.5,
+        )
     for name, color, width, route in _routes(content):
         axes.plot(route[:, 0], route[:, 1], color=color, linewidth=width, label=name)
     waypoints = content.planned.route.waypoints_m

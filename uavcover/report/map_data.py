@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from uavcover.report.content import Flight, ReportContent
 from uavcover.report.images import REASON_WORDS, Bounds, cell_layers, cells_bounds_m, relief_image
 from uavcover.site import Site
+from uavcover.terrain.obstacles import Prism
 from uavcover.verification.verify import Verdict
 
 FloatArray = NDArray[np.float64]
@@ -36,6 +37,7 @@ def map_data(content: ReportContent) -> dict[str, Any]:
         "geodetic": _geodetic_fit(site, bounds),
         "area": [_rounded(ring) for ring in _rings(site.area)],
         "fence": [_rounded(ring) for ring in _rings(site.fence)],
+        "obstacles": [_obstacle(site, prism) for prism in site.prisms],
         "home": None if site.home_m is None else _rounded(site.home_m),
         "plan": _rounded(content.planned.route.waypoints_m),
         "planHeights": _rounded(_heights_agl_m(site, content.planned.route.waypoints_m)),
@@ -65,6 +67,17 @@ def _rings(polygons: shapely.Polygon | shapely.MultiPolygon) -> list[FloatArray]
         for polygon in shapely.get_parts(polygons)
         for ring in (polygon.exterior, *polygon.interiors)
     ]
+
+
+def _obstacle(site: Site, prism: Prism) -> dict[str, Any]:
+    """Outline and courtyards with the up coordinates of the ground and of the flat top."""
+    rings = _rings(prism.footprint.polygon)
+    return {
+        "name": prism.footprint.name,
+        "height": round(prism.footprint.height_m, 1),
+        "rings": [_rounded(np.column_stack([ring, site.ground.heights_m(ring)])) for ring in rings],
+        "top": _rounded(np.array([prism.top_m]))[0],
+    }
 
 
 def _layer(layer: Any) -> dict[str, Any]:

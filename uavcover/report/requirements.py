@@ -63,6 +63,10 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
             RequirementRow("Height above sea level", (low + high).strip(), count.words(*kinds), count.none(*kinds))
         )
     rows.append(RequirementRow("Inside the fence", "always", count.words("fence"), count.none("fence")))
+    if scenario.obstacles.prisms:
+        apart = scenario.obstacles
+        wanted = f"{apart.clearance_beside_m:g} m beside or {apart.clearance_above_m:g} m above"
+        rows.append(RequirementRow("Clear of obstacles", wanted, count.words("obstacle"), count.none("obstacle")))
     if requirements.max_ground_speed_m_s is not None:
         fastest = report.max_ground_speed_m_s
         rows.append(

@@ -42,6 +42,11 @@ const report = { layer: null, onLayer: [], showPlace: null };
   const overlays = {};
   overlays["Area"] = outline(data.area, "#7fc4ff");
   overlays["Fence"] = outline(data.fence, "#ff7a59", "6 5");
+  if (data.obstacles.length) {
+    overlays[`Obstacles (${data.obstacles.length})`] = L.layerGroup(data.obstacles.map((obstacle) =>
+      L.polygon(obstacle.rings.map((ring) => ring.map(at)), { color: "#3b2b52", weight: 1.5, fillColor: "#8e6fc1", fillOpacity: 0.55 })
+        .bindPopup(() => popup(obstacle.name, [["height", `${obstacle.height} m`], ["place", placeWords(obstacle.rings[0][0][0], obstacle.rings[0][0][1])]]))));
+  }
   const planned = L.polyline(data.plan.map(at), { color: "#ffffff", weight: 2.5, interactive: false });
   const shadow = L.polyline(data.plan.map(at), { color: "#22304f", weight: 4.5, interactive: false });
   overlays["Planned route"] = L.layerGroup([shadow, planned, ...data.plan.map((place, i) =>

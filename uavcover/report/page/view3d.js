@@ -25,6 +25,11 @@
       }
     }
   };
+  for (const obstacle of data.obstacles) for (const ring of obstacle.rings) {
+    const roof = ring.map(([e, n]) => [e, n, obstacle.top]);
+    addLine(roof, "#5b3f8c", 2);
+    ring.forEach((foot, i) => { if (foot[2] !== null) addLine([foot, roof[i]], "#5b3f8c", 1.2); });
+  }
   addLine(data.plan, "#ffffff", 3);
   for (const track of data.tracks) addLine(track.points, "#ff8c00", 1.8);
   const above = new Map();
