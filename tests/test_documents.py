@@ -20,7 +20,9 @@ def site() -> Site:
 
 def member(coverage: float) -> RouteMember:
     points = np.array([[100.0 / 3.0, 20.0, 300.0], [-400.0, 500.0, 350.0]])
-    return RouteMember(Route(points), RouteMetrics(coverage, coverage / 0.9, 2, 650.1, 65.0, 41.0, 99.0), 0.0, "imodbo")
+    return RouteMember(
+        Route(points), RouteMetrics(coverage, coverage / 0.9, 2, 650.1, 65.0, 41.0, 99.0, 650.1), 0.0, "imodbo"
+    )
 
 
 def make_plan() -> Plan:

@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -57,14 +58,19 @@ def cheapest(site: Site, route: Route, limit_s: float, *, shared: int) -> float:
     return best
 
 
-@pytest.mark.parametrize("shared", [1, 0], ids=["along the path", "at waypoints"])
-def test_the_split_is_the_cheapest_of_all(shared: int) -> None:
-    extra = {} if shared else {"sensor": SPHERE}
-    free = make_site(hills, **extra)
+TURNS = {"acceleration_m_s2": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("shared", "vehicle"), [(1, {}), (1, TURNS), (0, {})], ids=["along the path", "with turns", "at waypoints"]
+)
+def test_the_split_is_the_cheapest_of_all(shared: int, vehicle: dict[str, float]) -> None:
+    extra: dict[str, Any] = {} if shared else {"sensor": SPHERE}
+    free = make_site(hills, vehicle=vehicle, **extra)
     route = there_and_back(free, lines=3, spacing_m=150.0)
     whole_s = flight_time_s(free, route.waypoints_m)
     limit_s = 0.85 * whole_s
-    site = make_site(hills, vehicle={"endurance_s": limit_s}, **extra)
+    site = make_site(hills, vehicle={"endurance_s": limit_s, **vehicle}, **extra)
     sorties = compile_sorties(site, route, autopilot="ardupilot")
     assert len(sorties) > 1
     found_s = sum(sortie.compiled.flight_time_s for sortie in sorties)
@@ -74,7 +80,7 @@ def test_the_split_is_the_cheapest_of_all(shared: int) -> None:
 
 def test_every_leg_is_flown_by_one_sortie_and_every_way_is_checked() -> None:
     site = make_site(hills, vehicle={"endurance_s": 128.0})
-    route = there_and_back(site)
+    route = there_and_back(site, lines=6)
     sorties = compile_sorties(site, route, autopilot="px4")
     assert len(sorties) >= 3
     assert (sorties[0].first, sorties[-1].last) == (0, len(route) - 1)

@@ -22,11 +22,13 @@ from uavcover.errors import InfeasibleError, InputError
 from uavcover.frames import LocalFrame
 from uavcover.kernels.coverage import sample_path
 from uavcover.kernels.obstacle_breach import tops_near_m
-from uavcover.kernels.route import flight_time, follow_terrain
+from uavcover.kernels.route import follow_terrain
+from uavcover.kernels.way_cost import flight_time
 from uavcover.leg_checks import LegProblem, find_problems
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.site import Site
+from uavcover.way_cost import pace_of
 
 FloatArray = NDArray[np.float64]
 
@@ -412,6 +414,4 @@ def _rally(frame: LocalFrame, home_m: FloatArray, advice: ReturnAdvice) -> Rally
 
 
 def _flight_time_s(site: Site, path_m: FloatArray, start_m: FloatArray, home_m: FloatArray) -> float:
-    vehicle = site.scenario.vehicle
-    whole = np.vstack([start_m, path_m, home_m])
-    return float(flight_time(whole, vehicle.cruise_speed_m_s, vehicle.max_climb_m_s, vehicle.max_descent_m_s))
+    return float(flight_time(pace_of(site), np.vstack([start_m, path_m, home_m])))

@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.errors import InfeasibleError
-from uavcover.kernels.route import leg_times
+from uavcover.kernels.way_cost import Pace, leg_times, turn_times
 from uavcover.mission_compiler import AUTOPILOTS, CompiledMission, MissionTooLongError, compile_mission, transit
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.site import Site
+from uavcover.way_cost import pace_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -91,7 +92,8 @@ class _Ways:
     """What a flight that begins or ends at each of (n,) waypoints costs.
 
     Attributes:
-        so_far_s: (n,) flight time from the first waypoint.
+        so_far_s: (n,) flight time from the first waypoint, without turns.
+        turns_s: (n,) of all turns up to and at the waypoint.
         there_s: (n,) from home on the ground; infinite where no flight may begin.
         back_s: (n,) to home, landed; infinite where no flight may end.
         there_items: (n,) mission items before the waypoint, home among them.
@@ -102,6 +104,7 @@ class _Ways:
     """
 
     so_far_s: FloatArray
+    turns_s: FloatArray
     there_s: FloatArray
     back_s: FloatArray
     there_items: IntArray
@@ -116,19 +119,27 @@ class _Ways:
         home, vehicle = site.home_m, site.scenario.vehicle
         if home is None:
             raise InfeasibleError(f"scenario {site.scenario.name}: has no [home]")
-        points, n = route.waypoints_m, len(route)
+        points, n, pace = route.waypoints_m, len(route), pace_of(site)
         there, back, items = np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
         for k, point in enumerate(points):
             way = transit(site, home[:2], point, ground_end_height_m=vehicle.takeoff_height_m)
-            there[k] = _time_s(site, np.vstack([home, way]))
-            back[k] = _time_s(site, np.vstack([way[::-1], home]))
+            # With the turn onto the leg behind it, and off the leg before it.
+            there[k] = _time_s(pace, np.vstack([home, way, points[k + 1 : k + 2]]), legs=len(way))
+            back[k] = _time_s(pace, np.vstack([points[max(k - 1, 0) : k], way[::-1], home]), legs=-len(way))
             items[k] = len(way) - 1
-        so_far = np.concatenate([[0.0], np.cumsum(_leg_times_s(site, points))])
-        # Home, take-off and speed, and the way between; behind it the way and the landing.
+        so_far = np.concatenate([[0.0], np.cumsum(leg_times(pace, points))])
         return cls(
-            so_far, there, back, items + 2, items + 1, 1 if site.scenario.sensor.sensing == "along-path" else 0,
-            vehicle.endurance_s or math.inf, item_limit,
-        )  # fmt: skip
+            so_far_s=so_far,
+            turns_s=np.cumsum(turn_times(pace, points)),
+            there_s=there,
+            back_s=back,
+            # Home, take-off and speed, and the way between; behind the route the way and the landing.
+            there_items=items + 2,
+            back_items=items + 1,
+            shared=1 if site.scenario.sensor.sensing == "along-path" else 0,
+            endurance_s=vehicle.endurance_s or math.inf,
+            item_limit=item_limit,
+        )
 
     def tighter(self) -> "_Ways":
         """The same with a little less room."""
@@ -157,7 +168,9 @@ def _split(ways: _Ways) -> list[tuple[int, int]] | None:
     begun = np.zeros(n, dtype=np.int64)
     for last in range(ways.shared, n):
         starts = np.arange(0, last + 1 - ways.shared)
-        flight = ways.there_s[starts] + (ways.so_far_s[last] - ways.so_far_s[starts]) + ways.back_s[last]
+        turns_s = np.maximum(0.0, ways.turns_s[max(last - 1, 0)] - ways.turns_s[starts])
+        route_s = ways.so_far_s[last] - ways.so_far_s[starts] + turns_s
+        flight = ways.there_s[starts] + route_s + ways.back_s[last]
         items = ways.there_items[starts] + (last - starts + 1) + ways.back_items[last]
         total = np.where((flight <= ways.endurance_s) & (items <= ways.item_limit), cost[starts] + flight, math.inf)
         best = int(np.argmin(total))
@@ -190,12 +203,7 @@ def _why_not(site: Site, ways: _Ways, refusal: InfeasibleError) -> str:
     return f"the route cannot be split into flights: {refusal}"
 
 
-def _leg_times_s(site: Site, points_m: FloatArray) -> FloatArray:
-    vehicle = site.scenario.vehicle
-    return leg_times(
-        np.ascontiguousarray(points_m), vehicle.cruise_speed_m_s, vehicle.max_climb_m_s, vehicle.max_descent_m_s
-    )
-
-
-def _time_s(site: Site, points_m: FloatArray) -> float:
-    return float(_leg_times_s(site, points_m).sum())
+def _time_s(pace: Pace, points_m: FloatArray, *, legs: int) -> float:
+    """Of the first ``legs`` legs of a line, or of the last ones when negative, with all its turns."""
+    times = leg_times(pace, points_m)
+    return float((times[:legs] if legs > 0 else times[legs:]).sum() + turn_times(pace, points_m).sum())

@@ -83,17 +83,10 @@ def test_or_opt_moves_a_stretch_that_reversing_cannot():
 
 
 @deterministic
-@given(points(0, 6), st.sampled_from([1.0, 10.0]), st.sampled_from([0.5, 4.0]), st.sampled_from([0.25, 3.0]))
-def test_length_and_time_equal_the_naive_twins(route, cruise, climb, descent):
+@given(points(0, 6))
+def test_length_equals_the_naive_twin(route):
     route.setflags(write=False)
     assert kernels.path_length(route) == pytest.approx(naive.path_length(route.tolist()), rel=1e-12)
-    time = kernels.flight_time(route, cruise, climb, descent)
-    assert time == pytest.approx(naive.flight_time(route.tolist(), cruise, climb, descent), rel=1e-12)
-
-
-def test_time_by_hand():
-    route = np.array([[0.0, 0.0, 0.0], [30.0, 40.0, 0.0], [30.0, 40.0, 8.0], [30.0, 40.0, 2.0], [130.0, 40.0, 1.0]])
-    assert kernels.flight_time(route, 10.0, 4.0, 3.0) == 5.0 + 2.0 + 2.0 + 10.0
 
 
 def hills(seed):

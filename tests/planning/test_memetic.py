@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.planning.sites import hills, make_site
+from tests.planning.sites import hills, make_site, with_scenario
 from tests.planning.test_planner import Clock, frozen, same, values
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.kernels.sight import CONE, DISC, Sight
 from uavcover.leg_checks import measure_violations
 from uavcover.model.route import Plan, Route
 from uavcover.model.sensor import DiscSensor, SphereSensor
+from uavcover.model.wind import Wind
 from uavcover.pipeline import load_site
 from uavcover.planning.draft_route import draft_of, local_task, narrowed
 from uavcover.planning.local_search import CHAINS, PaceByClock, PaceByNumber
@@ -178,3 +179,19 @@ def test_only_cells_that_can_be_covered_count_and_a_draft_sees_what_the_map_says
     short = draft_of(dataclasses.replace(task, stride=60), route, capacity=10)
     assert short.size[0] > 3
     assert short.seen[0] == pytest.approx(draft.seen[0], abs=0.02)
+
+
+def test_flight_time_as_the_objective_flies_faster_in_a_strong_wind() -> None:
+    vehicle = {"cruise_speed_m_s": 10.0, "max_airspeed_m_s": 12.0, "acceleration_m_s2": 1.0}
+    plans = {}
+    for objective in ("length", "flight-time"):
+        site = make_site(
+            hills, cell_m=20.0, vehicle=vehicle,
+            planner={"objective": objective},
+        )  # fmt: skip
+        site = with_scenario(site, wind=Wind(speed_m_s=9.0, from_deg=270.0))
+        plans[objective] = make_plan(site, seed=4, evaluations=400).chosen.metrics
+    assert plans["length"].cost == pytest.approx(plans["length"].path_length_m, rel=1e-12)
+    assert plans["flight-time"].cost == plans["flight-time"].flight_time_s
+    assert plans["flight-time"].flight_time_s < plans["length"].flight_time_s
+    assert plans["length"].path_length_m < plans["flight-time"].path_length_m

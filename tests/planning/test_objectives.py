@@ -18,7 +18,7 @@ def test_objectives_by_hand() -> None:
     disc = DiscSensor(kind="disc", radius_m=60.0)
     coverage = CoverageMap(make_site(sensor=disc, cell_m=50.0), cell_size_m=100.0)
     values = evaluate_routes(coverage, [LINE])
-    assert OBJECTIVES == ("minus_coverage", "waypoint_count", "path_length_m")
+    assert OBJECTIVES == ("minus_coverage", "waypoint_count", "cost")
     np.testing.assert_allclose(values.objectives, [[-3 / 6, 3, 140.0]])
     np.testing.assert_array_equal(values.violations, [[0.0]])
 

@@ -8,7 +8,7 @@ from uavcover.planning.selection import Choice, parse_rule, select
 
 def member(coverage: float, waypoints: int, length_m: float) -> RouteMember:
     # The share of the whole area is misleading on purpose: every rule speaks of what is coverable.
-    metrics = RouteMetrics(1.0 - coverage, coverage, waypoints, length_m, 1.0, 1.0, 1.0)
+    metrics = RouteMetrics(1.0 - coverage, coverage, waypoints, length_m, 1.0, 1.0, 1.0, length_m)
     return RouteMember(Route(np.zeros((1, 3))), metrics, 0.0, "test")
 
 

@@ -45,7 +45,7 @@ def write_run(folder: Path, site: Site, route: Route, *, flown: bool, name: str 
     """A run folder as ``plan`` and ``fly`` leave it, of a route that nobody searched for."""
     run = RunFolder(folder)
     folder.mkdir()
-    metrics = RouteMetrics(0.5, 0.5, len(route), route.length_m, route.length_m / 10.0, 60.0, 100.0)
+    metrics = RouteMetrics(0.5, 0.5, len(route), route.length_m, route.length_m / 10.0, 60.0, 100.0, route.length_m)
     chosen = RouteMember(route, metrics, 0.0, name)
     other = RouteMember(route, dataclasses.replace(metrics, path_length_m=2.0 * route.length_m), 0.0, name)
     plan = Plan(chosen, (chosen, other), (other,), "coverage>=0.4", True, "imodbo", 40, 1.5)

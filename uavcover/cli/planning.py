@@ -132,8 +132,10 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
 
 
 def _search(site: Site, request: PlanRequest, stops: Interrupts, bar: Bar) -> Plan:
+    unit = "s" if site.scenario.planner.objective == "flight-time" else "m"
+
     def show(progress: Progress) -> None:
-        shortest = "" if progress.shortest_m is None else f", {progress.shortest_m:.0f} m"
+        shortest = "" if progress.shortest_m is None else f", {progress.shortest_m:.0f} {unit}"
         bar.update(progress.evaluations, total=progress.total, note=f"{100 * progress.best_coverage:.1f} %{shortest}")
 
     return pipeline.plan(

@@ -1,7 +1,7 @@
 """Simulated annealing of a route by single changes, each evaluated only where it changes something.
 
-The energy is ``metre * length + waypoint * waypoints + coverage * max(0, goal - seen)``. One proposal draws one change of one
-kind; one that breaks a limit is never made. Kinds: move a waypoint, change its height, shift a stretch, insert, remove,
+The energy is ``way * cost of the way + waypoint * waypoints + coverage * max(0, goal - seen)``. One proposal draws one change
+of one kind; one that breaks a limit is never made. Kinds: move a waypoint, change its height, shift a stretch, insert, remove,
 turn a stretch of the order round (a stretch of two is a swap: 2-opt), and, where the order is free, transfer a waypoint to
 another place in the order (Or-opt) or to a cell that nobody sees.
 """
@@ -22,7 +22,6 @@ from uavcover.kernels.draft import (
     allowed_place,
     distance,
     exchange_allowed,
-    exchange_length,
     keep_exchange,
     list_span,
     place,
@@ -32,6 +31,7 @@ from uavcover.kernels.draft import (
     transfer,
     try_exchange,
 )
+from uavcover.kernels.draft_cost import exchange_cost, reversal_cost, transfer_cost
 from uavcover.kernels.runs import compare, make_changes, weigh_changes
 from uavcover.kernels.surface import height
 
@@ -43,13 +43,13 @@ class Prices(NamedTuple):
     """What the energy is made of.
 
     Attributes:
-        metre: of the length.
+        way: of what the way costs: metres, or what else the task makes small.
         waypoint: of each waypoint.
         coverage: of the share that is missing to the goal.
         goal: share of the counted cells, 0..1, beyond which more is worth nothing.
     """
 
-    metre: float
+    way: float
     waypoint: float
     coverage: float
     goal: float
@@ -150,7 +150,7 @@ def _exchange(
             return False
     if not exchange_allowed(task, draft, first, last, fresh):
         return False
-    change = prices.metre * exchange_length(draft, first, last, fresh) + prices.waypoint * (fresh - (last - first))
+    change = prices.way * exchange_cost(task, draft, first, last, fresh) + prices.waypoint * (fresh - (last - first))
     before = energy_of_share(prices, draft.seen[0])
     if change - before > allowance:
         return False  # even with the whole goal reached
@@ -249,17 +249,7 @@ def _transfer(
     else:
         draft.fresh[0, 0], draft.fresh[0, 1], draft.fresh[0, 2] = place(draft.route, at)
     to = _best_gap(draft, at)
-    p = place(draft.fresh, 0)
-    # Taken out at its old place, put in before waypoint ``to``.
-    longer = _shortcut(draft, at)
-    before = to - 1 if to - 1 != at else to - 2
-    if before >= 0:
-        longer += distance(place(draft.route, before), p)
-    if to < n:
-        longer += distance(p, place(draft.route, to))
-        if before >= 0:
-            longer -= distance(place(draft.route, before), place(draft.route, to))
-    change = prices.metre * longer
+    change = prices.way * transfer_cost(task, draft, at, to)
     if step > 0.0:
         share = energy_of_share(prices, draft.seen[0])
         gained, new = try_exchange(task, draft, at, at + 1, 1)
@@ -275,21 +265,6 @@ def _transfer(
 
 
 @kernel
-def _shortcut(draft: Draft, at: int) -> float:
-    """Change of length when a waypoint is left out."""
-    n = draft.size[0]
-    p = place(draft.route, at)
-    change = 0.0
-    if at > 0:
-        change -= distance(place(draft.route, at - 1), p)
-    if at < n - 1:
-        change -= distance(p, place(draft.route, at + 1))
-        if at > 0:
-            change += distance(place(draft.route, at - 1), place(draft.route, at + 1))
-    return change
-
-
-@kernel
 def _turn_round(task: Task, prices: Prices, draft: Draft, allowance: float, rng: np.random.Generator) -> bool:
     """Fly a stretch of the route the other way round (2-opt); of two waypoints: a swap. Whether it was kept."""
     n = draft.size[0]
@@ -299,14 +274,7 @@ def _turn_round(task: Task, prices: Prices, draft: Draft, allowance: float, rng:
     if i == j or (i == 0 and j == n - 1):
         return False
     p, q = place(draft.route, i), place(draft.route, j)
-    longer = 0.0
-    if i > 0:
-        before = place(draft.route, i - 1)
-        longer += distance(before, q) - distance(before, p)
-    if j < n - 1:
-        behind = place(draft.route, j + 1)
-        longer += distance(p, behind) - distance(q, behind)
-    change = prices.metre * longer
+    change = prices.way * reversal_cost(task, draft, i, j)
     share = energy_of_share(prices, draft.seen[0])
     if change - share > allowance:
         return False

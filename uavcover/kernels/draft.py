@@ -19,6 +19,7 @@ from uavcover.kernels.runs import compare, make_changes, runs_of, weigh_changes
 from uavcover.kernels.sight import Sight
 from uavcover.kernels.spans import list_cells
 from uavcover.kernels.surface import Surface, height, height_range_between
+from uavcover.kernels.way_cost import SHORTEST, WayCost
 
 WIDEST = 8
 """Most waypoints that one change puts in; a draft has this many sets of squares more than waypoints, and one."""
@@ -71,6 +72,7 @@ class Task(NamedTuple):
         spacing_m: largest distance between looks along the path.
         sensing: AT_WAYPOINTS or ALONG_PATH.
         room: the limits.
+        way: what the way costs.
     """
 
     surface: Surface
@@ -82,6 +84,7 @@ class Task(NamedTuple):
     spacing_m: float
     sensing: int
     room: Room
+    way: WayCost = SHORTEST
 
 
 class Draft(NamedTuple):

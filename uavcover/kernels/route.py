@@ -1,4 +1,4 @@
-"""Order, length and time of routes, and how to lay a route over the ground."""
+"""Order and length of routes, and how to lay a route over the ground."""
 
 import math
 
@@ -120,24 +120,6 @@ def path_length(route: NDArray[np.float64]) -> float:
         du = route[i + 1, 2] - route[i, 2]
         total += math.sqrt(de * de + dn * dn + du * du)
     return total
-
-
-@kernel
-def flight_time(route: NDArray[np.float64], cruise: float, climb: float, descent: float) -> float:
-    """Time along the (n, 3) route in seconds: each leg at cruise speed over ground, or slower where climbing limits it."""
-    return float(leg_times(route, cruise, climb, descent).sum())
-
-
-@kernel
-def leg_times(route: NDArray[np.float64], cruise: float, climb: float, descent: float) -> NDArray[np.float64]:
-    """(n - 1,) :func:`flight_time` of each leg of the (n, 3) route."""
-    out = np.zeros(max(route.shape[0] - 1, 0))
-    for i in range(out.size):
-        horizontal = math.hypot(route[i + 1, 0] - route[i, 0], route[i + 1, 1] - route[i, 1])
-        du = route[i + 1, 2] - route[i, 2]
-        vertical = du / climb if du > 0.0 else -du / descent
-        out[i] = max(horizontal / cruise, vertical)
-    return out
 
 
 @kernel

@@ -17,9 +17,11 @@ class RouteMetrics:
         coverage_of_coverable: share of what can be seen at all from inside the limits, 0..1.
         waypoint_count: how many waypoints.
         path_length_m: length of the open path in three dimensions.
-        flight_time_s: time to fly it at cruise speed, climbs and descents at their own limits.
+        flight_time_s: time to fly it at cruise speed, climbs and descents at their own limits, with wind and turns where the
+            scenario has them.
         min_height_agl_m: lowest point above ground, along the legs or at the waypoints as the limits say.
         max_height_agl_m: highest point above ground, likewise.
+        cost: what ``planner.objective`` and ``planner.band_deviation_price`` make of it; without them ``path_length_m``.
     """
 
     coverage_fraction: float
@@ -29,6 +31,7 @@ class RouteMetrics:
     flight_time_s: float
     min_height_agl_m: float
     max_height_agl_m: float
+    cost: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)

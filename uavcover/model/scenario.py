@@ -4,12 +4,13 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 from uavcover.model.area import Area
-from uavcover.model.checks import STRICT, require, require_positive
+from uavcover.model.checks import STRICT, require, require_not_negative, require_positive
 from uavcover.model.limits import FlightLimits
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.sensor import Sensor
 from uavcover.model.uncertainty import Uncertainty
 from uavcover.model.vehicle import Vehicle
+from uavcover.model.wind import Wind
 
 PlannerAlgorithm = Literal["memetic", "local-search", "imodbo", "modbo", "nsga2", "moead"]
 InitialRoute = Literal["boustrophedon", "greedy-set-cover", "set-cover", "exact-set-cover"]
@@ -131,6 +132,10 @@ class PlannerSettings:
             compared with; default: "boustrophedon" for swaths, and a "set-cover" where the local search may visit waypoints in
             any order.
         seed: of the random numbers.
+        objective: "length" of the path, or "flight-time" with wind, climbs and turns: what is made small beside coverage and
+            the number of waypoints.
+        band_deviation_price: added to it for every metre that a waypoint is above or below the middle of the height band
+            (Eq. 7), in metres of path or in seconds.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -144,6 +149,8 @@ class PlannerSettings:
     order: Literal["nearest-neighbour", "improved"] = "improved"
     initial: tuple[InitialRoute, ...] | None = None
     seed: int = 1
+    objective: Literal["length", "flight-time"] = "length"
+    band_deviation_price: float = 0.0
 
     def __post_init__(self) -> None:
         require(self.population_size >= 20, f"population_size: {self.population_size} is below 20")
@@ -152,6 +159,7 @@ class PlannerSettings:
             f"evaluations: {self.evaluations} is less than one population of {self.population_size}",
         )
         require(self.max_waypoints >= 2, f"max_waypoints: {self.max_waypoints} is below 2")
+        require_not_negative(band_deviation_price=self.band_deviation_price)
         require(self.seed >= 0, f"seed: {self.seed} must not be negative")
         if self.cell_size_m is not None:
             require_positive(cell_size_m=self.cell_size_m)
@@ -209,6 +217,7 @@ class Scenario:
         select: the rule by which one route of the Pareto set is chosen.
         requirements: what the flown track must reach.
         obstacles: what stands on the ground.
+        wind: that the flight is planned for.
         uncertainty: how well it is known where vehicle and ground were.
         description: one line for people.
     """
@@ -228,6 +237,7 @@ class Scenario:
     requirements: Requirements = field(default_factory=Requirements)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     obstacles: Obstacles = field(default_factory=Obstacles)
+    wind: Wind = field(default_factory=Wind)
     description: str = ""
 
     def __post_init__(self) -> None:
@@ -247,6 +257,11 @@ class Scenario:
         require(
             self.area.cell_size_m <= reach_m,
             f"area.cell_size_m: cells of {self.area.cell_size_m} m are larger than the sensor's reach of {reach_m} m",
+        )
+        airspeed = self.vehicle.max_airspeed_m_s
+        require(
+            self.wind.speed_m_s == 0.0 or (airspeed is not None and airspeed > self.wind.speed_m_s),
+            f"wind.speed_m_s: {self.wind.speed_m_s} m/s needs a larger vehicle.max_airspeed_m_s, not {airspeed}",
         )
         if self.area.is_geographic:
             require(self.origin is None, "origin: goes with areas in metres; a geographic area has its place already")

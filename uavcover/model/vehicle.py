@@ -16,6 +16,8 @@ class Vehicle:
         cruise_speed_m_s: ground speed along the legs.
         max_climb_m_s: largest upward speed.
         max_descent_m_s: largest downward speed.
+        max_airspeed_m_s: largest speed through the air, for the wind of the scenario; none: the wind is no matter.
+        acceleration_m_s2: with which the velocity over ground changes at a waypoint; none: turns take no time.
         acceptance_radius_m: a waypoint counts as reached within this distance.
         takeoff_height_m: height above home of the vertical climb, raised where the way there needs more.
         return_height_m: the autopilot's own return height above home, checked from every waypoint.
@@ -29,6 +31,8 @@ class Vehicle:
     cruise_speed_m_s: float = 10.0
     max_climb_m_s: float = 4.0
     max_descent_m_s: float = 3.0
+    max_airspeed_m_s: float | None = None
+    acceleration_m_s2: float | None = None
     acceptance_radius_m: float = 3.0
     takeoff_height_m: float = 30.0
     return_height_m: float = 60.0
@@ -46,6 +50,12 @@ class Vehicle:
             return_height_m=self.return_height_m,
         )
         require(self.cruise_speed_m_s <= 100.0, f"cruise_speed_m_s: {self.cruise_speed_m_s} m/s is no multirotor")
+        airspeed, acceleration = self.max_airspeed_m_s, self.acceleration_m_s2
+        require(
+            airspeed is None or airspeed >= self.cruise_speed_m_s,
+            f"max_airspeed_m_s: {airspeed} m/s is below cruise_speed_m_s = {self.cruise_speed_m_s}",
+        )
+        require(acceleration is None or acceleration > 0.0, "acceleration_m_s2: must be above 0")
         require(self.endurance_s is None or self.endurance_s > 0.0, "endurance_s: must be above 0")
         require(
             self.max_mission_items is None or self.max_mission_items >= 8,

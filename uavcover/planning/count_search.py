@@ -103,8 +103,11 @@ def _chains(work: Work, routes: Sequence[Route], stage: _Stage, *, capacity: int
     cells = max(1, int(np.count_nonzero(work.task.numbers.weight)))
     return [
         Chain(
+            task=work.task,
             draft=draft_of(work.task, route, capacity=capacity or len(route)),
-            prices=Prices(way / work.task.reach_m, stage.waypoint, float(cells), 1.0),
+            prices=Prices(
+                way * work.task.metres_per_cost(route) / work.task.reach_m, stage.waypoint, float(cells), 1.0
+            ),
             hottest=heat * _HOTTEST_CELLS,
             coldest=_COLDEST_CELLS,
             step_m=work.task.reach_m,

@@ -12,8 +12,10 @@ from uavcover.coverage.sensors import look_spacing_m
 from uavcover.kernels.cone_spans import cone_cells
 from uavcover.kernels.draft import ALONG_PATH, AT_WAYPOINTS, Draft, Room, Task, empty_draft, recount
 from uavcover.kernels.sight import CONE, FRUSTUM, Sight, horizontal_reach
+from uavcover.kernels.way_cost import LENGTH, route_cost
 from uavcover.model.route import Route
 from uavcover.site import Site
+from uavcover.way_cost import way_cost_of
 
 FloatArray = NDArray[np.float64]
 
@@ -34,6 +36,18 @@ class LocalTask:
     numbers: Task
     reach_m: float
     stride: int
+
+    def cost(self, route: Route) -> float:
+        """What a route costs beside its waypoints and what it does not see: its length, or what the planner's objective says."""
+        return float(route_cost(self.numbers.surface, self.numbers.way, route.waypoints_m))
+
+    def metres_per_cost(self, route: Route) -> float:
+        """Brings costs to metres of path, by a route that has both; 1 where the cost is the length."""
+        way = self.numbers.way
+        if way.unit == LENGTH and way.deviation_price == 0.0:
+            return 1.0
+        cost = self.cost(route)
+        return route.length_m / cost if cost > 0.0 and route.length_m > 0.0 else 1.0
 
     @property
     def free_order(self) -> bool:
@@ -73,6 +87,7 @@ def local_task(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> Loc
         look_spacing_m(scenario),
         sensing,
         _room(site),
+        way_cost_of(site),
     )
     across = 2.0 * horizontal_reach(sight) / cells.size_m + 2.0
     # A place may see every other cell of what is in reach; of a leg of up to eight radii a row has few runs. Longer ones are cut.

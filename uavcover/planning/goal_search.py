@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from uavcover.kernels.annealing import Prices
 from uavcover.model.route import Route
-from uavcover.planning.draft_route import draft_of
+from uavcover.planning.draft_route import LocalTask, draft_of
 from uavcover.planning.local_search import CHAINS, Chain, Work
 
 LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
@@ -84,7 +84,7 @@ def _search_goal(
     """One goal, in stages: after each the goal is corrected and both chains go on from the better one."""
     begin, end = share
     aim = min(1.0, goal + SAFETY)
-    ranked = sorted(starts, key=lambda start: _merit(start, goal))
+    ranked = sorted(starts, key=lambda start: _merit(work.task, start, goal))
     if work.stopped or work.pace.fraction >= end:
         return []
     chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity, 1.0) for k in range(CHAINS)]
@@ -105,8 +105,8 @@ def _search_goal(
     return out
 
 
-def _merit(start: Start, goal: float) -> float:
-    return start.route.length_m * (1.0 + _COVERAGE_PRICE * max(0.0, goal - start.seen))
+def _merit(task: LocalTask, start: Start, goal: float) -> float:
+    return task.cost(start.route) * (1.0 + _COVERAGE_PRICE * max(0.0, goal - start.seen))
 
 
 def _chain(work: Work, route: Route, goal: float, capacity: int, heat: float) -> Chain:
@@ -115,8 +115,11 @@ def _chain(work: Work, route: Route, goal: float, capacity: int, heat: float) ->
     fewest = 1 if work.task.free_order else 2
     draft = draft_of(work.task, route, capacity=capacity)
     return Chain(
+        task=work.task,
         draft=draft,
-        prices=Prices(1.0, _WAYPOINT_PRICE * work.task.reach_m, _COVERAGE_PRICE * length_m, goal),
+        prices=Prices(
+            work.task.metres_per_cost(route), _WAYPOINT_PRICE * work.task.reach_m, _COVERAGE_PRICE * length_m, goal
+        ),
         hottest=heat * hottest * length_m,
         coldest=_COLDEST * length_m,
         step_m=_LARGEST_STEP * work.task.reach_m,

@@ -96,6 +96,7 @@ class Chain:
     """One route under annealing.
 
     Attributes:
+        task: what is looked at.
         draft: the route.
         prices: of the energy.
         hottest: temperature at the beginning of a stage.
@@ -105,6 +106,7 @@ class Chain:
         most: waypoints.
     """
 
+    task: LocalTask
     draft: Draft
     prices: Prices
     hottest: float
@@ -128,7 +130,7 @@ class Chain:
         """What the chain makes as small as it can."""
         route = self.route
         return (
-            self.prices.metre * route.length_m
+            self.prices.way * self.task.cost(route)
             + self.prices.waypoint * len(route)
             + annealing.energy_of_share(self.prices, self.seen)
         )

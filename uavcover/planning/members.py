@@ -45,15 +45,13 @@ def pareto_members(members: Sequence[RouteMember]) -> list[RouteMember]:
 
     Coverage is that of the coverable area, which the selection rules speak of.
     """
-    values = np.array(
-        [[-m.metrics.coverage_of_coverable, m.metrics.waypoint_count, m.metrics.path_length_m] for m in members]
-    )
+    values = np.array([[-m.metrics.coverage_of_coverable, m.metrics.waypoint_count, m.metrics.cost] for m in members])
     _, first = np.unique(values, axis=0, return_index=True)
     keep = np.zeros(len(members), dtype=bool)
     keep[first] = True
     keep &= non_dominated_mask(values, np.zeros(len(values)))
     kept = [member for member, ok in zip(members, keep, strict=True) if ok]
-    return sorted(kept, key=lambda m: (m.metrics.coverage_of_coverable, -m.metrics.path_length_m))
+    return sorted(kept, key=lambda m: (m.metrics.coverage_of_coverable, -m.metrics.cost))
 
 
 def why_infeasible(site: Site, members: Sequence[RouteMember]) -> str:

@@ -191,7 +191,7 @@ def _progress(
         evaluations = evaluations_done + work.proposals // PROPOSALS_PER_EVALUATION
         best[0] = max(best[0], *(chain.seen * coverable for chain in chains))
         if asked is not None:
-            shortest.extend(chain.route.length_m for chain in chains if chain.seen >= asked)
+            shortest.extend(chain.task.cost(chain.route) for chain in chains if chain.seen >= asked)
             shortest[:] = [min(shortest)] if shortest else []
         total = effort.evaluations
         if effort.budget_s is not None:

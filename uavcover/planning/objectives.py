@@ -9,14 +9,17 @@ from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.kernels import route as kernels
+from uavcover.kernels.way_cost import flight_time, route_cost
 from uavcover.leg_checks import measure_violations, route_height_range_m
 from uavcover.model.route import Route, RouteMetrics
 from uavcover.site import Site
+from uavcover.way_cost import pace_of, way_cost_of
 
 FloatArray = NDArray[np.float64]
 
-OBJECTIVES = ("minus_coverage", "waypoint_count", "path_length_m")
-"""Names of the objectives, all minimised: -f1, f2, f3 of Eq. 8."""
+OBJECTIVES = ("minus_coverage", "waypoint_count", "cost")
+"""Names of the objectives, all minimised: -f1, f2, f3 of Eq. 8; the cost is the path's length, or what ``planner.objective``
+says."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +37,7 @@ class Evaluation:
 
 def evaluate_routes(coverage: CoverageMap, routes: Sequence[Route], executor: Executor | None = None) -> Evaluation:
     """Objectives and violations of routes; every route by itself, so threads cannot change the result."""
+    way = way_cost_of(coverage.site)
 
     def one(route: Route) -> tuple[float, float, float, float]:
         points = route.waypoints_m
@@ -41,7 +45,7 @@ def evaluate_routes(coverage: CoverageMap, routes: Sequence[Route], executor: Ex
         violation = measure_violations(
             coverage.site, points, margin_m=coverage.site.scenario.limits.height_margin_m
         ).total
-        return -share, float(len(route)), float(kernels.path_length(points)), violation
+        return -share, float(len(route)), float(route_cost(coverage.site.ground.surface, way, points)), violation
 
     rows = np.array(list(executor.map(one, routes) if executor is not None else map(one, routes))).reshape(-1, 4)
     return Evaluation(objectives=rows[:, :3], violations=rows[:, 3:])
@@ -51,7 +55,6 @@ def judge(coverage: CoverageMap, route: Route) -> RouteMetrics:
     """Everything that is reported of a route, on the cells of ``coverage``."""
     site: Site = coverage.site
     points = route.waypoints_m
-    vehicle = site.scenario.vehicle
     seen = coverage.seen(points)
     lowest, highest = route_height_range_m(site, points)
     return RouteMetrics(
@@ -59,9 +62,8 @@ def judge(coverage: CoverageMap, route: Route) -> RouteMetrics:
         coverage_of_coverable=coverage.share_of_coverable(seen),
         waypoint_count=len(route),
         path_length_m=float(kernels.path_length(points)),
-        flight_time_s=float(
-            kernels.flight_time(points, vehicle.cruise_speed_m_s, vehicle.max_climb_m_s, vehicle.max_descent_m_s)
-        ),
+        flight_time_s=float(flight_time(pace_of(site), points)),
         min_height_agl_m=lowest,
         max_height_agl_m=highest,
+        cost=float(route_cost(site.ground.surface, way_cost_of(site), points)),
     )

@@ -88,8 +88,9 @@ def select(members: Sequence[RouteMember], rule: Rule) -> Choice:
     """Choose by a rule; ties go to the lower number.
 
     ``weighted``: smallest weighted sum of the objectives, each brought to 0..1 over the set (the paper's section 5.3).
-    ``knee``: nearest to the ideal point after the same scaling. ``max-coverage``: most coverage, then shortest.
-    ``coverage>=X``: the shortest that reaches X of what is coverable; when none does, as ``max-coverage`` and not met.
+    ``knee``: nearest to the ideal point after the same scaling. ``max-coverage``: most coverage, then least cost.
+    ``coverage>=X``: the one of least cost (by default: the shortest) that reaches X of what is coverable; when none does, as
+    ``max-coverage`` and not met.
 
     Raises:
         InputError: ``index`` outside the set, or an empty set.
@@ -97,7 +98,7 @@ def select(members: Sequence[RouteMember], rule: Rule) -> Choice:
     if not members:
         raise InputError("select: the Pareto set is empty")
     coverage = np.array([member.metrics.coverage_of_coverable for member in members])
-    length = np.array([member.metrics.path_length_m for member in members])
+    cost = np.array([member.metrics.cost for member in members])
     if rule.kind == "index":
         index = int(rule.numbers[0])
         if index >= len(members):
@@ -108,9 +109,9 @@ def select(members: Sequence[RouteMember], rule: Rule) -> Choice:
     if rule.kind == "coverage":
         enough = np.flatnonzero(coverage >= rule.numbers[0])
         if enough.size:
-            return Choice(int(enough[np.lexsort((-coverage[enough], length[enough]))[0]]), met=True)
+            return Choice(int(enough[np.lexsort((-coverage[enough], cost[enough]))[0]]), met=True)
     if rule.kind in {"coverage", "max-coverage"}:
-        return Choice(int(np.lexsort((length, -coverage))[0]), met=rule.kind == "max-coverage")
+        return Choice(int(np.lexsort((cost, -coverage))[0]), met=rule.kind == "max-coverage")
     scaled = _scaled(members)
     if rule.kind == "weighted":
         return Choice(int(np.argmin(scaled @ np.array(rule.numbers))), met=True)
@@ -119,8 +120,6 @@ def select(members: Sequence[RouteMember], rule: Rule) -> Choice:
 
 def _scaled(members: Sequence[RouteMember]) -> FloatArray:
     """(n, 3) objectives, all minimised, brought to 0..1 over the set; 0 where the set has no spread."""
-    values = np.array(
-        [[-m.metrics.coverage_of_coverable, m.metrics.waypoint_count, m.metrics.path_length_m] for m in members]
-    )
+    values = np.array([[-m.metrics.coverage_of_coverable, m.metrics.waypoint_count, m.metrics.cost] for m in members])
     spread = np.ptp(values, axis=0)
     return np.asarray((values - values.min(axis=0)) / np.where(spread > 0.0, spread, 1.0))
