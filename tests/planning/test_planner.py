@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.planning.sites import flat, hills, make_site
+from tests.planning.sites import flat, hills, make_site, tower
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.leg_checks import find_problems, measure_violations
+from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Plan, RouteMember
 from uavcover.model.sensor import SphereSensor
 from uavcover.pipeline import load_site
@@ -265,3 +266,14 @@ def test_the_papers_scenarios_run_end_to_end(name: str, algorithm: str) -> None:
         # The tour starts at the node nearest the origin (section 2.1).
         distance = np.linalg.norm(points, axis=1)
         assert distance[0] == distance.min()
+
+
+def test_an_obstacle_that_leaves_no_room_is_named() -> None:
+    site = make_site(
+        sensor=SphereSensor(kind="sphere", range_m=150.0), limits={"applies_to": "waypoints"},
+        obstacles=Obstacles(prisms=(tower(-50, -50, 350, 250, 200, name="hangar"),)),
+        planner={"encoding": "waypoints", "max_waypoints": 3},
+    )  # fmt: skip
+    words = r"breaks: waypoint \d: \d+\.\d m too near to obstacle 'hangar' at .*; allow smaller obstacles\.clearance_beside_m"
+    with pytest.raises(InfeasibleError, match=words):
+        make_plan(site, evaluations=20)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.route import follow_terrain
+from uavcover.planning.detours import around_obstacles
 from uavcover.site import Site
 
 FloatArray = NDArray[np.float64]
@@ -18,6 +19,8 @@ SLACK = 0.02
 def lay_over_terrain(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArray, *, tolerance_m: float) -> FloatArray:
     """Waypoints over the terrain along a line on the map, inside the scenario's band and climb limit where that is possible.
 
+    They lead over obstacles, and around those that the band does not reach over.
+
     Args:
         site: the scenario on its ground.
         polyline_m: (n, 2) east, north corners.
@@ -28,6 +31,8 @@ def lay_over_terrain(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArra
         (m, 3) ENU waypoints, corners among them. Where the ground has no data their height is read from the neighbours:
         a finite number, so that the route can be compared with others; the leg checks say that data is missing there.
     """
+    # A sample's distance farther away nothing is raised over an obstacle.
+    polyline_m, wanted_agl_m = around_obstacles(site, polyline_m, wanted_agl_m, apart_m=SAMPLE_SPACING_M)
     limits = site.scenario.limits
     band = limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m
     slack = SLACK * band
