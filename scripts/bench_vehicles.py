@@ -18,7 +18,6 @@ import json
 import os
 import platform
 import resource
-import signal
 import subprocess
 import sys
 import time
@@ -85,8 +84,7 @@ def vehicle_process(autopilot: str, speed: float) -> Iterator[subprocess.Popen[s
         try:
             yield process
         finally:
-            process.send_signal(signal.SIGTERM)
-            process.wait(30.0)
+            process.terminate()
 
 
 def port_of(process: subprocess.Popen[str]) -> int:

@@ -22,6 +22,7 @@ from uavcover.flight.flight_plan import FlightPlan, Patience
 from uavcover.flight.fly import FlightOutcome, Onward, PlanOnward
 from uavcover.flight.fly import fly as fly_plan
 from uavcover.flight.fly import fly_on as fly_on_plan
+from uavcover.flight.mock.battery import BatteryData
 from uavcover.flight.mock.server import register_mock
 from uavcover.flight.mock.settings import Settings
 from uavcover.flight.mock.vehicle import MockVehicle
@@ -84,7 +85,11 @@ def connect(
     place = home or (None if site is None else home_of(site)) or GeoPoint(0.0, 0.0, 0.0)
     name = "ardupilot" if site is None else site.scenario.vehicle.autopilot
     settings = Settings() if site is None else Settings.for_vehicle(site.scenario.vehicle)
-    register_mock(lambda: MockVehicle(AUTOPILOTS[name], place, settings=settings, speed=mock_speed), speed=mock_speed)
+    battery = BatteryData() if site is None else BatteryData.for_vehicle(site.scenario.vehicle)
+    register_mock(
+        lambda: MockVehicle(AUTOPILOTS[name], place, settings=settings, battery=battery, speed=mock_speed),
+        speed=mock_speed,
+    )
     client, monitor = open_vehicle(url, timing=timing)
     with client:
         if signing_key is not None:

@@ -83,7 +83,7 @@ def mock_vehicle(
             raise InputError(
                 f"--home: {home!r} is no place on Earth; write latitude, longitude, height above sea level"
             )
-        place, settings = GeoPoint(lat, lon, alt), Settings()
+        place, settings, battery = GeoPoint(lat, lon, alt), Settings(), BatteryData()
         default: AutopilotName = "ardupilot"
     else:
         site = pipeline.load_site(scenario)
@@ -92,6 +92,7 @@ def mock_vehicle(
             raise InputError(f"scenario {scenario}: has no place on Earth or no home; give --home LAT,LON,ALT_AMSL")
         place = at_home
         settings, default = Settings.for_vehicle(site.scenario.vehicle), site.scenario.vehicle.autopilot
+        battery = BatteryData.for_vehicle(site.scenario.vehicle)
     name = options.autopilot_name(autopilot, default)
     ways = {"quick": quick(), "observed": OBSERVED[AUTOPILOTS[name].mav_autopilot]}
     if behaviour not in ways:
@@ -99,7 +100,7 @@ def mock_vehicle(
     try:
         wind = Wind(speed_m_s=wind_m_s, from_deg=wind_from_deg, gust_m_s=gust_m_s)
         gps = GpsError(horizontal_m=gps_noise_m, vertical_m=1.5 * gps_noise_m, latency_s=gps_latency_s)
-        battery = BatteryData() if endurance_s is None else BatteryData(endurance_s=endurance_s)
+        battery = battery if endurance_s is None else BatteryData(endurance_s=endurance_s)
     except ValueError as error:
         raise InputError(str(error)) from error
 

@@ -5,6 +5,7 @@ import math
 import pytest
 
 from uavcover.flight.mock.battery import Battery, BatteryData, power_share
+from uavcover.model.vehicle import Vehicle
 
 DATA = BatteryData(endurance_s=1200.0, hover_w=250.0, hover_induced_m_s=6.0)
 
@@ -50,6 +51,11 @@ def test_climbing_costs_its_weight_and_descending_gives_a_part_back():
     # Climbing at 3 m/s adds m g 3 W, hovering takes m g 6 W.
     assert power_share(0.0, 3.0, DATA) == pytest.approx(1.0 + 0.97 * 0.5)
     assert power_share(0.0, -3.0, DATA) == pytest.approx(1.0 - 0.97 * 0.15)
+
+
+def test_a_scenarios_longest_flight_leaves_a_fifth_of_the_charge():
+    assert BatteryData.for_vehicle(Vehicle(endurance_s=1200.0)).endurance_s == pytest.approx(1500.0)
+    assert BatteryData.for_vehicle(Vehicle()) == BatteryData()
 
 
 def test_voltage_falls_with_charge_and_load():

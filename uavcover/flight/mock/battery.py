@@ -2,9 +2,12 @@
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 from uavcover.flight.mock.dynamics import GRAVITY_M_S2
+from uavcover.model.vehicle import Vehicle
 
+_RESERVE = 0.2
 _IDLE_SHARE = 0.03
 """Share of the hovering power that the electronics take, motors or not."""
 _DESCENT_GAIN = 0.3
@@ -20,13 +23,13 @@ class BatteryData:
     """A battery and the multirotor that it carries.
 
     Attributes:
-        endurance_s: for how long a full one hovers.
+        endurance_s: for how long a full one hovers; a day unless somebody says, so that no flight ends by surprise.
         hover_w: power of hovering.
         hover_induced_m_s: how fast the rotors blow the air down in hovering.
         drag_1_s: the airframe's drag: acceleration per metre per second of air speed.
     """
 
-    endurance_s: float = 3600.0
+    endurance_s: float = 86_400.0
     hover_w: float = 300.0
     hover_induced_m_s: float = 6.0
     drag_1_s: float = 0.2
@@ -35,6 +38,13 @@ class BatteryData:
         for name in self.__slots__:
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name}: {getattr(self, name)} must be above 0")
+
+    @classmethod
+    def for_vehicle(cls, vehicle: Vehicle) -> Self:
+        """The battery of the vehicle that a scenario plans with: its longest flight leaves a fifth of the charge."""
+        if vehicle.endurance_s is None:
+            return cls()
+        return cls(endurance_s=vehicle.endurance_s / (1.0 - _RESERVE))
 
 
 def power_share(airspeed_m_s: float, climb_m_s: float, data: BatteryData) -> float:
