@@ -80,7 +80,7 @@ def run_cell(cell: Cell, folder: Path, *, seed: int = 1) -> Result:
     """
     folder.mkdir(parents=True)
     if cell.capability in PREPARATIONS:
-        PREPARATIONS[cell.capability]()
+        PREPARATIONS[cell.capability](folder.parent)
     watch = Stopwatch()
     request = StartRequest(folder, home(), cell.vehicle.speed, cell.parameters)
     with _starter(cell)(request) as vehicle:

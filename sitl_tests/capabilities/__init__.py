@@ -1,6 +1,7 @@
 """What the vehicles are asked, a function each; ``ALL`` has them by the names of ``matrix.toml``."""
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from types import MappingProxyType
 
 from sitl_tests.capabilities import demonstration, failsafes, flights, logs, refusals, stations, transfers
@@ -32,5 +33,5 @@ ALL: Mapping[str, Callable[[Case], Finding]] = MappingProxyType(
 )
 """Name of a capability to what tries it."""
 
-PREPARATIONS: Mapping[str, Callable[[], object]] = MappingProxyType({"fly-demo": demonstration.planned_run})
-"""What a capability needs before its vehicle is started, since it takes long."""
+PREPARATIONS: Mapping[str, Callable[[Path], object]] = MappingProxyType({"fly-demo": demonstration.planned_run})
+"""What a capability needs before its vehicle is started, since it takes long; in the folder of all cases."""
