@@ -37,6 +37,10 @@ class Finding:
     detail: str
 
 
+Judge = Callable[[], Finding]
+"""What is left of a capability when the vehicle has been stopped."""
+
+
 class Station:
     """A ground station that has found the vehicle.
 

@@ -1,11 +1,12 @@
 """Running one cell of the matrix: start the vehicle, try the capability, stop the vehicle, keep the logs."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
+from typing import TypeVar
 
 from mission_io.errors import MissionIoError
 from mission_io.items import GeoPoint
@@ -85,17 +86,24 @@ def run_cell(cell: Cell, folder: Path, *, seed: int = 1) -> Result:
     request = StartRequest(folder, home(), cell.vehicle.speed, cell.parameters)
     with _starter(cell)(request) as vehicle:
         case = Case(vehicle=vehicle, autopilot=cell.vehicle.autopilot, client=cell.client, folder=folder, seed=seed)
-        try:
-            finding = ALL[cell.capability](case)
-        except (CheckFailedError, UavcoverError, MissionIoError) as error:
-            finding = Finding(FAILED, f"{type(error).__name__}: {error}")
-        finally:
-            (folder / EVENTS).write_text("".join(f"{line}\n" for line in case.events))
-        version = vehicle.version
+        found = _found(lambda: ALL[cell.capability](case))
+        (folder / EVENTS).write_text("".join(f"{line}\n" for line in case.events))
+    finding = found if isinstance(found, Finding) else _found(found)
     logs = {path.name: sha256(path) for path in vehicle.log_files()}
-    result = Result(cell, finding, version, watch.elapsed_s, MappingProxyType(logs))
+    result = Result(cell, finding, vehicle.version, watch.elapsed_s, MappingProxyType(logs))
     _keep(result, folder)
     return result
+
+
+FoundT = TypeVar("FoundT")
+
+
+def _found(work: Callable[[], FoundT]) -> FoundT | Finding:
+    """What work comes to; a check that fails and an error of ours are findings too."""
+    try:
+        return work()
+    except (CheckFailedError, UavcoverError, MissionIoError) as error:
+        return Finding(FAILED, f"{type(error).__name__}: {error}")
 
 
 @cache

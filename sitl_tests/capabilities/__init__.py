@@ -5,9 +5,9 @@ from pathlib import Path
 from types import MappingProxyType
 
 from sitl_tests.capabilities import demonstration, failsafes, flights, logs, refusals, stations, transfers
-from sitl_tests.case import Case, Finding
+from sitl_tests.case import Case, Finding, Judge
 
-ALL: Mapping[str, Callable[[Case], Finding]] = MappingProxyType(
+ALL: Mapping[str, Callable[[Case], Finding | Judge]] = MappingProxyType(
     {
         "connect": transfers.connect,
         "mission-round-trip": transfers.mission_round_trip,

@@ -64,7 +64,7 @@ def start(request: StartRequest) -> Iterator[RunningVehicle]:
         for _ in range(2):
             here, there = free_udp_port(), free_udp_port()
             _tell(build, instance, "mavlink", "start", "-x", "-u", str(here), "-o", str(there),
-                  "-t", "127.0.0.1", "-r", _BYTES_PER_S, "-f")  # fmt: skip
+                  "-t", "127.0.0.1", "-r", _BYTES_PER_S, "-f", "-m", "minimal")  # fmt: skip
             urls.append(f"udpin://127.0.0.1:{there}")
         yield RunningVehicle(
             url=urls[0],
