@@ -67,6 +67,7 @@ def speaking_1() -> Codec:
 
 
 OLD_SAMPLES: list[Message] = [
+    m.StatusText(4, "Reached waypoint #2"),
     m.MissionCurrent(4),
     m.CommandAck(400, 4),
     m.MissionCount(1, 1, 650),
