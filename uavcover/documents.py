@@ -5,12 +5,13 @@ import dataclasses
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.errors import InputError
+from uavcover.model.bounds import Bound, Question
 from uavcover.model.report import VerificationReport
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.run_folder import SCHEMA_VERSION
@@ -51,7 +52,7 @@ class PlannedDocument:
 
 
 def plan_document(
-    site: Site, plan: Plan, *, seed: int, bounds: dict[str, float], sorties: Sequence[dict[str, Any]] = ()
+    site: Site, plan: Plan, *, seed: int, bounds: dict[str, Any], sorties: Sequence[dict[str, Any]] = ()
 ) -> dict[str, Any]:
     """``plan.json``: equal for equal seed and evaluations in everything but ``wall_s``."""
     frame = site.frame
@@ -78,6 +79,49 @@ def plan_document(
             {"name": b.origin, "violation": b.violation, **dataclasses.asdict(b.metrics)} for b in plan.baselines
         ],
     }
+
+
+def bound_document(bound: Bound) -> dict[str, Any]:
+    """One entry of ``bounds``, under the name of its question."""
+    asked: dict[str, float] = {"for_coverage_of_coverable": bound.asked}
+    if bound.question == "most_coverage":
+        asked = {"with_waypoints": int(bound.asked)}
+    limit = "at_most" if bound.question == "most_coverage" else "at_least"
+    return {
+        **asked, limit: bound.limit, "found": bound.found, "gap": bound.gap,
+        "proved_on": bound.proved_on, "method": bound.method,
+    }  # fmt: skip
+
+
+def bound_in_words(question: str, entry: dict[str, Any]) -> str:
+    """What an entry of ``bounds`` says, in one line.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        found, gap = entry["found"], entry["gap"]
+        if question == "most_coverage":
+            what = f"most coverage with {entry['with_waypoints']} waypoints: at most {_percent(entry['at_most'])}"
+            found_text = None if found is None else _percent(found)
+        else:
+            name, unit = ("fewest waypoints", "") if question == "fewest_waypoints" else ("shortest path", " m")
+            what = f"{name} for {_percent(entry['for_coverage_of_coverable'])}: at least {entry['at_least']:.0f}{unit}"
+            found_text = None if found is None else f"{found:.0f}{unit}"
+        text = f"{what}, found {found_text or 'none'}"
+        gap_text = "" if gap is None else f", gap {_percent(gap)}"
+        return f"{text}{gap_text}; proved for {entry['proved_on']}, by {entry['method']}"
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"plan.json: bounds.{question} is no bound ({type(error).__name__}: {error})") from error
+
+
+def bounds_in_words(bounds: dict[str, Any]) -> list[str]:
+    """The proved bounds of a plan, a line each."""
+    return [bound_in_words(name, bounds[name]) for name in get_args(Question) if name in bounds]
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2f} %"
 
 
 def _waypoints(site: Site, points_m: FloatArray) -> list[dict[str, float | None]]:

@@ -26,6 +26,7 @@ from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.coverage.sensors import reach_at_height_m
 from uavcover.documents import (
     PlannedDocument,
+    bound_document,
     pareto_csv,
     plan_document,
     read_plan_document,
@@ -39,8 +40,10 @@ from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings, RasterTer
 from uavcover.model.track import Track
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planning.baselines import best_height_agl_m
+from uavcover.planning.bounds.plan_bounds import are_quick, path_bounds, waypoint_bounds
 from uavcover.planning.objectives import judge
 from uavcover.planning.planner import Effort, Progress, plan_routes
+from uavcover.planning.set_cover.programs import SolverEffort
 from uavcover.run_folder import SCHEMA_VERSION, RunFolder, json_text
 from uavcover.scenario import dump_scenario, load_scenario, terrain_path
 from uavcover.site import Site, build_site
@@ -190,19 +193,33 @@ def judging_map(site: Site) -> CoverageMap:
     return CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m)
 
 
-def bounds(site: Site) -> dict[str, float]:
-    """What no plan can beat, as far as it is known, and what it can be measured by.
+def bounds(site: Site, result: Plan | None = None, *, time_s: float | None = None) -> dict[str, Any]:
+    """What no plan can beat, as far as it is known, and what it can be measured by: ``bounds`` of ``plan.json``.
 
     ``coverable_fraction``: share of the area that some allowed place sees (tried places: at least this much).
     ``length_reference_m``: area of the map over the width of flat ground that the sensor sweeps; a reference, no bound,
     because slopes widen the swath. Only for sensors that look along the path.
+    ``shortest_path_m``, ``fewest_waypoints``, ``most_coverage``: proved limits beside what was found (docs/planning.md).
+
+    Args:
+        site: the scenario on its ground.
+        result: a plan; without one there is nothing to compare with.
+        time_s: for branch and bound, half of it for each question; 0: proofs that take no solver alone; default: linear
+            relaxations too, where they are quick.
     """
     coverage = judging_map(site)
-    found = {"coverable_fraction": coverage.share(coverage.coverable)}
+    found: dict[str, Any] = {"coverable_fraction": coverage.share(coverage.coverable)}
     if site.scenario.sensor.sensing == "along-path":
         width = 2.0 * reach_at_height_m(site.scenario.sensor, best_height_agl_m(site))
         found["length_reference_m"] = float(site.area.area) / width
-    return found
+    if result is None:
+        return found
+    proved = path_bounds(coverage, result)
+    if time_s is not None and time_s > 0.0:
+        proved += waypoint_bounds(coverage, result, SolverEffort(time_s=0.5 * time_s))
+    elif time_s is None and are_quick(coverage):
+        proved += waypoint_bounds(coverage, result, SolverEffort(nodes=0))
+    return found | {bound.question: bound_document(bound) for bound in proved}
 
 
 def save_plan(
@@ -215,6 +232,7 @@ def save_plan(
     seed: int,
     command: Sequence[str],
     sorties: Sequence[Sortie] = (),
+    proved: dict[str, Any] | None = None,
 ) -> None:
     """Write the scenario, the Pareto set, the chosen route and its mission files, all or none.
 
@@ -229,10 +247,11 @@ def save_plan(
         seed: of every random number.
         command: how it was asked for.
         sorties: its flights when there are several; each gets a run folder of its own inside this one.
+        proved: its :func:`bounds`; default: what there is of them without a plan.
     """
     scenario = dump_scenario(site.scenario)
     about = json_text(_run_document(site, scenario, seed=seed, command=command, plan_wall_s=result.wall_s))
-    limits = bounds(site)
+    limits = bounds(site) if proved is None else proved
     texts = {"scenario.toml": scenario, "pareto.csv": pareto_csv(result), "run.json": about}
     if compiled is not None:
         texts |= mission_texts(compiled, autopilot=autopilot, name=site.scenario.name)
@@ -240,13 +259,14 @@ def save_plan(
     texts["plan.json"] = json_text(plan_document(site, result, seed=seed, bounds=limits, sorties=rows))
     stale = [name for name in OF_A_PLAN if name not in texts]
     judged = judging_map(site) if sorties else None
+    of_any_plan = {name: limit for name, limit in limits.items() if not isinstance(limit, dict)}
     for row, sortie in zip(rows, sorties, strict=True):
         if judged is None:
             break
         plan = _plan_of_sortie(judged, result, sortie)
         own = {"scenario.toml": scenario, "pareto.csv": pareto_csv(plan), "run.json": about}
         own |= mission_texts(sortie.compiled, autopilot=autopilot, name=f"{site.scenario.name}, sortie {row['number']}")
-        own["plan.json"] = json_text(plan_document(site, plan, seed=seed, bounds=limits))
+        own["plan.json"] = json_text(plan_document(site, plan, seed=seed, bounds=of_any_plan))
         texts |= {f"{row['folder']}/{name}": text for name, text in own.items()}
         stale += [f"{row['folder']}/{name}" for name in OF_A_PLAN if name not in own]
     for number in range(len(sorties) + 1, len(run.sorties()) + 1):

@@ -85,8 +85,8 @@ def autopilot_name(text: str | None, default: AutopilotName) -> AutopilotName:
     raise InputError(f"--autopilot: {text!r} is neither ardupilot nor px4")
 
 
-def seconds(text: str | None) -> float | None:
-    """A duration such as ``30s``, ``5m``, ``1h`` or ``45`` in seconds.
+def seconds(text: str | None, *, option: str = "--budget") -> float | None:
+    """A duration such as ``30s``, ``5m``, ``1h`` or ``45`` in seconds; ``option`` is named when it is none.
 
     Raises:
         InputError: it is none, or not above 0.
@@ -99,7 +99,7 @@ def seconds(text: str | None) -> float | None:
     except ValueError:
         value = -1.0
     if not 0.0 < value < float("inf"):
-        raise InputError(f"--budget: {text!r} is not a duration; write it as 30s, 5m or 1h")
+        raise InputError(f"{option}: {text!r} is not a duration; write it as 30s, 5m or 1h")
     return value
 
 

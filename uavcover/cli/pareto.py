@@ -20,6 +20,7 @@ def pareto(
     import dataclasses
 
     from uavcover.cli.console import Console, percent
+    from uavcover.documents import bounds_in_words
     from uavcover.errors import OutputError
     from uavcover.report.pareto_file import read_pareto
     from uavcover.run_folder import RunFolder
@@ -37,6 +38,8 @@ def pareto(
             f"{member.waypoint_count:>11}{member.path_length_m:>10.0f} m{member.flight_time_s:>7.0f} s  {member.made_by}"
         )
     console.say("* is in plan.json; coverage is of what can be seen")
+    for line in bounds_in_words(plan.get("bounds", {})):
+        console.say(line)
     if plot is not None:
         from uavcover.report.figures import save_pareto_plot
 
@@ -45,6 +48,7 @@ def pareto(
     console.result(
         {
             "run": str(run),
+            "bounds": plan.get("bounds", {}),
             "members": [dataclasses.asdict(member) for member in members],
             "plot": None if plot is None else str(plot),
         }

@@ -26,6 +26,12 @@ def plan(
         str | None,
         typer.Option(help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N.", metavar="RULE"),
     ] = None,
+    bounds: Annotated[
+        str | None,
+        typer.Option(
+            help="After the search, prove for this long (30s) how few waypoints, or how much coverage, there can be."
+        ),
+    ] = None,
     autopilot: options.Autopilot = None,
     workers: Annotated[int | None, typer.Option(help="Threads; the result does not depend on it.")] = None,
     seed: options.Seed = None,
@@ -45,7 +51,7 @@ def plan(
     request = PlanRequest(
         scenario=scenario, folder=run, command=sys.argv, force=force, seed=seed, evaluations=evaluations,
         budget_s=options.seconds(budget), algorithm=algorithm, max_waypoints=max_waypoints, select=select,
-        autopilot=autopilot, workers=workers,
+        autopilot=autopilot, workers=workers, bounds_s=options.seconds(bounds, option="--bounds"),
     )  # fmt: skip
     outcome = plan_into(request, console, check_site=lambda _: None)
     console.result(outcome.document)

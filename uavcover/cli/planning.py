@@ -11,6 +11,7 @@ from uavcover import pipeline
 from uavcover.cli.console import Bar, Console, Interrupts, metres, percent
 from uavcover.cli.ending import INTERRUPTED
 from uavcover.cli.options import autopilot_name
+from uavcover.documents import bounds_in_words
 from uavcover.errors import InfeasibleError
 from uavcover.mission_compiler import CompiledMission
 from uavcover.model.route import Plan, RouteMember
@@ -40,6 +41,7 @@ class PlanRequest:
         select: rule.
         autopilot: for whom the mission files are.
         workers: threads.
+        bounds_s: prove bounds for so long, after the search.
     """
 
     scenario: str
@@ -54,6 +56,7 @@ class PlanRequest:
     select: str | None = None
     autopilot: str | None = None
     workers: int | None = None
+    bounds_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,12 +111,14 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
         seed = site.scenario.planner.seed if request.seed is None else request.seed
         compiled = flights[0].compiled if len(flights) == 1 else None
         sorties = flights if len(flights) > 1 else ()
+        bounds = _bounds(site, request, result, console)
         pipeline.save_plan(
-            run, site, result, compiled=compiled, autopilot=name, seed=seed, command=request.command, sorties=sorties
-        )
+            run, site, result, compiled=compiled, autopilot=name, seed=seed, command=request.command, sorties=sorties,
+            proved=bounds,
+        )  # fmt: skip
     if refused is not None:
         raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
-    _say_plan(console, run, result, time.monotonic() - started)
+    _say_plan(console, run, result, bounds, time.monotonic() - started)
     _say_missions(console, run, compiled, sorties)
     code = INTERRUPTED if result.interrupted else 0 if result.rule_met else 1
     document = {
@@ -125,6 +130,7 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
         "rule": result.rule,
         "rule_met": result.rule_met,
         "interrupted": result.interrupted,
+        "bounds": bounds,
         "mission_files": bool(flights),
         "sorties": len(sorties),
     }
@@ -145,7 +151,18 @@ def _search(site: Site, request: PlanRequest, stops: Interrupts, bar: Bar) -> Pl
     )  # fmt: skip
 
 
-def _say_plan(console: Console, run: RunFolder, result: Plan, wall_s: float) -> None:
+def _bounds(site: Site, request: PlanRequest, result: Plan, console: Console) -> dict[str, Any]:
+    """What was asked for; without being asked what is quick, and under a time budget only what takes no solver."""
+    if result.interrupted:
+        return pipeline.bounds(site)
+    unasked_s = None if request.budget_s is None else 0.0
+    if request.bounds_s is None:
+        return pipeline.bounds(site, result, time_s=unasked_s)
+    console.say(f"proving bounds for up to {request.bounds_s:g} s")
+    return pipeline.bounds(site, result, time_s=request.bounds_s)
+
+
+def _say_plan(console: Console, run: RunFolder, result: Plan, bounds: dict[str, Any], wall_s: float) -> None:
     console.say(f"{'':22}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}")
     shown = [("chosen route", result.chosen)]
     plain = [member for member in result.baselines if member.origin == "boustrophedon"][:1]
@@ -159,6 +176,8 @@ def _say_plan(console: Console, run: RunFolder, result: Plan, wall_s: float) -> 
     console.say(
         f"{len(result.members)} routes in the Pareto set, {result.evaluations} evaluations of {result.algorithm}, {wall_s:.1f} s"
     )
+    for line in bounds_in_words(bounds):
+        console.say(line)
     if not result.rule_met:
         console.warn(f"no route meets {result.rule}; the best there is has been written")
     if result.interrupted:

@@ -10,6 +10,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from uavcover.documents import bounds_in_words
 from uavcover.report import plots
 from uavcover.report.content import ReportContent
 from uavcover.report.images import REASON_WORDS
@@ -96,7 +97,13 @@ def _facts(content: ReportContent) -> dict[str, Any]:
 
 def _bounds(plan: dict[str, Any]) -> list[tuple[str, str]]:
     """What no plan can beat or be measured by, in words; a bound this version does not know by its own name."""
-    return [(BOUND_WORDS.get(name, name), _figure(name, value)) for name, value in plan.get("bounds", {}).items()]
+    bounds = plan.get("bounds", {})
+    figures = [
+        (BOUND_WORDS.get(name, name), _figure(name, value))
+        for name, value in bounds.items()
+        if not isinstance(value, dict)
+    ]
+    return figures + [("proved bound", line) for line in bounds_in_words(bounds)]
 
 
 def _figure(name: str, value: object) -> str:

@@ -57,6 +57,11 @@ class CoverProgram:
         )
         self._matrix = sparse.csr_array(by_place.T)
 
+    @property
+    def reachable(self) -> float:
+        """Share of what can be covered that the places see together, 0..1."""
+        return self._reduced.reachable
+
     def fewest_places(self, coverage: float, effort: SolverEffort) -> Answer:
         """As few places as see a share of what can be covered; the whole ``reachable`` share is the set cover problem.
 
@@ -69,7 +74,7 @@ class CoverProgram:
         if coverage <= 0.0:
             return Answer(np.empty(0, dtype=np.int64), 0.0)
         rows, c = self._matrix.shape
-        if coverage >= self._reduced.reachable - _COVERED:
+        if coverage >= self.reachable - _COVERED:
             return self._counted(self._solve(np.ones(c), self._matrix, np.ones(rows), c, effort))
         # A class of cells counts as seen as far as its variable says, which is at most the number of places that see it.
         matrix = sparse.vstack(
@@ -94,7 +99,7 @@ class CoverProgram:
         )
         lower = np.append(np.zeros(rows), -float(count))
         chosen, least = self._solve(np.append(np.zeros(c), -self._reduced.weight), matrix, lower, c, effort)
-        return Answer(chosen, None if least is None else min(-least, self._reduced.reachable))
+        return Answer(chosen, None if least is None else min(-least, self.reachable))
 
     def _counted(self, outcome: tuple[NDArray[np.int64] | None, float | None]) -> Answer:
         """A number of places is whole."""
