@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.kernels.coverage import CONE
+from uavcover.coverage.sensors import whatever_heading
 from uavcover.kernels.reach import farthest_looks
-from uavcover.kernels.spans import horizontal_reach
+from uavcover.kernels.sight import CONE, horizontal_reach
 from uavcover.kernels.surface import GRID
 
 FloatArray = NDArray[np.float64]
@@ -43,7 +43,7 @@ def least_path_length_m(coverage: CoverageMap, share: float) -> float:
 
 def farthest_looks_m(coverage: CoverageMap) -> FloatArray:
     """(cells,) no place inside the height band further away on the map sees a cell, metres."""
-    sight = coverage.sight
+    sight = whatever_heading(coverage.sight)
     reach = horizontal_reach(sight)
     if sight.kind != CONE:
         return np.full(coverage.grid.count, reach)

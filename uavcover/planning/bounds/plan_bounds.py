@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.kernels.spans import horizontal_reach
+from uavcover.kernels.sight import horizontal_reach
 from uavcover.model.bounds import Bound
 from uavcover.model.route import Plan, RouteMember
 from uavcover.planning.bounds.path_length import least_path_length_m
