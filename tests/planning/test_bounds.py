@@ -8,6 +8,7 @@ import pytest
 from tests.planning.sites import hills, make_site
 from uavcover import pipeline
 from uavcover.coverage.coverage_map import CoverageMap, sees_each
+from uavcover.coverage.level_looks import LevelLooks
 from uavcover.documents import bounds_in_words
 from uavcover.errors import InputError
 from uavcover.model.bounds import Bound
