@@ -7,11 +7,15 @@ def test_table_json_and_picture(cli: Cli, planned: Path, tmp_path: Path) -> None
     text = cli("pareto", planned)
     assert text.code == 0
     rows = (planned / "pareto.csv").read_text().splitlines()[1:]
-    assert len(text.out.splitlines()) == len(rows) + 2
-    assert sum(line.startswith("*") for line in text.out.splitlines()[1:-1]) == 1
+    *table, legend, bound = text.out.splitlines()
+    assert len(table) == len(rows) + 1
+    assert sum(line.startswith("*") for line in table) == 1
+    assert legend.startswith("* is in plan.json")
+    assert bound.startswith("shortest path for 98.00 %: at least ")
     picture = tmp_path / "front.png"
     document = cli("pareto", planned, "--plot", picture, "--json").document
     assert len(document["members"]) == len(rows)
+    assert document["bounds"]["shortest_path_m"]["at_least"] > 0.0
     assert sum(member["chosen"] for member in document["members"]) == 1
     assert picture.read_bytes().startswith(b"\x89PNG")
 

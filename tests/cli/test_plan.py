@@ -53,6 +53,16 @@ def test_rule_that_cannot_be_met_writes_the_best_and_ends_with_1(cli: Cli, tmp_p
     assert plan_of(tmp_path / "run")["rule_met"] is False
 
 
+def test_bounds_of_few_waypoints_are_there_without_being_asked(cli: Cli, tmp_path: Path) -> None:
+    base = ("plan", "paper-R2", "--algorithm", "imodbo", "--evaluations", 50, "-o", tmp_path / "run")
+    ended = cli(*base)
+    assert ended.code == 0
+    assert "fewest waypoints for 100.00 %: at least 16, found none; proved for lattice of 0.25 m" in ended.out
+    entry = plan_of(tmp_path / "run")["bounds"]["fewest_waypoints"]
+    assert (entry["at_least"], entry["found"], entry["gap"]) == (16.0, None, None)
+    assert "--bounds: 'soon' is not a duration" in cli(*base, "--force", "--bounds", "soon").error
+
+
 def test_scenario_without_a_place_plans_and_says_what_it_cannot(cli: Cli, nowhere_run: Path, tmp_path: Path) -> None:
     assert files(nowhere_run) == {"scenario.toml", "run.json", "pareto.csv", "plan.json"}
     assert plan_of(nowhere_run)["origin"] is None
