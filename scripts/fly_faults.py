@@ -439,7 +439,10 @@ def main() -> int:
                 write_csv(arguments.out, sorted(rows, key=lambda row: row.flight))
     after = Open.now()
     rows.sort(key=lambda row: row.flight)
-    left = "Nothing is left open." if after == before else f"LEFT OPEN: {before} before, {after} after."
+    flown = len(rows) - len(there)
+    left = f"After {flown} flights of one process nothing was left open." if flown else "None was flown just now."
+    if after != before:
+        left = f"LEFT OPEN by {flown} flights: {before} before, {after} after."
     words = summary(rows, left)
     print(words)
     if arguments.out is not None:

@@ -126,5 +126,6 @@ def _arm(conversation: Conversation) -> None:
         lambda: conversation.client.vehicle.armed,
         patience_s=conversation.patience.start_s,
         what=lambda: "arming was accepted, but the heartbeat does not show it",
+        stops_before=0,
         ending=Ending.ARMING_REFUSED,
     )
