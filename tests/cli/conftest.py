@@ -19,7 +19,7 @@ from uavcover.cli.ending import run_app
 from uavcover.cli.main import app
 
 EVALUATIONS = "40"
-WATCHDOG_S = 120.0
+WATCHDOG_S = 300.0
 
 
 @dataclass(frozen=True)

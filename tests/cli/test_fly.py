@@ -91,7 +91,7 @@ def test_vehicle_without_the_mission_is_not_armed(cli: Cli, flown: Path) -> None
 
 def test_full_disk_does_not_end_the_flight(planned: Path) -> None:
     fly = command("fly", planned, "--to", "mock:", "--mock-speed", 200)
-    done = subprocess.run([*limited_to(200), *fly], capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run([*limited_to(200), *fly], capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 2, done.stderr
     assert "landed and disarmed" in done.stdout
     assert "the flight goes on without a record" in done.stderr

@@ -36,7 +36,7 @@ def test_equal_on_one_thread_two_threads_and_one_core(cli: Cli, tmp_path: Path) 
     assert files(tmp_path / "one") == PLANNED
     assert cli(*base, "-o", tmp_path / "two", "--workers", 2).code == 0
     done = subprocess.run(
-        ["taskset", "-c", "0", *command(*base, "-o", tmp_path / "core")], capture_output=True, timeout=120, check=False
+        ["taskset", "-c", "0", *command(*base, "-o", tmp_path / "core")], capture_output=True, timeout=300, check=False
     )
     assert done.returncode == 0
     assert without_times(tmp_path / "one") == without_times(tmp_path / "two") == without_times(tmp_path / "core")
@@ -131,7 +131,7 @@ def test_full_disk_leaves_the_older_plan(flown: Path) -> None:
     before = {path.name: path.read_bytes() for path in flown.iterdir()}
     done = subprocess.run(
         [*limited_to(4), *command("plan", "jacksboro", "-o", flown, "--force", "--evaluations", EVALUATIONS, "-q")],
-        capture_output=True, text=True, timeout=120, check=False,
+        capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert done.returncode == 2, done.stderr
     assert len(done.stderr.splitlines()) == 1
@@ -197,7 +197,7 @@ def test_progress_bar_only_on_a_terminal_and_after_two_seconds(tmp_path: Path) -
     arguments = command("plan", "jacksboro", "-o", tmp_path / "long", "--budget", "5s")
     seen = subprocess.run(
         ["script", "-qec", " ".join(arguments), str(tmp_path / "typescript")],
-        capture_output=True, text=True, timeout=120, check=False, stdin=subprocess.DEVNULL,
+        capture_output=True, text=True, timeout=300, check=False, stdin=subprocess.DEVNULL,
         env={"PATH": "/usr/bin:/bin", "TERM": "xterm", "HOME": str(tmp_path)},
     )  # fmt: skip
     assert seen.returncode == 0

@@ -6,7 +6,7 @@ from mission_io.errors import VehicleSilentError
 from uavcover.flight.mock.telemetry import MOCK_UID
 from uavcover.flight.vehicle_client import VehicleClient
 
-_ANSWER_S = 3.0
+_ANSWER_S = 8.0
 
 
 def simulated_by(client: VehicleClient) -> str | None:
