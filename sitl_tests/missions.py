@@ -1,5 +1,8 @@
 """Small missions, fences and rally points around a home."""
 
+from dataclasses import replace
+from math import nan
+
 from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.items import Frame, GeoPoint, Mission, MissionItem, change_speed, land, takeoff, waypoint
 from uavcover.frames import LocalFrame
@@ -22,7 +25,7 @@ def route_mission(
     frame: Frame = Frame.ABOVE_HOME,
 ) -> Mission:
     """Take off, fly a route of (east, north) metres from home at one height, come back, land."""
-    points = tuple(waypoint(*_place(home, point), height_m, frame=frame) for point in (*route_m, (0.0, 0.0)))
+    points = tuple(_waypoint(home, point, height_m, frame) for point in (*route_m, (0.0, 0.0)))
     return Mission(
         home,
         (
@@ -72,6 +75,12 @@ def fence_with_hole(home: GeoPoint) -> Fence:
 def rally_points(home: GeoPoint) -> RallyPoints:
     """Two places beside home."""
     return RallyPoints(tuple(FramedPoint(*_place(home, place), 30.0) for place in ((20.0, 10.0), (-15.0, 35.0))))
+
+
+def _waypoint(home: GeoPoint, east_north_m: EastNorth, height_m: float, frame: Frame) -> MissionItem:
+    """A waypoint that leaves the heading to the vehicle, as compiled missions do."""
+    item = waypoint(*_place(home, east_north_m), height_m, frame=frame)
+    return replace(item, params=(*item.params[:3], nan))
 
 
 def _place(home: GeoPoint, east_north_m: EastNorth) -> tuple[float, float]:

@@ -5,6 +5,7 @@ Heights are given above home, so a wrong home would move all of them: ``fly`` an
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -388,10 +389,12 @@ def _check_autopilot(content: Content, autopilot: autopilots.Autopilot, *, item_
         raise MissionTooLongError(f"the mission has {len(items)} items, vehicle.max_mission_items is {item_limit}")
 
 
-def _item(make: object, frame: LocalFrame, point_m: FloatArray, home_m: FloatArray) -> MissionItem:
+def _item(make: Callable[..., MissionItem], frame: LocalFrame, point_m: FloatArray, home_m: FloatArray) -> MissionItem:
+    """An item at a place. Its heading is left to the vehicle, whose nose follows the path: for PX4 a 0 would be north."""
     place = _geo_point(frame, point_m)
     home_alt = _geo_point(frame, home_m).alt_amsl_m
-    return make(place.lat_deg, place.lon_deg, place.alt_amsl_m - home_alt, frame=Frame.ABOVE_HOME)  # type: ignore[operator, no-any-return]
+    item = make(place.lat_deg, place.lon_deg, place.alt_amsl_m - home_alt, frame=Frame.ABOVE_HOME)
+    return dataclasses.replace(item, params=(*item.params[:3], math.nan))
 
 
 def _geo_point(frame: LocalFrame, point_m: FloatArray) -> GeoPoint:
