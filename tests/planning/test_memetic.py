@@ -194,3 +194,15 @@ def test_flight_time_as_the_objective_flies_faster_in_a_strong_wind() -> None:
     assert plans["length"].cost == pytest.approx(plans["length"].path_length_m, rel=1e-12)
     assert plans["flight-time"].cost == pytest.approx(plans["flight-time"].flight_time_s, rel=1e-12)
     assert plans["flight-time"].flight_time_s < plans["length"].flight_time_s
+
+
+def test_fewer_waypoints_than_see_all_still_see_most_also_in_little_time() -> None:
+    site = load_site("paper-planar")
+    settings = dataclasses.replace(site.scenario.planner, algorithm="local-search", evaluations=200)
+    plan = plan_routes(site, settings=settings, select_rule="max-coverage", effort=Effort(200, None, frozen))
+    most = {m.metrics.waypoint_count: m.metrics.coverage_of_coverable for m in plan.members}
+    full = min(n for n, seen in most.items() if seen >= 1.0 - 1e-9)
+    # Without the waypoint that sees least by itself, a route loses no more than its share of the cells.
+    for fewer in range(1, 6):
+        reached = max(seen for n, seen in most.items() if n <= full - fewer)
+        assert reached >= 1.0 - fewer / (full - fewer)

@@ -50,7 +50,8 @@ def search_counts(
 
     1. Spread: a waypoint has a price, so as many come in as are worth it.
     2. Squeeze: until all is seen, one waypoint more; while it is, one less; then the same number again.
-    3. Sweep: down to one waypoint, once for coverage alone and once with the way in mind.
+    3. Thin: the route that sees all, or most, without the waypoint that sees least by itself, again and again.
+    4. Sweep: down to one waypoint, once for coverage alone and once with the way in mind.
 
     Args:
         work: what is looked at, and how much may be done; ``work.task.free_order`` holds.
@@ -70,6 +71,7 @@ def search_counts(
     chains = _chains(work, [ranked[k % len(ranked)].route for k in range(CHAINS)], _SPREAD, capacity=capacity)
     more = work.run(chains, until=at(_SPREAD_UNTIL))
     best = _better(chains, found)
+    whole = ranked[0].route if ranked[0].seen >= _FULL else best.route
     full = False
     while more and work.pace.fraction < at(_SQUEEZE_UNTIL):
         fewer = best.seen >= _FULL and len(best.route) > 1
@@ -79,9 +81,12 @@ def search_counts(
         chains = _chains(work, [route] * CHAINS, _SQUEEZE, capacity=more_room)
         more = work.run(chains, until=min(work.pace.fraction + _ATTEMPT * (until - begin), at(_SQUEEZE_UNTIL)))
         tried = _better(chains, found)
+        if tried.seen >= _FULL and len(tried.route) <= len(whole):
+            whole = tried.route
         # From fewer waypoints there is no way back, also when they do not see all: what saw all is found already.
         if fewer or tried.energy <= best.energy:
             best = tried
+    _thin(work, whole, found)
     chains = [best] * CHAINS
     while more and max(len(chain.route) for chain in chains) > 1:
         routes = [_without_least(work, chain) if len(chain.route) > 1 else chain.route for chain in chains]
@@ -89,6 +94,14 @@ def search_counts(
         now = work.pace.fraction
         more = work.run(chains, until=now + (until - now) / max(map(len, routes)))
         _better(chains, found)
+
+
+def _thin(work: Work, route: Route, found: Callable[[Route], None]) -> None:
+    """Down to one waypoint without annealing: where there is little time for the sweep, this is what has most coverage."""
+    while len(route) > 1:
+        chain, _ = _chains(work, [route] * CHAINS, _SWEEP)
+        route = _without_least(work, chain)
+        found(route)
 
 
 def _better(chains: Sequence[Chain], found: Callable[[Route], None]) -> Chain:
