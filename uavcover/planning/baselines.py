@@ -41,7 +41,7 @@ class Baseline:
     violation: float
 
 
-def best_height_agl_m(site: Site) -> float:
+def best_height_agl_m(site: Site, *, tolerance_m: float = PLAIN_TOLERANCE_M) -> float:
     """Height from which the sensor sees the widest strip of flat ground.
 
     It stays inside the planner's band by the tolerance of the straight legs: a leg that may leave its height both ways
@@ -49,7 +49,7 @@ def best_height_agl_m(site: Site) -> float:
     """
     limits = site.scenario.limits
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
-    inner = min(PLAIN_TOLERANCE_M, 0.5 * (high - low))
+    inner = min(tolerance_m, 0.5 * (high - low))
     heights = np.linspace(low + inner, high - inner, 41)
     reach = [reach_at_height_m(site.scenario.sensor, float(height)) for height in heights]
     return float(heights[int(np.argmax(reach))])

@@ -11,17 +11,25 @@ from uavcover.planning.local_search import CHAINS, Chain, Work
 LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
 """Goals that are searched for besides the one that is asked for, so that there is something to choose from."""
 
-SAFETY = 0.001
-"""Share of the coverage by which a route is to reach more than its goal on the cells it is judged on: other cells see less."""
+SAFETY = 0.0003
+"""Share of the coverage by which a route is to reach more than its goal on the finest cells: other cells see less."""
 
+_MAIN_STAGES = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
+"""Shares of the work for the goal that is asked for after which it is corrected; after the first both chains take the better."""
 _STAGES = (0.5, 0.85, 1.0)
 _MAIN_SHARE = 0.7
 _COVERAGE_PRICE = 10.0
+_DEARER = 1.6
+_START_PRICE = 3.0
+"""Missing coverage is cheaper in a beginning: fewer lines are hard to come by, gaps between lines are closed."""
 _WAYPOINT_PRICE = 0.03
 _LARGEST_STEP = 0.4
-_HOTTEST = 4e-4
+_HOTTEST = 0.04
+_COLDEST = 5e-4
+"""Temperatures as shares of the sensor's radius: a bend costs the same on a short route and on a long one."""
 _HOTTEST_FREE = 2e-3
-_COLDEST = 1e-5
+_COLDEST_FREE = 1e-5
+"""Where the order is free, as shares of the length."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,12 +72,12 @@ def search_goals(
     known = list(starts)
     if asked is not None:
         end = begin + main * (until - begin)
-        known += _search_goal(work, known, asked, capacity, (begin, end), judged_coverage, found)
+        known += _search_goal(work, known, asked, capacity, (begin, end), _MAIN_STAGES, judged_coverage, found)
     each = (1.0 - main) * (until - begin) / len(goals)
     # From the highest: what reaches more is a good beginning for what may see less.
     for number, goal in enumerate(reversed(goals)):
         at = begin + main * (until - begin) + number * each
-        known += _search_goal(work, known, goal, capacity, (at, at + each), judged_coverage, found)
+        known += _search_goal(work, known, goal, capacity, (at, at + each), _STAGES, judged_coverage, found)
 
 
 def _search_goal(
@@ -78,40 +86,57 @@ def _search_goal(
     goal: float,
     capacity: int,
     share: tuple[float, float],
+    stages: Sequence[float],
     judged_coverage: Callable[[Route], float],
     found: Callable[[Route], None],
 ) -> list[Start]:
-    """One goal, in stages: after each the goal is corrected and both chains go on from the better one."""
+    """One goal, in stages: after each the goal is corrected, after the first both chains go on from the better one."""
     begin, end = share
     aim = min(1.0, goal + SAFETY)
     ranked = sorted(starts, key=lambda start: _merit(work.task, start, goal))
     if work.stopped or work.pace.fraction >= end:
         return []
-    chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity, 1.0) for k in range(CHAINS)]
+    chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity) for k in range(CHAINS)]
+    hottest, coldest = chains[0].hottest, chains[0].coldest
+    price = max(chain.prices.coverage for chain in chains)
     out: list[Start] = []
-    for number, stage in enumerate(_STAGES):
+    reached = False
+    warm = 0.0
+    for stage in stages:
+        for k, chain in enumerate(chains):
+            # The second of two chains from the same beginning is cooler: from a good one heat only leads away.
+            cooler = 0.3**k if out else 1.0
+            chain.hottest = max(coldest, cooler * hottest * (coldest / hottest) ** warm)
+            chain.coldest = max(coldest, cooler * hottest * (coldest / hottest) ** stage)
         more = work.run(chains, until=begin + stage * (end - begin))
         best = min(chains, key=lambda chain: chain.energy)
-        for chain in chains:
-            found(chain.route)
+        judged = judged_coverage(best.route)
         out.append(Start(best.route, best.seen))
+        if judged >= goal or not more or stage == stages[-1]:
+            reached = reached or judged >= goal
+            if judged >= goal or not reached:
+                found(best.route)
         if not more or work.stopped:
             break
-        if number + 1 < len(_STAGES):
-            judged = judged_coverage(best.route)
-            # What the planner's cells see too little or too much, as far as it can be corrected.
-            aim = min(1.0, max(0.0, best.seen + goal + SAFETY - judged))
-            chains = [_chain(work, best.route, aim, capacity, 0.3**k) for k in range(CHAINS)]
+        # What the planner's cells see too little or too much, as far as it can be corrected.
+        aim = min(1.0, max(0.0, best.seen + goal + SAFETY - judged))
+        if warm == 0.0:
+            chains = [_chain(work, best.route, aim, capacity) for _ in chains]
+        # Where coverage is dearer than its price, the price rises until the goal is worth reaching.
+        price *= 1.0 if judged >= goal else _DEARER
+        for chain in chains:
+            chain.prices = chain.prices._replace(coverage=price, goal=aim)
+        warm = stage
     return out
 
 
 def _merit(task: LocalTask, start: Start, goal: float) -> float:
-    return task.cost(start.route) * (1.0 + _COVERAGE_PRICE * max(0.0, goal - start.seen))
+    return task.cost(start.route) * (1.0 + _START_PRICE * max(0.0, goal - start.seen))
 
 
-def _chain(work: Work, route: Route, goal: float, capacity: int, heat: float) -> Chain:
+def _chain(work: Work, route: Route, goal: float, capacity: int) -> Chain:
     length_m = max(route.length_m, work.task.reach_m)
-    hottest = _HOTTEST_FREE if work.task.free_order else _HOTTEST
+    free = work.task.free_order
     fewest = 1 if work.task.free_order else 2
     draft = draft_of(work.task, route, capacity=capacity)
     return Chain(
@@ -120,8 +145,8 @@ def _chain(work: Work, route: Route, goal: float, capacity: int, heat: float) ->
         prices=Prices(
             work.task.metres_per_cost(route), _WAYPOINT_PRICE * work.task.reach_m, _COVERAGE_PRICE * length_m, goal
         ),
-        hottest=heat * hottest * length_m,
-        coldest=_COLDEST * length_m,
+        hottest=_HOTTEST_FREE * length_m if free else _HOTTEST * work.task.reach_m,
+        coldest=_COLDEST_FREE * length_m if free else _COLDEST * work.task.reach_m,
         step_m=_LARGEST_STEP * work.task.reach_m,
         fewest=fewest,
         most=max(capacity, fewest),

@@ -29,11 +29,13 @@ from uavcover.planning.search import Effort, Progress
 from uavcover.planning.selection import Rule
 from uavcover.site import Site
 
-MARGIN_CELLS = 0.3
+MARGIN_CELLS = 0.45
 """The planner's sensor sees this share of a planning cell less far than the real one, where other cells judge."""
 
 _COUNTS_SHARE = 0.5
 """Share of the local search that goes over numbers of waypoints when the rule asks for a coverage."""
+
+_MOST_FINEST_CELLS = 2_000_000
 
 _PATH_CAPACITY = 3
 _SPARE_WAYPOINTS = 100
@@ -91,7 +93,10 @@ def improve(
     starts = _starts(coverage, routes, settings)
     if not starts or left == 0:
         return Improved((), 0, interrupted=False)
-    task = _task(site, coverage, judging)
+    searched = judging if site.scenario.sensor.sensing == "along-path" else coverage
+    finest = _finest(site, searched, judging)
+    same_cells = searched is judging and searched is coverage
+    task = _task(site, searched, margin_cells=0.0 if same_cells else MARGIN_CELLS)
     pace: Pace
     if effort.budget_s is None:
         pace = PaceByNumber(left * PROPOSALS_PER_EVALUATION)
@@ -118,7 +123,7 @@ def improve(
         look(lambda: [*kept, *(_shortened(task, chain.route) for chain in chains)])
 
     def judged_coverage(route: Route) -> float:
-        return judging.share_of_coverable(judging.seen(route.waypoints_m))
+        return finest.share_of_coverable(finest.seen(route.waypoints_m))
 
     asked = rule.required_coverage
     counts_share = 0.0 if not task.free_order else 1.0 if asked is None else _COUNTS_SHARE
@@ -130,6 +135,16 @@ def improve(
     if counts_share > 0.0:
         search_counts(work, starts, capacity=settings.max_waypoints, until=1.0, found=found)
     return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
+
+
+def _finest(site: Site, searched: CoverageMap, judging: CoverageMap) -> CoverageMap:
+    """The cells by which goals are corrected: finer than those that are searched on, where that is not too much to keep."""
+    if judging is not searched or site.scenario.limits.applies_to == "waypoints":
+        return judging
+    cell_m = site.scenario.area.cell_size_m
+    if judging.grid.count * 4 > _MOST_FINEST_CELLS:
+        return judging
+    return CoverageMap(site, cell_size_m=0.5 * cell_m)
 
 
 def _starts(coverage: CoverageMap, routes: Sequence[Route], settings: PlannerSettings) -> list[Start]:
@@ -148,9 +163,9 @@ def _starts(coverage: CoverageMap, routes: Sequence[Route], settings: PlannerSet
     ]
 
 
-def _task(site: Site, coverage: CoverageMap, judging: CoverageMap) -> LocalTask:
+def _task(site: Site, coverage: CoverageMap, *, margin_cells: float) -> LocalTask:
     cell_m = coverage.grid.cells.size_m
-    margin_m = 0.0 if judging is coverage else MARGIN_CELLS * cell_m
+    margin_m = margin_cells * cell_m
     reach_m = max(reach_at_height_m(site.scenario.sensor, best_height_agl_m(site)), cell_m)
     return local_task(coverage, margin_m=margin_m, reach_m=reach_m)
 

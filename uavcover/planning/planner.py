@@ -14,6 +14,7 @@ from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import ALGORITHMS
 from uavcover.optimizers.interface import Optimizer
+from uavcover.planning.balanced_lines import balanced_lines, can_be_balanced
 from uavcover.planning.baselines import TUNED, Baseline
 from uavcover.planning.initial_routes import constructed_routes
 from uavcover.planning.members import judge_members, pareto_members, why_infeasible
@@ -23,6 +24,7 @@ from uavcover.planning.selection import parse_rule, select
 from uavcover.planning.set_cover.programs import SolverEffort
 from uavcover.planning.snapshots import NamedRoute, Snapshots
 from uavcover.planning.swath_encoding import SwathEncoding
+from uavcover.planning.swaths import long_side_angle_rad
 from uavcover.planning.waypoint_encoding import WaypointEncoding
 from uavcover.site import Site
 
@@ -143,8 +145,12 @@ def plan_routes(
     made = [(route, name) for route in routes]
     evaluations = optimizer.evaluations
     if share < 1.0 and not interrupted:
+        if settings.encoding == "swaths" and can_be_balanced(site):
+            straight = [b.layout for b in _by_merit(baselines, goal) if b.layout is not None]
+            bent = balanced_lines(site, straight[0].angle_rad if straight else long_side_angle_rad(site))
+            made += [(route, "balanced-lines") for route in bent]
         improved = improve(
-            coarse, fine, [*routes, *(b.route for b in baselines)],
+            coarse, fine, [*(route for route, _ in made), *(b.route for b in baselines)],
             settings=settings, rule=rule, effort=effort, started=started, evaluations_done=evaluations,
             executor=executor, should_stop=should_stop, on_progress=on_progress,
             look=lambda routes: look(lambda: [*made, *((route, settings.algorithm) for route in routes())]),

@@ -65,19 +65,12 @@ def fly_layout(site: Site, layout: SwathLayout) -> Route:
     Each line runs over the whole extent of the area inside its strip. Concave areas and holes are flown across; a strip
     between two parts of an area that nothing lies in has no line.
     """
-    c, s = math.cos(layout.angle_rad), math.sin(layout.angle_rad)
-    to_lines = np.array([[c, s], [-s, c]])
-    rings = [shapely.get_coordinates(shapely.get_exterior_ring(part)) for part in shapely.get_parts(site.area)]
-    corners = np.vstack(rings) @ to_lines.T
-    edges = np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in (ring @ to_lines.T for ring in rings)])
-    first, last = corners[:, 1].min(), corners[:, 1].max()
-    borders = first + (last - first) * np.cumsum(layout.gaps)[:-1] / layout.gaps.sum()
-    strips = np.concatenate([[first], 0.5 * (borders[1:] + borders[:-1]), [last]])
+    to_lines = to_lines_frame(layout.angle_rad)
+    borders, west_ends, east_ends = line_extents(site, layout)
     polyline: list[tuple[float, float]] = []
     wanted: list[float] = []
-    extents = _extents(edges, strips).tolist()
-    for (west, east), across, height_agl_m in zip(
-        extents, borders.tolist(), layout.heights_agl_m.tolist(), strict=True
+    for west, east, across, height_agl_m in zip(
+        west_ends.tolist(), east_ends.tolist(), borders.tolist(), layout.heights_agl_m.tolist(), strict=True
     ):
         if west > east:
             continue
@@ -97,7 +90,30 @@ def fly_layout(site: Site, layout: SwathLayout) -> Route:
     return Route(lay_over_terrain(site, points @ to_lines, heights, tolerance_m=layout.tolerance_m))
 
 
-def _extents(edges: FloatArray, strips: FloatArray) -> FloatArray:
+def to_lines_frame(angle_rad: float) -> FloatArray:
+    """(2, 2) matrix M: M p is a place p along and across a direction; q M is a place q along and across it on the map."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[c, s], [-s, c]])
+
+
+def area_edges(site: Site, angle_rad: float) -> FloatArray:
+    """(n, 4) edges of the area, x1 y1 x2 y2 along and across a direction."""
+    to_lines = to_lines_frame(angle_rad)
+    rings = [shapely.get_coordinates(shapely.get_exterior_ring(part)) for part in shapely.get_parts(site.area)]
+    return np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in (ring @ to_lines.T for ring in rings)])
+
+
+def line_extents(site: Site, layout: SwathLayout) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Where lines run: (k,) across, and (k,) first and last place of the area along each one's strip; inf, -inf for none."""
+    edges = area_edges(site, layout.angle_rad)
+    first, last = edges[:, 1].min(), edges[:, 1].max()
+    borders = first + (last - first) * np.cumsum(layout.gaps)[:-1] / layout.gaps.sum()
+    strips = np.concatenate([[first], 0.5 * (borders[1:] + borders[:-1]), [last]])
+    extents = extents_between(edges, strips)
+    return borders, extents[:, 0], extents[:, 1]
+
+
+def extents_between(edges: FloatArray, strips: FloatArray) -> FloatArray:
     """Smallest and largest x (k, 2) of what (n, 4) edges x1 y1 x2 y2 have between (k + 1,) rising y; inf, -inf for nothing."""
     x1, y1, x2, y2 = edges.T
     low, high = strips[:-1, None], strips[1:, None]
