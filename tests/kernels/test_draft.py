@@ -100,7 +100,7 @@ TURNED_PICTURE = make_sight(
 COARSE = Sight(CONE, 1.6, 0.8, 0.35, RAY, sample_focal_m=0.9)
 SIGHTS = {
     "sphere": Sight(SPHERE, 1.1, 0.0, -1.0, RAY), "cone": Sight(CONE, 1.6, 0.8, 0.35, RAY), "cone, fine": COARSE,
-    "picture": PICTURE, "picture with a heading": TURNED_PICTURE,
+    "picture": PICTURE, "picture with a heading": TURNED_PICTURE, "sphere, twice": Sight(SPHERE, 1.6, 0.0, -1.0, RAY),
 }  # fmt: skip
 
 
@@ -117,7 +117,9 @@ def small_task(sensing: int, *, legs: int = 0, seed: int = 3, kind: str = "spher
         array.flags.writeable = False
     room = Room(0.1, 2.5, -1.0, 3.0, 0.6, legs, SQUARE)
     sight = SIGHTS[kind]
-    return Task(surface, sight, cells, cone_cells(surface, sight, cells), square, weight, 0.4, sensing, room)
+    looks, apart_m = (2, 0.3) if kind == "sphere, twice" else (1, 0.0)
+    quick = cone_cells(surface, sight, cells)
+    return Task(surface, sight, cells, quick, square, weight, 0.4, sensing, room, looks=looks, apart_m=apart_m)
 
 
 def small_draft(task: Task, count: int, capacity: int, *, seed: int = 1) -> Draft:
@@ -163,7 +165,7 @@ def test_what_a_span_alone_sees(kind, sensing):
     [
         *itertools.product(("sphere", "cone"), (AT_WAYPOINTS, ALONG_PATH), (0, 1)),
         ("cone, fine", ALONG_PATH, 1), ("picture", ALONG_PATH, 1), ("picture with a heading", ALONG_PATH, 0),
-        ("picture with a heading", AT_WAYPOINTS, 0),
+        ("picture with a heading", AT_WAYPOINTS, 0), ("sphere, twice", AT_WAYPOINTS, 0),
     ],
 )  # fmt: skip
 def test_counts_after_10_000_changes_are_those_of_a_full_recount(kind, sensing, legs):
@@ -185,8 +187,11 @@ def test_counts_after_10_000_changes_are_those_of_a_full_recount(kind, sensing, 
     assert recount(task, draft)
     assert draft.counts.tolist() == before[0].tolist()
     assert draft.seen[0] == pytest.approx(before[1], abs=1e-9)
-    counts, _ = naive.counts(task, snapshot(draft))
+    counts, seen = naive.counts(task, snapshot(draft))
     assert draft.counts[task.square].tolist() == counts
+    assert draft.seen[0] == pytest.approx(seen, abs=1e-9)
+    places = snapshot(draft)
+    assert all(math.dist(p, q) >= task.apart_m for p, q in itertools.combinations(places.tolist(), 2))
 
 
 @pytest.mark.parametrize("sensing", [AT_WAYPOINTS, ALONG_PATH])

@@ -119,3 +119,19 @@ def sample_path(route, spacing):
             pieces += 1
         points += [tuple(x + k / pieces * (y - x) for x, y in zip(a, b, strict=True)) for k in range(1, pieces)] + [b]
     return points
+
+
+def seen_often(surface, sight, cells, eyes, headings, looks, apart_m):
+    """Number of the look with which each cell has that many, taken in order and none too near to one that counts."""
+    found = []
+    for centre, normal in zip(cells.centre_m.tolist(), cells.normal.tolist(), strict=True):
+        counted = []
+        number = -1
+        for k, (eye, way) in enumerate(zip(eyes.tolist(), headings.tolist(), strict=True)):
+            if number < 0 and sees(surface, sight, eye, centre, normal, way):
+                if all(math.dist(eye, other) >= apart_m for other in counted):
+                    counted.append(eye)
+                if len(counted) == looks:
+                    number = k
+        found.append(number)
+    return found

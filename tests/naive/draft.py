@@ -32,7 +32,7 @@ def counts(task, route):
         for cell in list_cells(task.surface, task.sight, task.cells, looks):
             found[cell] += 1
     shares = task.weight[task.square].tolist()
-    return found, sum(weight for weight, count in zip(shares, found, strict=True) if count)
+    return found, sum(weight for weight, count in zip(shares, found, strict=True) if count >= task.looks)
 
 
 def inside_ring(ring, east, north):

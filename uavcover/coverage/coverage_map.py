@@ -55,12 +55,22 @@ class CoverageMap:
         return self.seen_by(self.looks(route_m))
 
     def seen_by(self, looks: LevelLooks) -> BoolArray:
-        """(cells,) whether each cell is seen by any of the looks."""
+        """(cells,) whether each cell is seen by any of the looks, or by as many as the scenario wants."""
         return self.first_seen(looks) >= 0
 
     def first_seen(self, looks: LevelLooks) -> NDArray[np.int64]:
-        """(cells,) number of the first look that sees each cell, -1 where none does."""
-        surface = self.site.ground.surface
+        """(cells,) number of the look with which each cell is seen as often as the scenario wants, -1 where it never is."""
+        surface, wanted = self.site.ground.surface, self.site.scenario.requirements
+        if wanted.look_distance_m is not None:
+            return kernels.seen_often(
+                surface,
+                self.sight,
+                self.grid.cells,
+                looks.places_m,
+                looks.headings,
+                wanted.looks,
+                wanted.look_distance_m,
+            )
         return kernels.first_seen(surface, self.sight, self.grid.cells, looks.places_m, looks.headings)
 
     def share(self, seen: BoolArray) -> float:
@@ -80,16 +90,24 @@ class CoverageMap:
         fence, the height band and the sea-level limits and clear of obstacles. A cell that is found is coverable for certain;
         one that is not found might still be seen from a place that was not tried, so the set is a lower bound.
         """
-        found = np.zeros(self.grid.count, dtype=bool)
+        wanted = self.site.scenario.requirements
+        apart_m = wanted.look_distance_m or 0.0
+        times = np.zeros(self.grid.count, dtype=np.int64)
+        counted = np.full((self.grid.count, wanted.looks, 3), np.inf)
         for place in trial_places(self.site.scenario):
-            todo = np.flatnonzero(~found)
+            todo = np.flatnonzero(times < wanted.looks)
             if todo.size == 0:
                 break
             centres = self.grid.cells.centre_m[todo, :2]
             eyes = self._allowed_places(centres + np.array([place.east_m, place.north_m]), place.band_share)
             looks = LevelLooks(eyes, np.tile([place.heading_e, place.heading_n], (todo.size, 1)))
-            found[todo] = sees_each(self, looks, todo, self.sight)
-        return found
+            if apart_m > 0.0:
+                near = (np.linalg.norm(counted[todo] - eyes[:, None], axis=2) < apart_m).any(axis=1)
+                eyes[near] = np.nan
+            new = todo[sees_each(self, looks, todo, self.sight)]
+            counted[new, times[new]] = eyes[np.isin(todo, new)]
+            times[new] += 1
+        return times == wanted.looks
 
     def _allowed_places(self, east_north_m: FloatArray, share: float) -> FloatArray:
         """(k, 3) places at a share 0..1 of the allowed band above (k, 2) spots; NaN where nothing is allowed."""

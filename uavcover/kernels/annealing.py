@@ -22,6 +22,7 @@ from uavcover.kernels.draft import (
     allowed_place,
     distance,
     exchange_allowed,
+    keep_apart,
     keep_exchange,
     list_span,
     place,
@@ -30,9 +31,10 @@ from uavcover.kernels.draft import (
     span_count,
     transfer,
     try_exchange,
+    weigh,
 )
 from uavcover.kernels.draft_cost import exchange_cost, reversal_cost, transfer_cost
-from uavcover.kernels.runs import compare, make_changes, weigh_changes
+from uavcover.kernels.runs import compare, make_changes
 from uavcover.kernels.surface import height
 
 _SMALLEST_STEP = 0.01
@@ -191,11 +193,11 @@ def _insertion(task: Task, draft: Draft, at: int, de: float, dn: float, rng: np.
 
 @kernel
 def _near_a_gap(task: Task, draft: Draft, de: float, dn: float, rng: np.random.Generator) -> bool:
-    """Write a place near a cell that counts and is not seen into fresh[0], at any allowed height; False when none was met."""
+    """Write a place near a cell that is not seen often enough into fresh[0], at any allowed height; False when none was met."""
     for _ in range(_TRIES_FOR_A_GAP):
         cell = int(rng.random() * task.square.size)
         square = task.square[cell]
-        if draft.counts[square] == 0 and task.weight[square] > 0.0:
+        if draft.counts[square] < task.looks and task.weight[square] > 0.0:
             e, n = task.cells.centre_m[cell, 0] + de, task.cells.centre_m[cell, 1] + dn
             ground = height(task.surface, e, n)
             low = max(ground + task.room.lowest_agl_m, task.room.lowest_up_m)
@@ -245,6 +247,8 @@ def _transfer(
         if not _near_a_gap(task, draft, step * rng.standard_normal(), step * rng.standard_normal(), rng):
             return False
         if not allowed_place(task, place(draft.fresh, 0)):
+            return False
+        if task.apart_m > 0.0 and not keep_apart(task, draft, at, at + 1, 1):
             return False
     else:
         draft.fresh[0, 0], draft.fresh[0, 1], draft.fresh[0, 2] = place(draft.route, at)
@@ -334,7 +338,7 @@ def _compare_ends(task: Task, draft: Draft, i: int, j: int, spans: int, new: int
     for k in range(new):
         draft.sets[olds + k, 0] = draft.slot[spans + k]
     draft.changed[0] = compare(draft.runs, draft.sizes, draft.sets, olds, new, draft.changes)
-    return weigh_changes(draft.changes, draft.changed[0], draft.counts, task.weight)
+    return weigh(task, draft)
 
 
 @kernel

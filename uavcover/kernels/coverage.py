@@ -177,6 +177,64 @@ def first_seen(
 
 
 @kernel
+def seen_often(
+    surface: Surface,
+    sight: Sight,
+    cells: Cells,
+    eyes: NDArray[np.float64],
+    headings: NDArray[np.float64],
+    looks: int,
+    apart_m: float,
+) -> NDArray[np.int64]:
+    """(n,) number of the look with which each cell has been seen ``looks`` times, -1 where it never is.
+
+    Looks are taken in their order; one that is nearer than ``apart_m`` to another that counted for the cell does not count.
+    See :func:`first_seen` for the rest.
+    """
+    rows, columns = cells.lattice.shape
+    found = np.full(cells.centre_m.shape[0], -1, dtype=np.int64)
+    times = np.zeros(cells.centre_m.shape[0], dtype=np.int64)
+    counted = np.zeros((cells.centre_m.shape[0], looks, 3))
+    # A little wider against rounding: in_view decides.
+    reach = horizontal_reach(sight) + 1e-6 * cells.size_m
+    for k in range(eyes.shape[0]):
+        ee, en, eu = eyes[k, 0], eyes[k, 1], eyes[k, 2]
+        if not math.isfinite(ee + en + eu):
+            continue
+        aim = level_aim(sight, headings[k, 0], headings[k, 1])
+        for i in range(
+            max(0, math.ceil((en - reach - cells.north0_m) / cells.size_m)),
+            min(rows - 1, math.floor((en + reach - cells.north0_m) / cells.size_m)) + 1,
+        ):
+            for j in range(
+                max(0, math.ceil((ee - reach - cells.east0_m) / cells.size_m)),
+                min(columns - 1, math.floor((ee + reach - cells.east0_m) / cells.size_m)) + 1,
+            ):
+                cell = cells.lattice[i, j]
+                if cell < 0 or times[cell] == looks or near_another(counted, cell, times[cell], apart_m, ee, en, eu):
+                    continue
+                if sees(surface, sight, aim, eyes[k], cells.centre_m[cell], cells.normal[cell]):
+                    counted[cell, times[cell], 0], counted[cell, times[cell], 1] = ee, en
+                    counted[cell, times[cell], 2] = eu
+                    times[cell] += 1
+                    if times[cell] == looks:
+                        found[cell] = k
+    return found
+
+
+@kernel
+def near_another(
+    counted: NDArray[np.float64], cell: int, times: int, apart_m: float, ee: float, en: float, eu: float
+) -> bool:
+    """Whether a place is nearer than ``apart_m`` to one of the first ``times`` of (n, looks, 3) places of a cell."""
+    for k in range(times):
+        de, dn, du = counted[cell, k, 0] - ee, counted[cell, k, 1] - en, counted[cell, k, 2] - eu
+        if de * de + dn * dn + du * du < apart_m * apart_m:
+            return True
+    return False
+
+
+@kernel
 def seen_from_points(
     surface: Surface,
     sight: Sight,

@@ -15,7 +15,7 @@ from uavcover.kernels._jit import kernel
 from uavcover.kernels.cone_spans import NOT_SO, ConeCells, list_cone_runs
 from uavcover.kernels.coverage import Cells
 from uavcover.kernels.obstacles import keeps_clear
-from uavcover.kernels.runs import compare, make_changes, runs_of, weigh_changes
+from uavcover.kernels.runs import compare, make_changes, runs_of, weigh_changes, weigh_often
 from uavcover.kernels.sight import Sight
 from uavcover.kernels.spans import list_cells
 from uavcover.kernels.surface import Surface, height, height_range_between
@@ -73,6 +73,8 @@ class Task(NamedTuple):
         sensing: AT_WAYPOINTS or ALONG_PATH.
         room: the limits.
         way: what the way costs.
+        looks: a cell counts when so many spans see it; more than 1 goes with AT_WAYPOINTS.
+        apart_m: smallest distance between any two waypoints, so that each is a look of its own; 0: any.
     """
 
     surface: Surface
@@ -85,6 +87,8 @@ class Task(NamedTuple):
     sensing: int
     room: Room
     way: WayCost = SHORTEST
+    looks: int = 1
+    apart_m: float = 0.0
 
 
 class Draft(NamedTuple):
@@ -210,12 +214,20 @@ def compare_spans(task: Task, draft: Draft, begin: int, end: int, first: int, la
     for k in range(first, last):
         draft.sets[end - begin + k - first, 0] = draft.slot[k]
     draft.changed[0] = compare(draft.runs, draft.sizes, draft.sets, end - begin, last - first, draft.changes)
-    return weigh_changes(draft.changes, draft.changed[0], draft.counts, task.weight)
+    return weigh(task, draft)
+
+
+@kernel
+def weigh(task: Task, draft: Draft) -> float:
+    """Change of the weight that counts as seen, if the changes were made."""
+    if task.looks == 1:
+        return weigh_changes(draft.changes, draft.changed[0], draft.counts, task.weight)
+    return weigh_often(draft.changes, draft.changed[0], draft.counts, task.weight, task.looks)
 
 
 @kernel
 def seen_alone(task: Task, draft: Draft, k: int) -> float:
-    """Weight of the cells that no other span sees than span k."""
+    """Weight of the cells that would no longer count without span k."""
     return -compare_spans(task, draft, k, k + 1, 0, 0)
 
 
@@ -311,11 +323,27 @@ def exchange_allowed(task: Task, draft: Draft, first: int, last: int, fresh: int
     for k in range(fresh):
         if not allowed_place(task, place(draft.fresh, k)):
             return False
+    if task.apart_m > 0.0 and not keep_apart(task, draft, first, last, fresh):
+        return False
     for k in range(-1, fresh):
         if (k < 0 and first == 0) or (k == fresh - 1 and last == n):
             continue
         if not allowed_leg(task, _around(draft, first, last, fresh, k), _around(draft, first, last, fresh, k + 1)):
             return False
+    return True
+
+
+@kernel
+def keep_apart(task: Task, draft: Draft, first: int, last: int, fresh: int) -> bool:
+    """Whether the new waypoints are far enough from each other and from all that stay."""
+    for k in range(fresh):
+        p = place(draft.fresh, k)
+        for other in range(k):
+            if distance(p, place(draft.fresh, other)) < task.apart_m:
+                return False
+        for other in range(draft.size[0]):
+            if not first <= other < last and distance(p, place(draft.route, other)) < task.apart_m:
+                return False
     return True
 
 

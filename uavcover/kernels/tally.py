@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
-from uavcover.kernels.coverage import GRAZING_M, Cells
+from uavcover.kernels.coverage import GRAZING_M, Cells, near_another
 from uavcover.kernels.local_slopes import LocalSlopes, steepest_between
 from uavcover.kernels.obstacles import keeps_clear
 from uavcover.kernels.sight import (
@@ -39,6 +39,8 @@ class Camera(NamedTuple):
         offset_m: the eye may be anywhere within this distance of where it was measured, relative to the ground.
         horizontal_m: the horizontal part of that.
         lift_m: raised or lowered by this, the ray to the measured eye bounds the rays to all of these places.
+        looks: a cell counts when it was seen by so many looks that are ``apart_m`` from each other.
+        apart_m: 0 when every pass is a look of its own.
         turn_rad: the camera may be turned anyhow within this angle of how it was measured.
     """
 
@@ -48,6 +50,8 @@ class Camera(NamedTuple):
     horizontal_m: float
     lift_m: float
     turn_rad: float
+    looks: int = 1
+    apart_m: float = 0.0
 
 
 class Tally(NamedTuple):
@@ -55,14 +59,15 @@ class Tally(NamedTuple):
 
     Attributes:
         passes: int32, how often it came into sight.
-        first: int64, number of the first look that saw it, -1: none.
+        first: int64, number of the look by which it was seen as often as it has to be, -1: none.
         last_s: time of the last look that saw it, NaN: none.
         nearest_m: shortest distance from which it was seen, infinite: never.
         ground_sample_m: smallest ground sample distance with which it was seen, infinite: never, or not known.
         cos_incidence: cosine of the smallest incidence angle under which it was seen, -1: never.
         outcome: uint8, the furthest that any look got: NOT_IN_RANGE, TOO_OBLIQUE, TOO_COARSE, OCCLUDED, SEEN.
-        sure: whether a look saw it whatever the errors were.
-        possible: whether a look may have seen it, the errors being as they may.
+        sure: int32, how many looks that count saw it whatever the errors were, no more than it has to be.
+        possible: int32, how many may have seen it, the errors being as they may, no more than it has to be.
+        places: (3, n, looks, 3) from where the looks were made that count: as measured, surely, possibly.
     """
 
     passes: NDArray[np.int32]
@@ -72,12 +77,13 @@ class Tally(NamedTuple):
     ground_sample_m: NDArray[np.float64]
     cos_incidence: NDArray[np.float64]
     outcome: NDArray[np.uint8]
-    sure: NDArray[np.bool_]
-    possible: NDArray[np.bool_]
+    sure: NDArray[np.int32]
+    possible: NDArray[np.int32]
+    places: NDArray[np.float64]
 
 
-def empty_tally(count: int) -> Tally:
-    """Of ``count`` cells that nothing has looked at yet."""
+def empty_tally(count: int, looks: int = 1) -> Tally:
+    """Of ``count`` cells that nothing has looked at yet, and that have to be seen by so many looks."""
     return Tally(
         passes=np.zeros(count, dtype=np.int32),
         first=np.full(count, -1, dtype=np.int64),
@@ -86,8 +92,9 @@ def empty_tally(count: int) -> Tally:
         ground_sample_m=np.full(count, np.inf),
         cos_incidence=np.full(count, -1.0),
         outcome=np.zeros(count, dtype=np.uint8),
-        sure=np.zeros(count, dtype=np.bool_),
-        possible=np.zeros(count, dtype=np.bool_),
+        sure=np.zeros(count, dtype=np.int32),
+        possible=np.zeros(count, dtype=np.int32),
+        places=np.zeros((3, count if looks > 1 else 0, looks, 3)),
     )
 
 
@@ -162,22 +169,46 @@ def tally_rows(
                     surface, slopes, sight, cells.horizon[cell], 0.0, ee, en, eu, ce, cn, cu
                 ):
                     outcome = SEEN
-                    _note(sight, camera, k, times_s[k], cell, math.sqrt(distance2), depth, facing, tally)
+                    _note(sight, camera, k, times_s[k], cell, (ee, en, eu), math.sqrt(distance2), depth, facing, tally)
                 if outcome > tally.outcome[cell]:
                     tally.outcome[cell] = outcome
                 if exact:
                     continue
                 horizon, beside, lift = cells.horizon[cell], camera.horizontal_m, camera.lift_m
-                if outcome == SEEN and not tally.sure[cell]:
-                    tally.sure[cell] = _sure_in_view(
-                        sight, camera, horizontal2, distance2, depth, across, along, facing
-                    ) and _unhidden(surface, slopes, sight, horizon, beside, ee, en, eu - lift, ce, cn, cu)
-                if not tally.possible[cell]:
-                    # From a place a little aside an obstacle may not be in the way.
-                    tally.possible[cell] = outcome == SEEN or (
+                eye = (ee, en, eu)
+                if (
+                    outcome == SEEN
+                    and tally.sure[cell] < camera.looks
+                    and _sure_in_view(sight, camera, horizontal2, distance2, depth, across, along, facing)
+                    and _unhidden(surface, slopes, sight, horizon, beside, ee, en, eu - lift, ce, cn, cu)
+                ):
+                    tally.sure[cell] += _is_new(camera, tally, 1, cell, tally.sure[cell], 2.0 * camera.offset_m, eye)
+                # From a place a little aside an obstacle may not be in the way.
+                if tally.possible[cell] < camera.looks and (
+                    outcome == SEEN
+                    or (
                         _possible_in_view(sight, camera, horizontal2, distance2, depth, across, along, facing)
                         and _unhidden(surface, slopes, sight, horizon, -beside, ee, en, eu + lift, ce, cn, cu)
                     )
+                ):
+                    more = _is_new(camera, tally, 2, cell, tally.possible[cell], -2.0 * camera.offset_m, eye)
+                    tally.possible[cell] += more
+
+
+@kernel
+def _is_new(
+    camera: Camera, tally: Tally, which: int, cell: int, times: int, further_m: float, eye: tuple[float, float, float]
+) -> int:
+    """1 when a look is ``apart_m`` and ``further_m`` from all that count for a cell, and its place is noted; 0 else."""
+    if camera.looks == 1:
+        return 1
+    places = tally.places[which]
+    if near_another(places, cell, min(times, camera.looks), camera.apart_m + further_m, eye[0], eye[1], eye[2]):
+        return 0
+    if times < camera.looks:
+        for axis in range(3):
+            places[cell, times, axis] = eye[axis]
+    return 1
 
 
 @kernel
@@ -220,17 +251,18 @@ def _note(
     number: int,
     time_s: float,
     cell: int,
+    eye: tuple[float, float, float],
     distance: float,
     depth: float,
     facing: float,
     tally: Tally,
 ) -> None:
     """Note that a look saw a cell."""
-    if tally.first[cell] < 0:
-        tally.first[cell] = number
     # "not <=" counts the first look, too, whose last time is NaN.
     if not time_s - tally.last_s[cell] <= camera.pass_gap_s:
-        tally.passes[cell] += 1
+        tally.passes[cell] += _is_new(camera, tally, 0, cell, tally.passes[cell], 0.0, eye)
+    if tally.first[cell] < 0 and tally.passes[cell] >= camera.looks:
+        tally.first[cell] = number
     tally.last_s[cell] = time_s
     tally.nearest_m[cell] = min(tally.nearest_m[cell], distance)
     tally.cos_incidence[cell] = max(tally.cos_incidence[cell], facing / distance if distance > 0.0 else 1.0)

@@ -15,9 +15,10 @@ ViolationKind = Literal[
     "deviation",
 ]
 
-GapReason = Literal["never-in-range", "too-oblique", "occluded", "out-of-limits", "too-coarse"]
+GapReason = Literal["never-in-range", "too-oblique", "occluded", "out-of-limits", "too-coarse", "too-few-looks"]
 """Why a cell was not seen: no look had it in range and field of view; those that had were too oblique; ground or an
-obstacle stood between; no place inside the limits sees it at all; a pixel saw too much ground."""
+obstacle stood between; no place inside the limits sees it at all; a pixel saw too much ground; it was seen,
+but by fewer looks than it has to be."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -172,6 +172,8 @@ class Requirements:
     Attributes:
         min_coverage_of_coverable: share of what can be seen from inside the limits.
         min_sure_coverage_of_coverable: share of it that is seen whatever the errors of [uncertainty] were, or none.
+        looks: a cell counts when so many waypoints see it; more than 1 goes with sensing at waypoints.
+        look_distance_m: waypoints nearer to each other than this count as one look; needed for more than one.
         max_deviation_m: largest distance of the flown track from the planned route, or none.
         max_ground_speed_m_s: largest speed over ground on the planned route, or none.
         max_gap_s: samples further apart in time than this are not joined by a straight line.
@@ -181,6 +183,8 @@ class Requirements:
 
     min_coverage_of_coverable: float = 0.95
     min_sure_coverage_of_coverable: float | None = None
+    looks: int = 1
+    look_distance_m: float | None = None
     max_deviation_m: float | None = None
     max_ground_speed_m_s: float | None = None
     max_gap_s: float = 2.0
@@ -192,6 +196,15 @@ class Requirements:
         )
         sure = self.min_sure_coverage_of_coverable
         require(sure is None or 0.0 <= sure <= 1.0, f"min_sure_coverage_of_coverable: {sure} is a share, 0..1")
+        require(1 <= self.looks <= 20, f"looks: {self.looks} is outside 1..20")
+        require(
+            self.looks == 1 or self.look_distance_m is not None,
+            "look_distance_m: is needed with more than one look: nearer waypoints count as one",
+        )
+        require(
+            self.look_distance_m is None or (self.look_distance_m > 0.0 and self.looks > 1),
+            "look_distance_m: must be above 0, and goes with more than one look",
+        )
         require_positive(max_gap_s=self.max_gap_s)
         require(self.max_deviation_m is None or self.max_deviation_m > 0.0, "max_deviation_m: must be above 0")
         require(
@@ -253,6 +266,11 @@ class Scenario:
             or self.sensor.kind == "disc"
             or self.sensor.line_of_sight == "ray",
             'sensor.line_of_sight: among obstacles it must be "ray"; "midpoint" asks one place of the ray only',
+        )
+        require(
+            self.requirements.looks == 1 or self.sensor.sensing == "at-waypoints",
+            'requirements.looks: more than one goes with sensor.sensing = "at-waypoints"; along the path give a frame '
+            "camera's side_overlap",
         )
         require(
             self.area.cell_size_m <= reach_m,

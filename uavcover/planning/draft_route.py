@@ -88,6 +88,8 @@ def local_task(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> Loc
         sensing,
         _room(site),
         way_cost_of(site),
+        scenario.requirements.looks,
+        scenario.requirements.look_distance_m or 0.0,
     )
     across = 2.0 * horizontal_reach(sight) / cells.size_m + 2.0
     # A place may see every other cell of what is in reach; of a leg of up to eight radii a row has few runs. Longer ones are cut.
@@ -138,7 +140,7 @@ def draft_of(task: LocalTask, route: Route, *, capacity: int) -> Draft:
         route: one waypoint at least.
         capacity: most waypoints that it may grow to; more when the route has more already.
     """
-    points = np.array(route.waypoints_m)
+    points = _apart(np.array(route.waypoints_m), task.numbers.apart_m)
     while True:
         draft = _empty(task, points, capacity)
         if recount(task.numbers, draft):
@@ -158,6 +160,17 @@ def _empty(task: LocalTask, points: FloatArray, capacity: int) -> Draft:
     draft.size[0] = len(points)
     draft.route[: len(points)] = points
     return draft
+
+
+def _apart(points: FloatArray, apart_m: float) -> FloatArray:
+    """The points without those that are nearer than ``apart_m`` to one before."""
+    if apart_m == 0.0:
+        return points
+    kept: list[FloatArray] = []
+    for point in points:
+        if all(np.linalg.norm(point - other) >= apart_m for other in kept):
+            kept.append(point)
+    return np.array(kept)
 
 
 def _halved(points: FloatArray) -> FloatArray:

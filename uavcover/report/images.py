@@ -33,13 +33,21 @@ SEEN_RGB: Rgb = (0, 158, 115)
 POSSIBLE_RGB: Rgb = (240, 228, 66)
 UNSEEN_RGB: Rgb = (213, 94, 0)
 NOT_COVERABLE_RGB: Rgb = (136, 34, 85)
-_REASON_RGB: tuple[Rgb, ...] = ((213, 94, 0), (240, 228, 66), (0, 114, 178), NOT_COVERABLE_RGB, (86, 180, 233))
+_REASON_RGB: tuple[Rgb, ...] = (
+    (213, 94, 0),
+    (240, 228, 66),
+    (0, 114, 178),
+    NOT_COVERABLE_RGB,
+    (86, 180, 233),
+    (204, 121, 167),
+)
 REASON_WORDS = {
     "never-in-range": "never in range and field of view",
     "too-oblique": "seen too obliquely only",
     "occluded": "hidden behind ground",
     "out-of-limits": "cannot be seen from inside the limits",
     "too-coarse": "a pixel saw too much ground",
+    "too-few-looks": "seen by too few looks",
 }
 
 

@@ -55,7 +55,7 @@ def tally_looks(coverage: CoverageMap, looks: Looks) -> FlownCoverage:
     site = coverage.site
     slopes = local_slopes(site.ground.surface)
     camera = _camera(coverage, site.scenario.uncertainty, slopes)
-    tally: Tally = kernels.empty_tally(coverage.grid.count)
+    tally: Tally = kernels.empty_tally(coverage.grid.count, camera.looks)
 
     def add(first_row: int) -> None:
         kernels.tally_rows(
@@ -71,8 +71,8 @@ def tally_looks(coverage: CoverageMap, looks: Looks) -> FlownCoverage:
     exact = camera.offset_m == 0.0 and camera.turn_rad == 0.0
     return FlownCoverage(
         seen=seen,
-        surely_seen=seen if exact else tally.sure,
-        possibly_seen=seen if exact else tally.possible,
+        surely_seen=seen if exact else seen & (tally.sure >= camera.looks),
+        possibly_seen=seen if exact else seen | (tally.possible >= camera.looks),
         first_seen_s=when,
         looks=tally.passes,
         nearest_m=_finite(tally.nearest_m),
@@ -100,18 +100,21 @@ def joined_looks(parts: Sequence[Looks], *, pause_s: float) -> Looks:
 
 
 def _camera(coverage: CoverageMap, uncertainty: Uncertainty, slopes: LocalSlopes) -> Camera:
-    sensor = coverage.site.scenario.sensor
+    sensor, wanted = coverage.site.scenario.sensor, coverage.site.scenario.requirements
     horizontal, vertical = uncertainty.position_m, uncertainty.vertical_m
     # A ray that is moved sideways by p at the eye and not at all at the cell meets ground that is higher by at most its slope
     # times the way it was moved: as much as lowering the eye by p times the steepest slope does.
     lift = vertical + (horizontal * _steepest_known(slopes) if horizontal > 0.0 else 0.0)
     return Camera(
         focal_px=focal_px(sensor),
-        pass_gap_s=coverage.site.scenario.requirements.max_gap_s,
+        # Every waypoint is a look of its own, however soon it follows the one before.
+        pass_gap_s=wanted.max_gap_s if sensor.sensing == "along-path" else -1.0,
         offset_m=float(np.hypot(horizontal, vertical)),
         horizontal_m=horizontal,
         lift_m=lift,
         turn_rad=float(np.radians(uncertainty.attitude_deg)) if isinstance(sensor, CameraSensor) else 0.0,
+        looks=wanted.looks,
+        apart_m=wanted.look_distance_m or 0.0,
     )
 
 

@@ -6,15 +6,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.kernels.sight import NOT_IN_RANGE, OCCLUDED, TOO_COARSE, TOO_OBLIQUE
+from uavcover.kernels.sight import NOT_IN_RANGE, OCCLUDED, SEEN, TOO_COARSE, TOO_OBLIQUE
 from uavcover.model.report import Gap, GapReason
 from uavcover.verification.flown_coverage import FlownCoverage
 
 BoolArray = NDArray[np.bool_]
 
-REASONS: tuple[GapReason, ...] = ("never-in-range", "too-oblique", "occluded", "out-of-limits", "too-coarse")
+REASONS: tuple[GapReason, ...] = (
+    "never-in-range",
+    "too-oblique",
+    "occluded",
+    "out-of-limits",
+    "too-coarse",
+    "too-few-looks",
+)
 """In the order of their numbers in ``coverage.tif``."""
-_OUTCOMES = {NOT_IN_RANGE: REASONS[0], TOO_OBLIQUE: REASONS[1], OCCLUDED: REASONS[2], TOO_COARSE: REASONS[4]}
+_OUTCOMES = {
+    NOT_IN_RANGE: REASONS[0],
+    TOO_OBLIQUE: REASONS[1],
+    OCCLUDED: REASONS[2],
+    TOO_COARSE: REASONS[4],
+    SEEN: REASONS[5],
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
