@@ -107,7 +107,7 @@ class CoverageMap:
             new = todo[sees_each(self, looks, todo, self.sight)]
             counted[new, times[new]] = eyes[np.isin(todo, new)]
             times[new] += 1
-        return times == wanted.looks
+        return np.asarray(times == wanted.looks, dtype=bool)
 
     def _allowed_places(self, east_north_m: FloatArray, share: float) -> FloatArray:
         """(k, 3) places at a share 0..1 of the allowed band above (k, 2) spots; NaN where nothing is allowed."""
