@@ -83,6 +83,25 @@ def test_a_flight_counts_as_planned_and_says_what_was_seen_too_seldom():
     assert answer.surely_seen.sum() < answer.seen.sum() < answer.possibly_seen.sum()
 
 
+def test_waypoints_that_may_have_been_anywhere_may_all_be_looks_of_their_own():
+    # Two places 20 m apart are one look of 30 m, unless they are wrong by 8 m each or more; by far more, whatever the way.
+    path = np.array([[100.0, 100.0, 80.0], [120.0, 100.0, 80.0]])
+    coverage = coverage_of()
+    track, planned = fly_along(coverage.site, path), PlannedRoute(path, 1.0)
+    for position_m in (8.0, 50.0):
+        unsure = dataclasses.replace(coverage.site.scenario.uncertainty, position_m=position_m)
+        site = dataclasses.replace(
+            coverage.site, scenario=dataclasses.replace(coverage.site.scenario, uncertainty=unsure)
+        )
+        answer = flown_coverage(CoverageMap(site, cell_size_m=10.0), track, planned)
+        east_north = coverage.grid.cells.centre_m[:, :2]
+        both = (np.linalg.norm(east_north[:, None] - path[:, :2], axis=2) <= 60.0 + position_m).all(axis=1)
+        assert not answer.seen.any()
+        assert not answer.surely_seen.any()
+        assert answer.possibly_seen.tolist() == both.tolist()
+        assert both.any()
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -191,8 +191,9 @@ def tally_rows(
                         and _unhidden(surface, slopes, sight, horizon, -beside, ee, en, eu + lift, ce, cn, cu)
                     )
                 ):
-                    more = _is_new(camera, tally, 2, cell, tally.possible[cell], -2.0 * camera.offset_m, eye)
-                    tally.possible[cell] += more
+                    # Each of the looks that are apart is near another one that is counted here: half the distance misses none.
+                    nearer = -0.5 * camera.apart_m - camera.offset_m
+                    tally.possible[cell] += _is_new(camera, tally, 2, cell, tally.possible[cell], nearer, eye)
 
 
 @kernel
@@ -203,7 +204,9 @@ def _is_new(
     if camera.looks == 1:
         return 1
     places = tally.places[which]
-    if near_another(places, cell, min(times, camera.looks), camera.apart_m + further_m, eye[0], eye[1], eye[2]):
+    # Below 0 any two looks may have been far enough from each other.
+    apart_m = max(0.0, camera.apart_m + further_m)
+    if near_another(places, cell, min(times, camera.looks), apart_m, eye[0], eye[1], eye[2]):
         return 0
     if times < camera.looks:
         for axis in range(3):
