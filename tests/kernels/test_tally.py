@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import numpy as np
@@ -59,7 +60,7 @@ def tops_of(axes, turn=0.3):
 
 
 def tallied(surface, sight, camera, cells, eyes, axes, times, *, tops=None, workers=1):
-    tally = kernels.empty_tally(cells.centre_m.shape[0])
+    tally = kernels.empty_tally(cells.centre_m.shape[0], camera.looks)
     eyes, axes = (np.ascontiguousarray(array, dtype=float) for array in (eyes, axes))
     tops = tops_of(axes) if tops is None else tops
     slopes, times = local_slopes(surface), np.asarray(times, dtype=float)
@@ -181,6 +182,36 @@ def test_sure_and_possible_bound_what_any_error_would_have_made(seed, sight, hor
         other = tallied(surface, sight, EXACT, cells, moved, turned, times, tops=turned_tops).outcome == SEEN
         assert not (tally.sure & ~other).any()
         assert not (other & ~tally.possible).any()
+
+
+@deterministic
+@given(seeds, sights, st.sampled_from([2, 3]), st.sampled_from([0.1, 0.3]), st.floats(0.2, 1.5))
+def test_sure_and_possible_bound_how_often_a_cell_is_seen_from_places_that_are_apart(
+    seed, sight, looks, horizontal, apart
+):
+    rng = np.random.default_rng(seed)
+    surface = rough_ground(seed)
+    cells = cells_on(surface, seed)
+    eyes, axes, times = some_looks(rng, 6, tilt=0.3)
+    eyes[:, :2] = np.clip(eyes[:, :2], [-0.6, 2.4], [3.6, 5.6])
+    tops = tops_of(axes)
+    lift = horizontal * surface.steepest
+    camera = Camera(math.nan, 0.0, horizontal, horizontal, lift, 0.0, looks, apart)
+    tally = tallied(surface, sight, camera, cells, eyes, axes, times, tops=tops)
+    surely, possibly = tally.sure >= looks, tally.possible >= looks
+    for _ in range(6):
+        angle, radius = rng.uniform(0.0, math.tau, 6), horizontal * np.sqrt(rng.random(6))
+        moved = eyes + np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(6)])
+        by_look = [
+            tallied(surface, sight, EXACT, cells, *(rows[k : k + 1] for rows in (moved, axes, times)), tops=tops[[k]])
+            for k in range(6)
+        ]
+        often = np.zeros(len(surely), dtype=bool)
+        for some in itertools.combinations(range(6), looks):
+            if all(math.dist(moved[i], moved[j]) >= apart for i, j in itertools.combinations(some, 2)):
+                often |= np.all([by_look[k].outcome == SEEN for k in some], axis=0)
+        assert not (surely & ~often).any()
+        assert not (often & ~possibly).any()
 
 
 def test_a_sure_cell_keeps_its_distance_from_the_edge_of_the_view():
