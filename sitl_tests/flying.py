@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 
@@ -28,6 +29,7 @@ FLIGHT_S = 600.0
 _ITEM_S = 120.0
 
 
+@cache
 def frame_at(home: GeoPoint) -> LocalFrame:
     """East, north and up from home."""
     return LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m)

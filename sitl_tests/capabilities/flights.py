@@ -1,7 +1,10 @@
 """Small flights, each compared with the mission that another station downloads from the vehicle."""
 
+import math
+
 from mission_io.errors import CommandRefusedError
 from mission_io.items import Command, GeoPoint
+from mission_io.messages import GlobalPositionInt
 from sitl_tests.case import Case, Finding, Station
 from sitl_tests.errors import CheckFailedError, require
 from sitl_tests.flying import (
@@ -16,6 +19,7 @@ from sitl_tests.flying import (
 from sitl_tests.matrix import WORKS
 from sitl_tests.missions import DIAMOND_M, FIRST_WAYPOINT_ITEM, route_mission
 from uavcover.flight.events import EventKind, FlightEvent
+from uavcover.flight.modes import custom_mode
 from uavcover.flight.outcome import Ending, FlightOutcome
 from uavcover.flight.readiness import request_telemetry, wait_until_ready
 from uavcover.flight.return_home import hold
@@ -24,8 +28,9 @@ from uavcover.flight.start import first_seq, hold_mode, set_current_item, set_mo
 _ARM_TRIES = 10
 _HOLDS_WITHIN_M = 3.0
 _ELSEWHERE_DEG = 0.003
-_PAUSE_S = 25.0
-_COMES_TO_REST_S = 10.0
+_PAUSE_S = 15.0
+_COMES_TO_REST_S = 100.0
+_AT_REST_M_S = 0.3
 
 
 def arming(case: Case) -> Finding:
@@ -95,8 +100,9 @@ def wrong_home(case: Case) -> Finding:
 
 
 def pause_and_resume(case: Case) -> Finding:
-    """On the way it is told to wait where it is, stays, goes on, and flies the rest, all by ``fly``."""
+    """On the way it is told to wait where it is, comes to rest, stays, goes on, and flies the rest, all by ``fly``."""
     begun_s: list[float] = []
+    at_rest_s: list[float] = []
     with case.station() as station:
 
         def begin(event: FlightEvent) -> None:
@@ -104,16 +110,28 @@ def pause_and_resume(case: Case) -> Finding:
                 begun_s.append(event.time_s or 0.0)
 
         def pause() -> bool:
-            return bool(begun_s) and (station.monitor.time_s or 0.0) < begun_s[0] + _PAUSE_S
+            if not begun_s:
+                return False
+            position = station.monitor.latest(GlobalPositionInt)
+            held = custom_mode(station.conversation.autopilot, hold_mode(station.conversation)) in station.modes[-1:]
+            if position is not None and held and not at_rest_s and _speed_m_s(position) < _AT_REST_M_S:
+                at_rest_s.append(position.time_boot_s)
+            now_s = station.monitor.time_s or 0.0
+            return now_s < at_rest_s[0] + _PAUSE_S if at_rest_s else now_s < begun_s[0] + _COMES_TO_REST_S
 
         outcome, path = fly_mission(case, station, route_mission(case.vehicle.home), on_event=begin, pause=pause)
     _require_landed(case, outcome)
-    require(bool(begun_s), "it was not on the way to the second waypoint")
-    moved_m = path.moved_m(begun_s[0] + _COMES_TO_REST_S, begun_s[0] + _PAUSE_S)
+    require(bool(at_rest_s), f"it did not come to rest within {_COMES_TO_REST_S:g} s")
+    moved_m = path.moved_m(at_rest_s[0], at_rest_s[0] + _PAUSE_S)
     require(moved_m <= _HOLDS_WITHIN_M, f"it moved {moved_m:.1f} m while it was to wait")
     worst_m = require_flown(path, waypoints_held(case))
-    still_s = _PAUSE_S - _COMES_TO_REST_S
-    return Finding(WORKS, f"moved {moved_m:.1f} m in {still_s:g} s of waiting; waypoints passed within {worst_m:.1f} m")
+    return Finding(
+        WORKS, f"moved {moved_m:.1f} m in {_PAUSE_S:g} s of waiting; waypoints passed within {worst_m:.1f} m"
+    )
+
+
+def _speed_m_s(position: GlobalPositionInt) -> float:
+    return math.hypot(position.velocity_north_m_s, position.velocity_east_m_s, position.velocity_down_m_s)
 
 
 def change_in_flight(case: Case) -> Finding:
