@@ -33,6 +33,9 @@ PARETO_COLUMNS = (
     "chosen",
 )
 
+ROUTE_COLUMNS = ("index", "waypoint", "east_m", "north_m", "up_m")
+"""Of ``pareto_routes.csv``."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedDocument:
@@ -52,9 +55,24 @@ class PlannedDocument:
 
 
 def plan_document(
-    site: Site, plan: Plan, *, seed: int, bounds: dict[str, Any], sorties: Sequence[dict[str, Any]] = ()
+    site: Site,
+    plan: Plan,
+    *,
+    seed: int,
+    bounds: dict[str, Any],
+    sorties: Sequence[dict[str, Any]] = (),
+    baselines: Sequence[dict[str, Any]] | None = None,
 ) -> dict[str, Any]:
-    """``plan.json``: equal for equal seed and evaluations in everything but ``wall_s``."""
+    """``plan.json``: equal for equal seed and evaluations in everything but ``wall_s``.
+
+    Args:
+        site: the scenario on its ground.
+        plan: what was planned.
+        seed: of every random number.
+        bounds: what no plan can beat.
+        sorties: what is said of each flight when there are several.
+        baselines: as an older ``plan.json`` of the same set has them; default: the plan's.
+    """
     frame = site.frame
     origin = None
     if frame is not None:
@@ -77,7 +95,9 @@ def plan_document(
         "bounds": bounds,
         "baselines": [
             {"name": b.origin, "violation": b.violation, **dataclasses.asdict(b.metrics)} for b in plan.baselines
-        ],
+        ]
+        if baselines is None
+        else list(baselines),
     }
 
 
@@ -185,6 +205,43 @@ def _pareto_values(member: RouteMember) -> list[Any]:
         repr(m.coverage_fraction), repr(m.coverage_of_coverable), m.waypoint_count, repr(m.path_length_m),
         repr(m.flight_time_s), repr(m.min_height_agl_m), repr(m.max_height_agl_m), repr(member.violation), member.origin,
     ]  # fmt: skip
+
+
+def pareto_routes_csv(plan: Plan) -> str:
+    """``pareto_routes.csv``: the waypoints of every member in flying order, numbers unrounded."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(ROUTE_COLUMNS)
+    for index, member in enumerate(plan.members):
+        for number, point in enumerate(member.route.waypoints_m.tolist()):
+            writer.writerow([index, number, *map(repr, point)])
+    return out.getvalue()
+
+
+def read_pareto_routes(text: str, *, source: str) -> list[Route]:
+    """The routes of a Pareto set, by their index.
+
+    Raises:
+        InputError: a column is missing, a number is none, or the rows are not in their order; says in which line.
+    """
+    routes: list[list[list[float]]] = []
+    rows = csv.DictReader(io.StringIO(text))
+    if tuple(rows.fieldnames or ()) != ROUTE_COLUMNS:
+        raise InputError(
+            f"{source}: line 1: the columns are not {', '.join(ROUTE_COLUMNS)}; make it again with: uavcover plan"
+        )
+    for line, row in enumerate(rows, start=2):
+        try:
+            index, number = int(row["index"]), int(row["waypoint"])
+            point = [float(row[name]) for name in ROUTE_COLUMNS[2:]]
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{source}: line {line}: {error}; make it again with: uavcover plan") from error
+        if number == 0:
+            routes.append([])
+        if not (index == len(routes) - 1 and number == len(routes[-1]) and np.isfinite(point).all()):
+            raise InputError(f"{source}: line {line}: is not the next waypoint; make it again with: uavcover plan")
+        routes[-1].append(point)
+    return [Route(np.array(points)) for points in routes]
 
 
 def verification_document(report: VerificationReport, *, source: str) -> dict[str, Any]:

@@ -28,6 +28,7 @@ from uavcover.documents import (
     PlannedDocument,
     bound_document,
     pareto_csv,
+    pareto_routes_csv,
     plan_document,
     read_plan_document,
 )
@@ -51,7 +52,7 @@ from uavcover.sorties import Sortie, compile_sorties
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.verify import verify_track
 
-PLAN_FILES = ("scenario.toml", "run.json", "pareto.csv", "plan.json")
+PLAN_FILES = ("scenario.toml", "run.json", "pareto.csv", "pareto_routes.csv", "plan.json")
 MISSION_FILES = ("mission.waypoints", "mission.plan", "fence.waypoints", "rally.waypoints", "mission.kml")
 AFTER_FLIGHT_FILES = (
     "track.csv",
@@ -233,6 +234,7 @@ def save_plan(
     command: Sequence[str],
     sorties: Sequence[Sortie] = (),
     proved: dict[str, Any] | None = None,
+    baselines: Sequence[dict[str, Any]] | None = None,
 ) -> None:
     """Write the scenario, the Pareto set, the chosen route and its mission files, all or none.
 
@@ -248,15 +250,17 @@ def save_plan(
         command: how it was asked for.
         sorties: its flights when there are several; each gets a run folder of its own inside this one.
         proved: its :func:`bounds`; default: what there is of them without a plan.
+        baselines: as ``plan.json`` of the same Pareto set has them already; default: the plan's.
     """
     scenario = dump_scenario(site.scenario)
     about = json_text(_run_document(site, scenario, seed=seed, command=command, plan_wall_s=result.wall_s))
     limits = bounds(site) if proved is None else proved
-    texts = {"scenario.toml": scenario, "pareto.csv": pareto_csv(result), "run.json": about}
+    texts = {"scenario.toml": scenario, "run.json": about, **_set_texts(result)}
     if compiled is not None:
         texts |= mission_texts(compiled, autopilot=autopilot, name=site.scenario.name)
     rows = [_sortie_row(number, sortie) for number, sortie in enumerate(sorties, start=1)]
-    texts["plan.json"] = json_text(plan_document(site, result, seed=seed, bounds=limits, sorties=rows))
+    document = plan_document(site, result, seed=seed, bounds=limits, sorties=rows, baselines=baselines)
+    texts["plan.json"] = json_text(document)
     stale = [name for name in OF_A_PLAN if name not in texts]
     judged = judging_map(site) if sorties else None
     of_any_plan = {name: limit for name, limit in limits.items() if not isinstance(limit, dict)}
@@ -264,7 +268,7 @@ def save_plan(
         if judged is None:
             break
         plan = _plan_of_sortie(judged, result, sortie)
-        own = {"scenario.toml": scenario, "pareto.csv": pareto_csv(plan), "run.json": about}
+        own = {"scenario.toml": scenario, "run.json": about, **_set_texts(plan)}
         own |= mission_texts(sortie.compiled, autopilot=autopilot, name=f"{site.scenario.name}, sortie {row['number']}")
         own["plan.json"] = json_text(plan_document(site, plan, seed=seed, bounds=of_any_plan))
         texts |= {f"{row['folder']}/{name}": text for name, text in own.items()}
@@ -272,6 +276,10 @@ def save_plan(
     for number in range(len(sorties) + 1, len(run.sorties()) + 1):
         stale += [f"sortie-{number}/{name}" for name in (*PLAN_FILES, *OF_A_PLAN)]
     run.write_together(texts, stale=stale)
+
+
+def _set_texts(result: Plan) -> dict[str, str]:
+    return {"pareto.csv": pareto_csv(result), "pareto_routes.csv": pareto_routes_csv(result)}
 
 
 def _sortie_row(number: int, sortie: Sortie) -> dict[str, Any]:

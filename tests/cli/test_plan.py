@@ -13,7 +13,8 @@ from uavcover.cli.console import Console
 from uavcover.cli.planning import PlanRequest, plan_into
 
 PLANNED = {
-    "scenario.toml", "run.json", "pareto.csv", "plan.json", "mission.waypoints", "mission.plan", "fence.waypoints",
+    "scenario.toml", "run.json", "pareto.csv", "pareto_routes.csv", "plan.json",
+    "mission.waypoints", "mission.plan", "fence.waypoints",
     "rally.waypoints", "mission.kml",
 }  # fmt: skip
 
@@ -64,7 +65,7 @@ def test_bounds_of_few_waypoints_are_there_without_being_asked(cli: Cli, tmp_pat
 
 
 def test_scenario_without_a_place_plans_and_says_what_it_cannot(cli: Cli, nowhere_run: Path, tmp_path: Path) -> None:
-    assert files(nowhere_run) == {"scenario.toml", "run.json", "pareto.csv", "plan.json"}
+    assert files(nowhere_run) == {"scenario.toml", "run.json", "pareto.csv", "pareto_routes.csv", "plan.json"}
     assert plan_of(nowhere_run)["origin"] is None
     for arguments in (
         ("export", nowhere_run, "--format", "plan", "-o", tmp_path / "x.plan"),

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from uavcover.errors import InputError
-from uavcover.report.pareto_file import read_pareto
+from uavcover.pareto_file import read_pareto
 from uavcover.run_folder import RunFolder
 
 

@@ -22,6 +22,7 @@ from uavcover.cli.pareto import pareto
 from uavcover.cli.plan import plan
 from uavcover.cli.plan_upload import plan_upload
 from uavcover.cli.report import report
+from uavcover.cli.select import select
 from uavcover.cli.upload import upload
 from uavcover.cli.verify import verify
 
@@ -43,6 +44,7 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str]]] = {
     "Plan": {
         "plan": (plan, "a route that sees the area, and its mission files"),
         "pareto": (pareto, "the trade-off of a plan, as a table or a picture"),
+        "select": (select, "another route of that trade-off, and its mission files"),
         "export": (export, "the mission as one file for other software"),
     },
     "Vehicle": {
@@ -65,7 +67,7 @@ for _title, _commands in _GROUPS.items():
     for _name, (_command, _short) in _commands.items():
         app.command(_name, short_help=_short, rich_help_panel=_title)(ending_well(_command))
 
-app.add_typer(bench, name="bench", short_help="the benchmarks of this project: link, mmf", rich_help_panel="Measure")
+app.add_typer(bench, name="bench", short_help="the benchmarks of this project", rich_help_panel="Measure")
 
 
 @app.callback()

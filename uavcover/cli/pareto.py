@@ -22,7 +22,7 @@ def pareto(
     from uavcover.cli.console import Console, percent
     from uavcover.documents import bounds_in_words
     from uavcover.errors import OutputError
-    from uavcover.report.pareto_file import read_pareto
+    from uavcover.pareto_file import read_pareto
     from uavcover.run_folder import RunFolder
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))

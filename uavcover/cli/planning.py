@@ -119,7 +119,7 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
     if refused is not None:
         raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
     _say_plan(console, run, result, bounds, time.monotonic() - started)
-    _say_missions(console, run, compiled, sorties)
+    say_missions(console, run, compiled, sorties)
     code = INTERRUPTED if result.interrupted else 0 if result.rule_met else 1
     document = {
         "run": str(run),
@@ -172,7 +172,7 @@ def _say_plan(console: Console, run: RunFolder, result: Plan, bounds: dict[str, 
         # The one that the same rule would have chosen: what the optimizer has to beat.
         tuned = [tuned[select(tuned, rule).index]]
     for label, member in shown + [(m.origin, m) for m in plain + tuned[:1]]:
-        console.say(_figures(label, member))
+        console.say(figures_in_words(label, member))
     console.say(
         f"{len(result.members)} routes in the Pareto set, {result.evaluations} evaluations of {result.algorithm}, {wall_s:.1f} s"
     )
@@ -184,9 +184,8 @@ def _say_plan(console: Console, run: RunFolder, result: Plan, bounds: dict[str, 
         console.warn(f"interrupted: the best route found so far has been written to {run}")
 
 
-def _say_missions(
-    console: Console, run: RunFolder, compiled: CompiledMission | None, sorties: Sequence[Sortie]
-) -> None:
+def say_missions(console: Console, run: RunFolder, compiled: CompiledMission | None, sorties: Sequence[Sortie]) -> None:
+    """Say which mission files there are, and where a straight return is not safe."""
     if compiled is not None:
         _say_return(console, compiled, "")
         console.say(f"written: {run.file('mission.waypoints')} and mission.plan, fence, rally, kml beside it")
@@ -224,7 +223,8 @@ def _say_return(console: Console, compiled: CompiledMission, which: str) -> None
         )
 
 
-def _figures(label: str, member: RouteMember) -> str:
+def figures_in_words(label: str, member: RouteMember) -> str:
+    """A route in one line of a table: coverage, waypoints, length, time."""
     m = member.metrics
     counts = f"{percent(m.coverage_of_coverable):>10}{m.waypoint_count:>11}"
     return f"{label:22}{counts}{m.path_length_m:>10.0f} m{m.flight_time_s:>7.0f} s"

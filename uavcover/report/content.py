@@ -12,7 +12,7 @@ from uavcover import after_flight, pipeline
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.documents import PlannedDocument, read_plan_document
 from uavcover.model.track import Track
-from uavcover.report.pareto_file import ParetoRow, read_pareto
+from uavcover.pareto_file import ParetoRow, read_pareto
 from uavcover.resumption import flown_tracks
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site

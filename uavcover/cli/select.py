@@ -1,0 +1,62 @@
+"""``uavcover select``: another member of the Pareto set."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+
+
+def select(
+    run: Annotated[Path, typer.Argument(help="Run folder with a plan.")],
+    rule: Annotated[
+        str,
+        typer.Argument(
+            help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=0.95 or index:N (as `uavcover pareto` numbers them).",
+            metavar="RULE",
+        ),
+    ],
+    autopilot: options.Autopilot = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Also when the route before was flown: its track and verdict are removed.")
+    ] = False,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = 0,
+) -> int:
+    """Choose another route of the Pareto set, and write plan.json and the mission files for it.
+
+    Exit 1 when no route meets the rule; the best there is is written then.
+    """
+    import dataclasses
+
+    from uavcover import pipeline
+    from uavcover.cli.console import Console
+    from uavcover.cli.planning import figures_in_words, say_missions
+    from uavcover.planning.selection import parse_rule
+    from uavcover.reselection import choose
+    from uavcover.run_folder import RunFolder
+
+    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    parse_rule(rule)
+    folder = RunFolder(run)
+    site, _ = pipeline.read_planned(folder)
+    name = options.autopilot_name(autopilot, site.scenario.vehicle.autopilot)
+    with folder.reserved(pipeline.AFTER_FLIGHT_FILES, force=force):
+        plan, flights = choose(folder, site, rule, autopilot=name, command=sys.argv)
+    index = plan.members.index(plan.chosen)
+    console.say(f"{'':22}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}")
+    console.say(figures_in_words(f"index:{index}", plan.chosen))
+    sorties = flights if len(flights) > 1 else ()
+    say_missions(console, folder, flights[0].compiled if len(flights) == 1 else None, sorties)
+    if not plan.rule_met:
+        console.warn(f"no route meets {plan.rule}; the best there is has been written")
+    console.result(
+        {
+            "run": str(run), "index": index, "rule": plan.rule, "rule_met": plan.rule_met,
+            "metrics": dataclasses.asdict(plan.chosen.metrics), "mission_files": bool(flights), "sorties": len(sorties),
+        }
+    )  # fmt: skip
+    return 0 if plan.rule_met else 1
