@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from mission_io.codec import message_id
-from mission_io.connection import Connection
+from mission_io.connection import Connection, VehicleInfo
 from mission_io.enums import AutopilotId, CommandResult
 from mission_io.errors import CommandRefusedError, MisuseError
 from mission_io.items import Command
@@ -75,14 +75,19 @@ def _await_answer(connection: Connection, command: int, send: Callable[[int], No
     if not isinstance(ack, CommandAck):
         raise MisuseError(f"{ack} is no answer to a command")
     if ack.result != CommandResult.ACCEPTED:
-        result = name_of_result(ack.result)
-        raise CommandRefusedError(
-            f"vehicle {connection.vehicle.system_id} answered {name_of(command)} with {result}",
-            command=command,
-            result=ack.result,
-            result_name=result,
-        )
+        raise refusal(connection.vehicle.system_id, ack)
     return ack
+
+
+def refusal(system_id: int, ack: CommandAck) -> CommandRefusedError:
+    """The error for an answer of a vehicle that is not ACCEPTED."""
+    result = name_of_result(ack.result)
+    return CommandRefusedError(
+        f"vehicle {system_id} answered {name_of(ack.command)} with {result}",
+        command=ack.command,
+        result=ack.result,
+        result_name=result,
+    )
 
 
 def set_mode(connection: Connection, custom_mode: int, *, timeout_s: float) -> None:
@@ -92,12 +97,23 @@ def set_mode(connection: Connection, custom_mode: int, *, timeout_s: float) -> N
         CommandRefusedError: the vehicle does not want that mode now.
         VehicleSilentError: no answer, or no heartbeat with that mode, within ``timeout_s`` seconds each.
     """
-    vehicle = connection.vehicle
+    send_command(connection, Command.DO_SET_MODE, mode_params(connection.vehicle, custom_mode), timeout_s=timeout_s)
+    await_mode(connection, custom_mode, timeout_s=timeout_s)
+
+
+def mode_params(vehicle: VehicleInfo, custom_mode: int) -> tuple[float, ...]:
+    """The parameters of DO_SET_MODE for a vehicle's flight mode."""
     if vehicle.mav_autopilot == AutopilotId.PX4:  # PX4 packs main and sub mode in the upper bytes
-        params: tuple[float, ...] = (1.0, float(custom_mode >> 16 & 0xFF), float(custom_mode >> 24 & 0xFF))
-    else:
-        params = (1.0, float(custom_mode))
-    send_command(connection, Command.DO_SET_MODE, params, timeout_s=timeout_s)
+        return 1.0, float(custom_mode >> 16 & 0xFF), float(custom_mode >> 24 & 0xFF)
+    return 1.0, float(custom_mode)
+
+
+def await_mode(connection: Connection, custom_mode: int, *, timeout_s: float) -> None:
+    """Wait until the vehicle's heartbeat shows a flight mode.
+
+    Raises:
+        VehicleSilentError: none with that mode within ``timeout_s`` seconds.
+    """
     if connection.vehicle.custom_mode == custom_mode:
         return
     connection.wait_until(

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from mission_io.autopilots import wire_items
 from mission_io.client import Client
 from mission_io.compare import compare_items
 from mission_io.items import GeoPoint, MissionType
+from mission_io.link import open_link
 from mission_io.messages import ExtendedSysState
 from mission_io.protocol.exchange import Timing
 from uavcover import pipeline
@@ -36,6 +38,9 @@ from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import AutopilotName
 from uavcover.resumption import Unfinished
 from uavcover.site import Site
+
+ClientName = Literal["native", "mavsdk"]
+"""Who conducts transfers and commands."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +68,7 @@ def connect(
     mock_speed: float = 1.0,
     timing: Timing | None = None,
     signing_key: SigningKey | None = None,
+    client_name: ClientName = "native",
 ) -> Iterator[Connected]:
     """Open a link and wait for a vehicle; a context manager that closes the link.
 
@@ -74,6 +80,7 @@ def connect(
         mock_speed: how fast ``mock:`` flies, times real time.
         timing: how patient transfers are.
         signing_key: signs all that is sent; then nothing that is not signed with it is believed.
+        client_name: which client speaks to it; MAVSDK's takes no ``timing`` and no ``signing_key``.
 
     Raises:
         InputError: a time or a speed that is not above 0.
@@ -90,7 +97,7 @@ def connect(
         lambda: MockVehicle(AUTOPILOTS[name], place, settings=settings, battery=battery, speed=mock_speed),
         speed=mock_speed,
     )
-    client, monitor = open_vehicle(url, timing=timing)
+    client, monitor = _open_mavsdk(url) if client_name == "mavsdk" else open_vehicle(url, timing=timing)
     with client:
         if signing_key is not None:
             client.sign_with(signing_key)
@@ -98,6 +105,14 @@ def connect(
         monitor.listen_to(vehicle.system_id)
         own: AutopilotName = "px4" if vehicle.autopilot is AUTOPILOTS["px4"] else "ardupilot"
         yield Connected(client, monitor, own)
+
+
+def _open_mavsdk(url: str) -> tuple[Client, Monitor]:
+    """MAVSDK's client on a link's URL, with a monitor that hears everything."""
+    from uavcover.mavsdk_client.client import MavsdkClient  # its library is large, and few ask for it
+
+    monitor = Monitor()
+    return MavsdkClient(open_link(url), listener=monitor), monitor
 
 
 def home_of(site: Site) -> GeoPoint | None:

@@ -14,6 +14,7 @@ def download(
     kind: Annotated[str, typer.Option("--type", help="mission, fence, rally or all (.plan).")] = "mission",
     timeout_s: options.Timeout = 10.0,
     signing_key: options.SigningKeyFile = None,
+    client: options.ClientKind = "native",
     link: options.LinkKind = "default",
     force: options.Force = False,
     as_json: options.Json = False,
@@ -28,13 +29,14 @@ def download(
     from uavcover.on_vehicle import connect
     from uavcover.run_folder import write_text
 
+    client_name = options.client_name(client, link=link, signed=signing_key is not None)
     key = options.signing_key(signing_key)
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     check_output(out, kind, force=force)
     wanted = list(MissionType) if kind == "all" else [MissionType.MISSION, MissionType[kind.upper()]]
     timing = link_preset(link).timing
     with (
-        connect(url, timeout_s=timeout_s, timing=timing, signing_key=key) as vehicle,
+        connect(url, timeout_s=timeout_s, timing=timing, signing_key=key, client_name=client_name) as vehicle,
         console.progress("downloading") as bar,
     ):
         # A file needs home, which comes with the mission or from the vehicle.

@@ -16,6 +16,7 @@ def fly(
     yes: Annotated[bool, typer.Option("--yes", help="Arm a vehicle that is not simulated.")] = False,
     timeout_s: options.Timeout = 10.0,
     signing_key: options.SigningKeyFile = None,
+    client: options.ClientKind = "native",
     mock_speed: Annotated[
         float, typer.Option(metavar="X", help="How fast the vehicle of mock: flies, times real time.")
     ] = 20.0,
@@ -50,6 +51,7 @@ def fly(
     from uavcover.flight.flight_plan import Patience
     from uavcover.run_folder import RunFolder
 
+    client_name = options.client_name(client, link="default", signed=signing_key is not None)
     key = options.signing_key(signing_key)
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     folder = RunFolder(run).flight(sortie)
@@ -64,7 +66,7 @@ def fly(
 
         resumed, document = resume_run(
             folder, to, console, timeout_s=timeout_s, confirmed=yes, mock_speed=mock_speed, viewer_url=viewer_url,
-            signing_key=key, patience=patience, command=sys.argv,
+            signing_key=key, client_name=client_name, patience=patience, command=sys.argv,
         )  # fmt: skip
         console.result(document)
         return INTERRUPTED if resumed is not None and resumed.ending in ENDED_BY_USER else 0
@@ -73,7 +75,7 @@ def fly(
     outcome, document = fly_run(
         folder, site, planned.route, to, console,
         timeout_s=timeout_s, confirmed=yes, force=force, mock_speed=mock_speed, upload_first=to.startswith("mock:"),
-        viewer_url=viewer_url, signing_key=key, patience=patience,
+        viewer_url=viewer_url, signing_key=key, client_name=client_name, patience=patience,
     )  # fmt: skip
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0

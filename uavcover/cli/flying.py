@@ -16,7 +16,7 @@ from uavcover.flight.fly import Ending, FlightOutcome
 from uavcover.flight.outcome import FlightFailedError
 from uavcover.flight.track_file import read_track
 from uavcover.model.route import Route
-from uavcover.on_vehicle import Connected, Orders, check_home, connect, fly, require_home
+from uavcover.on_vehicle import ClientName, Connected, Orders, check_home, connect, fly, require_home
 from uavcover.recording.writer import write_recording
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
@@ -33,6 +33,7 @@ def fly_run(
     run: RunFolder, site: Site, route: Route, url: str, console: Console,
     *, timeout_s: float, confirmed: bool, force: bool, mock_speed: float = 20.0, upload_first: bool = False,
     viewer_url: str | None = None, signing_key: SigningKey | None = None, patience: Patience | None = None,
+    client_name: ClientName = "native",
 ) -> tuple[FlightOutcome, dict[str, Any]]:  # fmt: skip
     """Fly the route of a run, recording the track as it comes.
 
@@ -48,7 +49,9 @@ def fly_run(
         raise OutputError(f"{run}: holds the track of a flight; go on with it by --resume, or replace it by --force")
     with (
         run.reserved(FLIGHT_FILES, force=force),
-        connect(url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key) as vehicle,
+        connect(
+            url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key, client_name=client_name
+        ) as vehicle,
     ):
         compiled = pipeline.compile_plan(site, route, autopilot=vehicle.autopilot)
         if upload_first:

@@ -11,6 +11,7 @@ from uavcover.model.vehicle import AutopilotName
 
 if TYPE_CHECKING:
     from mission_io import SigningKey
+    from uavcover.on_vehicle import ClientName
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors and warnings.")]
@@ -62,6 +63,15 @@ SigningKeyFile = Annotated[
         "--signing-key",
         help="Sign every message with the key in this file (MAVLink 2), and believe nothing unsigned.",
         metavar="FILE",
+    ),
+]
+
+ClientKind = Annotated[
+    str,
+    typer.Option(
+        "--client",
+        help="Who conducts transfers and commands: native, or mavsdk as a second opinion.",
+        metavar="native|mavsdk",
     ),
 ]
 
@@ -129,3 +139,21 @@ def signing_key(file: Path | None) -> "SigningKey | None":
     from mission_io import SigningKey
 
     return None if file is None else SigningKey.from_file(file)
+
+
+def client_name(text: str, *, link: str, signed: bool) -> "ClientName":
+    """Check the name of a client, and that it can do what the other options ask for.
+
+    Raises:
+        InputError: it is neither, or MAVSDK's is asked for what it has not.
+    """
+    match text:
+        case "native":
+            return text
+        case "mavsdk":
+            if signed:
+                raise InputError("--client mavsdk: MAVSDK does not sign; use --client native with --signing-key")
+            if link != "default":
+                raise InputError("--client mavsdk: MAVSDK's time-outs are fixed; use --client native with --link")
+            return text
+    raise InputError(f"--client: {text!r} is neither native nor mavsdk")

@@ -22,6 +22,7 @@ def plan_upload(
     seed: options.Seed = None,
     timeout_s: options.Timeout = 10.0,
     signing_key: options.SigningKeyFile = None,
+    client: options.ClientKind = "native",
     link: options.LinkKind = "default",
     in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload to a vehicle that is armed.")] = False,
     force: options.ForcePlan = False,
@@ -41,6 +42,7 @@ def plan_upload(
     from uavcover.on_vehicle import require_home
     from uavcover.run_folder import RunFolder
 
+    client_name = options.client_name(client, link=link, signed=signing_key is not None)
     key = options.signing_key(signing_key)  # a bad key is known before an hour of planning
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     if Path(source).is_dir():
@@ -67,7 +69,16 @@ def plan_upload(
         site, planned = pipeline.read_planned(folder)
     route = planned.route
     document = upload_run(
-        folder, site, route, to, console, timeout_s=timeout_s, link=link, in_flight=in_flight, signing_key=key
+        folder,
+        site,
+        route,
+        to,
+        console,
+        timeout_s=timeout_s,
+        link=link,
+        in_flight=in_flight,
+        signing_key=key,
+        client_name=client_name,
     )
     console.say(f"written: {folder.file('upload.json')}")
     console.result({"run": str(folder), **document})

@@ -10,7 +10,16 @@ from uavcover.cli.flying import record_flight
 from uavcover.errors import InputError
 from uavcover.flight.flight_plan import Patience
 from uavcover.flight.fly import FlightOutcome
-from uavcover.on_vehicle import check_home, connect, fly, fly_from_the_air, fly_on, is_in_the_air, require_home
+from uavcover.on_vehicle import (
+    ClientName,
+    check_home,
+    connect,
+    fly,
+    fly_from_the_air,
+    fly_on,
+    is_in_the_air,
+    require_home,
+)
 from uavcover.resumption import TRACK, Unfinished, find_unfinished, save_rest, took_off_s
 from uavcover.run_folder import RunFolder
 
@@ -18,7 +27,7 @@ from uavcover.run_folder import RunFolder
 def resume_run(
     run: RunFolder, url: str, console: Console,
     *, timeout_s: float, confirmed: bool, command: Sequence[str], mock_speed: float = 20.0, viewer_url: str | None = None,
-    signing_key: SigningKey | None = None, patience: Patience | None = None,
+    signing_key: SigningKey | None = None, client_name: ClientName = "native", patience: Patience | None = None,
 ) -> tuple[FlightOutcome | None, dict[str, Any]]:  # fmt: skip
     """Fly what the latest flight of a run has left, from the ground or from where the vehicle is in the air.
 
@@ -37,7 +46,9 @@ def resume_run(
         site, planned = pipeline.read_planned(run)
         require_home(site)
         if not run.file(TRACK).exists():
-            with connect(url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key) as vehicle:
+            with connect(
+                url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key, client_name=client_name
+            ) as vehicle:
                 if not is_in_the_air(vehicle):
                     raise InputError(
                         f"{run}: nothing of it was flown, and the vehicle is on the ground; fly it without --resume"
@@ -56,7 +67,9 @@ def resume_run(
         with folder.reserved((), force=True):
             folder.remove(["track.csv"])  # of a flight that resumed an older one
             save_rest(unfinished, site, command=command)
-            with connect(url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key) as vehicle:
+            with connect(
+                url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key, client_name=client_name
+            ) as vehicle:
                 if is_in_the_air(vehicle):
                     console.say("the vehicle is in the air: it goes on from where it is")
                     begin = lambda orders: fly_on(vehicle, site, unfinished, orders)  # noqa: E731

@@ -16,6 +16,7 @@ def upload(
     ] = None,
     timeout_s: options.Timeout = 10.0,
     signing_key: options.SigningKeyFile = None,
+    client: options.ClientKind = "native",
     link: options.LinkKind = "default",
     in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload to a vehicle that is armed.")] = False,
     as_json: options.Json = False,
@@ -29,6 +30,7 @@ def upload(
     from uavcover.cli.uploading import say_comparison, telling_what_is_held
     from uavcover.on_vehicle import connect
 
+    client_name = options.client_name(client, link=link, signed=signing_key is not None)
     key = options.signing_key(signing_key)
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     contents, remarks = read_contents(file, kind)
@@ -38,7 +40,9 @@ def upload(
     results = []
     timing = link_preset(link).timing
     home = home_of(contents)
-    with connect(to, home=home, timeout_s=timeout_s, timing=timing, signing_key=key) as vehicle:
+    with connect(
+        to, home=home, timeout_s=timeout_s, timing=timing, signing_key=key, client_name=client_name
+    ) as vehicle:
         warn_of_home(vehicle.client, home, console)
         for content in contents:
             with telling_what_is_held(console), console.progress("uploading") as bar:

@@ -12,7 +12,7 @@ from mission_io.verification import Verification
 from uavcover import pipeline
 from uavcover.cli.console import Console
 from uavcover.model.route import Route
-from uavcover.on_vehicle import check_home, connect, require_home
+from uavcover.on_vehicle import ClientName, check_home, connect, require_home
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
 
@@ -31,6 +31,7 @@ def upload_run(
     link: str = "default",
     in_flight: bool = False,
     signing_key: SigningKey | None = None,
+    client_name: ClientName = "native",
 ) -> dict[str, Any]:
     """Check every leg and the vehicle's home, upload, read back, compare; writes ``upload.json`` and returns it.
 
@@ -41,7 +42,9 @@ def upload_run(
     pipeline.compile_plan(site, route)  # a bad leg is known before anybody is asked
     with (
         run.reserved((), force=True),
-        connect(url, site, timeout_s=timeout_s, timing=timing, signing_key=signing_key) as vehicle,
+        connect(
+            url, site, timeout_s=timeout_s, timing=timing, signing_key=signing_key, client_name=client_name
+        ) as vehicle,
     ):
         console.say(f"vehicle {vehicle.client.vehicle.system_id} at {url}: {vehicle.client.vehicle.autopilot.name}")
         compiled = pipeline.compile_plan(site, route, autopilot=vehicle.autopilot)

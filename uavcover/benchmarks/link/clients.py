@@ -13,7 +13,6 @@ from mission_io.items import MissionItem, MissionType
 from mission_io.link import Link, UdpLink
 from mission_io.protocol.exchange import Timing
 from mission_io.simulated import SimulatedLink
-from mission_io.wire import DEGREES_SCALE, message_from_item
 from uavcover.benchmarks.link.trials import Outcome, Trial, items_on, mission_items
 from uavcover.benchmarks.link.vehicles import conditions_of, vehicle_for
 from uavcover.errors import VehicleError
@@ -64,8 +63,10 @@ def run_mavsdk(trial: Trial, port: int) -> Transferred:
     """MAVSDK's client over UDP."""
     from mavsdk.plugins.mission_raw import MissionRawError
 
-    with _mission_raw(port) as (raw, item_type):
-        items = [_to_mavsdk(item, seq, item_type) for seq, item in enumerate(mission_items())]
+    from uavcover.mavsdk_client.wire import items_from_raw, raw_items
+
+    with _mission_raw(port) as raw:
+        items = raw_items(mission_items(), MissionType.MISSION)
         call: Callable[[], Any] = raw.download_mission
         if trial.direction == "upload":
             call = lambda: raw.upload_mission(items)  # noqa: E731
@@ -75,7 +76,7 @@ def run_mavsdk(trial: Trial, port: int) -> Transferred:
         except MissionRawError as error:
             return Transferred(False, time.perf_counter() - start, error=str(error).partition(";")[0])
         time_s = time.perf_counter() - start
-        received = () if trial.direction == "upload" else tuple(_from_mavsdk(item) for item in result)
+        received = () if trial.direction == "upload" else items_from_raw(result, MissionType.MISSION)
         return Transferred(True, time_s, received)
 
 
@@ -92,9 +93,8 @@ def outcome_of(trial: Trial, transferred: Transferred, held: tuple[MissionItem, 
 
 
 @contextmanager
-def _mission_raw(port: int) -> Iterator[tuple[Any, Any]]:
+def _mission_raw(port: int) -> Iterator[Any]:
     import mavsdk
-    from mavsdk.plugins.mission_raw import MissionItem as RawItem
     from mavsdk.plugins.mission_raw import MissionRaw
 
     mavsdk.log_subscribe(lambda *_: True)
@@ -106,41 +106,11 @@ def _mission_raw(port: int) -> Iterator[tuple[Any, Any]]:
             raise VehicleError(f"MAVSDK found no vehicle at port {port} within {_CONNECT_S:g} s")
         raw = MissionRaw(system)
         try:
-            yield raw, RawItem
+            yield raw
         finally:
             raw.destroy()
     finally:
         ground.destroy()
-
-
-def _to_mavsdk(item: MissionItem, seq: int, item_type: Any) -> Any:
-    message = message_from_item(item, seq, mission_type=MissionType.MISSION, target_system=1, target_component=1)
-    return item_type(
-        seq,
-        message.frame,
-        message.command,
-        message.current,
-        message.autocontinue,
-        *message.params,
-        message.x,
-        message.y,
-        message.z,
-        message.mission_type,
-    )
-
-
-def _from_mavsdk(raw: Any) -> MissionItem:
-    from mission_io.items import Frame
-
-    return MissionItem(
-        raw.command,
-        Frame.from_mav_frame(raw.frame),
-        (raw.param1, raw.param2, raw.param3, raw.param4),
-        raw.x / DEGREES_SCALE,
-        raw.y / DEGREES_SCALE,
-        raw.z,
-        bool(raw.autocontinue),
-    )
 
 
 REAL_CLIENTS: dict[str, Callable[[Trial, int], Transferred]] = {"native": run_native, "mavsdk": run_mavsdk}
