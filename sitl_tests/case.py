@@ -18,6 +18,7 @@ from uavcover.flight.conversation import Conversation
 from uavcover.flight.events import FlightEvent
 from uavcover.flight.flight_plan import Patience
 from uavcover.flight.monitor import Monitor
+from uavcover.mavsdk_client.client import MavsdkClient
 from uavcover.model.vehicle import AutopilotName
 
 _FIRST_HEARTBEAT_S = 60.0
@@ -132,7 +133,8 @@ class Case:
             ):
                 modes.append(beat.custom_mode)
 
-        with Client(open_link(url), system_id=system_id, listener=listen) as client:
+        kind = MavsdkClient if self.client == "mavsdk" and system_id != _SECOND_STATION else Client
+        with kind(open_link(url), system_id=system_id, listener=listen) as client:
             found = client.wait_for_vehicle(_FIRST_HEARTBEAT_S)
             monitor.listen_to(found.system_id)
             yield Station(client, monitor, modes, self.take_event)

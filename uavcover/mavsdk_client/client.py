@@ -281,7 +281,9 @@ class MavsdkClient(Client):
             _log.info("%s: %s in try %d", doing, result, number)
             if _is_final(result, number) or self.heartbeat_age_s > _SILENT_S:
                 break
-            self._listen(hear, lambda: False, self.clock.now() + _BETWEEN_TRIES_S)
+            # A vehicle that still waits for an earlier try of ours answers ERROR until it gives that up, after 5 s.
+            pause_s = _BETWEEN_TRIES_S * (1 if result == "TIMEOUT" else number)
+            self._listen(hear, lambda: False, self.clock.now() + pause_s)
         kind = TransferSilentError if result == "TIMEOUT" else TransferError
         raise kind(f"{doing}: {result} in try {number} of at most {TRIES}{terms.advice}", vehicle_holds=terms.holds)
 
