@@ -97,6 +97,9 @@ def _search_goal(
     if work.stopped or work.pace.fraction >= end:
         return []
     chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity) for k in range(CHAINS)]
+    for chain in chains:
+        aim = _corrected(goal, chain.seen, judged_coverage(chain.route))
+        chain.prices = chain.prices._replace(goal=aim)
     hottest, coldest = chains[0].hottest, chains[0].coldest
     price = max(chain.prices.coverage for chain in chains)
     out: list[Start] = []
@@ -118,8 +121,7 @@ def _search_goal(
                 found(best.route)
         if not more or work.stopped:
             break
-        # What the planner's cells see too little or too much, as far as it can be corrected.
-        aim = min(1.0, max(0.0, best.seen + goal + SAFETY - judged))
+        aim = _corrected(goal, best.seen, judged)
         if warm == 0.0:
             chains = [_chain(work, best.route, aim, capacity) for _ in chains]
         # Where coverage is dearer than its price, the price rises until the goal is worth reaching.
@@ -128,6 +130,11 @@ def _search_goal(
             chain.prices = chain.prices._replace(coverage=price, goal=aim)
         warm = stage
     return out
+
+
+def _corrected(goal: float, seen: float, judged: float) -> float:
+    """The goal on the search's cells, by what a route sees there and what it is judged to see."""
+    return min(1.0, max(0.0, seen + goal + SAFETY - judged))
 
 
 def _merit(task: LocalTask, start: Start, goal: float) -> float:

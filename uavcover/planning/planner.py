@@ -150,7 +150,7 @@ def plan_routes(
             bent = balanced_lines(site, straight[0].angle_rad if straight else long_side_angle_rad(site))
             made += [(route, "balanced-lines") for route in bent]
         improved = improve(
-            coarse, fine, [*(route for route, _ in made), *(b.route for b in baselines)],
+            coarse, fine, [*(route for route, _ in made), *(route for route, _ in constructed)],
             settings=settings, rule=rule, effort=effort, started=started, evaluations_done=evaluations,
             executor=executor, should_stop=should_stop, on_progress=on_progress,
             look=lambda routes: look(lambda: [*made, *((route, settings.algorithm) for route in routes())]),
