@@ -107,7 +107,7 @@ def improve(
     def found(route: Route) -> None:
         kept.append(_shortened(task, route))
 
-    show = _progress(coverage, pace, effort, evaluations_done, rule, on_progress)
+    show = _progress(coverage, starts, pace, effort, evaluations_done, rule, on_progress)
     seeds = np.random.SeedSequence([settings.seed, _LOCAL_SEARCH_STREAM]).spawn(CHAINS)
     work = Work(
         task,
@@ -190,6 +190,7 @@ def _shortened(task: LocalTask, route: Route) -> Route:
 
 def _progress(
     coverage: CoverageMap,
+    starts: Sequence[Start],
     pace: Pace,
     effort: Effort,
     evaluations_done: int,
@@ -199,8 +200,8 @@ def _progress(
     """What tells ``on_progress`` after a batch."""
     coverable = coverage.share(coverage.coverable)
     asked = rule.required_coverage
-    best: list[float] = [0.0]
-    shortest: list[float] = []
+    best = [max(start.seen for start in starts) * coverable]
+    shortest = [] if asked is None else [start.route.length_m for start in starts if start.seen >= asked]
 
     def show(work: Work, chains: Sequence[Chain]) -> None:
         evaluations = evaluations_done + work.proposals // PROPOSALS_PER_EVALUATION
