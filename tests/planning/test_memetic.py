@@ -175,8 +175,8 @@ def test_only_cells_that_can_be_covered_count_and_a_draft_sees_what_the_map_says
     draft = draft_of(task, route, capacity=10)
     assert draft.seen[0] == pytest.approx(coverage.share_of_coverable(coverage.seen(route.waypoints_m)), rel=1e-12)
     assert ((draft.counts > 0) == coverage.seen(route.waypoints_m)).all()
-    # A leg that sees more than a list holds is cut; what is seen changes only by where the samples fall.
-    short = draft_of(dataclasses.replace(task, stride=60), route, capacity=10)
+    # A leg that sees more runs than there is room for is cut; what is seen changes only by where the samples fall.
+    short = draft_of(dataclasses.replace(task, stride=18), route, capacity=10)
     assert short.size[0] > 3
     assert short.seen[0] == pytest.approx(draft.seen[0], abs=0.02)
 
