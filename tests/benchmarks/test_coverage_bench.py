@@ -176,7 +176,7 @@ class TestPlanners:
         site = load_site("paper-planar")
         found = plan_for(site, PLANAR, "modbo", seed=2, evaluations=50, moments_s=[0.1, 0.4])
         assert sorted(found.moments) == [0.1, 0.4]
-        assert found.cpu_s >= 0.4
+        assert found.cpu_s > 0.3, "CPU seconds of the search to its last moment, 0.4, less what it began with"
 
 
 def outcome(run: CoverageRun, moments: list[tuple[float, float, float]], tried: tuple[Tried, ...] = ()) -> Outcome:

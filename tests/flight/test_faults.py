@@ -177,7 +177,7 @@ def test_an_empty_battery_on_the_way_home_is_no_return():
     def drain(event) -> None:
         scene.events.append(event)
         if "flying home" in event.text:
-            scene.vehicle.body.battery.drop_to(0.001)
+            scene.vehicle.body.battery.drop_to(0.00001)
 
     outcome, text = ended(scene, stop=lambda: int((scene.monitor.time_s or 0.0) > 35.0), on_event=drain)
     assert outcome.ending is Ending.CRASHED

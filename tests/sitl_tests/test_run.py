@@ -2,7 +2,7 @@ from sitl_tests.__main__ import main
 from sitl_tests.matrix import load_matrix
 from sitl_tests.run import kept_result
 
-ONE = ["--vehicle", "mock-px4", "--capability", "connect"]
+ONE = ["--vehicle", "mock-px4", "--capability", "connect", "--client", "native"]
 
 
 def test_a_case_that_was_run_is_taken_from_its_folder(tmp_path, capsys):
