@@ -135,6 +135,7 @@ def test_a_gap_mission_from_where_the_vehicle_is(cli: Cli, flown: Path) -> None:
     assert ended.code == 0, ended.err
     assert (from_home["start"], ended.document["start"]) == ("home", "last")
     assert "--in-flight" in ended.err
+    assert f"uavcover fly {flown / 'gaps'} --resume --to URL" in ended.err
     assert ended.document["coverage_after"] > 0.99
     assert ended.document["path_length_m"] < from_home["path_length_m"]
 

@@ -83,9 +83,12 @@ def close_gaps(
         console.warn(f"the mission does not reach {percent(target)}; the best there is has been written")
     console.say(f"written: {run.file('gaps.geojson')}, {run.file('gap_mission.waypoints')}. Next:")
     if start is Start.LAST:
-        console.say(f"  uavcover upload {run.file('gap_mission.waypoints')} --to URL --in-flight")
-        console.say("  and start it at its first item; it does not take off, and begins where the last log ends")
-        console.say(f"from home, if the vehicle has landed (verify then takes {folder.file('track.csv')}):")
+        console.say(f"  uavcover fly {folder} --resume --to URL, from wherever the vehicle holds in the air;")
+        console.say(
+            f"  or from a ground station: uavcover upload {run.file('gap_mission.waypoints')} --to URL --in-flight,"
+        )
+        console.say("  started at its first item; it does not take off, and begins where the last log ends;")
+        console.say("  or from home, if the vehicle has landed:")
     console.say(f"  uavcover plan-upload {folder} --to URL; uavcover fly {folder} --to URL")
     own = " ".join(f"--log {path}" for path in (*own_logs, folder.file("track.csv")))
     console.say(f"  uavcover verify {run} {own}")
