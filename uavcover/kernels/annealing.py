@@ -177,9 +177,9 @@ def _put(task: Task, draft: Draft, k: int, waypoint: int, de: float, dn: float, 
 
 @kernel
 def _insertion(task: Task, draft: Draft, at: int, de: float, dn: float, rng: np.random.Generator) -> bool:
-    """Write a waypoint to insert into fresh[0]: beside a leg, or, where the order is free, near a cell that nobody sees."""
-    if task.sensing != ALONG_PATH and task.room.legs == 0:
-        return _near_a_gap(task, draft, de, dn, rng)
+    """Write a waypoint to insert into fresh[0]: where the order is free near a cell that nobody sees, or else beside a leg."""
+    if task.sensing != ALONG_PATH and task.room.legs == 0 and _near_a_gap(task, draft, de, dn, rng):
+        return True
     if at + 1 >= draft.size[0]:
         return False
     t = rng.random()

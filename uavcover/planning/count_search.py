@@ -12,10 +12,11 @@ from uavcover.planning.draft_route import draft_of
 from uavcover.planning.goal_search import Start
 from uavcover.planning.local_search import CHAINS, Chain, Work
 
-_SPREAD_UNTIL = 0.35
-_SQUEEZE_UNTIL = 0.85
-_ATTEMPT = 0.125
-_FULL = 1.0 - 1e-9
+FULL = 1.0 - 1e-9
+"""Share of what can be seen from which on all is."""
+
+_ATTEMPTS = 0.25
+"""Share of a squeeze that one number of waypoints gets at a time."""
 
 _HOTTEST_CELLS = 1.2
 _COLDEST_CELLS = 0.012
@@ -33,61 +34,87 @@ class _Stage:
     ways: tuple[float, float]
 
 
-_SPREAD = _Stage((2.5, 1.0), _WAYPOINT_PRICE_CELLS, (_LENGTH_PRICES[0], _LENGTH_PRICES[0]))
+_SPREAD = _Stage((1.0, 0.6), _WAYPOINT_PRICE_CELLS, (_LENGTH_PRICES[0], _LENGTH_PRICES[0]))
 _SQUEEZE = _Stage((0.5, 0.2), 0.0, (_LENGTH_PRICES[0], _LENGTH_PRICES[0]))
 _SWEEP = _Stage((0.4, 0.4), 0.0, _LENGTH_PRICES)
 
 
-def search_counts(
-    work: Work,
-    starts: Sequence[Start],
-    *,
-    capacity: int,
-    until: float,
-    found: Callable[[Route], None],
-) -> None:
-    """Routes with ever fewer waypoints, each with as much coverage as annealing finds.
+@dataclass(frozen=True, slots=True, eq=False)
+class Fewest:
+    """How far the search for few waypoints has come.
 
-    1. Spread: a waypoint has a price, so as many come in as are worth it.
-    2. Squeeze: until all is seen, one waypoint more; while it is, one less; then the same number again.
-    3. Thin: the route that sees all, or most, without the waypoint that sees least by itself, again and again.
-    4. Sweep: down to one waypoint, once for coverage alone and once with the way in mind.
+    Attributes:
+        best: the chain to go on with.
+        whole: that sees all with the fewest waypoints; while nothing does: what saw most at the beginning.
+        full: whether all has been seen by as few as in ``best``, or by one more: no more come in then.
+    """
+
+    best: Chain
+    whole: Start
+    full: bool
+
+
+def spread(
+    work: Work, starts: Sequence[Start], *, capacity: int, until: float, found: Callable[[Route], None]
+) -> Fewest:
+    """A waypoint has a price, so as many come in as are worth it.
 
     Args:
         work: what is looked at, and how much may be done; ``work.task.free_order`` holds.
         starts: one at least.
         capacity: most waypoints.
-        until: share of all the work, 0..1, after which this search ends.
+        until: share of all the work, 0..1, after which this ends.
         found: told every route worth judging.
     """
-    begin = work.pace.fraction
-
-    def at(share: float) -> float:
-        return begin + share * (until - begin)
-
-    if work.stopped or begin >= until:
-        return
     ranked = sorted(starts, key=lambda start: (-start.seen, len(start.route)))
     chains = _chains(work, [ranked[k % len(ranked)].route for k in range(CHAINS)], _SPREAD, capacity=capacity)
-    more = work.run(chains, until=at(_SPREAD_UNTIL))
+    work.run(chains, until=until)
     best = _better(chains, found)
-    whole = ranked[0].route if ranked[0].seen >= _FULL else best.route
-    full = False
-    while more and work.pace.fraction < at(_SQUEEZE_UNTIL):
-        fewer = best.seen >= _FULL and len(best.route) > 1
+    whole = ranked[0] if ranked[0].seen >= FULL else Start(best.route, best.seen)
+    return Fewest(best, whole, full=False)
+
+
+def squeeze(work: Work, fewest: Fewest, *, capacity: int, until: float, found: Callable[[Route], None]) -> Fewest:
+    """Until all is seen, one waypoint more; while it is, one less; then the same number again.
+
+    Args:
+        work: as of :func:`spread`.
+        fewest: how far it has come.
+        capacity: most waypoints.
+        until: share of all the work, 0..1, after which this ends.
+        found: told every route worth judging.
+    """
+    best, whole, full = fewest.best, fewest.whole, fewest.full
+    attempt = _ATTEMPTS * (until - work.pace.fraction)
+    more = True
+    while more and work.pace.fraction < until:
+        fewer = best.seen >= FULL and len(best.route) > 1
         full = full or fewer
         route = _without_least(work, best) if fewer else best.route
         more_room = None if full else min(len(route) + 1, capacity)
         chains = _chains(work, [route] * CHAINS, _SQUEEZE, capacity=more_room)
-        more = work.run(chains, until=min(work.pace.fraction + _ATTEMPT * (until - begin), at(_SQUEEZE_UNTIL)))
+        more = work.run(chains, until=min(work.pace.fraction + attempt, until))
         tried = _better(chains, found)
-        if tried.seen >= _FULL and len(tried.route) <= len(whole):
-            whole = tried.route
+        if tried.seen >= FULL and (whole.seen < FULL or len(tried.route) <= len(whole.route)):
+            whole = Start(tried.route, tried.seen)
         # From fewer waypoints there is no way back, also when they do not see all: what saw all is found already.
         if fewer or tried.energy <= best.energy:
             best = tried
-    _thin(work, whole, found)
-    chains = [best] * CHAINS
+    return Fewest(best, whole, full)
+
+
+def sweep(work: Work, fewest: Fewest, *, until: float, found: Callable[[Route], None]) -> None:
+    """Down to one waypoint: without annealing from what sees all, then annealed, for coverage alone and with the way in mind.
+
+    Args:
+        work: as of :func:`spread`.
+        fewest: what the search for few waypoints has found.
+        until: share of all the work, 0..1, after which this ends.
+        found: told every route worth judging.
+    """
+    _thin(work, fewest.whole.route, found)
+    chains = [fewest.best] * CHAINS
+    more = not work.stopped and work.pace.fraction < until
     while more and max(len(chain.route) for chain in chains) > 1:
         routes = [_without_least(work, chain) if len(chain.route) > 1 else chain.route for chain in chains]
         chains = _chains(work, routes, _SWEEP)

@@ -23,6 +23,8 @@ _DEARER = 1.6
 _START_PRICE = 3.0
 """Missing coverage is cheaper in a beginning: fewer lines are hard to come by, gaps between lines are closed."""
 _WAYPOINT_PRICE = 0.03
+_WAYPOINT_PRICE_FREE = 0.002
+"""Shares of the sensor's radius. Where the order is free a waypoint more is all that makes a tour shorter."""
 _LARGEST_STEP = 0.4
 _HOTTEST = 0.04
 _COLDEST = 5e-4
@@ -30,6 +32,9 @@ _COLDEST = 5e-4
 _HOTTEST_FREE = 2e-3
 _COLDEST_FREE = 1e-5
 """Where the order is free, as shares of the length."""
+_QUENCH = 0.05
+"""Share of the work for a tour that is spent cold, on what there is: a search that is stopped early has that."""
+_QUENCHED = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,6 +106,12 @@ def _search_goal(
         aim = _corrected(goal, chain.seen, judged_coverage(chain.route))
         chain.prices = chain.prices._replace(goal=aim)
     hottest, coldest = chains[0].hottest, chains[0].coldest
+    if work.task.free_order:
+        for chain in chains:
+            chain.hottest = _QUENCHED * coldest
+        work.run(chains, until=begin + _QUENCH * (end - begin))
+        for chain in chains:
+            found(chain.route)
     price = max(chain.prices.coverage for chain in chains)
     out: list[Start] = []
     reached = False
@@ -137,8 +148,10 @@ def _corrected(goal: float, seen: float, judged: float) -> float:
     return min(1.0, max(0.0, seen + goal + SAFETY - judged))
 
 
-def _merit(task: LocalTask, start: Start, goal: float) -> float:
-    return task.cost(start.route) * (1.0 + _START_PRICE * max(0.0, goal - start.seen))
+def _merit(task: LocalTask, start: Start, goal: float) -> tuple[bool, float]:
+    """Smallest for the best beginning; where the order is free, what reaches the goal is better than all that does not."""
+    missing = max(0.0, goal - start.seen)
+    return task.free_order and missing > 0.0, task.cost(start.route) * (1.0 + _START_PRICE * missing)
 
 
 def _chain(work: Work, route: Route, goal: float, capacity: int) -> Chain:
@@ -150,7 +163,10 @@ def _chain(work: Work, route: Route, goal: float, capacity: int) -> Chain:
         task=work.task,
         draft=draft,
         prices=Prices(
-            work.task.metres_per_cost(route), _WAYPOINT_PRICE * work.task.reach_m, _COVERAGE_PRICE * length_m, goal
+            work.task.metres_per_cost(route),
+            (_WAYPOINT_PRICE_FREE if free else _WAYPOINT_PRICE) * work.task.reach_m,
+            _COVERAGE_PRICE * length_m,
+            goal,
         ),
         hottest=_HOTTEST_FREE * length_m if free else _HOTTEST * work.task.reach_m,
         coldest=_COLDEST_FREE * length_m if free else _COLDEST * work.task.reach_m,

@@ -13,8 +13,8 @@ from uavcover.leg_checks import measure_violations
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
 from uavcover.planning.baselines import best_height_agl_m
-from uavcover.planning.count_search import search_counts
 from uavcover.planning.draft_route import LocalTask, local_task
+from uavcover.planning.free_order_search import search_free_order
 from uavcover.planning.goal_search import Start, search_goals
 from uavcover.planning.local_search import (
     CHAINS,
@@ -31,9 +31,6 @@ from uavcover.site import Site
 
 MARGIN_CELLS = 0.45
 """The planner's sensor sees this share of a planning cell less far than the real one, where other cells judge."""
-
-_COUNTS_SHARE = 0.5
-"""Share of the local search that goes over numbers of waypoints when the rule asks for a coverage."""
 
 _MOST_FINEST_CELLS = 2_000_000
 
@@ -126,14 +123,13 @@ def improve(
         return finest.share_of_coverable(finest.seen(route.waypoints_m))
 
     asked = rule.required_coverage
-    counts_share = 0.0 if not task.free_order else 1.0 if asked is None else _COUNTS_SHARE
-    if counts_share < 1.0:
+    capacity = _capacity(task, settings, starts)
+    if task.free_order:
+        search_free_order(work, starts, asked=asked, capacity=capacity, judged_coverage=judged_coverage, found=found)
+    else:
         search_goals(
-            work, starts, asked=asked, capacity=_capacity(task, settings, starts), until=1.0 - counts_share,
-            judged_coverage=judged_coverage, found=found,
-        )  # fmt: skip
-    if counts_share > 0.0:
-        search_counts(work, starts, capacity=settings.max_waypoints, until=1.0, found=found)
+            work, starts, asked=asked, capacity=capacity, until=1.0, judged_coverage=judged_coverage, found=found
+        )
     return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
 
 
