@@ -3,6 +3,7 @@
 import itertools
 import math
 
+import numba
 import numpy as np
 import pytest
 import shapely
@@ -39,6 +40,9 @@ from uavcover.planning.draft_route import draft_of, local_task
 from uavcover.terrain.ground import sine_cosine_ground
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=25)
+
+CHANGES = 600 if numba.config.DISABLE_JIT else 10_000
+"""Interpreted, where only the lines that are reached count, a change takes a hundred times as long."""
 
 SQUARE = np.array([[-3.0, 0.0], [8.0, 0.0], [8.0, 9.0], [-3.0, 9.0]])
 
@@ -177,10 +181,10 @@ def test_counts_after_10_000_changes_are_those_of_a_full_recount(kind, sensing, 
     # Hot, where nearly everything is kept, and cold, where nearly everything is undone.
     for number in range(20):
         temperature = 1e9 if number % 4 == 0 else 0.02
-        kept += anneal(task, prices, Schedule(500, temperature, temperature, 1.0, fewest, 14), draft, rng)
+        kept += anneal(task, prices, Schedule(CHANGES // 20, temperature, temperature, 1.0, fewest, 14), draft, rng)
         sizes.add(int(draft.size[0]))
         assert fewest <= draft.size[0] <= 14
-    assert 300 < kept < 9000
+    assert 0.03 < kept / CHANGES < 0.9
     assert len(sizes) > 1
     before = draft.counts.copy(), float(draft.seen[0])
     assert sorted(draft.slot.tolist()) == list(range(14 + WIDEST + 1))
