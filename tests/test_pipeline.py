@@ -49,6 +49,15 @@ def test_bounds_are_what_nothing_beats() -> None:
     assert "length_reference_m" not in pipeline.bounds(pipeline.load_site("paper-R2"))
 
 
+def test_the_least_length_is_the_bound_of_the_plan() -> None:
+    site = pipeline.load_site("jacksboro")
+    least_m = pipeline.least_length_m(site, "coverage>=0.98")
+    assert least_m is not None
+    assert 3000.0 < least_m < pipeline.bounds(site)["length_reference_m"]
+    assert pipeline.least_length_m(site, "knee") is None
+    assert pipeline.least_length_m(pipeline.load_site("paper-R2"), "coverage>=0.98") is None
+
+
 @pytest.mark.parametrize("changes", [{"budget_s": 0.0}, {"workers": 0}, {"evaluations": -1}, {"algorithm": "beetle"}])
 def test_arguments_out_of_range(changes: dict[str, object]) -> None:
     site = pipeline.load_site("paper-R2")

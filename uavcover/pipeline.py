@@ -41,9 +41,11 @@ from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings, RasterTer
 from uavcover.model.track import Track
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planning.baselines import best_height_agl_m
+from uavcover.planning.bounds.path_length import least_path_length_m
 from uavcover.planning.bounds.plan_bounds import are_quick, path_bounds, waypoint_bounds
 from uavcover.planning.objectives import judge
 from uavcover.planning.planner import Effort, Progress, plan_routes
+from uavcover.planning.selection import parse_rule
 from uavcover.planning.set_cover.programs import SolverEffort
 from uavcover.run_folder import SCHEMA_VERSION, RunFolder, json_text
 from uavcover.scenario import dump_scenario, load_scenario, terrain_path
@@ -192,6 +194,22 @@ def verify(site: Site, track: Track, planned: PlannedRoute | None = None) -> Ver
 def judging_map(site: Site) -> CoverageMap:
     """The cells that results are judged on."""
     return CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m)
+
+
+def least_length_m(site: Site, rule: str) -> float | None:
+    """A length that no path which sees what a rule asks for is shorter than; none where there is nothing to compare with it.
+
+    Args:
+        site: the scenario on its ground.
+        rule: see :mod:`uavcover.planning.selection`; there is a limit when it names a coverage, for a sensor that looks
+            along the path and an objective that is a length.
+
+    Raises:
+        InputError: the rule cannot be understood.
+    """
+    share = parse_rule(rule).required_coverage
+    in_metres = site.scenario.planner.objective == "length" and site.scenario.sensor.sensing == "along-path"
+    return least_path_length_m(judging_map(site), share) if in_metres and share is not None else None
 
 
 def bounds(site: Site, result: Plan | None = None, *, time_s: float | None = None) -> dict[str, Any]:

@@ -1,4 +1,5 @@
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -10,7 +11,8 @@ import pytest
 
 from tests.cli.conftest import EVALUATIONS, Cli, command, files, in_process, limited_to, started, wait_for_line
 from uavcover.cli.console import Console
-from uavcover.cli.planning import PlanRequest, plan_into
+from uavcover.cli.planning import PlanRequest, plan_into, progress_in_words
+from uavcover.planning.planner import Progress
 
 PLANNED = {
     "scenario.toml", "run.json", "pareto.csv", "pareto_routes.csv", "plan.json",
@@ -204,9 +206,23 @@ def test_progress_bar_only_on_a_terminal_and_after_two_seconds(tmp_path: Path) -
     )  # fmt: skip
     assert seen.returncode == 0
     assert "━" in seen.stdout
+    assert re.search(r"\d m, gap \d+\.\d %", seen.stdout)
     piped = in_process("plan", "jacksboro", "-o", tmp_path / "piped", "--evaluations", EVALUATIONS)
     assert "━" not in piped.out + piped.err
     assert piped.err == "" or all(line.startswith("warning:") for line in piped.err.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("shortest_m", "least_m", "words"),
+    [
+        (None, 5000.0, "97.2 %"),
+        (7250.0, None, "97.2 %, 7250 m"),
+        (7250.0, 0.0, "97.2 %, 7250 m"),
+        (7250.0, 5000.0, "97.2 %, 7250 m, gap 45.0 %"),
+    ],
+)
+def test_progress_tells_coverage_length_and_gap(shortest_m: float | None, least_m: float | None, words: str) -> None:
+    assert progress_in_words(Progress(10, 20, 0.972, shortest_m), "m", least_m) == words
 
 
 def test_request_is_all_that_planning_needs(tmp_path: Path) -> None:

@@ -18,6 +18,8 @@ from uavcover.errors import OutputError
 from uavcover.run_folder import json_line
 
 _SHOW_AFTER_S = 2.0
+_BAR_WIDTH = 24
+"""So that a note of 36 characters fits beside it into 80."""
 
 
 class Console:
@@ -79,7 +81,7 @@ class Console:
             return
         columns = (
             TextColumn("{task.description}"),
-            BarColumn(),
+            BarColumn(bar_width=_BAR_WIDTH),
             TextColumn("{task.fields[note]}"),
             TimeRemainingColumn(),
         )

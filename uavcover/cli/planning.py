@@ -139,16 +139,33 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
 
 def _search(site: Site, request: PlanRequest, stops: Interrupts, bar: Bar) -> Plan:
     unit = "s" if site.scenario.planner.objective == "flight-time" else "m"
+    bar.update(0, note="baselines first")
+    least_m = pipeline.least_length_m(site, request.select or site.scenario.select)
 
     def show(progress: Progress) -> None:
-        shortest = "" if progress.shortest_m is None else f", {progress.shortest_m:.0f} {unit}"
-        bar.update(progress.evaluations, total=progress.total, note=f"{100 * progress.best_coverage:.1f} %{shortest}")
+        bar.update(progress.evaluations, total=progress.total, note=progress_in_words(progress, unit, least_m))
 
     return pipeline.plan(
         site, seed=request.seed, evaluations=request.evaluations, budget_s=request.budget_s, algorithm=request.algorithm,
         max_waypoints=request.max_waypoints, select=request.select, workers=request.workers,
         should_stop=stops.any, on_progress=show,
     )  # fmt: skip
+
+
+def progress_in_words(progress: Progress, unit: str, least: float | None) -> str:
+    """Coverage, the shortest route that has what is asked for, and its gap to what no route can beat, as far as they are known.
+
+    Args:
+        progress: of the search.
+        unit: of the length or time that is made small.
+        least: what no route can beat, in that unit.
+    """
+    words = f"{100.0 * progress.best_coverage:.1f} %"
+    if progress.shortest_m is not None:
+        words += f", {progress.shortest_m:.0f} {unit}"
+        if least:
+            words += f", gap {100.0 * (progress.shortest_m / least - 1.0):.1f} %"
+    return words
 
 
 def _bounds(site: Site, request: PlanRequest, result: Plan, console: Console) -> dict[str, Any]:
