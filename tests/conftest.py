@@ -1,8 +1,21 @@
 """What all tests share: hypothesis draws the same examples every time, and is patient on a machine with other work."""
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 settings.register_profile(
     "uavcover", derandomize=True, deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("uavcover")
+
+LONG = (
+    "tests/test_setup.py", "tests/test_wheel.py", "tests/cli/test_fly.py", "tests/cli/test_gaps.py", "tests/cli/test_plan.py",
+    "tests/cli/", "tests/flight/", "tests/planning/test_memetic.py", "tests/kernels/test_draft.py",
+    "tests/mission_io/test_presets.py",
+)  # fmt: skip
+"""Files and folders that take long, the longest first: begun last, one of them would keep a single process busy at the end."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Long files first, the others in their order."""
+    items.sort(key=lambda item: next((k for k, name in enumerate(LONG) if item.nodeid.startswith(name)), len(LONG)))

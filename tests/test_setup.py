@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.compiled_kernels import lend_compiled_kernels
+
 ROOT = Path(__file__).parents[1]
 NEW = {"track.csv", "flight.rrd", "verification.json", "plan.json", "mission.waypoints", "mission.plan", "upload.json"}
 
@@ -46,6 +48,7 @@ def test_demo_in_a_clean_clone_and_once_more(clone: Path, tmp_path: Path) -> Non
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", clone / ".venv"], check=True, timeout=60)
     (packages,) = (clone / ".venv" / "lib").glob("python*/site-packages")
     (packages / "borrowed.pth").write_text("".join(f"{path}\n" for path in site.getsitepackages()))
+    lend_compiled_kernels(clone)
     arguments = ("--evaluations", "40", "--speed", "100")
 
     first = demo(clone, tmp_path / "out", *arguments, timeout_s=200, PIP_NO_INDEX="1")

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.compiled_kernels import lend_compiled_kernels
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -37,6 +39,7 @@ def test_installed_elsewhere_it_flies_the_demo(wheel: Path, tmp_path: Path) -> N
          "--no-compile", "--target", target, wheel],
         check=True, capture_output=True, timeout=100,
     )  # fmt: skip
+    lend_compiled_kernels(target)
     environment = {**os.environ, "PYTHONPATH": str(target)}
     environment.pop("COV_CORE_SOURCE", None)
 
@@ -50,6 +53,6 @@ def test_installed_elsewhere_it_flies_the_demo(wheel: Path, tmp_path: Path) -> N
 
     where = run("-c", "import uavcover, mission_io; print(uavcover.__file__); print(mission_io.__file__)").split()
     assert all(Path(path).is_relative_to(target) for path in where)
-    out = run("-m", "uavcover", "demo", "-o", "run", "--evaluations", "40", "--json", "-q")
+    out = run("-m", "uavcover", "demo", "-o", "run", "--evaluations", "40", "--speed", "100", "--json", "-q")
     assert json.loads(out)["verification"]["passed"] is True
     assert (elsewhere / "run" / "flight.rrd").exists()

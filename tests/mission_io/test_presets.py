@@ -72,6 +72,7 @@ def test_bandwidth_spaces_datagrams_and_a_full_buffer_drops_them() -> None:
             Conditions(**bad)
 
 
+@pytest.mark.no_cover  # thousands of times the same lines, three times as slow when they are traced
 @BOTH
 def test_time_of_a_long_mission(autopilot: Autopilot) -> None:
     """5,000 items at 20 ms there and back: the protocol's limit is a round trip an item; one item ahead halves it."""
@@ -91,6 +92,7 @@ def test_time_of_a_long_mission(autopilot: Autopilot) -> None:
     assert count * round_trip_s < plain.clock.now() - began < 1.05 * count * round_trip_s
 
 
+@pytest.mark.no_cover
 def test_memory_of_a_long_upload_does_not_grow() -> None:
     """What a transfer allocates between its 500th and its 4,500th item is gone again, but for the vehicle's own list."""
     peer = VehiclePeer(PX4)

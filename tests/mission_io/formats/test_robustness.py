@@ -78,6 +78,7 @@ SIZES: dict[str, tuple[Callable[[str], object], Callable[[int], str]]] = {
 }
 
 
+@pytest.mark.no_cover  # what is timed is not traced
 @pytest.mark.parametrize("name", SIZES)
 def test_no_reader_takes_quadratic_time(name: str) -> None:
     read, make = SIZES[name]
