@@ -2,6 +2,7 @@
 
 import math
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -79,6 +80,14 @@ def test_other_sensors_have_no_quick_way():
     surface = sine_cosine_ground(1.0).surface
     cells: Cells = cells_on(surface)
     assert listed(surface, Sight(SPHERE, 2.0, 0.0, -1.0, RAY), cells, (1.0, 3.0, 2.0), (1.0, 3.0, 2.0), 1.0) is None
+
+
+def test_regression_every_sensor_is_compiled_for_once():
+    cells = cells_on(sine_cosine_ground(1.0).surface)
+    surface = sine_cosine_ground(1.0).surface
+    sights = Sight(SPHERE, 2.0, 0.0, -1.0, RAY), Sight(CONE, 9.0, 1.4, -1.0, NO_LINE_OF_SIGHT)
+    sphere, cone = (numba.typeof(cone_cells(surface, sight, cells)) for sight in sights)
+    assert sphere == cone
 
 
 def test_runs_that_do_not_fit_say_so():

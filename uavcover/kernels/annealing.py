@@ -35,10 +35,13 @@ from uavcover.kernels.draft import (
 )
 from uavcover.kernels.draft_cost import exchange_cost, reversal_cost, transfer_cost
 from uavcover.kernels.runs import compare, make_changes
+from uavcover.kernels.sight import FRUSTUM, Sight
 from uavcover.kernels.surface import height
 
 _SMALLEST_STEP = 0.01
 _TRIES_FOR_A_GAP = 24
+_STRAIGHT_DOWN = 1e-9
+"""Cosine of a camera's pitch below which a leg shows the same both ways."""
 
 
 class Prices(NamedTuple):
@@ -150,6 +153,12 @@ def _exchange(
         last = min(n, first + 1 + int(3.0 * rng.random() ** 3))
         if n - (last - first) < schedule.fewest:
             return False
+    return _settle(task, prices, draft, allowance, first, last, fresh)
+
+
+@kernel
+def _settle(task: Task, prices: Prices, draft: Draft, allowance: float, first: int, last: int, fresh: int) -> bool:
+    """Put the first ``fresh`` of draft.fresh in the place of waypoints first..last - 1; whether it was kept."""
     if not exchange_allowed(task, draft, first, last, fresh):
         return False
     change = prices.way * exchange_cost(task, draft, first, last, fresh) + prices.waypoint * (fresh - (last - first))
@@ -277,6 +286,12 @@ def _turn_round(task: Task, prices: Prices, draft: Draft, allowance: float, rng:
         i, j = j, i
     if i == j or (i == 0 and j == n - 1):
         return False
+    if task.sensing == ALONG_PATH and _shows_more_one_way(task.sight):
+        # Every leg of the stretch shows other cells on the way back: all are exchanged, and so the stretch is short.
+        count = min(j - i + 1, WIDEST)
+        for k in range(count):
+            draft.fresh[k, 0], draft.fresh[k, 1], draft.fresh[k, 2] = place(draft.route, i + count - 1 - k)
+        return _settle(task, prices, draft, allowance, i, i + count, count)
     p, q = place(draft.route, i), place(draft.route, j)
     change = prices.way * reversal_cost(task, draft, i, j)
     share = energy_of_share(prices, draft.seen[0])
@@ -293,6 +308,12 @@ def _turn_round(task: Task, prices: Prices, draft: Draft, allowance: float, rng:
     reverse_order(draft.slot, i, j)
     reverse_rows(draft.route, i, j)
     return True
+
+
+@kernel
+def _shows_more_one_way(sight: Sight) -> bool:
+    """Whether a leg shows other cells when it is flown the other way: a tilted camera that turns with the legs."""
+    return sight.kind == FRUSTUM and math.isnan(sight.heading_e) and sight.cos_pitch > _STRAIGHT_DOWN
 
 
 @kernel

@@ -47,9 +47,9 @@ class ConeCells(NamedTuple):
 
 
 def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
-    """Lay cells out for the quick way."""
+    """Lay cells out for the quick way; nothing for other sensors."""
     if sight.kind != CONE or sight.line_of_sight not in (NO_LINE_OF_SIGHT, RAY):
-        return ConeCells(np.empty((0, 0)), np.empty((0, 0), dtype=np.bool_), np.empty((0, 0)))
+        return _read_only(ConeCells(np.empty((0, 0)), np.empty((0, 0), dtype=np.bool_), np.empty((0, 0))))
     there = cells.lattice >= 0
     numbers = cells.lattice[there]
     up_m = np.full(cells.lattice.shape, np.nan)
@@ -66,9 +66,14 @@ def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
     blocks = np.full((rows * _BLOCK, columns * _BLOCK), np.inf)
     blocks[at_row, at_column] = up_m[there]
     lowest_m = np.ascontiguousarray(blocks.reshape(rows, _BLOCK, columns, _BLOCK).min(axis=(1, 3)))
-    for array in (up_m, plain, lowest_m):
+    return _read_only(ConeCells(up_m, plain, lowest_m))
+
+
+def _read_only(cells: ConeCells) -> ConeCells:
+    """All alike, because kernels are compiled once for arrays that can be written and once for those that cannot."""
+    for array in cells:
         array.flags.writeable = False
-    return ConeCells(up_m, plain, lowest_m)
+    return cells
 
 
 @kernel
