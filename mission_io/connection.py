@@ -22,6 +22,9 @@ __all__ = ["Connection", "VehicleInfo"]
 
 _HEARTBEAT_S = 1.0
 
+_CATCH_UP_S = 0.1
+"""How long ``poll`` reads what is here already: a vehicle that sends faster than a busy machine reads would never let it end."""
+
 
 class Connection:
     """Sends a heartbeat each second while it waits, and keeps the latest heartbeat of the vehicle it talks to.
@@ -133,11 +136,13 @@ class Connection:
     def poll(self, timeout_s: float) -> list[Received]:
         """Wait for messages, for at most ``timeout_s`` seconds, and return all that are here; none is an empty list.
 
-        Messages that arrived while a command or a transfer was going on are not here again: see ``listener``.
+        Where more come than can be read in a tenth of a second, the others are left for the next call. Messages that arrived
+        while a command or a transfer was going on are not here again: see ``listener``.
         """
         deadline = self.clock.now() + timeout_s
         messages = self._next_messages(deadline)
-        while messages and (more := self._receive(0.0)):
+        until = self.clock.now() + _CATCH_UP_S
+        while messages and self.clock.now() < until and (more := self._receive(0.0)):
             messages.extend(more)
         return messages
 
