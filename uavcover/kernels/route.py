@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
 from uavcover.kernels.obstacles import top_within_m
-from uavcover.kernels.surface import Surface, height
+from uavcover.kernels.surface import Surface, height, height_range_between
 
 
 @kernel
@@ -146,7 +146,8 @@ def follow_terrain(
 ) -> NDArray[np.float64]:
     """Lay a polyline over the ground: heights inside a band above it, slopes inside a limit, few waypoints.
 
-    1. Sample the ground along the line.
+    1. Sample the ground along the line. What rises above the straight line between two samples of it, or sinks below, narrows
+       the band at both of them by as much: chords that keep the band at the samples keep it everywhere.
     2. The lowest and highest allowed profiles are widened until no slope is steeper than ``max_slope``: where the ground
        rises faster, the climb starts earlier. Where both cannot be had, the lower limit wins. Near an obstacle the lowest
        profile is that far above its top.
@@ -162,7 +163,7 @@ def follow_terrain(
         high: largest height above ground, metres.
         max_slope: tangent of the steepest climb.
         tolerance: how far a chord may leave the reference, metres.
-        spacing: distance between samples, metres. Between two samples the ground is not looked at.
+        spacing: largest distance between samples, metres.
         beside: clearance beside obstacles, metres.
         above: clearance above their tops, metres.
 
@@ -173,6 +174,7 @@ def follow_terrain(
     along = np.empty(count)
     east = np.empty(count)
     north = np.empty(count)
+    ground = np.empty(count)
     reference = np.empty(count)
     lowest = np.empty(count)
     highest = np.empty(count)
@@ -190,13 +192,14 @@ def follow_terrain(
             # The corner itself at the end, not a sum that rounds beside it.
             east[k] = polyline[i, 0] + t * (polyline[i + 1, 0] - polyline[i, 0]) if t < 1.0 else polyline[i + 1, 0]
             north[k] = polyline[i, 1] + t * (polyline[i + 1, 1] - polyline[i, 1]) if t < 1.0 else polyline[i + 1, 1]
-            ground = height(surface, east[k], north[k])
-            reference[k] = ground + wanted[i] + t * (wanted[i + 1] - wanted[i])
+            ground[k] = height(surface, east[k], north[k])
+            reference[k] = ground[k] + wanted[i] + t * (wanted[i + 1] - wanted[i])
             # Both samples around a place that is near an obstacle are as high as it asks for, and so is the chord between.
-            lowest[k] = max(ground + low, top_within_m(surface.obstacles, east[k], north[k], beside + spacing) + above)
-            highest[k] = ground + high
+            lowest[k] = max(ground[k] + low, top_within_m(surface.obstacles, east[k], north[k], beside + spacing) + above)
+            highest[k] = ground[k] + high
         corner[k] = True
     corner[0] = True
+    _narrow(surface, east, north, ground, lowest, highest)
     _widen(along, lowest, max_slope)
     _widen(along, reference, max_slope)
     for i in range(count):
@@ -207,6 +210,31 @@ def follow_terrain(
         if not math.isnan(reference[i]):
             reference[i] = max(lowest[i], min(highest[i], reference[i]))
     return _chords(along, east, north, reference, lowest, highest, corner, tolerance)
+
+
+@kernel
+def _narrow(
+    surface: Surface,
+    east: NDArray[np.float64],
+    north: NDArray[np.float64],
+    ground: NDArray[np.float64],
+    lowest: NDArray[np.float64],
+    highest: NDArray[np.float64],
+) -> None:
+    """Narrow the band in place, at both samples, by how far the ground between them leaves the straight line through it."""
+    rise = np.zeros(east.size)
+    fall = np.zeros(east.size)
+    for k in range(1, east.size):
+        below, _, above, _ = height_range_between(
+            surface, east[k - 1], north[k - 1], ground[k - 1], east[k], north[k], ground[k], -math.inf
+        )
+        if below < 0.0:
+            rise[k - 1], rise[k] = max(rise[k - 1], -below), max(rise[k], -below)
+        if above > 0.0:
+            fall[k - 1], fall[k] = max(fall[k - 1], above), max(fall[k], above)
+    for k in range(east.size):
+        lowest[k] += rise[k]
+        highest[k] -= fall[k]
 
 
 @kernel

@@ -12,8 +12,8 @@ from uavcover.site import Site
 FloatArray = NDArray[np.float64]
 
 SAMPLE_SPACING_M = 5.0
-SLACK = 0.02
-"""Share of the band that is left free at both ends for the ground between two samples; the exact check comes after."""
+HAIR_M = 1e-6
+"""So much of the band is left free at both ends, so that rounding does not break it."""
 
 
 def lay_over_terrain(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArray, *, tolerance_m: float) -> FloatArray:
@@ -34,14 +34,12 @@ def lay_over_terrain(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArra
     # A sample's distance farther away nothing is raised over an obstacle.
     polyline_m, wanted_agl_m = around_obstacles(site, polyline_m, wanted_agl_m, apart_m=SAMPLE_SPACING_M)
     limits = site.scenario.limits
-    band = limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m
-    slack = SLACK * band
     points = follow_terrain(
         site.ground.surface,
         np.ascontiguousarray(polyline_m, dtype=float),
         np.ascontiguousarray(wanted_agl_m, dtype=float),
-        limits.min_height_agl_m + limits.height_margin_m + slack,
-        limits.max_height_agl_m - limits.height_margin_m - slack,
+        limits.min_height_agl_m + limits.height_margin_m + HAIR_M,
+        limits.max_height_agl_m - limits.height_margin_m - HAIR_M,
         # A hair below the limit, so that rounding does not break it.
         math.tan(math.radians(limits.max_climb_angle_deg)) * (1.0 - 1e-9),
         max(tolerance_m, 0.0),
