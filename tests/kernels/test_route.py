@@ -108,7 +108,7 @@ def densely(route, polyline, spacing):
 
 
 def left_by_the_ground(surface, places, steps=200):
-    """How far the ground rises above the straight lines through it on both sides of each place, and sinks below, by small steps."""
+    """How far the ground rises above the straight lines through it beside each place, and sinks below, by small steps."""
     rise, fall = np.zeros(len(places)), np.zeros(len(places))
     at_place = [height(surface, *place) for place in places]
     for k in range(len(places) - 1):
@@ -143,16 +143,16 @@ def test_terrain_following_keeps_band_slope_tolerance_and_corners(seed, max_slop
     assert (np.abs(np.diff(route[:, 2])) <= max_slope * runs * (1 + 1e-9) + 1e-9).all()
     places, along, up = densely(route, polyline, spacing)
     ground = np.array([height(surface, *place) for place in places])
-    lowest = min(
-        (height_range_above(surface, p, q, -math.inf)[0] for p, q in itertools.pairwise(route) if math.dist(p, q) > 0.0), default=low
-    )
+    lowest = min(height_range_above(surface, p, q, -math.inf)[0] for p, q in itertools.pairwise(route))
     assert lowest >= low - 1e-6, "below the band, if only between two samples"
     rise, fall = left_by_the_ground(surface, places)
     floor, ceiling = ground + low + rise, ground + high - fall
     # The ceiling of the widened profiles, by their definition: no place forces more than its own floor less the slope.
     reachable_floor = (floor - max_slope * np.abs(along[:, None] - along)).max(axis=1)
     reachable_ceiling = (ceiling + max_slope * np.abs(along[:, None] - along)).min(axis=1)
-    assert (up <= np.maximum(reachable_floor, reachable_ceiling) + BETWEEN_STEPS_M).all(), "above the band for no reason"
+    assert (up <= np.maximum(reachable_floor, reachable_ceiling) + BETWEEN_STEPS_M).all(), (
+        "above the band for no reason"
+    )
     if (reachable_floor <= reachable_ceiling - BETWEEN_STEPS_M).all():
         highest = max(height_range_above(surface, p, q, -math.inf)[2] for p, q in itertools.pairwise(route))
         assert highest <= high + 1e-6, "above the band though both limits can hold"

@@ -23,21 +23,25 @@ def test_the_edge_is_where_small_steps_find_it(sight):
         east, north, direction = rng.uniform(0.0, 60.0, 3)
         up = height(SURFACE, east, north) + rng.uniform(1.0, 3.0)
         toward = math.cos(direction), math.sin(direction)
-        expected = naive.side_reach(SURFACE, sight, east, north, up, *toward)
+        slope = rng.choice([0.0, 0.4, -0.8])
+        expected = naive.side_reach(SURFACE, sight, east, north, up, *toward, slope)
         # Between two steps ground and edge are taken as straight.
-        found = side_reach(SURFACE, sight, east, north, up, *toward)
-        assert found == pytest.approx(expected, abs=0.02 * horizontal_reach(sight))
+        found = side_reach(SURFACE, sight, east, north, up, *toward, slope)
+        assert found == pytest.approx(min(expected, horizontal_reach(sight)), abs=0.02 * horizontal_reach(sight))
 
 
 def gaps(across, heights, along):
-    """(n + 1, s) between the strips of level lines flown east, and to the borders at 0 and 20."""
+    """(n + 1, s) between the strips of lines flown east over the ground, and to the borders at 0 and 20."""
+    step = along[1] - along[0]
     edges = np.empty((2 * len(across) + 2, len(along)))
     edges[0], edges[-1] = 0.0, 20.0
     for i, east in enumerate(along.tolist()):
         for k, north in enumerate(across[:, i].tolist()):
             up = height(SURFACE, east, north) + heights[k]
-            edges[2 * k + 1, i] = north - side_reach(SURFACE, CAMERA, east, north, up, 0.0, -1.0)
-            edges[2 * k + 2, i] = north + side_reach(SURFACE, CAMERA, east, north, up, 0.0, 1.0)
+            ahead, behind = (across[k, min(max(i + d, 0), len(along) - 1)] for d in (1, -1))
+            slope = (height(SURFACE, east + step, ahead) - height(SURFACE, east - step, behind)) / (2.0 * step)
+            edges[2 * k + 1, i] = north - side_reach(SURFACE, CAMERA, east, north, up, 0.0, -1.0, slope)
+            edges[2 * k + 2, i] = north + side_reach(SURFACE, CAMERA, east, north, up, 0.0, 1.0, slope)
     return edges[1::2] - edges[::2]
 
 

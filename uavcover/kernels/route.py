@@ -195,7 +195,9 @@ def follow_terrain(
             ground[k] = height(surface, east[k], north[k])
             reference[k] = ground[k] + wanted[i] + t * (wanted[i + 1] - wanted[i])
             # Both samples around a place that is near an obstacle are as high as it asks for, and so is the chord between.
-            lowest[k] = max(ground[k] + low, top_within_m(surface.obstacles, east[k], north[k], beside + spacing) + above)
+            lowest[k] = max(
+                ground[k] + low, top_within_m(surface.obstacles, east[k], north[k], beside + spacing) + above
+            )
             highest[k] = ground[k] + high
         corner[k] = True
     corner[0] = True

@@ -32,9 +32,9 @@ FloatArray = NDArray[np.float64]
 _STATION_SHARE = 0.25
 """Distance of stations along the lines, as a share of the sensor's reach."""
 _ROUNDS = 16
-_SMOOTHING = 6
-_INSET = 0.8
-_TOLERANCE_SHARE = 0.025
+_SMOOTHING = 10
+_INSETS = (0.8, 1.0)
+_TOLERANCE_SHARE = 0.005
 """How far legs may leave the best height, as a share of the band: a strip is as wide as its sensor is high."""
 _STRAIGHT_SHARE = 0.01
 """A line may be laid straight where it leaves its bends by no more than this share of the reach."""
@@ -46,21 +46,22 @@ def can_be_balanced(site: Site) -> bool:
 
 
 def balanced_lines(site: Site, angle_rad: float) -> list[Route]:
-    """Routes of balanced lines in a direction, for the numbers of lines around the width of the area over that of a swath."""
+    """Routes of balanced lines in a direction and across it, with the numbers of lines around what the area has room for."""
     limits = site.scenario.limits
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
     tolerance = _TOLERANCE_SHARE * (high - low)
     height = best_height_agl_m(site, tolerance_m=tolerance)
     swath = 2.0 * max(reach_at_height_m(site.scenario.sensor, height), site.scenario.area.cell_size_m)
-    lines = width_across_m(site, angle_rad) / swath
-    numbers = range(max(1, math.floor(lines) - 1), math.ceil(lines) + 2)
-    return [
-        fly_balanced(
-            site,
-            regular_layout(angle_rad=angle_rad, lines=number, height_agl_m=height, inset=_INSET, tolerance_m=tolerance),
-        )
-        for number in numbers
-    ]
+    routes = []
+    for angle in (angle_rad, angle_rad + 0.5 * math.pi):
+        lines = width_across_m(site, angle) / swath
+        for number in range(max(1, math.floor(lines) - 1), math.ceil(lines) + 2):
+            for inset in _INSETS:
+                layout = regular_layout(
+                    angle_rad=angle, lines=number, height_agl_m=height, inset=inset, tolerance_m=tolerance
+                )
+                routes.append(fly_balanced(site, layout))
+    return routes
 
 
 def fly_balanced(site: Site, layout: SwathLayout) -> Route:
