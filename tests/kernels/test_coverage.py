@@ -73,10 +73,13 @@ def rough_ground(seed, *, gaps=False):
 
 
 def cells_on(surface, seed=0):
-    """Cells of 0.45 on most of the lattice, in a shuffled order, none where the ground has no data."""
+    """Cells of 0.45 on most of the lattice, in a shuffled order, none without data below; scattered for every third seed."""
     rng = np.random.default_rng(seed)
     east0, north0, size = -0.8, 2.1, 0.45
     east, north = np.meshgrid(east0 + np.arange(10) * size, north0 + np.arange(8) * size)
+    scatter = 0.5 * size if seed % 3 == 2 else 0.0
+    moved = np.random.default_rng([seed, 1])
+    east, north = east + moved.uniform(-scatter, scatter, (8, 1)), north + moved.uniform(-scatter, scatter, 10)
     up = heights(surface, east.ravel(), north.ravel()).reshape(east.shape)
     roof = roofs_m(surface.obstacles, east.ravel(), north.ravel()).reshape(up.shape)
     up = np.maximum(up, roof)
@@ -90,9 +93,10 @@ def cells_on(surface, seed=0):
     normals = np.column_stack([-slopes, np.ones(len(places))])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     horizon = horizons(surface.obstacles, lattice, places, east0, north0, size, 100.0)
+    scatter_m = scatter * math.sqrt(2.0)
     for array in (lattice, places, normals, horizon):
         array.setflags(write=False)
-    return Cells(east0, north0, size, lattice, places, normals, horizon)
+    return Cells(east0, north0, size, lattice, places, normals, horizon, scatter_m)
 
 
 def eyes_over(seed, count=3):

@@ -1,5 +1,6 @@
 """The area cut into cells."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,6 +46,21 @@ def make_cells(site: Site, cell_size_m: float) -> CellGrid:
         ScenarioError: no cell, or too many.
         TerrainError: the area reaches outside the elevation data, or into a part without data.
     """
+    return _cut(site, cell_size_m, scatter=0.0)
+
+
+def make_scattered_cells(site: Site, cell_size_m: float) -> CellGrid:
+    """Likewise, every cell seen by a place in it that is another one from row to row and from column to column.
+
+    Between two columns of centres there is room for a strip that nobody sees, as wide as a cell; what is searched for on such
+    cells finds it. Here each row is moved along itself, and each column, by the golden ratio's share of a cell more than the
+    one before, so that a line in any direction passes centres at all distances.
+    """
+    return _cut(site, cell_size_m, scatter=1.0)
+
+
+def _cut(site: Site, cell_size_m: float, *, scatter: float) -> CellGrid:
+    """The cells; their centres are moved by up to half of ``scatter`` cells each way."""
     west, south, east, north = site.area.bounds
     columns = max(1, int(np.ceil((east - west) / cell_size_m - 1e-9)))
     rows = max(1, int(np.ceil((north - south) / cell_size_m - 1e-9)))
@@ -56,6 +72,8 @@ def make_cells(site: Site, cell_size_m: float) -> CellGrid:
     e = west + (np.arange(columns) + 0.5) * cell_size_m
     n = south + (np.arange(rows) + 0.5) * cell_size_m
     grid_e, grid_n = np.meshgrid(e, n)
+    grid_e = grid_e + scatter * cell_size_m * _golden(rows)[:, None]
+    grid_n = grid_n + scatter * cell_size_m * _golden(columns)
     inside = shapely.contains_xy(site.area, grid_e, grid_n)
     if not inside.any():
         raise ScenarioError(f"area.cell_size_m: no centre of a cell of {cell_size_m:g} m lies in the area")
@@ -74,13 +92,20 @@ def make_cells(site: Site, cell_size_m: float) -> CellGrid:
     centre = np.column_stack([places, up])
     normal = np.column_stack([-slopes, np.ones(len(places))]) / steepness[:, None]
     weight = cell_size_m**2 * steepness
+    scatter_m = scatter * cell_size_m * math.sqrt(0.5)
     horizon = horizons(
         site.ground.surface.obstacles, index, centre, float(e[0]), float(n[0]), float(cell_size_m),
-        farthest_m(site.scenario.sensor),
+        farthest_m(site.scenario.sensor) + scatter_m,
     )  # fmt: skip
     for array in (index, centre, normal, horizon, weight):
         array.flags.writeable = False
-    return CellGrid(Cells(float(e[0]), float(n[0]), float(cell_size_m), index, centre, normal, horizon), weight)
+    cells = Cells(float(e[0]), float(n[0]), float(cell_size_m), index, centre, normal, horizon, scatter_m)
+    return CellGrid(cells, weight)
+
+
+def _golden(count: int) -> NDArray[np.float64]:
+    """(count,) numbers -0.5..0.5, each the golden ratio's share of the whole behind the one before."""
+    return (np.arange(count) * (0.5 * (math.sqrt(5.0) - 1.0))) % 1.0 - 0.5
 
 
 def _missing(site: Site, places: NDArray[np.float64], missing: NDArray[np.bool_]) -> str:

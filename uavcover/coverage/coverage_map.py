@@ -1,5 +1,6 @@
 """Coverage of routes and tracks, and what can be covered at all."""
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -28,9 +29,9 @@ class CoverageMap:
         sight: its sensor.
     """
 
-    def __init__(self, site: Site, *, cell_size_m: float) -> None:
+    def __init__(self, site: Site, *, cell_size_m: float, cut: Callable[[Site, float], CellGrid] = make_cells) -> None:
         self.site = site
-        self.grid: CellGrid = make_cells(site, cell_size_m)
+        self.grid: CellGrid = cut(site, cell_size_m)
         self.sight: Sight = sight_of(site.scenario.sensor)
 
     def looks(self, route_m: FloatArray) -> LevelLooks:

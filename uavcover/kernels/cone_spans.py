@@ -39,17 +39,22 @@ class ConeCells(NamedTuple):
             way for the sensor.
         plain: (rows, columns) whether a cell is seen from wherever it is inside the cone and in range.
         lowest_m: (rows // 16 + 1, columns // 16 + 1) smallest of the heights in each block; infinite where there is no cell.
+        row_east_m: (rows,) how far east of their places on the lattice the centres of a row are.
+        column_north_m: (columns,) how far north of them those of a column are.
     """
 
     up_m: NDArray[np.float64]
     plain: NDArray[np.bool_]
     lowest_m: NDArray[np.float64]
+    row_east_m: NDArray[np.float64]
+    column_north_m: NDArray[np.float64]
 
 
 def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
-    """Lay cells out for the quick way; nothing for other sensors."""
+    """Lay cells out for the quick way, rows moved east and columns north as they are; nothing for other sensors."""
     if sight.kind != CONE or sight.line_of_sight not in (NO_LINE_OF_SIGHT, RAY):
-        return _read_only(ConeCells(np.empty((0, 0)), np.empty((0, 0), dtype=np.bool_), np.empty((0, 0))))
+        nothing = np.empty((0, 0)), np.empty((0, 0), dtype=np.bool_), np.empty((0, 0)), np.empty(0), np.empty(0)
+        return _read_only(ConeCells(*nothing))
     there = cells.lattice >= 0
     numbers = cells.lattice[there]
     up_m = np.full(cells.lattice.shape, np.nan)
@@ -66,7 +71,10 @@ def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
     blocks = np.full((rows * _BLOCK, columns * _BLOCK), np.inf)
     blocks[at_row, at_column] = up_m[there]
     lowest_m = np.ascontiguousarray(blocks.reshape(rows, _BLOCK, columns, _BLOCK).min(axis=(1, 3)))
-    return _read_only(ConeCells(up_m, plain, lowest_m))
+    row_east_m, column_north_m = np.zeros(len(cells.lattice)), np.zeros(len(cells.lattice[0]))
+    row_east_m[at_row] = cells.centre_m[numbers, 0] - (cells.east0_m + at_column * cells.size_m)
+    column_north_m[at_column] = cells.centre_m[numbers, 1] - (cells.north0_m + at_row * cells.size_m)
+    return _read_only(ConeCells(up_m, plain, lowest_m, row_east_m, column_north_m))
 
 
 def _read_only(cells: ConeCells) -> ConeCells:
@@ -114,7 +122,7 @@ def list_cone_runs(
         return NOT_SO
     pieces = samples_of_leg(math.sqrt(horizontal * horizontal + du * du), spacing)
     rows, columns = quick.up_m.shape
-    reach = _reach_over(sight, cells, quick, p, q) + 1e-6 * cells.size_m
+    reach = _reach_over(sight, cells, quick, p, q) + cells.scatter_m + 1e-6 * cells.size_m
     south, north = min(p[1], q[1]) - reach, max(p[1], q[1]) + reach
     first_row = max(0, math.ceil((south - cells.north0_m) / cells.size_m))
     last_row = min(rows - 1, math.floor((north - cells.north0_m) / cells.size_m))
@@ -151,7 +159,8 @@ def _reach_over(
     sight: Sight, cells: Cells, quick: ConeCells, p: tuple[float, float, float], q: tuple[float, float, float]
 ) -> float:
     """No cell is seen farther away than this on the map: the cone's radius over the lowest ground near the leg."""
-    reach = horizontal_reach(sight)
+    farthest = horizontal_reach(sight)
+    reach = farthest + cells.scatter_m
     per_block = 1.0 / (cells.size_m * _BLOCK)
     rows, columns = quick.lowest_m.shape
     first_row = max(0, int((min(p[1], q[1]) - reach - cells.north0_m) * per_block + 0.5 / _BLOCK))
@@ -162,7 +171,7 @@ def _reach_over(
     for i in range(first_row, last_row + 1):
         for j in range(first, last + 1):
             lowest = min(lowest, quick.lowest_m[i, j])
-    return min(reach, max(0.0, (max(p[2], q[2]) - lowest) * sight.tan_half_fov))
+    return min(farthest, max(0.0, (max(p[2], q[2]) - lowest) * sight.tan_half_fov))
 
 
 @kernel
@@ -211,10 +220,11 @@ def _mark_row(
     most = float(max(pieces - 1, 0))
     up_m = quick.up_m[i, first : last + 1]
     plain = quick.plain[i, first : last + 1]
-    east = p[0] - (cells.east0_m + first * cells.size_m)
-    an = p[1] - (cells.north0_m + i * cells.size_m)
+    column_north_m = quick.column_north_m[first : last + 1]
+    east = p[0] - (cells.east0_m + first * cells.size_m + quick.row_east_m[i])
+    north = p[1] - (cells.north0_m + i * cells.size_m)
     for j in range(last + 1 - first):
-        ae = east - j * cells.size_m
+        ae, an = east - j * cells.size_m, north - column_north_m[j]
         up = p[2] - up_m[j]
         best = (abs(ae * along_n - an * along_e) * ahead - ae * along_e - an * along_n) * samples
         # The whole number below, rounded by adding and taking away: a call of floor would cost as much as all the rest.

@@ -29,6 +29,7 @@ class Cells(NamedTuple):
         centre_m: (n, 3) centres on the ground, or on the roof of what stands there.
         normal: (n, 3) unit normals of the ground, or of the roof.
         horizon: (n,) tangent of the slope above which no obstacle in the sensor's reach can hide the cell; 0 where none is near.
+        scatter_m: no centre is farther than this from its place on the lattice, on the map.
     """
 
     east0_m: float
@@ -38,6 +39,7 @@ class Cells(NamedTuple):
     centre_m: NDArray[np.float64]
     normal: NDArray[np.float64]
     horizon: NDArray[np.float64]
+    scatter_m: float = 0.0
 
 
 @kernel
@@ -124,7 +126,7 @@ def _look(
     rows, columns = cells.lattice.shape
     centre, normal = cells.centre_m, cells.normal
     # A little wider against rounding: in_view decides.
-    reach = horizontal_reach(sight) + 1e-6 * cells.size_m
+    reach = horizontal_reach(sight) + cells.scatter_m + 1e-6 * cells.size_m
     first_row = max(0, math.ceil((en - reach - cells.north0_m) / cells.size_m))
     last_row = min(rows - 1, math.floor((en + reach - cells.north0_m) / cells.size_m))
     new = 0
@@ -196,7 +198,7 @@ def seen_often(
     times = np.zeros(cells.centre_m.shape[0], dtype=np.int64)
     counted = np.zeros((cells.centre_m.shape[0], looks, 3))
     # A little wider against rounding: in_view decides.
-    reach = horizontal_reach(sight) + 1e-6 * cells.size_m
+    reach = horizontal_reach(sight) + cells.scatter_m + 1e-6 * cells.size_m
     for k in range(eyes.shape[0]):
         ee, en, eu = eyes[k, 0], eyes[k, 1], eyes[k, 2]
         if not math.isfinite(ee + en + eu):

@@ -52,7 +52,7 @@ def list_cells(
     de, dn, du = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     pieces = samples_of_leg(math.sqrt(de * de + dn * dn + du * du), spacing)
     rows, columns = cells.lattice.shape
-    reach = horizontal_reach(sight) + 1e-6 * cells.size_m
+    reach = horizontal_reach(sight) + cells.scatter_m + 1e-6 * cells.size_m
     south, north = min(p[1], q[1]) - reach, max(p[1], q[1]) + reach
     first_row = max(0, math.ceil((south - cells.north0_m) / cells.size_m))
     last_row = min(rows - 1, math.floor((north - cells.north0_m) / cells.size_m))

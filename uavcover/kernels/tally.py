@@ -142,7 +142,7 @@ def tally_rows(
         re, rn, ru = an * tu - au * tn, au * te - ae * tu, ae * tn - an * te
         reach = _reach_over_ground_m(sight, au) if exact else farthest
         # A little wider against rounding: the tests below decide.
-        reach += 1e-6 * cells.size_m
+        reach += cells.scatter_m + 1e-6 * cells.size_m
         lowest = max(0, math.ceil((en - reach - cells.north0_m) / cells.size_m))
         highest = min(rows - 1, math.floor((en + reach - cells.north0_m) / cells.size_m))
         for i in range(lowest + (first_row - lowest) % row_step, highest + 1, row_step):
