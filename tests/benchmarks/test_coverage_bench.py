@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pymoo.indicators.hv import HV
 
+from tests.planning.sites import hills, make_site
 from uavcover.benchmarks.coverage.cases import CASES, Case
 from uavcover.benchmarks.coverage.contenders import CONTENDERS, OURS, PLANNERS, plan_for
 from uavcover.benchmarks.coverage.judging import (
@@ -129,6 +130,18 @@ class TestLengthAt:
         ]
         assert short_families(tried, [0.9, 1.0]) == {"short", "short at last"}
         assert short_families(tried, [0.8]) == {"sees too little"}
+        assert "long" in short_families(tried, [0.9], longer=1.06)
+
+    def test_the_shortest_lines_over_hills_are_tried_closer_to_the_terrain_too(self) -> None:
+        site = make_site(hills, ring=((0.0, 0.0), (600.0, 0.0), (600.0, 500.0), (0.0, 500.0)))
+        tried, routes = scan(Judge(Case("hills", "coverage>=0.98", 0.98, 100.0, 20_000.0), site))
+        assert len(tried) == len(routes)
+        loose, close = (
+            [one for one in tried if one.family.endswith(f"tolerance {tolerance_m} m")] for tolerance_m in (10, 1)
+        )
+        assert loose
+        assert close
+        assert length_at(close, 0.98) < length_at(loose, 0.98)
 
     def test_a_scan_has_what_a_scan_of_everything_would_choose(self, judge: Judge) -> None:
         tried, routes = scan(judge)
