@@ -105,7 +105,8 @@ def _cut(site: Site, cell_size_m: float, *, scatter: float) -> CellGrid:
 
 def _golden(count: int) -> NDArray[np.float64]:
     """(count,) numbers -0.5..0.5, each the golden ratio's share of the whole behind the one before."""
-    return (np.arange(count) * (0.5 * (math.sqrt(5.0) - 1.0))) % 1.0 - 0.5
+    shares: NDArray[np.float64] = np.arange(count, dtype=np.float64) * (0.5 * (math.sqrt(5.0) - 1.0))
+    return np.asarray(shares % 1.0 - 0.5, dtype=np.float64)
 
 
 def _missing(site: Site, places: NDArray[np.float64], missing: NDArray[np.bool_]) -> str:
