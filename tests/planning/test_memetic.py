@@ -76,6 +76,20 @@ def test_the_local_search_shortens_what_the_optimizer_found() -> None:
     assert improved.metrics.path_length_m < 0.95 * alone.metrics.path_length_m
 
 
+def test_along_a_path_there_are_parts_and_routes_of_few_waypoints_to_choose_from() -> None:
+    plan = make_plan(SITES["along-path"], evaluations=600)
+    parts = [member for member in plan.members if member.is_part]
+    assert len(parts) > 10
+    assert min(member.metrics.coverage_of_coverable for member in parts) < 0.4
+    assert not plan.chosen.is_part
+    enough = [m for m in plan.members if m.metrics.coverage_of_coverable >= 0.9]
+    fewest = min(enough, key=lambda m: m.metrics.waypoint_count)
+    assert fewest.origin == "memetic"
+    assert fewest.metrics.waypoint_count < plan.chosen.metrics.waypoint_count
+    # In any order each number of waypoints is searched for itself.
+    assert not any(member.is_part for member in make_plan(SITES["free-order"]).members)
+
+
 def test_discs_on_a_row_are_placed_as_well_as_can_be() -> None:
     # Two rows of 20 cells with centres 10 m beside the middle line: a disc of 60 m reaches sqrt(60^2 - 10^2) = 59 m along
     # it, so it sees at most 2 x 6 centres, and 4 discs are needed for all.

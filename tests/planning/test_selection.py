@@ -6,10 +6,10 @@ from uavcover.model.route import Route, RouteMember, RouteMetrics
 from uavcover.planning.selection import Choice, parse_rule, select
 
 
-def member(coverage: float, waypoints: int, length_m: float) -> RouteMember:
+def member(coverage: float, waypoints: int, length_m: float, origin: str = "test") -> RouteMember:
     # The share of the whole area is misleading on purpose: every rule speaks of what is coverable.
     metrics = RouteMetrics(1.0 - coverage, coverage, waypoints, length_m, 1.0, 1.0, 1.0, length_m)
-    return RouteMember(Route(np.zeros((1, 3))), metrics, 0.0, "test")
+    return RouteMember(Route(np.zeros((1, 3))), metrics, 0.0, origin)
 
 
 MEMBERS = [member(0.5, 10, 100.0), member(0.8, 20, 150.0), member(0.9, 12, 220.0), member(1.0, 30, 300.0)]
@@ -54,6 +54,14 @@ def test_ties() -> None:
     longer_first = [member(0.9, 4, 120.0), member(0.9, 5, 100.0)]
     assert select(longer_first, parse_rule("max-coverage")).index == 1
     assert select(longer_first, parse_rule("coverage>=0.99")) == Choice(1, met=False)
+
+
+def test_parts_of_routes_make_no_knee() -> None:
+    parts = [member(0.1, 2, 20.0, "part of test"), member(0.6, 6, 110.0, "part of test")]
+    for rule in ("knee", "weighted"):
+        assert select([*parts, *MEMBERS], parse_rule(rule)) == Choice(2 + 2, met=True)
+        assert select(parts, parse_rule(rule)).met
+    assert select([*parts, *MEMBERS], parse_rule("coverage>=0.55")).index == 1
 
 
 def test_a_set_of_one() -> None:

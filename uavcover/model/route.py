@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+PART_OF = "part of "
+"""Begins the origin of a route that is a stretch of another."""
+
 
 @dataclass(frozen=True, slots=True)
 class RouteMetrics:
@@ -66,13 +69,18 @@ class RouteMember:
         route: the waypoints.
         metrics: judged on the cells of the area.
         violation: total violation of the hard limits, 0 when they hold.
-        origin: what made it: the algorithm, or the name of a baseline.
+        origin: what made it: the algorithm, or the name of a baseline; for a part of a route PART_OF and what made the whole.
     """
 
     route: Route
     metrics: RouteMetrics
     violation: float
     origin: str
+
+    @property
+    def is_part(self) -> bool:
+        """Whether it is a stretch of another route."""
+        return self.origin.startswith(PART_OF)
 
 
 @dataclass(frozen=True, slots=True)

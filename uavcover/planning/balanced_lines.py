@@ -64,12 +64,14 @@ def balanced_lines(site: Site, angle_rad: float) -> list[Route]:
     return routes
 
 
-def fly_balanced(site: Site, layout: SwathLayout) -> Route:
+def fly_balanced(site: Site, layout: SwathLayout, *, straight_m: float | None = None) -> Route:
     """The route of a layout with its lines bent, laid over the terrain.
 
     Args:
         site: with a sensor for which :func:`can_be_balanced` holds.
         layout: as for :func:`uavcover.planning.swaths.fly_layout`.
+        straight_m: how far lines may leave their bends on the map to have fewer of them; by default a hundredth of the
+            sensor's reach.
     """
     angle = layout.angle_rad
     borders, west, east = line_extents(site, layout)
@@ -87,13 +89,14 @@ def fly_balanced(site: Site, layout: SwathLayout) -> Route:
         site.ground.surface, sight_of(site.scenario.sensor), angle, along, np.ascontiguousarray(low),
         np.ascontiguousarray(high), heights, np.repeat(borders[:, None], count, axis=1), there, _ROUNDS, _SMOOTHING,
     )  # fmt: skip
+    straight = _STRAIGHT_SHARE * reach if straight_m is None else straight_m
     polyline: list[FloatArray] = []
     for k in range(len(borders)):
         inset = min(layout.inset * reach, max(0.0, 0.5 * (east[k] - west[k]) - 0.5))
         inner = along[(along > west[k] + inset) & (along < east[k] - inset)]
         places = np.concatenate([[west[k] + inset], inner, [east[k] - inset]])
         line = shapely.LineString(np.column_stack([places, np.interp(places, along, across[k])]))
-        corners = shapely.get_coordinates(line.simplify(_STRAIGHT_SHARE * reach))
+        corners = shapely.get_coordinates(line.simplify(straight))
         polyline.append(corners if (k + layout.start) % 2 == 0 else corners[::-1])
     wanted = np.repeat(heights, [len(line) for line in polyline])
     points = np.vstack(polyline)

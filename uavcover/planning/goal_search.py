@@ -59,7 +59,7 @@ def search_goals(
     until: float,
     judged_coverage: Callable[[Route], float],
     found: Callable[[Route], None],
-) -> None:
+) -> list[Start]:
     """Shortest routes for the goals of the ladder, or above all for the one that is asked for.
 
     Args:
@@ -70,6 +70,9 @@ def search_goals(
         until: share of all the work, 0..1, after which this search ends.
         judged_coverage: of a route, on the cells it is judged on: the goal on the planner's cells is corrected by it.
         found: told every route worth judging.
+
+    Returns:
+        The beginnings, and what the stages ended with.
     """
     begin = work.pace.fraction
     goals = [goal for goal in LADDER if asked is None or abs(goal - asked) > 0.002]
@@ -77,15 +80,16 @@ def search_goals(
     known = list(starts)
     if asked is not None:
         end = begin + main * (until - begin)
-        known += _search_goal(work, known, asked, capacity, (begin, end), _MAIN_STAGES, judged_coverage, found)
+        known += search_goal(work, known, asked, capacity, (begin, end), _MAIN_STAGES, judged_coverage, found)
     each = (1.0 - main) * (until - begin) / len(goals)
     # From the highest: what reaches more is a good beginning for what may see less.
     for number, goal in enumerate(reversed(goals)):
         at = begin + main * (until - begin) + number * each
-        known += _search_goal(work, known, goal, capacity, (at, at + each), _STAGES, judged_coverage, found)
+        known += search_goal(work, known, goal, capacity, (at, at + each), _STAGES, judged_coverage, found)
+    return known
 
 
-def _search_goal(
+def search_goal(
     work: Work,
     starts: Sequence[Start],
     goal: float,
@@ -94,14 +98,34 @@ def _search_goal(
     stages: Sequence[float],
     judged_coverage: Callable[[Route], float],
     found: Callable[[Route], None],
+    *,
+    waypoint_price: float | None = None,
 ) -> list[Start]:
-    """One goal, in stages: after each the goal is corrected, after the first both chains go on from the better one."""
+    """One goal, in stages: after each the goal is corrected, after the first both chains go on from the better one.
+
+    Args:
+        work: what is looked at, and how much may be done.
+        starts: one at least.
+        goal: share of what can be covered.
+        capacity: most waypoints.
+        share: of all the work, 0..1, where this search begins and ends.
+        stages: shares of this search's work after which the goal is corrected, the last is 1.
+        judged_coverage: of a route, on the cells it is judged on.
+        found: told every route worth judging.
+        waypoint_price: in radii of the sensor; beginnings are ranked by it too. By default next to nothing.
+
+    Returns:
+        What the stages ended with: beginnings for other goals.
+    """
     begin, end = share
     aim = min(1.0, goal + SAFETY)
-    ranked = sorted(starts, key=lambda start: _merit(work.task, start, goal))
+    usual = _WAYPOINT_PRICE_FREE if work.task.free_order else _WAYPOINT_PRICE
+    waypoint_m = (usual if waypoint_price is None else waypoint_price) * work.task.reach_m
+    ranked_by_m = 0.0 if waypoint_price is None else waypoint_m
+    ranked = sorted(starts, key=lambda start: _merit(work.task, start, goal, ranked_by_m))
     if work.stopped or work.pace.fraction >= end:
         return []
-    chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity) for k in range(CHAINS)]
+    chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m) for k in range(CHAINS)]
     for chain in chains:
         aim = _corrected(goal, chain.seen, judged_coverage(chain.route))
         chain.prices = chain.prices._replace(goal=aim)
@@ -134,7 +158,7 @@ def _search_goal(
             break
         aim = _corrected(goal, best.seen, judged)
         if warm == 0.0:
-            chains = [_chain(work, best.route, aim, capacity) for _ in chains]
+            chains = [_chain(work, best.route, aim, capacity, waypoint_m) for _ in chains]
         # Where coverage is dearer than its price, the price rises until the goal is worth reaching.
         price *= 1.0 if judged >= goal else _DEARER
         for chain in chains:
@@ -148,13 +172,14 @@ def _corrected(goal: float, seen: float, judged: float) -> float:
     return min(1.0, max(0.0, seen + goal + SAFETY - judged))
 
 
-def _merit(task: LocalTask, start: Start, goal: float) -> tuple[bool, float]:
+def _merit(task: LocalTask, start: Start, goal: float, waypoint_m: float) -> tuple[bool, float]:
     """Smallest for the best beginning; where the order is free, what reaches the goal is better than all that does not."""
     missing = max(0.0, goal - start.seen)
-    return task.free_order and missing > 0.0, task.cost(start.route) * (1.0 + _START_PRICE * missing)
+    with_waypoints = 1.0 + waypoint_m * len(start.route) / max(start.route.length_m, task.reach_m)
+    return task.free_order and missing > 0.0, task.cost(start.route) * with_waypoints * (1.0 + _START_PRICE * missing)
 
 
-def _chain(work: Work, route: Route, goal: float, capacity: int) -> Chain:
+def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: float) -> Chain:
     length_m = max(route.length_m, work.task.reach_m)
     free = work.task.free_order
     fewest = 1 if work.task.free_order else 2
@@ -162,12 +187,7 @@ def _chain(work: Work, route: Route, goal: float, capacity: int) -> Chain:
     return Chain(
         task=work.task,
         draft=draft,
-        prices=Prices(
-            work.task.metres_per_cost(route),
-            (_WAYPOINT_PRICE_FREE if free else _WAYPOINT_PRICE) * work.task.reach_m,
-            _COVERAGE_PRICE * length_m,
-            goal,
-        ),
+        prices=Prices(work.task.metres_per_cost(route), waypoint_m, _COVERAGE_PRICE * length_m, goal),
         hottest=_HOTTEST_FREE * length_m if free else _HOTTEST * work.task.reach_m,
         coldest=_COLDEST_FREE * length_m if free else _COLDEST * work.task.reach_m,
         step_m=_LARGEST_STEP * work.task.reach_m,

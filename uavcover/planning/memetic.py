@@ -27,10 +27,17 @@ from uavcover.planning.local_search import (
 )
 from uavcover.planning.search import Effort, Progress
 from uavcover.planning.selection import Rule
+from uavcover.planning.waypoint_search import search_waypoints
 from uavcover.site import Site
 
 MARGIN_CELLS = 0.45
 """The planner's sensor sees this share of a planning cell less far than the real one, where other cells judge."""
+
+_WAYPOINTS_SHARE = 0.15
+"""Share of the local search that goes over prices of waypoints, where legs see or are limited."""
+
+_FLOWN = 0.98
+"""The coverage that it goes for when the rule asks for none."""
 
 _MOST_FINEST_CELLS = 2_000_000
 
@@ -127,9 +134,14 @@ def improve(
     if task.free_order:
         search_free_order(work, starts, asked=asked, capacity=capacity, judged_coverage=judged_coverage, found=found)
     else:
-        search_goals(
-            work, starts, asked=asked, capacity=capacity, until=1.0, judged_coverage=judged_coverage, found=found
-        )
+        known = search_goals(
+            work, starts, asked=asked, capacity=capacity, until=1.0 - _WAYPOINTS_SHARE,
+            judged_coverage=judged_coverage, found=found,
+        )  # fmt: skip
+        search_waypoints(
+            work, known, goal=_FLOWN if asked is None else asked, capacity=capacity, until=1.0,
+            judged_coverage=judged_coverage, found=found,
+        )  # fmt: skip
     return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
 
 

@@ -16,12 +16,14 @@ from uavcover.optimizers import ALGORITHMS
 from uavcover.optimizers.interface import Optimizer
 from uavcover.planning.balanced_lines import balanced_lines, can_be_balanced
 from uavcover.planning.baselines import TUNED, Baseline
+from uavcover.planning.front import Candidate, Finish, thinned
 from uavcover.planning.initial_routes import constructed_routes
 from uavcover.planning.members import judge_members, pareto_members, why_infeasible
 from uavcover.planning.memetic import improve
 from uavcover.planning.search import Effort, Encoding, Progress, rounds_of, search
 from uavcover.planning.selection import parse_rule, select
 from uavcover.planning.set_cover.programs import SolverEffort
+from uavcover.planning.simple_lines import simple_lines
 from uavcover.planning.snapshots import NamedRoute, Snapshots
 from uavcover.planning.swath_encoding import SwathEncoding
 from uavcover.planning.swaths import long_side_angle_rad
@@ -125,7 +127,7 @@ def plan_routes(
         seed=settings.seed,
         initial=initial,
     )
-    interrupted = search(
+    searched = search(
         optimizer,
         rounds=rounds,
         encoding=encoding,
@@ -139,33 +141,47 @@ def plan_routes(
         on_progress=on_progress,
         look=lambda routes: look(lambda: [(route, name) for route in routes()]),
     )
-    found = optimizer.pareto_set() if optimizer.evaluations else None
-    routes = [encoding.decode(genes) for genes in found.x] if found is not None else []
     fine = _judging_map(site, coarse)
-    made = [(route, name) for route in routes]
-    evaluations = optimizer.evaluations
-    if share < 1.0 and not interrupted:
-        if settings.encoding == "swaths" and can_be_balanced(site):
+    optimized = _candidates(optimizer, encoding, searched.scale, name)
+    evaluations, interrupted = optimizer.evaluations, searched.interrupted
+    if share == 1.0:
+        reference = judge_members(fine, constructed, executor)
+        made = [candidate.route for candidate in optimized]
+    else:
+        bent: list[NamedRoute] = []
+        simple: list[NamedRoute] = []
+        if settings.encoding == "swaths" and not interrupted:
             straight = [b.layout for b in _by_merit(baselines, goal) if b.layout is not None]
-            bent = balanced_lines(site, straight[0].angle_rad if straight else long_side_angle_rad(site))
-            made += [(route, "balanced-lines") for route in bent]
-        improved = improve(
-            coarse, fine, [*(route for route, _ in made), *(route for route, _ in constructed)],
-            settings=settings, rule=rule, effort=effort, started=started, evaluations_done=evaluations,
-            executor=executor, should_stop=should_stop, on_progress=on_progress,
-            look=lambda routes: look(lambda: [*made, *((route, settings.algorithm) for route in routes())]),
+            angle = straight[0].angle_rad if straight else long_side_angle_rad(site)
+            if can_be_balanced(site):
+                bent = [(route, "balanced-lines") for route in balanced_lines(site, angle)]
+            simple = [(route, "simple-lines") for route in simple_lines(site, angle)]
+        finish = Finish(
+            coarse, fine, constructed, optimized, simple, effort=effort, started=started, executor=executor
         )  # fmt: skip
-        made += [(route, settings.algorithm) for route in improved.routes]
-        evaluations += improved.evaluations
-        interrupted = improved.interrupted
+        reference = finish.baselines
+        found = [*bent]
+        if not interrupted:
+            known = [*(one.route for one in optimized), *bent, *simple, *constructed]
+            improved = improve(
+                coarse, fine, [route for route, _ in known],
+                settings=settings, rule=rule, effort=finish.search_effort(), started=started,
+                evaluations_done=evaluations, executor=executor, should_stop=should_stop, on_progress=on_progress,
+                look=lambda routes: look(
+                    lambda: finish.worth_judging([*bent, *((route, settings.algorithm) for route in routes())])
+                ),
+            )  # fmt: skip
+            found += [(route, settings.algorithm) for route in improved.routes]
+            evaluations += improved.evaluations
+            interrupted = improved.interrupted
+        made = finish.worth_judging(found)
     kept.close([*constructed, *made])
     members = judge_members(fine, made, executor)
-    reference = judge_members(fine, constructed, executor)
     feasible = [member for member in (*members, *reference) if member.violation <= 0.0]
     if not feasible:
         early = "interrupted: so far " if interrupted else ""
         raise InfeasibleError(early + why_infeasible(site, [*members, *reference]))
-    pareto = pareto_members(feasible)
+    pareto = thinned(pareto_members(feasible), rule)
     choice = select(pareto, rule)
     return Plan(
         chosen=pareto[choice.index],
@@ -178,6 +194,18 @@ def plan_routes(
         wall_s=effort.now() - started,
         interrupted=interrupted,
     )
+
+
+def _candidates(optimizer: Optimizer, encoding: Encoding, scale: FloatArray | None, name: str) -> list[Candidate]:
+    """The routes of an optimizer's Pareto set; none when it was told nothing."""
+    if scale is None:
+        return []
+    found = optimizer.pareto_set()
+    violations = found.violations.sum(axis=1)
+    return [
+        Candidate((encoding.decode(genes), name), values * scale, float(violation))
+        for genes, values, violation in zip(found.x, found.objectives, violations, strict=True)
+    ]
 
 
 def _solver(effort: Effort) -> SolverEffort:

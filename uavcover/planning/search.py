@@ -53,12 +53,25 @@ class Progress:
     shortest_m: float | None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Searched:
+    """How a search ended.
+
+    Attributes:
+        interrupted: whether the user ended it.
+        scale: (3,) by which the objectives were divided before the optimizer was told; None: it was told nothing.
+    """
+
+    interrupted: bool
+    scale: FloatArray | None
+
+
 @dataclass(frozen=True, slots=True)
 class Effort:
     """How long to search: a number of evaluations, or a time budget in seconds measured by ``now``.
 
-    The budget covers baselines and search: the baselines get at most half of it, the search at least one round. Judging
-    what was found comes on top.
+    The baselines get at most half of the budget, the optimizer at least one round. Where a local search follows, all of
+    planning is inside (:class:`uavcover.planning.front.Finish`); of a plain optimizer judging what was found comes on top.
     """
 
     evaluations: int
@@ -110,8 +123,8 @@ def search(
     should_stop: Callable[[], bool],
     on_progress: Callable[[Progress], None],
     look: Callable[[Callable[[], Sequence[Route]]], None] = lambda _: None,
-) -> bool:
-    """Run the optimizer to its end, the end of the budget or the user's stop; True in the last case.
+) -> Searched:
+    """Run the optimizer to its end, the end of the budget or the user's stop.
 
     Args:
         optimizer: fresh.
@@ -132,9 +145,9 @@ def search(
     while not optimizer.should_stop:
         first = optimizer.iteration == 0
         if should_stop() and not (first and at_least_one_round):
-            return True
+            return Searched(interrupted=True, scale=scale)
         if not first and effort.is_over(started):
-            return False
+            break
         genes = optimizer.ask()
         values = evaluate_routes(coverage, [encoding.decode(row) for row in genes], executor)
         if scale is None:
@@ -149,7 +162,7 @@ def search(
             shortest = min(shortest, float(values.objectives[keeps & (seen >= goal), 2].min(initial=math.inf)))
         total = max(rounds * len(genes), optimizer.evaluations)
         on_progress(Progress(optimizer.evaluations, total, best, shortest if math.isfinite(shortest) else None))
-    return False
+    return Searched(interrupted=False, scale=scale)
 
 
 def _spread(objectives: FloatArray) -> FloatArray:

@@ -88,7 +88,8 @@ def select(members: Sequence[RouteMember], rule: Rule) -> Choice:
     """Choose by a rule; ties go to the lower number.
 
     ``weighted``: smallest weighted sum of the objectives, each brought to 0..1 over the set (the paper's section 5.3).
-    ``knee``: nearest to the ideal point after the same scaling. ``max-coverage``: most coverage, then least cost.
+    ``knee``: nearest to the ideal point after the same scaling. Both look at whole routes: parts of them lie on a straight line
+    to nothing, and would make a knee of what sees half. ``max-coverage``: most coverage, then least cost.
     ``coverage>=X``: the one of least cost (by default: the shortest) that reaches X of what is coverable; when none does, as
     ``max-coverage`` and not met.
 
@@ -112,10 +113,10 @@ def select(members: Sequence[RouteMember], rule: Rule) -> Choice:
             return Choice(int(enough[np.lexsort((-coverage[enough], cost[enough]))[0]]), met=True)
     if rule.kind in {"coverage", "max-coverage"}:
         return Choice(int(np.lexsort((cost, -coverage))[0]), met=rule.kind == "max-coverage")
-    scaled = _scaled(members)
-    if rule.kind == "weighted":
-        return Choice(int(np.argmin(scaled @ np.array(rule.numbers))), met=True)
-    return Choice(int(np.argmin((scaled**2).sum(axis=1))), met=True)
+    whole = [k for k, member in enumerate(members) if not member.is_part] or list(range(len(members)))
+    scaled = _scaled([members[k] for k in whole])
+    worth = scaled @ np.array(rule.numbers) if rule.kind == "weighted" else (scaled**2).sum(axis=1)
+    return Choice(whole[int(np.argmin(worth))], met=True)
 
 
 def _scaled(members: Sequence[RouteMember]) -> FloatArray:

@@ -75,7 +75,8 @@ def tables_markdown(outcomes: Outcomes, *, version: str, command: str, date: str
 
 _EXPLANATION = (
     "Every run has one core and one thread; time is its own processor time, because the machine is shared, and holds for all "
-    "that the planner does but the judging of what it found. Means over the seeds, in brackets the worst. Hold-out: cells of "
+    "that ours does, for the others without the judging of what they found. Means over the seeds, in brackets the worst. "
+    "Hold-out: cells of "
     "half the size, shifted by half of one, none of them a cell that a planner counted on; exact rays. Lengths in metres (in "
     "the paper's units on its scenarios). Ours is `memetic`; of the others only what they found themselves counts, from the "
     "same constructed beginnings. *asked*: the shortest route with the coverage asked for, on the area's cells, and in how "
