@@ -1,6 +1,7 @@
 import csv
 import signal
 import socket
+import sys
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from mission_io.client import Client
 from mission_io.link import open_link
 from mission_io.messages import SysStatus
-from tests.cli.conftest import Cli, mock_vehicle
+from tests.cli.conftest import Cli, mock_vehicle, started, wait_for_line
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -18,6 +19,27 @@ def test_tells_its_port_and_ends_when_told(number: signal.Signals) -> None:
         process.send_signal(number)
         out, err = process.communicate(timeout=30)
     assert (process.returncode, out, err) == (0, "", "")
+
+
+HOLDER = """
+import time
+from uavcover.cli.demonstration import mock_process
+with mock_process("jacksboro", "ardupilot", 1.0, 0) as url:
+    print(url, flush=True)
+    time.sleep(300.0)
+"""
+
+
+def test_the_vehicle_of_a_program_that_is_killed_ends_too() -> None:
+    with started([sys.executable, "-c", HOLDER]) as holder:
+        url = wait_for_line(holder, "udpout://")
+        with Client(open_link(url.strip())) as client:
+            client.wait_for_vehicle()
+            holder.kill()
+            while client.heartbeat_age_s < 3.0:  # it sends one a second; the watchdog of a test ends this
+                client.poll(0.5)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+        port.bind(("127.0.0.1", int(url.rpartition(":")[2])))
 
 
 def test_takes_faults_errors_and_a_log_of_the_truth(tmp_path: Path) -> None:

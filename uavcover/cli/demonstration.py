@@ -110,10 +110,13 @@ def mock_process(scenario: str, autopilot: str, speed: float, seed: int | None) 
     """
     arguments = [
         sys.executable, "-m", "uavcover", "mock-vehicle", "--listen", "udpin://127.0.0.1:0", "--scenario", scenario,
-        "--autopilot", autopilot, "--speed", repr(speed), "--seed", str(seed or 0), "--json", "-q", *_WIND,
+        "--autopilot", autopilot, "--speed", repr(speed), "--seed", str(seed or 0), "--json", "-q", "--until-eof", *_WIND,
     ]  # fmt: skip
-    # A session of its own: Ctrl-C is for us, and we bring the vehicle home before it ends.
-    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True, start_new_session=True)
+    # A session of its own: Ctrl-C is for us, and we bring the vehicle home before it ends. Our end of its standard input goes
+    # with us, so that it ends when we are killed.
+    process = subprocess.Popen(
+        arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
     try:
         if process.stdout is None or not select.select([process.stdout], [], [], _MOCK_START_S)[0]:
             raise VehicleError(f"the mock vehicle did not start within {_MOCK_START_S:g} s")
@@ -128,5 +131,6 @@ def mock_process(scenario: str, autopilot: str, speed: float, seed: int | None) 
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-        if process.stdout is not None:
-            process.stdout.close()
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                pipe.close()

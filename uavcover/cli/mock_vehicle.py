@@ -1,6 +1,9 @@
 """``uavcover mock-vehicle``: a MAVLink vehicle for any ground station."""
 
 import contextlib
+import os
+import select
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -40,6 +43,10 @@ def mock_vehicle(
         list[str] | None,
         typer.Option(help="What goes wrong, and when; repeatable. See below.", metavar="NAME[:ARG][@MOMENT]"),
     ] = None,
+    until_eof: Annotated[
+        bool,
+        typer.Option("--until-eof", help="End when standard input ends, as it does with the program that holds it."),
+    ] = False,
     seed: options.Seed = None,
     as_json: options.Json = False,
     quiet: options.Quiet = False,
@@ -116,5 +123,14 @@ def mock_vehicle(
             behaviour=ways[behaviour], faults=[parse_fault(text) for text in fault or ()],
             on_truth=None if truth is None else stack.enter_context(TruthFile(truth)),
         )  # fmt: skip
-        run(listen, vehicle, speed=speed, loss=loss, seed=used_seed, on_bound=tell)
+        run(
+            listen, vehicle, speed=speed, loss=loss, seed=used_seed, on_bound=tell,
+            ended=_standard_input_ended if until_eof else lambda: False,
+        )  # fmt: skip
     return 0
+
+
+def _standard_input_ended() -> bool:
+    """Whether nothing comes any more; what comes is not looked at."""
+    number = sys.stdin.fileno()
+    return bool(select.select([number], [], [], 0.0)[0]) and not os.read(number, 4096)

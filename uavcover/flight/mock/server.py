@@ -110,8 +110,9 @@ def run(
     loss: float = 0.0,
     seed: int = 0,
     on_bound: Callable[[int], None] | None = None,
+    ended: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Be a vehicle until SIGTERM or SIGINT. To be called in the main thread of its process.
+    """Be a vehicle until SIGTERM or SIGINT, or until ``ended`` says so. To be called in the main thread of its process.
 
     Args:
         url: ``udpin://HOST:PORT`` answers whoever speaks to it, port 0 is any; ``udpout://HOST:PORT`` also speaks first;
@@ -121,6 +122,7 @@ def run(
         loss: share of the datagrams that get lost, each way.
         seed: of the loss.
         on_bound: called with the port once it is bound.
+        ended: asked a hundred times a second.
 
     Raises:
         InputError: a URL that is none of these, or a speed or loss out of range.
@@ -152,7 +154,7 @@ def run(
         with server:
             if on_bound is not None:
                 on_bound(server.port)
-            server.serve(stop.is_set)
+            server.serve(lambda: stop.is_set() or ended())
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
