@@ -10,8 +10,10 @@ from typing import Any
 import pytest
 
 from tests.cli.conftest import EVALUATIONS, Cli, command, files, in_process, limited_to, started, wait_for_line
+from uavcover import pipeline
 from uavcover.cli.console import Console
-from uavcover.cli.planning import PlanRequest, plan_into, progress_in_words
+from uavcover.cli.planning import PlanRequest, plan_into, progress_in_words, room_in_words
+from uavcover.model.route import RouteMetrics
 from uavcover.planning.planner import Progress
 
 PLANNED = {
@@ -223,6 +225,19 @@ def test_progress_bar_only_on_a_terminal_and_after_two_seconds(tmp_path: Path) -
 )
 def test_progress_tells_coverage_length_and_gap(shortest_m: float | None, least_m: float | None, words: str) -> None:
     assert progress_in_words(Progress(10, 20, 0.972, shortest_m), "m", least_m) == words
+
+
+@pytest.mark.parametrize(
+    ("lowest_m", "highest_m", "room"), [(40.0, 100.0, "0.0"), (60.0, 118.5, "1.5"), (48.0, 112.0, None)]
+)
+def test_a_route_at_the_ends_of_its_height_band_is_told(lowest_m: float, highest_m: float, room: str | None) -> None:
+    limits = pipeline.load_site("ridge-obstacles").scenario.limits
+    metrics = RouteMetrics(0.99, 0.99, 100, 7000.0, 700.0, lowest_m, highest_m, 7000.0)
+    words = room_in_words(limits, metrics)
+    if room is None:
+        assert words is None
+    else:
+        assert f"within {room} m of the limits of its height above ground (40 to 120 m)" in str(words)
 
 
 def test_request_is_all_that_planning_needs(tmp_path: Path) -> None:
