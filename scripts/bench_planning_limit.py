@@ -1,6 +1,6 @@
 """What the local search and the optimizer contribute, at equal processor time, and how fast the local search is.
 
-Usage: .venv/bin/python scripts/bench_planning_limit.py [-o docs/results/planning_limit.md] [--seeds 3] [--budget 6] [--only NAME]
+Usage: .venv/bin/python scripts/bench_planning_limit.py [-o docs/results/planning_limit.md] [--seeds 3] [--only NAME[:MOST]]
 
 One thread; the budget is processor time, so that other work on the machine does not count. Coverage is judged on the area's own
 cells and, for jacksboro, on a hold-out that no planner saw: cells of half that size, shifted by half of one. Each finished run
@@ -30,12 +30,13 @@ from uavcover.planning.swaths import fly_layout
 from uavcover.planning.waypoint_encoding import WaypointEncoding
 
 CASES = (
-    ("jacksboro", "coverage>=0.98", 0, ("memetic", "local-search", "imodbo")),
-    ("paper-r1", "max-coverage", 60, ("memetic", "local-search", "imodbo")),
-    ("paper-r1", "max-coverage", 40, ("memetic",)),
-    ("paper-R2", "max-coverage", 60, ("memetic",)),
-    ("paper-planar", "max-coverage", 60, ("memetic",)),
+    ("jacksboro", "coverage>=0.98", 0, 6.0, ("memetic", "local-search", "imodbo")),
+    ("paper-r1", "max-coverage", 60, 10.0, ("memetic", "local-search", "imodbo")),
+    ("paper-r1", "max-coverage", 40, 30.0, ("memetic",)),
+    ("paper-R2", "max-coverage", 60, 10.0, ("memetic",)),
+    ("paper-planar", "max-coverage", 60, 10.0, ("memetic",)),
 )
+"""Scenario, rule, most waypoints (0: the scenario's), budget in seconds of processor time, algorithms."""
 COLUMNS = (
     "scenario", "rule", "max_waypoints", "budget_cpu_s", "algorithm", "seed", "version", "date", "evaluations", "made_by",
     "coverage", "holdout_coverage", "violation", "waypoints", "length_m", "fewest_full", "fewest_full_length_m",
@@ -100,17 +101,22 @@ def measure_speed(scenario: str, proposals: int) -> tuple[float, float]:
 def summarise(rows: list[Row]) -> list[str]:
     """The Markdown table: means, and the worst."""
     lines = [
-        "| scenario, rule | most waypoints | algorithm | seeds | coverage (worst) | hold-out (worst) | waypoints "
+        "| scenario, rule, budget | most waypoints | algorithm | seeds | coverage (worst) | hold-out (worst) | waypoints "
         "| length (worst) | fewest that see all, their length | best baseline |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    for scenario, rule, most, algorithms in CASES:
+    for scenario, rule, most, budget_s, algorithms in CASES:
         for algorithm in algorithms:
-            key = (scenario, str(most), algorithm)
-            mine = [row for row in rows if (row["scenario"], row["max_waypoints"], row["algorithm"]) == key]
+            key = (scenario, str(most), str(budget_s), algorithm)
+            mine = [row for row in rows if _case(row) == key]
             if mine:
-                lines.append(_line(f"{scenario}, {rule}", str(most or "-"), algorithm, mine))
+                lines.append(_line(f"{scenario}, {rule}, {budget_s:g} s", str(most or "-"), algorithm, mine))
     return lines
+
+
+def _case(row: Row) -> tuple[str, str, str, str]:
+    """What runs that are comparable have in common."""
+    return row["scenario"], row["max_waypoints"], row["budget_cpu_s"], row["algorithm"]
 
 
 def _line(case: str, most: str, algorithm: str, mine: list[Row]) -> str:
@@ -134,19 +140,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/planning_limit.md"))
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--budget", type=float, default=6.0)
-    parser.add_argument("--only", help="one scenario")
+    parser.add_argument("--only", help="one scenario, or one of its numbers of waypoints")
     arguments = parser.parse_args()
     table = arguments.out.with_suffix(".csv")
     rows = list(csv.DictReader(table.open())) if table.exists() else []
-    done = {(r["scenario"], r["max_waypoints"], r["algorithm"], r["seed"]) for r in rows}
+    done = {(*_case(row), row["seed"]) for row in rows}
     for seed in range(1, arguments.seeds + 1):
-        for scenario, rule, most, algorithms in CASES:
+        for scenario, rule, most, budget_s, algorithms in CASES:
             for algorithm in algorithms:
-                wanted = arguments.only in (None, scenario)
-                if not wanted or (scenario, str(most), algorithm, str(seed)) in done:
+                wanted = arguments.only in (None, scenario, f"{scenario}:{most}")
+                if not wanted or (scenario, str(most), str(budget_s), algorithm, str(seed)) in done:
                     continue
-                rows.append(run_case(scenario, rule, most, algorithm, seed, arguments.budget))
+                rows.append(run_case(scenario, rule, most, algorithm, seed, budget_s))
                 print(rows[-1], flush=True)
                 with table.open("w", newline="") as file:
                     writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
@@ -159,7 +164,7 @@ def main() -> None:
     head = [
         "# What optimizer and local search contribute",
         "",
-        f"Command: `.venv/bin/python scripts/bench_planning_limit.py --seeds {arguments.seeds} --budget {arguments.budget:g}`, "
+        f"Command: `.venv/bin/python scripts/bench_planning_limit.py --seeds {arguments.seeds}`, "
         f"{datetime.date.today().isoformat()}, uavcover {pipeline.metadata.version('uavcover')}, Python "
         f"{platform.python_version()}.",
         "One thread, equal processor time; the budget holds for baselines, optimizer and local search. Means over the",

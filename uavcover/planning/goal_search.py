@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from uavcover.kernels.annealing import Prices
 from uavcover.model.route import Route
 from uavcover.planning.draft_route import LocalTask, draft_of
@@ -19,6 +21,8 @@ _MAIN_STAGES = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
 _STAGES = (0.5, 0.85, 1.0)
 _MAIN_SHARE = 0.7
 _COVERAGE_PRICE = 10.0
+_COVERAGE_PRICE_FREE = 1.5
+"""Of all coverage, in lengths of the route; where the order is free: of a cell of average weight, in radii of the sensor."""
 _DEARER = 1.6
 _START_PRICE = 3.0
 """Missing coverage is cheaper in a beginning: fewer lines are hard to come by, gaps between lines are closed."""
@@ -27,12 +31,11 @@ _WAYPOINT_PRICE_FREE = 0.002
 """Shares of the sensor's radius. Where the order is free a waypoint more is all that makes a tour shorter."""
 _LARGEST_STEP = 0.4
 _HOTTEST = 0.04
+_HOTTEST_FREE = 0.15
+"""Where the order is free."""
 _COLDEST = 5e-4
 """Temperatures as shares of the sensor's radius: a bend costs the same on a short route and on a long one."""
-_HOTTEST_FREE = 2e-3
-_COLDEST_FREE = 1e-5
-"""Where the order is free, as shares of the length."""
-_QUENCH = 0.05
+_QUENCH = 0.2
 """Share of the work for a tour that is spent cold, on what there is: a search that is stopped early has that."""
 _QUENCHED = 5.0
 
@@ -182,14 +185,20 @@ def _merit(task: LocalTask, start: Start, goal: float, waypoint_m: float) -> tup
 def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: float) -> Chain:
     length_m = max(route.length_m, work.task.reach_m)
     free = work.task.free_order
+    cells = np.count_nonzero(work.task.numbers.weight)
     fewest = 1 if work.task.free_order else 2
     draft = draft_of(work.task, route, capacity=capacity)
     return Chain(
         task=work.task,
         draft=draft,
-        prices=Prices(work.task.metres_per_cost(route), waypoint_m, _COVERAGE_PRICE * length_m, goal),
-        hottest=_HOTTEST_FREE * length_m if free else _HOTTEST * work.task.reach_m,
-        coldest=_COLDEST_FREE * length_m if free else _COLDEST * work.task.reach_m,
+        prices=Prices(
+            work.task.metres_per_cost(route),
+            waypoint_m,
+            _COVERAGE_PRICE_FREE * work.task.reach_m * cells if free else _COVERAGE_PRICE * length_m,
+            goal,
+        ),
+        hottest=(_HOTTEST_FREE if free else _HOTTEST) * work.task.reach_m,
+        coldest=_COLDEST * work.task.reach_m,
         step_m=_LARGEST_STEP * work.task.reach_m,
         fewest=fewest,
         most=max(capacity, fewest),

@@ -56,6 +56,10 @@ _OPTIMIZER: dict[PlannerAlgorithm, tuple[str, float]] = {
 which only samples, there always is."""
 
 
+_MOST_ROUNDS = 50
+"""Of the optimizer before a local search: where a round is quick, more of them add nothing (docs/results/planning_limit.md)."""
+
+
 def plan_routes(
     site: Site,
     *,
@@ -116,6 +120,8 @@ def plan_routes(
         population_size=settings.population_size,
         executor=executor,
     )
+    if share < 1.0:
+        rounds = min(rounds, _MOST_ROUNDS)
     optimizer: Optimizer = ALGORITHMS[name](
         encoding.lower,
         encoding.upper,
