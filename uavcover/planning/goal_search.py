@@ -31,7 +31,7 @@ _WAYPOINT_PRICE_FREE = 0.002
 """Shares of the sensor's radius. Where the order is free a waypoint more is all that makes a tour shorter."""
 _LARGEST_STEP = 0.4
 _HOTTEST = 0.04
-_HOTTEST_FREE = 0.15
+_HOTTEST_FREE = 0.2
 """Where the order is free."""
 _COLDEST = 5e-4
 """Temperatures as shares of the sensor's radius: a bend costs the same on a short route and on a long one."""
