@@ -7,7 +7,7 @@ from uavcover.planning.count_search import FULL, spread, squeeze, sweep
 from uavcover.planning.goal_search import Start, search_goals
 from uavcover.planning.local_search import Work
 
-_TOURS = 0.5
+_TOURS = 0.4
 """Share of the work for shortest tours, once something sees as much as they are to see."""
 
 _SPREAD, _SQUEEZE = 0.35, 0.85
