@@ -1,5 +1,6 @@
 """Local search for the most coverage with every number of waypoints, where they may be visited in any order."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,9 @@ FULL = 1.0 - 1e-9
 
 _ATTEMPTS = 0.25
 """Share of a squeeze that one number of waypoints gets at a time."""
+
+_MOST_THINNED = 100
+"""So many routes are kept at most while one is thinned: every one is laid out as a short tour."""
 
 _HOTTEST_CELLS = 1.2
 _COLDEST_CELLS = 0.012
@@ -112,7 +116,7 @@ def sweep(work: Work, fewest: Fewest, *, until: float, found: Callable[[Route], 
         until: share of all the work, 0..1, after which this ends.
         found: told every route worth judging.
     """
-    _thin(work, fewest.whole.route, found)
+    thin(work, fewest.whole.route, found)
     chains = [fewest.best] * CHAINS
     more = not work.stopped and work.pace.fraction < until
     while more and max(len(chain.route) for chain in chains) > 1:
@@ -123,12 +127,14 @@ def sweep(work: Work, fewest: Fewest, *, until: float, found: Callable[[Route], 
         _better(chains, found)
 
 
-def _thin(work: Work, route: Route, found: Callable[[Route], None]) -> None:
-    """Down to one waypoint without annealing: where there is little time for the sweep, this is what has most coverage."""
+def thin(work: Work, route: Route, found: Callable[[Route], None]) -> None:
+    """Down to one waypoint without annealing: where there is no time for the sweep yet, this is what has most coverage."""
+    apart = math.ceil(len(route) / _MOST_THINNED)
     while len(route) > 1:
         chain, _ = _chains(work, [route] * CHAINS, _SWEEP)
         route = _without_least(work, chain)
-        found(route)
+        if len(route) % apart == 0:
+            found(route)
 
 
 def _better(chains: Sequence[Chain], found: Callable[[Route], None]) -> Chain:

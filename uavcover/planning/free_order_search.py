@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from uavcover.model.route import Route
-from uavcover.planning.count_search import FULL, spread, squeeze, sweep
+from uavcover.planning.count_search import FULL, spread, squeeze, sweep, thin
 from uavcover.planning.goal_search import Start, search_goals
 from uavcover.planning.local_search import Work
 
@@ -46,6 +46,8 @@ def search_free_order(
             work, known, asked=goal, capacity=capacity, until=until, judged_coverage=judged_coverage, found=found
         )
 
+    most = min(starts, key=lambda start: (-start.seen, len(start.route)))
+    thin(work, most.route, found)
     begin = work.pace.fraction
     toured = asked is not None or any(start.seen >= goal for start in starts)
     if toured:
