@@ -163,7 +163,7 @@ def main() -> None:
     head = [
         "# What optimizer and local search contribute",
         "",
-        f"Command: `.venv/bin/python scripts/bench_planning_limit.py --seeds {arguments.seeds}`, "
+        f"Command: `.venv/bin/python scripts/bench_planning_limit.py --seeds SEEDS --only SCENARIO:MOST` as in the table, "
         f"{datetime.date.today().isoformat()}, uavcover {pipeline.metadata.version('uavcover')}, Python "
         f"{platform.python_version()}.",
         "One thread, equal processor time; the budget holds for baselines, optimizer and local search. Means over the",

@@ -15,7 +15,7 @@ from uavcover.model.scenario import InitialRoute
 from uavcover.model.sensor import DiscSensor
 from uavcover.pipeline import load_site
 from uavcover.planning.draft_route import draft_of, local_task
-from uavcover.planning.planner import Effort, plan_routes
+from uavcover.planning.planner import Effort, Progress, plan_routes
 from uavcover.site import Site
 
 RADIUS_M = 60.0
@@ -53,6 +53,21 @@ def test_a_tour_of_more_than_the_fewest_waypoints_is_shorter() -> None:
     assert fewest.waypoint_count <= 35 < chosen.waypoint_count <= 60
     # Forty discs in rows have a way of 51.8 and are the shortest construction (docs/results/coverage/table.md).
     assert chosen.path_length_m < 51.0 < fewest.path_length_m
+
+
+def test_a_search_that_is_stopped_at_once_has_routes_of_fewer_waypoints_too() -> None:
+    site = row_of_cells()
+    settings = dataclasses.replace(site.scenario.planner, algorithm="local-search")
+    seen: list[Progress] = []
+    plan = plan_routes(
+        site, settings=settings, select_rule="max-coverage", effort=Effort(600, None, frozen),
+        should_stop=lambda: len(seen) >= 1, on_progress=seen.append,
+    )  # fmt: skip
+    assert plan.interrupted
+    thinned = {m.metrics.waypoint_count: m.metrics for m in plan.members if m.origin == "local-search"}
+    # A disc sees at most 12 of the 40 cells: of four that see all, two and three of them see no less than their share.
+    assert thinned[2].coverage_fraction >= 0.5
+    assert thinned[3].coverage_fraction >= 0.75
 
 
 def test_where_all_is_seen_waypoints_come_in_beside_legs() -> None:
