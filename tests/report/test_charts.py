@@ -47,6 +47,21 @@ def test_a_line_is_broken_where_a_value_is_not_known() -> None:
     assert re.sub(r"[^ML]", "", path) == "MLML"
 
 
+def test_a_long_region_keeps_the_peaks_of_both_its_lines() -> None:
+    x = np.linspace(0.0, 1.0, 50_000)
+    low, high = np.zeros(x.size), 5.0 + np.sin(300.0 * x)
+    low[12_345], high[40_001] = -3.0, 9.0
+    plot = Plot((0.0, 1.0), (-3.0, 9.0))
+    plot.between("ground", x, low, high, name="ground")
+    (line,) = plot.finished("c", "C", x_label="x", y_label="y").lines
+    found = points(line.path)
+    assert len(found) < 10_000
+    assert (found[:, 1].min(), found[:, 1].max()) == (TOP, HEIGHT - BOTTOM)
+    width = WIDTH - RIGHT - LEFT
+    np.testing.assert_allclose(found[found[:, 1].argmin(), 0], LEFT + x[40_001] * width, atol=0.06)
+    np.testing.assert_allclose(found[found[:, 1].argmax(), 0], LEFT + x[12_345] * width, atol=0.06)
+
+
 def test_thinning_keeps_every_peak_end_and_break() -> None:
     x = np.arange(100_000.0)
     y = np.sin(x / 1000.0)

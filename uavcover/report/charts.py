@@ -105,10 +105,11 @@ class Plot:
     def between(self, style: str, x: FloatArray, low: FloatArray, high: FloatArray, *, name: str = "") -> None:
         """The region between two lines over the same (n,) places, where both are known."""
         known = np.isfinite(low) & np.isfinite(high)
-        kept, low = _thinned(x[known], low[known])
-        _, high = _thinned(x[known], high[known])
-        if kept.size:
-            path = self._path(np.append(kept, kept[::-1]), np.append(high, low[::-1])) + "Z"
+        if known.any():
+            # Each line is thinned by its own peaks: what is kept of one has other places than what is kept of the other.
+            below_x, below = _thinned(x[known], low[known])
+            above_x, above = _thinned(x[known], high[known])
+            path = self._path(np.append(above_x, below_x[::-1]), np.append(above, below[::-1])) + "Z"
             self._lines.append(Line(style, path, name))
 
     def mark(self, style: str, x: float, y: float, *, radius: float, title: str) -> None:
