@@ -20,17 +20,18 @@ _MAIN_STAGES = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
 """Shares of the work for the goal that is asked for after which it is corrected; after the first both chains take the better."""
 _STAGES = (0.5, 0.85, 1.0)
 _MAIN_SHARE = 0.7
-_COVERAGE_PRICE = 10.0
+_COVERAGE_PRICE = 2.0
 _COVERAGE_PRICE_FREE = 1.5
-"""Of all coverage, in lengths of the route; where the order is free: of a cell of average weight, in radii of the sensor."""
+"""Of all coverage, in lengths of the route; where the order is free: of a cell of average weight, in radii of the sensor.
+Along a path a share more costs one to two such shares of the length; at a price far above that no single change may lose a
+cell, and nothing can be traded."""
 _DEARER = 1.6
 _START_PRICE = 3.0
 """Missing coverage is cheaper in a beginning: fewer lines are hard to come by, gaps between lines are closed."""
-_WAYPOINT_PRICE = 0.03
-_WAYPOINT_PRICE_FREE = 0.002
-"""Shares of the sensor's radius. Where the order is free a waypoint more is all that makes a tour shorter."""
+_WAYPOINT_PRICE = 0.002
+"""Share of the sensor's radius: a waypoint more holds a leg nearer to the height that sees widest, or makes a tour shorter."""
 _LARGEST_STEP = 0.4
-_HOTTEST = 0.04
+_HOTTEST = 0.005
 _HOTTEST_FREE = 0.2
 """Where the order is free."""
 _COLDEST = 5e-4
@@ -122,8 +123,7 @@ def search_goal(
     """
     begin, end = share
     aim = min(1.0, goal + SAFETY)
-    usual = _WAYPOINT_PRICE_FREE if work.task.free_order else _WAYPOINT_PRICE
-    waypoint_m = (usual if waypoint_price is None else waypoint_price) * work.task.reach_m
+    waypoint_m = (_WAYPOINT_PRICE if waypoint_price is None else waypoint_price) * work.task.reach_m
     ranked_by_m = 0.0 if waypoint_price is None else waypoint_m
     ranked = sorted(starts, key=lambda start: _merit(work.task, start, goal, ranked_by_m))
     if work.stopped or work.pace.fraction >= end:

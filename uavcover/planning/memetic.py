@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uavcover.coverage.cells import make_scattered_cells
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.coverage.sensors import reach_at_height_m
 from uavcover.kernels.open_tour import short_tour
@@ -38,6 +39,9 @@ _WAYPOINTS_SHARE = 0.15
 
 _FLOWN = 0.98
 """The coverage that it goes for when the rule asks for none."""
+
+SCATTERED_MARGIN_CELLS = 0.1
+"""Likewise on scattered cells, which a route passes at all distances, so that it can hardly live off their centres."""
 
 _MOST_FINEST_CELLS = 2_000_000
 
@@ -97,10 +101,13 @@ def improve(
     starts = _starts(coverage, routes, settings)
     if not starts or left == 0:
         return Improved((), 0, interrupted=False)
-    searched = judging if site.scenario.sensor.sensing == "along-path" else coverage
-    finest = _finest(site, searched, judging)
-    same_cells = searched is judging and searched is coverage
-    task = _task(site, searched, margin_cells=0.0 if same_cells else MARGIN_CELLS)
+    if site.scenario.sensor.sensing == "along-path":
+        scattered = CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m, cut=make_scattered_cells)
+        task = _task(site, scattered, margin_cells=SCATTERED_MARGIN_CELLS)
+        judges = [judging, *_finer(site, judging)]
+    else:
+        task = _task(site, coverage, margin_cells=0.0 if judging is coverage else MARGIN_CELLS)
+        judges = [judging]
     pace: Pace
     if effort.budget_s is None:
         pace = PaceByNumber(left * PROPOSALS_PER_EVALUATION)
@@ -127,7 +134,7 @@ def improve(
         look(lambda: [*kept, *(_shortened(task, chain.route) for chain in chains)])
 
     def judged_coverage(route: Route) -> float:
-        return finest.share_of_coverable(finest.seen(route.waypoints_m))
+        return min(cells.share_of_coverable(cells.seen(route.waypoints_m)) for cells in judges)
 
     asked = rule.required_coverage
     capacity = _capacity(task, settings, starts)
@@ -145,14 +152,11 @@ def improve(
     return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
 
 
-def _finest(site: Site, searched: CoverageMap, judging: CoverageMap) -> CoverageMap:
-    """The cells by which goals are corrected: finer than those that are searched on, where that is not too much to keep."""
-    if judging is not searched or site.scenario.limits.applies_to == "waypoints":
-        return judging
-    cell_m = site.scenario.area.cell_size_m
-    if judging.grid.count * 4 > _MOST_FINEST_CELLS:
-        return judging
-    return CoverageMap(site, cell_size_m=0.5 * cell_m)
+def _finer(site: Site, judging: CoverageMap) -> list[CoverageMap]:
+    """Finer cells by which goals are corrected beside those that judge, where that is not too much to keep."""
+    if site.scenario.limits.applies_to == "waypoints" or judging.grid.count * 4 > _MOST_FINEST_CELLS:
+        return []
+    return [CoverageMap(site, cell_size_m=0.5 * site.scenario.area.cell_size_m)]
 
 
 def _starts(coverage: CoverageMap, routes: Sequence[Route], settings: PlannerSettings) -> list[Start]:
