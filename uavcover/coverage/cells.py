@@ -15,6 +15,10 @@ from uavcover.site import Site
 
 MAX_CELLS = 4_000_000
 
+_ROW_STEP = 0.5 * (math.sqrt(5.0) - 1.0)
+_COLUMN_STEP = math.sqrt(2.0) - 1.0
+"""Two different ones: with the same, many places would lie in line at 45 degrees."""
+
 
 @dataclass(frozen=True, eq=False)
 class CellGrid:
@@ -72,8 +76,8 @@ def _cut(site: Site, cell_size_m: float, *, scatter: float) -> CellGrid:
     e = west + (np.arange(columns) + 0.5) * cell_size_m
     n = south + (np.arange(rows) + 0.5) * cell_size_m
     grid_e, grid_n = np.meshgrid(e, n)
-    grid_e = grid_e + scatter * cell_size_m * _golden(rows)[:, None]
-    grid_n = grid_n + scatter * cell_size_m * _golden(columns)
+    grid_e = grid_e + scatter * cell_size_m * _spread(rows, _ROW_STEP)[:, None]
+    grid_n = grid_n + scatter * cell_size_m * _spread(columns, _COLUMN_STEP)
     inside = shapely.contains_xy(site.area, grid_e, grid_n)
     if not inside.any():
         raise ScenarioError(f"area.cell_size_m: no centre of a cell of {cell_size_m:g} m lies in the area")
@@ -103,9 +107,9 @@ def _cut(site: Site, cell_size_m: float, *, scatter: float) -> CellGrid:
     return CellGrid(cells, weight)
 
 
-def _golden(count: int) -> NDArray[np.float64]:
-    """(count,) numbers -0.5..0.5, each the golden ratio's share of the whole behind the one before."""
-    shares: NDArray[np.float64] = np.arange(count, dtype=np.float64) * (0.5 * (math.sqrt(5.0) - 1.0))
+def _spread(count: int, step: float) -> NDArray[np.float64]:
+    """(count,) numbers -0.5..0.5, each ``step`` of the whole behind the one before: with an irrational step evenly spread."""
+    shares: NDArray[np.float64] = (np.arange(count) + 0.5) * step
     return np.asarray(shares % 1.0 - 0.5, dtype=np.float64)
 
 
