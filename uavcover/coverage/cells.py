@@ -109,7 +109,7 @@ def _cut(site: Site, cell_size_m: float, *, scatter: float) -> CellGrid:
 
 def _spread(count: int, step: float) -> NDArray[np.float64]:
     """(count,) numbers -0.5..0.5, each ``step`` of the whole behind the one before: with an irrational step evenly spread."""
-    shares: NDArray[np.float64] = (np.arange(count) + 0.5) * step
+    shares: NDArray[np.float64] = (np.arange(count, dtype=np.float64) + 0.5) * step
     return np.asarray(shares % 1.0 - 0.5, dtype=np.float64)
 
 
