@@ -1,92 +1,51 @@
-"""Every way in which a mission transfer goes wrong in practice, by name, from the client's side and from the vehicle's.
+"""Mission transfers that go wrong, by name: lost, doubled, early and foreign messages, from the client's and the vehicle's side.
 
-All on a clock that stands still between events. ``test_each_fault_is_tested_from_both_sides`` holds the list.
+All on a clock that stands still between events.
 """
 
-import math
 import random
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import pytest
-from pymavlink.dialects.v20 import common
 
-from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
-from mission_io.autopilots import ARDUPILOT, PX4, Autopilot, home_item
-from mission_io.codec import Codec
-from mission_io.content import items_of
+from mission_io.autopilots import ARDUPILOT, PX4, Autopilot
 from mission_io.enums import MissionResult
-from mission_io.errors import FormatError, MisuseError, TransferCancelledError, TransferError, TransferSilentError
-from mission_io.items import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
-from mission_io.messages import Heartbeat, MissionAck, MissionCount, MissionItemInt, MissionRequestInt, Received
+from mission_io.errors import TransferCancelledError, TransferError, TransferSilentError
+from mission_io.items import Frame, MissionType
+from mission_io.messages import MissionAck, MissionCount, MissionItemInt, Received
 from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import MissionServer
 from mission_io.protocol.upload import Upload
 from mission_io.protocol.upload_table import UploadState
 from mission_io.simulated import Conditions
 from mission_io.wire import message_from_item
-from tests.mission_io.protocol.scripts import GROUND, VEHICLE, items, play, text
+from tests.mission_io.protocol.scripts import GROUND, VEHICLE, items, play
+from tests.mission_io.protocol.two_sides import (
+    BOTH,
+    client_script,
+    fence_answer,
+    first_of,
+    held,
+    losing,
+    polygon_items,
+    untested,
+    upload,
+    vehicle,
+    vehicle_script,
+)
 from tests.mission_io.vehicle import VehiclePeer, connected
 
-BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 FAULTS = (
     "loss_both_ways", "count_never_answered", "only_the_first_count_lost", "stall_after_an_item", "duplicate_request",
-    "request_out_of_range", "error_on_count", "error_on_an_item", "error_at_the_end", "ack_too_early", "last_ack_lost",
-    "ack_of_another_type", "ack_for_another_station", "legacy_request", "cancel_in_the_middle_of_10000",
-    "busy_then_free", "item_from_a_wrong_system", "interleaved_uploads", "out_of_sequence_item", "write_partial",
-    "bad_fences", "storage_exceeded", "empty_mission", "slow_but_progressing", "random_traffic_when_idle",
-    "heartbeat_stops", "reboot_in_the_middle", "duplicated_reordered_corrupted", "garbage_bytes",
+    "request_out_of_range", "error_on_count", "error_on_an_item", "error_at_the_end", "ack_too_early",
+    "last_ack_lost", "ack_of_another_type", "ack_for_another_station", "legacy_request",
+    "cancel_in_the_middle_of_10000", "busy_then_free", "item_from_a_wrong_system", "interleaved_uploads",
+    "out_of_sequence_item",
 )  # fmt: skip
 
 
 def test_each_fault_is_tested_from_both_sides() -> None:
-    missing = [f"test_{side}_{fault}" for fault in FAULTS for side in ("client", "vehicle")]
-    assert [name for name in missing if name not in globals()] == []
-
-
-def upload(count: int = 5) -> Upload:
-    return Upload(items(count), mission_type=MissionType.MISSION, local=GROUND, vehicle=VEHICLE, now=0.0)
-
-
-def client_script(steps: str, count: int = 5) -> tuple[UploadState, list[str]]:
-    machine = upload(count)
-    sent = play(machine, steps, sender=VEHICLE, to=GROUND)
-    return machine.state, sent
-
-
-def vehicle(autopilot: Autopilot = PX4, *, capacity: int | None = None, held: int = 0) -> MissionServer:
-    server = MissionServer(autopilot, local=VEHICLE, capacity=capacity)
-    server.set_items(MissionType.MISSION, items(held))
-    return server
-
-
-def vehicle_script(steps: str, server: MissionServer) -> list[str]:
-    return play(server, steps, sender=GROUND, to=VEHICLE)
-
-
-def held(peer: VehiclePeer) -> tuple[MissionItem, ...]:
-    return peer.server.items(MissionType.MISSION)
-
-
-def losing(peer: VehiclePeer, lose: Callable[[Any], bool]) -> VehiclePeer:
-    """The peer without some of what its server sends."""
-    send = peer.server.messages_to_send
-    peer.server.messages_to_send = lambda now: [m for m in send(now) if not lose(m)]  # type: ignore[method-assign]
-    return peer
-
-
-def first_of(kind: type, count: int = 1) -> Callable[[Any], bool]:
-    """True for the first messages of a kind."""
-    left = [count]
-
-    def is_first(message: Any) -> bool:
-        if isinstance(message, kind) and left[0]:
-            left[0] -= 1
-            return True
-        return False
-
-    return is_first
+    assert untested(FAULTS, globals()) == []
 
 
 # Random loss both ways.
@@ -371,277 +330,3 @@ def test_vehicle_out_of_sequence_item() -> None:
     assert vehicle_script("count 5, item 0, item 3", vehicle()) == [], "PX4 drops it"
     assert vehicle_script("count 5, item 0, item 3", vehicle(ARDUPILOT)) == ["ack INVALID_SEQUENCE"]
     assert vehicle_script("count 2, item 1, item 0, item 1", vehicle()) == ["ack ACCEPTED"]
-
-
-# Lists that cannot be.
-
-
-def partial_list(start: int, end: int) -> bytes:
-    sender = common.MAVLink(None, srcSystem=255, srcComponent=190)
-    return bytes(common.MAVLink_mission_write_partial_list_message(1, 1, start, end).pack(sender))
-
-
-@pytest.mark.parametrize(("start", "end"), [(0, 2), (-1, 5), (3, 1), (0, 32767)])
-def test_vehicle_write_partial(start: int, end: int) -> None:
-    """Not supported, whatever its bounds: nothing is answered and nothing changes."""
-    peer = VehiclePeer(PX4)
-    peer.server.set_items(MissionType.MISSION, items(5))
-    peer.receive_datagram(partial_list(start, end), 0.0)
-    assert peer.heard == []
-    assert peer.server.messages_to_send(0.0) == []
-    assert held(peer) == items(5)
-
-
-def test_client_write_partial() -> None:
-    """Never sent: a list is replaced as a whole."""
-    peer = VehiclePeer(PX4)
-    peer.server.set_items(MissionType.MISSION, items(9))
-    connected(peer).upload(MissionType.MISSION, (*items(8), replace(items(9)[8], alt_m=1.0)))
-    counts = [r.message.count for r in peer.heard if isinstance(r.message, MissionCount)]
-    assert counts == [9]
-
-
-def polygon_items(*, count: int, vertices: int, frame: Frame = Frame.AMSL) -> list[MissionItem]:
-    return [
-        MissionItem(
-            Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, frame, (float(count), 0.0, 0.0, 0.0), 46.0 + i * i, 7.0 + i
-        )
-        for i in range(vertices)
-    ]
-
-
-def fence_answer(server: MissionServer, fence: list[MissionItem]) -> str:
-    server.receive(Received(MissionCount(1, 1, len(fence), MissionType.FENCE), 255, 190), 0.0)
-    for seq, item in enumerate(fence):
-        message = message_from_item(item, seq, mission_type=MissionType.FENCE, target_system=1, target_component=1)
-        server.receive(Received(message, 255, 190), 0.0)
-    return text(server.messages_to_send(0.0)[-1])
-
-
-RETURN = MissionItem(Command.NAV_FENCE_RETURN_POINT, Frame.AMSL, lat_deg=46.0, lon_deg=7.0)
-
-
-@pytest.mark.parametrize(
-    ("fence", "answer"),
-    [
-        (polygon_items(count=3, vertices=3), "ack ACCEPTED"),
-        (polygon_items(count=0, vertices=3), "ack ERROR"),
-        (polygon_items(count=5, vertices=3), "ack ERROR"),
-        (polygon_items(count=2, vertices=2), "ack ERROR"),
-        ([RETURN, RETURN], "ack ERROR"),
-        ([replace(RETURN, lat_deg=100.0)], "ack INVALID_PARAM5_X"),
-    ],
-    ids=["good", "no vertices", "vertices missing", "two vertices", "two returns", "latitude 100"],
-)
-def test_vehicle_bad_fences(fence: list[MissionItem], answer: str) -> None:
-    server = vehicle(ARDUPILOT)
-    assert fence_answer(server, fence) == answer
-    assert bool(server.items(MissionType.FENCE)) == (answer == "ack ACCEPTED")
-
-
-def test_vehicle_bad_fences_in_a_frame_it_does_not_take() -> None:
-    assert fence_answer(vehicle(PX4), [replace(RETURN, frame=Frame.ABOVE_TERRAIN)]) == "ack UNSUPPORTED_FRAME"
-
-
-@pytest.mark.parametrize(
-    "fence",
-    [
-        Fence((FencePolygon((LatLon(46.0, 7.0), LatLon(47.0, 8.0))),)),
-        Fence((FencePolygon((LatLon(46.0, 7.0), LatLon(100.0, 8.0), LatLon(46.5, 7.5))),)),
-        Fence((), (FenceCircle(LatLon(46.0, 7.0), 0.0, inclusion=False),)),
-        Fence((), (), FramedPoint(math.nan, 7.0, 0.0, Frame.AMSL)),
-    ],
-    ids=["two vertices", "latitude 100", "no radius", "NaN"],
-)
-def test_client_bad_fences(fence: Fence) -> None:
-    """Known before anything is sent."""
-    peer = VehiclePeer(ARDUPILOT)
-    with pytest.raises((MisuseError, FormatError)):
-        connected(peer).upload_and_verify(fence)
-    assert not [r for r in peer.heard if isinstance(r.message, MissionCount)]
-
-
-@BOTH
-def test_client_storage_exceeded(autopilot: Autopilot) -> None:
-    peer = VehiclePeer(autopilot, capacity=3)
-    peer.server.set_items(MissionType.MISSION, items(2))
-    with pytest.raises(
-        TransferError, match="NO_SPACE after 0 of 4 items; the vehicle's list is now unchanged"
-    ) as caught:
-        connected(peer).upload(MissionType.MISSION, items(4))
-    assert caught.value.vehicle_holds == "unchanged"
-    assert held(peer)[1:] == items(2)[1:]
-
-
-def test_vehicle_storage_exceeded() -> None:
-    server = vehicle(capacity=3, held=2)
-    assert vehicle_script("count 4", server) == ["ack NO_SPACE"]
-    assert len(server.items(MissionType.MISSION)) == 2
-
-
-@BOTH
-def test_client_empty_mission(autopilot: Autopilot) -> None:
-    peer = VehiclePeer(autopilot)
-    peer.server.set_items(MissionType.MISSION, items(5))
-    client = connected(peer)
-    client.upload(MissionType.MISSION, ())
-    assert (held(peer), client.download(MissionType.MISSION)) == ((), ())
-
-
-def test_vehicle_empty_mission() -> None:
-    server = vehicle(held=3)
-    assert vehicle_script("count 0", server) == ["ack ACCEPTED"]
-    assert vehicle_script("list", server) == ["count 0"]
-
-
-# Time.
-
-
-def test_client_slow_but_progressing() -> None:
-    """A vehicle that takes two seconds for each item, and asks again each quarter of a second."""
-
-    class Slow(VehiclePeer):
-        free_at = 0.0
-
-        def receive_datagram(self, data: bytes, now: float) -> None:
-            for received in self.codec.decode(data):
-                if not isinstance(received.message, MissionItemInt):
-                    self.server.receive(received, now)
-                elif now >= self.free_at:
-                    self.free_at = now + 2.0
-                    self.server.receive(received, now)
-
-    peer = Slow(PX4)
-    client = connected(peer)
-    client.upload(MissionType.MISSION, items(40))
-    assert len(held(peer)) == 40
-    assert client.clock.now() > 70.0
-
-
-def test_vehicle_slow_but_progressing() -> None:
-    """Items that come just before it would give up keep the upload alive."""
-    steps = ", ".join(["count 8", *(f"wait 4.9, item {i}" for i in range(8))])
-    assert vehicle_script(steps, vehicle()) == ["ack ACCEPTED"]
-
-
-def test_client_random_traffic_when_idle() -> None:
-    """What a finished conversation hears changes nothing, and the next one begins as if nothing had been."""
-    peer = VehiclePeer(PX4)
-    client = connected(peer)
-    peer.outbox = [MissionRequestInt(255, 190, 3), MissionAck(255, 190, 0), MissionCount(255, 190, 7)] * 20
-    client.poll(1.5)
-    client.upload(MissionType.MISSION, items(5))
-    assert len(held(peer)) == 5
-
-
-@BOTH
-def test_vehicle_random_traffic_when_idle(autopilot: Autopilot) -> None:
-    rng, server = random.Random(7), vehicle(autopilot, held=3)
-    steps = ("req 0", "req 9", "item 0", "item 9", "ack ACCEPTED", "ack DENIED", "list", "list /rally")
-    vehicle_script(", ".join(rng.choices(steps, k=200)), server)
-    assert server.items(MissionType.MISSION)[1:] == items(3)[1:]
-    assert vehicle_script("wait 6, count 2", server)[-1].endswith("req 0")
-
-
-def test_client_heartbeat_stops() -> None:
-    """A transfer does not need heartbeats; whoever waits for the vehicle sees how old the last one is."""
-    peer = losing(VehiclePeer(PX4), lambda m: isinstance(m, Heartbeat))
-    client = connected(peer)
-    peer.next_timer = lambda: peer.server.next_timer()  # type: ignore[method-assign]
-    peer.datagrams_to_send = lambda now: [peer.codec.encode(m) for m in peer.server.messages_to_send(now)]  # type: ignore[method-assign]
-    client.poll(9.0)
-    assert client.heartbeat_age_s > 8.0
-    client.upload(MissionType.MISSION, items(5))
-    assert len(held(peer)) == 5
-
-
-def test_vehicle_heartbeat_stops() -> None:
-    """Nor does the vehicle's side need the ground station's."""
-    server = vehicle()
-    assert vehicle_script("wait 60, count 1, item 0", server) == ["ack ACCEPTED"]
-
-
-@BOTH
-def test_client_reboot_in_the_middle(autopilot: Autopilot) -> None:
-    """The vehicle forgets the upload; it is begun anew, also while ArduPilot has no space just after booting."""
-
-    class Reboots(VehiclePeer):
-        booted = False
-
-        def on_message(self, received: Received, now: float) -> None:
-            if not self.booted and isinstance(received.message, MissionItemInt) and received.message.seq == 10:
-                self.booted = True
-                self.server = MissionServer(self.autopilot, local=Address(1, 1), booted_at=now)
-
-    peer = Reboots(autopilot)
-    client = connected(peer)
-    client.upload(MissionType.MISSION, items(30))
-    assert peer.booted
-    assert len(held(peer)) == 30
-
-
-def test_vehicle_reboot_in_the_middle() -> None:
-    """The ground station goes on where it was: it is told that there is no upload, or hears nothing."""
-    assert vehicle_script("item 7", vehicle(ARDUPILOT)) == ["ack ERROR"]
-    assert vehicle_script("item 7", vehicle(PX4)) == []
-
-
-# Bytes.
-
-
-@BOTH
-def test_client_duplicated_reordered_corrupted(autopilot: Autopilot) -> None:
-    conditions = Conditions(loss=0.1, duplication=0.2, corruption=0.1, delay_s=0.005, jitter_s=0.05)
-    for seed in range(5):
-        peer = VehiclePeer(autopilot)
-        client = connected(peer, seed=seed, conditions=conditions)
-        result = client.upload_and_verify(Mission(GeoPoint(46.5, -7.5, 500.0), items(20)))
-        assert result.passed
-        expected = items(20) if autopilot is PX4 else (home_item(GeoPoint(46.5, -7.5, 500.0)), *items(20))
-        assert held(peer) == expected
-
-
-@BOTH
-def test_vehicle_duplicated_reordered_corrupted(autopilot: Autopilot) -> None:
-    ground, rng = Codec(system_id=255, component_id=190), random.Random(3)
-    peer = VehiclePeer(autopilot)
-    sent = [ground.encode(MissionCount(1, 1, 3))]
-    for seq, item in enumerate(items(3)):
-        sent.append(
-            ground.encode(
-                message_from_item(item, seq, mission_type=MissionType.MISSION, target_system=1, target_component=1)
-            )
-        )
-    for _ in range(200):
-        data = bytearray(rng.choice(sent))
-        if rng.random() < 0.3:
-            data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
-        peer.receive_datagram(bytes(data), 0.0)
-    ends = {text(message) for message in peer.server.messages_to_send(0.0)}
-    assert "ack ACCEPTED" in ends
-    assert all(item in items(3) for item in held(peer))
-
-
-def test_client_garbage_bytes() -> None:
-    class Noisy(VehiclePeer):
-        def datagrams_to_send(self, now: float) -> list[bytes]:
-            noise = random.Random(now).randbytes(40)
-            return [noise + data for data in super().datagrams_to_send(now)]
-
-    peer = Noisy(PX4)
-    client = connected(peer)
-    client.upload(MissionType.MISSION, items(9))
-    assert client.download(MissionType.MISSION) == items(9)
-
-
-def test_vehicle_garbage_bytes() -> None:
-    peer = VehiclePeer(PX4)
-    peer.receive_datagram(random.Random(1).randbytes(5000), 0.0)
-    assert peer.server.messages_to_send(0.0) == []
-
-
-def test_a_fence_is_made_of_the_items_that_are_tested_here() -> None:
-    corners = tuple(LatLon(46.0 + i * i, 7.0 + i) for i in range(3))
-    assert [item.command for item in items_of(Fence((FencePolygon(corners),)), PX4)] == [
-        item.command for item in polygon_items(count=3, vertices=3)
-    ]
