@@ -26,17 +26,17 @@ FloatArray = NDArray[np.float64]
 MOST_MEMBERS = 100
 """A Pareto set of more is thinned: a choice that nobody can survey is none."""
 
-_MOST_OTHERS = 80
+_MOST_OTHERS = 60
 _FEWEST_OTHERS = 10
 """So many parts and routes of the optimizer are judged at most, and at least, whatever time is left for it."""
 
-_MOST_FOUND = 40
+_MOST_FOUND = 25
 """So many routes a search is expected to find, when time is set aside for judging them."""
 
 _PART = 0.5
 """What judging a part takes, of what a whole route takes."""
 
-_LARGEST_SHARE = 0.15
+_LARGEST_SHARE = 0.2
 """Of a time budget that is set aside."""
 
 _WHOLE = 0.9
@@ -99,6 +99,8 @@ class Finish:
         """
         self._coarse, self._others = coarse, others
         self._effort, self._started, self._executor = effort, started, executor
+        # Every route is judged by the coverable cells: found once.
+        _ = fine.coverable
         begin = effort.now()
         self.baselines = judge_members(fine, baselines, executor)
         judged = effort.now()
@@ -106,6 +108,11 @@ class Finish:
         self._judging_s = (judged - begin) / max(len(baselines), 1)
         self._looking_s = (effort.now() - judged) / max(len(baselines), 1)
         self._lines = self._looked_at(lines)
+
+    @property
+    def known(self) -> list[Candidate]:
+        """All that there is before a local search, on the planner's cells."""
+        return [*self._others, *(each.candidate for each in (*self._lines, *self._wholes))]
 
     def search_effort(self) -> Effort:
         """The effort without the time that looking at what was found and judging it will take."""
@@ -121,18 +128,18 @@ class Finish:
         if scenario.sensor.sensing == "at-waypoints" and scenario.limits.applies_to == "waypoints":
             # In any order every number of waypoints is searched for by itself: a part is no news.
             return [*found, *(each.route for each in self._others), *(each.candidate.route for each in self._lines)]
-        judged = [*self._wholes, *self._looked_at(found)]
+        looked = [*self._wholes, *self._looked_at(found)]
+        lines = _unbeaten([each.candidate for each in self._lines], [each.candidate for each in looked])
         most = _MOST_OTHERS
         if self._effort.budget_s is not None:
             left_s = self._started + self._effort.budget_s - self._effort.now()
-            fit = int(left_s / max(self._judging_s, 1e-6)) - len(found)
+            fit = int(left_s / max(self._judging_s, 1e-6)) - len(found) - len(lines)
             most = max(_FEWEST_OTHERS, min(most, fit))
-        offered = [
-            *self._others,
-            *(each.candidate for each in self._lines),
-            *_parts(self._coarse.site, [*judged, *self._lines]),
-        ]
-        return [*found, *_unbeaten(offered, [each.candidate for each in judged], most)]
+        judged = [each.candidate for each in looked] + lines
+        offered = [*self._others, *_parts(self._coarse.site, [*looked, *self._lines])]
+        new = _unbeaten(offered, judged)
+        kept = least_crowded(np.array([each.objectives for each in new]), most) if new else ()
+        return [*found, *(each.route for each in lines), *(new[k].route for k in kept)]
 
     def _looked_at(self, routes: Sequence[NamedRoute]) -> list[Whole]:
         site = self._coarse.site
@@ -145,22 +152,18 @@ class Finish:
             objectives = np.array([-gains.seen[-1], len(route), _cost(site, route)])
             return Whole(Candidate(named, objectives, violation), gains)
 
-        long_enough = [named for named in routes if len(named[0]) > 1]
-        return list(map(one, long_enough) if self._executor is None else self._executor.map(one, long_enough))
+        return list(map(one, routes) if self._executor is None else self._executor.map(one, routes))
 
 
-def _unbeaten(offered: Sequence[Candidate], known: Sequence[Candidate], most: int) -> list[NamedRoute]:
-    """The offered routes that nothing offered or known beats, of equals the first; the least crowded where they are too many."""
+def _unbeaten(offered: Sequence[Candidate], known: Sequence[Candidate]) -> list[Candidate]:
+    """The routes that are offered and that nothing offered or known beats; of equals the first."""
     if not offered:
         return []
-    everything = [*known, *offered]
-    values = np.array([each.objectives for each in everything])
-    mask = non_dominated_mask(values, np.array([each.violation for each in everything]))
+    values = np.array([each.objectives for each in (*known, *offered)])
+    mask = non_dominated_mask(values, np.array([each.violation for each in (*known, *offered)]))
     new = np.flatnonzero(mask[len(known) :])
-    rows = values[len(known) :]
-    _, first = np.unique(rows[new], axis=0, return_index=True)
-    new = new[np.sort(first)]
-    return [offered[k].route for k in new[least_crowded(rows[new], most)]]
+    _, first = np.unique(values[len(known) :][new], axis=0, return_index=True)
+    return [offered[k] for k in new[np.sort(first)]]
 
 
 def _parts(site: Site, wholes: Sequence[Whole]) -> list[Candidate]:

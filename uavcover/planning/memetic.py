@@ -10,12 +10,12 @@ from uavcover.coverage.cells import make_scattered_cells
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.coverage.sensors import reach_at_height_m
 from uavcover.kernels.open_tour import short_tour
-from uavcover.leg_checks import measure_violations
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
 from uavcover.planning.baselines import best_height_agl_m
 from uavcover.planning.draft_route import LocalTask, local_task
 from uavcover.planning.free_order_search import search_free_order
+from uavcover.planning.front import Candidate
 from uavcover.planning.goal_search import Start, search_goals
 from uavcover.planning.local_search import (
     CHAINS,
@@ -68,7 +68,7 @@ class Improved:
 def improve(
     coverage: CoverageMap,
     judging: CoverageMap,
-    routes: Sequence[Route],
+    candidates: Sequence[Candidate],
     *,
     settings: PlannerSettings,
     rule: Rule,
@@ -85,7 +85,7 @@ def improve(
     Args:
         coverage: on the planner's cells.
         judging: on the cells by which routes are judged.
-        routes: found so far; those that break a limit are no beginning.
+        candidates: found so far; those that break a limit are no beginning.
         settings: encoding, capacity and seed.
         rule: by which one route will be chosen: most of the work goes where it chooses.
         effort: when to stop; evaluations that are done already count.
@@ -98,7 +98,7 @@ def improve(
     """
     site = coverage.site
     left = max(0, effort.evaluations - evaluations_done) if effort.budget_s is None else 1
-    starts = _starts(coverage, routes, settings)
+    starts = _starts(coverage, candidates, settings)
     if not starts or left == 0:
         return Improved((), 0, interrupted=False)
     if site.scenario.sensor.sensing == "along-path":
@@ -159,19 +159,17 @@ def _finer(site: Site, judging: CoverageMap) -> list[CoverageMap]:
     return [CoverageMap(site, cell_size_m=0.5 * site.scenario.area.cell_size_m)]
 
 
-def _starts(coverage: CoverageMap, routes: Sequence[Route], settings: PlannerSettings) -> list[Start]:
+def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: PlannerSettings) -> list[Start]:
     """The routes that keep the limits, and what they see of what can be covered."""
-    margin_m = coverage.site.scenario.limits.height_margin_m
     legs = coverage.site.scenario.limits.applies_to == "legs"
     # Over terrain there are waypoints between the nodes of the encoding, which its capacity does not count.
     longest = settings.max_waypoints if settings.encoding == "waypoints" and not legs else None
     fewest = 2 if legs else 1
+    coverable = max(coverage.share(coverage.coverable), 1e-12)
     return [
-        Start(route, coverage.share_of_coverable(coverage.seen(route.waypoints_m)))
-        for route in routes
-        if len(route) >= fewest
-        and (longest is None or len(route) <= longest)
-        and measure_violations(coverage.site, route.waypoints_m, margin_m=margin_m).total <= 0.0
+        Start(each.route[0], min(1.0, -float(each.objectives[0]) / coverable))
+        for each in known
+        if each.violation <= 0.0 and len(each.route[0]) >= fewest and (longest is None or len(each.route[0]) <= longest)
     ]
 
 

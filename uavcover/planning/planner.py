@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.errors import InfeasibleError
-from uavcover.kernels.dominance import non_dominated_mask
+from uavcover.kernels.dominance import least_crowded, non_dominated_mask
 from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import ALGORITHMS
@@ -58,6 +58,9 @@ which only samples, there always is."""
 
 _MOST_ROUNDS = 50
 """Of the optimizer before a local search: where a round is quick, more of them add nothing (docs/results/planning_limit.md)."""
+
+_MOST_TUNED = 12
+"""So many tuned boustrophedons are shown: the one of most merit, and the least crowded."""
 
 
 def plan_routes(
@@ -154,30 +157,26 @@ def plan_routes(
         reference = judge_members(fine, constructed, executor)
         made = [candidate.route for candidate in optimized]
     else:
-        bent: list[NamedRoute] = []
-        simple: list[NamedRoute] = []
+        lines: list[NamedRoute] = []
         if settings.encoding == "swaths" and not interrupted:
             straight = [b.layout for b in _by_merit(baselines, goal) if b.layout is not None]
             angle = straight[0].angle_rad if straight else long_side_angle_rad(site)
+            lines += [(route, "simple-lines") for route in simple_lines(site, angle)]
             if can_be_balanced(site):
-                bent = [(route, "balanced-lines") for route in balanced_lines(site, angle)]
-            simple = [(route, "simple-lines") for route in simple_lines(site, angle)]
-        finish = Finish(
-            coarse, fine, constructed, optimized, simple, effort=effort, started=started, executor=executor
-        )  # fmt: skip
+                lines += [(route, "balanced-lines") for route in balanced_lines(site, angle)]
+        finish = Finish(coarse, fine, constructed, optimized, lines, effort=effort, started=started, executor=executor)
         reference = finish.baselines
-        found = [*bent]
+        found: list[NamedRoute] = []
         if not interrupted:
-            known = [*(one.route for one in optimized), *bent, *simple, *constructed]
             improved = improve(
-                coarse, fine, [route for route, _ in known],
+                coarse, fine, finish.known,
                 settings=settings, rule=rule, effort=finish.search_effort(), started=started,
                 evaluations_done=evaluations, executor=executor, should_stop=should_stop, on_progress=on_progress,
                 look=lambda routes: look(
-                    lambda: finish.worth_judging([*bent, *((route, settings.algorithm) for route in routes())])
+                    lambda: finish.worth_judging([(route, settings.algorithm) for route in routes()])
                 ),
             )  # fmt: skip
-            found += [(route, settings.algorithm) for route in improved.routes]
+            found = [(route, settings.algorithm) for route in improved.routes]
             evaluations += improved.evaluations
             interrupted = improved.interrupted
         made = finish.worth_judging(found)
@@ -253,13 +252,17 @@ def _by_merit(baselines: Sequence[Baseline], goal: float | None) -> list[Baselin
 
 
 def _worth_showing(baselines: Sequence[Baseline], goal: float | None) -> list[Baseline]:
-    """Each method's route; of the tuned boustrophedons those that nothing else among them beats."""
+    """Each method's route; of the tuned boustrophedons those that no other beats, thinned."""
     tuned = [b for b in baselines if b.name == TUNED and b.violation <= 0.0]
     others = [b for b in baselines if b.name != TUNED]
     if not tuned:
         return others
     mask = non_dominated_mask(np.array([b.objectives for b in tuned]), np.zeros(len(tuned)))
     best = [b for b, keep in zip(tuned, mask, strict=True) if keep]
+    if len(best) > _MOST_TUNED:
+        values = np.array([b.objectives for b in best])
+        first = _by_merit(best, goal)[0]
+        best = [first, *(best[k] for k in least_crowded(values, _MOST_TUNED) if best[k] is not first)]
     return others + _by_merit(best, goal)
 
 

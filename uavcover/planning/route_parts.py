@@ -47,8 +47,10 @@ class Part:
 
 
 def gains_of(coverage: CoverageMap, route: Route) -> Gains:
-    """What each leg of a route of at least two waypoints is the first to see, on the cells of ``coverage``."""
+    """What each leg of a route is the first to see, on the cells of ``coverage``; a single waypoint sees by itself."""
     way_m = _way_m(route.waypoints_m)
+    if len(route) == 1:
+        return Gains(route, way_m, np.array([coverage.share(coverage.seen(route.waypoints_m))]))
     looks = coverage.looks(route.waypoints_m)
     first = coverage.first_seen(looks)
     at_m = _way_m(looks.places_m)
@@ -73,6 +75,8 @@ def parts_of(gains: Gains, *, shares: Sequence[float] = SHARES) -> list[Part]:
         shares: 0..1.
     """
     points, way_m, seen = gains.route.waypoints_m, gains.way_m, gains.seen
+    if len(points) < 3:
+        return []
     first = np.arange(len(points) - 1)
     found: dict[tuple[int, int], Part] = {}
     for share in shares:
