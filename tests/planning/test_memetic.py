@@ -155,6 +155,14 @@ def test_the_time_budget_ends_the_local_search() -> None:
     assert all(p.evaluations <= p.total < 10**9 for p in seen)
 
 
+def test_a_budget_that_is_over_before_the_local_search_begins_leaves_lines_and_parts() -> None:
+    plan = make_plan(SITES["along-path"], evaluations=10**9, budget_s=3.0, now=Clock(1.0))
+    origins = {member.origin for member in plan.members}
+    assert "memetic" not in origins
+    assert any(member.is_part for member in plan.members)
+    assert plan.rule_met
+
+
 def test_a_pace_by_number_gives_exactly_what_there_is() -> None:
     pace, given = PaceByNumber(2_345_678), 0
     while batch := pace.next_batch():

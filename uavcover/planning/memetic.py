@@ -99,7 +99,7 @@ def improve(
     site = coverage.site
     left = max(0, effort.evaluations - evaluations_done) if effort.budget_s is None else 1
     starts = _starts(coverage, candidates, settings)
-    if not starts or left == 0:
+    if not starts or left == 0 or effort.is_over(started):
         return Improved((), 0, interrupted=False)
     if site.scenario.sensor.sensing == "along-path":
         scattered = CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m, cut=make_scattered_cells)

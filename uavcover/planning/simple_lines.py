@@ -20,8 +20,8 @@ STRAIGHT = (3 / 16, 1 / 4, 3 / 8, 1 / 2)
 _BEND = 0.8
 """How far bent lines may be laid straight on the map, as a share of how far they may leave their height."""
 
-_LINES = (1.0, 1.08, 1.2)
-"""Numbers of lines, as shares of the width of the area over that of a swath of flat ground."""
+_LINES = {True: (1.0, 1.08), False: (1.0, 1.08, 1.2)}
+"""Numbers of lines that bend, or that do not, as shares of the width of the area over that of a swath of flat ground."""
 
 _INSET = 0.5
 
@@ -37,7 +37,7 @@ def simple_lines(site: Site, angle_rad: float) -> list[Route]:
         height_m = best_height_agl_m(site, tolerance_m=tolerance_m)
         swath_m = 2.0 * max(reach_at_height_m(site.scenario.sensor, height_m), site.scenario.area.cell_size_m)
         wanted = width_across_m(site, angle_rad) / swath_m
-        for lines in sorted({math.ceil(more * wanted) for more in _LINES}):
+        for lines in sorted({math.ceil(more * wanted) for more in _LINES[bent]}):
             layout = regular_layout(
                 angle_rad=angle_rad, lines=lines, height_agl_m=height_m, inset=_INSET, tolerance_m=tolerance_m
             )
