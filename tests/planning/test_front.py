@@ -105,9 +105,9 @@ def test_time_is_set_aside_for_judging_and_less_is_judged_when_there_is_little()
     assert effort.budget_s is not None
     assert 1000.0 - effort.budget_s == pytest.approx(
         120.0
-    )  # 25 routes looked at and judged, 60 parts of half the length
+    )  # 25 routes looked at and judged, 80 parts of half the length
     many = [Candidate((lines(site), "imodbo"), np.array([-0.001 * k, 2.0, 0.1 * k]), 0.0) for k in range(200)]
-    for now_s, judged in ((0.0, 60), (970.0, 30), (1100.0, 10)):
+    for now_s, judged in ((0.0, 80), (970.0, 60), (1100.0, 10)):
         at = [0.0, 1.0, 1.0, now_s]
         finish = make_finish(site, many, budget_s=1000.0, now=lambda at=at: at.pop(0) if len(at) > 1 else at[0])
         assert len(finish.worth_judging([])) == judged

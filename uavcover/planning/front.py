@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 MOST_MEMBERS = 100
 """A Pareto set of more is thinned: a choice that nobody can survey is none."""
 
-_MOST_OTHERS = 60
+_MOST_OTHERS = 80
 _FEWEST_OTHERS = 10
 """So many parts and routes of the optimizer are judged at most, and at least, whatever time is left for it."""
 
@@ -133,8 +133,8 @@ class Finish:
         most = _MOST_OTHERS
         if self._effort.budget_s is not None:
             left_s = self._started + self._effort.budget_s - self._effort.now()
-            fit = int(left_s / max(self._judging_s, 1e-6)) - len(found) - len(lines)
-            most = max(_FEWEST_OTHERS, min(most, fit))
+            fit = left_s / max(self._judging_s, 1e-6) - len(found) - len(lines)
+            most = max(_FEWEST_OTHERS, min(most, int(fit / _PART)))
         judged = [each.candidate for each in looked] + lines
         offered = [*self._others, *_parts(self._coarse.site, [*looked, *self._lines])]
         new = _unbeaten(offered, judged)
