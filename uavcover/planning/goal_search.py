@@ -30,10 +30,14 @@ _START_PRICE = 3.0
 """Missing coverage is cheaper in a beginning: fewer lines are hard to come by, gaps between lines are closed."""
 _WAYPOINT_PRICE = 0.002
 """Share of the sensor's radius: a waypoint more holds a leg nearer to the height that sees widest, or makes a tour shorter."""
+_DEAR_WAYPOINTS = 3.0
+"""Lengths that the price of a route's waypoints counts as where they are dear: else coverage would be given for one less."""
 _LARGEST_STEP = 0.4
 _HOTTEST = 0.005
 _HOTTEST_FREE = 0.2
 """Where the order is free."""
+_HOTTEST_OF_WAYPOINT = 0.01
+"""And this share of the price of a waypoint, wherever it has one."""
 _COLDEST = 5e-4
 """Temperatures as shares of the sensor's radius: a bend costs the same on a short route and on a long one."""
 _QUENCH = 0.2
@@ -194,10 +198,12 @@ def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: flo
         prices=Prices(
             work.task.metres_per_cost(route),
             waypoint_m,
-            _COVERAGE_PRICE_FREE * work.task.reach_m * cells if free else _COVERAGE_PRICE * length_m,
+            _COVERAGE_PRICE_FREE * work.task.reach_m * cells
+            if free
+            else _COVERAGE_PRICE * (length_m + _DEAR_WAYPOINTS * waypoint_m * len(route)),
             goal,
         ),
-        hottest=(_HOTTEST_FREE if free else _HOTTEST) * work.task.reach_m,
+        hottest=(_HOTTEST_FREE if free else _HOTTEST) * work.task.reach_m + _HOTTEST_OF_WAYPOINT * waypoint_m,
         coldest=_COLDEST * work.task.reach_m,
         step_m=_LARGEST_STEP * work.task.reach_m,
         fewest=fewest,

@@ -147,7 +147,7 @@ def improve(
         )  # fmt: skip
         search_waypoints(
             work, known, goal=_FLOWN if asked is None else asked, capacity=capacity, until=1.0,
-            judged_coverage=judged_coverage, found=found,
+            judged_coverage=lambda route: judging.share_of_coverable(judging.seen(route.waypoints_m)), found=found,
         )  # fmt: skip
     return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
 
