@@ -7,11 +7,13 @@ import subprocess
 import time
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests.cli.conftest import EVALUATIONS, Cli, command, mock_vehicle, started
 from tests.cli.relay import Relay
+from uavcover import pipeline
 
 
 def test_run_folder_to_a_vehicle_in_another_process(cli: Cli, planned: Path) -> None:
@@ -24,6 +26,26 @@ def test_run_folder_to_a_vehicle_in_another_process(cli: Cli, planned: Path) -> 
     assert [part["mission_type"] for part in written["lists"]] == ["mission", "fence", "rally"]
     assert all(len(part["sent"]) == len(part["received"]) for part in written["lists"])
     assert all(difference["why"] for part in written["lists"] for difference in part["differences"])
+
+
+def test_ctrl_c_when_the_search_is_over_uploads_nothing(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compile_flights = pipeline.compile_flights
+
+    def interrupted(*arguments: Any, **options: Any) -> Any:
+        signal.raise_signal(signal.SIGINT)
+        return compile_flights(*arguments, **options)
+
+    monkeypatch.setattr(pipeline, "compile_flights", interrupted)
+    run = tmp_path / "run"
+    ended = cli("plan-upload", "jacksboro", "--to", "mock:", "-o", run, "--evaluations", EVALUATIONS)
+    assert ended.code == 130
+    assert "interrupted when the search was over: the whole plan has been written" in ended.err
+    assert "nothing was uploaded" in ended.err
+    assert (run / "mission.waypoints").exists()
+    assert not (run / "upload.json").exists()
+    assert json.loads((run / "plan.json").read_text())["interrupted"] is False
 
 
 def test_px4_vehicle_and_lossy_link(cli: Cli, planned: Path) -> None:

@@ -127,7 +127,10 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
     if flights and (warning := room_in_words(site.scenario.limits, result.chosen.metrics)):
         console.warn(warning)
     say_missions(console, run, compiled, sorties)
-    code = INTERRUPTED if result.interrupted else 0 if result.rule_met else 1
+    interrupted = result.interrupted or stops.any()
+    if interrupted and not result.interrupted:
+        console.warn(f"interrupted when the search was over: the whole plan has been written to {run}")
+    code = INTERRUPTED if interrupted else 0 if result.rule_met else 1
     document = {
         "run": str(run),
         "coverage_fraction": result.chosen.metrics.coverage_fraction,
@@ -136,7 +139,7 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
         "path_length_m": result.chosen.metrics.path_length_m,
         "rule": result.rule,
         "rule_met": result.rule_met,
-        "interrupted": result.interrupted,
+        "interrupted": interrupted,
         "bounds": bounds,
         "mission_files": bool(flights),
         "sorties": len(sorties),
