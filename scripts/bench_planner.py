@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from uavcover import pipeline
+from uavcover.coverage.cells import make_scattered_cells
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.coverage.sensors import reach_at_height_m
 from uavcover.kernels.annealing import Prices, Schedule, anneal
@@ -89,6 +90,13 @@ def searched_cell_m(site: Site) -> float:
     return scenario.area.cell_size_m if along_path else scenario.planning_cell_size_m
 
 
+def searched_map(site: Site, cell_m: float) -> CoverageMap:
+    """The cells that the local search counts on."""
+    if site.scenario.sensor.sensing == "along-path":
+        return CoverageMap(site, cell_size_m=cell_m, cut=make_scattered_cells)
+    return CoverageMap(site, cell_size_m=cell_m)
+
+
 def usual_route(site: Site) -> Route:
     """What the local search begins with: balanced or straight lines, or 42 nodes."""
     if site.scenario.sensor.sensing == "at-waypoints":
@@ -118,7 +126,7 @@ def measure_cost(name: str, site: Site, cell_m: float) -> Row:
     coverage = CoverageMap(site, cell_size_m=cell_m)
     coverage.coverable  # noqa: B018 a property that is computed once
     maps_s = time.process_time() - begin
-    chain, rng = chain_on(coverage), np.random.default_rng(1)
+    chain, rng = chain_on(searched_map(site, cell_m)), np.random.default_rng(1)
     route = chain.route
     evaluations, proposals = [], []
     for turn in range(TURNS + 1):
@@ -199,7 +207,7 @@ def proposals_in(chains: list[Chain], executor: Executor | None) -> int:
 def measure_two_cores(name: str) -> Row:
     """Proposals of the same chains on one thread and on two, turn by turn."""
     site = pipeline.load_site(name)
-    coverage = CoverageMap(site, cell_size_m=searched_cell_m(site))
+    coverage = searched_map(site, searched_cell_m(site))
     rates: list[tuple[float, float]] = []
     serial_s = 0.0
     proposals_in([chain_on(coverage) for _ in range(CHAINS)], None)  # waits for the compiler

@@ -120,6 +120,6 @@ def test_a_turned_scenario_is_planned_as_well(sensor: str, rule: str, options: d
             assert plan.rule_met
             found.append(plan.chosen.metrics.path_length_m)
         lengths.append(found)
-    # Seeds differ by a tenth after so few evaluations; what knows north (lines the wrong way round) costs more than these means do.
+    # Seeds differ by a tenth after so few evaluations; lines that run the wrong way cost more than that.
     plain, turned = map(statistics.mean, lengths)
     assert abs(plain - turned) < 0.15 * plain
