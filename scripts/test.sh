@@ -28,7 +28,7 @@ echo "gate: mypy --strict"
 "$bin/mypy"
 echo "gate: import contracts"
 "$bin/lint-imports"
-wait "$background"
+wait "$background" || echo "the demo that was to compile the kernels failed; the tests below tell why" >&2
 
 # A test file stays in one process: what its tests share is made once. tests/conftest.py puts the long ones first.
 parallel="-q -n auto --dist loadfile --no-loadscope-reorder"
