@@ -11,6 +11,7 @@ import argparse
 import csv
 import dataclasses
 import datetime
+import os
 import platform
 import statistics
 import time
@@ -156,7 +157,12 @@ def main() -> None:
                     writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
                     writer.writeheader()
                     writer.writerows(rows)
-    speeds = ["| scenario | proposals a second | one full count of the cells costs as much as |", "|---|---|---|"]
+    speeds = [
+        f"By processor time too, with a load average of {os.getloadavg()[0]:.0f} on {os.cpu_count()} cores:",
+        "",
+        "| scenario | proposals a second | one full count of the cells costs as much as |",
+        "|---|---|---|",
+    ]
     for scenario in ("paper-r1", "paper-R2", "paper-planar", "jacksboro"):
         rate, full = measure_speed(scenario, 20_000)
         speeds.append(f"| {scenario} | {rate:,.0f} | {full:.0f} proposals |")
