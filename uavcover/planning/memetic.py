@@ -34,14 +34,14 @@ from uavcover.site import Site
 MARGIN_CELLS = 0.45
 """The planner's sensor sees this share of a planning cell less far than the real one, where other cells judge."""
 
+SCATTERED_MARGIN_CELLS = 0.1
+"""Likewise on scattered cells, which a route passes at all distances, so that it can hardly live off their centres."""
+
 _WAYPOINTS_SHARE = 0.15
 """Share of the local search that goes over prices of waypoints, where legs see or are limited."""
 
 _FLOWN = 0.98
 """The coverage that it goes for when the rule asks for none."""
-
-SCATTERED_MARGIN_CELLS = 0.1
-"""Likewise on scattered cells, which a route passes at all distances, so that it can hardly live off their centres."""
 
 _MOST_FINEST_CELLS = 2_000_000
 
