@@ -33,8 +33,8 @@ _STATION_SHARE = 0.25
 """Distance of stations along the lines, as a share of the sensor's reach."""
 _ROUNDS = 16
 _SMOOTHING = 10
-_INSETS = (0.8, 0.9, 1.0)
-_TOLERANCE_SHARE = 0.005
+_INSETS = (0.8, 0.9, 0.96, 1.0)
+_TOLERANCE_SHARE = 0.0025
 """How far legs may leave the best height, as a share of the band: a strip is as wide as its sensor is high."""
 _STRAIGHT_SHARE = 0.01
 """A line may be laid straight where it leaves its bends by no more than this share of the reach."""

@@ -20,7 +20,7 @@ _MAIN_STAGES = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
 """Shares of the work for the goal that is asked for after which it is corrected; after the first both chains take the better."""
 _STAGES = (0.5, 0.85, 1.0)
 _MAIN_SHARE = 0.7
-_COVERAGE_PRICE = 4.0
+_COVERAGE_PRICE = 2.0
 _COVERAGE_PRICE_FREE = 1.5
 """Of all coverage, in lengths of the route; where the order is free: of a cell of average weight, in radii of the sensor.
 Along a path a share more costs one to two such shares of the length; at a price far above that no single change may lose a
