@@ -38,7 +38,8 @@ CONSTRUCTED_SHARE = 0.25
 """At most this share of the first population is constructed routes; the rest is sampled by the optimizer itself."""
 
 _BASELINE_SHARE = 0.5
-"""Share of a time budget that the baselines may use."""
+_BASELINE_SHARE_OF_LINES = 0.25
+"""Share of a time budget that the baselines may use; less where lines of other kinds and a local search follow."""
 
 _SOLVER_SHARE = 0.3
 _SOLVER_NODES = 1
@@ -102,9 +103,12 @@ def plan_routes(
     if rule.required_coverage is not None:
         # The rule speaks of what is coverable, the objectives of the whole area.
         goal = rule.required_coverage * coarse.share(coarse.coverable)
+    name, share = _OPTIMIZER[settings.algorithm]
+    other_lines = share < 1.0 and settings.encoding == "swaths"
+    baseline_share = _BASELINE_SHARE_OF_LINES if other_lines else _BASELINE_SHARE
     baselines = constructed_routes(
         coarse, settings, asked=rule.required_coverage, solver=_solver(effort), executor=executor,
-        should_stop=lambda: should_stop() or effort.is_over(started, share=_BASELINE_SHARE),
+        should_stop=lambda: should_stop() or effort.is_over(started, share=baseline_share),
     )  # fmt: skip
     constructed: list[NamedRoute] = [(b.route, b.name) for b in _worth_showing(baselines, goal)]
     kept = Snapshots(()) if snapshots is None else snapshots
@@ -113,7 +117,6 @@ def plan_routes(
         kept.look(effort.now() - started, lambda: [*constructed, *routes()])
 
     encoding, initial = _encoding(site, settings, baselines, goal)
-    name, share = _OPTIMIZER[settings.algorithm]
     optimizing = effort if share == 1.0 else _shared(effort, share, started)
     rounds = rounds_of(
         optimizing,
