@@ -223,7 +223,7 @@ def test_flight_time_as_the_objective_flies_faster_in_a_strong_wind() -> None:
             planner={"objective": objective},
         )  # fmt: skip
         site = with_scenario(site, wind=Wind(speed_m_s=9.0, from_deg=270.0))
-        plans[objective] = make_plan(site, seed=4, evaluations=400).chosen.metrics
+        plans[objective] = make_plan(site, seed=4, evaluations=1500).chosen.metrics
     assert plans["length"].cost == pytest.approx(plans["length"].path_length_m, rel=1e-12)
     assert plans["flight-time"].cost == pytest.approx(plans["flight-time"].flight_time_s, rel=1e-12)
     assert plans["flight-time"].flight_time_s < plans["length"].flight_time_s
