@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.dominance import least_crowded, non_dominated_mask
-from uavcover.model.route import Plan
+from uavcover.kernels.way_cost import route_cost
+from uavcover.model.route import Plan, Route
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import ALGORITHMS
 from uavcover.optimizers.interface import Optimizer
@@ -29,6 +30,7 @@ from uavcover.planning.swath_encoding import SwathEncoding
 from uavcover.planning.swaths import long_side_angle_rad
 from uavcover.planning.waypoint_encoding import WaypointEncoding
 from uavcover.site import Site
+from uavcover.way_cost import way_cost_of
 
 __all__ = ["Effort", "Progress", "plan_routes"]
 
@@ -164,9 +166,9 @@ def plan_routes(
         if settings.encoding == "swaths" and not interrupted:
             straight = [b.layout for b in _by_merit(baselines, goal) if b.layout is not None]
             angle = straight[0].angle_rad if straight else long_side_angle_rad(site)
-            lines += [(route, "simple-lines") for route in simple_lines(site, angle)]
+            lines += [(_cheaper_way_round(site, route), "simple-lines") for route in simple_lines(site, angle)]
             if can_be_balanced(site):
-                lines += [(route, "balanced-lines") for route in balanced_lines(site, angle)]
+                lines += [(_cheaper_way_round(site, route), "balanced-lines") for route in balanced_lines(site, angle)]
         finish = Finish(coarse, fine, constructed, optimized, lines, effort=effort, started=started, executor=executor)
         reference = finish.baselines
         found: list[NamedRoute] = []
@@ -202,6 +204,15 @@ def plan_routes(
         wall_s=effort.now() - started,
         interrupted=interrupted,
     )
+
+
+def _cheaper_way_round(site: Site, route: Route) -> Route:
+    """The route or its reverse, whichever costs less: with a wind they differ, and no single change turns a whole route round."""
+    way, surface = way_cost_of(site), site.ground.surface
+    back = Route(np.ascontiguousarray(route.waypoints_m[::-1]))
+    there_cost, back_cost = (float(route_cost(surface, way, each.waypoints_m)) for each in (route, back))
+    # Where both ways are as good, rounding must not choose.
+    return back if back_cost < there_cost * (1.0 - 1e-9) else route
 
 
 def _candidates(optimizer: Optimizer, encoding: Encoding, scale: FloatArray | None, name: str) -> list[Candidate]:
