@@ -33,7 +33,7 @@ _WAYPOINT_PRICE = 0.002
 _DEAR_WAYPOINTS = 3.0
 """Lengths that the price of a route's waypoints counts as where they are dear: else coverage would be given for one less."""
 _LARGEST_STEP = 0.4
-_HOTTEST = 0.005
+_HOTTEST = 0.05
 _HOTTEST_FREE = 0.2
 """Where the order is free."""
 _HOTTEST_OF_WAYPOINT = 0.01
