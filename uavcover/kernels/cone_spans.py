@@ -3,7 +3,8 @@
 A cell c is inside the cone of the sample at s metres along the leg when |c - P(s)| <= tan (u(s) - z_c), on the map. The left
 side is convex in s and the right one linear, so their difference has one smallest value, at a known place, and of the
 samples along the leg one of the two beside that place is the best. Two tests decide, whatever the number of samples.
-Cells for which more than the cone counts (rays, incidence, range, ground sample distance) are tried one by one.
+Cells for which more than the cone counts (rays that are not steep enough, incidence, range, ground sample distance) are tried
+one by one.
 """
 
 import math
@@ -37,14 +38,15 @@ class ConeCells(NamedTuple):
     Attributes:
         up_m: (rows, columns) heights of the centres on the lattice, NaN where there is no cell; (0, 0) when there is no quick
             way for the sensor.
-        plain: (rows, columns) whether a cell is seen from wherever it is inside the cone and in range.
+        slope2: (rows, columns) squared tangent of the slope from which on a ray is clear: along it a cell is seen that is inside
+            the cone and in range. 0: along every ray inside the cone; infinite: the slope does not decide it.
         lowest_m: (rows // 16 + 1, columns // 16 + 1) smallest of the heights in each block; infinite where there is no cell.
         row_east_m: (rows,) how far east of their places on the lattice the centres of a row are.
         column_north_m: (columns,) how far north of them those of a column are.
     """
 
     up_m: NDArray[np.float64]
-    plain: NDArray[np.bool_]
+    slope2: NDArray[np.float64]
     lowest_m: NDArray[np.float64]
     row_east_m: NDArray[np.float64]
     column_north_m: NDArray[np.float64]
@@ -53,7 +55,7 @@ class ConeCells(NamedTuple):
 def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
     """Lay cells out for the quick way, rows moved east and columns north as they are; nothing for other sensors."""
     if sight.kind != CONE or sight.line_of_sight not in (NO_LINE_OF_SIGHT, RAY):
-        nothing = np.empty((0, 0)), np.empty((0, 0), dtype=np.bool_), np.empty((0, 0)), np.empty(0), np.empty(0)
+        nothing = np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0)), np.empty(0), np.empty(0)
         return _read_only(ConeCells(*nothing))
     there = cells.lattice >= 0
     numbers = cells.lattice[there]
@@ -64,8 +66,9 @@ def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
     any_incidence = slope + math.atan(sight.tan_half_fov) <= math.acos(sight.cos_max_incidence)
     steepest = np.maximum(cells.horizon[numbers], surface.steepest)
     always_clear = (sight.line_of_sight == NO_LINE_OF_SIGHT) | (steepest * sight.tan_half_fov <= 1.0)
-    plain = np.zeros(cells.lattice.shape, dtype=np.bool_)
-    plain[there] = any_incidence & always_clear & math.isinf(sight.sample_focal_m)
+    slope2 = np.full(cells.lattice.shape, np.inf)
+    decided = any_incidence & math.isinf(sight.sample_focal_m)
+    slope2[there] = np.where(decided, np.where(always_clear, 0.0, steepest**2), np.inf)
     at_row, at_column = np.nonzero(there)
     rows, columns = len(cells.lattice) // _BLOCK + 1, len(cells.lattice[0]) // _BLOCK + 1
     blocks = np.full((rows * _BLOCK, columns * _BLOCK), np.inf)
@@ -74,7 +77,7 @@ def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
     row_east_m, column_north_m = np.zeros(len(cells.lattice)), np.zeros(len(cells.lattice[0]))
     row_east_m[at_row] = cells.centre_m[numbers, 0] - (cells.east0_m + at_column * cells.size_m)
     column_north_m[at_column] = cells.centre_m[numbers, 1] - (cells.north0_m + at_row * cells.size_m)
-    return _read_only(ConeCells(up_m, plain, lowest_m, row_east_m, column_north_m))
+    return _read_only(ConeCells(up_m, slope2, lowest_m, row_east_m, column_north_m))
 
 
 def _read_only(cells: ConeCells) -> ConeCells:
@@ -219,7 +222,7 @@ def _mark_row(
     piece = 1.0 / max(pieces, 1)
     most = float(max(pieces - 1, 0))
     up_m = quick.up_m[i, first : last + 1]
-    plain = quick.plain[i, first : last + 1]
+    slope2 = quick.slope2[i, first : last + 1]
     column_north_m = quick.column_north_m[first : last + 1]
     east = p[0] - (cells.east0_m + first * cells.size_m + quick.row_east_m[i])
     north = p[1] - (cells.north0_m + i * cells.size_m)
@@ -231,10 +234,11 @@ def _mark_row(
         t = (min(most, max(0.0, best)) - _NEARLY_HALF + _WHOLE - _WHOLE) * piece
         e, n, u = ae + t * de, an + t * dn, up + t * du
         radius, beside2 = max(0.0, u * tan), e * e + n * n
-        inside, in_range = beside2 <= radius * radius, beside2 + u * u <= range2
+        inside = beside2 <= radius * radius
+        easy = inside & (beside2 + u * u <= range2) & (u * u >= slope2[j] * beside2)
         t += piece
         e, n, u = ae + t * de, an + t * dn, up + t * du
         radius, beside2 = max(0.0, u * tan), e * e + n * n
         inside_next = beside2 <= radius * radius
-        easy = plain[j] & ((inside & in_range) | (inside_next & (beside2 + u * u <= range2)))
+        easy |= inside_next & (beside2 + u * u <= range2) & (u * u >= slope2[j] * beside2)
         row[j] = (inside | inside_next) * (_TO_BE_TRIED - easy)

@@ -158,9 +158,18 @@ def leg_sees_cell(
             return False
         first = max(0, math.ceil(low * pieces - _ROUNDING * pieces))
         last = min(pieces, math.floor(high * pieces + _ROUNDING * pieces))
-    for k in range(first, last + 1):
-        if _sample_sees(surface, sight, cells, cell, ae, an, au, de, dn, du, k / max(pieces, 1), always_clear):
-            return True
+    # From the nearest sample outward: its ray is the steepest.
+    horizontal2 = de * de + dn * dn
+    nearest = math.floor(-(ae * de + an * dn) / horizontal2 * pieces + 0.5) if horizontal2 > 0.0 else first
+    middle = min(last, max(first, nearest))
+    for away in range(last - first + 1):
+        for k in (middle - away, middle + away):
+            if first <= k <= last and _sample_sees(
+                surface, sight, cells, cell, ae, an, au, de, dn, du, k / max(pieces, 1), always_clear
+            ):
+                return True
+            if away == 0:
+                break
     return False
 
 
