@@ -23,6 +23,7 @@ from uavcover.benchmarks.coverage.judging import (
     read_moment,
 )
 from uavcover.benchmarks.coverage.line_scan import Tried, length_at, scan, short_families
+from uavcover.benchmarks.coverage.plot import mean_between
 from uavcover.benchmarks.coverage.results import write_results
 from uavcover.benchmarks.coverage.runs import (
     EVALUATIONS,
@@ -299,3 +300,10 @@ def test_a_planner_that_finds_nothing_has_found_nothing() -> None:
     found = plan_for(narrow, PLANAR, "nsga2", seed=1, evaluations=100, moments_s=[])
     moment, _ = Judge(PLANAR, narrow).moment(1.0, next(iter(found.moments.values())))
     assert moment.front == ()
+
+
+def test_the_mean_of_equal_values_is_that_value() -> None:
+    for count in range(1, 12):
+        for value in (0.1, 0.7, 149136.16405, 1e-3 / 3.0):
+            assert mean_between([value] * count) == value
+    assert mean_between([1.0, 2.0, 6.0]) == 3.0

@@ -1,7 +1,7 @@
 """One picture of the benchmark: hypervolume, and length at the coverage asked for, over processor time."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +48,7 @@ def _panel(axis: Any, outcomes: Outcomes, scenario: str, value: Callable[[Sample
             if values:
                 at.append(at_s * 1.04 ** (number - 2))  # side by side
                 low.append(min(values))
-                mean.append(float(np.mean(values)))
+                mean.append(mean_between(values))
                 high.append(max(values))
         if at:
             middle = np.array(mean)
@@ -63,3 +63,8 @@ def _panel(axis: Any, outcomes: Outcomes, scenario: str, value: Callable[[Sample
     if outcomes.times_s():
         axis.set_xscale("log")
     axis.tick_params(labelsize=7)
+
+
+def mean_between(values: Sequence[float]) -> float:
+    """The mean, never beside the smallest and the largest: that of equal values may round to there, and has no whiskers then."""
+    return min(max(float(np.mean(values)), min(values)), max(values))
