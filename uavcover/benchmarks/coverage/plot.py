@@ -60,8 +60,10 @@ def _panel(axis: Any, outcomes: Outcomes, scenario: str, value: Callable[[Sample
         samples = outcomes.ended(scenario, baseline, ONCE)
         if samples and not math.isnan(value(samples[0])):
             axis.axhline(value(samples[0]), color="0.4", linestyle=style, linewidth=0.9, label=baseline)
-    if outcomes.times_s():
+    if times_s := outcomes.times_s():
         axis.set_xscale("log")
+        axis.set_xticks(times_s, [f"{at_s:g}" for at_s in times_s])
+        axis.set_xticks([], minor=True)
     axis.tick_params(labelsize=7)
 
 
