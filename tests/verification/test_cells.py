@@ -225,7 +225,8 @@ def test_two_tracks_count_as_one_flight() -> None:
     assert both.samples == sum(report.samples for report in alone)
     times = [moment.time_s for moment in both.coverage_by_time]
     assert times == sorted(times)
-    assert times[-1] - times[0] == pytest.approx(2.0 * 29.8 + 4.0)
+    # The second begins 4 s after the first has ended; its last look is 29.8 s later.
+    assert times[-1] - times[0] == pytest.approx(30.0 + 4.0 + 29.8)
 
 
 def test_a_track_flown_twice_is_two_looks_and_names_the_track_of_each_violation() -> None:

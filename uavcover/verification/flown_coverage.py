@@ -83,18 +83,30 @@ def tally_looks(coverage: CoverageMap, looks: Looks) -> FlownCoverage:
     )
 
 
-def joined_looks(parts: Sequence[Looks], *, pause_s: float) -> Looks:
-    """The looks of several tracks as one flight: each begins ``pause_s`` after the last look of the one before."""
-    times: list[FloatArray] = []
-    for part in parts:
-        before = [t for t in times if t.size]
-        shift = before[-1][-1] + pause_s - part.times_s[0] if before and len(part) else 0.0
-        times.append(part.times_s + shift)
+def joining_shifts_s(times_s: Sequence[FloatArray], *, pause_s: float) -> tuple[float, ...]:
+    """Seconds to add to the times of each track so that it begins ``pause_s`` after the end of the one before.
+
+    Args:
+        times_s: vehicle times of the samples of each track, increasing, in the order in which they were flown.
+        pause_s: between two tracks.
+
+    Returns:
+        one value a track; 0 for the first.
+    """
+    shifts, end_s = [], None
+    for times in times_s:
+        shifts.append(0.0 if end_s is None else end_s + pause_s - float(times[0]))
+        end_s = float(times[-1]) + shifts[-1]
+    return tuple(shifts)
+
+
+def joined_looks(parts: Sequence[Looks], shifts_s: Sequence[float]) -> Looks:
+    """The looks of several tracks as one flight, their times shifted by :func:`joining_shifts_s`."""
     return Looks(
         np.vstack([part.places_m for part in parts]),
         np.vstack([part.axes for part in parts]),
         np.vstack([part.tops for part in parts]),
-        np.concatenate(times),
+        np.concatenate([part.times_s + shift for part, shift in zip(parts, shifts_s, strict=True)]),
         sum(part.level_assumed for part in parts),
     )
 

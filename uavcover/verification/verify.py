@@ -11,7 +11,12 @@ from uavcover.errors import TrackError
 from uavcover.model.report import CellStatistics, CoverageMoment, VerificationReport, Violation
 from uavcover.model.track import Track
 from uavcover.site import Site
-from uavcover.verification.flown_coverage import FlownCoverage, joined_looks, tally_looks
+from uavcover.verification.flown_coverage import (
+    FlownCoverage,
+    joined_looks,
+    joining_shifts_s,
+    tally_looks,
+)
 from uavcover.verification.gaps import GapRegion, find_gaps
 from uavcover.verification.looks import REACHED_RADII, looks_of
 from uavcover.verification.motion import deviations_m, ground_speeds_m_s
@@ -61,12 +66,15 @@ class Verdict:
         report: the verdict in figures.
         flown: what was seen, cell by cell.
         gaps: what was not seen, with the cells.
+        shifts_s: what was added to the vehicle times of each track so that all run on one clock, as those of ``flown`` and of
+            the report's ``coverage_by_time`` do.
     """
 
     coverage: CoverageMap
     report: VerificationReport
     flown: FlownCoverage
     gaps: tuple[GapRegion, ...]
+    shifts_s: tuple[float, ...]
 
 
 def track_positions_m(site: Site, track: Track) -> FloatArray:
@@ -113,7 +121,8 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
         for flown, j in zip(tracks, judged, strict=True)
     ]
     # A pause longer than what separates two passes: the tracks' looks are passes of their own.
-    together = joined_looks(looks, pause_s=2.0 * requirements.max_gap_s)
+    shifts_s = joining_shifts_s([flown.track.time_s for flown in tracks], pause_s=2.0 * requirements.max_gap_s)
+    together = joined_looks(looks, shifts_s)
     flown = tally_looks(coverage, together)
     gaps = tuple(find_gaps(coverage, flown))
     promised = tracks[0].planned
@@ -158,7 +167,7 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
         passed=not reasons,
         reasons=tuple(reasons),
     )
-    return Verdict(coverage, report, flown, gaps)
+    return Verdict(coverage, report, flown, gaps, shifts_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
