@@ -13,6 +13,7 @@ from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
 from uavcover.model.track import Track, TrackSample
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.page import render_report
+from uavcover.resumption import find_unfinished, save_rest
 from uavcover.run_folder import RunFolder
 from uavcover.scenario import load_scenario
 from uavcover.site import Site
@@ -60,6 +61,36 @@ def write_track(path: Path, track: Track) -> None:
     with TrackWriter(path) as writer:
         for row, waypoint in zip(zip(*columns, strict=True), track.current_waypoint, strict=True):
             writer.write(TrackSample(*map(float, row), int(waypoint)))
+
+
+def two_sorties(folder: Path, site: Site) -> RunFolder:
+    """A run that is flown as two sorties of two lines each; the vehicle was switched on anew for the second."""
+    whole = lines_over(site, spacing_m=90.0, count=4)
+    run = write_run(folder, site, whole, flown=False)
+    half = len(whole) // 2
+    for number, part in enumerate((whole.waypoints_m[:half], whole.waypoints_m[half:]), start=1):
+        write_run(run.file(f"sortie-{number}"), site, Route(part), flown=True)
+    return run
+
+
+def resumed(folder: Path, site: Site, *, share: float = 0.13) -> RunFolder:
+    """A run whose flight ended after a share of its time, and the flight that went on with it two minutes later."""
+    route = lines_over(site, spacing_m=90.0, count=4)
+    run = write_run(folder, site, route, flown=False)
+    track = fly(site, route.waypoints_m, speed_m_s=10.0, rate_hz=5.0)
+    end = round(share * len(track))
+    write_track(run.file("track.csv"), cut(track, slice(0, end)))
+    rest = find_unfinished(run, site)
+    rest.folder.path.mkdir()
+    save_rest(rest, site, command=["uavcover", "fly", "--resume"])
+    onward = fly(site, rest.route.waypoints_m, speed_m_s=10.0, rate_hz=5.0)
+    later = dataclasses.replace(onward, time_s=onward.time_s + float(track.time_s[end]) + 120.0)
+    write_track(rest.folder.file("track.csv"), later)
+    return run
+
+
+def cut(track: Track, part: slice) -> Track:
+    return Track(*(getattr(track, field.name)[part].copy() for field in dataclasses.fields(track)))
 
 
 @pytest.fixture(scope="session")

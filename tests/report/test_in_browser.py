@@ -81,12 +81,12 @@ def test_popups_and_the_cursor_over_a_chart(opened: Page) -> None:
     words = opened.run("document.querySelector('.leaflet-popup-content')?.textContent ?? ''")
     assert "waypoint 3" in words
     assert "m east" in words
-    chart = "document.querySelector('[data-chart=\"height-0\"]')"
+    chart = "document.querySelector('[data-chart=\"height\"]')"
     opened.run(
         f"(() => {{ const b = {chart}.getBoundingClientRect(); {chart}.dispatchEvent(new PointerEvent('pointermove',"
         " {clientX: b.x + b.width / 2, clientY: b.y + 20})) })()"
     )
-    assert "m above ground" in opened.run("document.querySelector('#chart-height-0 output').textContent")
+    assert "m above ground" in opened.run("document.querySelector('#chart-height output').textContent")
     check_quiet(opened)
 
 

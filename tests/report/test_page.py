@@ -135,8 +135,9 @@ def test_two_tracks_count_together(run: RunFolder, tmp_path: Path, content: Repo
     assert content.verdict is not None
     assert both.verdict.report.coverage_fraction == pytest.approx(content.verdict.report.coverage_fraction, abs=0.02)
     page = Elements(render_report(both))
-    assert "first.csv (1 of 2)" in page.text
-    assert "second.csv (2 of 2)" in page.text
+    assert "2 flights one after the other" in page.text
+    assert "seen, of the area, first.csv" in page.text
+    assert "seen, of the area, second.csv" in page.text
 
 
 def test_no_plan_is_told(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from uavcover.pareto_file import ParetoRow, read_pareto
 from uavcover.resumption import flown_tracks
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
+from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.verify import Verdict, track_positions_m
 
 FloatArray = NDArray[np.float64]
@@ -26,16 +27,20 @@ class Flight:
     """What was flown.
 
     Attributes:
-        source: name of the file that the track came from.
+        name: of the file that the track came from; with its folders where it lies in the run folder.
         track: what was flown.
+        planned_m: (k, 3) waypoints of the plan that it followed, which ``track.current_waypoint`` counts; none without a plan.
         enu_m: (n, 3) its positions, the ones that were judged.
         height_agl_m: (n,) above ground, NaN where there is no elevation.
+        clock_s: (n,) time on the clock that all flights of the report share, 0 where the first one begins.
     """
 
-    source: str
+    name: str
     track: Track
+    planned_m: FloatArray
     enu_m: FloatArray
     height_agl_m: FloatArray
+    clock_s: FloatArray
 
     @property
     def duration_s(self) -> float:
@@ -88,10 +93,11 @@ def read_run(run: RunFolder, *, logs: Sequence[Path]) -> ReportContent:
     flown = any(folder.file("track.csv").is_file() for folder in (run, *run.sorties()))
     paths = list(logs) or (flown_tracks(run) if flown else [])
     read = [after_flight.read_log(path, site) for path in paths]
-    verdict = None
+    verdict, flights = None, ()
     if read:
         tracks = [(r.track, after_flight.planned_for(path, run)) for r, path in zip(read, paths, strict=True)]
         verdict = after_flight.judge_tracks(site, tracks)
+        flights = _flights(site, [_shown(path, run) for path in paths], tracks, verdict.shifts_s)
     pareto = run.file("pareto.csv")
     return ReportContent(
         site=site,
@@ -101,20 +107,32 @@ def read_run(run: RunFolder, *, logs: Sequence[Path]) -> ReportContent:
         members=read_pareto(pareto) if pareto.is_file() else (),
         about=_optional_json(run, "run.json"),
         upload=_optional_json(run, "upload.json"),
-        flights=tuple(_flight(site, _shown(path, run), r.track) for r, path in zip(read, paths, strict=True)),
+        flights=flights,
         verdict=verdict,
         warnings=tuple(warning for r in read for warning in r.warnings),
     )
 
 
-def _flight(site: Site, source: str, track: Track) -> Flight:
-    enu = track_positions_m(site, track)
-    return Flight(source, track, enu, enu[:, 2] - site.ground.heights_m(enu[:, :2]))
+def _flights(
+    site: Site,
+    names: Sequence[str],
+    tracks: Sequence[tuple[Track, PlannedRoute | None]],
+    shifts_s: Sequence[float],
+) -> tuple[Flight, ...]:
+    start_s = float(tracks[0][0].time_s[0])
+    flights = []
+    for name, (track, planned), shift_s in zip(names, tracks, shifts_s, strict=True):
+        enu = track_positions_m(site, track)
+        height = enu[:, 2] - site.ground.heights_m(enu[:, :2])
+        planned_m = np.empty((0, 3)) if planned is None else planned.waypoints_m
+        flights.append(Flight(name, track, planned_m, enu, height, track.time_s + shift_s - start_s))
+    return tuple(flights)
 
 
 def _shown(path: Path, run: RunFolder) -> str:
-    """A sortie's track with its folder, any other log by its name."""
-    return f"{path.parent.name}/{path.name}" if path.parent.parent == run.path else path.name
+    """A track of the run by its path in the run folder, any other log by its name."""
+    inside = path.resolve().is_relative_to(run.path.resolve())
+    return path.resolve().relative_to(run.path.resolve()).as_posix() if inside else path.name
 
 
 def _optional_json(run: RunFolder, name: str) -> dict[str, Any]:

@@ -23,7 +23,8 @@ FIGURE_NAMES = ("side-view.png", "top-view.png")
 _DPI = 150
 _SIDE_NODES, _TOP_NODES = 120, 500
 _OBSTACLE = "#8e6fc1"
-_PLANNED, _FLOWN, _CHOSEN, _BASELINE = "#1f3f8f", "#d55e00", "#d55e00", "#6b7075"
+_PLANNED, _CHOSEN, _BASELINE = "#1f3f8f", "#d55e00", "#6b7075"
+_FLOWN = ("#d55e00", "#b0208f", "#00786c", "#6a3fc4", "#806000", "#0f7fc0", "#38801c", "#c93a6e")
 _MAX_NUMBERS = 60
 
 
@@ -132,7 +133,11 @@ def _top_view(content: ReportContent) -> Figure:
 
 def _routes(content: ReportContent) -> list[tuple[str, str, float, FloatArray]]:
     routes = [("planned", _PLANNED, 1.6, content.planned.route.waypoints_m)]
-    return routes + [("flown", _FLOWN, 1.0, flight.enu_m) for flight in content.flights]
+    alone = len(content.flights) == 1
+    return routes + [
+        ("flown" if alone else f"flown: {flight.name}", _FLOWN[number % len(_FLOWN)], 1.0, flight.enu_m)
+        for number, flight in enumerate(content.flights)
+    ]
 
 
 def _save(figure: Figure, path: Path) -> Path:

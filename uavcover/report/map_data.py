@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from uavcover.report.content import Flight, ReportContent
 from uavcover.report.images import REASON_WORDS, Bounds, cell_layers, cells_bounds_m, relief_image
+from uavcover.report.plots import flight_style
 from uavcover.site import Site
 from uavcover.terrain.obstacles import Prism
 from uavcover.verification.verify import Verdict
@@ -43,7 +44,7 @@ def map_data(content: ReportContent) -> dict[str, Any]:
         "planHeights": _rounded(_heights_agl_m(site, content.planned.route.waypoints_m)),
         "cellBounds": _rounded(np.array([west, south, east, north])),
         "cells": [] if verdict is None else [_layer(layer) for layer in cell_layers(content.coverage, verdict)],
-        "tracks": [_track(flight) for flight in content.flights],
+        "tracks": [_track(flight, number) for number, flight in enumerate(content.flights)],
         "gaps": [] if verdict is None else _gaps(verdict),
         "violations": [] if verdict is None else _violations(verdict, content.flights),
         "surface": _surface(site, bounds),
@@ -89,12 +90,14 @@ def _layer(layer: Any) -> dict[str, Any]:
     }
 
 
-def _track(flight: Flight) -> dict[str, Any]:
+def _track(flight: Flight, number: int) -> dict[str, Any]:
     every = drawn_every(len(flight.track))
     keep = np.unique(np.append(np.arange(0, len(flight.track), every), len(flight.track) - 1))
     return {
+        "name": flight.name,
+        "style": flight_style(number),
         "points": _rounded(flight.enu_m[keep]),
-        "times": _rounded(flight.track.time_s[keep] - flight.track.time_s[0]),
+        "times": _rounded(flight.clock_s[keep]),
         "heights": _rounded(flight.height_agl_m[keep]),
     }
 

@@ -69,8 +69,7 @@ def _facts(content: ReportContent) -> dict[str, Any]:
     report = None if verdict is None else verdict.report
     charts = [plots.elevation_profile(content), plots.height_along_route(content)]
     if verdict is not None:
-        charts += [plots.height_over_time(content, verdict, number) for number in range(len(content.flights))]
-        charts.append(plots.coverage_over_time(content, verdict))
+        charts += [plots.height_over_time(content, verdict), plots.coverage_over_time(content, verdict)]
     return {
         "scenario": site.scenario,
         "site": site,

@@ -11,6 +11,9 @@ FloatArray = NDArray[np.float64]
 
 _ALONG_STEPS = 1200
 
+FLIGHT_COLORS = 8
+"""As many as ``report.css`` has, solid and dashed."""
+
 
 def height_along_route(content: ReportContent) -> Chart:
     """Height above ground along the planned route, with the band."""
@@ -24,15 +27,17 @@ def height_along_route(content: ReportContent) -> Chart:
     ends = km[[0, -1]]
     plot.between("band", ends, _both(limits.min_height_agl_m), _both(limits.max_height_agl_m), name="allowed band")
     plot.line("planned", km, height, name="planned")
-    if content.flights:
-        plot.line("flown", *_flown_along(content, content.flights[0]), name="flown")
+    for number, flight in enumerate(content.flights):
+        on_route, km = flown_along(content, flight)
+        if np.isfinite(km).any():
+            plot.line(flight_style(number), km, flight.height_agl_m[on_route], name=_key(content, number))
     return plot.finished(
         "along", "Height above ground along the route", x_label="distance along the planned route, km", y_label="m"
     )
 
 
 def elevation_profile(content: ReportContent) -> Chart:
-    """Ground, band and route above sea level along the planned route."""
+    """Ground, band, planned and flown heights above sea level along the planned route."""
     along_m, points = _along(content.planned.route.waypoints_m)
     ground = content.site.ground.heights_m(points[:, :2])
     # Sea level seen from the local frame changes by millimetres over an area: the offset of each place itself.
@@ -46,53 +51,66 @@ def elevation_profile(content: ReportContent) -> Chart:
     plot.between("band", km, surface + limits.min_height_agl_m, surface + limits.max_height_agl_m, name="allowed band")
     plot.between("ground", km, np.full(km.size, floor), surface, name="ground")
     plot.line("planned", km, route, name="planned")
+    for number, flight in enumerate(content.flights):
+        on_route, flown_km = flown_along(content, flight)
+        if np.isfinite(flown_km).any():
+            flown = content.site.alts_amsl_m(flight.enu_m[on_route])
+            plot.line(flight_style(number), flown_km, flown, name=_key(content, number))
     unit = "height above sea level, m" if content.site.frame is not None else "height, m"
     return plot.finished("profile", "Profile", x_label="distance along the planned route, km", y_label=unit)
 
 
-def height_over_time(content: ReportContent, verdict: Verdict, number: int) -> Chart:
-    """Height above ground over the whole of one of the flights, with the band where it holds."""
-    limits, flight = content.site.scenario.limits, content.flights[number]
-    start_s = float(flight.track.time_s[0])
-    minutes = (flight.track.time_s - start_s) / 60.0
-    top = max(_largest(flight.height_agl_m), limits.max_height_agl_m) * 1.08
-    plot = Plot((0.0, float(minutes[-1])), (min(0.0, -_largest(-flight.height_agl_m)), top))
-    on_route = np.flatnonzero(flight.track.current_waypoint >= 1)
-    ends = minutes[on_route[[0, -1]]] if on_route.size else minutes[[0, -1]]
-    plot.between("band", ends, _both(limits.min_height_agl_m), _both(limits.max_height_agl_m), name="allowed band")
-    plot.line("flown", minutes, flight.height_agl_m, name="flown")
-    violations = [violation for violation in verdict.report.violations if violation.track == number]
-    for violation in violations:
+def height_over_time(content: ReportContent, verdict: Verdict) -> Chart:
+    """Height above ground over all flights, one after the other, with the band where it holds."""
+    limits, flights = content.site.scenario.limits, content.flights
+    known = np.concatenate([flight.height_agl_m for flight in flights])
+    top = max(_largest(known), limits.max_height_agl_m) * 1.08
+    plot = Plot((0.0, float(flights[-1].clock_s[-1]) / 60.0), (min(0.0, -_largest(-known)), top))
+    for number, flight in enumerate(flights):
+        on_route = np.flatnonzero(flight.track.current_waypoint >= 1)
+        ends = flight.clock_s[on_route[[0, -1]] if on_route.size else [0, -1]] / 60.0
+        name = "allowed band" if number == 0 else ""
+        plot.between("band", ends, _both(limits.min_height_agl_m), _both(limits.max_height_agl_m), name=name)
+    for number, flight in enumerate(flights):
+        plot.line(flight_style(number), flight.clock_s / 60.0, flight.height_agl_m, name=_key(content, number))
+    for violation in verdict.report.violations:
+        flight = flights[violation.track]
         height = float(np.interp(violation.worst_s, flight.track.time_s, np.nan_to_num(flight.height_agl_m)))
+        minute = float(np.interp(violation.worst_s, flight.track.time_s, flight.clock_s)) / 60.0
         words = f"{violation.kind} at {violation.worst_s:.1f} s"
-        plot.mark("violation", (violation.worst_s - start_s) / 60.0, height, radius=5.0, title=words)
-    keys = [Key("violation", "violation", is_mark=True)] if violations else []
-    which = "" if len(content.flights) == 1 else f", {flight.source} ({number + 1} of {len(content.flights)})"
+        if len(flights) > 1:
+            words += f" of {flight.name}"
+        plot.mark("violation", minute, height, radius=5.0, title=words)
+    keys = [Key("violation", "violation", is_mark=True)] if verdict.report.violations else []
+    which = "" if len(flights) == 1 else f", {len(flights)} flights one after the other"
     return plot.finished(
-        f"height-{number}", f"Height above ground in flight{which}",
-        x_label="minutes of flight", y_label="m", mark_keys=keys,
-    )  # fmt: skip
+        "height", f"Height above ground in flight{which}", x_label="minutes of flight", y_label="m", mark_keys=keys
+    )
 
 
 def coverage_over_time(content: ReportContent, verdict: Verdict) -> Chart:
-    """Share of the area that had been seen; several tracks as if each began right after the one before."""
-    moments, report = verdict.report.coverage_by_time, verdict.report
-    start_s = float(content.flights[0].track.time_s[0])
-    times = np.array([(moment.time_s - start_s) / 60.0 for moment in moments])
+    """Share of the area that had been seen, over all flights, one after the other."""
+    moments, flights = verdict.report.coverage_by_time, content.flights
+    start_s = float(flights[0].track.time_s[0])
+    times = np.array([moment.time_s - start_s for moment in moments])
     seen = np.array([100.0 * moment.coverage_fraction for moment in moments])
-    alone = content.flights[0].duration_s / 60.0 if len(content.flights) == 1 else 0.0
-    end = max(float(times[-1]) if times.size else 0.0, alone, 1.0 / 60.0)
+    end = max(float(flights[-1].clock_s[-1]), float(times[-1]) if times.size else 0.0, 1.0)
     # Nothing is seen before the first look, and nothing new after the last.
     before = [0.0, float(times[0])] if times.size else [0.0]
     times = np.concatenate([before, times, [end]])
-    seen = np.concatenate([np.zeros(len(before)), seen, [100.0 * report.coverage_fraction]])
+    seen = np.concatenate([np.zeros(len(before)), seen, [100.0 * verdict.report.coverage_fraction]])
     asked = 100.0 * content.site.scenario.requirements.min_coverage_of_coverable
     planned = 100.0 * content.planned.coverage_fraction
-    plot = Plot((0.0, end), (0.0, 102.0))
-    plot.between("seen", times, np.zeros(times.size), seen)
-    plot.line("planned", np.array([0.0, end]), _both(planned), name="planned, of the area")
-    plot.line("limit", np.array([0.0, end]), _both(asked), name="required, of what can be seen")
-    plot.line("flown", times, seen, name="seen, of the area")
+    plot = Plot((0.0, end / 60.0), (0.0, 102.0))
+    plot.between("seen", times / 60.0, np.zeros(times.size), seen)
+    plot.line("planned", np.array([0.0, end / 60.0]), _both(planned), name="planned, of the area")
+    plot.line("limit", np.array([0.0, end / 60.0]), _both(asked), name="required, of what can be seen")
+    for number, flight in enumerate(flights):
+        ends = flight.clock_s[[0, -1]]
+        inside = times[(times > ends[0]) & (times < ends[1])]
+        own = np.concatenate([ends[:1], inside, ends[1:]])
+        name = "seen, of the area" + ("" if len(flights) == 1 else f", {flight.name}")
+        plot.line(flight_style(number), own / 60.0, np.interp(own, times, seen), name=name)
     return plot.finished("coverage", "Coverage over time", x_label="minutes of flight", y_label="%")
 
 
@@ -156,22 +174,57 @@ def _along(waypoints_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     if len(waypoints_m) < 2:
         points = np.repeat(waypoints_m, 2, axis=0) if len(waypoints_m) else np.full((2, 3), np.nan)
         return np.array([0.0, 1.0]), points
-    at_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(waypoints_m, axis=0), axis=1)))
+    at_m = _along_m(waypoints_m)
     along = np.unique(np.append(np.linspace(0.0, at_m[-1], _ALONG_STEPS), at_m))
     return along, np.column_stack([np.interp(along, at_m, waypoints_m[:, axis]) for axis in range(3)])
 
 
-def _flown_along(content: ReportContent, flight: Flight) -> tuple[FloatArray, FloatArray]:
-    """Kilometres along the plan (n,) and height above ground (n,) of the samples on the route.
+def flight_style(number: int) -> str:
+    """The style class of one of the flights; after the last colour they begin anew with dashes (``report.css``)."""
+    return f"flight-{number % (2 * FLIGHT_COLORS)}"
+
+
+def _key(content: ReportContent, number: int) -> str:
+    return "flown" if len(content.flights) == 1 else content.flights[number].name
+
+
+def flown_along(content: ReportContent, flight: Flight) -> tuple[NDArray[np.int64], FloatArray]:
+    """Numbers (n,) of the samples of a flight on its route, and how many kilometres along the whole plan each lies (n,).
 
     A sample that flies to waypoint k lies as far along as its foot on the leg from k - 1 to k says.
     """
-    waypoints = content.planned.route.waypoints_m
+    waypoints = flight.planned_m
     target = flight.track.current_waypoint
     on = np.flatnonzero((target >= 1) & (target < len(waypoints)))
     to = target[on]
     start, leg = waypoints[to - 1], waypoints[to] - waypoints[to - 1]
     length = np.linalg.norm(leg, axis=1)
     share = ((flight.enu_m[on] - start) * leg).sum(axis=1) / np.where(length > 0.0, length**2, 1.0)
-    at_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(waypoints, axis=0), axis=1)))
-    return (at_m[to - 1] + np.clip(share, 0.0, 1.0) * length) / 1000.0, flight.height_agl_m[on]
+    at_m = _places_along_m(content.planned.route.waypoints_m, waypoints)
+    return on, (at_m[to - 1] + np.clip(share, 0.0, 1.0) * length) / 1000.0
+
+
+def _places_along_m(whole_m: FloatArray, part_m: FloatArray) -> FloatArray:
+    """How far along the whole route each waypoint of a part of it lies; NaN throughout where it is no part.
+
+    The flight of a sortie and one that resumes another fly consecutive waypoints of the whole plan; the latter may begin with
+    a place on the leg to the first of them.
+    """
+    index_of = {place: index for index, place in reversed(list(enumerate(_to_the_mm(whole_m))))}
+    found = [(number, index_of[place]) for number, place in enumerate(_to_the_mm(part_m)) if place in index_of]
+    if not found:
+        return np.full(len(part_m), np.nan)
+    # A place that the whole route passes twice may stand for the other time; most places are passed once.
+    offsets = [index - number for number, index in found]
+    number, index = found[offsets.index(max(offsets, key=offsets.count))]
+    along_part_m, along_whole_m = _along_m(part_m), _along_m(whole_m)
+    return np.asarray(along_part_m + (along_whole_m[index] - along_part_m[number]))
+
+
+def _along_m(waypoints_m: FloatArray) -> FloatArray:
+    """(n,) distance along a route to each of its waypoints."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(waypoints_m, axis=0), axis=1)))
+
+
+def _to_the_mm(places_m: FloatArray) -> list[tuple[float, ...]]:
+    return [tuple(place) for place in np.round(places_m, 3).tolist()]

@@ -2,6 +2,10 @@
 // The map. Places are local metres: Leaflet's "latitude" is north, its "longitude" is east.
 const data = JSON.parse(document.getElementById("data").textContent);
 const report = { layer: null, onLayer: [], showPlace: null };
+report.trackLook = ({ style }) => {
+  const number = Number(style.split("-")[1]), colors = 8;
+  return { color: getComputedStyle(document.documentElement).getPropertyValue(`--flight-${number % colors}`).trim(), dashArray: number < colors ? null : "7 5" };
+};
 
 (function () {
   const at = (place) => [place[1], place[0]];
@@ -62,8 +66,20 @@ const report = { layer: null, onLayer: [], showPlace: null };
   });
   overlays["Waypoint numbers"] = L.layerGroup(numbers);
   if (data.tracks.length) {
-    overlays["Flown track"] = L.layerGroup(data.tracks.map((track, i) =>
-      L.polyline(track.points.map(at), { color: ["#ff9d1e", "#ff5fa2", "#ffe14d"][i % 3], weight: 2, interactive: false })));
+    // What the layer control shows is markup: names of files are made text first.
+    const label = (track, color) => {
+      const swatch = document.createElement("span"), words = document.createElement("span");
+      swatch.className = "swatch";
+      swatch.style.background = color;
+      words.textContent = data.tracks.length > 1 ? `Flown: ${track.name}` : "Flown track";
+      return data.tracks.length > 1 ? swatch.outerHTML + words.outerHTML : words.outerHTML;
+    };
+    for (const track of data.tracks) {
+      const look = report.trackLook(track), places = track.points.map(at);
+      overlays[label(track, look.color)] = L.layerGroup([
+        L.polyline(places, { color: "#ffffff", weight: 4, opacity: 0.55, interactive: false }),
+        L.polyline(places, { ...look, weight: 2.2, interactive: false, className: `track ${track.style}` })]);
+    }
     const vehicle = L.circleMarker([0, 0], { radius: 7, color: "#000", weight: 2, fillColor: "#ffd400", fillOpacity: 1, interactive: false });
     report.showPlace = (place) => {
       if (place === null) return void vehicle.remove();

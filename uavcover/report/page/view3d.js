@@ -31,7 +31,7 @@
     ring.forEach((foot, i) => { if (foot[2] !== null) addLine([foot, roof[i]], "#5b3f8c", 1.2); });
   }
   addLine(data.plan, "#ffffff", 3);
-  for (const track of data.tracks) addLine(track.points, "#ff8c00", 1.8);
+  for (const track of data.tracks) addLine(track.points, report.trackLook(track).color, 1.8);
   const above = new Map();
   for (const line of lines) above.has(line.cell) ? above.get(line.cell).push(line) : above.set(line.cell, [line]);
 
