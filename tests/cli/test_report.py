@@ -32,7 +32,7 @@ def test_a_plan_alone_and_another_file(cli: Cli, planned: Path, tmp_path: Path) 
 def test_another_log(cli: Cli, flown: Path) -> None:
     ended = cli("report", flown, "--log", flown / "flight.rrd", "--log", flown / "track.csv")
     assert ended.code == 0
-    assert "flight.rrd (1 of 2)" in (flown / "report.html").read_text()
+    assert "seen, of the area, flight.rrd" in (flown / "report.html").read_text()
 
 
 def test_errors(cli: Cli, tmp_path: Path, flown: Path) -> None:

@@ -1,13 +1,16 @@
 """The viewer: what can be tested without a screen."""
 
 import os
+import signal
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Self
 
 import pytest
 
 from uavcover.errors import OutputError
-from uavcover.recording import RecordingError, open_viewer, screenshot, viewer
+from uavcover.recording import RecordingError, layout, open_viewer, screenshot, viewer
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -109,6 +112,64 @@ def test_a_viewer_that_never_answers_is_ended(recorded: Path, tmp_path: Path, mo
         screenshot(recorded, tmp_path / "picture.png")
     with pytest.raises(ProcessLookupError):
         os.kill(int(pid_file.read_text()), 0)
+
+
+_ANSWERS_THEN_ENDS = """
+import os, signal, socket, sys
+port = int(sys.argv[sys.argv.index("--port") + 1])
+server = socket.create_server(("127.0.0.1", port))
+open({pid_file!r} + ".new", "w").write(str(os.getpid()))
+os.rename({pid_file!r} + ".new", {pid_file!r})
+signal.signal(signal.SIGUSR1, lambda *_: sys.exit("Error: No graphics adapter was found"))
+while True:
+    signal.pause()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a script as a program is POSIX")
+@pytest.mark.parametrize("last_answer", ["open", "get_state", "set_time", "save_screenshot"])
+def test_a_viewer_that_ends_after_it_has_answered(
+    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, last_answer: str
+) -> None:
+    pid_file = tmp_path / "pid"
+    fake_viewer(tmp_path, _ANSWERS_THEN_ENDS.format(pid_file=str(pid_file)), monkeypatch)
+    monkeypatch.setattr(viewer, "_SETTLE_S", 0.0)
+
+    class Client:
+        """Answers until it is asked for ``last_answer``, at which the viewer ends."""
+
+        def __init__(self) -> None:
+            self.states = 0
+
+        @classmethod
+        def connect(cls, _url: str) -> Self:
+            return cls()
+
+        def _end_at(self, asked: str) -> None:
+            if asked == last_answer:
+                os.kill(int(pid_file.read_text()), signal.SIGUSR1)
+                raise RuntimeError("transport error")
+
+        def open(self, _path: str) -> None:
+            self._end_at("open")
+
+        def get_state(self) -> object:
+            self.states += 1
+            if self.states > 1:  # the first one is asked while connecting
+                self._end_at("get_state")
+            timeline = SimpleNamespace(name=layout.TIMELINE, start=0, end=1)
+            return SimpleNamespace(loading=False, recordings=[SimpleNamespace(timelines=[timeline])])
+
+        def set_time(self, *_: object, **__: object) -> None:
+            self._end_at("set_time")
+
+        def save_screenshot(self, _path: str) -> None:
+            self._end_at("save_screenshot")
+
+    monkeypatch.setattr(viewer, "ViewerClient", Client)
+    with pytest.raises(RecordingError, match=r"no graphics driver.*mesa-vulkan-drivers"):
+        screenshot(recorded, tmp_path / "picture.png")
+    assert not (tmp_path / "picture.png").exists()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a script as a program is POSIX")

@@ -30,6 +30,7 @@ _START_TIMEOUT_S = 40.0
 _LOAD_TIMEOUT_S = 60.0
 _POLL_S = 0.2
 _SETTLE_S = 1.5
+_ENDING_S = 5.0
 
 _NO_DRIVER = (
     "no graphics driver: the picture needs Vulkan, a software one will do "
@@ -148,6 +149,13 @@ def headless_viewer(path: Path) -> Iterator[ViewerClient]:
         )
         try:
             yield _connect(process, port, log, path)
+        except Exception as error:
+            # A viewer that is ending says why better than the connection that it leaves behind. On a busy machine it may
+            # answer for a while before it finds that there is no graphics driver.
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(timeout=_ENDING_S)
+                raise RecordingError(f"{path}: {_failure(log, process.returncode)}") from error
+            raise
         finally:
             process.terminate()
             try:

@@ -93,7 +93,7 @@ def read_run(run: RunFolder, *, logs: Sequence[Path]) -> ReportContent:
     flown = any(folder.file("track.csv").is_file() for folder in (run, *run.sorties()))
     paths = list(logs) or (flown_tracks(run) if flown else [])
     read = [after_flight.read_log(path, site) for path in paths]
-    verdict, flights = None, ()
+    verdict, flights = None, tuple[Flight, ...]()
     if read:
         tracks = [(r.track, after_flight.planned_for(path, run)) for r, path in zip(read, paths, strict=True)]
         verdict = after_flight.judge_tracks(site, tracks)
