@@ -163,14 +163,16 @@ def test_a_home_beside_the_planned_one_is_refused():
     refused(ready_scene(), r"home .* is 30\.0 m from the planned home, max_home_error_m is 10; not armed", plan=plan)
 
 
-def test_a_home_at_another_height_is_refused():
-    planned = GeoPoint(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m - 12.0)
-    refused(ready_scene(), r"12\.0 m above the planned home", plan=plan_for(mission(), home=planned))
+@pytest.mark.parametrize(("lower_m", "message"), [(12.0, "12.0 m above"), (-12.0, "12.0 m below")])
+def test_a_home_at_another_height_is_refused(lower_m, message):
+    planned = GeoPoint(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m - lower_m)
+    refused(ready_scene(), rf"{message} the planned home", plan=plan_for(mission(), home=planned))
 
 
-def test_terrain_at_another_height_than_home_is_refused():
-    plan = plan_for(mission(), ground_alt_amsl_m=HOME.alt_amsl_m + 40.0)
-    refused(ready_scene(), "the terrain there at 352.5 m", plan=plan)
+@pytest.mark.parametrize(("higher_m", "message"), [(40.0, "352.5 m"), (-40.0, "272.5 m")])
+def test_terrain_at_another_height_than_home_is_refused(higher_m, message):
+    plan = plan_for(mission(), ground_alt_amsl_m=HOME.alt_amsl_m + higher_m)
+    refused(ready_scene(), f"the terrain there at {message}", plan=plan)
 
 
 def test_another_mission_in_the_vehicle_is_refused():

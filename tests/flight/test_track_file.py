@@ -1,3 +1,4 @@
+import math
 from dataclasses import astuple, replace
 from pathlib import Path
 
@@ -22,6 +23,7 @@ def sample(n: int, **changes) -> TrackSample:
         3.25,
         359.99,
         n - 1,
+        0.05 * n,
     )
     return replace(first, **changes)
 
@@ -38,7 +40,10 @@ def test_what_was_written_is_read_to_the_last_bit(tmp_path):
     samples = write(tmp_path / "track.csv")
     track = read_track(tmp_path / "track.csv")
     expected = np.array([astuple(s) for s in samples])
-    columns = [track.time_s, track.geodetic, track.enu_m, track.attitude_deg, track.current_waypoint]
+    assert track.attitude_age_s is not None
+    columns = [
+        track.time_s, track.geodetic, track.enu_m, track.attitude_deg, track.current_waypoint, track.attitude_age_s,
+    ]  # fmt: skip
     assert np.array_equal(np.column_stack(columns), expected)
     assert len(track) == 5
     assert not track.enu_m.flags.writeable
@@ -47,8 +52,31 @@ def test_what_was_written_is_read_to_the_last_bit(tmp_path):
 def test_the_header_is_the_columns(tmp_path):
     write(tmp_path / "track.csv", 1)
     header, row = (tmp_path / "track.csv").read_text().splitlines()
-    assert header == ",".join(COLUMNS)
-    assert row.endswith(",-1")
+    assert header == ",".join([*COLUMNS, "attitude_age_s"])
+    assert row.endswith(",-1,0.0")
+
+
+def test_attitude_that_is_not_known_stands_there_empty(tmp_path):
+    path = tmp_path / "track.csv"
+    unknown = {"roll_deg": math.nan, "pitch_deg": math.nan, "attitude_age_s": math.nan}
+    with TrackWriter(path) as writer:
+        writer.write(sample(0, **unknown))
+        writer.write(sample(1))
+    assert path.read_text().splitlines()[1].endswith(",,,359.99,-1,")
+    track = read_track(path)
+    assert np.isnan(track.attitude_deg[0]).tolist() == [True, True, False]
+    assert np.isfinite(track.attitude_deg[1]).all()
+    assert track.attitude_age_s is not None
+    assert np.isnan(track.attitude_age_s).tolist() == [True, False]
+
+
+def test_a_track_without_the_age_of_its_attitudes_is_read(tmp_path):
+    path = tmp_path / "track.csv"
+    write(path)
+    path.write_text("".join(line.rpartition(",")[0] + "\n" for line in path.read_text().splitlines()))
+    track = read_track(path)
+    assert track.attitude_age_s is None
+    assert len(track) == 5
 
 
 def test_every_row_is_in_the_file_at_once(tmp_path):
@@ -105,6 +133,14 @@ def test_other_columns_and_another_order_are_read(tmp_path):
         (3, "up_m", "nan", "line 4, up_m: 'nan' is not a finite number"),
         (3, "roll_deg", "inf", "line 4, roll_deg: 'inf' is not a finite number"),
         (3, "time_s", "1.0", "line 4, time_s: 1.0 does not come after"),
+        (
+            3,
+            "time_s",
+            repr(10.0 + 1 / 3.0),
+            "line 4, time_s: 10.333333333333334 does not come after 10.333333333333334",
+        ),
+        (2, "east_m", "", "line 3, east_m: '' is no number"),
+        (2, "current_waypoint", "", "line 3, current_waypoint: '' is no number"),
         (2, "lat_deg", "91.0", "line 3, lat_deg: 91.0, .* no place on Earth"),
         (2, "current_waypoint", "1.5", "line 3, current_waypoint: 1.5 is no whole number"),
         (2, "alt_amsl_m", "", "line 3, alt_amsl_m: '' is no number"),
@@ -126,7 +162,7 @@ def test_a_short_line_inside_the_file_is_an_error(tmp_path):
     lines = path.read_text().splitlines()
     lines[2] = lines[2].rsplit(",", 3)[0]
     path.write_text("\n".join(lines) + "\n")
-    with pytest.raises(TrackError, match="line 3, pitch_deg: is missing; the line has 8 values"):
+    with pytest.raises(TrackError, match="line 3, yaw_deg: is missing; the line has 9 values"):
         read_track(path)
 
 

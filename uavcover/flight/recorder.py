@@ -9,10 +9,15 @@ from uavcover.frames import LocalFrame
 from uavcover.model.track import TrackSample
 
 
+MAX_ATTITUDE_AGE_S = 1.0
+"""An attitude that is older than this, or newer, is not the one of a position."""
+
+
 class Recorder:
     """Makes a sample of each position, with the attitude and the mission item that were told last.
 
-    Positions that come late or twice are left out: the track's time always goes on.
+    Positions that come late or twice are left out: the track's time always goes on. Where no attitude of that moment is known it
+    stays unknown; the heading that the position itself tells is taken then.
 
     Args:
         monitor: what the vehicle says.
@@ -50,11 +55,12 @@ class Recorder:
             self.first_s = position.time_boot_s
         self.count += 1
         attitude = self._monitor.latest(m.Attitude)
-        roll, pitch, yaw = (
-            (attitude.roll_rad, attitude.pitch_rad, attitude.yaw_rad) if attitude is not None else (0.0, 0.0, math.nan)
-        )
-        if math.isnan(yaw):
-            yaw = math.radians(position.heading_deg or 0.0)
+        age_s = math.nan if attitude is None else position.time_boot_s - attitude.time_boot_s
+        roll = pitch = yaw = math.nan
+        if attitude is not None and abs(age_s) <= MAX_ATTITUDE_AGE_S:
+            roll, pitch, yaw = attitude.roll_rad, attitude.pitch_rad, attitude.yaw_rad
+        if math.isnan(yaw) and position.heading_deg is not None:
+            yaw = math.radians(position.heading_deg)
         lat, lon, alt = position.lat_deg, position.lon_deg, position.alt_amsl_m
         east, north, up = self._frame.enu_from_geodetic(lat, lon, alt)[0].tolist()
         self._on_sample(
@@ -70,5 +76,6 @@ class Recorder:
                 pitch_deg=math.degrees(pitch),
                 yaw_deg=math.degrees(yaw) % 360.0,
                 current_waypoint=self.waypoint_of(self._monitor.current_seq),
+                attitude_age_s=age_s,
             )
         )

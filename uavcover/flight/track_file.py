@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from uavcover.errors import OutputError, TrackError
-from uavcover.model.track import COLUMNS, ReadTrack, Track, TrackSample
+from uavcover.model.track import AGE_COLUMN, COLUMNS, MAY_BE_EMPTY, ReadTrack, Track, TrackSample
 
 _WAYPOINT = COLUMNS.index("current_waypoint")
 
@@ -36,7 +36,7 @@ class TrackWriter:
             raise OutputError(f"{path}: is there already; use --force to replace it") from None
         except OSError as error:
             raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
-        self._write(",".join(COLUMNS))
+        self._write(",".join((*COLUMNS, AGE_COLUMN)))
 
     def write(self, sample: TrackSample) -> None:
         """Add a sample.
@@ -45,8 +45,8 @@ class TrackWriter:
             OutputError: the file cannot be written any more, for instance because the disk is full.
         """
         self._write(
-            ",".join([repr(float(getattr(sample, name))) for name in COLUMNS[:_WAYPOINT]])
-            + f",{sample.current_waypoint}"
+            ",".join([_written(float(getattr(sample, name))) for name in COLUMNS[:_WAYPOINT]])
+            + f",{sample.current_waypoint},{_written(sample.attitude_age_s)}"
         )
         self.count += 1
 
@@ -87,7 +87,8 @@ def read_track(path: Path) -> Track:
 def read_track_with_warnings(path: Path) -> ReadTrack:
     """The track in a file, and what was left out of it.
 
-    Columns may stand in any order and others may stand beside them. A last line that was cut off, as by a crash, is
+    Columns may stand in any order and others may stand beside them. Roll, pitch, yaw and the age of the three may be empty:
+    not known. A last line that was cut off, as by a crash, is
     left out with a warning. Anything else that is wrong is an error, which names line and column.
 
     Raises:
@@ -110,8 +111,9 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
     missing = [name for name in COLUMNS if name not in header]
     if missing:
         raise TrackError(f"{path}: line 1: the column {missing[0]} is missing; a track has {', '.join(COLUMNS)}")
-    places = [header.index(name) for name in COLUMNS]
-    values = np.array(list(_numbers(path, rows, places)), dtype=float).reshape(-1, len(COLUMNS))
+    columns = COLUMNS if AGE_COLUMN not in header else (*COLUMNS, AGE_COLUMN)
+    places = {name: header.index(name) for name in columns}
+    values = np.array(list(_numbers(path, rows, places)), dtype=float).reshape(-1, len(columns))
     if len(values) == 0:
         raise TrackError(f"{path}: there are no samples in it")
     return ReadTrack(
@@ -121,18 +123,19 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
             enu_m=values[:, 4:7].copy(),
             attitude_deg=values[:, 7:10].copy(),
             current_waypoint=values[:, _WAYPOINT].astype(np.int64),
+            attitude_age_s=values[:, -1].copy() if AGE_COLUMN in header else None,
         ),
         tuple(warnings),
     )
 
 
-def _numbers(path: Path, rows: Iterable[list[str]], places: list[int]) -> Iterable[list[float]]:
-    """The rows in the order of COLUMNS, each value checked."""
+def _numbers(path: Path, rows: Iterable[list[str]], places: dict[str, int]) -> Iterable[list[float]]:
+    """The values of each row at these places, in their order, each checked."""
     before_s = -math.inf
     for line, row in enumerate(rows, start=2):
         if not row:
             continue
-        values = [_number(path, line, name, row, place) for name, place in zip(COLUMNS, places, strict=True)]
+        values = [_number(path, line, name, row, place) for name, place in places.items()]
         time_s, lat_deg, lon_deg = values[:3]
         if time_s <= before_s:
             raise TrackError(
@@ -146,9 +149,16 @@ def _numbers(path: Path, rows: Iterable[list[str]], places: list[int]) -> Iterab
         yield values
 
 
+def _written(value: float) -> str:
+    """The shortest text that reads as the number; nothing when it is not known."""
+    return "" if math.isnan(value) else repr(value)
+
+
 def _number(path: Path, line: int, name: str, row: list[str], place: int) -> float:
     if place >= len(row):
         raise TrackError(f"{path}: line {line}, {name}: is missing; the line has {len(row)} values")
+    if name in MAY_BE_EMPTY and not row[place].strip():
+        return math.nan
     try:
         value = float(row[place])
     except ValueError:

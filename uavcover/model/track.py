@@ -1,6 +1,8 @@
 """What was flown."""
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,12 @@ COLUMNS = (
 )
 """Columns of ``track.csv``, in order."""
 
+AGE_COLUMN = "attitude_age_s"
+"""Stands behind the others where a track knows it; a track without it is fine."""
+
+MAY_BE_EMPTY = ("roll_deg", "pitch_deg", "yaw_deg", AGE_COLUMN)
+"""Columns in which an empty value says that the vehicle did not tell."""
+
 
 @dataclass(frozen=True, slots=True)
 class TrackSample:
@@ -35,11 +43,12 @@ class TrackSample:
         east_m: east in the local frame of the scenario.
         north_m: north.
         up_m: up.
-        roll_deg: right side down is positive.
-        pitch_deg: nose up is positive.
-        yaw_deg: clockwise from north, 0..360.
+        roll_deg: right side down is positive; NaN when it is not known.
+        pitch_deg: nose up is positive; NaN when it is not known.
+        yaw_deg: clockwise from north, 0..360; NaN when it is not known.
         current_waypoint: number in ``plan.json`` of the planned waypoint that is being flown to; -1 before the first
             has been taken up and after the last has been reached.
+        attitude_age_s: time from the attitude to the position; NaN when it is not known.
     """
 
     time_s: float
@@ -53,6 +62,7 @@ class TrackSample:
     pitch_deg: float
     yaw_deg: float
     current_waypoint: int
+    attitude_age_s: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +75,7 @@ class Track:
         enu_m: (n, 3) east, north, up in metres.
         attitude_deg: (n, 3) roll, pitch, yaw; NaN where the log does not tell.
         current_waypoint: (n,) see :class:`TrackSample`.
+        attitude_age_s: (n,) time from the attitude of a sample to its position, NaN where it is not known; none: nowhere.
     """
 
     time_s: FloatArray
@@ -72,13 +83,27 @@ class Track:
     enu_m: FloatArray
     attitude_deg: FloatArray
     current_waypoint: NDArray[np.int64]
+    attitude_age_s: FloatArray | None = None
 
     def __post_init__(self) -> None:
         for array in (self.time_s, self.geodetic, self.enu_m, self.attitude_deg, self.current_waypoint):
             array.flags.writeable = False
+        if self.attitude_age_s is not None:
+            self.attitude_age_s.flags.writeable = False
 
     def __len__(self) -> int:
         return int(self.time_s.size)
+
+    def taken(self, samples: NDArray[Any]) -> "Track":
+        """The track of some samples only, by number or by a mask."""
+        return Track(
+            time_s=self.time_s[samples].copy(),
+            geodetic=self.geodetic[samples].copy(),
+            enu_m=self.enu_m[samples].copy(),
+            attitude_deg=self.attitude_deg[samples].copy(),
+            current_waypoint=self.current_waypoint[samples].copy(),
+            attitude_age_s=None if self.attitude_age_s is None else self.attitude_age_s[samples].copy(),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
