@@ -8,7 +8,6 @@ from uavcover.flight.monitor import Monitor
 from uavcover.frames import LocalFrame
 from uavcover.model.track import TrackSample
 
-
 MAX_ATTITUDE_AGE_S = 1.0
 """An attitude that is older than this, or newer, is not the one of a position."""
 
