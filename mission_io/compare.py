@@ -1,31 +1,46 @@
-"""What was sent against what came back: every difference, and whether the autopilot makes it by design."""
+"""What was meant against what a vehicle holds: every difference, and whether it is one.
+
+The one comparison of the package: after an upload, before arming, and in flight. Places agree within 2 cm or within what
+MAVLink's steps of 1e-7 degrees do to them, whichever is larger; heights within 2 cm; parameters by what their command means
+by them. What an autopilot changes by design is in ``storage``.
+"""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mission_io.autopilots import NOT_STEPS, Autopilot, command_read_back
+from mission_io.geodesy import ground_distance_m
 from mission_io.items import MissionItem, MissionType, same_number
+from mission_io.meaning import Meaning, meaning_of
 from mission_io.wire import degrees_on_wire, float32
 
 FieldValue = float | int | str | bool | None
 
+SAME_PLACE_M = 0.02
+"""Places and heights no farther apart are the same."""
+
+_WIRE_STEP_DEG = 1.000001e-7
 _HALF_UNIT_DEG = 0.5000001e-7
 _FLOAT32_STEP = 2.0**-23
+_NUMBERS = {"param1": 1, "param2": 2, "param3": 3, "param4": 4, "lat_deg": 5, "lon_deg": 6, "alt_m": 7}
+_STRUCTURE = ("count", "command", "frame")
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One field that came back changed.
+    """One field that is not as it was meant.
 
     Attributes:
         item: Number of the item on the wire, from 0; None when the lists differ in length.
         field: ``count``, ``command``, ``frame``, ``param1`` to ``param4``, ``lat_deg``, ``lon_deg``, ``alt_m``,
             ``autocontinue``, or ``home`` for a whole item 0 that an autopilot replaced.
-        sent: What was sent.
-        received: What came back.
-        acceptable: Whether the autopilot does this by design and the mission still means the same.
+        sent: What was sent, or meant.
+        received: What came back, or is held.
+        acceptable: Whether it is none: rounding, the autopilot's design, or another number for the same thing.
         why: The reason for that verdict.
+        size_m: How far apart two places are over ground, or two heights, in metres; None for what is no length, infinite
+            where one of the two is no number.
     """
 
     item: int | None
@@ -34,6 +49,7 @@ class Difference:
     received: FieldValue
     acceptable: bool
     why: str
+    size_m: float | None = None
 
 
 def compare_items(
@@ -58,23 +74,69 @@ def compare_items(
     return tuple(differences)
 
 
+def faults(differences: Sequence[Difference]) -> tuple[Difference, ...]:
+    """The differences that are faults, the largest first.
+
+    First what makes it another list (number of items, commands, frames), then places and heights by their distance, then
+    everything else in the list's order.
+    """
+
+    def rank(difference: Difference) -> tuple[int, float]:
+        if difference.field in _STRUCTURE:
+            return _STRUCTURE.index(difference.field), 0.0
+        if difference.size_m is not None:
+            return len(_STRUCTURE), -difference.size_m
+        return len(_STRUCTURE) + 1, 0.0
+
+    return tuple(sorted((d for d in differences if not d.acceptable), key=rank))
+
+
+def fault_text(differences: Sequence[Difference]) -> str | None:
+    """The largest fault with its size, and how many there are, for people; None when there is none."""
+    wrong = faults(differences)
+    if not wrong:
+        return None
+    first = wrong[0]
+    where = "" if first.item is None else f" in item {first.item}"
+    text = f"{first.field}{where} is {first.received}, planned is {first.sent}{_size_text(first)}"
+    return text if len(wrong) == 1 else f"{text}, the largest of {len(wrong)} differences"
+
+
+def _size_text(difference: Difference) -> str:
+    size_m = difference.size_m
+    if size_m is None or not math.isfinite(size_m):
+        return ""
+    if difference.field != "alt_m":
+        return f": {size_m:.2f} m away"
+    lower = float(difference.received or 0.0) < float(difference.sent or 0.0)
+    return f": {size_m:.2f} m {'lower' if lower else 'higher'}"
+
+
 def _item_differences(number: int, a: MissionItem, b: MissionItem, autopilot: Autopilot) -> list[Difference]:
     if a.command != b.command:
         return [Difference(number, "command", int(a.command), int(b.command), False, "it is another command")]
     found: list[Difference] = []
     if a.frame != b.frame:
-        by_design = b.frame is autopilot.command_frame_returned and not command_read_back(a).has_position
-        why = (
-            f"{autopilot.name} returns commands without a position in this frame"
-            if by_design
-            else "the height would be measured from something else"
-        )
-        found.append(Difference(number, "frame", a.frame.name, b.frame.name, by_design, why))
+        no_position = not command_read_back(a).has_position and not command_read_back(b).has_position
+        if not no_position:
+            why = "the height would be measured from something else"
+        elif b.frame is autopilot.command_frame_returned:
+            why = f"{autopilot.name} returns commands without a position in this frame"
+        else:
+            why = "a command without a position means the same in every frame"
+        found.append(Difference(number, "frame", a.frame.name, b.frame.name, no_position, why))
     a, b = command_read_back(a), command_read_back(b)
+    apart_m = _apart_m(a, b)
     for (name, x), (_, y) in zip(a.values(), b.values(), strict=True):
-        if not same_number(x, y):
-            acceptable, why = _verdict(a, name, x, y, autopilot)
-            found.append(Difference(number, name, x, y, acceptable, why))
+        if same_number(x, y):
+            continue
+        size_m = None
+        if a.has_position and name in ("lat_deg", "lon_deg"):
+            size_m = apart_m
+        elif a.has_position and name == "alt_m":
+            size_m = abs(y - x) if math.isfinite(x) and math.isfinite(y) else math.inf
+        acceptable, why = _verdict(a, name, x, y, autopilot, size_m)
+        found.append(Difference(number, name, x, y, acceptable, why, size_m))
     if a.autocontinue != b.autocontinue:
         by_design = a.command in NOT_STEPS or (not autopilot.keeps_autocontinue and b.autocontinue)
         why = f"{autopilot.name} does not store it" if by_design else "the vehicle would stop at another item"
@@ -82,20 +144,50 @@ def _item_differences(number: int, a: MissionItem, b: MissionItem, autopilot: Au
     return found
 
 
-def _verdict(item: MissionItem, name: str, sent: float, received: float, autopilot: Autopilot) -> tuple[bool, str]:
-    if name in ("lat_deg", "lon_deg") and item.has_position:
-        if math.isfinite(sent) and abs(received - degrees_on_wire(sent)) < _HALF_UNIT_DEG:
-            return True, "MAVLink carries coordinates in steps of 1e-7 degrees"
-        return False, "it is another place"
+def _verdict(
+    item: MissionItem, name: str, sent: float, received: float, autopilot: Autopilot, size_m: float | None
+) -> tuple[bool, str]:
+    if item.has_position and name in ("lat_deg", "lon_deg"):
+        return _place_verdict(sent, received, size_m)
+    meaning = Meaning.NUMBER if item.has_position and name == "alt_m" else meaning_of(item.command, _NUMBERS[name])
+    if meaning is Meaning.RESERVED:
+        return True, meaning.value
     rule = autopilot.rule_for(item, name)
-    if rule is not None:
-        if _close(received, rule.store(sent)) and not abs(received - sent) > rule.largest_change:
+    if rule is not None and math.isfinite(sent):
+        stored = rule.store(sent)
+        if _close(received, stored) and not abs(received - sent) > rule.largest_change:
             return True, rule.why
-        if abs(received - sent) <= rule.largest_change and rule.largest_change < math.inf:
+        # Another version of the autopilot may round where this one truncates; what it cannot store is no rounding.
+        if abs(received - sent) <= rule.largest_change < math.inf and _close(received, rule.store(received)):
             return True, rule.why
+    elif rule is not None and _close(received, rule.store(sent)):
+        return True, rule.why
     if math.isfinite(sent) and received == float32(sent):
         return True, "MAVLink carries this number in 32 bits"
+    if size_m is not None:
+        return (
+            (True, "it is the same height within 2 cm") if size_m <= SAME_PLACE_M else (False, "it is another height")
+        )
+    if meaning.same(sent, received):
+        return True, f"it means the same: {meaning.value}"
     return False, "it is another value, and nothing the autopilot does by design explains it"
+
+
+def _place_verdict(sent: float, received: float, apart_m: float | None) -> tuple[bool, str]:
+    if math.isfinite(sent) and abs(received - degrees_on_wire(sent)) < _HALF_UNIT_DEG:
+        rounded = "MAVLink carries coordinates in steps of 1e-7 degrees"
+        return True, rounded
+    if abs(received - sent) <= _WIRE_STEP_DEG or (apart_m is not None and apart_m <= SAME_PLACE_M):
+        return True, "it is the same place within 2 cm or a step of 1e-7 degrees"
+    return False, "it is another place"
+
+
+def _apart_m(a: MissionItem, b: MissionItem) -> float | None:
+    """Distance over ground of two places; infinite where one of them is no place, None for commands without one."""
+    if not a.has_position:
+        return None
+    degrees = (a.lat_deg, a.lon_deg, b.lat_deg, b.lon_deg)
+    return ground_distance_m(*degrees) if all(map(math.isfinite, degrees)) else math.inf
 
 
 def _close(a: float, b: float) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from mission_io import SigningKey
 from mission_io.autopilots import wire_items
 from mission_io.client import Client
-from mission_io.compare import compare_items
+from mission_io.compare import compare_items, fault_text
 from mission_io.items import GeoPoint, MissionType
 from mission_io.link import open_link
 from mission_io.messages import ExtendedSysState
@@ -320,7 +320,7 @@ def _held_onward(
     compiled = pipeline.compile_plan(site, unfinished.planned.route, autopilot=vehicle.autopilot)
     autopilot = AUTOPILOTS[vehicle.autopilot]
     held = vehicle.client.download(MissionType.MISSION)
-    if any(not d.acceptable for d in compare_items(wire_items(compiled.mission, autopilot), held, autopilot)):
+    if fault_text(compare_items(wire_items(compiled.mission, autopilot), held, autopilot)) is not None:
         return None
     # The numbers of the track are those of the route that is left: a route that begins on the leg has one more.
     passed = len(unfinished.route) - (len(planned_m) - number)

@@ -6,6 +6,7 @@ from typing import Any
 
 from mission_io import SigningKey
 from mission_io.commands import name_of
+from mission_io.compare import faults
 from mission_io.errors import TransferError, TransferInterrupted
 from mission_io.presets import link_preset
 from mission_io.verification import Verification
@@ -102,10 +103,10 @@ def say_comparison(console: Console, result: Verification) -> None:
     if not result.differences:
         console.say(f"{name}: {len(result.sent)} items sent, read back equal")
         return
-    faults = [difference for difference in result.differences if not difference.acceptable]
+    wrong = faults(result.differences)
     console.say(
         f"{name}: {len(result.sent)} items sent, {len(result.differences)} fields came back changed, "
-        f"{len(result.differences) - len(faults)} by the autopilot's design"
+        f"{len(result.differences) - len(wrong)} of them without another meaning"
     )
-    for fault in faults[:5]:
+    for fault in wrong[:5]:
         console.warn(f"{name}: {fault}")

@@ -4,7 +4,7 @@ import math
 
 from mission_io import messages as m
 from mission_io.autopilots import wire_items
-from mission_io.compare import compare_items
+from mission_io.compare import compare_items, fault_text
 from mission_io.errors import MissionIoError
 from mission_io.items import MissionType
 from uavcover.flight.conversation import Conversation, Timer
@@ -128,10 +128,5 @@ class MissionGuard:
             held = conversation.client.download(MissionType.MISSION)
         except MissionIoError as error:
             return f"its mission could not be read back: {error}"
-        wrong = [
-            d for d in compare_items(wire_items(self._plan.mission, autopilot), held, autopilot) if not d.acceptable
-        ]
-        if not wrong:
-            return None
-        where = "" if wrong[0].item is None else f" in item {wrong[0].item}"
-        return f"{wrong[0].field}{where} of its mission is {wrong[0].received}, planned is {wrong[0].sent}"
+        wrong = fault_text(compare_items(wire_items(self._plan.mission, autopilot), held, autopilot))
+        return None if wrong is None else f"of its mission {wrong}"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from mission_io import messages as m
 from mission_io.autopilots import wire_items
-from mission_io.compare import compare_items
+from mission_io.compare import compare_items, fault_text
 from mission_io.enums import AutopilotId, CommandResult
 from mission_io.errors import CommandRefusedError
 from mission_io.items import GeoPoint, MissionType
@@ -231,16 +231,11 @@ def check_mission(conversation: Conversation, plan: FlightPlan) -> None:
     """Refuse a vehicle that holds another mission than the planned one.
 
     Raises:
-        VehicleError: it holds none, or one that differs; the message names the first difference.
+        VehicleError: it holds none, or one that differs; the message names the largest difference.
     """
     autopilot = conversation.autopilot
     wanted = wire_items(plan.mission, autopilot)
     held = conversation.client.download(MissionType.MISSION)
-    wrong = [d for d in compare_items(wanted, held, autopilot) if not d.acceptable]
-    if wrong:
-        first = wrong[0]
-        where = "" if first.item is None else f" in item {first.item}"
-        raise VehicleError(
-            f"the vehicle holds another mission: {first.field}{where} is {first.received}, planned is {first.sent}; "
-            "not armed: upload the mission first"
-        )
+    wrong = fault_text(compare_items(wanted, held, autopilot))
+    if wrong is not None:
+        raise VehicleError(f"the vehicle holds another mission: {wrong}; not armed: upload the mission first")
