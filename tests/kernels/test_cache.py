@@ -1,0 +1,158 @@
+"""Machine code is never older than the sources: a chain of kernels in a package of its own, each run in a new process."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+from uavcover.kernels import _cache
+
+SOURCES = Path(_cache.__file__).parent
+DEPTH = 4
+LINK = """from uavcover.kernels._jit import kernel
+from uavcover.kernels.k{below} import value as below
+
+
+@kernel
+def value(x):
+    return below(x) * 10 + {digit}
+"""
+END = """from uavcover.kernels._jit import kernel
+
+
+@kernel
+def value(x):
+    return x * 10 + {digit}
+"""
+PROGRAM = """from uavcover.kernels import _cache
+from uavcover.kernels.k{top} import value
+print(value(7), getattr(value, "_cache_hits", None) and sum(value._cache_hits.values()), _cache.folder())
+"""
+
+
+class Chain:
+    """Kernels that call each other; the number that comes out shows every one of them."""
+
+    def __init__(self, folder: Path) -> None:
+        self.kernels = folder / "uavcover" / "kernels"
+        self.kernels.mkdir(parents=True)
+        (folder / "uavcover" / "__init__.py").touch()
+        for name in ("__init__.py", "_jit.py", "_cache.py"):
+            shutil.copy(SOURCES / name, self.kernels)
+        self.digits = list(range(1, DEPTH + 1))
+        for link in range(DEPTH):
+            self.write(link, self.digits[link])
+        self.home = folder / "home"
+
+    def write(self, link: int, digit: int) -> None:
+        self.digits[link] = digit
+        text = LINK.format(below=link - 1, digit=digit) if link else END.format(digit=digit)
+        (self.kernels / f"k{link}.py").write_text(text)
+
+    @property
+    def expected(self) -> int:
+        return int("7" + "".join(map(str, self.digits)))
+
+    def run(self, **more: str) -> tuple[int, bool, str]:
+        """What comes out, whether the top kernel's machine code was there already, and where it is kept."""
+        kept = {key: value for key, value in os.environ.items() if not key.startswith(("NUMBA_", "PYTHON", "COV_"))}
+        environment = {
+            **kept, "PYTHONPATH": str(self.kernels.parents[1]), "PYTHONDONTWRITEBYTECODE": "1",
+            "XDG_CACHE_HOME": str(self.home), **more,
+        }  # fmt: skip
+        done = subprocess.run(
+            [sys.executable, "-W", "error", "-c", PROGRAM.format(top=DEPTH - 1)],
+            env=environment, cwd=self.kernels, capture_output=True, text=True, timeout=100, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        value, hits, folder = done.stdout.split()
+        return int(value), hits == "1", folder
+
+
+pytestmark = pytest.mark.no_cover
+"""What runs in other processes reaches no line here."""
+
+
+@pytest.fixture
+def chain(tmp_path: Path) -> Chain:
+    return Chain(tmp_path)
+
+
+def test_a_change_in_any_kernel_of_a_chain_is_seen_at_its_top(chain: Chain) -> None:
+    """Of the same length and at the same second, so that neither size nor time gives it away."""
+    rng = np.random.default_rng(14)
+    assert chain.run()[:2] == (chain.expected, False)
+    times = {path: path.stat() for path in chain.kernels.glob("*.py")}
+    for link in rng.permutation(DEPTH - 1):
+        chain.write(int(link), 5 + int(rng.integers(5)))
+        for path, before in times.items():
+            os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+        assert chain.run()[:2] == (chain.expected, False), f"after a change in k{link}.py"
+    for path in times:
+        path.touch()
+    assert chain.run()[:2] == (chain.expected, True), "touched without a change: nothing is compiled"
+
+
+def test_broken_machine_code_is_compiled_anew(chain: Chain) -> None:
+    _, _, folder = chain.run()
+    for k, path in enumerate(sorted(Path(folder).iterdir())):
+        content = path.read_bytes()
+        path.write_bytes((b"", content[: len(content) // 2], b"\x80" + content[::-1])[k % 3])
+    assert chain.run()[:2] == (chain.expected, False)
+    assert chain.run()[:2] == (chain.expected, True)
+
+
+def test_where_the_sources_cannot_be_written_to_and_where_nothing_can(chain: Chain, tmp_path: Path) -> None:
+    (chain.kernels / "__pycache__").write_text("in the way, also of root")
+    value, _, folder = chain.run()
+    assert value == chain.expected
+    assert Path(folder).is_relative_to(chain.home)
+    assert chain.run()[:2] == (chain.expected, True)
+    shutil.rmtree(chain.home)
+    chain.home.write_text("in the way")
+    assert chain.run() == (chain.expected, False, "None")
+    _, _, folder = chain.run(NUMBA_CACHE_DIR=str(tmp_path / "wanted"))
+    assert Path(folder).is_relative_to(tmp_path / "wanted")
+
+
+def test_interpreted_kernels_keep_nothing(chain: Chain) -> None:
+    value, _, _ = chain.run(NUMBA_DISABLE_JIT="1")
+    assert value == chain.expected
+    assert not list(chain.kernels.glob("__pycache__/kernels-*/*"))
+
+
+@pytest.mark.parametrize(("module", "name"), [(numba, "__version__"), (np, "__version__"), (numba.config, "OPT")])
+def test_the_key_holds_the_compiler_and_its_settings(
+    monkeypatch: pytest.MonkeyPatch, module: object, name: str
+) -> None:
+    before = _cache._key(SOURCES)
+    monkeypatch.setattr(module, name, "other")
+    assert _cache._key(SOURCES) != before
+
+
+def test_the_key_holds_every_source(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text("x = 1\n")
+    (tmp_path / "b.py").write_text("y = 2\n")
+    keys = {_cache._key(tmp_path)}
+    for name, content in [("a.py", "x = 3\n"), ("b.py", "y = 4\n"), ("c.py", ""), ("a.py", "x = 3\ny"), ("b.py", "")]:
+        (tmp_path / name).write_text(content)
+        keys.add(_cache._key(tmp_path))
+    (tmp_path / "c.py").unlink()
+    assert len(keys | {_cache._key(tmp_path)}) == 7
+
+
+def test_old_machine_code_goes(tmp_path: Path) -> None:
+    place = tmp_path / "__pycache__"
+    place.mkdir()
+    for age in range(6):
+        (place / f"kernels-{age}").mkdir()
+        os.utime(place / f"kernels-{age}", (1000 - age, 1000 - age))
+    for name in ("a.value-5.py311.nbi", "a.value-5.py311.1.nbc", "a.cpython-311.pyc"):
+        (place / name).touch()
+    _cache._remove_old(place)
+    assert {path.name for path in place.iterdir()} == {"kernels-0", "kernels-1", "kernels-2", "a.cpython-311.pyc"}
