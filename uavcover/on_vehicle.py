@@ -12,7 +12,8 @@ from mission_io.autopilots import wire_items
 from mission_io.client import Client
 from mission_io.compare import compare_items, fault_text
 from mission_io.items import GeoPoint, MissionType
-from mission_io.link import open_link
+from mission_io.link import Link, open_link
+from mission_io.links.telemetry_log import LoggedLink
 from mission_io.messages import ExtendedSysState
 from mission_io.protocol.exchange import Timing
 from uavcover import pipeline
@@ -51,11 +52,13 @@ class Connected:
         client: talks to it.
         monitor: hears all that the client hears.
         autopilot: its name in scenarios.
+        link: where a telemetry log can listen; none for a client that was made elsewhere.
     """
 
     client: Client
     monitor: Monitor
     autopilot: AutopilotName
+    link: LoggedLink | None = None
 
 
 @contextmanager
@@ -97,22 +100,23 @@ def connect(
         lambda: MockVehicle(AUTOPILOTS[name], place, settings=settings, battery=battery, speed=mock_speed),
         speed=mock_speed,
     )
-    client, monitor = _open_mavsdk(url) if client_name == "mavsdk" else open_vehicle(url, timing=timing)
+    link = LoggedLink(open_link(url))
+    client, monitor = _open_mavsdk(link) if client_name == "mavsdk" else open_vehicle(link, timing=timing)
     with client:
         if signing_key is not None:
             client.sign_with(signing_key)
         vehicle = client.wait_for_vehicle(timeout_s)
         monitor.listen_to(vehicle.system_id)
         own: AutopilotName = "px4" if vehicle.autopilot is AUTOPILOTS["px4"] else "ardupilot"
-        yield Connected(client, monitor, own)
+        yield Connected(client, monitor, own, link)
 
 
-def _open_mavsdk(url: str) -> tuple[Client, Monitor]:
-    """MAVSDK's client on a link's URL, with a monitor that hears everything."""
+def _open_mavsdk(link: Link) -> tuple[Client, Monitor]:
+    """MAVSDK's client on a link, with a monitor that hears everything."""
     from uavcover.mavsdk_client.client import MavsdkClient  # its library is large, and few ask for it
 
     monitor = Monitor()
-    return MavsdkClient(open_link(url), listener=monitor), monitor
+    return MavsdkClient(link, listener=monitor), monitor
 
 
 def home_of(site: Site) -> GeoPoint | None:

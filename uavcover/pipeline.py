@@ -59,6 +59,7 @@ MISSION_FILES = ("mission.waypoints", "mission.plan", "fence.waypoints", "rally.
 AFTER_FLIGHT_FILES = (
     "track.csv",
     "flight.rrd",
+    "flight.tlog",
     "verification.json",
     "coverage.tif",
     "report.html",

@@ -1,10 +1,17 @@
+import fcntl
 import json
+import os
+import pty
 import select
 import signal
 import subprocess
+import termios
 from pathlib import Path
 
-from tests.cli.conftest import Cli, command, in_process, limited_to, mock_vehicle, started, wait_for_line
+import pytest
+from pymavlink import mavutil
+
+from tests.cli.conftest import Cli, command, files, in_process, limited_to, mock_vehicle, started, wait_for_line
 from uavcover.flight.track_file import read_track
 from uavcover.recording.reader import read_recorded_track
 
@@ -20,6 +27,48 @@ def test_whole_flight_on_the_mock_of_this_process(cli: Cli, flown: Path) -> None
     assert (flown / "track.csv").read_bytes() != before
     assert not (flown / "verification.json").exists(), "it spoke of the older track"
     assert len(read_recorded_track(flown / "flight.rrd")) == ended.document["samples"]
+
+
+def test_what_was_heard_and_sent_is_in_a_telemetry_log(cli: Cli, flown: Path) -> None:
+    by_track = cli("verify", flown, "--json").document
+    by_log = cli("verify", flown, "--log", flown / "flight.tlog", "--json").document
+    assert by_log["track"] == "flight.tlog"
+    assert by_log["passed"] == by_track["passed"]
+    assert by_log["coverage_fraction"] == pytest.approx(by_track["coverage_fraction"], abs=0.01)
+    log = mavutil.mavlogfile(str(flown / "flight.tlog"))
+    sent = set()
+    while (message := log.recv_match(type=["COMMAND_LONG", "SET_MODE", "HEARTBEAT"])) is not None:
+        sent.add((message.get_type(), message.get_srcSystem()))
+    log.close()
+    assert {("COMMAND_LONG", 255), ("HEARTBEAT", 255), ("HEARTBEAT", 1)} <= sent
+    assert [name for name in files(flown) if name.startswith(".flight")] == []
+
+
+def test_a_terminal_that_is_closed_brings_it_home(cli: Cli, planned: Path) -> None:
+    with mock_vehicle("--speed", 30) as (port, _):
+        url = upload(cli, planned, port)
+        ours, theirs = pty.openpty()
+        process = subprocess.Popen(
+            command("fly", planned, "--to", url), stdin=theirs, stdout=theirs, stderr=theirs,
+            start_new_session=True, preexec_fn=_own_terminal,
+        )  # fmt: skip
+        try:
+            os.close(theirs)
+            said = b""
+            while b"in the air" not in said:
+                said += os.read(ours, 4096)
+            os.close(ours)
+            process.wait(timeout=100)
+        finally:
+            process.kill()
+            process.wait()
+    assert json.loads((planned / "run.json").read_text())["flight"]["ending"] == "returned"
+    assert process.returncode == 130
+    assert len(read_recorded_track(planned / "flight.rrd")) == len(read_track(planned / "track.csv"))
+
+
+def _own_terminal() -> None:
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
 def upload(cli: Cli, run: Path, port: int) -> str:

@@ -14,6 +14,7 @@ from typing import Any, TextIO
 from rich.console import Console as RichConsole
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
+from uavcover.cli.ending import stop_signals
 from uavcover.errors import OutputError
 from uavcover.run_folder import json_line
 
@@ -63,10 +64,10 @@ class Console:
             raise OutputError(f"standard output: cannot be written ({error.strerror})") from error
 
     def _write(self, stream: TextIO, line: str) -> None:
-        if self._bar_is_there and stream.isatty():
-            self._terminal.print(line, markup=False, highlight=False, emoji=False, soft_wrap=True)
-            return
         try:
+            if self._bar_is_there and stream.isatty():
+                self._terminal.print(line, markup=False, highlight=False, emoji=False, soft_wrap=True)
+                return
             stream.write(line + "\n")
             stream.flush()
         except OSError:
@@ -99,7 +100,8 @@ class Console:
             self._bar_is_there = False
             appears.cancel()
             appears.join()
-            progress.stop()
+            with contextlib.suppress(OSError):  # the terminal may have been closed
+                progress.stop()
 
 
 class Bar:
@@ -119,7 +121,7 @@ class Bar:
 
 
 class Interrupts:
-    """Counts Ctrl-C (and SIGTERM) instead of raising, so that work can end in good order; a third one raises.
+    """Counts Ctrl-C, SIGTERM and SIGHUP instead of raising, so that work can end in good order; a third one raises.
 
     Args:
         first: what to say at once when the first one comes.
@@ -131,7 +133,7 @@ class Interrupts:
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> "Interrupts":
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in stop_signals():
             self._before[number] = signal.signal(number, self._take)
         return self
 

@@ -39,7 +39,8 @@ def ending_well(command: Callable[..., Any]) -> Callable[..., None]:
 
 def run_app(app: Callable[..., Any], arguments: Sequence[str]) -> int:
     """Run the commands on ``arguments``; bad usage becomes one line, too. Returns the exit code."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends in as good an order as Ctrl-C
+    for number in stop_signals():  # all end in as good an order as Ctrl-C
+        signal.signal(number, signal.default_int_handler)
     as_json = "--json" in arguments
     try:
         return int(app(list(arguments), standalone_mode=False) or 0)
@@ -83,6 +84,14 @@ def _fail(text: str, code: int, *, as_json: bool, details: Mapping[str, Any] = M
     if as_json:
         sys.stdout.write(json_line({"error": line, "exit_code": code, **details}) + "\n")
     return code
+
+
+def stop_signals() -> list[signal.Signals]:
+    """The signals that ask to stop: Ctrl-C, SIGTERM, and SIGHUP of a terminal that was closed, unless that is ignored (nohup)."""
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    return numbers
 
 
 def show_traces(wanted: bool) -> None:

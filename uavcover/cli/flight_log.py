@@ -3,6 +3,7 @@
 import sys
 
 from mission_io import messages as m
+from mission_io.links.telemetry_log import TelemetryLogWriter
 from uavcover import pipeline
 from uavcover.cli.console import Bar, Console
 from uavcover.errors import OutputError
@@ -16,7 +17,9 @@ from uavcover.recording.live import LiveRecording
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
 
+TELEMETRY_LOG = "flight.tlog"
 _GROWING = ".flight.rrd.growing"
+_GROWING_TELEMETRY = ".flight.tlog.growing"
 _STATE_EVERY_S = 1.0
 
 
@@ -32,9 +35,10 @@ def live_recording(run: RunFolder, site: Site, route: Route, *, viewer_url: str 
 class FlightLog:
     """The track and the events of a flight, kept as they come.
 
-    ``track.csv`` and ``flight.rrd`` begin with the first sample, so a flight that never began changes nothing in the run
-    folder; then the recording and the verdict of an older flight are removed. When the track cannot be written any more,
-    the vehicle is in the air: the flight is followed to its end, and the error comes after it.
+    ``track.csv``, ``flight.rrd`` and ``flight.tlog`` begin with the first sample, so a flight that never began changes nothing
+    in the run folder; then the recording and the verdict of an older flight are removed. The telemetry log has what was said
+    before the first sample, too. When the track cannot be written any more, the vehicle is in the air: the flight is
+    followed to its end, and the error comes after it.
 
     Args:
         run: where to.
@@ -63,6 +67,10 @@ class FlightLog:
         self._run, self._overwrite, self._console, self._bar = run, overwrite, console, bar
         self._waypoint_count, self._vehicle, self._live = waypoint_count, vehicle, live
         self._writer: TrackWriter | None = None
+        self._telemetry: TelemetryLogWriter | None = None
+        if vehicle.link is not None:
+            self._telemetry = TelemetryLogWriter(run.file(_GROWING_TELEMETRY))
+            vehicle.link.log_to(self._telemetry)
 
     @property
     def recorded_events(self) -> list[recorded.FlightEvent]:
@@ -79,6 +87,8 @@ class FlightLog:
                 self._writer = TrackWriter(self._run.file("track.csv"), overwrite=self._overwrite)
                 if self._live is not None:
                     self._live.rename(self._run.file("flight.rrd"))
+                if self._telemetry is not None:
+                    self._telemetry.move_to(self._run.file(TELEMETRY_LOG))
             self._writer.write(sample)
             self.sample_count += 1
         except OutputError as error:
@@ -106,7 +116,7 @@ class FlightLog:
             self._console.say(f"  {'' if event.time_s is None else f'{event.time_s:.1f} s '}{event.text}")
 
     def close(self) -> None:
-        """Close the track and the growing recording, which goes when the flight never began."""
+        """Close the track, the growing recording and the telemetry log; the latter two go when the flight never began."""
         if self._writer is not None and self.error is None:
             self._writer.close()
         if self._live is not None:
@@ -115,6 +125,17 @@ class FlightLog:
                 self._console.warn(self._live.error)
             if self._writer is None:
                 self._run.remove([_GROWING])
+        self._close_telemetry()
+
+    def _close_telemetry(self) -> None:
+        if self._telemetry is None or self._vehicle.link is None:
+            return
+        self._vehicle.link.log_to(None)
+        self._telemetry.close()
+        if self._telemetry.error is not None:
+            self._console.warn(self._telemetry.error)
+        if self._writer is None:
+            self._run.remove([_GROWING_TELEMETRY])
 
     def _state(self, time_s: float) -> recorded.VehicleState:
         status, link = self._vehicle.monitor.latest(m.SysStatus), self._vehicle.client.statistics

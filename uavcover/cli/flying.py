@@ -23,7 +23,7 @@ from uavcover.site import Site
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.verify import flown_coverage
 
-FLIGHT_FILES = ("track.csv", "flight.rrd")
+FLIGHT_FILES = ("track.csv", "flight.rrd", "flight.tlog")
 ENDED_BY_USER = frozenset({Ending.RETURNED, Ending.LEFT_HOLDING, Ending.NOT_FLOWN})
 
 _FIRST_STOP = "stopping: hold, then home along checked legs; once more: hold and leave it; a third time: abort at once"

@@ -8,7 +8,8 @@ import numpy as np
 from uavcover.errors import TrackError
 from uavcover.track_logs.assembly import LoggedRows
 
-_Rows = dict[tuple[int, int], list[tuple[float, ...]]]
+_Source = tuple[int, int]
+_Rows = dict[_Source, list[tuple[float, ...]]]
 
 
 def read_telemetry(path: Path) -> LoggedRows:
@@ -19,13 +20,19 @@ def read_telemetry(path: Path) -> LoggedRows:
     """
     # Importing pymavlink takes a moment that other kinds of logs need not wait for.
     from pymavlink import mavutil
+    from pymavlink.dialects.v20 import common as mavlink
 
     positions: _Rows = defaultdict(list)
     attitudes: _Rows = defaultdict(list)
+    autopilots: set[_Source] = set()
     log = mavutil.mavlogfile(str(path), robust_parsing=True)
     try:
-        while (message := log.recv_match(type=["GLOBAL_POSITION_INT", "ATTITUDE"])) is not None:
+        while (message := log.recv_match(type=["GLOBAL_POSITION_INT", "ATTITUDE", "HEARTBEAT"])) is not None:
             source = (message.get_srcSystem(), message.get_srcComponent())
+            if message.get_type() == "HEARTBEAT":
+                if message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
+                    autopilots.add(source)
+                continue
             time_s = message.time_boot_ms * 1e-3
             if message.get_type() == "ATTITUDE":
                 angles = np.degrees([message.roll, message.pitch, message.yaw])
@@ -41,6 +48,9 @@ def read_telemetry(path: Path) -> LoggedRows:
         raise TrackError(
             f"{path}: has positions of {len(systems)} vehicles (systems {', '.join(map(str, systems))}); give a log of one"
         )
-    # A vehicle's other components repeat what the autopilot says: the one that says most is the autopilot.
-    source = Counter({key: len(rows) for key, rows in positions.items()}).most_common(1)[0][0]
+    # Only the autopilot knows where the vehicle is; in a log without heartbeats it is the component that says most.
+    speaking = {key: len(rows) for key, rows in positions.items() if key in autopilots} or {
+        key: len(rows) for key, rows in positions.items()
+    }
+    source = Counter(speaking).most_common(1)[0][0]
     return LoggedRows(np.array(positions[source]), np.array(attitudes[source]).reshape(-1, 4))

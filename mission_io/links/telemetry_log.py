@@ -1,0 +1,156 @@
+"""Everything that a link hears and sends, in a telemetry log (``.tlog``) as ground stations write and read it.
+
+Each frame stands behind the time of day at which it came or went: microseconds since 1970-01-01 UTC as an unsigned 64-bit
+number, the high byte first. Bytes that belong to no frame are left out.
+"""
+
+import contextlib
+import os
+from pathlib import Path
+from typing import Final, Self
+
+from mission_io.clock import Clock, MonotonicClock, SystemClock, UnixClock
+from mission_io.errors import LinkError
+from mission_io.framing import Framer, FramingCounts
+from mission_io.links.base import Link, StreamLink
+
+FLUSH_S: Final = 0.2
+"""What was written reaches the operating system at least so often: a killed process loses no more."""
+
+
+class TelemetryLogWriter:
+    """Writes one log. A context manager.
+
+    A log that cannot be written any more, for instance because the disk is full, is no reason to let go of a vehicle: it ends
+    there, and ``error`` says why.
+
+    Args:
+        path: the file; one that is there is replaced.
+        clock: the time of day; None takes the operating system's.
+        flush_clock: times the flushes; None takes the monotonic clock.
+
+    Attributes:
+        path: where the file is.
+        frames: how many are in it.
+        error: why the log ended early; None as long as it goes on.
+
+    Raises:
+        LinkError: the file cannot be made.
+    """
+
+    def __init__(self, path: Path, *, clock: UnixClock | None = None, flush_clock: Clock | None = None) -> None:
+        self.path = path
+        self.frames = 0
+        self.error: str | None = None
+        self._clock = clock if clock is not None else SystemClock()
+        self._flush_clock = flush_clock if flush_clock is not None else MonotonicClock()
+        self._flushed_s = self._flush_clock.now()
+        try:
+            self._file = path.open("wb")
+        except OSError as error:
+            raise LinkError(f"{path}: the telemetry log cannot be written: {error.strerror}") from None
+
+    def write(self, data: bytes) -> None:
+        """Write the frames in a datagram, as of now."""
+        if self.error is not None:
+            return
+        framer = Framer()
+        frames = [*framer.feed(data), *framer.end()]
+        stamp = round(self._clock.unix_s() * 1e6).to_bytes(8, "big")
+        try:
+            for frame in frames:
+                self._file.write(stamp + frame.data)
+            self.frames += len(frames)
+            self._flush()
+        except (OSError, ValueError) as error:
+            self._give_up(error)
+
+    def keep_up(self) -> None:
+        """Let what was written reach the operating system, when it is time; to be called while nothing arrives."""
+        if self.error is None:
+            try:
+                self._flush()
+            except (OSError, ValueError) as error:
+                self._give_up(error)
+
+    def move_to(self, path: Path) -> None:
+        """Give the file another name, and go on in it."""
+        if self.error is not None:
+            return
+        try:
+            self._file.close()  # some systems do not rename an open file
+            os.replace(self.path, path)
+            self.path = path
+            self._file = path.open("ab")
+        except OSError as error:
+            self._give_up(error)
+
+    def close(self) -> None:
+        """Close the file; closing twice is fine."""
+        try:
+            self._file.close()
+        except OSError as error:
+            self._give_up(error)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _flush(self) -> None:
+        if (now := self._flush_clock.now()) - self._flushed_s >= FLUSH_S:
+            self._flushed_s = now
+            self._file.flush()
+
+    def _give_up(self, error: OSError | ValueError) -> None:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        self.error = f"{self.path}: the telemetry log ends after {self.frames} frames: {reason}"
+        with contextlib.suppress(OSError):
+            self._file.close()
+
+
+class LoggedLink:
+    """A :class:`~mission_io.link.Link` that writes what goes through it into a log, from ``log_to`` on.
+
+    Args:
+        link: carries the datagrams.
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._log: TelemetryLogWriter | None = None
+
+    def log_to(self, log: TelemetryLogWriter | None) -> None:
+        """Write all that is heard and sent from here on into a log, or no longer into any."""
+        self._log = log
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of the link inside."""
+        return self._link.clock
+
+    @property
+    def framing(self) -> FramingCounts:
+        """What of a stream was no frame; nothing for a link of datagrams."""
+        return self._link.framing if isinstance(self._link, StreamLink) else FramingCounts()
+
+    def send(self, data: bytes) -> None:
+        """Send one datagram."""
+        self._link.send(data)
+        if self._log is not None:
+            self._log.write(data)
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        """The next datagram, or None when none came within ``timeout_s`` seconds."""
+        data = self._link.receive(timeout_s)
+        if self._log is not None:
+            if data is None:
+                self._log.keep_up()
+            else:
+                self._log.write(data)
+        return data
+
+    def close(self) -> None:
+        """Let go of the port; closing twice is fine. The log stays open."""
+        self._link.close()
