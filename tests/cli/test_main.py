@@ -1,6 +1,7 @@
 import os
 import subprocess
 import sys
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -83,3 +84,19 @@ def test_an_answer_that_cannot_be_written_is_an_error(planned: Path, tmp_path: P
 def test_package_runs_as_a_module() -> None:
     assert in_process("--help").out.startswith("Usage:")
     assert sys.executable
+
+
+def test_the_version_is_that_of_the_package(cli: Cli) -> None:
+    ended = cli("--version")
+    assert (ended.code, ended.out) == (0, f"uavcover {metadata.version('uavcover')}\n")
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_of_commands(shell: str) -> None:
+    complete = {"_TYPER_COMPLETE_ARGS": "uavcover plan", "COMP_WORDS": "uavcover plan", "COMP_CWORD": "1"}
+    environment = {**os.environ, **complete, "_UAVCOVER_COMPLETE": f"complete_{shell}"}
+    if shell == "fish":
+        environment["_TYPER_COMPLETE_FISH_ACTION"] = "get-args"
+    program = Path(sys.executable).with_name("uavcover")
+    done = subprocess.run([program], env=environment, capture_output=True, text=True, timeout=120, check=False)
+    assert "plan-upload" in done.stdout, done.stderr

@@ -60,7 +60,7 @@ def _packages(try_imports: bool) -> Iterator[Finding]:
                 importlib.import_module(module)
             yield Finding(name, True, True, version)
         except (ImportError, OSError) as error:
-            yield Finding(name, False, True, f"{error}; install the package again: pip install uavcover")
+            yield Finding(name, False, True, f"{error}; install the package again, from its clone: pip install -e .")
 
 
 def _data() -> Iterator[Finding]:

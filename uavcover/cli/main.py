@@ -3,6 +3,7 @@
 import os
 import sys
 from collections.abc import Callable
+from importlib import metadata
 
 import typer
 
@@ -30,7 +31,7 @@ app = typer.Typer(
     name="uavcover",
     cls=Overview,
     help="Plan flights that see all of a rugged terrain, fly them, prove what was seen.",
-    add_completion=False,
+    add_completion=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -70,8 +71,19 @@ for _title, _commands in _GROUPS.items():
 app.add_typer(bench, name="bench", short_help="the benchmarks of this project", rich_help_panel="Measure")
 
 
+def _tell_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"uavcover {metadata.version('uavcover')}")
+        raise typer.Exit
+
+
 @app.callback()
-def _root(debug: bool = typer.Option(False, "--debug", help="Show the trace of an error.")) -> None:
+def _root(
+    debug: bool = typer.Option(False, "--debug", help="Show the trace of an error."),
+    _: bool = typer.Option(
+        False, "--version", help="Show the version.", callback=_tell_version, is_eager=True, expose_value=False
+    ),
+) -> None:
     show_traces(debug)
 
 

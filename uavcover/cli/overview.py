@@ -21,5 +21,6 @@ class Overview(TyperGroup):
             group = command.rich_help_panel
             formatter.write(f"{title:{_GROUP_WIDTH}}{name:{_NAME_WIDTH}}{command.short_help}\n")
         formatter.write(
-            "\nCOMMAND --help tells its options. All take --json, -q and -v; --debug shows the\ntrace of an error.\n"
+            "\nCOMMAND --help tells its options. All take --json, -q and -v; --debug shows the\n"
+            "trace of an error. --version; --install-completion for bash, zsh, fish.\n"
         )

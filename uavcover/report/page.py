@@ -125,7 +125,7 @@ def _commands(about: dict[str, Any], plan: dict[str, Any]) -> list[str]:
     """What gives this plan again, from the scenario that lies beside the report."""
     packages = about.get("packages", {})
     version = packages.get("uavcover") if isinstance(packages, dict) else None
-    lines = [f"pip install uavcover=={version}"] if version else []
+    lines = [f"# planned with uavcover {version}"] if version else []
     lines.append(
         f"uavcover plan scenario.toml -o again --algorithm {plan.get('algorithm')} --seed {plan.get('seed')} "
         f'--evaluations {plan.get("evaluations")} --select "{plan.get("select")}"'
