@@ -23,6 +23,7 @@ from mission_io.compare import Difference, compare_items
 from mission_io.connection import VehicleInfo
 from mission_io.content import Content, content_of, items_of, mission_type_of
 from mission_io.errors import (
+    AmbiguousVehicleError,
     CommandRefusedError,
     FormatError,
     LinkError,
@@ -68,6 +69,7 @@ __all__ = [
     "PX4",
     "Action",
     "Address",
+    "AmbiguousVehicleError",
     "Autopilot",
     "Client",
     "Command",

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from mission_io.enums import AutopilotId, MissionResult, VehicleClass
+from mission_io.enums import AutopilotId, Firmware, MissionResult, VehicleClass
 from mission_io.errors import MisuseError
 from mission_io.items import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
 from mission_io.storage import (
@@ -19,12 +19,15 @@ from mission_io.storage import (
     Storage,
     StorageRule,
 )
+from mission_io.vehicle_types import VehicleKind, kind_of
 from mission_io.wire import DEGREES_SCALE, float32
 
 __all__ = [
     "ARDUPILOT",
+    "ARDUPILOT_BLIMP",
     "ARDUPILOT_PLANE",
     "ARDUPILOT_ROVER",
+    "ARDUPILOT_SUB",
     "AUTOPILOTS",
     "NOT_STEPS",
     "PX4",
@@ -48,6 +51,7 @@ class Autopilot:
     Attributes:
         name: For people.
         mav_autopilot: Its MAV_AUTOPILOT number in heartbeats.
+        firmware: Which of its programs: each has flight mode numbers of its own.
         home_in_item_0: Whether item 0 of a mission is home (overwritten by the vehicle's own) or the first item.
         frames: The frames it takes for positions.
         position_free_frames: The frames it takes for commands without a position.
@@ -82,6 +86,7 @@ class Autopilot:
 
     name: str
     mav_autopilot: AutopilotId
+    firmware: Firmware
     home_in_item_0: bool
     frames: frozenset[Frame]
     position_free_frames: frozenset[Frame]
@@ -117,6 +122,7 @@ class Autopilot:
 ARDUPILOT = Autopilot(
     name="ArduPilot",
     mav_autopilot=AutopilotId.ARDUPILOT,
+    firmware=Firmware.COPTER,
     home_in_item_0=True,
     frames=frozenset({Frame.AMSL, Frame.ABOVE_HOME, Frame.ABOVE_TERRAIN}),
     position_free_frames=frozenset(Frame),
@@ -152,15 +158,25 @@ ARDUPILOT = Autopilot(
 )
 """ArduPilot on multicopters and helicopters (ArduCopter)."""
 
-ARDUPILOT_PLANE = replace(ARDUPILOT, name="ArduPilot (plane)", storage=ARDUPILOT_PLANE_STORAGE)
+ARDUPILOT_PLANE = replace(ARDUPILOT, name="ArduPilot (plane)", firmware=Firmware.PLANE, storage=ARDUPILOT_PLANE_STORAGE)
 """ArduPilot on fixed wings, with or without vertical take-off (ArduPlane)."""
 
-ARDUPILOT_ROVER = replace(ARDUPILOT, name="ArduPilot (rover)")
+ARDUPILOT_ROVER = replace(ARDUPILOT, name="ArduPilot (rover)", firmware=Firmware.ROVER)
 """ArduPilot on the ground and on water (Rover): it stores what a copter does."""
+
+ARDUPILOT_SUB = replace(ARDUPILOT, name="ArduPilot (submarine)", firmware=Firmware.SUB)
+"""ArduPilot under water (ArduSub), taken to store what a copter does."""
+
+ARDUPILOT_BLIMP = replace(ARDUPILOT, name="ArduPilot (airship)", firmware=Firmware.BLIMP)
+"""ArduPilot on airships (Blimp), taken to store what a copter does."""
+
+_ARDUPILOT_OTHER = replace(ARDUPILOT, name="ArduPilot (other)", firmware=Firmware.OTHER)
+"""ArduPilot on what has a MAV_TYPE of which nothing is known: lists can be transferred, modes have no numbers."""
 
 PX4 = Autopilot(
     name="PX4",
     mav_autopilot=AutopilotId.PX4,
+    firmware=Firmware.PX4,
     home_in_item_0=False,
     frames=frozenset({Frame.AMSL, Frame.ABOVE_HOME}),
     position_free_frames=frozenset({Frame.COMMAND}),
@@ -190,12 +206,18 @@ PX4 = Autopilot(
 )
 """PX4."""
 
-AUTOPILOTS = (ARDUPILOT, ARDUPILOT_PLANE, ARDUPILOT_ROVER, PX4)
+AUTOPILOTS = (ARDUPILOT, ARDUPILOT_PLANE, ARDUPILOT_ROVER, ARDUPILOT_SUB, ARDUPILOT_BLIMP, PX4)
 
-_FIXED_WINGS = frozenset({VehicleClass.FIXED_WING, *range(19, 26)})
-"""MAV_TYPE 19 to 25 take off vertically and fly on wings."""
-_ON_THE_GROUND = frozenset({VehicleClass.ROVER, 11})
-"""MAV_TYPE 11 is a boat."""
+_ARDUPILOT_OF_KIND: Mapping[VehicleKind, Autopilot] = {
+    VehicleKind.MULTIROTOR: ARDUPILOT,
+    VehicleKind.HELICOPTER: ARDUPILOT,
+    VehicleKind.PLANE: ARDUPILOT_PLANE,
+    VehicleKind.VTOL: ARDUPILOT_PLANE,
+    VehicleKind.ROVER: ARDUPILOT_ROVER,
+    VehicleKind.BOAT: ARDUPILOT_ROVER,
+    VehicleKind.SUBMARINE: ARDUPILOT_SUB,
+    VehicleKind.AIRSHIP: ARDUPILOT_BLIMP,
+}
 
 
 def autopilot_for(mav_autopilot: int, vehicle_type: int = VehicleClass.GENERIC) -> Autopilot:
@@ -208,9 +230,9 @@ def autopilot_for(mav_autopilot: int, vehicle_type: int = VehicleClass.GENERIC) 
         return PX4
     if mav_autopilot != AutopilotId.ARDUPILOT:
         raise MisuseError(f"autopilot {mav_autopilot} is not known; mission_io knows ArduPilot (3) and PX4 (12)")
-    if vehicle_type in _FIXED_WINGS:
-        return ARDUPILOT_PLANE
-    return ARDUPILOT_ROVER if vehicle_type in _ON_THE_GROUND else ARDUPILOT
+    if vehicle_type == VehicleClass.GENERIC:  # what ArduCopter says until it knows its frame
+        return ARDUPILOT
+    return _ARDUPILOT_OF_KIND.get(kind_of(vehicle_type), _ARDUPILOT_OTHER)
 
 
 def wire_items(mission: Mission, autopilot: Autopilot) -> tuple[MissionItem, ...]:

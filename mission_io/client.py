@@ -8,6 +8,7 @@ from typing import TypedDict, TypeVar
 from mission_io import commands, item_limits
 from mission_io.autopilots import Autopilot
 from mission_io.checks import check_for_autopilot
+from mission_io.choice import two_in_one
 from mission_io.clock import Clock
 from mission_io.compare import Difference, compare_items
 from mission_io.connection import Connection
@@ -393,6 +394,8 @@ class Client(Connection):
         return kind(text, vehicle_holds=holds, held_items=held_items)
 
     def _refuse_armed(self, what: str, *, in_flight: bool) -> None:
+        if self.impostor is not None and not in_flight:
+            raise MisuseError(f"{two_in_one(self.vehicle, self.impostor)}; nothing was sent")
         if self.vehicle.armed and not in_flight:
             raise MisuseError(f"vehicle {self.vehicle.system_id} is armed; {what} only when in_flight is said")
 

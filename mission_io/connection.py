@@ -1,11 +1,13 @@
 """A ground station's end of a link: heartbeats out, messages in, and whether the vehicle is still there."""
 
+import logging
 import math
 from collections.abc import Callable
 from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
+from mission_io.choice import Choice, two_in_one
 from mission_io.clock import Clock, SystemClock, UnixClock
 from mission_io.codec import Codec
 from mission_io.enums import AutopilotId, VehicleClass
@@ -19,6 +21,8 @@ from mission_io.signing import Signing, SigningKey, TimestampStore, UnsavedTimes
 from mission_io.statistics import LinkStatistics
 
 __all__ = ["Connection", "VehicleInfo"]
+
+_log = logging.getLogger(__name__)
 
 _HEARTBEAT_S = 1.0
 
@@ -39,6 +43,8 @@ class Connection:
 
     Attributes:
         neighbours: Who else is on the link: vehicles, and others that use our ids.
+        impostor: What a heartbeat with our vehicle's ids told of another vehicle (autopilot or type); None while all is well.
+            Such heartbeats do not count as our vehicle's.
     """
 
     def __init__(
@@ -58,6 +64,7 @@ class Connection:
         self._for_others = 0
         self._listener = listener
         self._vehicle: VehicleInfo | None = None
+        self.impostor: VehicleInfo | None = None
         self._heartbeat_at = -math.inf
         self._heard_at = -math.inf
 
@@ -146,50 +153,68 @@ class Connection:
             messages.extend(more)
         return messages
 
-    def wait_for_vehicle(self, timeout_s: float = 10.0, *, system_id: int | None = None) -> VehicleInfo:
-        """Wait for an autopilot's heartbeat, of a given system or of any, and talk to that one from here on.
+    def wait_for_vehicle(
+        self, timeout_s: float = 10.0, *, system_id: int | None = None, component_id: int | None = None
+    ) -> VehicleInfo:
+        """Wait for an autopilot's heartbeat, and talk to that one from here on.
 
-        A vehicle that is first heard in MAVLink 1 gets the time of a few heartbeats to change to MAVLink 2.
+        Without a system id the link is listened to for a heartbeat's time longer, in case that there is a second vehicle; once
+        a vehicle is talked to, a further call waits for that same one. Of several components that speak as autopilots of a
+        system, component 1 is meant. A vehicle that is first heard in MAVLink 1 gets the time of a few heartbeats to change to
+        MAVLink 2.
+
+        Args:
+            timeout_s: Longest time to wait, in seconds.
+            system_id: Which system is meant.
+            component_id: Which of its components is meant.
 
         Raises:
             VehicleSilentError: no such heartbeat within ``timeout_s`` seconds.
-            MisuseError: the vehicle's system id is our own.
+            AmbiguousVehicleError: several vehicles are heard, and none was named.
+            MisuseError: the vehicle's system id is our own, or two vehicles share the same ids.
         """
+        if system_id is None and component_id is None and self._vehicle is not None:
+            system_id, component_id = self._vehicle.system_id, self._vehicle.component_id
         deadline = self.clock.now() + timeout_s
-        chosen = self._vehicle = None
+        choice = Choice(system_id=system_id, component_id=component_id)
+        self._vehicle = self.impostor = None
         self.codec.version = 2
-        others: set[int] = set()
-        while self.clock.now() < deadline:
-            for received in self._next_messages(deadline):
-                if chosen is None:
-                    chosen = self._choose(received, system_id, others)
-                settled = received.mavlink_version >= 2 or self.codec.version == 1
-                if chosen is not None and settled and _sender(received) == chosen.address:
-                    return self.vehicle
-        if chosen is not None:
-            self.codec.version = 1
-            return self.vehicle
-        raise VehicleSilentError(self._silence(timeout_s, system_id, others))
+        latest: dict[Address, Received] = {}
+        decide_at = deadline
+        while self.clock.now() < decide_at:
+            for received in self._next_messages(decide_at):
+                found = vehicle_of(received)
+                if found is not None:
+                    choice.take(found, self.clock.now())
+                    latest[found.address] = received
+            decide_at = choice.decide_at(deadline)
+        chosen = choice.chosen()
+        if chosen is None:
+            raise VehicleSilentError(self._silence(timeout_s, system_id, component_id, choice.others))
+        return self._settle_on(chosen, latest[chosen.address], deadline)
 
-    def _choose(self, received: Received, system_id: int | None, others: set[int]) -> VehicleInfo | None:
-        """Talk to the sender from here on, if this is the heartbeat of a vehicle as is wanted."""
-        found = vehicle_of(received)
-        if found is None:
-            return None
-        if system_id not in (None, found.system_id):
-            others.add(found.system_id)
-            return None
-        if found.system_id == self.local.system_id:
+    def _settle_on(self, chosen: VehicleInfo, received: Received, deadline: float) -> VehicleInfo:
+        """Talk to a vehicle from here on, in the newest version of MAVLink that it speaks."""
+        if chosen.system_id == self.local.system_id:
             raise MisuseError(
-                f"the vehicle is system {found.system_id}, and so are we; take another system id for this side"
+                f"the vehicle is system {chosen.system_id}, and so are we; take another system id for this side"
             )
-        self._vehicle, self._heard_at = found, self.clock.now()
+        self._vehicle, self._heard_at = chosen, self.clock.now()
         self._agree_on_version(received)
-        return found
+        settled = received.mavlink_version >= 2 or self.codec.version == 1
+        while not settled and self.clock.now() < deadline:
+            for received in self._next_messages(deadline):
+                if _sender(received) == chosen.address:
+                    settled = settled or received.mavlink_version >= 2 or self.codec.version == 1
+        if not settled:
+            self.codec.version = 1
+        return self.vehicle
 
-    def _silence(self, timeout_s: float, system_id: int | None, others: set[int]) -> str:
+    def _silence(self, timeout_s: float, system_id: int | None, component_id: int | None, others: set[int]) -> str:
         """Why no vehicle was found, as far as it can be told."""
         wanted = "no vehicle" if system_id is None else f"no vehicle with system id {system_id}"
+        if component_id is not None:
+            wanted += f"{' with' if system_id is None else ' and'} component id {component_id}"
         statistics = self.statistics
         heard = f"; heard of {sorted(others)}" if others else ""
         advice = "is it on, and the URL right?"
@@ -268,8 +293,11 @@ class Connection:
             beat = self.neighbours.take(received)
             if self._vehicle is not None and _sender(received) == self._vehicle.address:
                 self._agree_on_version(received)
-                if beat is not None:
+                if beat is not None and self._vehicle.may_become(beat):
                     self._vehicle, self._heard_at = beat, now
+                elif beat is not None and self.impostor is None:
+                    self.impostor = beat
+                    _log.warning("%s", two_in_one(self._vehicle, beat))
             if self._listener is not None:
                 self._listener(received, now)
             if is_for(received.message, system_id=self.local.system_id, component_id=self.local.component_id):

@@ -1,6 +1,6 @@
 """The MAVLink enumerations that mission_io looks at, under the names of the MAVLink documents."""
 
-from enum import IntEnum, IntFlag
+from enum import Enum, IntEnum, IntFlag
 
 
 class MissionResult(IntEnum):
@@ -94,6 +94,18 @@ class AutopilotId(IntEnum):
     INVALID = 8
     """Not an autopilot: a ground station, a camera."""
     PX4 = 12
+
+
+class Firmware(Enum):
+    """An autopilot's programs that give flight modes numbers of their own."""
+
+    COPTER = "ArduCopter"
+    PLANE = "ArduPlane"
+    ROVER = "Rover"
+    SUB = "ArduSub"
+    BLIMP = "Blimp"
+    PX4 = "PX4"
+    OTHER = "other"
 
 
 class EkfFlag(IntFlag):

@@ -28,6 +28,18 @@ class MisuseError(MissionIoError):
     """This side asked for something that cannot be done: a wrong argument, or a call at the wrong moment."""
 
 
+class AmbiguousVehicleError(MisuseError):
+    """Several vehicles are on the link and none was named.
+
+    Attributes:
+        vehicles: The VehicleInfo of each.
+    """
+
+    def __init__(self, message: str, *, vehicles: tuple[Any, ...]) -> None:
+        self.vehicles = vehicles
+        super().__init__(message)
+
+
 class LinkError(MissionIoError):
     """The link cannot be opened, or the operating system refused to send or receive."""
 

@@ -8,19 +8,10 @@ from mission_io.autopilots import Autopilot, autopilot_for
 from mission_io.enums import AutopilotId, VehicleClass
 from mission_io.messages import Heartbeat, Received
 from mission_io.protocol.exchange import Address
+from mission_io.vehicle_types import VehicleKind, kind_of, type_name
 
 OLD_HEARTBEATS: Final = 3
 """So many MAVLink 1 heartbeats in a row, while ours go out in MAVLink 2, say that a vehicle speaks nothing newer."""
-
-_NOT_VEHICLES = frozenset(
-    {
-        VehicleClass.GROUND_STATION,
-        VehicleClass.ONBOARD_CONTROLLER,
-        VehicleClass.GIMBAL,
-        VehicleClass.ADSB,
-        VehicleClass.CAMERA,
-    }
-)
 
 _log = logging.getLogger(__name__)
 
@@ -60,6 +51,23 @@ class VehicleInfo:
             MisuseError: an autopilot that mission_io does not know.
         """
         return autopilot_for(self.mav_autopilot, self.vehicle_type)
+
+    @property
+    def kind(self) -> VehicleKind:
+        """How it moves."""
+        return kind_of(self.vehicle_type)
+
+    @property
+    def described(self) -> str:
+        """What it says it is, for people: ``ArduPilot, quadrotor``."""
+        names: dict[int, str] = {AutopilotId.ARDUPILOT: "ArduPilot", AutopilotId.PX4: "PX4"}
+        return f"{names.get(self.mav_autopilot, f'autopilot {self.mav_autopilot}')}, {type_name(self.vehicle_type)}"
+
+    def may_become(self, later: "VehicleInfo") -> bool:
+        """Whether a later heartbeat can be of the same vehicle: only one that did not know its type yet may name another."""
+        if self.address != later.address or self.mav_autopilot != later.mav_autopilot:
+            return False
+        return self.vehicle_type in (later.vehicle_type, VehicleClass.GENERIC)
 
 
 class Neighbours:
@@ -126,7 +134,11 @@ class Neighbours:
 def vehicle_of(received: Received) -> VehicleInfo | None:
     """The vehicle that a message is the heartbeat of; None for other messages and other senders."""
     beat = received.message
-    if not isinstance(beat, Heartbeat) or beat.autopilot == AutopilotId.INVALID or beat.vehicle_type in _NOT_VEHICLES:
+    if (
+        not isinstance(beat, Heartbeat)
+        or beat.autopilot == AutopilotId.INVALID
+        or kind_of(beat.vehicle_type) is VehicleKind.NO_VEHICLE
+    ):
         return None
     return VehicleInfo(
         received.system_id,

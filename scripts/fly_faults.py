@@ -274,7 +274,7 @@ class Field:
                 track.write(sample)  # type: ignore[arg-type]
 
             try:
-                monitor.listen_to(client.wait_for_vehicle().system_id)
+                monitor.listen_to(client.wait_for_vehicle().address)
                 station = Connected(client, monitor, self._drawn.autopilot)
                 orders = Orders(on_sample=take, stop=stop, pause=pause, confirmed=True, patience=PATIENCE)
                 outcome = begin(station, orders)

@@ -136,7 +136,7 @@ class Case:
         kind = MavsdkClient if self.client == "mavsdk" and system_id != _SECOND_STATION else Client
         with kind(open_link(url), system_id=system_id, listener=listen) as client:
             found = client.wait_for_vehicle(_FIRST_HEARTBEAT_S)
-            monitor.listen_to(found.system_id)
+            monitor.listen_to(found.address)
             yield Station(client, monitor, modes, self.take_event)
 
     def take_event(self, event: FlightEvent) -> None:

@@ -82,7 +82,7 @@ class Field:
     def connected(self) -> Connected:
         client, monitor = open_vehicle(self.link)
         vehicle = client.wait_for_vehicle()
-        monitor.listen_to(vehicle.system_id)
+        monitor.listen_to(vehicle.address)
         return Connected(client, monitor, self.autopilot)
 
     def nobody_listens_for(self, seconds: float) -> None:

@@ -32,6 +32,7 @@ from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.flight.monitor import Monitor, open_vehicle
 from uavcover.flight.readiness import check_home as check_home_of
 from uavcover.flight.return_home import PlanReturn
+from uavcover.flight.vehicle_type import require_multirotor
 from uavcover.leg_checks import find_problems
 from uavcover.mission_compiler import AUTOPILOTS, CompiledMission, compile_continuation, compile_return
 from uavcover.model.route import Route
@@ -72,20 +73,26 @@ def connect(
     timing: Timing | None = None,
     signing_key: SigningKey | None = None,
     client_name: ClientName = "native",
+    system_id: int | None = None,
+    component_id: int | None = None,
 ) -> Iterator[Connected]:
     """Open a link and wait for a vehicle; a context manager that closes the link.
 
     Args:
         url: where it is; ``mock:`` starts a vehicle in this process.
-        site: whose vehicle and home ``mock:`` takes.
+        site: whose vehicle and home ``mock:`` takes; given, what is no multirotor is refused.
         home: where ``mock:`` stands instead.
         timeout_s: how long to wait for the first heartbeat.
         mock_speed: how fast ``mock:`` flies, times real time.
         timing: how patient transfers are.
         signing_key: signs all that is sent; then nothing that is not signed with it is believed.
         client_name: which client speaks to it; MAVSDK's takes no ``timing`` and no ``signing_key``.
+        system_id: which vehicle is meant, where several are on the link.
+        component_id: which of its components is the autopilot, where that is not component 1.
 
     Raises:
+        VehicleError: with a site: the vehicle is no multirotor.
+        mission_io.errors.AmbiguousVehicleError: several vehicles are on the link, and none was named.
         InputError: a time or a speed that is not above 0.
         mission_io.errors.MissionIoError: the URL is not understood, or nobody is there.
     """
@@ -105,8 +112,10 @@ def connect(
     with client:
         if signing_key is not None:
             client.sign_with(signing_key)
-        vehicle = client.wait_for_vehicle(timeout_s)
-        monitor.listen_to(vehicle.system_id)
+        vehicle = client.wait_for_vehicle(timeout_s, system_id=system_id, component_id=component_id)
+        if site is not None:
+            require_multirotor(client)
+        monitor.listen_to(vehicle.address)
         own: AutopilotName = "px4" if vehicle.autopilot is AUTOPILOTS["px4"] else "ardupilot"
         yield Connected(client, monitor, own, link)
 

@@ -33,6 +33,7 @@ from uavcover.documents import (
     read_plan_document,
 )
 from uavcover.errors import InputError
+from uavcover.flight.vehicle_type import require_multirotor
 from uavcover.leg_checks import measure_violations
 from uavcover.mission_compiler import AUTOPILOTS, CompiledMission, compile_mission
 from uavcover.model.report import VerificationReport
@@ -175,8 +176,10 @@ def upload(
         in_flight: whether an armed vehicle is meant.
 
     Raises:
+        VehicleError: the vehicle is no multirotor; nothing was sent.
         MissionIoError: the vehicle refused, or fell silent; says what it holds now.
     """
+    require_multirotor(client)
     results = []
     for name, content in (("mission", compiled.mission), ("fence", compiled.fence), ("rally", compiled.rally)):
         results.append(client.upload_and_verify(content, progress=_named(progress, name), in_flight=in_flight))

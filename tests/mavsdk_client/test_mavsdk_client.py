@@ -62,7 +62,7 @@ def connected(port: int, *, loss: float = 0.0) -> Iterator[tuple[Client, Monitor
     link = LossyLink(UdpLink.connecting("127.0.0.1", port), rng=Random(7), conditions=Conditions(loss=loss))
     monitor = Monitor()
     with client_module.MavsdkClient(link, listener=monitor) as client:
-        monitor.listen_to(client.wait_for_vehicle(20.0).system_id)
+        monitor.listen_to(client.wait_for_vehicle(20.0).address)
         yield client, monitor
 
 

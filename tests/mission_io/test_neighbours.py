@@ -60,11 +60,11 @@ class Station:
 class Bus:
     """The other end of a simulated link, with everybody on it; each second each says its heartbeat."""
 
-    def __init__(self, *members: Vehicle | Station, echo: bool = False) -> None:
-        self.members = members
-        self.echo = echo
+    def __init__(self, *members: Vehicle | Station, echo: bool = False, late: Vehicle | None = None) -> None:
+        self.members: list[Vehicle | Station] = list(members)
+        self.echo, self.late = echo, late
         self._echoes: list[bytes] = []
-        self._beat_at = 0.0
+        self._beat_at, self._late_beat_at = 0.0, 0.9
 
     def receive_datagram(self, data: bytes, now: float) -> None:
         if self.echo:
@@ -84,6 +84,9 @@ class Bus:
             elif beats and isinstance(member, Station):
                 messages.extend(member.messages)
             sent.extend(member.codec.encode(message) for message in messages)
+        if self.late is not None and now >= self._late_beat_at:
+            self._late_beat_at = now + 1.0
+            sent.append(self.late.codec.encode(m.Heartbeat(self.late.autopilot.mav_autopilot, 2, 0, 0, 3)))
         return sent
 
     def next_timer(self) -> float | None:

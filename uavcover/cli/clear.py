@@ -11,6 +11,8 @@ def clear(
     to: options.To,
     kind: Annotated[str, typer.Option("--type", help="mission, fence, rally or all.")] = "mission",
     timeout_s: options.Timeout = 10.0,
+    system: options.System = None,
+    component: options.Component = None,
     signing_key: options.SigningKeyFile = None,
     link: options.LinkKind = "default",
     in_flight: Annotated[bool, typer.Option("--in-flight", help="Clear a vehicle that is armed.")] = False,
@@ -32,7 +34,14 @@ def clear(
         raise InputError(f"--type: {kind!r} is not one of {', '.join(KINDS)}")
     lists = list(MissionType) if kind == "all" else [MissionType[kind.upper()]]
     cleared: list[str] = []
-    with connect(to, timeout_s=timeout_s, timing=link_preset(link).timing, signing_key=key) as vehicle:
+    with connect(
+        to,
+        timeout_s=timeout_s,
+        timing=link_preset(link).timing,
+        signing_key=key,
+        system_id=system,
+        component_id=component,
+    ) as vehicle:
         try:
             for mission_type in lists:
                 vehicle.client.clear(mission_type, in_flight=in_flight)

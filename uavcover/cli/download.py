@@ -13,6 +13,8 @@ def download(
     out: Annotated[Path, typer.Option("-o", "--out", help="A .waypoints file (one list) or a .plan file (all three).")],
     kind: Annotated[str, typer.Option("--type", help="mission, fence, rally or all (.plan).")] = "mission",
     timeout_s: options.Timeout = 10.0,
+    system: options.System = None,
+    component: options.Component = None,
     signing_key: options.SigningKeyFile = None,
     client: options.ClientKind = "native",
     link: options.LinkKind = "default",
@@ -36,9 +38,12 @@ def download(
     wanted = list(MissionType) if kind == "all" else [MissionType.MISSION, MissionType[kind.upper()]]
     timing = link_preset(link).timing
     with (
-        connect(url, timeout_s=timeout_s, timing=timing, signing_key=key, client_name=client_name) as vehicle,
+        connect(
+            url, timeout_s=timeout_s, timing=timing, signing_key=key, client_name=client_name, system_id=system,
+            component_id=component,
+        ) as vehicle,
         console.progress("downloading") as bar,
-    ):
+    ):  # fmt: skip
         # A file needs home, which comes with the mission or from the vehicle.
         lists = {t: vehicle.client.download_content(t, progress=bar.count) for t in dict.fromkeys(wanted)}
         text, items = text_of(vehicle.client, lists, out, kind)

@@ -15,6 +15,8 @@ def fly(
     sortie: options.Sortie = None,
     yes: Annotated[bool, typer.Option("--yes", help="Arm a vehicle that is not simulated.")] = False,
     timeout_s: options.Timeout = 10.0,
+    system: options.System = None,
+    component: options.Component = None,
     signing_key: options.SigningKeyFile = None,
     client: options.ClientKind = "native",
     mock_speed: Annotated[
@@ -66,7 +68,8 @@ def fly(
 
         resumed, document = resume_run(
             folder, to, console, timeout_s=timeout_s, confirmed=yes, mock_speed=mock_speed, viewer_url=viewer_url,
-            signing_key=key, client_name=client_name, patience=patience, command=sys.argv,
+            signing_key=key, client_name=client_name, patience=patience, command=sys.argv, system_id=system,
+            component_id=component,
         )  # fmt: skip
         console.result(document)
         return INTERRUPTED if resumed is not None and resumed.ending in ENDED_BY_USER else 0
@@ -75,7 +78,8 @@ def fly(
     outcome, document = fly_run(
         folder, site, planned.route, to, console,
         timeout_s=timeout_s, confirmed=yes, force=force, mock_speed=mock_speed, upload_first=to.startswith("mock:"),
-        viewer_url=viewer_url, signing_key=key, client_name=client_name, patience=patience,
+        viewer_url=viewer_url, signing_key=key, client_name=client_name, patience=patience, system_id=system,
+        component_id=component,
     )  # fmt: skip
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0

@@ -33,7 +33,7 @@ def fly_run(
     run: RunFolder, site: Site, route: Route, url: str, console: Console,
     *, timeout_s: float, confirmed: bool, force: bool, mock_speed: float = 20.0, upload_first: bool = False,
     viewer_url: str | None = None, signing_key: SigningKey | None = None, patience: Patience | None = None,
-    client_name: ClientName = "native",
+    client_name: ClientName = "native", system_id: int | None = None, component_id: int | None = None,
 ) -> tuple[FlightOutcome, dict[str, Any]]:  # fmt: skip
     """Fly the route of a run, recording the track as it comes.
 
@@ -50,9 +50,10 @@ def fly_run(
     with (
         run.reserved(FLIGHT_FILES, force=force),
         connect(
-            url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key, client_name=client_name
+            url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key, client_name=client_name,
+            system_id=system_id, component_id=component_id,
         ) as vehicle,
-    ):
+    ):  # fmt: skip
         compiled = pipeline.compile_plan(site, route, autopilot=vehicle.autopilot)
         if upload_first:
             check_home(vehicle, site, compiled)

@@ -17,6 +17,13 @@ def mock_vehicle(
         str, typer.Option("--listen", help="udpin:// or tcpin://HOST:PORT; port 0 is any free one.", metavar="URL")
     ],
     autopilot: options.Autopilot = None,
+    vehicle_type: Annotated[
+        str,
+        typer.Option(
+            "--type", help="What it says it is: quadrotor, plane, rover, helicopter, vtol, ...", metavar="NAME"
+        ),
+    ] = "quadrotor",
+    system: Annotated[int, typer.Option("--system", help="Its MAVLink system id.", metavar="N", min=1, max=255)] = 1,
     scenario: Annotated[
         str, typer.Option(help="Stands at this scenario's home and flies like its vehicle.")
     ] = "jacksboro",
@@ -61,6 +68,7 @@ def mock_vehicle(
     import numpy as np
 
     from mission_io.items import GeoPoint
+    from mission_io.vehicle_types import parse_type
     from uavcover import pipeline
     from uavcover.cli.console import Console
     from uavcover.errors import InputError
@@ -78,6 +86,7 @@ def mock_vehicle(
     from uavcover.on_vehicle import home_of
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    mav_type = parse_type(vehicle_type)
     if not 0.0 < speed < float("inf"):
         raise InputError(f"--speed: {speed:g} is not a number above 0")
     used_seed = 0 if seed is None else seed
@@ -112,14 +121,16 @@ def mock_vehicle(
         raise InputError(str(error)) from error
 
     def tell(port: int) -> None:
-        console.say(f"{name} mock vehicle at {place.lat_deg:.6f}, {place.lon_deg:.6f}, listening on port {port}")
-        console.result({"port": port, "autopilot": name, "lat_deg": place.lat_deg, "lon_deg": place.lon_deg,
+        kind = "mock vehicle" if vehicle_type == "quadrotor" else f"mock {vehicle_type}"
+        console.say(f"{name} {kind} at {place.lat_deg:.6f}, {place.lon_deg:.6f}, listening on port {port}")
+        console.result({"port": port, "autopilot": name, "type": vehicle_type, "lat_deg": place.lat_deg, "lon_deg": place.lon_deg,
                         "alt_amsl_m": place.alt_amsl_m})  # fmt: skip
 
     with contextlib.ExitStack() as stack:
         vehicle = MockVehicle(
             AUTOPILOTS[name], place,
             settings=settings, wind=wind, gps=gps, battery=battery, rng=np.random.default_rng(used_seed), speed=speed,
+            system_id=system, vehicle_type=mav_type,
             behaviour=ways[behaviour], faults=[parse_fault(text) for text in fault or ()],
             on_truth=None if truth is None else stack.enter_context(TruthFile(truth)),
         )  # fmt: skip

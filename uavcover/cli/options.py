@@ -48,6 +48,17 @@ Timeout = Annotated[
     float, typer.Option("--timeout", help="Seconds to wait for the vehicle's first heartbeat.", metavar="SECONDS")
 ]
 
+System = Annotated[
+    int | None,
+    typer.Option("--system", help="Which vehicle is meant, where several share the link.", metavar="N", min=1, max=255),
+]
+Component = Annotated[
+    int | None,
+    typer.Option(
+        "--component", help="Its autopilot's component; default: 1, or the only one.", metavar="N", min=1, max=255
+    ),
+]
+
 LinkKind = Annotated[
     str,
     typer.Option(

@@ -21,6 +21,8 @@ def plan_upload(
     evaluations: Annotated[int | None, typer.Option(help="Evaluations, when planning.")] = None,
     seed: options.Seed = None,
     timeout_s: options.Timeout = 10.0,
+    system: options.System = None,
+    component: options.Component = None,
     signing_key: options.SigningKeyFile = None,
     client: options.ClientKind = "native",
     link: options.LinkKind = "default",
@@ -79,6 +81,8 @@ def plan_upload(
         in_flight=in_flight,
         signing_key=key,
         client_name=client_name,
+        system_id=system,
+        component_id=component,
     )
     console.say(f"written: {folder.file('upload.json')}")
     console.result({"run": str(folder), **document})

@@ -28,6 +28,7 @@ def resume_run(
     run: RunFolder, url: str, console: Console,
     *, timeout_s: float, confirmed: bool, command: Sequence[str], mock_speed: float = 20.0, viewer_url: str | None = None,
     signing_key: SigningKey | None = None, client_name: ClientName = "native", patience: Patience | None = None,
+    system_id: int | None = None, component_id: int | None = None,
 ) -> tuple[FlightOutcome | None, dict[str, Any]]:  # fmt: skip
     """Fly what the latest flight of a run has left, from the ground or from where the vehicle is in the air.
 
@@ -47,8 +48,9 @@ def resume_run(
         require_home(site)
         if not run.file(TRACK).exists():
             with connect(
-                url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key, client_name=client_name
-            ) as vehicle:
+                url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key, client_name=client_name,
+                system_id=system_id, component_id=component_id,
+            ) as vehicle:  # fmt: skip
                 if not is_in_the_air(vehicle):
                     raise InputError(
                         f"{run}: nothing of it was flown, and the vehicle is on the ground; fly it without --resume"
@@ -68,8 +70,9 @@ def resume_run(
             folder.remove(["track.csv"])  # of a flight that resumed an older one
             save_rest(unfinished, site, command=command)
             with connect(
-                url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key, client_name=client_name
-            ) as vehicle:
+                url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key, client_name=client_name,
+                system_id=system_id, component_id=component_id,
+            ) as vehicle:  # fmt: skip
                 if is_in_the_air(vehicle):
                     console.say("the vehicle is in the air: it goes on from where it is")
                     begin = lambda orders: fly_on(vehicle, site, unfinished, orders)  # noqa: E731

@@ -15,6 +15,8 @@ def upload(
         str | None, typer.Option("--type", help="mission, fence, rally or all; default: what the file holds.")
     ] = None,
     timeout_s: options.Timeout = 10.0,
+    system: options.System = None,
+    component: options.Component = None,
     signing_key: options.SigningKeyFile = None,
     client: options.ClientKind = "native",
     link: options.LinkKind = "default",
@@ -41,8 +43,10 @@ def upload(
     timing = link_preset(link).timing
     home = home_of(contents)
     with connect(
-        to, home=home, timeout_s=timeout_s, timing=timing, signing_key=key, client_name=client_name
-    ) as vehicle:
+        to, home=home, timeout_s=timeout_s, timing=timing, signing_key=key, client_name=client_name,
+        system_id=system, component_id=component,
+    ) as vehicle:  # fmt: skip
+        console.say(f"vehicle {vehicle.client.vehicle.system_id} at {to}: {vehicle.client.vehicle.described}")
         warn_of_home(vehicle.client, home, console)
         for content in contents:
             with telling_what_is_held(console), console.progress("uploading") as bar:

@@ -33,6 +33,8 @@ def upload_run(
     in_flight: bool = False,
     signing_key: SigningKey | None = None,
     client_name: ClientName = "native",
+    system_id: int | None = None,
+    component_id: int | None = None,
 ) -> dict[str, Any]:
     """Check every leg and the vehicle's home, upload, read back, compare; writes ``upload.json`` and returns it.
 
@@ -44,10 +46,11 @@ def upload_run(
     with (
         run.reserved((), force=True),
         connect(
-            url, site, timeout_s=timeout_s, timing=timing, signing_key=signing_key, client_name=client_name
+            url, site, timeout_s=timeout_s, timing=timing, signing_key=signing_key, client_name=client_name,
+            system_id=system_id, component_id=component_id,
         ) as vehicle,
-    ):
-        console.say(f"vehicle {vehicle.client.vehicle.system_id} at {url}: {vehicle.client.vehicle.autopilot.name}")
+    ):  # fmt: skip
+        console.say(f"vehicle {vehicle.client.vehicle.system_id} at {url}: {vehicle.client.vehicle.described}")
         compiled = pipeline.compile_plan(site, route, autopilot=vehicle.autopilot)
         check_home(vehicle, site, compiled)
         run.remove([UPLOAD_FILE])

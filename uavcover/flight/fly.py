@@ -36,6 +36,7 @@ from uavcover.flight.start import (
     wire_seq,
 )
 from uavcover.flight.vehicle_client import VehicleClient
+from uavcover.flight.vehicle_type import require_multirotor
 from uavcover.model.track import TrackSample
 
 __all__ = ["Ending", "FlightOutcome", "Onward", "fly", "fly_on"]
@@ -166,13 +167,15 @@ class _Flight:
 
         Raises:
             FlightFaultError: it may be real, and the user did not say that it may be flown.
+            VehicleError: it is no multirotor.
         """
         client, monitor = self.conversation.client, self.conversation.monitor
-        vehicle = client.wait_for_vehicle()
+        client.wait_for_vehicle()
+        vehicle = require_multirotor(client)
         refuse(self.conversation)
-        monitor.listen_to(vehicle.system_id)
+        monitor.listen_to(vehicle.address)
         monitor.begin()
-        self.conversation.tell(EventKind.STAGE, f"vehicle {vehicle.system_id}, {vehicle.autopilot.name}")
+        self.conversation.tell(EventKind.STAGE, f"vehicle {vehicle.system_id}, {vehicle.described}")
         self.simulator = simulated_by(client)
         if self.simulator is None and not confirmed:
             raise FlightFaultError(

@@ -9,7 +9,7 @@ from mission_io import messages as m
 from mission_io.client import Client
 from mission_io.enums import LandedState, MissionState
 from mission_io.link import Link, open_link
-from mission_io.protocol.exchange import Timing
+from mission_io.protocol.exchange import Address, Timing
 from uavcover.flight.texts import TextAssembler
 
 MessageT = TypeVar("MessageT", bound=m.Message)
@@ -43,14 +43,17 @@ class Monitor:
         self.restarted = False
         self.reached = -1
         self._assembler = TextAssembler()
-        self._system_id: int | None = None
+        self._vehicle: Address | None = None
         self._latest: dict[type, m.Message] = {}
 
-    def listen_to(self, system_id: int) -> None:
-        """Look only at this system from here on, and forget what was heard of another one."""
-        if self._system_id != system_id:
+    def listen_to(self, vehicle: Address) -> None:
+        """Look only at this autopilot from here on, and forget what was heard of another one.
+
+        Other components of its system (a companion computer, a gimbal) do not speak for the vehicle, whatever they say.
+        """
+        if self._vehicle != vehicle:
             self._latest.clear()
-        self._system_id = system_id
+        self._vehicle = vehicle
 
     def begin(self) -> None:
         """Begin a flight: what was said of an older one, and the vehicle's time then, count no more."""
@@ -92,7 +95,10 @@ class Monitor:
 
     def __call__(self, received: m.Received, now: float) -> None:
         """Take a message that arrived at ``now`` on the link's clock."""
-        if self._system_id is None or received.system_id != self._system_id:
+        if self._vehicle is None or (received.system_id, received.component_id) != (
+            self._vehicle.system_id,
+            self._vehicle.component_id,
+        ):
             return
         message = received.message
         self._look_for_restart(message)

@@ -34,8 +34,13 @@ class VehicleClient(Protocol):
         """Seconds since that heartbeat."""
         ...
 
+    @property
+    def impostor(self) -> VehicleInfo | None:
+        """What a heartbeat with our vehicle's ids told of another vehicle; None while all is well."""
+        ...
+
     def wait_for_vehicle(self, timeout_s: float = 10.0) -> VehicleInfo:
-        """Wait for an autopilot's heartbeat."""
+        """Wait for an autopilot's heartbeat: of the vehicle that was found before, if one was."""
         ...
 
     def poll(self, timeout_s: float) -> list[Received]:

@@ -100,10 +100,12 @@ class MavsdkClient(Client):
         del key
         raise MisuseError("MAVSDK's client does not sign; use the native client with a signing key")
 
-    def wait_for_vehicle(self, timeout_s: float = 10.0, *, system_id: int | None = None) -> VehicleInfo:
+    def wait_for_vehicle(
+        self, timeout_s: float = 10.0, *, system_id: int | None = None, component_id: int | None = None
+    ) -> VehicleInfo:
         """Wait until we and MAVSDK have found a vehicle; errors as ``Client.wait_for_vehicle``."""
         deadline = self.clock.now() + timeout_s
-        super().wait_for_vehicle(timeout_s, system_id=system_id)
+        super().wait_for_vehicle(timeout_s, system_id=system_id, component_id=component_id)
         while not self._session.has_found(self.vehicle.address):
             if self.clock.now() >= deadline:
                 raise VehicleSilentError(

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 from mission_io import messages as m
 from mission_io.codec import message_id
-from mission_io.enums import EkfFlag, MissionState, ModeFlag, VehicleClass
+from mission_io.enums import EkfFlag, MissionState, ModeFlag
 from uavcover.flight.mock.truth import TruthSample
-from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.modes import Mode, custom_mode, has_mode
 
 if TYPE_CHECKING:
     from uavcover.flight.mock.vehicle import MockVehicle
@@ -83,9 +83,9 @@ def _heartbeat(vehicle: "MockVehicle") -> m.Message:
     status = _BOOT if not vehicle.ready else _STANDBY if vehicle.body.on_ground else _ACTIVE
     return m.Heartbeat(
         vehicle.autopilot.mav_autopilot,
-        VehicleClass.QUADROTOR,
+        vehicle.vehicle_type,
         int(flags),
-        custom_mode(vehicle.autopilot, vehicle.mode),
+        custom_mode(vehicle.autopilot, vehicle.mode) if has_mode(vehicle.autopilot, vehicle.mode) else 0,
         status,
     )
 

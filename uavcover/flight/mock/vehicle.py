@@ -9,8 +9,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from mission_io import messages as m
-from mission_io.autopilots import Autopilot
-from mission_io.enums import AutopilotId, CommandResult, MissionState
+from mission_io.autopilots import Autopilot, autopilot_for
+from mission_io.enums import AutopilotId, CommandResult, MissionState, VehicleClass
 from mission_io.items import GeoPoint, MissionItem, MissionType
 from mission_io.protocol.exchange import Address
 from uavcover.flight.mock.arming import refusal_to_arm
@@ -34,7 +34,7 @@ from uavcover.flight.mock.telemetry import Streams, telemetry, truth_sample
 from uavcover.flight.mock.terrain_feed import TerrainFeed
 from uavcover.flight.mock.truth import OnTruth
 from uavcover.flight.mock.wind import Wind
-from uavcover.flight.modes import Mode
+from uavcover.flight.modes import Mode, has_mode
 
 _DISARM_AFTER_LANDING_S = 2.0
 _DISARM_WHEN_IDLE_S = 10.0
@@ -63,6 +63,8 @@ class MockVehicle:
         faults: what goes wrong.
         on_truth: takes where it really is, each time it tells its position.
         system_id: its MAVLink system; its component is 1.
+        vehicle_type: the MAV_TYPE that it says it is, with the flight mode numbers of such a vehicle; it flies as a multirotor
+            whatever it says.
 
     Attributes:
         body: what flies.
@@ -88,8 +90,12 @@ class MockVehicle:
         faults: Iterable[Fault] = (),
         on_truth: OnTruth | None = None,
         system_id: int = 1,
+        vehicle_type: int = VehicleClass.QUADROTOR,
     ) -> None:
-        self.autopilot, self.speed = autopilot, speed
+        as_given = vehicle_type == VehicleClass.QUADROTOR
+        self.autopilot = autopilot if as_given else autopilot_for(autopilot.mav_autopilot, vehicle_type)
+        self.speed = speed
+        self.vehicle_type = vehicle_type
         self.behaviour = behaviour if behaviour is not None else quick()
         self.address = Address(system_id, 1)
         self.parameters = Parameters(autopilot.mav_autopilot, settings if settings is not None else Settings())
@@ -255,6 +261,8 @@ class MockVehicle:
 
     def set_mode(self, mode: Mode) -> CommandResult:
         """Change the flight mode."""
+        if not has_mode(self.autopilot, mode):
+            return CommandResult.DENIED
         if mode is Mode.MISSION and not self.mission.there_is_one:
             self.say(_WARNING, "Mode change to MISSION failed: no mission")
             return CommandResult.FAILED
