@@ -1,0 +1,230 @@
+"""Falsify the record of an honest flight in every way known here, and see that the judge passes none of them.
+
+Usage: .venv/bin/python tests/falsify.py RUN [--seed 0] [--family NAME ...] [--json] [-o TABLE.md]
+
+RUN is the folder of a flight that passes, such as one of ``uavcover demo``; it is only read. Each way is judged by the command
+``uavcover verify``, in this process, on a copy:
+
+- as the run folder itself, where hashes may give it away and a refusal (exit 2) counts as caught;
+- as a foreign log, ``verify RUN --log FILE`` beside an honest folder: what catches it is the judgement alone. Only where the
+  record of the flight was changed.
+
+A way that the judge passes, one that ends in a fault of the program, and one after which a verdict "passed" is left in the
+folder are findings. A few honest ways change nothing that matters, and have to pass as a foreign log. Exit 1 with a finding.
+"""
+
+import argparse
+import contextlib
+import csv
+import datetime
+import io
+import json
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import warnings
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+if __name__ == "__main__":
+    # In place of this folder, whose packages have names of others ("coverage").
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+from tests.falsifying.every_way import every_way
+from tests.falsifying.flown import Flown, read_flown
+from tests.falsifying.way import FAMILIES, Way
+from uavcover import pipeline
+from uavcover.cli.ending import run_app
+from uavcover.cli.main import app
+
+FOLDER, LOG = "run folder", "foreign log"
+LEFT_BEHIND = ("flight.rrd", "report.html", "mission.kml", "pareto_routes.csv", "upload.json")
+"""Files of a run that are large, and that the judge does not read."""
+ANSWERS = (0, 1, 2)
+PASSED = "PASSED"
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What the judge said of one way.
+
+    Attributes:
+        family: its kind.
+        way: its name.
+        judged_as: ``FOLDER`` or ``LOG``.
+        verdict: passed, failed, not proved or refused.
+        exit_code: of ``uavcover verify``.
+        reasons: why, as the judge says it.
+        because: why it must not pass.
+        finding: what is wrong with that; empty when it is as it should be.
+    """
+
+    family: str
+    way: str
+    judged_as: str
+    verdict: str
+    exit_code: int
+    reasons: str
+    because: str
+    finding: str
+
+
+def command(*arguments: object) -> tuple[int, str, str]:
+    """``uavcover`` in this process: its exit code, and what it wrote to stdout and stderr."""
+    out, err = io.StringIO(), io.StringIO()
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # numbers that no flight has may overflow
+            code = run_app(app, [str(argument) for argument in arguments])
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    return code, out.getvalue(), err.getvalue()
+
+
+def judge(way: Way, flown: Flown, run: Path, judged_as: str, *, folder: Path) -> Judged:
+    """Falsify a copy of a run, or a log beside one, in an empty folder, and have it judged."""
+    copy = folder / "run"
+    shutil.copytree(run, copy, ignore=shutil.ignore_patterns(*LEFT_BEHIND))
+    log = copy / "track.csv" if judged_as == FOLDER else folder / "falsified.csv"
+    if way.of_track:
+        log.write_bytes(way.record(flown))
+    if way.meddle is not None:
+        way.meddle(copy)
+    verdict_file = copy / "verification.json"
+    code, out, err = command("verify", copy, "--json", *(() if judged_as == FOLDER else ("--log", log)))
+    lines = out.splitlines()
+    said: dict[str, Any] = json.loads(lines[-1]) if lines else {}
+    if code == 2:
+        verdict, reasons = "refused", str(said.get("error", err))
+    else:
+        passed = bool(said.get("passed"))
+        verdict = str(said.get("verdict", "passed" if passed else "failed"))
+        reasons = "; ".join(said.get("reasons", ())) or str(said.get("error", ""))
+    left = json.loads(verdict_file.read_text()) if verdict_file.is_file() else {}
+    finding = ""
+    if code not in ANSWERS:
+        finding = f"ended with {code}: {said.get('error', err)[-300:]}"
+    elif way.honest:
+        finding = "" if code == 0 else "an honest one did not pass"
+    elif code == 0 or verdict == "passed":
+        finding = PASSED
+    elif judged_as == FOLDER and left.get("passed"):
+        finding = "caught, but a verdict in the folder says passed"
+    reasons = " ".join(reasons.replace(str(folder), "").split())
+    return Judged(way.family, way.name, judged_as, verdict, code, reasons, way.because, finding)
+
+
+def judge_all(
+    run: Path, *, seed: int = 0, families: Collection[str] = (), count: int | None = None
+) -> Iterator[Judged]:
+    """Judge every way, or ``count`` of them drawn by the seed, as often as it can be judged."""
+    flown = read_flown(run)
+    ways = every_way(flown, seed=seed, families=families)
+    if count is not None and count < len(ways):
+        drawn = np.random.default_rng(seed).choice(len(ways), count, replace=False)
+        ways = [ways[k] for k in sorted(drawn)]
+    for way in ways:
+        kinds = [LOG] if way.honest else [FOLDER, LOG] if way.of_track and way.meddle is None else [FOLDER]
+        for judged_as in kinds:
+            with tempfile.TemporaryDirectory() as folder:
+                yield judge(way, flown, run, judged_as, folder=Path(folder))
+
+
+def summary(rows: Sequence[Judged]) -> dict[str, int]:
+    """The figures."""
+    false = [row for row in rows if row.family != "honest"]
+    figures = {"ways": len({(row.family, row.way) for row in false})}
+    for judged_as in (FOLDER, LOG):
+        of_it = [row for row in false if row.judged_as == judged_as]
+        figures[f"as {judged_as}"] = len(of_it)
+        figures[f"as {judged_as}, caught"] = sum(row.finding != PASSED for row in of_it)
+    honest = [row for row in rows if row.family == "honest"]
+    return {**figures, "honest": len(honest), "honest, passed": sum(not row.finding for row in honest)}
+
+
+def table(rows: Sequence[Judged], words: str) -> str:
+    """The Markdown page: what was found by family, and every finding."""
+    lines = [
+        "# Falsified flights, judged", "", words, "",
+        ", ".join(f"{name}: {value}" for name, value in summary(rows).items()) + ".", "",
+        "| family | as run folder: caught | as foreign log: caught | verdicts as foreign log |", "|---|---:|---:|---|",
+    ]  # fmt: skip
+    for name in dict.fromkeys(row.family for row in rows):
+        cells = []
+        for judged_as in (FOLDER, LOG):
+            of_it = [row for row in rows if row.family == name and row.judged_as == judged_as]
+            fine = sum(not row.finding if row.family == "honest" else row.finding != PASSED for row in of_it)
+            cells.append(f"{fine} of {len(of_it)}" if of_it else "-")
+        verdicts = [row.verdict for row in rows if row.family == name and row.judged_as == LOG]
+        counted = ", ".join(f"{verdicts.count(v)} {v}" for v in dict.fromkeys(verdicts)) or "-"
+        lines.append(f"| {name} | {cells[0]} | {cells[1]} | {counted} |")
+    findings = [row for row in rows if row.finding]
+    lines += ["", "## Findings", "", *([] if findings else ["None."])]
+    for family, way in dict.fromkeys((row.family, row.way) for row in findings):
+        of_it = [row for row in findings if (row.family, row.way) == (family, way)]
+        said = "; ".join(f"as {row.judged_as}: {row.finding}" for row in of_it)
+        lines.append(f"- {family}, {way} ({of_it[0].because}): {said}")
+    return "\n".join(lines) + "\n"
+
+
+def write_csv(path: Path, rows: Sequence[Judged]) -> None:
+    """Every row, without the judge's words, which hold figures of no interest here."""
+    names = [field.name for field in fields(Judged) if field.name != "reasons"]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows_out = csv.writer(file, lineterminator="\n")
+        rows_out.writerows([names, *([asdict(row)[name] for name in names] for row in rows)])
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Judge all, print, and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("run", type=Path, metavar="RUN", help="folder of an honest flight that passes")
+    parser.add_argument("--seed", type=int, default=0, help="of the parameters; default 0")
+    parser.add_argument("--ways", type=int, metavar="N", help="only so many, drawn by the seed; default all")
+    parser.add_argument("--family", action="append", default=[], metavar="NAME", help="only this kind; may be repeated")
+    parser.add_argument("--json", action="store_true", help="one JSON object on stdout, progress on stderr")
+    parser.add_argument(
+        "-o", "--out", type=Path, metavar="TABLE", help=".md for the page and a .csv beside it, or .csv alone"
+    )
+    chosen = parser.parse_args(arguments)
+    unknown = set(chosen.family) - {*FAMILIES, "two at once"}
+    if unknown:
+        parser.error(f"no family {', '.join(sorted(unknown))}; there are {', '.join([*FAMILIES, 'two at once'])}")
+    rows: list[Judged] = []
+    for row in judge_all(chosen.run, seed=chosen.seed, families=chosen.family, count=chosen.ways):
+        rows.append(row)
+        line = (
+            f"{row.finding or 'ok':8} {row.verdict:10} {row.family}, {row.way}, as {row.judged_as}: {row.reasons[:160]}"
+        )
+        print(line, file=sys.stderr if chosen.json else sys.stdout, flush=True)
+    findings = [row for row in rows if row.finding]
+    if chosen.json:
+        print(
+            json.dumps(
+                {**summary(rows), "findings": [asdict(row) for row in findings], "rows": [asdict(r) for r in rows]}
+            )
+        )
+    else:
+        print(", ".join(f"{name}: {value}" for name, value in summary(rows).items()))
+    if chosen.out is not None:
+        if chosen.out.suffix == ".md":
+            words = (
+                f"Command: `.venv/bin/python tests/falsify.py RUN --seed {chosen.seed}`, RUN a flight over "
+                f"{pipeline.load_site(chosen.run / 'scenario.toml').scenario.name}, "
+                f"{datetime.date.today().isoformat()}, uavcover {pipeline.metadata.version('uavcover')}, {os.cpu_count()} cores."
+            )
+            chosen.out.write_text(table(rows, words), encoding="utf-8")
+        write_csv(chosen.out.with_suffix(".csv"), rows)
+    return 1 if findings else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,248 @@
+"""Honest flights for the tests: a small scenario with a ground of its own, planned, flown by the mock vehicle and recorded.
+
+The vehicle flies on a simulated clock, so a flight is the same every time and takes a few seconds.
+"""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+
+from mission_io.simulated import Conditions, SimulatedLink
+from uavcover import pipeline
+from uavcover.cli.console import Console
+from uavcover.cli.flying import record_flight
+from uavcover.flight.fly import FlightOutcome
+from uavcover.flight.mock.battery import BatteryData
+from uavcover.flight.mock.peer import InMemoryPeer
+from uavcover.flight.mock.settings import Settings
+from uavcover.flight.mock.vehicle import MockVehicle
+from uavcover.flight.monitor import open_vehicle
+from uavcover.frames import LocalFrame
+from uavcover.leg_checks import measure_violations
+from uavcover.local_raster import Band, geotiff
+from uavcover.mission_compiler import AUTOPILOTS
+from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.model.vehicle import AutopilotName
+from uavcover.on_vehicle import Connected, Orders, fly, require_home
+from uavcover.planning.baselines import fly_layout, regular_layout
+from uavcover.planning.objectives import judge
+from uavcover.run_folder import RunFolder
+from uavcover.site import Site
+
+FRAME = LocalFrame(36.51, -84.23, 412.0)
+"""Latitude, longitude and height are unlike each other: what is swapped shows."""
+
+NADIR = """
+kind = "nadir-camera"
+fov_deg = 70.0
+range_m = 200.0
+"""
+WIDE_PICTURE = """
+kind = "frame-camera"
+fov_across_deg = 70.0
+fov_along_deg = 20.0
+range_m = 200.0
+"""
+STABILISED = NADIR + 'mount = "stabilised"\n'
+
+_SCENARIO = """
+name = "{name}"
+
+[area]
+polygon_east_north_m = [[0.0, 0.0], [300.0, 0.0], [300.0, 200.0], [0.0, 200.0]]
+cell_size_m = 10.0
+
+[origin]
+lat_deg = {frame.lat_deg!r}
+lon_deg = {frame.lon_deg!r}
+alt_amsl_m = {frame.alt_amsl_m!r}
+
+[terrain]
+kind = "raster"
+file = "dem.tif"
+vertical_datum = "EGM96"
+
+[home]
+east_m = -60.0
+north_m = 30.0
+
+[sensor]
+{sensor}
+
+[limits]
+min_height_agl_m = 40.0
+max_height_agl_m = 120.0
+height_margin_m = 8.0
+transit_clearance_m = 25.0
+{limits}
+
+[vehicle]
+{vehicle}
+
+[planner]
+algorithm = "imodbo"
+evaluations = 60
+
+{more}
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Base:
+    """What is flown.
+
+    Attributes:
+        name: of the scenario.
+        sensor: the lines of its section.
+        limits: more lines of its section.
+        vehicle: the lines of its section.
+        more: more sections.
+        lines: how many parallel lines cover the area.
+        height_agl_m: at which height.
+        autopilot: whose behaviour the mock vehicle shows.
+    """
+
+    name: str
+    sensor: str = NADIR
+    limits: str = ""
+    vehicle: str = ""
+    more: str = ""
+    lines: int = 3
+    height_agl_m: float = 80.0
+    autopilot: AutopilotName = "ardupilot"
+
+
+HILLS = Base(name="hills")
+OBLIQUE = Base(name="wide picture", sensor=WIDE_PICTURE, autopilot="px4")
+BARNS = Base(
+    name="barns",
+    more="".join(
+        f'[[obstacles.prisms]]\nname = "barn {k}"\nheight_m = 45.0\nrings_east_north_m = '
+        f"[[[{e}, {n}], [{e + 12.0}, {n}], [{e + 12.0}, {n + 8.0}], [{e}, {n + 8.0}]]]\n"
+        for k, (e, n) in enumerate([(60.0, 60.0), (150.0, 120.0), (230.0, 40.0)])
+    ),
+)
+
+
+def make_site(folder: Path, base: Base) -> Site:
+    """Write the scenario and its ground into a folder, and load them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    low_m, high_m, step_m = -900.0, 1300.0, 10.0
+    axis = np.arange(low_m, high_m + 0.5 * step_m, step_m)
+    east, north = np.meshgrid(axis, axis)
+    up = 14.0 * np.sin(east / 90.0) * np.cos(north / 70.0) + 0.04 * east + 3.0
+    places = np.column_stack([east.ravel(), north.ravel(), up.ravel()])
+    alts = FRAME.geodetic_from_enu(places)[2].reshape(up.shape)
+    ground = geotiff(FRAME, [Band("height", "m", alts)], east0_m=low_m, north0_m=low_m, up_m=0.0, step_m=step_m)
+    (folder / "dem.tif").write_bytes(ground)
+    text = _SCENARIO.format(
+        name=base.name, frame=FRAME, sensor=base.sensor, limits=base.limits, vehicle=base.vehicle, more=base.more
+    )
+    (folder / "scenario.toml").write_text(text)
+    return pipeline.load_site(folder / "scenario.toml")
+
+
+def lines_over(site: Site, *, lines: int, height_agl_m: float) -> Plan:
+    """Parallel lines over the area as a plan."""
+    layout = regular_layout(angle_rad=0.0, lines=lines, height_agl_m=height_agl_m, inset=0.0, tolerance_m=10.0)
+    route = fly_layout(site, layout)
+    violation = measure_violations(site, route.waypoints_m, margin_m=0.0).total
+    member = RouteMember(route, judge(pipeline.judging_map(site), route), violation, "lines")
+    return Plan(
+        chosen=member, members=(member,), baselines=(), rule="none", rule_met=True, algorithm="lines", evaluations=0,
+        wall_s=0.0,
+    )  # fmt: skip
+
+
+def save_lines(run: RunFolder, site: Site, base: Base) -> None:
+    """Plan parallel lines, as sorties where endurance asks for it, and save them as ``uavcover plan`` does."""
+    plan = lines_over(site, lines=base.lines, height_agl_m=base.height_agl_m)
+    run.path.mkdir(parents=True, exist_ok=True)
+    sorties = pipeline.compile_flights(site, plan.chosen.route, autopilot=base.autopilot)
+    single = sorties[0].compiled if len(sorties) == 1 else None
+    pipeline.save_plan(
+        run, site, plan, compiled=single, autopilot=base.autopilot, seed=0, command=["plan"],
+        sorties=() if single is not None else sorties,
+    )  # fmt: skip
+
+
+@dataclass(kw_only=True)
+class Field:
+    """A vehicle at home behind a simulated link, and whoever flies it.
+
+    Attributes:
+        site: where.
+        autopilot: whose behaviour it shows.
+        seed: of wind, noise and losses.
+        loss: share of the datagrams that the link loses, each way.
+        options: of the mock vehicle.
+    """
+
+    site: Site
+    autopilot: AutopilotName = "ardupilot"
+    seed: int = 1
+    loss: float = 0.0
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        vehicle = self.site.scenario.vehicle
+        self.vehicle = MockVehicle(
+            AUTOPILOTS[self.autopilot], require_home(self.site), rng=np.random.default_rng(self.seed),
+            **{"settings": Settings.for_vehicle(vehicle), "battery": BatteryData(endurance_s=6000.0), **self.options},
+        )  # fmt: skip
+        self.link = SimulatedLink(
+            InMemoryPeer(self.vehicle), rng=Random(self.seed), conditions=Conditions(loss=self.loss, delay_s=0.002)
+        )
+
+    def fly(
+        self, run: RunFolder, *, stop: Callable[[], int] = lambda: 0, pause: Callable[[], bool] = lambda: False
+    ) -> FlightOutcome:
+        """Upload the plan of a run folder, fly it from the ground, and keep the record there as ``uavcover fly`` does.
+
+        Raises:
+            uavcover.flight.outcome.FlightFailedError: it did not end as it should.
+        """
+        route = pipeline.read_planned(run)[1].route
+
+        def begin(station: Connected, orders: Orders) -> FlightOutcome:
+            compiled = pipeline.compile_plan(self.site, route, autopilot=self.autopilot)
+            pipeline.upload(station.client, compiled)
+            return fly(station, self.site, compiled, orders)
+
+        return self.recorded(run, route, begin, stop=stop, pause=pause)
+
+    def recorded(
+        self, run: RunFolder, route: Route, begin: Callable[[Connected, Orders], FlightOutcome],
+        *, stop: Callable[[], int] = lambda: 0, pause: Callable[[], bool] = lambda: False,
+    ) -> FlightOutcome:  # fmt: skip
+        """Let ``begin`` fly, and keep the record in the run folder."""
+        import dataclasses
+
+        client, monitor = open_vehicle(self.link)
+        monitor.listen_to(client.wait_for_vehicle().system_id)
+        station = Connected(client, monitor, self.autopilot)
+        return record_flight(
+            run, self.site, route, Console(verbosity=-1), station,
+            lambda orders: begin(station, dataclasses.replace(orders, stop=stop, pause=pause)),
+            confirmed=False, force=True, viewer_url=None, patience=None,
+        )[0]  # fmt: skip
+
+
+def honest_run(folder: Path, base: Base) -> Path:
+    """A run folder with a flight that passes; ``folder`` is made."""
+    site = make_site(folder / "scenario", base)
+    run = RunFolder(folder / "run")
+    save_lines(run, site, base)
+    for flight in run.sorties() or [run]:
+        Field(site=site, autopilot=base.autopilot).fly(flight)
+    return run.path
+
+
+def copied(run: Path, to: Path) -> Path:
+    """A copy of a run folder."""
+    return Path(shutil.copytree(run, to))

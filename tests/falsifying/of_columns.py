@@ -1,0 +1,200 @@
+"""Falsified attitude, waypoint numbers and text."""
+
+import io
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from tests.falsifying.flown import Change, Flown
+from tests.falsifying.way import Way, family
+from uavcover.model.sensor import Camera
+from uavcover.model.track import COLUMNS
+
+
+def turned(how: Callable[[np.ndarray], np.ndarray]) -> Change:
+    """Another attitude, of (n, 3) roll, pitch and yaw in degrees."""
+    return lambda f: replace(f, attitude_deg=how(f.attitude_deg))
+
+
+@family("attitude")
+def attitude(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """Where the camera looked; only for one that turns with the vehicle."""
+    sensor = flown.site.scenario.sensor
+    if not isinstance(sensor, Camera) or sensor.mount != "fixed":
+        return
+    share = float(rng.uniform(0.2, 0.5))
+    unknown = "where a camera looked that turns with the vehicle is not known"
+    yield Way("radians as degrees", unknown, turned(np.radians))
+    yield Way("720 degrees added", unknown, turned(lambda a: a + 720.0))
+    yield Way("roll of 400 degrees", unknown, turned(lambda a: a + [400.0, 0.0, 0.0]))
+    yield Way("times ten", unknown, turned(lambda a: a * 10.0))
+    yield Way("all zero", unknown, turned(lambda a: 0.0 * a))
+    yield Way("roll and pitch zero, yaw as it was", unknown, turned(lambda a: a * [0.0, 0.0, 1.0]))
+    yield Way("missing", unknown, turned(lambda a: a + np.nan))
+    yield Way("roll and pitch missing", unknown, turned(lambda a: a + [np.nan, np.nan, 0.0]))
+    yield Way("that of one sample throughout", unknown, turned(lambda a: np.tile(a[len(a) // 2], (len(a), 1))))
+    yield Way("missing for half of the route", unknown, lambda f: replace(f, attitude_deg=np.where(
+        f.between(f.moment(share), f.moment(share + 0.5))[:, None], np.nan, f.attitude_deg)))  # fmt: skip
+    yield Way("missing but for a sample every 5 s", unknown, lambda f: replace(f, attitude_deg=np.where(
+        (np.arange(len(f)) % round(5.0 / f.step_s) != 0)[:, None], np.nan, f.attitude_deg)))  # fmt: skip
+    away = "the camera looks past the area"
+    yield Way("rolled away by 60 degrees", away, turned(lambda a: a + [60.0, 0.0, 0.0]))
+    yield Way("pitched away by 60 degrees", away, turned(lambda a: a + [0.0, 60.0, 0.0]))
+    yield Way("upside down", "the camera looks at the sky", turned(lambda a: a + [180.0, 0.0, 0.0]))
+    across, along = getattr(sensor, "fov_across_deg", None), getattr(sensor, "fov_along_deg", None)
+    if across is not None and along is not None and across > 1.5 * along:
+        yield Way(
+            "yaw off by 90 degrees", "the narrow side of the picture lies across the lines",
+            turned(lambda a: np.column_stack([a[:, :2], (a[:, 2] + 90.0) % 360.0])),
+        )  # fmt: skip
+
+
+def numbered(how: Callable[[Flown], np.ndarray]) -> Change:
+    """Other waypoint numbers."""
+    return lambda f: replace(f, waypoint=np.asarray(how(f), dtype=np.int64))
+
+
+@family("waypoint numbers")
+def waypoints(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """Numbers that say another way through the plan than the places do."""
+    wrong = "the numbers say another way through the plan than the places"
+    seed, count = int(rng.integers(2**31)), len(flown.plan_m)
+    yield Way("random", wrong, numbered(lambda f: np.random.default_rng(seed).integers(0, count, len(f))))
+    yield Way("constant, of the whole flight", wrong, numbered(lambda f: np.full(len(f), count // 2)))
+    yield Way("all 0", wrong, numbered(lambda f: np.zeros(len(f))))
+    yield Way("backwards", wrong, numbered(lambda f: np.where(f.waypoint >= 0, count - 1 - f.waypoint, -1)))
+    yield Way(
+        "beyond the plan",
+        "the plan has no such waypoint",
+        numbered(lambda f: np.where(f.waypoint >= 0, f.waypoint + 1000, -1)),
+    )
+    yield Way("below -1", "there is no such number", numbered(lambda f: np.where(f.waypoint < 0, -7, f.waypoint)))
+    yield Way(
+        "on the route only for its first quarter", "most of the area was not seen on the route",
+        numbered(lambda f: np.where(f.time_s <= f.moment(0.25), f.waypoint, 0)),
+    )  # fmt: skip
+
+
+def _rewritten(how: Callable[[str], str]) -> Callable[[bytes], bytes]:
+    return lambda text: how(text.decode()).encode()
+
+
+def _cell(column: str, value: str, share: float) -> Callable[[bytes], bytes]:
+    """One value of one row."""
+
+    def rewrite(text: str) -> str:
+        lines = text.splitlines()
+        row = 1 + int(share * (len(lines) - 2))
+        cells = lines[row].split(",")
+        cells[COLUMNS.index(column)] = value
+        lines[row] = ",".join(cells)
+        return "\n".join(lines) + "\n"
+
+    return _rewritten(rewrite)
+
+
+def _header(change: dict[str, str]) -> Callable[[bytes], bytes]:
+    def rewrite(text: str) -> str:
+        head, _, rest = text.partition("\n")
+        return ",".join(change.get(name, name) for name in head.split(",")) + "\n" + rest
+
+    return _rewritten(rewrite)
+
+
+def _without_column(column: str) -> Callable[[bytes], bytes]:
+    place = COLUMNS.index(column)
+
+    def rewrite(text: str) -> str:
+        rows = [line.split(",") for line in text.splitlines()]
+        return "".join(",".join(row[:place] + row[place + 1 :]) + "\n" for row in rows)
+
+    return _rewritten(rewrite)
+
+
+@family("text")
+def text(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """Files that are no whole track."""
+    for value in ("nan", "inf", "-inf", "", "x", "1e999"):
+        for column in ("time_s", "lat_deg", "alt_amsl_m", "up_m", "current_waypoint"):
+            if rng.random() < 0.4 or (value, column) in (("nan", "lat_deg"), ("", "lat_deg"), ("inf", "alt_amsl_m")):
+                share = float(rng.uniform(0.1, 0.9))
+                yield Way(
+                    f"{value or 'nothing'!r} in {column}", "no place and time", rewrite=_cell(column, value, share)
+                )
+    yield Way("roll of a sample is inf", "no attitude", rewrite=_cell("roll_deg", "inf", 0.5))
+    for column in ("time_s", "lat_deg", "alt_amsl_m", "east_m"):
+        yield Way(f"without the column {column}", "it is not a track", rewrite=_without_column(column))
+    yield Way(
+        "latitude and longitude swapped in the header", "elsewhere",
+        rewrite=_header({"lat_deg": "lon_deg", "lon_deg": "lat_deg"}),
+    )  # fmt: skip
+    yield Way(
+        "up and height swapped in the header",
+        "in the air",
+        rewrite=_header({"alt_amsl_m": "up_m", "up_m": "alt_amsl_m"}),
+    )
+    yield Way("roll and yaw swapped in the header", "the vehicle rolls through all directions",
+              rewrite=_header({"roll_deg": "yaw_deg", "yaw_deg": "roll_deg"}))  # fmt: skip
+    yield Way("a column twice", "which one counts?", rewrite=_header({"roll_deg": "east_m"}))
+    for share in (0.5, 0.9):
+        yield Way(f"cut off at {share:.0%}", "ends in the air", rewrite=lambda b, s=share: b[: int(s * len(b))])
+    yield Way("the header again in the middle", "it is no number", rewrite=_rewritten(_header_again))
+    yield Way("the file twice", "time goes back", rewrite=lambda b: b + b)
+    yield Way("semicolons", "it is not a track", rewrite=_rewritten(lambda t: t.replace(",", ";")))
+    yield Way("the header alone", "nothing was flown", rewrite=lambda b: b[: b.index(b"\n") + 1])
+    yield Way("empty", "nothing was flown", rewrite=lambda _: b"")
+    yield Way("zeros in the middle", "a disk that failed", rewrite=_zeroed)
+    yield Way("binary", "no text", rewrite=lambda _: bytes(np.random.default_rng(1).integers(0, 256, 4096, np.uint8)))
+    yield Way("rows without their last value", "incomplete",
+              rewrite=_rewritten(lambda t: "\n".join(line.rpartition(",")[0] for line in t.splitlines()) + "\n"))  # fmt: skip
+
+
+def _header_again(whole: str) -> str:
+    lines = whole.splitlines()
+    return "\n".join([*lines[: len(lines) // 2], lines[0], *lines[len(lines) // 2 :]]) + "\n"
+
+
+def _zeroed(content: bytes) -> bytes:
+    half = len(content) // 2
+    return content[:half] + bytes(1000) + content[half + 1000 :]
+
+
+@family("honest")
+def honest(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """Changes that take nothing away: whoever refuses these proves nothing by refusing the others."""
+    none = "the same flight"
+    yield Way("as it is", none, lambda f: f, honest=True)
+    yield Way("with a byte order mark", none, rewrite=lambda b: b"\xef\xbb\xbf" + b, honest=True)
+    yield Way("Windows line ends", none, rewrite=lambda b: b.replace(b"\n", b"\r\n"), honest=True)
+    yield Way("the last line cut off", none, rewrite=lambda b: b[:-15], honest=True)
+    yield Way("columns in another order", none, rewrite=_rewritten(_columns_reversed), honest=True)
+    yield Way("a column more", none, rewrite=_rewritten(_column_more), honest=True)
+    yield Way(
+        "six decimals of a degree, heights in centimetres", none,
+        lambda f: f.located(np.column_stack([np.round(f.geodetic[:, :2], 6), np.round(f.geodetic[:, 2], 2)])), honest=True,
+    )  # fmt: skip
+    yield Way("without waypoint numbers", none, lambda f: replace(f, waypoint=np.full(len(f), -1)), honest=True)
+    if flown.step_s <= 0.5:
+        yield Way("one sample a second", none, lambda f: f.taken(_one_a_second(f)), honest=True)
+    yield Way("switched on an hour earlier", none, lambda f: replace(f, time_s=f.time_s + 3600.0), honest=True)
+    middle = float(rng.uniform(0.3, 0.7))
+    if flown.moment(1.0) - flown.moment(0.0) > 300.0:
+        yield Way("1.5 s without samples", none, lambda f: f.taken(
+            ~f.between(f.moment(middle), f.moment(middle) + 1.5)), honest=True)  # fmt: skip
+
+
+def _one_a_second(f: Flown) -> np.ndarray:
+    ticks = np.floor(f.time_s - f.time_s[0] + 1e-9)
+    keep = np.append(True, np.diff(ticks) > 0)
+    keep[-1] = True
+    return keep
+
+
+def _columns_reversed(whole: str) -> str:
+    return "".join(",".join(line.split(",")[::-1]) + "\n" for line in whole.splitlines())
+
+
+def _column_more(whole: str) -> str:
+    lines = io.StringIO(whole).read().splitlines()
+    return "\n".join([lines[0] + ",battery_v", *(line + ",12.4" for line in lines[1:])]) + "\n"

@@ -1,0 +1,231 @@
+"""Other files of the run folder than the track, changed after planning or after the flight."""
+
+import json
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.falsifying.flown import Flown
+from tests.falsifying.of_place import shifted
+from tests.falsifying.way import Way, family
+from uavcover.local_raster import Band, geotiff
+
+Meddle = Callable[[Path], None]
+
+CHANGED = "what is judged is not what was planned and flown"
+
+
+def scenario_with(key: str, value: str) -> Meddle:
+    """One value of ``scenario.toml`` replaced by another."""
+
+    def meddle(run: Path) -> None:
+        path = run / "scenario.toml"
+        text, count = re.subn(rf"(?m)^{key} = .*$", f"{key} = {value}", path.read_text())
+        if count != 1:
+            raise ValueError(f"{path}: {key} stands in it {count} times")
+        path.write_text(text)
+
+    return meddle
+
+
+def document_with(name: str, change: Callable[[Any], Any]) -> Meddle:
+    """A JSON file changed."""
+
+    def meddle(run: Path) -> None:
+        document = json.loads((run / name).read_text())
+        (run / name).write_text(json.dumps(change(document)))
+
+    return meddle
+
+
+@family("scenario changed")
+def scenario(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """Looser requirements, limits or sensors than were planned with."""
+    text = _scenario_text(flown)
+    loosened = {
+        "min_coverage_of_coverable": "0.05", "max_gap_s": "3600.0", "min_height_agl_m": "1.0", "max_height_agl_m": "500.0",
+        "transit_clearance_m": "0.5", "fence_margin_m": "5000.0", "cell_size_m": "33.0", "fov_deg": "120.0",
+        "fov_across_deg": "120.0", "range_m": "2000.0", "max_incidence_deg": "89.0", "mount": '"stabilised"',
+        "acceptance_radius_m": "60.0", "cruise_speed_m_s": "60.0", "max_climb_m_s": "40.0", "max_descent_m_s": "40.0",
+        "max_home_error_m": "500.0", "clearance_beside_m": "0.01", "clearance_above_m": "0.01", "position_m": "0.0001",
+        "sample_spacing_m": "1.0", "from_deg": "77.0", "name": '"another"',
+    }  # fmt: skip
+    for key, value in loosened.items():
+        was = re.findall(rf"(?m)^{key} = (.*)$", text)
+        if len(was) == 1 and was[0] != value:
+            yield Way(f"{key} = {value}", CHANGED, meddle=scenario_with(key, value))
+    yield Way("wind of 40 m/s", CHANGED, meddle=scenario_with("speed_m_s", "40.0"))
+    yield Way("a space more", "the file is not what was planned with", meddle=_appended("scenario.toml", "\n# \n"))
+    yield Way("removed", "there is nothing to judge by", meddle=lambda run: (run / "scenario.toml").unlink())
+    yield Way("a smaller area", CHANGED, meddle=_smaller_area)
+
+
+def _scenario_text(flown: Flown) -> str:
+    from uavcover.scenario import dump_scenario
+
+    return dump_scenario(flown.site.scenario)
+
+
+def _appended(name: str, text: str) -> Meddle:
+    def meddle(run: Path) -> None:
+        with (run / name).open("a") as file:
+            file.write(text)
+
+    return meddle
+
+
+def _smaller_area(run: Path) -> None:
+    path = run / "scenario.toml"
+
+    def shrink(match: re.Match[str]) -> str:
+        ring = np.array(json.loads(match[2]))
+        return f"{match[1]} = {(ring.mean(axis=0) + 0.3 * (ring - ring.mean(axis=0))).tolist()}"
+
+    text, count = re.subn(r"(?m)^(polygon_\w+) = (.*)$", shrink, path.read_text())
+    assert count == 1
+    path.write_text(text)
+
+
+@family("ground changed")
+def ground(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """Another ground under the same flight."""
+    terrain = re.findall(r'(?m)^file = "(.*)"$', _scenario_text(flown))
+    if len(terrain) != 1:
+        return
+    yield Way("flattened", CHANGED, meddle=lambda run: _other_ground(run, flown, 0.0, 0.0))
+    for by_m in (-40.0, 15.0):
+        yield Way(f"{by_m:+g} m", CHANGED, meddle=lambda run, by_m=by_m: _other_ground(run, flown, 1.0, by_m))
+    yield Way("smoother", CHANGED, meddle=lambda run: _other_ground(run, flown, 0.7, 0.0))
+
+
+def _other_ground(run: Path, flown: Flown, share: float, by_m: float) -> None:
+    """The scenario's ground with its heights against home times ``share`` plus ``by_m``, as a file of the run folder."""
+    site = flown.site
+    assert site.frame is not None
+    low = flown.enu_m.min(axis=0) - 1200.0
+    high = flown.enu_m.max(axis=0) + 1200.0
+    step_m = 20.0
+    east, north = np.arange(low[0], high[0], step_m), np.arange(low[1], high[1], step_m)
+    places = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
+    ups = site.ground.heights_m(places).reshape(len(north), len(east))
+    _, _, alts = site.frame.geodetic_from_enu(np.column_stack([places, share * ups.reshape(-1) + by_m]))
+    content = geotiff(
+        site.frame, [Band("height", "m", alts.reshape(ups.shape))], east0_m=float(east[0]), north0_m=float(north[0]),
+        up_m=0.0, step_m=step_m,
+    )  # fmt: skip
+    path = run / "scenario.toml"
+    file = re.findall(r'(?m)^file = "(.*)"$', path.read_text())[0]
+    there = run / file
+    if file.startswith("bundled:") or not there.resolve().is_relative_to(run.resolve()):
+        (run / "ground.tif").write_bytes(content)
+        scenario_with("file", '"ground.tif"')(run)
+    else:
+        there.write_bytes(content)
+
+
+@family("plan changed")
+def plan(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """Another plan under the same flight, or with it."""
+    if not len(flown.plan_m):
+        return
+
+    def waypoints(change: Callable[[list[Any]], list[Any]]) -> Meddle:
+        return document_with("plan.json", lambda d: {**d, "waypoints": change(d["waypoints"])})
+
+    yield Way("waypoints left out", CHANGED, meddle=waypoints(lambda w: w[: max(2, len(w) // 2)]))
+    yield Way("waypoints backwards", CHANGED, meddle=waypoints(lambda w: w[::-1]))
+    yield Way(
+        "waypoints 20 m higher", CHANGED,
+        meddle=waypoints(lambda w: [{**p, "up_m": p["up_m"] + 20.0, "alt_amsl_m": p["alt_amsl_m"] + 20.0} for p in w]),
+    )  # fmt: skip
+    yield Way(
+        "promises less", CHANGED,
+        meddle=document_with("plan.json", lambda d: {**d, "metrics": {**d["metrics"], "coverage_fraction": 0.1}}),
+    )  # fmt: skip
+    yield Way("moved by 400 m, and the flight with it", CHANGED, shifted((400.0, 0.0, 0.0)), meddle=waypoints(
+        lambda w: [{**p, "east_m": p["east_m"] + 400.0} for p in w]))  # fmt: skip
+    yield Way("without waypoints", CHANGED, meddle=waypoints(lambda _: []))
+    yield Way("cut off", CHANGED, meddle=lambda run: _cut(run / "plan.json"))
+    yield Way("removed", CHANGED, meddle=lambda run: (run / "plan.json").unlink())
+
+
+def _cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+@family("obstacles changed")
+def obstacles(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """Fewer or lower obstacles than were planned with."""
+    if not flown.site.scenario.obstacles.prisms:
+        return
+    yield Way("emptied", CHANGED, meddle=_no_obstacles)
+    yield Way("a metre high", CHANGED, meddle=_low_obstacles)
+
+
+def _no_obstacles(run: Path) -> None:
+    path = run / "scenario.toml"
+    head, *prisms = re.split(r"(?m)^(?=\[\[obstacles\.prisms\]\])", path.read_text())
+    rest = re.split(r"(?m)^(?=\[(?!\[obstacles\.prisms))", prisms[-1])[1:]
+    path.write_text(head + "".join(rest))
+
+
+def _low_obstacles(run: Path) -> None:
+    path = run / "scenario.toml"
+    path.write_text(re.sub(r"(?m)^height_m = [\d.]+$", "height_m = 1.0", path.read_text()))
+
+
+@family("run.json changed")
+def run_json(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """What says which inputs belong together."""
+    unbound = "nothing says any more that track, plan, ground and scenario belong together"
+
+    def inputs(change: Callable[[Any], Any]) -> Meddle:
+        return document_with("run.json", lambda d: {**d, "inputs": change(d["inputs"])})
+
+    yield Way("removed", unbound, meddle=lambda run: (run / "run.json").unlink())
+    yield Way("empty", unbound, meddle=lambda run: (run / "run.json").write_text(""))
+    yield Way("cut off", unbound, meddle=lambda run: _cut(run / "run.json"))
+    yield Way("a list", unbound, meddle=lambda run: (run / "run.json").write_text("[]"))
+    yield Way(
+        "without inputs",
+        unbound,
+        meddle=document_with("run.json", lambda d: {k: v for k, v in d.items() if k != "inputs"}),
+    )
+    yield Way("inputs empty", unbound, meddle=inputs(lambda _: {}))
+    for name in ("scenario", "terrain"):
+        yield Way(
+            f"another hash of the {name}",
+            unbound,
+            meddle=inputs(lambda i, n=name: {**i, n: {**i[n], "sha256": "0" * 64}}),
+        )
+        yield Way(
+            f"no hash of the {name}", unbound, meddle=inputs(lambda i, n=name: {k: v for k, v in i.items() if k != n})
+        )
+    yield Way("hash of a number", unbound, meddle=inputs(lambda i: {**i, "scenario": {"sha256": 7}}))
+
+
+@family("flight's files changed")
+def flight_files(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """The track gone, or a folder put together from two."""
+    yield Way("track.csv removed", "nothing was flown", meddle=lambda run: (run / "track.csv").unlink())
+    yield Way("track.csv a folder", "nothing was flown", meddle=_a_folder)
+    sorties = "one of the flights is missing, or another's"
+    if (flown.site.scenario.vehicle.endurance_s or 0.0) > 0.0:
+        yield Way("a sortie's track removed", sorties, meddle=lambda run: (run / "sortie-2" / "track.csv").unlink())
+        yield Way("the first sortie's track for the second", sorties, meddle=lambda run: _copied(
+            run / "sortie-1" / "track.csv", run / "sortie-2" / "track.csv"))  # fmt: skip
+        yield Way("a sortie's folder removed", sorties, meddle=lambda run: shutil.rmtree(run / "sortie-2"))
+
+
+def _a_folder(run: Path) -> None:
+    (run / "track.csv").unlink()
+    (run / "track.csv").mkdir()
+
+
+def _copied(source: Path, target: Path) -> None:
+    target.unlink()
+    shutil.copy(source, target)

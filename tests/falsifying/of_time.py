@@ -1,0 +1,174 @@
+"""Falsified times: the clock, frozen places, missing samples."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from tests.falsifying.flown import Change, Flown
+from tests.falsifying.way import Way, family
+
+LONGEST_GAP_S = 10.0
+"""A longer one between take-off and landing leaves the flight unproved."""
+
+
+def clock(factor: float) -> Change:
+    """Times from the first sample on, times ``factor``."""
+    return lambda f: replace(f, time_s=f.time_s[0] + factor * (f.time_s - f.time_s[0]))
+
+
+@family("clock scaled")
+def scaled(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """A clock that runs too fast makes speeds that the vehicle has not; one that is very slow leaves too few samples."""
+    for times in (2.0, 5.0, 10.0, float(np.round(rng.uniform(15.0, 40.0), 1))):
+        yield Way(
+            f"{times:g} times as fast", f"climbs at {times:g} times the speeds of the vehicle", clock(1.0 / times)
+        )
+    slow = 1.5 * flown.site.scenario.requirements.max_gap_s / flown.step_s
+    yield Way("so slow that samples are further apart than max_gap_s", "nothing was observed", clock(slow))
+    yield Way("milliseconds as seconds", "a thousand times as slow, nothing was observed", clock(1000.0))
+    times = float(np.round(rng.uniform(3.0, 6.0), 1))
+
+    def part(f: Flown) -> Flown:
+        begin_s, end_s = f.moment(0.3), f.moment(0.6)
+        return replace(f, time_s=np.interp(f.time_s, [begin_s, end_s], [0.0, (end_s - begin_s) / times - (end_s - begin_s)])
+                       + f.time_s)  # fmt: skip
+
+    yield Way(f"{times:g} times as fast for a third of the route", "faster than the vehicle is", part)
+
+
+@family("clock jumps")
+def jumps(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """Times that go back, stand still or leap."""
+
+    def leap(by_s: float, share: float) -> Change:
+        return lambda f: replace(f, time_s=f.time_s + np.where(f.time_s >= f.moment(share), by_s, 0.0))
+
+    for by_s in (LONGEST_GAP_S + 2.0, 60.0, 3600.0):
+        share = float(rng.uniform(0.1, 0.9))
+        yield Way(f"leaps by {by_s:g} s", f"{by_s:g} s of the route were not observed", leap(by_s, share))
+    for by_s in (-0.05, -5.0, -60.0):
+        share = float(rng.uniform(0.4, 0.9))
+        yield Way(f"goes back by {-by_s:g} s", "time does not go back", leap(by_s - flown.step_s, share))
+
+    def stands(every: int) -> Change:
+        def change(f: Flown) -> Flown:
+            number = np.arange(len(f))
+            return replace(f, time_s=f.time_s[number - number % every])
+
+        return change
+
+    yield Way("pairs of samples at equal times", "one vehicle is at one place at a time", stands(2))
+    yield Way("whole seconds", "one vehicle is at one place at a time", lambda f: replace(f, time_s=np.floor(f.time_s)))
+    yield Way("times in descending order", "time does not go back", lambda f: replace(f, time_s=f.time_s[::-1]))
+    yield Way("the same time throughout", "time goes on", lambda f: replace(f, time_s=np.full(len(f), f.time_s[0])))
+
+
+def frozen(kept_s: float, every_s: float) -> Change:
+    """The place stands still for ``kept_s`` of every ``every_s`` seconds."""
+
+    def change(f: Flown) -> Flown:
+        phase_s = (f.time_s - f.time_s[0]) % every_s
+        number = np.arange(len(f))
+        return f.held(np.maximum.accumulate(np.where((phase_s < kept_s) & (number > 0), 0, number)))
+
+    return change
+
+
+@family("frozen place")
+def stuck(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """Places that stand still and then leap."""
+    for kept_s, every_s in ((3.0, 6.0), (1.0, 4.0), (5.0, 20.0), (0.6, 2.0), (9.0, 10.0)):
+        yield Way(f"{kept_s:g} s of every {every_s:g} s", "it stops at once and then leaps", frozen(kept_s, every_s))
+    share = float(rng.uniform(0.2, 0.6))
+
+    def once(f: Flown) -> Flown:
+        return f.held(_held_between(f, f.moment(share), f.moment(share) + 30.0))
+
+    yield Way("for 30 s, once", "it stops at once and then leaps by hundreds of metres", once)
+
+    def from_half(f: Flown) -> Flown:
+        return f.held(_held_between(f, f.moment(0.5), np.inf))
+
+    yield Way("from half of the route to the end", "it ends in the air and half of the area was not seen", from_half)
+
+
+def _held_between(f: Flown, begin_s: float, end_s: float) -> np.ndarray:
+    number = np.arange(len(f))
+    inside = f.between(begin_s, end_s)
+    return np.where(inside, int(np.argmax(inside)), number)
+
+
+def thinned(rate_hz: float) -> Change:
+    """As many samples a second."""
+
+    def change(f: Flown) -> Flown:
+        ticks = np.floor((f.time_s - f.time_s[0]) * rate_hz + 1e-9)
+        return f.taken(np.append(True, np.diff(ticks) > 0))
+
+    return change
+
+
+def without(begin_s: float, end_s: float) -> Change:
+    """A hole in the record."""
+    return lambda f: f.taken(~f.between(begin_s, end_s))
+
+
+@family("samples missing")
+def missing(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """What was not observed is not proved."""
+    for rate_hz in (0.2, 0.1, 0.05):
+        yield Way(f"{rate_hz:g} Hz", "no two samples are near enough to say what was in between", thinned(rate_hz))
+    begin_s, end_s = flown.moment(0.0), flown.moment(1.0)
+    for hole_s in (LONGEST_GAP_S + 1.0, 25.0, 50.0, 100.0):
+        if hole_s < 0.6 * (end_s - begin_s):
+            at_s = float(rng.uniform(begin_s, end_s - hole_s))
+            yield Way(
+                f"a hole of {hole_s:g} s", f"{hole_s:g} s of the route were not observed", without(at_s, at_s + hole_s)
+            )
+    for hole_s, every_s in ((5.0, 30.0), (2.5, 10.0), (4.0, 8.0)):
+        yield Way(
+            f"holes of {hole_s:g} s every {every_s:g} s", f"{hole_s / every_s:.0%} of the route were not observed",
+            lambda f, hole_s=hole_s, every_s=every_s: f.taken((f.time_s - f.time_s[0]) % every_s >= hole_s),
+        )  # fmt: skip
+    yield Way("the first half", "it does not begin on the ground", lambda f: f.taken(f.time_s >= f.moment(0.5)))
+    yield Way("the second half", "it does not end on the ground", lambda f: f.taken(f.time_s <= f.moment(0.5)))
+    yield Way(
+        "all before the first waypoint", "it does not begin on the ground", lambda f: f.taken(f.time_s >= f.moment(0.0))
+    )
+    yield Way(
+        "all after the last waypoint", "it does not end on the ground", lambda f: f.taken(f.time_s <= f.moment(1.0))
+    )
+    yield Way("the ways there and home", "begins and ends in the air", lambda f: f.taken(f.on_route))
+    yield Way("half of the way home, and landing", "it ends in the air", _ended_on_the_way_home)
+    for up_m in (30.0, 15.0):
+        yield Way(f"the last {up_m:g} m of the landing", "it ends in the air", _not_landed(up_m))
+        yield Way(f"the first {up_m:g} m of the take-off", "it begins in the air", _not_taken_off(up_m))
+    yield Way("the way there, between take-off and route", "more than 10 s were not observed", _way_there)
+
+
+def _ended_on_the_way_home(f: Flown) -> Flown:
+    last_s = f.moment(1.0)
+    return f.taken(f.time_s <= last_s + 0.4 * (f.time_s[-1] - last_s))
+
+
+def _not_landed(up_m: float) -> Change:
+    def change(f: Flown) -> Flown:
+        high = np.flatnonzero(f.enu_m[:, 2] - f.enu_m[-1, 2] > up_m)
+        return f.taken(np.arange(len(f)) <= high[-1])
+
+    return change
+
+
+def _not_taken_off(up_m: float) -> Change:
+    def change(f: Flown) -> Flown:
+        high = np.flatnonzero(f.enu_m[:, 2] - f.enu_m[0, 2] > up_m)
+        return f.taken(np.arange(len(f)) >= high[0])
+
+    return change
+
+
+def _way_there(f: Flown) -> Flown:
+    up_s = float(f.time_s[np.argmax(f.enu_m[:, 2] - f.enu_m[0, 2] > 5.0)])
+    end_s = f.moment(0.0)
+    return f.taken(~f.between(up_s, max(end_s, up_s + LONGEST_GAP_S + 1.0)))
