@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from enum import Enum
 from typing import TypedDict, TypeVar
 
 from mission_io import commands, item_limits
@@ -25,10 +24,11 @@ from mission_io.errors import (
 from mission_io.items import MissionItem, MissionType
 from mission_io.link import Link
 from mission_io.messages import CommandAck, Message, ParamValue, Received
-from mission_io.outcome import description, held_as_read, held_by_design
+from mission_io.outcome import PROVEN_BY_READING, description, failure, held_as_read, held_by_design, list_name
 from mission_io.protocol.clear import Clear, ClearState
 from mission_io.protocol.download import Download, DownloadState
 from mission_io.protocol.exchange import Address, Timing
+from mission_io.protocol.longest import CLEAR_TRIES, STALE_READ_BACK_S
 from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.upload import Upload
 from mission_io.protocol.upload_table import UploadState
@@ -42,13 +42,8 @@ Progress = Callable[[int, int], None]
 Stop = Callable[[], bool]
 """Asked all the time whether to cancel."""
 
-NO_PROGRESS_S = 60.0
-"""A transfer that answers but does not get on for this long is given up."""
-
-_STALE_READ_BACK_S = 0.1
 _ANSWER_S = 10.0
 _ITEM_LIMIT_S = 3.0
-_CLEAR_TRIES = 3
 
 
 class _Terms(TypedDict):
@@ -108,7 +103,8 @@ class Client(Connection):
 
         Raises:
             MisuseError: the vehicle is armed and ``in_flight`` was not said.
-            TransferError: the vehicle refused or cancelled; ``vehicle_holds`` and ``held_items`` say what it has now.
+            TransferError: the vehicle refused, cancelled, or did not get on; ``vehicle_holds`` and ``held_items`` say
+                what it has now.
             TransferCancelledError: ``stop`` said so.
             TransferSilentError: the vehicle stopped answering; also a VehicleSilentError.
             TransferInterrupted: Ctrl-C; a KeyboardInterrupt that knows what the vehicle holds now.
@@ -118,11 +114,11 @@ class Client(Connection):
         interrupted = self._run(upload, lambda: (upload.across_count, len(items)), progress, stop)
         if upload.state is UploadState.ACCEPTED:
             return
-        failure = self._upload_failure(upload, items)
+        error = self._upload_failure(upload, items)
         if interrupted:
-            raise TransferInterrupted(failure)
-        if upload.state is not UploadState.UNCONFIRMED or failure.vehicle_holds != "replaced":
-            raise failure
+            raise TransferInterrupted(error)
+        if upload.state not in PROVEN_BY_READING or error.vehicle_holds != "replaced":
+            raise error
 
     def download(
         self, mission_type: MissionType, *, progress: Progress | None = None, stop: Stop | None = None
@@ -130,7 +126,7 @@ class Client(Connection):
         """One of the vehicle's lists, as it is on the wire (see ``mission_from_wire``).
 
         Raises:
-            TransferError: the vehicle refused or cancelled.
+            TransferError: the vehicle refused, cancelled, or did not get on.
             TransferCancelledError: ``stop`` said so.
             TransferSilentError: the vehicle stopped answering; also a VehicleSilentError.
             FormatError: the vehicle holds an item in a frame that mission_io does not know.
@@ -142,29 +138,39 @@ class Client(Connection):
         interrupted = self._run(download, lambda: (download.received_count, download.count), progress, stop)
         if download.state is DownloadState.DONE:
             return download.items()
-        got = f"after {download.received_count} of {download.count} items"
-        failure = self._error(f"download of the {_name(mission_type)}", download, got, "unchanged")
-        raise TransferInterrupted(failure) if interrupted else failure
+        got = f"after {download.received_count} of {download.count} items" if download.count is not None else ""
+        doing = f"download of the {list_name(mission_type)}"
+        error = failure(doing, download, got, vehicle_holds="unchanged", advice=self.signing_advice())
+        raise TransferInterrupted(error) if interrupted else error
 
     def clear(self, mission_type: MissionType, *, in_flight: bool = False) -> None:
         """Empty one of the vehicle's lists, and read back that it is empty but for home.
 
         Raises:
             MisuseError: the vehicle is armed and ``in_flight`` was not said.
-            TransferError: the vehicle refused, or says that it is done and is not.
+            TransferError: the vehicle refused, did not get on, or says that it is done and is not; ``held_items`` says
+                what it has now.
             TransferSilentError: the vehicle did not answer; also a VehicleSilentError.
         """
         self._refuse_armed("clear", in_flight=in_flight)
         left: tuple[MissionItem, ...] = ()
-        for _ in range(_CLEAR_TRIES):  # an acknowledgement may be a late one of an earlier upload
+        for _ in range(CLEAR_TRIES):  # an acknowledgement may be a late one of an earlier upload
             self._clear_once(mission_type)
-            left = self.download(mission_type)
+            try:
+                left = self.download(mission_type)
+            except (TransferError, FormatError) as error:
+                kind = TransferSilentError if isinstance(error, TransferSilentError) else TransferError
+                raise kind(
+                    f"clearing the {list_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged, and what it "
+                    f"holds now could not be read: {error}",
+                    vehicle_holds="unknown",
+                ) from None
             autopilot = self._known_autopilot()
             home_stays = autopilot is not None and autopilot.home_in_item_0 and mission_type is MissionType.MISSION
             if len(left) <= int(home_stays):
                 return
         raise TransferError(
-            f"clearing the {_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged and holds {len(left)} items",
+            f"clearing the {list_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged and holds {len(left)} items",
             vehicle_holds="unknown",
             held_items=left,
         )
@@ -206,7 +212,7 @@ class Client(Connection):
         problems = check_for_autopilot(items, autopilot, mission_type, item_limit=limit)
         if problems:
             more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-            raise MisuseError(f"the {_name(mission_type)} was not sent: {problems[0]}{more}")
+            raise MisuseError(f"the {list_name(mission_type)} was not sent: {problems[0]}{more}")
         self.upload(mission_type, items, progress=progress, stop=stop, in_flight=in_flight)
         received, differences = self._read_back(mission_type, items, autopilot)
         return Verification(mission_type, autopilot.name, items, received, differences)
@@ -296,14 +302,14 @@ class Client(Connection):
         progress: Progress | None,
         stop: Stop | None,
     ) -> None:
-        reported, progress_at = -1, self.clock.now()
+        reported = -1
         while True:
             now = self.clock.now()
             for message in exchange.messages_to_send(now):
                 self.send(message)
             count, total = counts()
             if count != reported and total is not None:
-                reported, progress_at = count, now
+                reported = count
                 if progress is not None:
                     progress(count, total)
             wake = exchange.next_timer()
@@ -313,21 +319,29 @@ class Client(Connection):
                 exchange.cancel(now)
                 stop = None
                 continue
-            if now > progress_at + NO_PROGRESS_S:
-                raise TransferError(
-                    f"vehicle {self.vehicle.system_id} answers but does not get on: item {count} for "
-                    f"{NO_PROGRESS_S:g} s",
-                    vehicle_holds="unknown",
-                )
             for received in self._next_messages(wake):
                 exchange.receive(received, self.clock.now())
 
     def _clear_once(self, mission_type: MissionType) -> None:
         clear = Clear(mission_type=mission_type, **self._terms())
         self._run(clear, lambda: (0, None), None, None)
-        if clear.state is not ClearState.CLEARED:
-            holds: VehicleHolds = "unchanged" if clear.state is ClearState.REFUSED else "unknown"
-            raise self._error(f"clearing the {_name(mission_type)}", clear, "", holds)
+        if clear.state is ClearState.CLEARED:
+            return
+        holds: VehicleHolds = "unchanged" if clear.state is ClearState.REFUSED else "unknown"
+        held, now_held = None, ""
+        if clear.state is not ClearState.SILENT:
+            held = self._held(mission_type)
+            now_held = "" if held is None else f"; the vehicle now holds {len(held)} items"
+        doing = f"clearing the {list_name(mission_type)}"
+        raise failure(doing, clear, now_held, vehicle_holds=holds, held_items=held, advice=self.signing_advice())
+
+    def _held(self, mission_type: MissionType) -> tuple[MissionItem, ...] | None:
+        """What the vehicle holds after a failure; None when it does not tell."""
+        try:
+            return self.download(mission_type)
+        except (TransferError, FormatError) as error:
+            _log.info("what the vehicle holds could not be read back: %s", error)
+            return None
 
     def _read_back(
         self, mission_type: MissionType, items: Sequence[MissionItem], autopilot: Autopilot
@@ -339,7 +353,7 @@ class Client(Connection):
         received = self.download(mission_type)
         differences = compare_items(items, received, autopilot, mission_type)
         if not all(difference.acceptable for difference in differences):
-            deadline = self.clock.now() + _STALE_READ_BACK_S
+            deadline = self.clock.now() + STALE_READ_BACK_S
             while self.clock.now() < deadline:
                 self._next_messages(deadline)
             received = self.download(mission_type)
@@ -349,27 +363,30 @@ class Client(Connection):
     def _upload_failure(self, upload: Upload, items: Sequence[MissionItem]) -> TransferError:
         """The error for an upload that was not acknowledged, with what the vehicle holds now."""
         autopilot, mission_type = self._known_autopilot(), upload.mission_type
-        if autopilot is None:
-            return self._error(f"upload of the {_name(mission_type)}", upload, "", "unknown")
-        holds, held = held_by_design(upload, len(items), autopilot), None
+        holds: VehicleHolds = "unknown" if autopilot is None else held_by_design(upload, len(items), autopilot)
+        held, unread = None, ""
         silent = upload.state is UploadState.SILENT
         nothing_began = upload.state is UploadState.REFUSED and upload.sent_count == 0
         if not silent and not nothing_began:
             try:
-                held, _ = self._read_back(mission_type, items, autopilot)
-                holds = held_as_read(upload, items, held, autopilot)
+                if autopilot is None:
+                    held = self.download(mission_type)
+                else:
+                    held, _ = self._read_back(mission_type, items, autopilot)
+                    holds = held_as_read(upload, items, held, autopilot)
             except TransferSilentError:
                 silent = True
-            except (TransferError, FormatError) as error:
-                _log.info("what the vehicle holds could not be read back: %s", error)
+            except (TransferError, FormatError) as why:
+                unread = f" (it could not be read back: {why})"
         how_far = f"after {upload.across_count} of {len(items)} items"
-        if upload.state is UploadState.UNCONFIRMED and held is not None:
+        if upload.state in PROVEN_BY_READING and held is not None:
             how_far = f"and what was read back is not what was sent; {how_far}"
-        how_far += f"; {description(holds, items, held, autopilot, mission_type)}"
-        failure = self._error(f"upload of the {_name(mission_type)}", upload, how_far, holds, held)
-        if silent and not isinstance(failure, TransferSilentError | TransferCancelledError):
-            return TransferSilentError(f"{failure} (it fell silent)", vehicle_holds=holds)
-        return failure
+        how_far += f"; {description(holds, items, held, autopilot, mission_type)}{unread}"
+        doing, advice = f"upload of the {list_name(mission_type)}", self.signing_advice()
+        error = failure(doing, upload, how_far, vehicle_holds=holds, held_items=held, advice=advice)
+        if silent and not isinstance(error, TransferSilentError | TransferCancelledError):
+            return TransferSilentError(f"{error} (it fell silent){advice}", vehicle_holds=holds)
+        return error
 
     def _known_autopilot(self) -> Autopilot | None:
         """What is known of the vehicle's autopilot; plain transfers work with any."""
@@ -378,36 +395,8 @@ class Client(Connection):
         except MisuseError:
             return None
 
-    def _error(
-        self,
-        doing: str,
-        exchange: Upload | Download | Clear,
-        how_far: str,
-        holds: VehicleHolds,
-        held_items: tuple[MissionItem, ...] | None = None,
-    ) -> TransferError:
-        result = exchange.last_result
-        reason = f" with {getattr(result, 'name', result)}" if result else ""
-        text = f"{doing}: vehicle {self.vehicle.system_id}: {exchange.state.value}{reason}"
-        text += f" {how_far}" if how_far else ""
-        kind = _ERRORS.get(exchange.state, TransferError)
-        return kind(text, vehicle_holds=holds, held_items=held_items)
-
     def _refuse_armed(self, what: str, *, in_flight: bool) -> None:
         if self.impostor is not None and not in_flight:
             raise MisuseError(f"{two_in_one(self.vehicle, self.impostor)}; nothing was sent")
         if self.vehicle.armed and not in_flight:
             raise MisuseError(f"vehicle {self.vehicle.system_id} is armed; {what} only when in_flight is said")
-
-
-_ERRORS: dict[Enum, type[TransferError]] = {
-    UploadState.SILENT: TransferSilentError,
-    DownloadState.SILENT: TransferSilentError,
-    ClearState.SILENT: TransferSilentError,
-    UploadState.CANCELLED: TransferCancelledError,
-    DownloadState.CANCELLED: TransferCancelledError,
-}
-
-
-def _name(mission_type: MissionType) -> str:
-    return {MissionType.MISSION: "mission", MissionType.FENCE: "fence", MissionType.RALLY: "rally points"}[mission_type]

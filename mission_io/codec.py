@@ -126,6 +126,8 @@ class Codec:
             if verdict is not Verdict.ACCEPTED:
                 self._counts[verdict.value] += 1
                 continue
+            if frame.signature and self.signing is None:
+                self._counts["signed"] += 1
             self._sequence.take((frame.system_id, frame.component_id), frame.seq)
             row = BY_ID.get(frame.message_id)
             if row is None:

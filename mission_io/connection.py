@@ -260,7 +260,16 @@ class Connection:
             for received in self._next_messages(min(deadline, ask_at) if again is not None else deadline):
                 if _sender(received) == vehicle.address and done(received):
                     return received
-        raise VehicleSilentError(f"vehicle {vehicle.system_id} did not send {what} within {timeout_s:g} s")
+        raise VehicleSilentError(
+            f"vehicle {vehicle.system_id} did not send {what} within {timeout_s:g} s{self.signing_advice()}"
+        )
+
+    def signing_advice(self) -> str:
+        """Why a vehicle that is heard may answer nothing: it signs, and this side cannot. Empty when that is not so."""
+        signed = self.codec.statistics.signed
+        if not signed:
+            return ""
+        return f"; the vehicle signs what it sends ({signed} frames) and this side has no key: give --signing-key"
 
     def _next_messages(self, deadline: float) -> list[Received]:
         """Wait until a datagram brings messages; an empty list when the deadline came first."""

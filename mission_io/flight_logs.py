@@ -90,10 +90,13 @@ def _piece(connection: Connection, entry: LogEntry, start: int, timeout_s: float
         wanted = start + size - whole_to
         connection.send(LogRequestData(to.system_id, to.component_id, entry.log_id, whole_to, wanted))
 
+    def is_new(data: LogData) -> bool:
+        return bool(data.content) and start <= data.offset_bytes < start + size and data.offset_bytes not in parts
+
     def is_whole(received: Received) -> bool:
         nonlocal heard_at, whole_to
         data = received.message
-        if isinstance(data, LogData) and data.log_id == entry.log_id and data.count and data.offset_bytes not in parts:
+        if isinstance(data, LogData) and data.log_id == entry.log_id and is_new(data):
             parts[data.offset_bytes] = data.content
             heard_at = connection.clock.now()
             while whole_to in parts:

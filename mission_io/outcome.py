@@ -1,13 +1,65 @@
-"""What a vehicle holds after an upload that did not end well, from its autopilot's ways and from what was read back."""
+"""How a transfer failed, and what the vehicle holds then, from its autopilot's ways and from what was read back."""
 
 from collections.abc import Sequence
+from enum import Enum
+from typing import Final
 
 from mission_io.autopilots import Autopilot
 from mission_io.compare import compare_items
-from mission_io.errors import VehicleHolds
+from mission_io.errors import TransferCancelledError, TransferError, TransferSilentError, VehicleHolds
 from mission_io.items import MissionItem, MissionType
+from mission_io.protocol.clear import Clear, ClearState
+from mission_io.protocol.download import Download, DownloadState
 from mission_io.protocol.upload import Upload
 from mission_io.protocol.upload_table import UploadState
+
+_ERRORS: Final[dict[Enum, type[TransferError]]] = {
+    UploadState.SILENT: TransferSilentError,
+    DownloadState.SILENT: TransferSilentError,
+    ClearState.SILENT: TransferSilentError,
+    UploadState.CANCELLED: TransferCancelledError,
+    DownloadState.CANCELLED: TransferCancelledError,
+}
+_STUCK: Final = (UploadState.STUCK, DownloadState.STUCK, ClearState.STUCK)
+
+PROVEN_BY_READING: Final = (UploadState.UNCONFIRMED, UploadState.ACCEPTED_EARLY)
+"""Ends of an upload that are a success when the list that was read back is the one that was sent."""
+
+
+def list_name(mission_type: MissionType) -> str:
+    """What texts call one of the vehicle's lists."""
+    return {MissionType.MISSION: "mission", MissionType.FENCE: "fence", MissionType.RALLY: "rally points"}[mission_type]
+
+
+def failure(
+    doing: str,
+    exchange: Upload | Download | Clear,
+    how_far: str,
+    *,
+    vehicle_holds: VehicleHolds,
+    held_items: tuple[MissionItem, ...] | None = None,
+    advice: str = "",
+) -> TransferError:
+    """The error for a conversation that did not end well: silent, cancelled, or ended by the vehicle.
+
+    Args:
+        doing: What was tried, in front of the text.
+        exchange: The conversation, at its end.
+        how_far: How far it got and what is held now.
+        vehicle_holds: What the vehicle has now.
+        held_items: The same as it was read back.
+        advice: Added when the vehicle is silent.
+    """
+    result = exchange.last_result
+    reason = f" with {getattr(result, 'name', result)}" if result else ""
+    text = f"{doing}: vehicle {exchange.vehicle.system_id}: {exchange.state.value}{reason}"
+    if exchange.state in _STUCK:
+        text += f" for {exchange.timing.no_progress_s:g} s"
+    text += f" {how_far}" if how_far else ""
+    kind = _ERRORS.get(exchange.state, TransferError)
+    if kind is TransferSilentError:
+        text += advice
+    return kind(text, vehicle_holds=vehicle_holds, held_items=held_items)
 
 
 def held_by_design(upload: Upload, total: int, autopilot: Autopilot) -> VehicleHolds:
@@ -47,7 +99,7 @@ def held_as_read(
     home = int(autopilot.home_in_item_0 and mission_type is MissionType.MISSION)
     if mission_type in autopilot.atomic:
         # By design it is the old list. One that begins like the new one after everything was sent is neither, perhaps.
-        doubtful = upload.state is UploadState.UNCONFIRMED and new > home
+        doubtful = upload.state in PROVEN_BY_READING and new > home
         return "unknown" if doubtful else "unchanged"
     # A list that is shorter than the new one was not cut to it, so without a new item nothing happened to it.
     return "unchanged" if new <= home and len(held) < len(sent) else "mixed"
@@ -57,14 +109,14 @@ def description(
     holds: VehicleHolds,
     sent: Sequence[MissionItem],
     held: Sequence[MissionItem] | None,
-    autopilot: Autopilot,
+    autopilot: Autopilot | None,
     mission_type: MissionType,
 ) -> str:
     """One line about what the vehicle holds and what to do about it."""
     text = f"the vehicle's list is now {holds}"
     if held is not None:
         text += f" ({len(held)} items"
-        if holds in ("mixed", "unknown"):
+        if autopilot is not None and holds in ("mixed", "unknown"):
             text += f", of which the first {new_items_in_front(sent, held, autopilot, mission_type)} are new"
         text += ")"
     return text + ("; upload again, or clear it" if holds in ("mixed", "unknown") else "")

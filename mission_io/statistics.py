@@ -19,6 +19,7 @@ class LinkStatistics:
         checksum_errors: Places where a whole frame would be, if its checksum were right.
         truncated_frames: Frames that began and did not end.
         garbage_bytes: Bytes that belong to no frame.
+        signed: Frames with a signature that nobody looked at, because this side has no key.
         unsigned: Frames refused because they are not signed.
         forged: Frames refused because their signature is not made with our key, or damaged.
         replayed: Frames refused because their signature is not newer than what was heard before.
@@ -35,6 +36,7 @@ class LinkStatistics:
     checksum_errors: int = 0
     truncated_frames: int = 0
     garbage_bytes: int = 0
+    signed: int = 0
     unsigned: int = 0
     forged: int = 0
     replayed: int = 0

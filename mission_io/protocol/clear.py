@@ -20,6 +20,7 @@ class ClearState(Enum):
     CLEARED = "the vehicle emptied the list"
     REFUSED = "the vehicle refused"
     SILENT = "the vehicle fell silent"
+    STUCK = "the vehicle answers but does not get on"
 
 
 class ClearEvent(Enum):
@@ -30,6 +31,7 @@ class ClearEvent(Enum):
     ACK_STRAY = "out of sequence, or cancelled: left over from a transfer"
     ACK_REFUSED = "any other result"
     RESEND = "silence: say it again"
+    NO_PROGRESS = "for long only answers that mean nothing"
     GIVE_UP = "silence for good"
     RETRY = "waited long enough for a busy vehicle"
     EXHAUSTED = "busy for too long"
@@ -44,6 +46,7 @@ CLEAR_TABLE: Table[ClearState, ClearEvent] = Table(
         Row(_S.ASKED, _E.ACK_REFUSED, _S.REFUSED),
         Row(_S.ASKED, _E.RESEND, _S.ASKED, "resend"),
         Row(_S.ASKED, _E.GIVE_UP, _S.SILENT),
+        Row(_S.ASKED, _E.NO_PROGRESS, _S.STUCK),
         *staying([_S.ASKED], [_E.ACK_STRAY]),
         #
         Row(_S.BACKING_OFF, _E.ACK_ACCEPTED, _S.CLEARED),
@@ -56,7 +59,7 @@ CLEAR_TABLE: Table[ClearState, ClearEvent] = Table(
 )
 """Every transition of a clear. A finished clear listens to nothing."""
 
-CLEAR_ENDS = frozenset({_S.CLEARED, _S.REFUSED, _S.SILENT})
+CLEAR_ENDS = frozenset({_S.CLEARED, _S.REFUSED, _S.SILENT, _S.STUCK})
 
 _ACK_EVENTS: dict[int, ClearEvent] = {
     MissionResult.ACCEPTED: _E.ACK_ACCEPTED,
@@ -109,7 +112,8 @@ class Clear(Exchange[ClearState, ClearEvent]):
         timing = self.timing
         if self.state is ClearState.ASKED:
             return [
-                (self._last_heard + timing.give_up_s, ClearEvent.GIVE_UP),
+                (self._stuck_at(), ClearEvent.NO_PROGRESS),
+                (self._silent_at(), ClearEvent.GIVE_UP),
                 (self._resend_at(), ClearEvent.RESEND),
             ]
         return [

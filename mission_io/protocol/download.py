@@ -19,7 +19,7 @@ from mission_io.messages import (
     MissionRequestInt,
     MissionRequestList,
 )
-from mission_io.protocol.exchange import OPENING, Address, Exchange, Timing
+from mission_io.protocol.exchange import OPENING, RESTARTS, Address, Exchange, Timing
 from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.table import Row, Table, staying
 from mission_io.wire import item_from_message
@@ -36,6 +36,8 @@ class DownloadState(Enum):
     VEHICLE_CANCELLED = "the vehicle cancelled"
     CANCELLED = "this side cancelled"
     SILENT = "the vehicle fell silent"
+    CHANGING = "the vehicle names another number of items again and again"
+    STUCK = "the vehicle answers but does not get on"
 
 
 class DownloadEvent(Enum):
@@ -44,6 +46,7 @@ class DownloadEvent(Enum):
     COUNT = "the number of items"
     COUNT_ZERO = "the list is empty"
     COUNT_CHANGED = "another number of items than before"
+    COUNT_UNSTABLE = "the same, too often"
     ITEM = "an item that was asked for"
     ITEM_LAST = "an item that was asked for, and none is missing now"
     ITEM_STRAY = "an item that was not asked for: a duplicate or a late one"
@@ -54,6 +57,7 @@ class DownloadEvent(Enum):
     ACK_CANCELLED = "the vehicle gave up"
     RESEND = "silence: say it again"
     STALL = "long silence: begin anew"
+    NO_PROGRESS = "for long no more items than there were"
     GIVE_UP = "silence for good"
     RETRY = "waited long enough for a busy vehicle"
     EXHAUSTED = "busy for too long"
@@ -75,9 +79,9 @@ DOWNLOAD_TABLE: Table[DownloadState, DownloadEvent] = Table(
         Row(_S.FETCHING, _E.ITEM, _S.FETCHING, "store"),
         Row(_S.FETCHING, _E.ITEM_LAST, _S.DONE, "store_last"),
         # One of the two counts is a leftover of an earlier download: ask again which is true.
-        Row(_S.FETCHING, _E.COUNT_ZERO, _S.LISTING, "begin_anew"),
         Row(_S.FETCHING, _E.COUNT_CHANGED, _S.LISTING, "begin_anew"),
-        Row(_S.FETCHING, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
+        Row(_S.FETCHING, _E.COUNT_UNSTABLE, _S.CHANGING, "send_cancel"),
+        Row(_S.FETCHING, _E.ACK_BUSY, _S.BACKING_OFF, "note_broken_off"),
         Row(_S.FETCHING, _E.ACK_REFUSED, _S.REFUSED),
         Row(_S.FETCHING, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
         Row(_S.FETCHING, _E.RESEND, _S.FETCHING, "resend_requests"),
@@ -87,18 +91,25 @@ DOWNLOAD_TABLE: Table[DownloadState, DownloadEvent] = Table(
         Row(_S.BACKING_OFF, _E.COUNT, _S.FETCHING, "begin"),
         Row(_S.BACKING_OFF, _E.COUNT_ZERO, _S.DONE, "finish"),
         Row(_S.BACKING_OFF, _E.ACK_REFUSED, _S.REFUSED),
-        Row(_S.BACKING_OFF, _E.RETRY, _S.LISTING, "begin_anew"),
+        Row(_S.BACKING_OFF, _E.RETRY, _S.LISTING, "ask_anew"),
         Row(_S.BACKING_OFF, _E.EXHAUSTED, _S.REFUSED),
         *staying([_S.BACKING_OFF], [_E.ITEM_STRAY, _E.ACK_ACCEPTED, _E.ACK_BUSY, _E.ACK_SEQUENCE, _E.ACK_CANCELLED]),
         #
         *(Row(state, _E.CANCEL, _S.CANCELLED, "send_cancel") for state in (_S.LISTING, _S.FETCHING, _S.BACKING_OFF)),
+        *(Row(state, _E.NO_PROGRESS, _S.STUCK, "send_cancel") for state in (_S.LISTING, _S.FETCHING)),
     ]
 )
 """Every transition of a download. A finished download listens to nothing."""
 
-DOWNLOAD_ENDS = frozenset({_S.DONE, _S.REFUSED, _S.VEHICLE_CANCELLED, _S.CANCELLED, _S.SILENT})
+DOWNLOAD_ENDS = frozenset({_S.DONE, _S.REFUSED, _S.VEHICLE_CANCELLED, _S.CANCELLED, _S.SILENT, _S.CHANGING, _S.STUCK})
 
 _THANKS_ON_A_BAD_LINK = 3
+_COUNT_CHANGES = 8
+_ERRORS_AT_AN_ITEM = 3
+"""So often in a row the same item is answered with an error before that is the end.
+
+Once is none: a PX4 says ERROR when a late duplicate asks out of turn, and that hits another item each time.
+"""
 
 _ACK_EVENTS: dict[int, DownloadEvent] = {
     MissionResult.ACCEPTED: _E.ACK_ACCEPTED,
@@ -146,6 +157,10 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         self._latest: MissionItemInt | MissionItemFloat | None = None
         self._missing = 0  # the first item that is not here
         self._asked_to = 0  # the items before this one were asked for
+        self._list_sent_at = now
+        self._count_changes = 0
+        self._error_at = -1  # the item that an error came instead of
+        self._errors_there = 0
         self._send_list(now)
 
     @property
@@ -179,11 +194,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     def _event_of(self, message: Message, now: float) -> DownloadEvent | None:
         del now
         if isinstance(message, MissionCount):
-            self._announced = message.count
-            if message.count == 0:
-                return DownloadEvent.COUNT_ZERO
-            fetching = self.state is DownloadState.FETCHING
-            return DownloadEvent.COUNT_CHANGED if fetching and message.count != self._count else DownloadEvent.COUNT
+            return self._count_event(message.count)
         if isinstance(message, MissionItemInt | MissionItemFloat):
             fetching = self.state is DownloadState.FETCHING
             if not fetching or message.seq in self._arrived or message.seq >= self._asked_to:
@@ -191,25 +202,50 @@ class Download(Exchange[DownloadState, DownloadEvent]):
             self._latest = message
             return DownloadEvent.ITEM_LAST if len(self._arrived) + 1 == self._count else DownloadEvent.ITEM
         if isinstance(message, MissionAck):
-            return _ACK_EVENTS.get(message.result, DownloadEvent.ACK_REFUSED)
+            event = _ACK_EVENTS.get(message.result, DownloadEvent.ACK_REFUSED)
+            breaks_off = event is DownloadEvent.ACK_BUSY and self.state is DownloadState.FETCHING
+            return DownloadEvent.ACK_REFUSED if breaks_off and self._is_last_error() else event
         return None
+
+    def _count_event(self, count: int) -> DownloadEvent:
+        if self.state is DownloadState.FETCHING:
+            if count == self._count:
+                return DownloadEvent.COUNT
+            self._count_changes += 1
+            last = self._count_changes > _COUNT_CHANGES or self.restarts >= RESTARTS
+            return DownloadEvent.COUNT_UNSTABLE if last else DownloadEvent.COUNT_CHANGED
+        self._announced = count
+        return DownloadEvent.COUNT if count else DownloadEvent.COUNT_ZERO
+
+    def _is_last_error(self) -> bool:
+        """Whether an error in place of the first missing item ends the download; counts those in a row."""
+        self._errors_there = self._errors_there + 1 if self._missing == self._error_at else 1
+        self._error_at = self._missing
+        return self._errors_there >= _ERRORS_AT_AN_ITEM or self.restarts >= RESTARTS
 
     def _deadlines(self) -> list[tuple[float, DownloadEvent]]:
         timing = self.timing
+        stuck = (self._stuck_at(), DownloadEvent.NO_PROGRESS)
         if self.state is DownloadState.LISTING:
             return [
-                (self._last_heard + timing.give_up_s, DownloadEvent.GIVE_UP),
+                stuck,
+                (self._silent_at(), DownloadEvent.GIVE_UP),
                 (self._resend_at(), DownloadEvent.RESEND),
             ]
         if self.state is DownloadState.FETCHING:
             return [
-                (self._last_heard + timing.stall_s, DownloadEvent.STALL),
+                stuck,
+                (self._stalled_at(), DownloadEvent.STALL),
                 (self._resend_at(), DownloadEvent.RESEND),
             ]
         return [
             (self._busy_until(), DownloadEvent.EXHAUSTED),
             (self._waiting_since + timing.busy_retry_s, DownloadEvent.RETRY),
         ]
+
+    def _event_when_due(self, event: DownloadEvent) -> DownloadEvent:
+        too_often = event is DownloadEvent.STALL and self.restarts >= RESTARTS
+        return DownloadEvent.NO_PROGRESS if too_often else event
 
     def _actions(self) -> Mapping[str, Callable[[float], None]]:
         return {
@@ -220,12 +256,15 @@ class Download(Exchange[DownloadState, DownloadEvent]):
             "resend_requests": self._resend_requests,
             "resend_list": self._resend_list,
             "begin_anew": self._begin_anew,
+            "ask_anew": self._ask_anew,
             "note_busy": self._note_busy,
+            "note_broken_off": self._note_broken_off,
             "send_cancel": self._send_cancel,
         }
 
     def _send_list(self, now: float) -> None:
         to = self.vehicle
+        self._list_sent_at = now
         self._send(MissionRequestList(to.system_id, to.component_id, self.mission_type), now, question=OPENING)
 
     def _resend_list(self, now: float) -> None:
@@ -233,12 +272,24 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         self._send_list(now)
 
     def _begin_anew(self, now: float) -> None:
+        self._note_restart(now)
+        self._departures.clear()
+        round_trip = self.patience.round_trip
+        if round_trip is not None and now - self._list_sent_at < round_trip.smoothed_s:
+            return  # an answer to the last one may be on its way; silence will bring the next
+        self._send_list(now)
+
+    def _ask_anew(self, now: float) -> None:
         self._departures.clear()
         self._send_list(now)
 
+    def _note_broken_off(self, now: float) -> None:
+        self._note_restart(now)
+        self._note_busy(now)
+
     def _begin(self, now: float) -> None:
         self._answered(OPENING, now)
-        self._busy_since = None
+        self._got_to(0, now)
         self._count = self._announced
         self._arrived = {}
         self._missing = self._asked_to = 0
@@ -251,6 +302,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         while self._missing in self._arrived:
             self._missing += 1
         self._answered(self._latest.seq, now)
+        self._got_to(len(self._arrived), now)
 
     def _store(self, now: float) -> None:
         self._keep_latest(now)
@@ -289,10 +341,4 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     def _send_thanks(self, now: float) -> None:
         """Nobody answers it, and without it PX4 takes no upload for 5 s: on a link that loses things it is said thrice."""
         for _ in range(_THANKS_ON_A_BAD_LINK if self.silences else 1):
-            self._send_ack(MissionResult.ACCEPTED, now)
-
-    def _send_cancel(self, now: float) -> None:
-        self._send_ack(MissionResult.OPERATION_CANCELLED, now)
-
-    def _send_ack(self, result: MissionResult, now: float) -> None:
-        self._send(MissionAck(self.vehicle.system_id, self.vehicle.component_id, result, self.mission_type), now)
+            self._send_result(MissionResult.ACCEPTED, now)

@@ -40,7 +40,9 @@ class Timing:
         items_ahead: How many items are sent (or asked for, where the vehicle serves any) before their turn. A silence
             sets it to 0, eight answers in a row bring one back.
         stall_s: Silence after which a conversation that had begun is begun anew. Longer than PX4 takes to drop one.
-        give_up_s: Silence after which the vehicle counts as silent.
+        give_up_s: Silence after which the vehicle counts as silent. A vehicle that answered late gets twice the time of
+            its latest answer before it counts as stalled, and so much longer before it counts as silent.
+        no_progress_s: A conversation that answers but gets no further than it was for this long is given up.
         busy_retry_s: Wait after "busy" or "no space" before asking again.
         busy_give_up_s: A vehicle that is busy for longer has refused. Longer than ArduPilot's own time-out.
         doubt_s: Wait after an ERROR that may only answer a duplicate, for a sign that the transfer goes on.
@@ -55,6 +57,7 @@ class Timing:
     items_ahead: int = 1
     stall_s: float = 6.0
     give_up_s: float = 15.0
+    no_progress_s: float = 60.0
     busy_retry_s: float = 0.5
     busy_give_up_s: float = 15.0
     doubt_s: float = 2.5
@@ -64,8 +67,8 @@ class Timing:
     def __post_init__(self) -> None:
         """Refuse times that would never end or never begin."""
         for name in (
-            "resend_s", "resend_shortest_s", "stall_s", "give_up_s", "busy_retry_s", "busy_give_up_s", "doubt_s",
-            "recheck_s", "linger_s",
+            "resend_s", "resend_shortest_s", "stall_s", "give_up_s", "no_progress_s", "busy_retry_s", "busy_give_up_s",
+            "doubt_s", "recheck_s", "linger_s",
         ):  # fmt: skip
             if not 0.0 < getattr(self, name) < math.inf:
                 raise MisuseError(f"Timing.{name} is {getattr(self, name)}, give a positive number of seconds")
@@ -80,7 +83,11 @@ class Timing:
 OPENING = -1
 """Stands for the first message of a conversation (COUNT, REQUEST_LIST, CLEAR_ALL) among the item numbers."""
 
+RESTARTS = 24
+"""A conversation is begun anew no more often than this. A PX4 whose requests are reordered badly needs up to 14."""
+
 _CLEAN_ANSWERS = 8
+_CANCELS_ON_A_BAD_LINK = 3
 
 
 class Exchange(ABC, Generic[StateT, EventT]):
@@ -93,6 +100,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
         patience: What was learnt about the link; give it to the next conversation with the same vehicle.
         last_result: The last MissionResult that the vehicle named; None when it named none.
         silences: How often something was sent again because nothing came.
+        restarts: How often the conversation was begun anew.
     """
 
     table: ClassVar[Table]  # type: ignore[type-arg]
@@ -115,7 +123,10 @@ class Exchange(ABC, Generic[StateT, EventT]):
         self.last_result: MissionResult | int | None = None
         self._outbox: list[Message] = []
         self._last_heard = self._last_sent = now
-        self.silences = 0
+        self.silences = self.restarts = 0
+        self._began_at = self._progress_at = now  # when this attempt began, and when it last got further than ever
+        self._reached = -1  # the furthest it ever got: items held, or the item asked for
+        self._regain_s = self._slowest_s = 0.0
         self._backed_off = 0
         self._departures = Departures()
         self._ahead = self.timing.items_ahead
@@ -135,7 +146,10 @@ class Exchange(ABC, Generic[StateT, EventT]):
 
     @abstractmethod
     def _deadlines(self) -> list[tuple[float, EventT]]:
-        """The times at which something happens in the present state although nothing arrives."""
+        """The times at which something happens in the present state although nothing arrives.
+
+        One of them is ``_stuck_at``, or another that strays of the vehicle cannot put off: so it always ends.
+        """
 
     def _event_when_due(self, event: EventT) -> EventT:
         """What a deadline's event turns out to be once its time has come."""
@@ -198,11 +212,39 @@ class Exchange(ABC, Generic[StateT, EventT]):
         if question is not None:
             self._departures.sent(question, now)
 
+    def _got_to(self, reached: int, now: float) -> None:
+        """Take note of how far the conversation is; only what is further than ever counts as progress."""
+        if reached > self._reached:
+            self._reached = reached
+            self._progress_at, self._regain_s = now, 0.0
+            self._busy_since = None
+
+    def _stuck_at(self) -> float:
+        """When the conversation is given up unless it gets further than it ever was."""
+        return self._progress_at + self._regain_s + self.timing.no_progress_s
+
+    def _stalled_at(self) -> float:
+        """When silence means that the conversation has broken off: later for a vehicle that was slow to answer before."""
+        return self._last_heard + max(self.timing.stall_s, 2.0 * self._slowest_s)
+
+    def _silent_at(self) -> float:
+        """When silence means that the vehicle is gone: as much later."""
+        return self._stalled_at() + max(0.0, self.timing.give_up_s - self.timing.stall_s)
+
+    def _note_restart(self, now: float) -> None:
+        """The conversation begins anew: grant it the time that it takes to get as far again."""
+        self.restarts += 1
+        if self.restarts <= RESTARTS:
+            longest_s = (self._reached + 1) * self.timing.resend_longest_s
+            self._regain_s += min(now - self._began_at, longest_s)
+        self._began_at = now
+
     def _answered(self, question: int, now: float) -> None:
         """The vehicle answered a question: learn how long that takes, and trust the link a bit more."""
         answer = self._departures.answered(question, now)
         if answer is not None:
             self.patience = self.patience.after(answer)
+            self._slowest_s = max(self._slowest_s, answer.since_first_s)
         self._backed_off = 0
         self._clean += 1
         if self._clean >= _CLEAN_ANSWERS:
@@ -213,6 +255,15 @@ class Exchange(ABC, Generic[StateT, EventT]):
         self.silences += 1
         self._backed_off += 1
         self._ahead = self._clean = 0
+
+    def _send_result(self, result: MissionResult, now: float) -> None:
+        to = self.vehicle
+        self._send(MissionAck(to.system_id, to.component_id, result, self.mission_type), now)
+
+    def _send_cancel(self, now: float) -> None:
+        """Tell the vehicle that it is over. Nobody answers it: on a link that loses things it is said thrice."""
+        for _ in range(_CANCELS_ON_A_BAD_LINK if self.silences else 1):
+            self._send_result(MissionResult.OPERATION_CANCELLED, now)
 
     def _on_its_way(self, question: int, now: float) -> bool:
         """Whether what is asked for went out less than a round trip ago, so that the two crossed on the way."""

@@ -13,14 +13,24 @@ from mission_io.enums import MissionResult
 from mission_io.errors import MisuseError
 from mission_io.items import MissionItem, MissionType
 from mission_io.messages import Message, MissionAck, MissionCount, MissionRequest, MissionRequestInt
-from mission_io.protocol.exchange import OPENING, Address, Exchange, Timing
+from mission_io.protocol.exchange import OPENING, RESTARTS, Address, Exchange, Timing
 from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.upload_table import UPLOAD_ENDS, UPLOAD_TABLE, UploadEvent, UploadState
 from mission_io.wire import message_from_item
 
-_RESTARTS = 2
+_FRESH_STARTS = 2
+"""So often an upload begins anew after the vehicle gave it up or said ERROR."""
 _DOUBTFUL_ITEMS = 8
-_BEGUN = (UploadState.SERVING, UploadState.CONFIRMING, UploadState.DOUBTING, UploadState.RECHECKING)
+REPEATS, REPEATS_PER_ITEM = 64, 4
+"""So many requests for what was asked for before are answered at once; further ones wait for the next silence."""
+_CANCELS = 16
+_BEGUN = (
+    UploadState.SERVING,
+    UploadState.CONFIRMING,
+    UploadState.ACKED_EARLY,
+    UploadState.DOUBTING,
+    UploadState.RECHECKING,
+)
 
 _ACK_EVENTS: dict[int, UploadEvent] = {
     MissionResult.NO_SPACE: UploadEvent.ACK_BUSY,
@@ -76,7 +86,9 @@ class Upload(Exchange[UploadState, UploadEvent]):
         self._furthest = -1  # the furthest item that was asked for since COUNT
         self._sent_to = 0  # the items before this one went out since COUNT
         self._across = 0
-        self._restarts = 0
+        self._fresh_starts = 0
+        self._repeats = self._cancels = 0
+        self._acked_early_at: float | None = None
         self.sent_count = 0
         self._send_count(now)
 
@@ -100,18 +112,34 @@ class Upload(Exchange[UploadState, UploadEvent]):
             return self._request_event(message.seq, now)
         if isinstance(message, MissionAck):
             if message.result == MissionResult.ACCEPTED:
-                return UploadEvent.ACK_ACCEPTED if self._items else UploadEvent.ACK_EMPTIED
+                return self._accepted_event(now)
             event = _ACK_EVENTS.get(message.result, UploadEvent.ACK_REFUSED)
-            begun = self.state in _BEGUN and self._restarts < _RESTARTS
+            begun = self.state in _BEGUN and self._fresh_starts < _FRESH_STARTS
             return UploadEvent.ACK_GAVE_UP if event is UploadEvent.ACK_CANCELLED and begun else event
         return None
 
+    def _accepted_event(self, now: float) -> UploadEvent:
+        if not self._items:
+            return UploadEvent.ACK_EMPTIED
+        if self.state is not UploadState.ANNOUNCED:
+            return UploadEvent.ACK_ACCEPTED
+        # The first ones may be left over from an earlier transfer, and come twice; later ones answer our COUNT.
+        if self._acked_early_at is None:
+            self._acked_early_at = now
+        late = now - self._acked_early_at >= self.timing.recheck_s
+        return UploadEvent.ACK_EARLY if late else UploadEvent.ACK_ACCEPTED
+
     def _request_event(self, seq: int, now: float) -> UploadEvent:
+        if self.state is UploadState.CANCELLING:
+            self._cancels += 1
+            if self._cancels > _CANCELS:
+                return UploadEvent.REQUEST_CROSSED
         if seq >= len(self._items):
             return UploadEvent.REQUEST_UNKNOWN
         going = self.state in (UploadState.SERVING, UploadState.CONFIRMING)
         if going and seq == self._asked and self._on_its_way(seq, now):
             return UploadEvent.REQUEST_CROSSED
+        backed_off, gets_on = self._backed_off, seq > self._furthest
         if seq > self._asked:
             self._answered(seq - 1, now)
             self._departures.forget_to(seq - 1)
@@ -122,6 +150,12 @@ class Upload(Exchange[UploadState, UploadEvent]):
         self._asked = seq
         self._furthest = max(self._furthest, seq)
         self._across = max(self._across, seq)
+        self._got_to(seq, now)
+        if not gets_on:
+            self._backed_off = backed_off
+            self._repeats += 1
+            if self._repeats > REPEATS + REPEATS_PER_ITEM * len(self._items):
+                return UploadEvent.REQUEST_CROSSED
         everything = max(self._sent_to, self._window_end()) == len(self._items)
         return UploadEvent.REQUEST_LAST if everything else UploadEvent.REQUEST
 
@@ -145,14 +179,21 @@ class Upload(Exchange[UploadState, UploadEvent]):
         timing = self.timing
         if self.state is UploadState.ANNOUNCED:
             return [
-                (self._last_heard + timing.give_up_s, UploadEvent.GIVE_UP),
+                (self._stuck_at(), UploadEvent.NO_PROGRESS),
+                (self._silent_at(), UploadEvent.GIVE_UP),
                 (self._resend_at(), UploadEvent.RESEND),
             ]
         resend = (self._resend_at(), UploadEvent.RESEND)
         if self.state in (UploadState.SERVING, UploadState.CONFIRMING):
-            return [(self._last_heard + timing.stall_s, UploadEvent.STALL), resend]
+            return [
+                (self._stuck_at(), UploadEvent.NO_PROGRESS),
+                (self._stalled_at(), UploadEvent.STALL),
+                resend,
+            ]
+        if self.state is UploadState.ACKED_EARLY:
+            return [(self._waiting_since + timing.recheck_s, UploadEvent.DOUBT_OVER), resend]
         if self.state is UploadState.DOUBTING:
-            over = UploadEvent.DOUBT_OVER if self._restarts < _RESTARTS else UploadEvent.DOUBT_CONFIRMED
+            over = UploadEvent.DOUBT_OVER if self._fresh_starts < _FRESH_STARTS else UploadEvent.DOUBT_CONFIRMED
             return [(self._waiting_since + timing.doubt_s, over), resend]
         if self.state is UploadState.RECHECKING:
             return [(self._waiting_since + timing.recheck_s, UploadEvent.DOUBT_OVER)]
@@ -164,6 +205,8 @@ class Upload(Exchange[UploadState, UploadEvent]):
         return [(self._waiting_since + timing.linger_s, UploadEvent.LINGER_OVER)]
 
     def _event_when_due(self, event: UploadEvent) -> UploadEvent:
+        if event is UploadEvent.STALL and self.state is UploadState.SERVING and self.restarts >= RESTARTS:
+            return UploadEvent.NO_PROGRESS
         items_follow = event is UploadEvent.RESEND and self.state is not UploadState.ANNOUNCED
         last = items_follow and self._doubtful()[-1] == len(self._items) - 1
         return UploadEvent.RESEND_LAST if last else event
@@ -174,6 +217,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
             "resend_items": self._resend_items,
             "restart": self._restart,
             "begin_anew": self._begin_anew,
+            "ask_anew": self._ask_anew,
             "resend_count": self._resend_count,
             "note_busy": self._note_busy,
             "send_cancel": self._send_cancel,
@@ -187,19 +231,22 @@ class Upload(Exchange[UploadState, UploadEvent]):
         self._count_silence()
         self._send_count(now)
 
-    def _begin_anew(self, now: float) -> None:
+    def _ask_anew(self, now: float) -> None:
         self._asked = self._furthest = -1
         self._sent_to = 0
         self._departures.clear()
         self._send_count(now)
 
+    def _begin_anew(self, now: float) -> None:
+        self._note_restart(now)
+        self._ask_anew(now)
+
     def _restart(self, now: float) -> None:
-        self._restarts += 1
+        self._fresh_starts += 1
         self._begin_anew(now)
 
     def _send_items(self, now: float) -> None:
         """Answer a request: what of the item and those ahead of their turn did not go out yet."""
-        self._busy_since = None
         for seq in range(max(self._asked, self._sent_to), self._window_end()):
             self._send_item(seq, now)
 
@@ -212,8 +259,3 @@ class Upload(Exchange[UploadState, UploadEvent]):
         self._sent_to = max(self._sent_to, seq + 1)
         self.sent_count = max(self.sent_count, seq + 1)
         self._send(self._items[seq], now, question=seq)
-
-    def _send_cancel(self, now: float) -> None:
-        to = self.vehicle
-        result = MissionResult.OPERATION_CANCELLED
-        self._send(MissionAck(to.system_id, to.component_id, result, self.mission_type), now)

@@ -11,6 +11,7 @@ class UploadState(Enum):
     ANNOUNCED = "COUNT sent, no item asked for yet"
     SERVING = "items are being asked for"
     CONFIRMING = "every item was sent; the final acknowledgement is awaited"
+    ACKED_EARLY = "an acknowledgement came before every item was sent; it may be about an earlier transfer"
     DOUBTING = "an ERROR came that may only answer a duplicate"
     RECHECKING = "an ERROR came after everything was sent; the list may be there already"
     BACKING_OFF = "the vehicle was busy; COUNT goes out again later"
@@ -21,6 +22,8 @@ class UploadState(Enum):
     VEHICLE_CANCELLED = "the vehicle cancelled"
     CANCELLED = "this side cancelled"
     SILENT = "the vehicle fell silent"
+    ACCEPTED_EARLY = "the vehicle accepted the list before it had asked for every item"
+    STUCK = "the vehicle answers but does not get on"
 
 
 class UploadEvent(Enum):
@@ -28,9 +31,10 @@ class UploadEvent(Enum):
 
     REQUEST = "an item is asked for"
     REQUEST_LAST = "an item is asked for, and with it the last one goes out"
-    REQUEST_CROSSED = "an item is asked for again that is on its way already"
+    REQUEST_CROSSED = "an item is asked for again that is on its way already, or too often"
     REQUEST_UNKNOWN = "an item that does not exist is asked for"
     ACK_ACCEPTED = "acknowledged"
+    ACK_EARLY = "acknowledged although no item was asked for, and not for the first time"
     ACK_EMPTIED = "acknowledged, and the list is empty"
     ACK_BUSY = "no space, or denied: busy or just booted"
     ACK_SEQUENCE = "an item came out of sequence: it was there already, or one before it is missing"
@@ -41,10 +45,11 @@ class UploadEvent(Enum):
     RESEND = "silence: say it again"
     RESEND_LAST = "silence: say it again, and with it the last item goes out"
     STALL = "long silence: begin anew"
+    NO_PROGRESS = "for long no item was asked for that had not been asked for before"
     GIVE_UP = "silence for good"
     RETRY = "waited long enough for a busy vehicle"
     EXHAUSTED = "busy for too long"
-    DOUBT_OVER = "no sign that the transfer goes on: begin anew"
+    DOUBT_OVER = "no sign that the transfer goes on"
     DOUBT_CONFIRMED = "the same, and beginning anew did not help"
     LINGER_OVER = "told it often enough"
     CANCEL = "this side wants to stop"
@@ -60,7 +65,8 @@ _ALL_ACKS = (
     _E.ACK_REFUSED,
     _E.ACK_CANCELLED,
 )
-_LIVE = (_S.ANNOUNCED, _S.SERVING, _S.CONFIRMING, _S.DOUBTING, _S.RECHECKING, _S.BACKING_OFF)
+_LIVE = (_S.ANNOUNCED, _S.SERVING, _S.CONFIRMING, _S.ACKED_EARLY, _S.DOUBTING, _S.RECHECKING, _S.BACKING_OFF)
+_WITHOUT_AN_END = (_S.ANNOUNCED, _S.SERVING, _S.CONFIRMING)
 
 UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
     [
@@ -73,6 +79,7 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         Row(_S.ANNOUNCED, _E.ACK_REFUSED, _S.REFUSED),
         Row(_S.ANNOUNCED, _E.RESEND, _S.ANNOUNCED, "resend_count"),
         Row(_S.ANNOUNCED, _E.GIVE_UP, _S.SILENT),
+        Row(_S.ANNOUNCED, _E.ACK_EARLY, _S.ACCEPTED_EARLY, "send_cancel"),
         # Leftovers of an earlier transfer: its acknowledgement, its requests, the vehicle giving it up.
         *staying([_S.ANNOUNCED], [_E.REQUEST_UNKNOWN, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE, _E.ACK_CANCELLED]),
         #
@@ -87,8 +94,22 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         Row(_S.SERVING, _E.RESEND, _S.SERVING, "resend_items"),
         Row(_S.SERVING, _E.RESEND_LAST, _S.CONFIRMING, "resend_items"),
         Row(_S.SERVING, _E.STALL, _S.ANNOUNCED, "begin_anew"),
-        # An acknowledgement before the last item was sent belongs to an earlier transfer.
-        *staying([_S.SERVING], [_E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE]),
+        # It may belong to an earlier transfer; then this one goes on.
+        Row(_S.SERVING, _E.ACK_ACCEPTED, _S.ACKED_EARLY),
+        *staying([_S.SERVING], [_E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE]),
+        #
+        Row(_S.ACKED_EARLY, _E.REQUEST, _S.SERVING, "send_items"),
+        Row(_S.ACKED_EARLY, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
+        Row(_S.ACKED_EARLY, _E.ACK_ACCEPTED, _S.ACCEPTED_EARLY, "send_cancel"),
+        Row(_S.ACKED_EARLY, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
+        Row(_S.ACKED_EARLY, _E.ACK_REFUSED, _S.REFUSED),
+        Row(_S.ACKED_EARLY, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
+        Row(_S.ACKED_EARLY, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
+        # Sent although it may be the last: an acknowledgement is no proof here any more.
+        Row(_S.ACKED_EARLY, _E.RESEND, _S.ACKED_EARLY, "resend_items"),
+        Row(_S.ACKED_EARLY, _E.RESEND_LAST, _S.ACKED_EARLY, "resend_items"),
+        Row(_S.ACKED_EARLY, _E.DOUBT_OVER, _S.ACCEPTED_EARLY, "send_cancel"),
+        *staying([_S.ACKED_EARLY], [_E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE, _E.ACK_ERROR]),
         #
         Row(_S.CONFIRMING, _E.REQUEST, _S.CONFIRMING, "send_items"),
         Row(_S.CONFIRMING, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
@@ -113,7 +134,7 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         Row(_S.RECHECKING, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
         Row(_S.RECHECKING, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
         Row(_S.RECHECKING, _E.DOUBT_OVER, _S.UNCONFIRMED),
-        *staying([_S.RECHECKING], [_E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE, _E.ACK_ERROR]),
+        *staying([_S.RECHECKING], [_E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE, _E.ACK_ERROR]),
         #
         Row(_S.DOUBTING, _E.REQUEST, _S.SERVING, "send_items"),
         Row(_S.DOUBTING, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
@@ -126,19 +147,31 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         # The vehicle may have given up, and the message that said so was lost.
         Row(_S.DOUBTING, _E.DOUBT_OVER, _S.ANNOUNCED, "restart"),
         Row(_S.DOUBTING, _E.DOUBT_CONFIRMED, _S.REFUSED),
-        *staying([_S.DOUBTING], [_E.REQUEST_UNKNOWN, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE, _E.ACK_ERROR]),
+        *staying(
+            [_S.DOUBTING],
+            [_E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE, _E.ACK_ERROR],
+        ),
         #
         Row(_S.BACKING_OFF, _E.REQUEST, _S.SERVING, "send_items"),
         Row(_S.BACKING_OFF, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
         Row(_S.BACKING_OFF, _E.ACK_EMPTIED, _S.ACCEPTED),
         Row(_S.BACKING_OFF, _E.ACK_REFUSED, _S.REFUSED),
-        Row(_S.BACKING_OFF, _E.RETRY, _S.ANNOUNCED, "begin_anew"),
+        Row(_S.BACKING_OFF, _E.RETRY, _S.ANNOUNCED, "ask_anew"),
         Row(_S.BACKING_OFF, _E.EXHAUSTED, _S.REFUSED),
         *staying(
             [_S.BACKING_OFF],
-            [_E.REQUEST_UNKNOWN, _E.ACK_ACCEPTED, _E.ACK_BUSY, _E.ACK_SEQUENCE, _E.ACK_ERROR, _E.ACK_CANCELLED],
+            [
+                _E.REQUEST_CROSSED,
+                _E.REQUEST_UNKNOWN,
+                _E.ACK_ACCEPTED,
+                _E.ACK_BUSY,
+                _E.ACK_SEQUENCE,
+                _E.ACK_ERROR,
+                _E.ACK_CANCELLED,
+            ],
         ),
         #
+        *(Row(state, _E.NO_PROGRESS, _S.STUCK, "send_cancel") for state in _WITHOUT_AN_END),
         *(Row(state, _E.CANCEL, _S.CANCELLING, "send_cancel") for state in _LIVE),
         *(
             Row(_S.CANCELLING, event, _S.CANCELLING, "send_cancel")
@@ -146,9 +179,20 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         ),
         *(Row(_S.CANCELLING, event, _S.CANCELLED) for event in _ALL_ACKS),
         Row(_S.CANCELLING, _E.LINGER_OVER, _S.CANCELLED),
-        *staying([_S.CANCELLING], [_E.CANCEL]),
+        *staying([_S.CANCELLING], [_E.CANCEL, _E.REQUEST_CROSSED]),
     ]
 )
 """Every transition of an upload. A finished upload listens to nothing."""
 
-UPLOAD_ENDS = frozenset({_S.ACCEPTED, _S.UNCONFIRMED, _S.REFUSED, _S.VEHICLE_CANCELLED, _S.CANCELLED, _S.SILENT})
+UPLOAD_ENDS = frozenset(
+    {
+        _S.ACCEPTED,
+        _S.UNCONFIRMED,
+        _S.REFUSED,
+        _S.VEHICLE_CANCELLED,
+        _S.CANCELLED,
+        _S.SILENT,
+        _S.ACCEPTED_EARLY,
+        _S.STUCK,
+    }
+)

@@ -153,3 +153,29 @@ def test_noise_instead_of_mavlink_is_said() -> None:
         VehicleSilentError, match=r"within 2.5 s; 60 bytes came that are no MAVLink; is the baud rate right"
     ):
         client.wait_for_vehicle(2.5)
+
+
+@pytest.mark.parametrize("call", ["upload", "download", "clear", "command"])
+def test_a_vehicle_that_signs_while_we_have_no_key_is_named(call: str) -> None:
+    """It is heard, and believes nothing of what we say: the key is what is missing, not the vehicle."""
+    client = client_of(signed_vehicle(KEY))
+    client.wait_for_vehicle()
+    calls = {
+        "upload": lambda: client.upload(MissionType.MISSION, ITEMS),
+        "download": lambda: client.download(MissionType.FENCE),
+        "clear": lambda: client.clear(MissionType.RALLY),
+        "command": lambda: client.command(400, 1.0),
+    }
+    with pytest.raises(VehicleSilentError, match=r"the vehicle signs .* has no key: give --signing-key"):
+        calls[call]()
+    assert client.statistics.signed > 5
+
+
+def test_a_silent_vehicle_that_does_not_sign_is_asked_no_key() -> None:
+    peer = VehiclePeer(PX4)
+    client = client_of(peer)
+    client.wait_for_vehicle()
+    peer.receive_datagram = lambda *_: None  # type: ignore[method-assign]
+    with pytest.raises(VehicleSilentError) as caught:
+        client.download(MissionType.MISSION)
+    assert "key" not in str(caught.value)

@@ -3,6 +3,9 @@
 from tests.mission_io.protocol.scripts import Script
 
 _BUSY_FOR_EVER = ", ".join(["ack DENIED", *["wait 0.5, ack DENIED"] * 29, "wait 0.6"])
+_ASKED_TOO_OFTEN = ", ".join(["req 0"] * 86)  # five items: 84 repeated requests are answered
+_STUCK = ", ".join(["req 0, wait 4"] * 16)
+_NOTHING_NEW = ", ".join(["wait 4, {0}"] * 15)
 _GIVEN_UP_TWICE = "req 0, ack OPERATION_CANCELLED, req 0, ack OPERATION_CANCELLED"
 
 # Five items: a request for item 3 sends the last one with it. Nothing takes time, so silences are 20 ms long.
@@ -18,6 +21,11 @@ UPLOAD = (
     Script("two items: both go out at once", "req 0", "CONFIRMING", "item 0, item 1", items=2),
     Script("an empty mission is acknowledged without a request", "ack ACCEPTED", "ACCEPTED", items=0),
     Script("an acknowledgement of an earlier upload is not ours", "ack ACCEPTED", "ANNOUNCED"),
+    Script("nor is it when it comes twice", "ack ACCEPTED, ack ACCEPTED", "ANNOUNCED"),
+    Script("a vehicle that acknowledges the count and asks for nothing", "ack ACCEPTED, wait 0.9, ack ACCEPTED",
+           "ACCEPTED_EARLY", "ack OPERATION_CANCELLED, ack OPERATION_CANCELLED, ack OPERATION_CANCELLED"),
+    Script("a vehicle that answers the count with what means nothing", _NOTHING_NEW.format("req 7") + ", wait 1", "STUCK",
+           "..."),
     Script("a request of an earlier, longer upload is not ours", "req 7", "ANNOUNCED"),
     Script("an out-of-sequence answer of an earlier upload", "ack INVALID_SEQUENCE", "ANNOUNCED"),
     Script("the vehicle giving up an earlier upload", "ack OPERATION_CANCELLED", "ANNOUNCED"),
@@ -34,6 +42,8 @@ UPLOAD = (
     Script("busy, and then refused for a reason", "ack NO_SPACE, ack INVALID", "REFUSED"),
     Script("busy for ever", _BUSY_FOR_EVER, "REFUSED"),
     Script("strays while waiting", "ack DENIED, req 9", "BACKING_OFF"),
+    Script("too many requests while waiting", f"{_ASKED_TOO_OFTEN}, ack DENIED, req 0", "BACKING_OFF"),
+    Script("busy after each request", ", ".join(["req 0, ack DENIED, wait 0.4"] * 40), "REFUSED"),
     Script("busy said twice", "ack DENIED, ack DENIED", "BACKING_OFF"),
     Script("an old acknowledgement while waiting", "ack DENIED, ack ACCEPTED", "BACKING_OFF"),
     Script("out of sequence while waiting", "ack DENIED, ack INVALID_SEQUENCE", "BACKING_OFF"),
@@ -46,7 +56,31 @@ UPLOAD = (
     Script("the last item but one", "req 0, req 1, req 2", "SERVING", "item 3"),
     Script("the last item", "req 0, req 1, req 2, req 3", "CONFIRMING", "item 4"),
     Script("a request out of range is ignored", "req 0, req 5", "SERVING"),
-    Script("an acknowledgement that is too early is ignored", "req 0, ack ACCEPTED", "SERVING"),
+    Script("asked for the same item for ever: answered at once until it is too often", _ASKED_TOO_OFTEN, "SERVING"),
+    Script("and then after silences only", f"{_ASKED_TOO_OFTEN}, wait 0.02", "SERVING", "item 0, item 1"),
+    Script("asked for nothing new for a minute", f"{_STUCK}", "STUCK", "..."),
+    Script("items 0, 1, 2 for ever", ", ".join(["req 0, wait 1, req 1, wait 1, req 2, wait 1"] * 21), "STUCK", "...",
+           items=20),
+    Script("items 0, 1, 2, 4 for ever", ", ".join(["req 0, wait 2, req 4, wait 2"] * 16), "STUCK", "..."),
+    # Acknowledged too early.
+    Script("an acknowledgement that is too early may be about an earlier upload", "req 0, ack ACCEPTED", "ACKED_EARLY"),
+    Script("and then this one goes on", "req 0, ack ACCEPTED, req 1", "SERVING", "item 2"),
+    Script("or comes to its end", "req 0, req 1, req 2, ack ACCEPTED, req 3", "CONFIRMING", "item 4"),
+    Script("or not: the vehicle says it again", "req 0, ack ACCEPTED, ack ACCEPTED", "ACCEPTED_EARLY",
+           "ack OPERATION_CANCELLED"),
+    Script("or it says no more", "req 0, ack ACCEPTED, wait 0.9", "ACCEPTED_EARLY", "..."),
+    Script("after an early acknowledgement the last item is no proof", "req 2, ack ACCEPTED, wait 0.1", "ACKED_EARLY",
+           "..."),
+    Script("a stray request after it", "req 0, ack ACCEPTED, req 9", "ACKED_EARLY"),
+    Script("too many requests after it", f"{_ASKED_TOO_OFTEN}, ack ACCEPTED, req 0", "ACKED_EARLY"),
+    Script("out of sequence after it", "req 0, ack ACCEPTED, ack INVALID_SEQUENCE", "ACKED_EARLY"),
+    Script("an error after it", "req 0, ack ACCEPTED, ack ERROR", "ACKED_EARLY"),
+    Script("busy after it", "req 0, ack ACCEPTED, ack DENIED", "BACKING_OFF"),
+    Script("refused after it", "req 0, ack ACCEPTED, ack INVALID", "REFUSED"),
+    Script("given up after it", "req 0, ack ACCEPTED, ack OPERATION_CANCELLED", "ANNOUNCED", "count 5"),
+    Script("given up after it for the last time",
+           f"{_GIVEN_UP_TWICE}, req 0, ack ACCEPTED, ack OPERATION_CANCELLED", "VEHICLE_CANCELLED"),
+    Script("cancel after it", "req 0, ack ACCEPTED, cancel", "CANCELLING", "ack OPERATION_CANCELLED"),
     Script("silence: what the vehicle may wait for goes out again", "req 0, wait 0.02", "SERVING",
            "item 0, item 1, item 2"),
     Script("after a silence one item at a time", "req 0, wait 0.02, req 1, req 2, req 3", "SERVING", "item 3"),
@@ -61,6 +95,7 @@ UPLOAD = (
     Script("silence near the end sends the last item, too", "req 0, req 1, req 2, wait 0.02", "CONFIRMING",
            "item 2, item 3, item 4"),
     Script("a stall begins anew", "req 0, wait 6", "ANNOUNCED", "... count 9", items=9),
+    Script("a stall after each item", ", ".join(f"req {i}, wait 6" for i in range(25)), "STUCK", "...", items=60),
     Script("a stall, and a vehicle that is gone", "req 0, wait 16", "SILENT", "... count 9", items=9),
     Script("a request that crossed its item is not answered again",
            "wait 0.04, req 0, wait 0.01, req 1, req 1", "SERVING", "", items=9),
@@ -82,6 +117,7 @@ UPLOAD = (
     Script("an error every time", ", ".join(["req 0, ack ERROR, wait 2.5"] * 3), "REFUSED", "...", items=20),
     Script("error twice", "req 0, ack ERROR, ack ERROR", "DOUBTING"),
     Script("a stray request while in doubt", "req 0, ack ERROR, req 8", "DOUBTING"),
+    Script("too many requests while in doubt", f"{_ASKED_TOO_OFTEN}, ack ERROR, req 0", "DOUBTING"),
     Script("an acknowledgement while in doubt", "req 0, ack ERROR, ack ACCEPTED", "DOUBTING"),
     Script("out of sequence while in doubt", "req 0, ack ERROR, ack INVALID_SEQUENCE", "DOUBTING"),
     Script("busy while in doubt", "req 0, ack ERROR, ack DENIED", "BACKING_OFF"),
@@ -120,6 +156,7 @@ UPLOAD = (
     Script("it goes on after all", "req 3, ack ERROR, req 3", "CONFIRMING", "item 3, item 4"),
     Script("it goes on at an earlier item", "req 4, ack ERROR, req 0", "CONFIRMING", "item 0, item 1"),
     Script("error twice at the end", "req 4, ack ERROR, ack ERROR", "RECHECKING"),
+    Script("too many requests after the error", f"{_ASKED_TOO_OFTEN}, req 4, ack ERROR, req 0", "RECHECKING"),
     Script("a stray request after the error", "req 4, ack ERROR, req 9", "RECHECKING"),
     Script("out of sequence after the error", "req 4, ack ERROR, ack INVALID_SEQUENCE", "RECHECKING"),
     Script("busy after the error", "req 4, ack ERROR, ack DENIED", "BACKING_OFF"),
@@ -139,6 +176,7 @@ UPLOAD = (
     Script("the same for the last item", "cancel, req 4", "CANCELLING", "ack OPERATION_CANCELLED"),
     Script("the same for an unknown item", "cancel, req 5", "CANCELLING", "ack OPERATION_CANCELLED"),
     Script("told often enough", "cancel, wait 1", "CANCELLED"),
+    Script("and however often it asks", f"cancel, {_ASKED_TOO_OFTEN}", "CANCELLING"),
     *(
         Script(f"{result} ends a cancelled upload", f"cancel, ack {result}", "CANCELLED")
         for result in ("ACCEPTED", "DENIED", "INVALID_SEQUENCE", "ERROR", "INVALID", "OPERATION_CANCELLED")
@@ -177,6 +215,18 @@ DOWNLOAD = (
     Script("old acknowledgement while fetching", "count 2, ack ACCEPTED", "FETCHING"),
     Script("out of sequence while fetching", "count 2, ack INVALID_SEQUENCE", "FETCHING"),
     Script("the list changed meanwhile", "count 2, ack ERROR", "BACKING_OFF"),
+    Script("an error in place of an item", ", ".join(["count 2, ack ERROR, wait 0.5"] * 2), "LISTING", "list"),
+    Script("the same for the third time", ", ".join(["count 2, ack ERROR, wait 0.5"] * 3), "REFUSED"),
+    Script("errors at one item and another", ", ".join(
+        ["count 3, ack ERROR, wait 0.5, count 3, item 0, ack ERROR, wait 0.5"] * 12), "LISTING", "list"),
+    Script("and too many of them", ", ".join(
+        ["count 3, ack ERROR, wait 0.5, count 3, item 0, ack ERROR, wait 0.5"] * 13), "REFUSED", "..."),
+    Script("a count that changes for ever", ", ".join(["count 2, count 3, wait 0.1"] * 9), "CHANGING"),
+    Script("no more items than there were, for a minute", f"count 9, item 0, {_NOTHING_NEW.format('item 0')}, wait 1",
+           "STUCK", "..."),
+    Script("a list request answered with what means nothing", f"{_NOTHING_NEW.format('item 0')}, wait 1", "STUCK", "..."),
+    Script("a stall after each item", ", ".join(f"count 60, wait 0.1, {fetched}, wait 6" for fetched in [
+        ", ".join(f"item {i}" for i in range(n)) or "item 0" for n in range(25)]), "STUCK", "..."),
     Script("refused while fetching", "count 2, ack INVALID", "REFUSED"),
     Script("cancelled while fetching", "count 2, ack OPERATION_CANCELLED", "VEHICLE_CANCELLED"),
     Script("a stall begins anew", "count 2, wait 6", "LISTING", "... list"),
@@ -220,6 +270,7 @@ CLEAR = (
     Script("refused", "ack UNSUPPORTED", "REFUSED"),
     Script("PX4 says ERROR while a download is unfinished: wait", "ack ERROR", "BACKING_OFF"),
     Script("out of sequence from before", "ack INVALID_SEQUENCE", "ASKED"),
+    Script("answers that mean nothing for a minute", _NOTHING_NEW.format("ack INVALID_SEQUENCE") + ", wait 1", "STUCK"),
     Script("busy: wait", "ack DENIED", "BACKING_OFF"),
     Script("ArduPilot denies twice", "ack DENIED, ack DENIED", "BACKING_OFF"),
     Script("a stray while waiting", "ack DENIED, ack OPERATION_CANCELLED", "BACKING_OFF"),

@@ -200,7 +200,9 @@ def test_vehicle_error_at_the_end() -> None:
 
 def test_client_ack_too_early() -> None:
     assert client_script("ack ACCEPTED")[0] is UploadState.ANNOUNCED
-    assert client_script("req 0, ack ACCEPTED")[0] is UploadState.SERVING
+    assert client_script("req 0, ack ACCEPTED")[0] is UploadState.ACKED_EARLY
+    assert client_script("req 0, ack ACCEPTED, req 1")[0] is UploadState.SERVING
+    assert client_script("req 0, ack ACCEPTED, wait 1")[0] is UploadState.ACCEPTED_EARLY
 
 
 def test_vehicle_ack_too_early() -> None:

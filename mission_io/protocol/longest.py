@@ -1,0 +1,62 @@
+"""The longest that a call of the client can take, whatever the vehicle does.
+
+Every conversation has a deadline that only progress moves: ``Timing.no_progress_s`` after it last got further than ever,
+where "further" is one more item held (download) or one more item asked for (upload). Beginning anew, at most ``RESTARTS``
+times, adds no more than the time that it takes to get as far again. How long the link takes for an answer does not come
+into it, as long as that is less than ``no_progress_s``.
+"""
+
+from dataclasses import dataclass
+
+from mission_io.protocol.exchange import RESTARTS, Timing
+
+CLEAR_TRIES = 3
+"""So often ``Client.clear`` asks for an empty list that the vehicle acknowledges and does not empty."""
+
+READINGS = 2
+"""So often a list is read back that is not what was sent."""
+
+STALE_READ_BACK_S = 0.1
+"""The pause between the two."""
+
+
+@dataclass(frozen=True, slots=True)
+class LongestTimes:
+    """Bounds in seconds, each reached by a vehicle that does its worst and by no honest one.
+
+    Attributes:
+        stuck_s: From the last progress of a transfer to its end.
+        download_s: ``Client.download``.
+        upload_s: ``Client.upload``, with reading back what the vehicle holds when it fails.
+        verified_upload_s: ``Client.upload_and_verify`` of a list that the vehicle need not be asked whether it has room for.
+        clear_s: ``Client.clear``, with reading back.
+    """
+
+    stuck_s: float
+    download_s: float
+    upload_s: float
+    verified_upload_s: float
+    clear_s: float
+
+
+def longest_times(timing: Timing, item_count: int) -> LongestTimes:
+    """The bounds for a vehicle with which at most ``item_count`` items get across in either direction.
+
+    A vehicle may take all but ``no_progress_s`` for each item and still gets on, so this grows with the number of items;
+    a vehicle that announces 65,535 items and sends three is over after the time for three.
+    """
+    steps = item_count + 1  # the count, and then each item
+    restarts_s = RESTARTS * steps * timing.resend_longest_s
+    waits_s = max(timing.busy_retry_s, timing.doubt_s, timing.recheck_s)
+    stuck_s = timing.no_progress_s + restarts_s + waits_s
+    transfer_s = steps * timing.no_progress_s + stuck_s
+    reading_s = READINGS * transfer_s + STALE_READ_BACK_S
+    upload_s = transfer_s + timing.linger_s + reading_s
+    clearing_s = timing.no_progress_s + timing.busy_retry_s
+    return LongestTimes(
+        stuck_s=stuck_s,
+        download_s=transfer_s,
+        upload_s=upload_s,
+        verified_upload_s=upload_s + reading_s,
+        clear_s=CLEAR_TRIES * (clearing_s + transfer_s),
+    )
