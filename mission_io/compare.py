@@ -98,8 +98,13 @@ def fault_text(differences: Sequence[Difference]) -> str | None:
         return None
     first = wrong[0]
     where = "" if first.item is None else f" in item {first.item}"
-    text = f"{first.field}{where} is {first.received}, planned is {first.sent}{_size_text(first)}"
+    text = f"{first.field}{where} is {_shown(first.received)}, planned is {_shown(first.sent)}{_size_text(first)}"
     return text if len(wrong) == 1 else f"{text}, the largest of {len(wrong)} differences"
+
+
+def _shown(value: FieldValue) -> str:
+    """A number with as many decimals as matter: seven for degrees."""
+    return f"{value:.7f}".rstrip("0").rstrip(".") if isinstance(value, float) else str(value)
 
 
 def _size_text(difference: Difference) -> str:

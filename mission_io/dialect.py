@@ -45,6 +45,12 @@ class Layout:
         return Struct("<" + "".join(items[:index])).size
 
 
+_LATER_EXTENSIONS: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
+    "mission_current": (("mission_id", "I"), ("fence_id", "I"), ("rally_points_id", "I")),
+}
+"""Extensions of the common message set that pymavlink's tables may lack, each with its format. Checksums do not know them."""
+
+
 def layout_of(name: str) -> Layout:
     """The layout of a message by its MAVLink name, in small letters."""
     kind = getattr(_dialect, f"MAVLink_{name}_message")
@@ -53,7 +59,12 @@ def layout_of(name: str) -> Layout:
     for field, count in zip(kind.ordered_fieldnames, kind.lengths, strict=True):
         places[field] = (start, count)
         start += count
-    return Layout(name, kind.id, kind.unpacker, places)
+    packed = kind.unpacker.format
+    for field, letter in _LATER_EXTENSIONS.get(name, ()):
+        if field not in places:
+            places[field] = (start, 1)
+            start, packed = start + 1, packed + letter
+    return Layout(name, kind.id, Struct(packed), places)
 
 
 def checksum(data: bytes) -> int:

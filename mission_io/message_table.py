@@ -197,7 +197,10 @@ ROWS: Final[tuple[MessageRow, ...]] = (
         _scaled("alt_amsl_m", "altitude", 1e3),
         x=0.0, y=0.0, z=0.0, q=(1.0, 0.0, 0.0, 0.0), approach_x=0.0, approach_y=0.0, approach_z=0.0,
     ),
-    _row(m.MissionCurrent, "mission_current", "seq", _known("total", "total", 65535), _same("state", "mission_state")),
+    _row(
+        m.MissionCurrent, "mission_current", "seq", _known("total", "total", 65535), _same("state", "mission_state"),
+        "mission_id",
+    ),
     _row(m.MissionItemReached, "mission_item_reached", "seq"),
     _row(
         m.StatusText, "statustext", "severity", _text("text", "text", 50), _same("text_id", "id"),

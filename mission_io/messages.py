@@ -87,11 +87,16 @@ class HomePosition:
 
 @dataclass(frozen=True, slots=True)
 class MissionCurrent:
-    """The item the vehicle flies to. ``total`` is None when the vehicle does not say (65535)."""
+    """The item the vehicle flies to.
+
+    ``total`` is None when the vehicle does not say (65535). ``mission_id`` is another number for each mission that the vehicle
+    holds; 0 where it has none.
+    """
 
     seq: int
     total: int | None = None
     state: int = MissionState.UNKNOWN
+    mission_id: int = 0
 
 
 @dataclass(frozen=True, slots=True)

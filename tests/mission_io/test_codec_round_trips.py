@@ -1,6 +1,7 @@
 """Messages of every kind with any values, through pymavlink's parser and packer and back."""
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -12,7 +13,7 @@ from mission_io import message_table
 from mission_io.codec import Codec
 from mission_io.dialect import layout_of
 from mission_io.framing import mavlink2_frame
-from mission_io.messages import Heartbeat, HomePosition, Message
+from mission_io.messages import Heartbeat, HomePosition, Message, MissionCurrent
 
 ROWS = {row.layout.name: row for row in message_table.ROWS}
 EXACT = 2**53
@@ -58,6 +59,11 @@ def test_any_message_survives_pymavlink(name: str) -> None:
     def survives(payload: bytes) -> None:
         number = ROWS[name].layout.message_id
         message = read(mavlink2_frame(number, payload, seq=0, system_id=9, component_id=9))
+        assert repr(read(sender.encode(message))) == repr(message)
+        if "mission_id" not in pymavlink.MAVLink_mission_current_message.fieldnames and isinstance(
+            message, MissionCurrent
+        ):
+            message = replace(message, mission_id=0)  # pymavlink's tables do not have it yet
         (parsed,) = theirs.parse_buffer(bytearray(sender.encode(message)))
         assert (parsed.get_type(), parsed.get_srcSystem(), parsed.get_srcComponent()) == (name.upper(), 42, 7)
         assert repr(read(bytes(parsed.pack(theirs)))) == repr(message)  # NaN is not equal to itself

@@ -58,7 +58,9 @@ class Conversation:
         self.paused = False
         self._on_event = on_event
         self._recent_complaints: deque[str] = deque(maxlen=3)
-        self.watch = Watch(client, monitor, patience, self.tell)
+        self.watch = Watch(
+            client, monitor, patience, self.tell, lambda text: self.tell(EventKind.WARNING, text, alarm=True)
+        )
 
     @property
     def autopilot(self) -> Autopilot:
@@ -110,9 +112,9 @@ class Conversation:
         heard = f" (heard {self.silence_s:.0f} s ago)" if self.silence_s > self.patience.deadman_s else ""
         return ", ".join(parts) + heard
 
-    def tell(self, kind: EventKind, text: str, *, waypoint: int | None = None) -> None:
+    def tell(self, kind: EventKind, text: str, *, waypoint: int | None = None, alarm: bool = False) -> None:
         """Pass on an event."""
-        self._on_event(FlightEvent(kind, text, self.monitor.time_s, waypoint))
+        self._on_event(FlightEvent(kind, text, self.monitor.time_s, waypoint, alarm))
 
     def pump(self) -> None:
         """Listen for a moment, and pass on what the vehicle says.
@@ -121,6 +123,14 @@ class Conversation:
             FlightFaultError: it is gone, or it restarted.
         """
         self.client.poll(_POLL_S)
+        self.attend()
+
+    def attend(self) -> None:
+        """Pass on what was heard, and look at what can go wrong; also while a transfer is going on.
+
+        Raises:
+            FlightFaultError: the vehicle is gone, or it restarted.
+        """
         while self.monitor.texts:
             said = self.monitor.texts.popleft()
             if said.severity <= _WARNING_SEVERITY:

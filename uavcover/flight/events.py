@@ -23,9 +23,11 @@ class FlightEvent:
         text: one line for people.
         time_s: vehicle time; None before the vehicle told its time.
         waypoint: number of the planned waypoint that is flown to, for progress; None for other events.
+        alarm: whether something is wrong now, so that it should be heard too.
     """
 
     kind: EventKind
     text: str
     time_s: float | None = None
     waypoint: int | None = None
+    alarm: bool = False

@@ -30,7 +30,7 @@ def follow_mission(conversation: Conversation, plan: FlightPlan, progress: Progr
         FlightFaultError: it did not; the ending says why.
         Stopped: the user asked to stop while the vehicle did what it was told.
     """
-    guard = MissionGuard(conversation, plan, progress)
+    guard = MissionGuard(conversation, plan, progress, meanwhile=progress.update)
     stuck_s = conversation.patience.stuck_s + longest_wait_s(plan)
     follower = _Follower(conversation, stuck_s, stops_before=0, pause=conversation.pause)
 

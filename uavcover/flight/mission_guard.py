@@ -1,19 +1,18 @@
 """Whether a vehicle in its mission still flies the mission that was planned, where it was planned."""
 
 import math
+from collections.abc import Callable
 
 from mission_io import messages as m
-from mission_io.autopilots import wire_items
-from mission_io.compare import compare_items, fault_text
-from mission_io.errors import MissionIoError
-from mission_io.items import MissionType
 from uavcover.flight.conversation import Conversation, Timer
 from uavcover.flight.events import EventKind
 from uavcover.flight.flight_plan import FlightPlan
+from uavcover.flight.mission_reading import MissionReading
 from uavcover.flight.outcome import Ending
 from uavcover.flight.progress import Progress
 
 _DOUBT_S = 3.0
+_OFF_DOUBT_S = 1.0
 _OFF_ROUTE_RADII = 10.0
 _LEANS_DEG = 15.0
 
@@ -21,17 +20,25 @@ _LEANS_DEG = 15.0
 class MissionGuard:
     """Notices that another ground station changed the mission or the item that is flown, and that the vehicle drifts away.
 
-    A sign of the first (another number of items, waypoints that are left out, going back) has the mission read back and
-    compared. So has a place far off the planned leg, which else is the wind's doing when the vehicle leans hard against it.
+    The mission is read back and compared every minute, and at each sign of a change: the vehicle's word for it, another mission
+    id or number of items, an upload that somebody else was thanked for, waypoints that are left out, going back. So it is far
+    off the planned leg, which else is the wind's doing when the vehicle leans hard against it.
 
     Args:
         conversation: with the vehicle.
         plan: what it is to fly.
         progress: along it.
+        meanwhile: what has to be done all the time, also while the mission is being read.
     """
 
-    def __init__(self, conversation: Conversation, plan: FlightPlan, progress: Progress) -> None:
+    def __init__(
+        self, conversation: Conversation, plan: FlightPlan, progress: Progress, meanwhile: Callable[[], None]
+    ) -> None:
         self._conversation, self._plan, self._progress = conversation, plan, progress
+        self._reading = MissionReading(conversation, plan, meanwhile)
+        self._found: str | None = None
+        self._mission_id = 0
+        self._words, self._uploads = conversation.watch.mission_words, conversation.monitor.uploads_taken
         self._total: int | None = None
         self._farthest = -1
         self._doubt: Timer | None = None
@@ -39,11 +46,13 @@ class MissionGuard:
 
     def look(self) -> None:
         """Look for signs; called while the vehicle is in its mission and in the air."""
-        if self._conversation.watch.is_open(Ending.MISSION_CHANGED):
-            return
-        self._look_at_total()
-        self._look_at_item()
-        self._look_at_place()
+        if not self._conversation.watch.is_open(Ending.MISSION_CHANGED):
+            self._look_at_total()
+            self._look_at_item()
+            self._look_at_place()
+        self._look_for_words()
+        if self._reading.due:
+            self._read_back()
 
     def _look_at_total(self) -> None:
         current = self._conversation.monitor.latest(m.MissionCurrent)
@@ -55,7 +64,17 @@ class MissionGuard:
             self._changed(
                 f"the vehicle holds {current.total} items instead of {self._total}: somebody else changed the mission"
             )
-            self._read_back()
+            self._reading.ask()
+
+    def _look_for_words(self) -> None:
+        """What says that the mission was changed, and not how."""
+        current, words = self._conversation.monitor.latest(m.MissionCurrent), self._conversation.watch.mission_words
+        mission_id = 0 if current is None else current.mission_id
+        uploads = self._conversation.monitor.uploads_taken
+        other_id = mission_id not in (0, self._mission_id) and self._mission_id != 0
+        if other_id or words != self._words or uploads != self._uploads:
+            self._reading.ask()
+        self._mission_id, self._words, self._uploads = mission_id or self._mission_id, words, uploads
 
     def _look_at_item(self) -> None:
         sign = self._wrong_item()
@@ -66,7 +85,7 @@ class MissionGuard:
         elif self._doubt.over:
             self._doubt = None
             self._changed(f"{sign}: somebody else set the item that is flown, or changed the mission")
-            self._read_back()
+            self._reading.ask()
 
     def _wrong_item(self) -> str | None:
         current = self._conversation.monitor.latest(m.MissionCurrent)
@@ -87,24 +106,27 @@ class MissionGuard:
         if off_m <= _OFF_ROUTE_RADII * self._plan.acceptance_radius_m:
             self._off_route = None
             for kind in (Ending.OFF_ROUTE, Ending.WIND_ABOVE_LIMITS):
-                watch.close(kind, "the vehicle is back near its planned leg")
+                watch.measure(kind, None, "", "the vehicle is back near its planned leg")
         elif self._off_route is None:
-            self._off_route = Timer(conversation, _DOUBT_S)
-        elif self._off_route.over and not (watch.is_open(Ending.OFF_ROUTE) or watch.is_open(Ending.WIND_ABOVE_LIMITS)):
+            self._off_route = Timer(conversation, _OFF_DOUBT_S)
+        elif self._off_route.over:
             text = f"the vehicle is {off_m:.0f} m off the planned leg to item {conversation.monitor.current_seq}"
-            difference = self._difference()
-            if difference is not None:
-                self._changed(f"{text}: somebody else changed the mission; {difference}")
-                return
+            windy, astray = watch.is_open(Ending.WIND_ABOVE_LIMITS), watch.is_open(Ending.OFF_ROUTE)
+            if not (windy or astray):
+                self._read_back(text)
+                if watch.is_open(Ending.MISSION_CHANGED):
+                    return
             lean_deg = self._lean_deg()
             cause = watch.recent_cause(within_s=60.0)
-            if lean_deg > _LEANS_DEG or (cause is not None and cause[0] is Ending.WIND_ABOVE_LIMITS):
+            warned = cause is not None and cause[0] is Ending.WIND_ABOVE_LIMITS
+            if windy or (not astray and (lean_deg > _LEANS_DEG or warned)):
                 watch.open(
                     Ending.WIND_ABOVE_LIMITS,
                     f"{text} and leans by {lean_deg:.0f} degrees: the wind is above what it can fly against",
+                    off_m,
                 )
             else:
-                watch.open(Ending.OFF_ROUTE, f"{text}, although it holds the planned mission")
+                watch.open(Ending.OFF_ROUTE, f"{text}, although it holds the planned mission", off_m)
 
     def _lean_deg(self) -> float:
         attitude = self._conversation.monitor.latest(m.Attitude)
@@ -115,18 +137,13 @@ class MissionGuard:
     def _changed(self, text: str) -> None:
         self._conversation.watch.open(Ending.MISSION_CHANGED, text)
 
-    def _read_back(self) -> None:
-        """Tell how the mission that the vehicle holds differs from the planned one."""
-        difference = self._difference()
-        self._conversation.tell(EventKind.WARNING, difference or "the vehicle still holds the planned mission")
-
-    def _difference(self) -> str | None:
-        """How the mission that the vehicle holds differs from the planned one; None when it does not."""
-        conversation = self._conversation
-        autopilot = conversation.autopilot
-        try:
-            held = conversation.client.download(MissionType.MISSION)
-        except MissionIoError as error:
-            return f"its mission could not be read back: {error}"
-        wrong = fault_text(compare_items(wire_items(self._plan.mission, autopilot), held, autopilot))
-        return None if wrong is None else f"of its mission {wrong}"
+    def _read_back(self, sign: str = "") -> None:
+        """Read the mission, and tell how it differs from the planned one, once for each difference."""
+        difference, watch = self._reading.difference(), self._conversation.watch
+        if difference is not None and difference != self._found:
+            self._found = difference
+            if watch.is_open(Ending.MISSION_CHANGED):
+                self._conversation.tell(EventKind.WARNING, f"of its mission {difference}", alarm=True)
+            else:
+                place = f"{sign}: " if sign else ""
+                self._changed(f"{place}somebody else changed the mission in flight: {difference}")

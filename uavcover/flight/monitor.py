@@ -7,7 +7,8 @@ from typing import TypeVar
 
 from mission_io import messages as m
 from mission_io.client import Client
-from mission_io.enums import LandedState, MissionState
+from mission_io.enums import LandedState, MissionResult, MissionState
+from mission_io.items import MissionType
 from mission_io.link import Link, open_link
 from mission_io.protocol.exchange import Address, Timing
 from uavcover.flight.texts import TextAssembler
@@ -31,6 +32,7 @@ class Monitor:
         counts: how many messages of each kind arrived.
         restarted: whether the vehicle's time went back: it was switched off and on.
         reached: the highest mission item that the vehicle said it reached.
+        uploads_taken: how often it thanked somebody for a mission, us or another ground station.
     """
 
     def __init__(self) -> None:
@@ -42,6 +44,7 @@ class Monitor:
         self.counts: Counter[type[m.Message]] = Counter()
         self.restarted = False
         self.reached = -1
+        self.uploads_taken = 0
         self._assembler = TextAssembler()
         self._vehicle: Address | None = None
         self._latest: dict[type, m.Message] = {}
@@ -110,6 +113,8 @@ class Monitor:
                 self.position_at_s = now
                 if self.on_position is not None:
                     self.on_position(message)
+            case m.MissionAck(result=MissionResult.ACCEPTED, mission_type=MissionType.MISSION):
+                self.uploads_taken += 1
             case m.MissionItemReached():
                 self.reached = max(self.reached, message.seq)
             case m.StatusText():

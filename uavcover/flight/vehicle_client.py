@@ -1,5 +1,6 @@
 """What following and controlling a vehicle need of a client, so that there can be more than one kind of it."""
 
+from collections.abc import Callable
 from typing import Protocol, TypeVar
 
 from mission_io.clock import Clock
@@ -71,8 +72,8 @@ class VehicleClient(Protocol):
         """Read a parameter by its name."""
         ...
 
-    def download(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
-        """One of the vehicle's lists, as it is on the wire."""
+    def download(self, mission_type: MissionType, *, stop: Callable[[], bool] | None = ...) -> tuple[MissionItem, ...]:
+        """One of the vehicle's lists, as it is on the wire; ``stop`` is asked all the time whether to cancel."""
         ...
 
     def upload_and_verify(self, content: Content, *, in_flight: bool = ...) -> Verification:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 from mission_io import messages as m
 from mission_io.enums import AutopilotId, EkfFlag
+from uavcover.flight.alarm import Alarm, Told
 from uavcover.flight.events import EventKind
 from uavcover.flight.flight_plan import Patience
 from uavcover.flight.monitor import Monitor
@@ -32,6 +33,24 @@ def cause_in(text: str) -> Ending | None:
     return next((cause for cause, known in _WORDS if any(word in words for word in known)), None)
 
 
+_OTHER_MISSION = ("changed", "received", "updated", "uploaded", "new")
+"""Words beside "mission" or "flight plan" that speak of another one."""
+
+_SILENCE = frozenset({Ending.LINK_LOST, Ending.HEARTBEAT_LOST, Ending.POSITION_LOST})
+_SETTLE_S = 2.0
+_LOW_BATTERY_PERCENT = 15
+
+
+@dataclass(slots=True)
+class _Going:
+    """Something that goes wrong now: which incident it is, when to tell it, and what was told of it last."""
+
+    number: int
+    alarm: Alarm
+    text: str = ""
+    amount: float | None = 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class _Said:
     """A warning of the vehicle that tells a cause."""
@@ -49,20 +68,30 @@ class Watch:
         monitor: hears what the client hears.
         patience: how long silence may be.
         tell: takes what is to be told.
+        sound: takes what is to be heard, too.
 
     Attributes:
         incidents: all that went wrong so far, in the order in which it began.
+        mission_words: how many lines of the vehicle spoke of another mission.
     """
 
     def __init__(
-        self, client: VehicleClient, monitor: Monitor, patience: Patience, tell: Callable[[EventKind, str], None]
+        self,
+        client: VehicleClient,
+        monitor: Monitor,
+        patience: Patience,
+        tell: Callable[[EventKind, str], None],
+        sound: Callable[[str], None],
     ) -> None:
-        self._client, self._monitor, self._patience, self._tell = client, monitor, patience, tell
-        self._open: dict[Ending, int] = {}
+        self._client, self._monitor, self._patience = client, monitor, patience
+        self._tell, self._sound = tell, sound
+        self._open: dict[Ending, _Going] = {}
+        self._begun: list[Ending] = []
         self._said: list[_Said] = []
         self._in_flight = False
         self._heard_again_at_s = client.clock.now()
         self.incidents: list[Incident] = []
+        self.mission_words = 0
 
     def take_off(self) -> None:
         """From here on a lost fix counts too: on the ground it was waited for."""
@@ -70,6 +99,9 @@ class Watch:
 
     def take_text(self, said: m.StatusText) -> None:
         """Take note of a warning of the vehicle."""
+        words = said.text.lower()
+        about = "mission" in words or "flight plan" in words
+        self.mission_words += about and any(word in words for word in _OTHER_MISSION)
         cause = cause_in(said.text) if said.severity <= _WARNING_SEVERITY else None
         if cause is not None:
             self._said.append(_Said(cause, said.text, self._client.clock.now()))
@@ -82,21 +114,51 @@ class Watch:
         """What was told of the latest incident of a kind; what its name means when there was none."""
         return next((i.text for i in reversed(self.incidents) if i.kind is kind), kind.value)
 
-    def open(self, kind: Ending, text: str) -> None:
-        """Tell that something goes wrong; once, until it is over."""
-        if kind in self._open:
-            return
-        self._open[kind] = len(self.incidents)
-        self.incidents.append(Incident(kind, text, self._monitor.time_s))
-        self._tell(EventKind.WARNING, text)
+    def take_begun(self) -> list[Ending]:
+        """What began to go wrong since the last call."""
+        begun, self._begun = self._begun, []
+        return begun
+
+    def open(self, kind: Ending, text: str, amount: float = 0.0) -> None:
+        """Something goes wrong, by an amount in a unit of its own: told at once, when it has doubled, and while it lasts."""
+        going = self._open.get(kind)
+        if going is None:
+            going = self._open[kind] = _Going(len(self.incidents), Alarm(settle_s=_SETTLE_S))
+            self.incidents.append(Incident(kind, text, self._monitor.time_s))
+            self._begun.append(kind)
+        elif amount > going.alarm.largest:
+            self.incidents[going.number] = replace(self.incidents[going.number], text=text)
+        going.text, going.amount = text, amount
+        self._measure(kind, going, amount)
+
+    def measure(self, kind: Ending, amount: float | None, text: str, over: str) -> None:
+        """Like ``open``, and with None the end of it, told as ``over``, once it has stayed away for a moment."""
+        going = self._open.get(kind)
+        if amount is not None:
+            self.open(kind, text, amount)
+        elif going is not None:
+            going.amount = None
+            if self._measure(kind, going, None) is Told.ENDED:
+                self.close(kind, over)
 
     def close(self, kind: Ending, text: str) -> None:
         """Tell that it is over, if it was there."""
-        number = self._open.pop(kind, None)
-        if number is None:
+        going = self._open.pop(kind, None)
+        if going is None:
             return
-        self.incidents[number] = replace(self.incidents[number], end_s=self._monitor.time_s)
+        self.incidents[going.number] = replace(self.incidents[going.number], end_s=self._monitor.time_s)
         self._tell(EventKind.WARNING, text)
+
+    def _measure(self, kind: Ending, going: "_Going", amount: float | None) -> Told | None:
+        now, vehicle_s = self._client.clock.now(), self._monitor.time_s
+        if kind not in _SILENCE and vehicle_s is not None:  # the vehicle's own time stands still while nothing is heard
+            now = vehicle_s
+        told = going.alarm.measure(amount, now)
+        if told in (Told.BEGUN, Told.DOUBLED):
+            self._sound(going.text)
+        elif told is Told.LASTS:
+            self._sound(f"still: {going.text}")
+        return told
 
     def recent_cause(self, *, within_s: float) -> tuple[Ending, str] | None:
         """What the vehicle most likely reacts to if it does something by itself now: what it said, or what went wrong.
@@ -134,6 +196,10 @@ class Watch:
             self._look_at_positions(now)
         if self._in_flight:
             self._look_at_fix()
+            self._look_at_battery()
+        for kind, going in self._open.items():
+            if going.amount is not None:
+                self._measure(kind, going, going.amount)
 
     def _age_s(self, time_s: float) -> float:
         return 0.0 if self._monitor.time_s is None else self._monitor.time_s - time_s
@@ -148,6 +214,7 @@ class Watch:
             self.open(
                 Ending.LINK_LOST,
                 f"nothing from vehicle {vehicle} for {silence_s:.1f} s; waiting for it up to {self._patience.link_lost_s:g} s",
+                silence_s,
             )
         elif self.is_open(Ending.LINK_LOST):
             self._heard_again_at_s = self._client.clock.now()
@@ -162,6 +229,7 @@ class Watch:
                 Ending.HEARTBEAT_LOST,
                 f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages come; its mode, and "
                 "whether it is armed, are not known",
+                age_s,
             )
         elif self.is_open(Ending.HEARTBEAT_LOST):
             self.close(Ending.HEARTBEAT_LOST, f"the heartbeat of vehicle {vehicle} is back")
@@ -174,6 +242,7 @@ class Watch:
             self.open(
                 Ending.POSITION_LOST,
                 f"no position for {now - heard_at:.1f} s, although other messages of the vehicle come",
+                now - heard_at,
             )
         elif self.is_open(Ending.POSITION_LOST):
             self.close(Ending.POSITION_LOST, "positions come again")
@@ -190,6 +259,16 @@ class Watch:
             self.open(Ending.GPS_LOST, f"the vehicle has lost its {' and its '.join(lacks)}")
         else:
             self.close(Ending.GPS_LOST, "the vehicle has its position again")
+
+    def _look_at_battery(self) -> None:
+        """A battery that is low; it doubles when half of what was left then is gone."""
+        status = self._monitor.latest(m.SysStatus)
+        left = None if status is None else status.battery_remaining_percent
+        if left is None or left < 0:
+            return
+        low = left <= _LOW_BATTERY_PERCENT
+        text = f"the battery has {left} % left"
+        self.measure(Ending.BATTERY_LOW, 100.0 / max(left, 1) if low else None, text, f"{text} again")
 
 
 def has_position(ekf: m.EkfStatusReport) -> bool:

@@ -1,9 +1,10 @@
 """What each fault does to the mock vehicle when its moment has come, and what ends it."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from mission_io.items import Command, MissionType
+from mission_io.items import Command, MissionItem, MissionType
 from uavcover.flight.mock.faults import Fault, FaultKind, Since
 from uavcover.flight.mock.wind import Wind
 from uavcover.flight.modes import Mode
@@ -123,7 +124,25 @@ def _change_mission(vehicle: "MockVehicle", _: Fault) -> None:
         return
     ahead = [seq for seq in places if seq > vehicle.current_seq + 1]
     gone = ahead[0] if ahead else places[-1]
-    vehicle.missions.replace(MissionType.MISSION, (*items[:gone], *items[gone + 1 :]))
+    _upload(vehicle, (*items[:gone], *items[gone + 1 :]))
+
+
+def _lower_mission(vehicle: "MockVehicle", fault: Fault) -> None:
+    """Another ground station uploads the same mission with lower waypoints: neither its length nor the current item tells."""
+    home = int(vehicle.autopilot.home_in_item_0)
+    _upload(
+        vehicle,
+        tuple(
+            replace(item, alt_m=item.alt_m - fault.number)
+            if item.command == Command.NAV_WAYPOINT and n >= home
+            else item
+            for n, item in enumerate(vehicle.mission_items)
+        ),
+    )
+
+
+def _upload(vehicle: "MockVehicle", items: tuple[MissionItem, ...]) -> None:
+    vehicle.missions.replace(MissionType.MISSION, items)
     if vehicle.is_ardupilot:
         vehicle.say(_INFO, "Flight plan received")
     vehicle.mission.changed()
@@ -137,6 +156,7 @@ _BEGIN: dict[FaultKind, Callable[["MockVehicle", Fault], None]] = {
     FaultKind.STUCK: _get_stuck,
     FaultKind.STRONG_WIND: _blow,
     FaultKind.MISSION_CHANGED: _change_mission,
+    FaultKind.MISSION_LOWERED: _lower_mission,
 }
 """A fault that is not here works by going on: the vehicle asks ``is_going_on``."""
 

@@ -22,6 +22,7 @@ class FaultKind(Enum):
     ARMING_REFUSED = "arming-refused"
     STRONG_WIND = "strong-wind"
     MISSION_CHANGED = "mission-changed"
+    MISSION_LOWERED = "mission-lowered"
 
 
 class Since(Enum):
@@ -97,6 +98,7 @@ ARGUMENTS: dict[FaultKind, Argument] = {
     FaultKind.LINK_OUTAGE: Argument("seconds on the link's clock, 10 when not given", default=10.0),
     FaultKind.STUCK: Argument(_SECONDS),
     FaultKind.ARMING_REFUSED: Argument(_SECONDS),
+    FaultKind.MISSION_LOWERED: Argument("metres, 25 when not given", default=25.0),
     FaultKind.STRONG_WIND: Argument("metres per second, 25 when not given", default=25.0),
 }
 """What each fault takes after its colon; one that is not here takes nothing."""

@@ -98,6 +98,8 @@ class MissionFlight:
         """Go on with another mission than before."""
         vehicle = self._vehicle
         if vehicle.flying and vehicle.mode is Mode.MISSION:
+            if vehicle.is_ardupilot:
+                vehicle.say(_CRITICAL, "Auto mission changed, restarted command")
             self.start()
         elif not vehicle.flying or not vehicle.autopilot.home_in_item_0:
             self.current_seq, self.state = 0, MissionState.NOT_STARTED

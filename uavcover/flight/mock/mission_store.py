@@ -1,5 +1,6 @@
 """The lists that the mock vehicle holds, behind the vehicle's side of the mission protocol, in the right clock."""
 
+import zlib
 from collections.abc import Iterable
 
 import numpy as np
@@ -41,6 +42,8 @@ class MissionStore:
         self._server = self._booted(0.0)
         self._held_back: list[tuple[float, MissionType, tuple[MissionItem, ...]]] = []
         self._before: dict[MissionType, tuple[MissionItem, ...]] = {}
+        self._numbered: tuple[MissionItem, ...] = ()
+        self._mission_id = 0
 
     def _booted(self, vehicle_s: float) -> MissionServer:
         # Booting takes vehicle time, whatever clock transfers wait in.
@@ -54,6 +57,16 @@ class MissionStore:
             if held_back is mission_type:
                 return items
         return self._server.items(mission_type)
+
+    @property
+    def mission_id(self) -> int:
+        """PX4's number of the mission that it holds, another one for another mission; 0 for none, as ArduPilot tells."""
+        items = self.items(MissionType.MISSION)
+        if self._autopilot.home_in_item_0 or not items:
+            return 0
+        if items != self._numbered:
+            self._numbered, self._mission_id = items, zlib.crc32(repr(items).encode())
+        return self._mission_id
 
     def replace(self, mission_type: MissionType, items: Iterable[MissionItem]) -> None:
         """Put another list into the vehicle from its own side."""

@@ -117,7 +117,8 @@ def _attitude(vehicle: "MockVehicle") -> m.Message:
 def _mission_current(vehicle: "MockVehicle") -> m.Message:
     count = len(vehicle.mission_items)
     total = max(0, count - 1) if vehicle.autopilot.home_in_item_0 else count
-    return m.MissionCurrent(vehicle.current_seq, total, vehicle.mission_state if count else MissionState.NO_MISSION)
+    state = vehicle.mission_state if count else MissionState.NO_MISSION
+    return m.MissionCurrent(vehicle.current_seq, total, state, vehicle.missions.mission_id)
 
 
 def _sys_status(vehicle: "MockVehicle") -> m.Message:
