@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+import shapely
 
 from mission_io import SigningKey
 from mission_io.autopilots import wire_items
@@ -30,8 +31,10 @@ from uavcover.flight.mock.server import register_mock
 from uavcover.flight.mock.settings import Settings
 from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.flight.monitor import Monitor, open_vehicle
+from uavcover.flight.precautions import USUAL, Precautions
 from uavcover.flight.readiness import check_home as check_home_of
 from uavcover.flight.return_home import PlanReturn
+from uavcover.flight.surroundings import Surroundings
 from uavcover.flight.vehicle_type import require_multirotor
 from uavcover.leg_checks import find_problems
 from uavcover.mission_compiler import AUTOPILOTS, CompiledMission, compile_continuation, compile_return
@@ -173,6 +176,26 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
         acceptance_radius_m=site.scenario.vehicle.acceptance_radius_m,
         max_climb_m_s=site.scenario.vehicle.max_climb_m_s,
         max_descent_m_s=site.scenario.vehicle.max_descent_m_s,
+        surroundings=_surroundings(site),
+    )
+
+
+def _surroundings(site: Site) -> Surroundings:
+    """What positions in flight are judged by."""
+    shapely.prepare(site.fence)
+
+    def ground_up_m(east_m: float, north_m: float) -> float:
+        return float(site.ground.heights_m(np.array([[east_m, north_m]]))[0])
+
+    def outside_fence_m(east_m: float, north_m: float) -> float:
+        return float(site.fence.distance(shapely.Point(east_m, north_m)))
+
+    limits = site.scenario.limits
+    return Surroundings(
+        ground_up_m=ground_up_m,
+        outside_fence_m=outside_fence_m,
+        min_height_agl_m=limits.min_height_agl_m,
+        max_height_agl_m=limits.max_height_agl_m,
     )
 
 
@@ -199,6 +222,7 @@ class Orders:
         pause: whether the user wants the vehicle to wait where it is.
         confirmed: whether a vehicle that may be real may be flown.
         patience: how long to wait for what.
+        precautions: what to do when it goes wrong, and before it begins.
     """
 
     on_sample: Callable[[TrackSample], None]
@@ -207,6 +231,7 @@ class Orders:
     pause: Callable[[], bool] = lambda: False
     confirmed: bool = False
     patience: Patience | None = None
+    precautions: Precautions = USUAL
 
 
 def fly(vehicle: Connected, site: Site, compiled: CompiledMission, orders: Orders) -> FlightOutcome:
@@ -224,7 +249,7 @@ def fly(vehicle: Connected, site: Site, compiled: CompiledMission, orders: Order
     return fly_plan(
         vehicle.client, vehicle.monitor, flight_plan(site, compiled),
         on_sample=orders.on_sample, on_event=orders.on_event, stop=orders.stop, pause=orders.pause,
-        confirmed=orders.confirmed, patience=orders.patience, plan_return=_plan_return(site),
+        confirmed=orders.confirmed, patience=orders.patience, precautions=orders.precautions, plan_return=_plan_return(site),
     )  # fmt: skip
 
 
@@ -289,7 +314,7 @@ def _take_over(vehicle: Connected, site: Site, plan_onward: PlanOnward, orders: 
     return fly_on_plan(
         vehicle.client, vehicle.monitor, plan_onward,
         on_sample=orders.on_sample, on_event=orders.on_event, stop=orders.stop, pause=orders.pause,
-        confirmed=orders.confirmed, patience=orders.patience, plan_return=_plan_return(site),
+        confirmed=orders.confirmed, patience=orders.patience, precautions=orders.precautions, plan_return=_plan_return(site),
     )  # fmt: skip
 
 

@@ -48,6 +48,16 @@ class Console:
         """A line that should not be missed; always on stderr."""
         self._write(sys.stderr, f"warning: {line}")
 
+    def ring(self) -> None:
+        """The terminal's bell; nothing where stderr is none."""
+        if not sys.stderr.isatty():
+            return
+        try:
+            sys.stderr.write("\a")
+            sys.stderr.flush()
+        except OSError:
+            discard(sys.stderr)
+
     def result(self, document: dict[str, Any]) -> None:
         """The command's answer as JSON, when that was asked for.
 

@@ -112,6 +112,8 @@ class FlightLog:
             self._bar.update(event.waypoint, total=self._waypoint_count, note=note)
         elif event.kind is EventKind.WARNING:
             self._console.warn(event.text)
+            if event.alarm:
+                self._console.ring()
         else:
             self._console.say(f"  {'' if event.time_s is None else f'{event.time_s:.1f} s '}{event.text}")
 

@@ -29,6 +29,7 @@ def fly(
     link_lost_s: Annotated[
         float, typer.Option("--link-lost", metavar="S", help="Give the vehicle up after so long a silence.")
     ] = 30.0,
+    on_breach: options.OnBreachAction = None,
     resume: Annotated[
         bool,
         typer.Option("--resume", help="Go on with the flight that was not finished, from the ground or in the air."),
@@ -51,12 +52,14 @@ def fly(
     from uavcover.cli.ending import INTERRUPTED
     from uavcover.cli.flying import ENDED_BY_USER, fly_run
     from uavcover.flight.flight_plan import Patience
+    from uavcover.flight.precautions import Precautions
     from uavcover.run_folder import RunFolder
 
     client_name = options.client_name(client, link="default", signed=signing_key is not None)
     key = options.signing_key(signing_key)
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     folder = RunFolder(run).flight(sortie)
+    precautions = Precautions(on_breach=options.on_breach(on_breach))
     patience = Patience(deadman_s=deadman_s, link_lost_s=link_lost_s)
     viewer_url = None
     if live:
@@ -68,7 +71,8 @@ def fly(
 
         resumed, document = resume_run(
             folder, to, console, timeout_s=timeout_s, confirmed=yes, mock_speed=mock_speed, viewer_url=viewer_url,
-            signing_key=key, client_name=client_name, patience=patience, command=sys.argv, system_id=system,
+            signing_key=key, client_name=client_name, patience=patience, precautions=precautions, command=sys.argv,
+            system_id=system,
             component_id=component,
         )  # fmt: skip
         console.result(document)
@@ -78,7 +82,8 @@ def fly(
     outcome, document = fly_run(
         folder, site, planned.route, to, console,
         timeout_s=timeout_s, confirmed=yes, force=force, mock_speed=mock_speed, upload_first=to.startswith("mock:"),
-        viewer_url=viewer_url, signing_key=key, client_name=client_name, patience=patience, system_id=system,
+        viewer_url=viewer_url, signing_key=key, client_name=client_name, patience=patience, precautions=precautions,
+        system_id=system,
         component_id=component,
     )  # fmt: skip
     console.result(document)

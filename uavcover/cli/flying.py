@@ -14,6 +14,7 @@ from uavcover.errors import OutputError, UavcoverError
 from uavcover.flight.flight_plan import Patience
 from uavcover.flight.fly import Ending, FlightOutcome
 from uavcover.flight.outcome import FlightFailedError
+from uavcover.flight.precautions import USUAL, Precautions
 from uavcover.flight.track_file import read_track
 from uavcover.model.route import Route
 from uavcover.on_vehicle import ClientName, Connected, Orders, check_home, connect, fly, require_home
@@ -33,6 +34,7 @@ def fly_run(
     run: RunFolder, site: Site, route: Route, url: str, console: Console,
     *, timeout_s: float, confirmed: bool, force: bool, mock_speed: float = 20.0, upload_first: bool = False,
     viewer_url: str | None = None, signing_key: SigningKey | None = None, patience: Patience | None = None,
+    precautions: Precautions = USUAL,
     client_name: ClientName = "native", system_id: int | None = None, component_id: int | None = None,
 ) -> tuple[FlightOutcome, dict[str, Any]]:  # fmt: skip
     """Fly the route of a run, recording the track as it comes.
@@ -60,13 +62,14 @@ def fly_run(
             pipeline.upload(vehicle.client, compiled)
         return record_flight(
             run, site, route, console, vehicle, lambda orders: fly(vehicle, site, compiled, orders),
-            confirmed=confirmed, force=force, viewer_url=viewer_url, patience=patience,
+            confirmed=confirmed, force=force, viewer_url=viewer_url, patience=patience, precautions=precautions,
         )  # fmt: skip
 
 
 def record_flight(
     run: RunFolder, site: Site, route: Route, console: Console, vehicle: Connected, begin: Callable[[Orders], FlightOutcome],
     *, confirmed: bool, force: bool, viewer_url: str | None, patience: Patience | None,
+    precautions: Precautions = USUAL,
 ) -> tuple[FlightOutcome, dict[str, Any]]:  # fmt: skip
     """Let ``begin`` fly, and keep the record in the run folder, which is reserved.
 
@@ -84,7 +87,7 @@ def record_flight(
         )  # fmt: skip
         orders = Orders(
             on_sample=log.take_sample, on_event=log.take_event, stop=lambda: interrupts.count, pause=keys.paused,
-            confirmed=confirmed, patience=patience,
+            confirmed=confirmed, patience=patience, precautions=precautions,
         )  # fmt: skip
         try:
             outcome = begin(orders)

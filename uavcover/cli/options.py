@@ -11,6 +11,7 @@ from uavcover.model.vehicle import AutopilotName
 
 if TYPE_CHECKING:
     from mission_io import SigningKey
+    from uavcover.flight.precautions import OnBreach
     from uavcover.on_vehicle import ClientName
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
@@ -86,6 +87,16 @@ ClientKind = Annotated[
     ),
 ]
 
+OnBreachAction = Annotated[
+    str | None,
+    typer.Option(
+        "--on-breach",
+        help="When it leaves route, fence, height band or known ground, or its mission was changed. Default: tell; hold for a "
+        "simulated vehicle.",
+        metavar="tell|hold|return",
+    ),
+]
+
 
 def verbosity(quiet: bool, verbose: int) -> int:
     """-1 for quiet, otherwise how often -v was given."""
@@ -104,6 +115,22 @@ def autopilot_name(text: str | None, default: AutopilotName) -> AutopilotName:
         case "ardupilot" | "px4":
             return text
     raise InputError(f"--autopilot: {text!r} is neither ardupilot nor px4")
+
+
+def on_breach(text: str | None) -> "OnBreach | None":
+    """Check what is to be done on a breach; None is the vehicle's default.
+
+    Raises:
+        InputError: it is not known.
+    """
+    from uavcover.flight.precautions import OnBreach
+
+    if text is None:
+        return None
+    known = {action.value: action for action in OnBreach}
+    if text not in known:
+        raise InputError(f"--on-breach: {text!r} is none of tell, hold, return")
+    return known[text]
 
 
 def seconds(text: str | None, *, option: str = "--budget") -> float | None:

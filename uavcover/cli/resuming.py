@@ -10,6 +10,7 @@ from uavcover.cli.flying import record_flight
 from uavcover.errors import InputError
 from uavcover.flight.flight_plan import Patience
 from uavcover.flight.fly import FlightOutcome
+from uavcover.flight.precautions import USUAL, Precautions
 from uavcover.on_vehicle import (
     ClientName,
     check_home,
@@ -28,6 +29,7 @@ def resume_run(
     run: RunFolder, url: str, console: Console,
     *, timeout_s: float, confirmed: bool, command: Sequence[str], mock_speed: float = 20.0, viewer_url: str | None = None,
     signing_key: SigningKey | None = None, client_name: ClientName = "native", patience: Patience | None = None,
+    precautions: Precautions = USUAL,
     system_id: int | None = None, component_id: int | None = None,
 ) -> tuple[FlightOutcome | None, dict[str, Any]]:  # fmt: skip
     """Fly what the latest flight of a run has left, from the ground or from where the vehicle is in the air.
@@ -59,7 +61,7 @@ def resume_run(
                 return record_flight(
                     run, site, planned.route, console, vehicle,
                     lambda orders: fly_from_the_air(vehicle, site, planned.route, orders, up_since_s=took_off_s(run)),
-                    confirmed=confirmed, force=False, viewer_url=viewer_url, patience=patience,
+                    confirmed=confirmed, force=False, viewer_url=viewer_url, patience=patience, precautions=precautions,
                 )  # fmt: skip
         unfinished = find_unfinished(run, site)
         _say(unfinished, console)
@@ -84,7 +86,7 @@ def resume_run(
                     begin = lambda orders: fly(vehicle, site, compiled, orders)  # noqa: E731
                 outcome, document = record_flight(
                     folder, site, route, console, vehicle, begin,
-                    confirmed=confirmed, force=True, viewer_url=viewer_url, patience=patience,
+                    confirmed=confirmed, force=True, viewer_url=viewer_url, patience=patience, precautions=precautions,
                 )  # fmt: skip
     return outcome, {**document, "resumed_at_waypoint": unfinished.broken.waypoint}
 

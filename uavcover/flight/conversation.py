@@ -13,6 +13,7 @@ from uavcover.flight.flight_plan import Patience
 from uavcover.flight.modes import Mode, custom_mode, mode_from_custom
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.outcome import Ending, FlightFaultError
+from uavcover.flight.precautions import OnBreach
 from uavcover.flight.vehicle_client import VehicleClient
 from uavcover.flight.watch import Watch
 
@@ -23,7 +24,15 @@ _WARNING_SEVERITY = 4
 
 
 class Stopped(Exception):  # noqa: N818 - the user's wish is no error
-    """The user asked for the end of the flight while something was waited for."""
+    """The flight is to end, by the user's wish or because of a breach.
+
+    Attributes:
+        cause: the breach; None when the user asked.
+    """
+
+    def __init__(self, cause: Ending | None = None) -> None:
+        self.cause = cause
+        super().__init__()
 
 
 class Conversation:
@@ -39,6 +48,7 @@ class Conversation:
 
     Attributes:
         watch: notices what goes wrong.
+        on_breach: what to do on a breach.
         paused: whether the vehicle was told to wait on its way, and has not gone on since.
     """
 
@@ -56,6 +66,7 @@ class Conversation:
         self.stop = stop
         self.pause = pause
         self.paused = False
+        self.on_breach = OnBreach.TELL
         self._on_event = on_event
         self._recent_complaints: deque[str] = deque(maxlen=3)
         self.watch = Watch(

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,9 @@ from mission_io.autopilots import Autopilot
 from mission_io.items import Command, Frame, GeoPoint, Mission, MissionItem
 from uavcover.errors import InputError
 from uavcover.frames import LocalFrame
+
+if TYPE_CHECKING:
+    from uavcover.flight.surroundings import Surroundings
 
 FloatArray = NDArray[np.float64]
 
@@ -32,6 +36,7 @@ class FlightPlan:
         acceptance_radius_m: a planned waypoint that the vehicle came so near to was passed.
         max_climb_m_s: upward speed that the plan counts on; none when it does not say.
         max_descent_m_s: downward speed that the plan counts on.
+        surroundings: ground, fence and height band, to judge positions in flight; None is not to.
     """
 
     mission: Mission
@@ -45,6 +50,7 @@ class FlightPlan:
     acceptance_radius_m: float = 3.0
     max_climb_m_s: float | None = None
     max_descent_m_s: float | None = None
+    surroundings: "Surroundings | None" = None
 
     def waypoints_m(self) -> FloatArray:
         """(n, 3) ENU, the planned waypoints, as their items say."""

@@ -13,6 +13,7 @@ from uavcover.flight.follow import follow_mission
 from uavcover.flight.modes import Mode, custom_mode
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.outcome import Ending, FlightFailedError, FlightFaultError, FlightOutcome
+from uavcover.flight.precautions import OnBreach, Precautions
 from uavcover.flight.progress import Progress
 from uavcover.flight.readiness import (
     check_home,
@@ -77,6 +78,7 @@ def fly(
     pause: Callable[[], bool] = lambda: False,
     confirmed: bool = False,
     patience: Patience | None = None,
+    precautions: Precautions | None = None,
 ) -> FlightOutcome:
     """Fly the mission that the vehicle on the ground holds, and record it.
 
@@ -91,12 +93,13 @@ def fly(
         pause: whether the user wants the vehicle to wait where it is; as soon as no longer, it goes on.
         confirmed: whether the user said that a real vehicle may be armed.
         patience: how long to wait for what.
+        precautions: what to do when it goes wrong, and before; None only tells.
 
     Raises:
         FlightFailedError: the flight did not end as it should; it says what happened and what the vehicle does now, and
             carries the outcome with its name. Nothing that was recorded is lost.
     """
-    flight = _Flight(client, monitor, patience, on_event, on_sample, stop, pause)
+    flight = _Flight(client, monitor, patience, precautions, on_event, on_sample, stop, pause)
     return flight.ended(lambda: _from_the_ground(flight, plan, plan_return, confirmed=confirmed))
 
 
@@ -112,6 +115,7 @@ def fly_on(
     pause: Callable[[], bool] = lambda: False,
     confirmed: bool = False,
     patience: Patience | None = None,
+    precautions: Precautions | None = None,
 ) -> FlightOutcome:
     """Take over a vehicle that is in the air, and fly on with what is left of a plan; the arguments are those of ``fly``.
 
@@ -129,11 +133,12 @@ def fly_on(
         pause: whether the user wants the vehicle to wait where it is.
         confirmed: whether the user said that a real vehicle may be commanded.
         patience: how long to wait for what.
+        precautions: what to do when it goes wrong, and before; None only tells.
 
     Raises:
         FlightFailedError: as ``fly``.
     """
-    flight = _Flight(client, monitor, patience, on_event, on_sample, stop, pause)
+    flight = _Flight(client, monitor, patience, precautions, on_event, on_sample, stop, pause)
     return flight.ended(lambda: _from_the_air(flight, plan_onward, plan_return, confirmed=confirmed))
 
 
@@ -145,6 +150,7 @@ class _Flight:
         client: VehicleClient,
         monitor: Monitor,
         patience: Patience | None,
+        precautions: Precautions | None,
         on_event: Callable[[FlightEvent], None],
         on_sample: Callable[[TrackSample], None],
         stop: Callable[[], int],
@@ -152,6 +158,7 @@ class _Flight:
     ) -> None:
         patience = patience if patience is not None else Patience()
         self.conversation = Conversation(client, monitor, patience=patience, on_event=on_event, stop=stop, pause=pause)
+        self.precautions = precautions if precautions is not None else Precautions(on_breach=OnBreach.TELL)
         self._on_sample = on_sample
         self.recorder: Recorder | None = None
         self.progress: Progress | None = None
@@ -182,6 +189,7 @@ class _Flight:
                 Ending.NOT_ARMED,
                 f"nothing proves that vehicle {vehicle.system_id} is simulated; say --yes to fly a real vehicle; not touched",
             )
+        self.conversation.on_breach = self.precautions.reaction(simulated=self.simulator is not None)
 
     def record(self, plan: FlightPlan) -> Progress:
         """Record from the next position on, and count the planned waypoints."""
@@ -204,15 +212,24 @@ class _Flight:
         self.recorder.start()
         return self.progress
 
-    def home(self, plan_return: PlanReturn) -> FlightOutcome:
-        """After the user's stop: home along checked legs, or left holding."""
+    def home(self, plan_return: PlanReturn, cause: Ending | None) -> FlightOutcome:
+        """After the user's stop, or a breach: home along checked legs, or left holding.
+
+        Raises:
+            FlightFaultError: it was a breach, or the way home failed.
+        """
         if self.progress is not None:
             self.progress.update()
         if not is_flying(self.conversation) and disarm_on_ground(self.conversation):
             return self.outcome(Ending.NOT_FLOWN)
         if self.recorder is not None:
             self.recorder.waypoint_of = lambda _: -1  # the items of the way home are no planned waypoints
-        landed = return_home(self.conversation, plan_return)
+        if cause is None:
+            landed = return_home(self.conversation, plan_return)
+        else:
+            landed = return_home(self.conversation, plan_return, stops=self.conversation.stop())
+            how = "it was flown home along checked legs, and landed" if landed else "it was left holding"
+            raise FlightFaultError(cause, f"{self.conversation.watch.text_of(cause)}; {how}")
         return self.outcome(Ending.RETURNED if landed else Ending.LEFT_HOLDING)
 
     def outcome(self, ending: Ending) -> FlightOutcome:
@@ -279,8 +296,8 @@ def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn,
         flight.touched = True
         arm_and_start(conversation)
         follow_mission(conversation, plan, progress)
-    except Stopped:
-        return flight.home(plan_return)
+    except Stopped as stop:
+        return flight.home(plan_return, stop.cause)
     return flight.outcome(Ending.LANDED)
 
 
@@ -320,8 +337,8 @@ def _from_the_air(
         conversation.watch.take_off()
         conversation.tell(EventKind.STAGE, "going on with the mission")
         follow_mission(conversation, plan, progress)
-    except Stopped:
-        return flight.home(plan_return)
+    except Stopped as stop:
+        return flight.home(plan_return, stop.cause)
     return flight.outcome(Ending.LANDED)
 
 

@@ -1,9 +1,10 @@
 """Following a vehicle along its mission until it has landed and disarmed."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from mission_io import messages as m
+from mission_io.errors import CommandRefusedError
 from mission_io.items import Command
 from uavcover.flight.conversation import Conversation, Stopped, Timer
 from uavcover.flight.events import EventKind
@@ -11,8 +12,10 @@ from uavcover.flight.flight_plan import FlightPlan
 from uavcover.flight.mission_guard import MissionGuard
 from uavcover.flight.modes import Mode
 from uavcover.flight.outcome import Ending, FlightFaultError
+from uavcover.flight.precautions import BREACHES, OnBreach
 from uavcover.flight.progress import Progress
 from uavcover.flight.start import hold_mode, set_mode
+from uavcover.flight.surroundings import PlaceWatch
 from uavcover.flight.takeover import Takeover
 
 _MOVED_M = 2.0
@@ -30,14 +33,23 @@ def follow_mission(conversation: Conversation, plan: FlightPlan, progress: Progr
         FlightFaultError: it did not; the ending says why.
         Stopped: the user asked to stop while the vehicle did what it was told.
     """
-    guard = MissionGuard(conversation, plan, progress, meanwhile=progress.update)
+    places = PlaceWatch(conversation, plan.surroundings, progress)
+
+    def meanwhile() -> None:
+        progress.update()
+        if not conversation.monitor.on_ground:
+            places.look(in_mission=follower.in_mission)
+
+    guard = MissionGuard(conversation, plan, progress, meanwhile)
     stuck_s = conversation.patience.stuck_s + longest_wait_s(plan)
     follower = _Follower(conversation, stuck_s, stops_before=0, pause=conversation.pause)
+    conversation.watch.take_begun()
 
     def look() -> None:
         if follower.in_mission and not conversation.monitor.on_ground:
             guard.look()
-        progress.update()
+        meanwhile()
+        follower.react(conversation.watch.take_begun())
 
     while conversation.client.vehicle.armed:
         follower.step(look)
@@ -80,7 +92,7 @@ def _judge(conversation: Conversation, plan: FlightPlan, progress: Progress, fol
         raise FlightFaultError(follower.cause, f"{watch.text_of(follower.cause)}; it landed and disarmed after {flown}")
     fallen = _fell(conversation)
     how = "it was disarmed in the air" if fallen else "it landed and disarmed"
-    for kind in (Ending.MISSION_CHANGED, Ending.WIND_ABOVE_LIMITS, Ending.OFF_ROUTE):
+    for kind in (Ending.MISSION_CHANGED, Ending.WIND_ABOVE_LIMITS, Ending.OFF_ROUTE, Ending.FENCE_BREACHED):
         if watch.is_open(kind):
             raise FlightFaultError(kind, f"{watch.text_of(kind)}; {how} after {flown}")
     cause = watch.recent_cause(within_s=10.0)
@@ -124,6 +136,9 @@ class _Follower:
         self._landed: Timer | None = None
         self._told_to_disarm = False
         self._holds = False
+        self._upside_down = False
+        self._held_for: Ending | None = None
+        self._held_still = Stillness(conversation, conversation.patience.elsewhere_s)
         self._going_on: Timer | None = None
 
     @property
@@ -172,8 +187,45 @@ class _Follower:
         self._elsewhere.restart()
         if self._holds:
             self._stillness.restart()
+            self._end_if_held_for_good()
         elif self._stillness.too_long:
             self._raise_stuck()
+
+    def react(self, begun: Sequence[Ending]) -> None:
+        """Do what the user wants done about what has begun to go wrong; nothing while somebody else has the vehicle.
+
+        Raises:
+            Stopped: the vehicle is to return.
+        """
+        conversation = self._conversation
+        breach = next((kind for kind in begun if kind in BREACHES), None)
+        if breach is None or not self.in_mission or conversation.monitor.on_ground is not False:
+            return
+        if conversation.on_breach is OnBreach.RETURN:
+            raise Stopped(breach)
+        if conversation.on_breach is OnBreach.TELL:
+            return
+        conversation.paused = True
+        try:
+            conversation.insist(lambda: set_mode(conversation, hold_mode(conversation)))
+        except CommandRefusedError as error:
+            conversation.paused = False
+            conversation.tell(EventKind.WARNING, f"the vehicle does not want to hold: {error}", alarm=True)
+            return
+        self._holds, self._held_for, self._upside_down = True, breach, not self._pause()
+        self._held_still.restart()
+        conversation.tell(
+            EventKind.STOP,
+            f"because of that the vehicle holds its place in {conversation.mode_name}: p goes on, Ctrl-C brings it home",
+        )
+
+    def _end_if_held_for_good(self) -> None:
+        if self._held_for is not None and self._held_still.too_long:
+            raise FlightFaultError(
+                self._held_for,
+                f"{self._conversation.watch.text_of(self._held_for)}; it holds its place since "
+                f"{self._held_still.patience_s:g} s and nobody went on: left holding; fly --resume goes on",
+            )
 
     def _end_at_users_wish(self) -> None:
         self._takeover.settle()
@@ -186,7 +238,7 @@ class _Follower:
 
     def _pause_or_go_on(self) -> None:
         conversation = self._conversation
-        wanted = self._pause()
+        wanted = self._pause() is not self._upside_down  # a key that was pressed before a breach does not end its hold
         if wanted == self._holds or self._takeover.begun or conversation.monitor.on_ground is not False:
             return
         if wanted:
@@ -197,6 +249,7 @@ class _Follower:
             conversation.insist(lambda: set_mode(conversation, Mode.MISSION))
             conversation.tell(EventKind.STOP, "the vehicle goes on with its mission")
             self._going_on = Timer(conversation, _GOING_ON_S)
+            self._held_for = None
         self._holds = wanted
 
     def _raise_stuck(self) -> None:

@@ -47,14 +47,14 @@ class Progress:
     @property
     def off_leg_m(self) -> float:
         """Distance from the leg that is flown, the ways there and home too; 0 where there is none."""
-        seq, here = self._conversation.monitor.current_seq, self._place_m()
+        seq, here = self._conversation.monitor.current_seq, self.place_m
         leg = self._legs_m.get(self._plan.index_of(seq, self._conversation.autopilot))
         return 0.0 if here is None or leg is None else _distance_m(here, leg)
 
     def update(self) -> None:
         """Look at what the vehicle says, and tell when it goes on to another waypoint."""
         monitor, autopilot, plan = self._conversation.monitor, self._conversation.autopilot, self._plan
-        here, passage = self._place_m(), self._passage
+        here, passage = self.place_m, self._passage
         if monitor.current_seq < 0 or here is None or self._conversation.watch.is_open(Ending.MISSION_CHANGED):
             return
         self._look_for_silence()
@@ -80,7 +80,9 @@ class Progress:
         elif self.all_reached:
             self._conversation.tell(EventKind.STAGE, "all planned waypoints flown; on the way home")
 
-    def _place_m(self) -> FloatArray | None:
+    @property
+    def place_m(self) -> FloatArray | None:
+        """(3,) ENU, where the vehicle was when that was told last; None before the first time."""
         here = self._conversation.monitor.latest(m.GlobalPositionInt)
         if here is None:
             return None

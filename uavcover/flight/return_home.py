@@ -14,6 +14,7 @@ from uavcover.flight.outcome import Ending, FlightFaultError
 from uavcover.flight.start import first_seq, hold_mode, is_flying, set_current_item, set_mode, start_mission
 
 _AT_REST_M_S = 0.3
+_ASKED = "second stop"
 
 PlanReturn = Callable[[float, float, float], Mission]
 """From latitude, longitude (degrees) and height above sea level (metres), a mission home whose legs were checked."""
@@ -36,8 +37,10 @@ def hold(conversation: Conversation, text: str = "stop: the vehicle is told to h
     conversation.tell(EventKind.STOP, "the vehicle holds its place")
 
 
-def return_home(conversation: Conversation, plan_return: PlanReturn, *, longest_wait_s: float = 0.0) -> bool:
-    """Hold, fly home along checked legs, land; the user's second stop leaves the vehicle holding.
+def return_home(
+    conversation: Conversation, plan_return: PlanReturn, *, stops: int = 1, longest_wait_s: float = 0.0
+) -> bool:
+    """Hold, fly home along checked legs, land; one more stop of the user than ``stops`` leaves the vehicle holding.
 
     Returns:
         Whether the vehicle landed; False when it was left holding, which was told.
@@ -45,11 +48,10 @@ def return_home(conversation: Conversation, plan_return: PlanReturn, *, longest_
     Raises:
         FlightFaultError: the vehicle is gone, or does something else.
     """
-    stops = 1
     conversation.paused = False
     hold(conversation)
     if conversation.stop() > stops:
-        return _leave(conversation, "second stop")
+        return _leave(conversation, _ASKED)
     here = conversation.monitor.latest(m.GlobalPositionInt)
     if here is None:
         raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not tell where it is; it was left holding")
@@ -65,7 +67,7 @@ def return_home(conversation: Conversation, plan_return: PlanReturn, *, longest_
     if not checked.passed:
         return _leave(conversation, "the way home was read back changed")
     if conversation.stop() > stops:
-        return _leave(conversation, "second stop")
+        return _leave(conversation, _ASKED)
     conversation.insist(lambda: set_current_item(conversation, first_seq(conversation)))
     conversation.monitor.forget(m.MissionCurrent)
     conversation.insist(lambda: start_mission(conversation))
@@ -76,7 +78,7 @@ def return_home(conversation: Conversation, plan_return: PlanReturn, *, longest_
         if not is_flying(conversation):
             return True
         hold(conversation)
-        return _leave(conversation, "second stop")
+        return _leave(conversation, _ASKED)
     return True
 
 
