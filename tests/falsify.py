@@ -37,7 +37,7 @@ if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
 from tests.falsifying.every_way import every_way
-from tests.falsifying.flown import Flown, read_flown
+from tests.falsifying.flown import Flown, flights_in, read_flown
 from tests.falsifying.way import FAMILIES, Way
 from uavcover import pipeline
 from uavcover.cli.ending import run_app
@@ -90,16 +90,30 @@ def command(*arguments: object) -> tuple[int, str, str]:
 
 
 def judge(way: Way, flown: Flown, run: Path, judged_as: str, *, folder: Path) -> Judged:
-    """Falsify a copy of a run, or a log beside one, in an empty folder, and have it judged."""
+    """Falsify a copy of a run, or a log beside one, in an empty folder, and have it judged.
+
+    Args:
+        way: how.
+        flown: the flight that is falsified.
+        run: its run folder.
+        judged_as: ``FOLDER`` or ``LOG``.
+        folder: where the copy goes.
+    """
     copy = folder / "run"
     shutil.copytree(run, copy, ignore=shutil.ignore_patterns(*LEFT_BEHIND))
-    log = copy / "track.csv" if judged_as == FOLDER else folder / "falsified.csv"
+    # Beside its plan, as its number in the plan depends on it.
+    record = copy / flown.folder / ("track.csv" if judged_as == FOLDER else "falsified.csv")
     if way.of_track:
-        log.write_bytes(way.record(flown))
-    if way.meddle is not None:
-        way.meddle(copy)
+        record.write_bytes(way.record(flown))
+    undo = None if way.meddle is None else way.meddle(copy)
+    logs = [copy / other / "track.csv" if other != flown.folder else record for other in flown.folders]
+    named = [] if judged_as == FOLDER else [word for log in logs for word in ("--log", log)]
+    try:
+        code, out, err = command("verify", copy, "--json", *named)
+    finally:
+        if undo is not None:
+            undo()
     verdict_file = copy / "verification.json"
-    code, out, err = command("verify", copy, "--json", *(() if judged_as == FOLDER else ("--log", log)))
     lines = out.splitlines()
     said: dict[str, Any] = json.loads(lines[-1]) if lines else {}
     if code == 2:
@@ -126,12 +140,17 @@ def judge_all(
     run: Path, *, seed: int = 0, families: Collection[str] = (), count: int | None = None
 ) -> Iterator[Judged]:
     """Judge every way, or ``count`` of them drawn by the seed, as often as it can be judged."""
-    flown = read_flown(run)
-    ways = every_way(flown, seed=seed, families=families)
-    if count is not None and count < len(ways):
-        drawn = np.random.default_rng(seed).choice(len(ways), count, replace=False)
-        ways = [ways[k] for k in sorted(drawn)]
-    for way in ways:
+    flights = [read_flown(run, flight) for flight in flights_in(run)]
+    chosen = np.random.default_rng([seed, 1]).integers(len(flights), size=10_000)
+    ways = [every_way(flown, seed=seed, families=families) for flown in flights]
+    numbers = np.arange(max(map(len, ways)))
+    if count is not None and count < len(numbers):
+        numbers = np.sort(np.random.default_rng(seed).choice(numbers, count, replace=False))
+    for number in numbers:
+        flown = flights[chosen[number]]
+        if number >= len(ways[chosen[number]]):
+            continue  # another flight of the run gives occasion for more ways
+        way = ways[chosen[number]][number]
         kinds = [LOG] if way.honest else [FOLDER, LOG] if way.of_track and way.meddle is None else [FOLDER]
         for judged_as in kinds:
             with tempfile.TemporaryDirectory() as folder:

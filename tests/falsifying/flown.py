@@ -1,5 +1,6 @@
 """An honest flight as a falsifier holds it: its columns, its plan, its ground; and its text as ``track.csv``."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 from uavcover import pipeline
 from uavcover.after_flight import read_planned_route
 from uavcover.flight.track_file import read_track
-from uavcover.model.track import COLUMNS
+from uavcover.model.track import AGE_COLUMN, COLUMNS
+from uavcover.resumption import flown_tracks
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
 
@@ -30,6 +32,9 @@ class Flown:
         enu_m: (n, 3).
         attitude_deg: (n, 3) roll, pitch, yaw; NaN where it is not known.
         waypoint: (n,) numbers of planned waypoints, -1 off the route.
+        attitude_age_s: (n,) time from the attitude to the place, NaN where it is not known; none: the record has no such column.
+        folder: of this flight inside the run folder.
+        folders: of all flights of the run.
     """
 
     site: Site
@@ -39,6 +44,9 @@ class Flown:
     enu_m: FloatArray
     attitude_deg: FloatArray
     waypoint: NDArray[np.int64]
+    attitude_age_s: FloatArray | None = None
+    folder: Path = Path()
+    folders: tuple[Path, ...] = (Path(),)
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -67,6 +75,7 @@ class Flown:
         return replace(
             self, time_s=self.time_s[keep], geodetic=self.geodetic[keep], enu_m=self.enu_m[keep],
             attitude_deg=self.attitude_deg[keep], waypoint=self.waypoint[keep],
+            attitude_age_s=None if self.attitude_age_s is None else self.attitude_age_s[keep],
         )  # fmt: skip
 
     def placed(self, enu_m: FloatArray) -> "Flown":
@@ -87,25 +96,41 @@ class Flown:
 
     def text(self) -> str:
         """As ``track.csv``; an unknown attitude is an empty cell."""
-        numbers = np.column_stack([self.time_s, self.geodetic, self.enu_m, self.attitude_deg]).tolist()
-        lines = [
-            ",".join(["" if value != value else repr(value) for value in row]) + f",{waypoint}"
-            for row, waypoint in zip(numbers, self.waypoint.tolist(), strict=True)
+        numbers = np.column_stack([self.time_s, self.geodetic, self.enu_m, self.attitude_deg])
+        rows = [
+            [*_cells(row), str(number)] for row, number in zip(numbers.tolist(), self.waypoint.tolist(), strict=True)
         ]
-        return "\n".join([",".join(COLUMNS), *lines]) + "\n"
+        header = list(COLUMNS)
+        if self.attitude_age_s is not None:
+            header.append(AGE_COLUMN)
+            rows = [[*row, *_cells([age])] for row, age in zip(rows, self.attitude_age_s.tolist(), strict=True)]
+        return "".join(",".join(row) + "\n" for row in [header, *rows])
+
+
+def _cells(values: list[float]) -> list[str]:
+    return ["" if math.isnan(value) else repr(value) for value in values]
 
 
 Change = Callable[[Flown], Flown]
 """One falsification, or a step of one; it may be given a record that is falsified already."""
 
 
-def read_flown(run: Path) -> Flown:
-    """The flight in a run folder, or in a folder of one of its sorties.
+def flights_in(run: Path) -> list[Path]:
+    """The folders, inside a run folder, of the flights that count together; a single flight is the run folder itself.
+
+    Raises:
+        uavcover.errors.InputError: nothing was flown.
+    """
+    return [track.parent.relative_to(run) for track in flown_tracks(RunFolder(run))]
+
+
+def read_flown(run: Path, flight: Path = Path()) -> Flown:
+    """The flight in a run folder, or in the folder ``flight`` in it, of a sortie or of a flight that was gone on with.
 
     Raises:
         uavcover.errors.InputError: it has no scenario, plan or track that can be read.
     """
-    folder = RunFolder(run)
+    folder = RunFolder(run / flight)
     site = pipeline.load_site(folder.existing("scenario.toml", made_by="uavcover plan"))
     planned = read_planned_route(folder)
     track = read_track(folder.existing("track.csv", made_by="uavcover fly"))
@@ -117,4 +142,7 @@ def read_flown(run: Path) -> Flown:
         enu_m=track.enu_m,
         attitude_deg=track.attitude_deg,
         waypoint=track.current_waypoint,
+        attitude_age_s=track.attitude_age_s,
+        folder=flight,
+        folders=tuple(flights_in(run)),
     )

@@ -3,7 +3,7 @@
 The vehicle flies on a simulated clock, so a flight is the same every time and takes a few seconds.
 """
 
-import shutil
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from mission_io.links.telemetry_log import LoggedLink
 from mission_io.simulated import Conditions, SimulatedLink
 from uavcover import pipeline
 from uavcover.cli.console import Console
@@ -31,6 +32,7 @@ from uavcover.model.vehicle import AutopilotName
 from uavcover.on_vehicle import Connected, Orders, fly, require_home
 from uavcover.planning.baselines import fly_layout, regular_layout
 from uavcover.planning.objectives import judge
+from uavcover.resumption import find_unfinished, save_rest
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
 
@@ -129,6 +131,10 @@ BARNS = Base(
 )
 
 
+SORTIES = Base(name="sorties", vehicle="endurance_s = 150.0")
+"""A route that takes two flights."""
+
+
 def make_site(folder: Path, base: Base) -> Site:
     """Write the scenario and its ground into a folder, and load them."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -181,6 +187,7 @@ class Field:
         seed: of wind, noise and losses.
         loss: share of the datagrams that the link loses, each way.
         options: of the mock vehicle.
+        vehicle_class: the mock vehicle, or one that does something otherwise.
     """
 
     site: Site
@@ -188,16 +195,23 @@ class Field:
     seed: int = 1
     loss: float = 0.0
     options: dict[str, Any] = field(default_factory=dict)
+    vehicle_class: type[MockVehicle] = MockVehicle
 
     def __post_init__(self) -> None:
         vehicle = self.site.scenario.vehicle
-        self.vehicle = MockVehicle(
+        self.vehicle = self.vehicle_class(
             AUTOPILOTS[self.autopilot], require_home(self.site), rng=np.random.default_rng(self.seed),
             **{"settings": Settings.for_vehicle(vehicle), "battery": BatteryData(endurance_s=6000.0), **self.options},
         )  # fmt: skip
         self.link = SimulatedLink(
             InMemoryPeer(self.vehicle), rng=Random(self.seed), conditions=Conditions(loss=self.loss, delay_s=0.002)
         )
+
+    @property
+    def flown_s(self) -> float:
+        """Vehicle time since it took off; negative before."""
+        began = self.vehicle.took_off_at_s
+        return -1.0 if began is None else self.vehicle.powered_s - began
 
     def fly(
         self, run: RunFolder, *, stop: Callable[[], int] = lambda: 0, pause: Callable[[], bool] = lambda: False
@@ -221,11 +235,10 @@ class Field:
         *, stop: Callable[[], int] = lambda: 0, pause: Callable[[], bool] = lambda: False,
     ) -> FlightOutcome:  # fmt: skip
         """Let ``begin`` fly, and keep the record in the run folder."""
-        import dataclasses
-
-        client, monitor = open_vehicle(self.link)
-        monitor.listen_to(client.wait_for_vehicle().system_id)
-        station = Connected(client, monitor, self.autopilot)
+        link = LoggedLink(self.link)
+        client, monitor = open_vehicle(link)
+        monitor.listen_to(client.wait_for_vehicle().address)
+        station = Connected(client, monitor, self.autopilot, link)
         return record_flight(
             run, self.site, route, Console(verbosity=-1), station,
             lambda orders: begin(station, dataclasses.replace(orders, stop=stop, pause=pause)),
@@ -234,7 +247,7 @@ class Field:
 
 
 def honest_run(folder: Path, base: Base) -> Path:
-    """A run folder with a flight that passes; ``folder`` is made."""
+    """A run folder with a flight that passes, or with those of its sorties; ``folder`` is made."""
     site = make_site(folder / "scenario", base)
     run = RunFolder(folder / "run")
     save_lines(run, site, base)
@@ -243,6 +256,15 @@ def honest_run(folder: Path, base: Base) -> Path:
     return run.path
 
 
-def copied(run: Path, to: Path) -> Path:
-    """A copy of a run folder."""
-    return Path(shutil.copytree(run, to))
+def resumed_run(folder: Path, base: Base, *, stop_s: float) -> Path:
+    """A run folder whose flight was stopped so long after take-off, returned, and was gone on with from the ground."""
+    site = make_site(folder / "scenario", base)
+    run = RunFolder(folder / "run")
+    save_lines(run, site, base)
+    field = Field(site=site, autopilot=base.autopilot)
+    field.fly(run, stop=lambda: int(field.flown_s >= stop_s))
+    unfinished = find_unfinished(run, site)
+    unfinished.folder.path.mkdir()
+    save_rest(unfinished, site, command=["fly", "--resume"])
+    Field(site=site, autopilot=base.autopilot, seed=2).fly(unfinished.folder)
+    return run.path

@@ -38,6 +38,8 @@ def attitude(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         f.between(f.moment(share), f.moment(share + 0.5))[:, None], np.nan, f.attitude_deg)))  # fmt: skip
     yield Way("missing but for a sample every 5 s", unknown, lambda f: replace(f, attitude_deg=np.where(
         (np.arange(len(f)) % round(5.0 / f.step_s) != 0)[:, None], np.nan, f.attitude_deg)))  # fmt: skip
+    for age_s in (1.5, -30.0):
+        yield Way(f"{age_s:g} s old", unknown, lambda f, age_s=age_s: replace(f, attitude_age_s=np.full(len(f), age_s)))
     away = "the camera looks past the area"
     yield Way("rolled away by 60 degrees", away, turned(lambda a: a + [60.0, 0.0, 0.0]))
     yield Way("pitched away by 60 degrees", away, turned(lambda a: a + [0.0, 60.0, 0.0]))

@@ -11,10 +11,10 @@ import numpy as np
 
 from tests.falsifying.flown import Flown
 from tests.falsifying.of_place import shifted
-from tests.falsifying.way import Way, family
+from tests.falsifying.way import Meddle, Way, family
 from uavcover.local_raster import Band, geotiff
-
-Meddle = Callable[[Path], None]
+from uavcover.model.scenario import RasterTerrain
+from uavcover.scenario import dump_scenario, terrain_path
 
 CHANGED = "what is judged is not what was planned and flown"
 
@@ -65,8 +65,6 @@ def scenario(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
 
 
 def _scenario_text(flown: Flown) -> str:
-    from uavcover.scenario import dump_scenario
-
     return dump_scenario(flown.site.scenario)
 
 
@@ -74,6 +72,13 @@ def _appended(name: str, text: str) -> Meddle:
     def meddle(run: Path) -> None:
         with (run / name).open("a") as file:
             file.write(text)
+
+    return meddle
+
+
+def _written(name: str, text: str) -> Meddle:
+    def meddle(run: Path) -> None:
+        (run / name).write_text(text)
 
     return meddle
 
@@ -100,10 +105,33 @@ def ground(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     for by_m in (-40.0, 15.0):
         yield Way(f"{by_m:+g} m", CHANGED, meddle=lambda run, by_m=by_m: _other_ground(run, flown, 1.0, by_m))
     yield Way("smoother", CHANGED, meddle=lambda run: _other_ground(run, flown, 0.7, 0.0))
+    if not terrain[0].startswith("bundled:"):
+        yield Way("its file exchanged", CHANGED, meddle=lambda _: _exchanged_ground(flown))
+        yield Way("its file gone", CHANGED, meddle=lambda _: _ground_gone(flown))
 
 
 def _other_ground(run: Path, flown: Flown, share: float, by_m: float) -> None:
-    """The scenario's ground with its heights against home times ``share`` plus ``by_m``, as a file of the run folder."""
+    """Another file for the ground; see :func:`_ground_file`."""
+    (run / "ground.tif").write_bytes(_ground_file(flown, share, by_m))
+    scenario_with("file", '"ground.tif"')(run)
+
+
+def _exchanged_ground(flown: Flown) -> Callable[[], object]:
+    """Another content under the name that the scenario knows, which stays as it was."""
+    path = _named_file(flown)
+    before = path.read_bytes()
+    path.write_bytes(_ground_file(flown, 0.8, 0.0))
+    return lambda: path.write_bytes(before)
+
+
+def _ground_gone(flown: Flown) -> Callable[[], object]:
+    path = _named_file(flown)
+    away = path.rename(path.with_suffix(".away"))
+    return lambda: away.rename(path)
+
+
+def _ground_file(flown: Flown, share: float, by_m: float) -> bytes:
+    """The scenario's ground with its heights against home times ``share`` plus ``by_m``."""
     site = flown.site
     assert site.frame is not None
     low = flown.enu_m.min(axis=0) - 1200.0
@@ -113,18 +141,17 @@ def _other_ground(run: Path, flown: Flown, share: float, by_m: float) -> None:
     places = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
     ups = site.ground.heights_m(places).reshape(len(north), len(east))
     _, _, alts = site.frame.geodetic_from_enu(np.column_stack([places, share * ups.reshape(-1) + by_m]))
-    content = geotiff(
+    return geotiff(
         site.frame, [Band("height", "m", alts.reshape(ups.shape))], east0_m=float(east[0]), north0_m=float(north[0]),
         up_m=0.0, step_m=step_m,
     )  # fmt: skip
-    path = run / "scenario.toml"
-    file = re.findall(r'(?m)^file = "(.*)"$', path.read_text())[0]
-    there = run / file
-    if file.startswith("bundled:") or not there.resolve().is_relative_to(run.resolve()):
-        (run / "ground.tif").write_bytes(content)
-        scenario_with("file", '"ground.tif"')(run)
-    else:
-        there.write_bytes(content)
+
+
+def _named_file(flown: Flown) -> Path:
+    """The file of the ground, outside the copy that is judged."""
+    terrain = flown.site.scenario.terrain
+    assert isinstance(terrain, RasterTerrain)
+    return terrain_path(terrain)
 
 
 @family("plan changed")
@@ -187,9 +214,9 @@ def run_json(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         return document_with("run.json", lambda d: {**d, "inputs": change(d["inputs"])})
 
     yield Way("removed", unbound, meddle=lambda run: (run / "run.json").unlink())
-    yield Way("empty", unbound, meddle=lambda run: (run / "run.json").write_text(""))
+    yield Way("empty", unbound, meddle=_written("run.json", ""))
     yield Way("cut off", unbound, meddle=lambda run: _cut(run / "run.json"))
-    yield Way("a list", unbound, meddle=lambda run: (run / "run.json").write_text("[]"))
+    yield Way("a list", unbound, meddle=_written("run.json", "[]"))
     yield Way(
         "without inputs",
         unbound,
@@ -211,19 +238,31 @@ def run_json(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
 @family("flight's files changed")
 def flight_files(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     """The track gone, or a folder put together from two."""
-    yield Way("track.csv removed", "nothing was flown", meddle=lambda run: (run / "track.csv").unlink())
-    yield Way("track.csv a folder", "nothing was flown", meddle=_a_folder)
-    sorties = "one of the flights is missing, or another's"
-    if (flown.site.scenario.vehicle.endurance_s or 0.0) > 0.0:
-        yield Way("a sortie's track removed", sorties, meddle=lambda run: (run / "sortie-2" / "track.csv").unlink())
-        yield Way("the first sortie's track for the second", sorties, meddle=lambda run: _copied(
-            run / "sortie-1" / "track.csv", run / "sortie-2" / "track.csv"))  # fmt: skip
-        yield Way("a sortie's folder removed", sorties, meddle=lambda run: shutil.rmtree(run / "sortie-2"))
+    here = flown.folder
+    yield Way("track.csv removed", "nothing was flown", meddle=lambda run: (run / here / "track.csv").unlink())
+    yield Way("track.csv a folder", "nothing was flown", meddle=lambda run: _a_folder(run / here))
+    if len(flown.folders) == 1:
+        return
+    first, *_, last = flown.folders
+    several = "one of the flights is missing, or another's"
+    yield Way("the last flight's track removed", several, meddle=lambda run: (run / last / "track.csv").unlink())
+    yield Way("the first flight's track for the last", several, meddle=lambda run: _copied(
+        run / first / "track.csv", run / last / "track.csv"))  # fmt: skip
+    yield Way("the last flight's track for the first", several, meddle=lambda run: _copied(
+        run / last / "track.csv", run / first / "track.csv"))  # fmt: skip
+    yield Way("the last flight's folder removed", several, meddle=lambda run: shutil.rmtree(run / last))
+    if last.name.startswith("sortie"):
+        yield Way("the plan of a sortie emptied", CHANGED, meddle=document_with(
+            f"{last}/plan.json", lambda d: {**d, "waypoints": d["waypoints"][:1]}))  # fmt: skip
+        yield Way("the plan of a sortie removed", CHANGED, meddle=lambda run: (run / last / "plan.json").unlink())
+    else:
+        yield Way("gone on with another flight", several, meddle=document_with(
+            f"{last}/run.json", lambda d: {k: v for k, v in d.items() if k != "resumes"}))  # fmt: skip
 
 
-def _a_folder(run: Path) -> None:
-    (run / "track.csv").unlink()
-    (run / "track.csv").mkdir()
+def _a_folder(flight: Path) -> None:
+    (flight / "track.csv").unlink()
+    (flight / "track.csv").mkdir()
 
 
 def _copied(source: Path, target: Path) -> None:

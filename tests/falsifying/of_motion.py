@@ -21,8 +21,13 @@ def along(f: Flown, path_m: FloatArray, number: np.ndarray, *, speed_m_s: float,
     return replace(
         f.placed(enu), time_s=f.time_s[0] + flown / speed_m_s,
         attitude_deg=np.column_stack([0.1 * np.sin(flown), -5.0 + 0.1 * np.cos(flown), yaw]),
-        waypoint=number[np.searchsorted(way, flown, side="left")],
+        waypoint=number[np.searchsorted(way, flown, side="left")], attitude_age_s=_fresh(f, len(flown)),
     )  # fmt: skip
+
+
+def _fresh(f: Flown, count: int) -> FloatArray | None:
+    """Attitudes of just now, where the record says how old they are."""
+    return None if f.attitude_age_s is None else np.zeros(count)
 
 
 def drawn_path(f: Flown) -> tuple[FloatArray, np.ndarray]:
@@ -56,7 +61,7 @@ def drawn(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         step_s = np.append(0.0, np.linalg.norm(np.diff(path, axis=0), axis=1)) / cruise
         return replace(
             f.placed(path), time_s=f.time_s[0] + np.cumsum(step_s + 1e-3), waypoint=number,
-            attitude_deg=np.tile(f.attitude_deg[len(f) // 2], (len(path), 1)),
+            attitude_deg=np.tile(f.attitude_deg[len(f) // 2], (len(path), 1)), attitude_age_s=_fresh(f, len(path)),
         )  # fmt: skip
 
     yield Way("its waypoints only", "nothing was observed in between", corners_only)

@@ -8,6 +8,8 @@ import numpy as np
 
 from tests.falsifying.flown import Change, Flown
 
+Meddle = Callable[[Path], Callable[[], object] | None]
+
 
 @dataclass(frozen=True)
 class Way:
@@ -18,7 +20,8 @@ class Way:
         because: why no vehicle can have flown this, or what it leaves unproved.
         change: of the record; none where other files are changed.
         rewrite: of the record's text, after ``change``.
-        meddle: with the files of a run folder that holds the (changed) record.
+        meddle: with the files of a run folder that holds the (changed) record; gives back what undoes it where it reaches
+            outside that folder.
         honest: whether it changes nothing that matters: then it has to pass as a foreign log.
     """
 
@@ -26,7 +29,7 @@ class Way:
     because: str
     change: Change | None = None
     rewrite: Callable[[bytes], bytes] | None = None
-    meddle: Callable[[Path], None] | None = None
+    meddle: Meddle | None = None
     honest: bool = False
     family: str = field(default="", compare=False)
 
