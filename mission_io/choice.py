@@ -27,15 +27,12 @@ class Choice:
     def __init__(self, *, system_id: int | None, component_id: int | None) -> None:
         self._system_id, self._component_id = system_id, component_id
         self._heard: dict[Address, VehicleInfo] = {}
+        self._two_in_one: dict[Address, str] = {}
         self._decide_at: float | None = None
         self.others: set[int] = set()
 
     def take(self, vehicle: VehicleInfo, now: float) -> None:
-        """Take a vehicle's heartbeat that arrived at ``now``.
-
-        Raises:
-            MisuseError: two vehicles of different types share its ids.
-        """
+        """Take a vehicle's heartbeat that arrived at ``now``."""
         if self._system_id not in (None, vehicle.system_id):
             self.others.add(vehicle.system_id)
             return
@@ -43,7 +40,8 @@ class Choice:
             return
         before = self._heard.get(vehicle.address)
         if before is not None and not before.may_become(vehicle):
-            raise MisuseError(two_in_one(before, vehicle))
+            self._two_in_one[vehicle.address] = two_in_one(before, vehicle)
+            return
         self._heard[vehicle.address] = vehicle
         if self._decide_at is None:
             self._decide_at = now + LISTEN_S
@@ -61,6 +59,7 @@ class Choice:
 
         Raises:
             AmbiguousVehicleError: several could be.
+            MisuseError: two vehicles of different types share its ids.
         """
         systems: dict[int, list[VehicleInfo]] = {}
         for vehicle in self._heard.values():
@@ -69,8 +68,12 @@ class Choice:
         for components in systems.values():
             autopilots = [vehicle for vehicle in components if vehicle.component_id == AUTOPILOT_COMPONENT]
             left.extend(autopilots or components)
-        if len(left) < 2:
-            return left[0] if left else None
+        if not left:
+            return None
+        if len(left) == 1:
+            if left[0].address in self._two_in_one:
+                raise MisuseError(self._two_in_one[left[0].address])
+            return left[0]
         listed = "; ".join(
             f"system {vehicle.system_id}, component {vehicle.component_id} ({vehicle.described})"
             for vehicle in sorted(left, key=lambda v: (v.system_id, v.component_id))

@@ -12,7 +12,7 @@ from mission_io.clock import Clock, SystemClock, UnixClock
 from mission_io.codec import Codec
 from mission_io.enums import AutopilotId, VehicleClass
 from mission_io.errors import MisuseError, VehicleSilentError
-from mission_io.link import Link, StreamLink
+from mission_io.link import Link, PeerLink, StreamLink
 from mission_io.messages import Heartbeat, Message, Received, is_for
 from mission_io.neighbours import Neighbours, VehicleInfo, vehicle_of
 from mission_io.private_files import TimestampFile
@@ -175,6 +175,8 @@ class Connection:
         """
         if system_id is None and component_id is None and self._vehicle is not None:
             system_id, component_id = self._vehicle.system_id, self._vehicle.component_id
+        elif isinstance(self.link, PeerLink):
+            self.link.let_go()
         deadline = self.clock.now() + timeout_s
         choice = Choice(system_id=system_id, component_id=component_id)
         self._vehicle = self.impostor = None
@@ -200,6 +202,8 @@ class Connection:
                 f"the vehicle is system {chosen.system_id}, and so are we; take another system id for this side"
             )
         self._vehicle, self._heard_at = chosen, self.clock.now()
+        if isinstance(self.link, PeerLink):
+            self.link.keep_to(chosen.system_id, chosen.component_id)
         self._agree_on_version(received)
         settled = received.mavlink_version >= 2 or self.codec.version == 1
         while not settled and self.clock.now() < deadline:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Final
 
 from mission_io.errors import MisuseError
-from mission_io.links.base import Link, StreamLink
+from mission_io.links.base import Link, PeerLink, StreamLink
 from mission_io.links.serial_port import open_serial
 from mission_io.links.tcp import TcpListeningLink, connect_tcp
 from mission_io.links.udp import UdpLink
@@ -20,6 +20,7 @@ __all__ = [
     "EndpointFactory",
     "Link",
     "LinkUrl",
+    "PeerLink",
     "StreamLink",
     "TcpListeningLink",
     "UdpLink",

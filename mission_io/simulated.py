@@ -15,6 +15,7 @@ from typing import Protocol
 from mission_io.clock import Clock
 from mission_io.errors import LinkError, MisuseError
 from mission_io.link import Link
+from mission_io.links.base import WrappingLink
 
 
 class ManualClock:
@@ -182,17 +183,13 @@ class SimulatedLink:
             heapq.heappush(self._in_flight, (arrival, next(self._order), to_peer, copy))
 
 
-class LossyLink:
+class LossyLink(WrappingLink):
     """A real link that loses, repeats and damages datagrams both ways; delay, jitter and bandwidth are not applied."""
 
     def __init__(self, link: Link, *, rng: Random, conditions: Conditions) -> None:
-        self._link, self._rng, self._conditions = link, rng, conditions
+        super().__init__(link)
+        self._rng, self._conditions = rng, conditions
         self._waiting: deque[bytes] = deque()
-
-    @property
-    def clock(self) -> Clock:
-        """The clock of the link inside."""
-        return self._link.clock
 
     def send(self, data: bytes) -> None:
         """Send one datagram, or lose it."""
@@ -208,7 +205,3 @@ class LossyLink:
                 return None
             self._waiting.extend(fate(data, self._conditions, self._rng))
         return self._waiting.popleft()
-
-    def close(self) -> None:
-        """Close the link inside."""
-        self._link.close()

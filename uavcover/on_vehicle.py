@@ -1,5 +1,6 @@
 """A site's vehicle: find it, check that it stands where the plan starts, fly the compiled mission."""
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -15,7 +16,7 @@ from mission_io.compare import compare_items, fault_text
 from mission_io.items import GeoPoint, MissionType
 from mission_io.link import Link, open_link
 from mission_io.links.telemetry_log import LoggedLink
-from mission_io.messages import ExtendedSysState
+from mission_io.messages import ExtendedSysState, GlobalPositionInt
 from mission_io.protocol.exchange import Timing
 from uavcover import pipeline
 from uavcover.errors import InputError
@@ -43,6 +44,9 @@ from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import AutopilotName
 from uavcover.resumption import Unfinished
 from uavcover.site import Site
+
+_GROUND_S, _ASK_AGAIN_S = 4.0, 0.2
+"""So long, and so often, a vehicle that is armed is asked whether it stands on the ground."""
 
 ClientName = Literal["native", "mavsdk"]
 """Who conducts transfers and commands."""
@@ -172,6 +176,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
         frame=site.frame,
         home=compiled.mission.home or home,
         ground_alt_amsl_m=float(site.alts_amsl_m(point)[0]),
+        ground_at=lambda lat_deg, lon_deg: _ground_alt_amsl_m(site, lat_deg, lon_deg),
         max_home_error_m=site.scenario.limits.max_home_error_m,
         acceptance_radius_m=site.scenario.vehicle.acceptance_radius_m,
         max_climb_m_s=site.scenario.vehicle.max_climb_m_s,
@@ -197,6 +202,16 @@ def _surroundings(site: Site) -> Surroundings:
         min_height_agl_m=limits.min_height_agl_m,
         max_height_agl_m=limits.max_height_agl_m,
     )
+
+
+def _ground_alt_amsl_m(site: Site, lat_deg: float, lon_deg: float) -> float | None:
+    """Height of the terrain at a place; None outside of it."""
+    if site.frame is None:
+        return None
+    east, north, _ = site.frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)[0]
+    up_m = float(site.ground.heights_m(np.array([east, north]))[0])
+    alt_amsl_m = float(site.alts_amsl_m(np.array([east, north, up_m]))[0])
+    return alt_amsl_m if math.isfinite(alt_amsl_m) else None
 
 
 def check_home(vehicle: Connected, site: Site, compiled: CompiledMission) -> None:
@@ -254,11 +269,16 @@ def fly(vehicle: Connected, site: Site, compiled: CompiledMission, orders: Order
 
 
 def is_in_the_air(vehicle: Connected) -> bool:
-    """Whether the vehicle is armed and does not say that it stands on the ground."""
-    vehicle.client.poll(0.0)
-    if vehicle.client.vehicle.armed and vehicle.monitor.on_ground is None:
-        vehicle.client.request_message(ExtendedSysState)
-    return vehicle.client.vehicle.armed and vehicle.monitor.on_ground is not True
+    """Whether the vehicle is armed and in the air; on the ground it is where its word, height and motion agree that it is."""
+    client, monitor = vehicle.client, vehicle.monitor
+    client.poll(0.0)
+    until_s = client.clock.now() + _GROUND_S
+    while client.vehicle.armed and monitor.on_ground is None and client.clock.now() < until_s:
+        client.request_message(ExtendedSysState)
+        client.request_message(GlobalPositionInt)
+        client.poll(_ASK_AGAIN_S)
+    proved = monitor.on_ground
+    return client.vehicle.armed and not (monitor.ground.says_landed if proved is None else proved)
 
 
 def fly_on(vehicle: Connected, site: Site, unfinished: Unfinished, orders: Orders) -> FlightOutcome:

@@ -28,6 +28,49 @@ class Link(Protocol):
 
 
 @runtime_checkable
+class PeerLink(Protocol):
+    """A link on which others than the vehicle may speak, too, and that can be told to hear it alone."""
+
+    def keep_to(self, system_id: int, component_id: int) -> None:
+        """Hear and speak to this sender's place only."""
+        ...
+
+    def let_go(self) -> None:
+        """Hear everybody again."""
+        ...
+
+
+class WrappingLink:
+    """What links that stand around another one pass on to it.
+
+    Args:
+        link: the one inside.
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of the link inside."""
+        return self._link.clock
+
+    def keep_to(self, system_id: int, component_id: int) -> None:
+        """Hear and speak to this sender's place only, where the link inside can."""
+        if isinstance(self._link, PeerLink):
+            self._link.keep_to(system_id, component_id)
+
+    def let_go(self) -> None:
+        """Hear everybody again."""
+        if isinstance(self._link, PeerLink):
+            self._link.let_go()
+
+    def close(self) -> None:
+        """Close the link inside."""
+        self._link.close()
+
+
+@runtime_checkable
 class StreamLink(Protocol):
     """A link that cuts a stream of bytes into frames itself, and so is the one that sees the garbage."""
 

@@ -12,7 +12,7 @@ from typing import Final, Self
 from mission_io.clock import Clock, MonotonicClock, SystemClock, UnixClock
 from mission_io.errors import LinkError
 from mission_io.framing import Framer, FramingCounts
-from mission_io.links.base import Link, StreamLink
+from mission_io.links.base import Link, StreamLink, WrappingLink
 
 FLUSH_S: Final = 0.2
 """What was written reaches the operating system at least so often: a killed process loses no more."""
@@ -110,7 +110,7 @@ class TelemetryLogWriter:
             self._file.close()
 
 
-class LoggedLink:
+class LoggedLink(WrappingLink):
     """A :class:`~mission_io.link.Link` that writes what goes through it into a log, from ``log_to`` on.
 
     Args:
@@ -118,17 +118,12 @@ class LoggedLink:
     """
 
     def __init__(self, link: Link) -> None:
-        self._link = link
+        super().__init__(link)
         self._log: TelemetryLogWriter | None = None
 
     def log_to(self, log: TelemetryLogWriter | None) -> None:
         """Write all that is heard and sent from here on into a log, or no longer into any."""
         self._log = log
-
-    @property
-    def clock(self) -> Clock:
-        """The clock of the link inside."""
-        return self._link.clock
 
     @property
     def framing(self) -> FramingCounts:

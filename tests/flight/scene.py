@@ -98,6 +98,11 @@ class Scene:
         return np.array([(s.time_s, s.east_m, s.north_m, s.up_m) for s in self.samples])
 
 
+def presses(scene: Scene, *times_s: float) -> Callable[[], int]:
+    """A stop that is pressed at these vehicle times."""
+    return lambda: sum((scene.monitor.time_s or 0.0) >= time_s for time_s in times_s)
+
+
 def make_scene(
     autopilot: Autopilot = ARDUPILOT,
     *,

@@ -104,9 +104,11 @@ def test_arming_that_stays_refused_is_no_flight(autopilot):
 def test_wind_above_its_limits_blows_it_away_and_the_track_goes_to_the_end():
     scene = faulty_scene(ARDUPILOT, "strong-wind@10s", battery=BatteryData(endurance_s=100.0))
     outcome, text = ended(scene)
-    assert outcome.ending is Ending.WIND_ABOVE_LIMITS
+    assert outcome.ending is Ending.CRASHED, "its battery was empty"
+    assert outcome.incidents[0].kind is Ending.WIND_ABOVE_LIMITS
     assert "off the planned leg to item 4 and leans by" in text
-    assert "the wind is above what it can fly against; it was disarmed in the air" in text
+    assert "disarmed " in text
+    assert "m above home, and sank at" in text
     assert scene.samples[-1].time_s >= scene.vehicle.time_s - 5.0
 
 
@@ -183,7 +185,8 @@ def test_an_empty_battery_on_the_way_home_is_no_return():
 
     outcome, text = ended(scene, stop=lambda: int((scene.monitor.time_s or 0.0) > 35.0), on_event=drain)
     assert outcome.ending is Ending.CRASHED
-    assert "disarmed in the air on its way home; it says: " in text
+    assert "m above home, and sank at" in text
+    assert "on its way home; it says: " in text
 
 
 def test_a_stop_in_a_pause_brings_it_home():

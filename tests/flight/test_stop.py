@@ -5,7 +5,7 @@ import pytest
 from mission_io.autopilots import ARDUPILOT, PX4
 from mission_io.enums import CommandResult
 from mission_io.items import Mission
-from tests.flight.scene import HOME, Scene, make_scene, mission, way_home
+from tests.flight.scene import HOME, Scene, make_scene, mission, presses, way_home
 from uavcover.errors import InfeasibleError, VehicleError
 from uavcover.flight.events import EventKind
 from uavcover.flight.fly import Ending
@@ -18,11 +18,6 @@ def scene_with_mission(autopilot=ARDUPILOT) -> Scene:
     scene = make_scene(autopilot)
     scene.upload(mission())
     return scene
-
-
-def presses(scene: Scene, *times_s: float):
-    """A stop that is pressed at these vehicle times."""
-    return lambda: sum((scene.monitor.time_s or 0.0) >= time_s for time_s in times_s)
 
 
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)

@@ -1,14 +1,17 @@
 import contextlib
+import random
 import socket
 
 import pytest
 
 from mission_io.autopilots import PX4
 from mission_io.client import Client
+from mission_io.codec import Codec
 from mission_io.errors import LinkError, MisuseError
 from mission_io.items import Frame, MissionType, waypoint
 from mission_io.link import LinkUrl, UdpLink, open_link, parse_link_url, register_endpoint
-from mission_io.links.udp import FORGOTTEN_AFTER_S, MOST_PEERS
+from mission_io.links.udp import FORGOTTEN_AFTER_S, MOST_PEERS, TAKE_OVER_S
+from mission_io.messages import Heartbeat, MissionCurrent
 from mission_io.simulated import ManualClock
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer
@@ -202,3 +205,75 @@ def test_a_mission_goes_over_real_udp() -> None:
         client.upload(MissionType.MISSION, items)
         assert client.download(MissionType.MISSION) == peer.server.items(MissionType.MISSION)
         assert len(peer.server.items(MissionType.MISSION)) == 200
+
+
+def test_a_connecting_link_hears_its_peers_address_and_port_only() -> None:
+    with UdpLink.listening() as vehicle, UdpLink.connecting("127.0.0.1", vehicle.local_port) as ground:
+        other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        other.bind(("127.0.0.2", vehicle.local_port))  # the same port of another address
+        stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        for sock in (other, stranger):
+            sock.sendto(b"strange", ("127.0.0.1", ground.local_port))
+        ground.send(b"hello")
+        assert vehicle.receive(5.0) == b"hello"
+        vehicle.send(b"back")
+        assert ground.receive(5.0) == b"back"
+        assert ground.receive(0.0) is None
+        other.close()
+        stranger.close()
+
+
+BEAT = Heartbeat(12, 2, 0, 0, 3)
+
+
+def listening_to(vehicle: UdpLink, ground: UdpLink, codec: Codec) -> None:
+    vehicle.send(codec.encode(BEAT))
+    assert ground.receive(5.0) is not None
+    ground.keep_to(codec.system_id, codec.component_id)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_strangers_on_the_port_of_a_vehicle_neither_redirect_nor_are_heard(seed: int) -> None:
+    rng = random.Random(seed)
+    clock = ManualClock()
+    spoof, companion = Codec(system_id=1, component_id=1), Codec(system_id=1, component_id=191)
+    with UdpLink.listening(clock=clock) as ground, contextlib.ExitStack() as open_links:
+        vehicle = open_links.enter_context(UdpLink.connecting("127.0.0.1", ground.local_port))
+        listening_to(vehicle, ground, Codec(system_id=1, component_id=1))
+        place = ("127.0.0.1", vehicle.local_port)
+        for number in range(40):
+            clock.advance_to(number * 0.5)
+            stranger = open_links.enter_context(UdpLink.connecting("127.0.0.1", ground.local_port))
+            codec = rng.choice([spoof, companion])
+            stranger.send(
+                rng.choice([b"garbage", rng.randbytes(50), codec.encode(BEAT), codec.encode(MissionCurrent(3))])
+            )
+            vehicle.send(b"still here")
+            assert ground.receive(5.0) == b"still here"
+            assert (ground.peer, ground.peers) == (place, (place,))
+        ground.send(b"to the vehicle")
+        assert vehicle.receive(5.0) == b"to the vehicle"
+        assert stranger.receive(0.0) is None
+        assert ground.strangers == 40
+
+
+def test_a_vehicle_that_comes_back_on_another_port_is_followed_once_its_own_is_silent() -> None:
+    clock, codec = ManualClock(), Codec(system_id=1, component_id=1)
+    with (
+        UdpLink.listening(clock=clock) as ground,
+        UdpLink.connecting("127.0.0.1", ground.local_port) as before,
+        UdpLink.connecting("127.0.0.1", ground.local_port) as after,
+        UdpLink.connecting("127.0.0.1", ground.local_port) as companion,
+    ):
+        listening_to(before, ground, codec)
+        after.send(codec.encode(BEAT))
+        assert ground.receive(0.05) is None
+        clock.advance_to(TAKE_OVER_S + 0.1)
+        companion.send(Codec(system_id=1, component_id=191).encode(BEAT))
+        after.send(codec.encode(MissionCurrent(3)))
+        assert ground.receive(0.05) is None, "neither another component, nor a message that is no heartbeat"
+        after.send(codec.encode(BEAT))
+        assert ground.receive(5.0) is not None
+        assert ground.peer == ("127.0.0.1", after.local_port)
+        ground.send(b"found")
+        assert after.receive(5.0) == b"found"

@@ -113,7 +113,8 @@ class Conversation:
             vehicle = self.client.vehicle
         except MisuseError:
             return "not heard"
-        where = {True: "on the ground", False: "in the air", None: "somewhere"}[monitor.on_ground]
+        unproved = "on the ground by its own word" if monitor.ground.says_landed else "somewhere"
+        where = {True: "on the ground", False: "in the air", None: unproved}[monitor.on_ground]
         parts = [where, "armed" if vehicle.armed else "disarmed", f"in {self.mode_name}"]
         here = monitor.latest(m.GlobalPositionInt)
         if here is not None:
@@ -148,6 +149,9 @@ class Conversation:
                 self._recent_complaints.append(said.text)
             self.watch.take_text(said)
             self.tell(EventKind.TEXT, said.text)
+        while self.monitor.other_texts:
+            component, said = self.monitor.other_texts.popleft()
+            self.tell(EventKind.TEXT, f"component {component}: {said.text}")
         self.watch.look()
 
     def listen(self, seconds: float) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from mission_io.autopilots import Autopilot
 from mission_io.items import Command, Frame, GeoPoint, Mission, MissionItem
 from uavcover.errors import InputError
+from uavcover.flight.ground_contact import GroundAt
 from uavcover.frames import LocalFrame
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ class FlightPlan:
         frame: the scenario's local frame, for the track.
         home: where the mission was planned to start.
         ground_alt_amsl_m: height of the terrain at ``home``, or none when there is no terrain.
+        ground_at: height of the terrain anywhere, or none when there is no terrain.
         max_home_error_m: largest distance of the vehicle's home from the planned one, over ground and in height.
         passed_before: how many planned waypoints were passed before the flight, where it goes on with a mission.
         acceptance_radius_m: a planned waypoint that the vehicle came so near to was passed.
@@ -45,6 +47,7 @@ class FlightPlan:
     frame: LocalFrame
     home: GeoPoint
     ground_alt_amsl_m: float | None = None
+    ground_at: GroundAt | None = None
     max_home_error_m: float = 10.0
     passed_before: int = 0
     acceptance_radius_m: float = 3.0

@@ -195,6 +195,8 @@ class _Flight:
         """Record from the next position on, and count the planned waypoints."""
         conversation = self.conversation
         autopilot = conversation.autopilot
+        if plan.ground_alt_amsl_m is not None:
+            conversation.monitor.ground.know_ground(plan.ground_at, home_alt_amsl_m=plan.ground_alt_amsl_m)
 
         def waypoint_of(seq: int) -> int:
             """No planned waypoint is flown to while somebody else has the vehicle, or made its mission."""

@@ -22,8 +22,10 @@ _MOVED_M = 2.0
 _METRES_PER_DEGREE = 111_320.0
 _GOING_ON_S = 2.0
 """After a pause the vehicle may still tell for a moment that its mission is paused."""
-_LANDED_TOLD_S = 2.0
-"""The heartbeat may tell that the vehicle disarmed before another message tells that it landed."""
+_LASTING = (Ending.MISSION_CHANGED, Ending.WIND_ABOVE_LIMITS, Ending.OFF_ROUTE, Ending.FENCE_BREACHED)
+_COMES_TO_REST_S = 10.0
+"""So long a vehicle that disarmed is listened to until it lies still; one that has landed does at once."""
+_LOOK_S = 0.1
 
 
 def follow_mission(conversation: Conversation, plan: FlightPlan, progress: Progress) -> None:
@@ -71,8 +73,9 @@ def follow_home(conversation: Conversation, *, stops_before: int, longest_wait_s
     while conversation.client.vehicle.armed:
         follower.step(lambda: None)
     follower.settle()
-    if _fell(conversation):
-        raise FlightFaultError(Ending.CRASHED, f"disarmed in the air on its way home{conversation.complaints}")
+    fallen = _fallen(conversation, follower)
+    if fallen is not None:
+        raise FlightFaultError(Ending.CRASHED, f"{fallen} on its way home{conversation.complaints}")
     if follower.cause is not None:
         raise FlightFaultError(
             follower.cause, "the vehicle did not fly its way home to the end; it has landed and disarmed"
@@ -88,15 +91,20 @@ def _judge(conversation: Conversation, plan: FlightPlan, progress: Progress, fol
     """
     watch = conversation.watch
     flown = f"{progress.reached_count} of {plan.waypoint_count} planned waypoints"
+    fallen = _fallen(conversation, follower)
+    if fallen is not None:
+        before = [follower.cause] if follower.cause is not None else []
+        before += [kind for kind in _LASTING if watch.is_open(kind)]
+        why = f"; before, {watch.text_of(before[0])}" if before else ""
+        raise FlightFaultError(Ending.CRASHED, f"{fallen} after {flown}{why}{conversation.complaints}")
     if follower.cause is not None:
         raise FlightFaultError(follower.cause, f"{watch.text_of(follower.cause)}; it landed and disarmed after {flown}")
-    fallen = _fell(conversation)
-    how = "it was disarmed in the air" if fallen else "it landed and disarmed"
-    for kind in (Ending.MISSION_CHANGED, Ending.WIND_ABOVE_LIMITS, Ending.OFF_ROUTE, Ending.FENCE_BREACHED):
+    how = "it landed and disarmed"
+    for kind in _LASTING:
         if watch.is_open(kind):
             raise FlightFaultError(kind, f"{watch.text_of(kind)}; {how} after {flown}")
     cause = watch.recent_cause(within_s=10.0)
-    if fallen or (cause is not None and cause[0] is Ending.CRASHED):
+    if cause is not None and cause[0] is Ending.CRASHED:
         raise FlightFaultError(Ending.CRASHED, f"{how} after {flown}{conversation.complaints}")
     if progress.all_reached:
         return
@@ -109,11 +117,22 @@ def _judge(conversation: Conversation, plan: FlightPlan, progress: Progress, fol
     )
 
 
-def _fell(conversation: Conversation) -> bool:
-    """Whether the vehicle was disarmed in the air."""
-    if conversation.monitor.on_ground is False:
-        conversation.listen(_LANDED_TOLD_S)
-    return conversation.monitor.on_ground is False
+def _fallen(conversation: Conversation, follower: "_Follower") -> str | None:
+    """How the vehicle, which is disarmed now, came down without motors; None when it has landed.
+
+    It is listened to until it lies still.
+    """
+    monitor, patience = conversation.monitor, Timer(conversation, _COMES_TO_REST_S)
+    began_s = conversation.client.clock.now()
+    while not (monitor.on_ground or patience.over or conversation.client.clock.now() - began_s > _COMES_TO_REST_S):
+        conversation.listen(_LOOK_S)
+        settled = monitor.ground.is_still(monitor.time_s) and monitor.ground.says_landed is not False
+        if settled:
+            break
+    fall = monitor.ground.fall(follower.last_armed_s, monitor.time_s)
+    if fall is not None:
+        return f"disarmed {fall}"
+    return "disarmed in the air" if monitor.on_ground is False else None
 
 
 class _Follower:
@@ -124,6 +143,9 @@ class _Follower:
         stuck_s: without getting on, in its mission.
         stops_before: how many stops of the user are known already.
         pause: whether the vehicle is to wait now.
+
+    Attributes:
+        last_armed_s: vehicle time when it was last known to be armed.
     """
 
     def __init__(
@@ -140,6 +162,7 @@ class _Follower:
         self._held_for: Ending | None = None
         self._held_still = Stillness(conversation, conversation.patience.elsewhere_s)
         self._going_on: Timer | None = None
+        self.last_armed_s = conversation.monitor.time_s
 
     @property
     def in_mission(self) -> bool:
@@ -163,6 +186,7 @@ class _Follower:
             Stopped: the user asked once more.
         """
         conversation = self._conversation
+        self.last_armed_s = conversation.monitor.time_s
         if conversation.stop() > self._stops_before:
             self._end_at_users_wish()
         self._pause_or_go_on()

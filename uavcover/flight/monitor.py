@@ -7,15 +7,19 @@ from typing import TypeVar
 
 from mission_io import messages as m
 from mission_io.client import Client
-from mission_io.enums import LandedState, MissionResult, MissionState
+from mission_io.enums import MissionResult, MissionState
 from mission_io.items import MissionType
 from mission_io.link import Link, open_link
 from mission_io.protocol.exchange import Address, Timing
+from uavcover.flight.ground_contact import GroundContact
 from uavcover.flight.texts import TextAssembler
+from uavcover.flight.vehicle_clock import VehicleClock
 
 MessageT = TypeVar("MessageT", bound=m.Message)
 
-_RESTART_S = 5.0
+
+_DOUBT_S = 1.0
+"""So long positions whose stamps are doubted count as coming; on the link's clock."""
 
 
 class Monitor:
@@ -26,11 +30,11 @@ class Monitor:
     Attributes:
         on_position: called with each position of the vehicle.
         texts: lines for the pilot that nobody has taken yet.
-        time_s: the vehicle's latest time, seconds since it was switched on; None while it is not known.
+        other_texts: lines of other components of its system, each with the component's number.
+        ground: what tells whether it stands on the ground.
         position_at_s: when the latest position arrived, on the link's clock.
         heard_at_s: when anything of the vehicle arrived last, on the link's clock; infinitely long ago before the first.
         counts: how many messages of each kind arrived.
-        restarted: whether the vehicle's time went back: it was switched off and on.
         reached: the highest mission item that the vehicle said it reached.
         uploads_taken: how often it thanked somebody for a mission, us or another ground station.
     """
@@ -38,14 +42,17 @@ class Monitor:
     def __init__(self) -> None:
         self.on_position: Callable[[m.GlobalPositionInt], None] | None = None
         self.texts: deque[m.StatusText] = deque(maxlen=1000)
-        self.time_s: float | None = None
+        self.other_texts: deque[tuple[int, m.StatusText]] = deque(maxlen=100)
+        self.ground = GroundContact()
         self.position_at_s: float | None = None
         self.heard_at_s = -math.inf
         self.counts: Counter[type[m.Message]] = Counter()
-        self.restarted = False
         self.reached = -1
         self.uploads_taken = 0
         self._assembler = TextAssembler()
+        self._other_assemblers: dict[int, TextAssembler] = {}
+        self._time = VehicleClock()
+        self._doubted_since_s: float | None = None
         self._vehicle: Address | None = None
         self._latest: dict[type, m.Message] = {}
 
@@ -56,11 +63,24 @@ class Monitor:
         """
         if self._vehicle != vehicle:
             self._latest.clear()
+            self.ground.forget()
+            self._time.begin()
         self._vehicle = vehicle
+
+    @property
+    def time_s(self) -> float | None:
+        """The vehicle's latest time, seconds since it was switched on; None while it is not known."""
+        return self._time.time_s
+
+    @property
+    def restarted(self) -> bool:
+        """Whether the vehicle's time went back: it was switched off and on."""
+        return self._time.restarted
 
     def begin(self) -> None:
         """Begin a flight: what was said of an older one, and the vehicle's time then, count no more."""
-        self.restarted, self.time_s, self.reached = False, None, -1
+        self._time.begin()
+        self.reached = -1
         self.forget(m.MissionCurrent)
 
     def latest(self, kind: type[MessageT]) -> MessageT | None:
@@ -90,46 +110,66 @@ class Monitor:
 
     @property
     def on_ground(self) -> bool | None:
-        """Whether the vehicle says that it stands on the ground; None when it does not say."""
-        state = self.latest(m.ExtendedSysState)
-        if state is None or state.landed_state == LandedState.UNDEFINED:
-            return None
-        return state.landed_state == LandedState.ON_GROUND
+        """Whether the vehicle stands on the ground, by its word, height and motion; see :class:`GroundContact`."""
+        return self.ground.on_ground(self.time_s)
 
     def __call__(self, received: m.Received, now: float) -> None:
         """Take a message that arrived at ``now`` on the link's clock."""
-        if self._vehicle is None or (received.system_id, received.component_id) != (
-            self._vehicle.system_id,
-            self._vehicle.component_id,
-        ):
+        if self._vehicle is None or received.system_id != self._vehicle.system_id:
+            return
+        if received.component_id != self._vehicle.component_id:
+            self._take_other(received)
             return
         message = received.message
-        self._look_for_restart(message)
         self.heard_at_s = now
+        if not self._believes(message, now):
+            self._doubt(message, now)
+            return
+        if isinstance(message, m.GlobalPositionInt):
+            self._doubted_since_s = None
         self.counts[type(message)] += 1
         self._latest[type(message)] = message
         match message:
             case m.GlobalPositionInt():
                 self.position_at_s = now
+                self.ground.take_position(message)
                 if self.on_position is not None:
                     self.on_position(message)
             case m.MissionAck(result=MissionResult.ACCEPTED, mission_type=MissionType.MISSION):
                 self.uploads_taken += 1
+            case m.ExtendedSysState():
+                self.ground.take_word(message.landed_state, self.time_s)
             case m.MissionItemReached():
                 self.reached = max(self.reached, message.seq)
             case m.StatusText():
                 self.texts.extend(self._assembler.take(message))
 
-    def _look_for_restart(self, message: m.Message) -> None:
-        """Take the vehicle's time from a message; what was said before a restart is over."""
+    def _believes(self, message: m.Message, now: float) -> bool:
+        """Whether a message's time stamp, if it has one, is believed; what was said before a restart is over."""
         if not isinstance(message, m.GlobalPositionInt | m.Attitude | m.SystemTime):
-            return
-        time_s = message.time_boot_s
-        if self.time_s is not None and time_s < self.time_s - _RESTART_S:
-            self.restarted = True
+            return True
+        restarted = self._time.restarted
+        believed = self._time.take(message.time_boot_s, now)
+        if self._time.restarted and not restarted:
             self._latest.clear()
-            self.time_s = time_s
-        self.time_s = time_s if self.time_s is None else max(self.time_s, time_s)
+            self.ground.forget()
+        return believed
+
+    def _doubt(self, message: m.Message, now: float) -> None:
+        """Positions after a silence do come, although their stamps are doubted for a moment."""
+        if not isinstance(message, m.GlobalPositionInt):
+            return
+        if self._doubted_since_s is None:
+            self._doubted_since_s = now
+        if now - self._doubted_since_s <= _DOUBT_S:
+            self.position_at_s = now
+
+    def _take_other(self, received: m.Received) -> None:
+        """What another component of the vehicle's system says is shown to the pilot, and decides nothing."""
+        said = received.message
+        if isinstance(said, m.StatusText):
+            assembler = self._other_assemblers.setdefault(received.component_id, TextAssembler())
+            self.other_texts.extend((received.component_id, text) for text in assembler.take(said))
 
 
 def open_vehicle(link: Link | str, *, timing: Timing | None = None) -> tuple[Client, Monitor]:

@@ -36,7 +36,7 @@ class Ending(Enum):
     MISSION_CHANGED = "somebody else changed the mission, or the item that is flown"
     RESTARTED = "the vehicle's autopilot restarted"
     STUCK = "the vehicle did not get on"
-    CRASHED = "the vehicle says that it crashed"
+    CRASHED = "the vehicle crashed: it says so, or it was disarmed in the air and fell"
     ENDED_EARLY = "the vehicle landed before the last planned waypoint"
     STAYED_ARMED = "the vehicle landed and did not disarm"
     FAILED = "the vehicle did not do what it was told"

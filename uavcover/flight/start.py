@@ -92,9 +92,16 @@ def set_current_item(conversation: Conversation, seq: int) -> None:
 
 
 def disarm_on_ground(conversation: Conversation) -> bool:
-    """Disarm a vehicle that is not known to fly; False when it refuses, because it has just left the ground."""
+    """Disarm a vehicle that stands on the ground.
+
+    Returns:
+        Whether it is disarmed; False when it refuses, because it has just left the ground, or when not all that is known of it
+        (its word, its height, its motion) tells that it stands there.
+    """
     if not conversation.client.vehicle.armed:
         return True
+    if conversation.monitor.on_ground is not True:
+        return False
     try:
         conversation.client.command(Command.COMPONENT_ARM_DISARM, 0.0)
     except CommandRefusedError:
@@ -103,7 +110,7 @@ def disarm_on_ground(conversation: Conversation) -> bool:
 
 
 def is_flying(conversation: Conversation) -> bool:
-    """Whether the vehicle is armed and not known to stand on the ground."""
+    """Whether the vehicle is armed and not proved to stand on the ground."""
     return conversation.client.vehicle.armed and conversation.monitor.on_ground is not True
 
 

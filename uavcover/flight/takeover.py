@@ -36,7 +36,7 @@ class Takeover:
         """Look at the mode; ``expected`` are those it was told."""
         conversation = self._conversation
         numbers = [custom_mode(conversation.autopilot, mode) for mode in expected]
-        if self._left is not None and conversation.monitor.on_ground:
+        if self._left is not None and conversation.monitor.ground.says_landed:
             self.settle()  # PX4 goes back to the mode it was told once it has landed: that ends no takeover
         elif conversation.client.vehicle.custom_mode in numbers:
             if self.cause is not None:

@@ -1,15 +1,19 @@
 """A link that MAVSDK and our own ears share: nobody needs a second connection to the vehicle."""
 
-from mission_io.clock import Clock
+from mission_io.framing import Framer
 from mission_io.link import Link
+from mission_io.links.base import WrappingLink
 from uavcover.mavsdk_client.session import MavsdkSession
 
 _SLICE_S = 0.002
 """How long what MAVSDK wants to be sent may wait."""
 
 
-class SharedLink:
+class SharedLink(WrappingLink):
     """A :class:`~mission_io.link.Link` that tells MAVSDK what arrives, and sends what MAVSDK says while it listens.
+
+    MAVSDK hears the vehicle's autopilot alone, from ``keep_to`` on: what a companion computer says with the same system id must
+    answer none of its questions.
 
     Args:
         link: carries the datagrams.
@@ -17,12 +21,19 @@ class SharedLink:
     """
 
     def __init__(self, link: Link, session: MavsdkSession) -> None:
-        self._link, self._session = link, session
+        super().__init__(link)
+        self._session = session
+        self._vehicle: tuple[int, int] | None = None
 
-    @property
-    def clock(self) -> Clock:
-        """The clock of the link inside."""
-        return self._link.clock
+    def keep_to(self, system_id: int, component_id: int) -> None:
+        """Hear and speak to this sender's place only, and let MAVSDK hear this sender only."""
+        super().keep_to(system_id, component_id)
+        self._vehicle = (system_id, component_id)
+
+    def let_go(self) -> None:
+        """Hear everybody again; MAVSDK hears nobody until the vehicle is chosen."""
+        super().let_go()
+        self._vehicle = None
 
     def send(self, data: bytes) -> None:
         """Send one datagram of ours."""
@@ -37,9 +48,15 @@ class SharedLink:
             left_s = deadline - self.clock.now()
             data = self._link.receive(min(max(0.0, left_s), _SLICE_S))
             if data is not None:
-                self._session.receive(data)
+                self._session.receive(self._of_vehicle(data))
             if data is not None or left_s <= 0.0:
                 return data
+
+    def _of_vehicle(self, data: bytes) -> bytes:
+        """The vehicle's own frames of a datagram."""
+        framer = Framer()
+        frames = [*framer.feed(data), *framer.end()]
+        return b"".join(frame.data for frame in frames if (frame.system_id, frame.component_id) == self._vehicle)
 
     def close(self) -> None:
         """End MAVSDK and close the link inside; closing twice is fine."""

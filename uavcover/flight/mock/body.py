@@ -73,7 +73,7 @@ class MockBody:
     @property
     def landed_state(self) -> LandedState:
         """What an EXTENDED_SYS_STATE says."""
-        if self.on_ground:
+        if self.on_ground or self.falling:  # without motors both autopilots say so at once, however high they are
             return LandedState.ON_GROUND
         return LandedState.LANDING if self.itinerary.landing else LandedState.IN_AIR
 

@@ -148,6 +148,11 @@ def _upload(vehicle: "MockVehicle", items: tuple[MissionItem, ...]) -> None:
     vehicle.mission.changed()
 
 
+def _force_disarm(vehicle: "MockVehicle", _: Fault) -> None:
+    """Another station sends a disarm that is forced (COMPONENT_ARM_DISARM, second parameter 21196)."""
+    vehicle.disarm(force=True)
+
+
 _BEGIN: dict[FaultKind, Callable[["MockVehicle", Fault], None]] = {
     FaultKind.GPS_LOSS: _lose_fix,
     FaultKind.BATTERY_FAILSAFE: _drain_battery,
@@ -157,6 +162,7 @@ _BEGIN: dict[FaultKind, Callable[["MockVehicle", Fault], None]] = {
     FaultKind.STRONG_WIND: _blow,
     FaultKind.MISSION_CHANGED: _change_mission,
     FaultKind.MISSION_LOWERED: _lower_mission,
+    FaultKind.FORCE_DISARM: _force_disarm,
 }
 """A fault that is not here works by going on: the vehicle asks ``is_going_on``."""
 

@@ -23,6 +23,7 @@ class FaultKind(Enum):
     STRONG_WIND = "strong-wind"
     MISSION_CHANGED = "mission-changed"
     MISSION_LOWERED = "mission-lowered"
+    FORCE_DISARM = "force-disarm"
 
 
 class Since(Enum):

@@ -257,6 +257,7 @@ class MockVehicle:
         self.armed = False
         self.body.cut_motors()
         self.follow([])
+        self.tell(m.ExtendedSysState)
         return CommandResult.ACCEPTED
 
     def set_mode(self, mode: Mode) -> CommandResult:
@@ -413,6 +414,8 @@ class MockVehicle:
                 self.took_off_at_s = self.powered_s
             return
         self._disarm_at_s = now + _DISARM_AFTER_LANDING_S
+        if self.body.crashed and not self.armed:
+            return  # nobody watches for a crash any more
         if self.body.crashed:
             self.say(_CRITICAL, "Crash: Disarming: hit the ground")
             return
