@@ -6,10 +6,13 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Any, Literal, cast, get_args
 
+from mission_io.errors import MisuseError
+from mission_io.vehicle_types import VehicleKind as MovingKind
+from mission_io.vehicle_types import kind_of, parse_type
 from sitl_tests.errors import MatrixError
 from uavcover.model.vehicle import AutopilotName
 
-SimulatorKind = Literal["mock", "arducopter", "px4"]
+SimulatorKind = Literal["mock", "arducopter", "arduplane", "ardurover", "px4"]
 ClientName = Literal["native", "mavsdk"]
 WORKS = "works"
 
@@ -23,12 +26,19 @@ class VehicleKind:
         simulator: what starts it.
         autopilot: whose ways it has.
         speed: vehicle seconds per second.
+        mav_type: what it says it is, by its MAV_TYPE number.
     """
 
     name: str
     simulator: SimulatorKind
     autopilot: AutopilotName
     speed: float
+    mav_type: int
+
+    @property
+    def is_multirotor(self) -> bool:
+        """Whether it can be flown; anything else is only asked what is for foreign types."""
+        return kind_of(self.mav_type) is MovingKind.MULTIROTOR
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +92,7 @@ def cells_of(document: Mapping[str, Any]) -> Iterator[Cell]:
     vehicles = [_vehicle(name, table) for name, table in document["vehicles"].items()]
     for capability, table in document["capabilities"].items():
         where = f"capabilities.{capability}"
-        _known_keys(where, table, {"shows", "expected", "otherwise", "clients", "long", "parameters"})
+        _known_keys(where, table, {"shows", "expected", "otherwise", "clients", "long", "parameters", "foreign"})
         otherwise = table.get("otherwise", {})
         _known_keys(f"{where}.otherwise", otherwise, {vehicle.name for vehicle in vehicles})
         _known_keys(f"{where}.parameters", table.get("parameters", {}), set(get_args(AutopilotName)))
@@ -90,6 +100,8 @@ def cells_of(document: Mapping[str, Any]) -> Iterator[Cell]:
         usual = Expectation(table.get("expected", WORKS))
         for client in table.get("clients", ["native"]):
             for vehicle in vehicles:
+                if vehicle.is_multirotor is table.get("foreign", False):
+                    continue
                 other = otherwise.get(vehicle.name)
                 yield Cell(
                     vehicle=vehicle,
@@ -104,10 +116,14 @@ def cells_of(document: Mapping[str, Any]) -> Iterator[Cell]:
 
 def _vehicle(name: str, table: Mapping[str, Any]) -> VehicleKind:
     where = f"vehicles.{name}"
-    _known_keys(where, table, {"simulator", "autopilot", "speed"})
+    _known_keys(where, table, {"simulator", "autopilot", "speed", "type"})
     _known_keys(f"{where}.simulator", {table["simulator"]: None}, set(get_args(SimulatorKind)))
     _known_keys(f"{where}.autopilot", {table["autopilot"]: None}, set(get_args(AutopilotName)))
-    return VehicleKind(name, table["simulator"], table["autopilot"], float(table["speed"]))
+    try:
+        mav_type = parse_type(table.get("type", "quadrotor"))
+    except MisuseError as error:
+        raise MatrixError(f"{where}.type: {error}") from None
+    return VehicleKind(name, table["simulator"], table["autopilot"], float(table["speed"]), mav_type)
 
 
 def _known_keys(where: str, table: Mapping[str, Any], known: set[str]) -> None:

@@ -7,6 +7,7 @@ from typing import Self
 
 from mission_io.link import UdpLink, open_link
 from mission_io.simulated import Conditions, LossyLink
+from sitl_tests.meddler import Meddler
 
 _TICK_S = 0.02
 
@@ -18,16 +19,22 @@ class Relay:
         vehicle_url: where the vehicle is.
         seed: decides what is lost.
         conditions: what happens to datagrams, each way.
+        meddler: speaks to the station, too, as if it were on board.
 
     Attributes:
         url: where a ground station finds the vehicle.
+        sent: every datagram that went to the vehicle.
     """
 
-    def __init__(self, vehicle_url: str, *, seed: int, conditions: Conditions | None = None) -> None:
+    def __init__(
+        self, vehicle_url: str, *, seed: int, conditions: Conditions | None = None, meddler: Meddler | None = None
+    ) -> None:
         conditions = conditions if conditions is not None else Conditions()
         self._vehicle = LossyLink(open_link(vehicle_url), rng=Random(seed), conditions=conditions)
         self._station = UdpLink.listening()
         self.url = f"udpout://127.0.0.1:{self._station.local_port}"
+        self.sent: list[bytes] = []
+        self._meddler = meddler
         self._ended, self._cut = threading.Event(), threading.Event()
         self._threads = [
             threading.Thread(target=self._pass_down, name="relay to station", daemon=True),
@@ -57,9 +64,13 @@ class Relay:
             data = self._vehicle.receive(_TICK_S)
             if data is not None:
                 self._station.send(data)
+            if self._meddler is not None:
+                for lie in self._meddler.datagrams(self._station.clock.now()):
+                    self._station.send(lie)
 
     def _pass_up(self) -> None:
         while not self._ended.is_set():
             data = self._station.receive(_TICK_S)
             if data is not None and not self._cut.is_set():
+                self.sent.append(data)
                 self._vehicle.send(data)

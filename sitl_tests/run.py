@@ -15,7 +15,7 @@ from sitl_tests.capabilities.demonstration import SCENARIO
 from sitl_tests.case import Case, Finding, Stopwatch
 from sitl_tests.errors import CheckFailedError
 from sitl_tests.matrix import Cell
-from sitl_tests.simulators import arducopter, mock, px4
+from sitl_tests.simulators import ardupilot, mock, px4
 from sitl_tests.simulators.files import sha256
 from sitl_tests.simulators.running import Start, StartRequest
 from uavcover import pipeline
@@ -115,8 +115,12 @@ def home() -> GeoPoint:
 def _starter(cell: Cell) -> Start:
     match cell.vehicle.simulator:
         case "mock":
-            return mock.starter(cell.vehicle.autopilot)
+            return mock.starter(cell.vehicle.autopilot, vehicle_type=cell.vehicle.mav_type)
         case "arducopter":
-            return arducopter.start
+            return ardupilot.starter(ardupilot.COPTER)
+        case "arduplane":
+            return ardupilot.starter(ardupilot.PLANE)
+        case "ardurover":
+            return ardupilot.starter(ardupilot.ROVER)
         case "px4":
             return px4.start

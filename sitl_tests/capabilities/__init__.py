@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from sitl_tests.capabilities import demonstration, failsafes, flights, logs, refusals, stations, transfers
+from sitl_tests.capabilities import demonstration, failsafes, flights, identity, logs, refusals, stations, transfers
 from sitl_tests.case import Case, Finding, Judge
 
 ALL: Mapping[str, Callable[[Case], Finding | Judge]] = MappingProxyType(
@@ -25,6 +25,9 @@ ALL: Mapping[str, Callable[[Case], Finding | Judge]] = MappingProxyType(
         "stop-and-return": flights.stop_and_return,
         "wrong-home": flights.wrong_home,
         "change-in-flight": flights.change_in_flight,
+        "foreign-type": identity.foreign_type,
+        "meddling-companion": identity.meddling_companion,
+        "force-disarm": identity.force_disarm,
         "fence-breach": failsafes.fence_breach,
         "link-loss": failsafes.link_loss,
         "log-download": logs.log_download,

@@ -10,12 +10,12 @@ from uavcover.mission_compiler import AUTOPILOTS
 from uavcover.model.vehicle import AutopilotName
 
 
-def starter(autopilot: AutopilotName) -> Start:
-    """What starts a mock vehicle with the ways of an autopilot."""
+def starter(autopilot: AutopilotName, *, vehicle_type: int) -> Start:
+    """What starts a mock vehicle with the ways of an autopilot, which says that it is of a MAV_TYPE."""
 
     @contextmanager
     def start(request: StartRequest) -> Iterator[RunningVehicle]:
-        vehicle = MockVehicle(AUTOPILOTS[autopilot], request.home, speed=request.speed)
+        vehicle = MockVehicle(AUTOPILOTS[autopilot], request.home, speed=request.speed, vehicle_type=vehicle_type)
         with start_in_background(vehicle, speed=request.speed) as background:
             url = f"udpout://127.0.0.1:{background.port}"
             yield RunningVehicle(

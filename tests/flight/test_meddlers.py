@@ -1,80 +1,30 @@
 """A companion computer that speaks with the vehicle's system id decides nothing, whatever it says."""
 
 import random
-from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
 
 from mission_io import messages as m
 from mission_io.autopilots import ARDUPILOT, PX4
-from mission_io.codec import Codec
-from mission_io.enums import LandedState, MissionState
-from mission_io.items import Command
+from mission_io.enums import LandedState
+from sitl_tests.meddler import LIES, Lie, Meddler
 from tests.flight.scene import Scene, make_scene, mission, presses
 from uavcover.flight.events import EventKind
 from uavcover.flight.mock.peer import InMemoryPeer
 from uavcover.flight.mock.vehicle import MockVehicle
 from uavcover.flight.outcome import Ending
 
-COMPANION = 191
-Lie = Callable[[random.Random], m.Message]
-
-
-def _anywhere(rng: random.Random) -> m.Message:
-    height_m = rng.uniform(-50.0, 500.0)
-    return m.GlobalPositionInt(
-        rng.choice([0.0, rng.uniform(0.0, 5000.0)]), rng.uniform(-60.0, 60.0), rng.uniform(-170.0, 170.0),
-        300.0 + height_m, height_m, *(rng.uniform(-30.0, 30.0) for _ in range(3)), 90.0,
-    )  # fmt: skip
-
-
-LIES: dict[str, Lie] = {
-    "system-time-0": lambda _: m.SystemTime(1.7e9, 0.0),
-    "system-time-huge": lambda _: m.SystemTime(0.0, 4294967.0),
-    "on-ground": lambda _: m.ExtendedSysState(int(LandedState.ON_GROUND)),
-    "landed-state": lambda rng: m.ExtendedSysState(rng.choice([int(s) for s in LandedState])),
-    "attitude": lambda rng: m.Attitude(0.0, *(rng.uniform(-3.0, 3.0) for _ in range(3)), 0.0, 0.0, 0.0),
-    "position": _anywhere,
-    "mission-current": lambda rng: m.MissionCurrent(rng.randrange(40), rng.randrange(40), rng.choice([*MissionState])),
-    "mission-complete": lambda _: m.MissionCurrent(99, 3, MissionState.COMPLETE),
-    "item-reached": lambda rng: m.MissionItemReached(rng.randrange(40)),
-    "onboard-controller": lambda _: m.Heartbeat(8, 18, 128, 9, 5),
-    "quadrotor-without-autopilot": lambda rng: m.Heartbeat(8, 2, 0, rng.randrange(30), 3),
-    "autopilot": lambda rng: m.Heartbeat(rng.choice([3, 12]), rng.choice([1, 2]), 0, rng.randrange(30), 3),
-    "sys-status": lambda _: m.SysStatus(0, 0, 0, 1.0, 3.1, 99.0, 1),
-    "battery": lambda _: m.BatteryStatus(0, (3.1, *(None,) * 9), 99.0, 9000, 0, 1, 3),
-    "gps": lambda _: m.GpsRawInt(0.0, 0, 1.0, 2.0, 3.0, 99.0, 99.0, 0.0, None, 0),
-    "ekf": lambda _: m.EkfStatusReport(0x80),
-    "text": lambda rng: m.StatusText(
-        2, rng.choice(["Crash: Disarming", "Battery failsafe", "Fence breached", "GPS lost"])
-    ),
-    "mission-ack": lambda rng: m.MissionAck(255, 190, rng.randrange(16), rng.randrange(3)),
-    "command-ack": lambda rng: m.CommandAck(
-        rng.choice([*Command]), rng.randrange(7), target_system=255, target_component=190
-    ),
-    "home": lambda _: m.HomePosition(1.0, 2.0, 3.0),
-    "version": lambda _: m.AutopilotVersion(0, 0, 0),
-    "parameter": lambda _: m.ParamValue("SIM_SPEEDUP", 1.0, 9, 1, 0),
-    "mission-count": lambda rng: m.MissionCount(255, 190, rng.randrange(9)),
-    "mission-request": lambda rng: m.MissionRequestInt(255, 190, rng.randrange(20)),
-}
-
 
 class MeddledPeer(InMemoryPeer):
     """A vehicle with a companion on the same link."""
 
-    def __init__(self, vehicle: MockVehicle, lies: list[Lie], *, speed: float, component_id: int = COMPANION) -> None:
+    def __init__(self, vehicle: MockVehicle, lies: list[Lie], *, speed: float) -> None:
         super().__init__(vehicle, speed=speed)
-        self._companion = Codec(system_id=vehicle.address.system_id, component_id=component_id)
-        self._lies, self._rng, self._next_s = lies, random.Random(14), 0.0
+        self._meddler = Meddler(lies=lies)
 
     def datagrams_to_send(self, now: float) -> list[bytes]:
-        datagrams = super().datagrams_to_send(now)
-        if now >= self._next_s:
-            self._next_s = now + 0.1
-            datagrams += [self._companion.encode(lie(self._rng)) for lie in self._lies]
-        return datagrams
+        return [*super().datagrams_to_send(now), *self._meddler.datagrams(now)]
 
 
 def meddled(autopilot, lies: list[Lie]) -> Scene:

@@ -4,10 +4,16 @@ import pytest
 
 from mission_io.items import GeoPoint
 from sitl_tests.errors import MissingSimulatorError, SimulatorError
-from sitl_tests.simulators import arducopter, px4
+from sitl_tests.simulators import ardupilot, px4
 from sitl_tests.simulators.process import SimulatorProcess
 from sitl_tests.simulators.running import StartRequest
 
+STARTS = [
+    (ardupilot.starter(ardupilot.COPTER), "UAVCOVER_ARDUCOPTER"),
+    (ardupilot.starter(ardupilot.PLANE), "UAVCOVER_ARDUPLANE"),
+    (ardupilot.starter(ardupilot.ROVER), "UAVCOVER_ARDUROVER"),
+    (px4.start, "UAVCOVER_PX4"),
+]
 HOME = GeoPoint(36.5, -84.2, 300.0)
 
 
@@ -15,17 +21,17 @@ def request_in(folder):
     return StartRequest(folder, HOME, 1.0, {})
 
 
-@pytest.mark.parametrize(("module", "variable"), [(arducopter, "UAVCOVER_ARDUCOPTER"), (px4, "UAVCOVER_PX4")])
-def test_a_missing_simulator_says_which_variable_to_set(module, variable, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("start", "variable"), STARTS)
+def test_a_missing_simulator_says_which_variable_to_set(start, variable, tmp_path, monkeypatch):
     monkeypatch.delenv(variable, raising=False)
-    with pytest.raises(MissingSimulatorError, match=f"set {variable} to the b"), module.start(request_in(tmp_path)):
+    with pytest.raises(MissingSimulatorError, match=f"set {variable} to the b"), start(request_in(tmp_path)):
         pass
 
 
-@pytest.mark.parametrize(("module", "variable"), [(arducopter, "UAVCOVER_ARDUCOPTER"), (px4, "UAVCOVER_PX4")])
-def test_a_variable_that_names_nothing_is_an_error(module, variable, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("start", "variable"), STARTS)
+def test_a_variable_that_names_nothing_is_an_error(start, variable, tmp_path, monkeypatch):
     monkeypatch.setenv(variable, str(tmp_path / "nothing"))
-    with pytest.raises(SimulatorError, match=variable), module.start(request_in(tmp_path)):
+    with pytest.raises(SimulatorError, match=variable), start(request_in(tmp_path)):
         pass
 
 
@@ -36,7 +42,7 @@ def test_an_arducopter_without_default_parameters_says_how_to_name_them(tmp_path
     monkeypatch.setenv("UAVCOVER_ARDUCOPTER", str(program))
     with (
         pytest.raises(SimulatorError, match="set UAVCOVER_ARDUCOPTER_DEFAULTS"),
-        arducopter.start(request_in(tmp_path)),
+        ardupilot.starter(ardupilot.COPTER)(request_in(tmp_path)),
     ):
         pass
 

@@ -1,0 +1,96 @@
+"""Who the vehicle is and whom we believe: foreign types, a companion that lies, a disarm that another station forces."""
+
+from mission_io.errors import CommandRefusedError
+from mission_io.framing import Framer
+from mission_io.items import Command, MissionType
+from sitl_tests.capabilities.demonstration import SCENARIO
+from sitl_tests.case import Case, Finding
+from sitl_tests.errors import CheckFailedError, require
+from sitl_tests.flying import fly_mission, plan_of, require_flown, waypoints_held
+from sitl_tests.matrix import WORKS
+from sitl_tests.meddler import Meddler
+from sitl_tests.missions import route_mission
+from sitl_tests.relay import Relay
+from uavcover import on_vehicle, pipeline
+from uavcover.errors import VehicleError
+from uavcover.flight.events import EventKind, FlightEvent
+from uavcover.flight.fly import fly
+from uavcover.flight.outcome import Ending, FlightFailedError
+
+_HEARTBEAT = 0
+_FORCED = 21196.0
+_LISTEN_S = 3.0
+
+
+def foreign_type(case: Case) -> Finding:
+    """What is no multirotor is refused; what is sent to it, and what becomes of it, is looked at."""
+    before = _state(case)
+    with Relay(case.vehicle.url, seed=case.seed) as relay:
+        try:
+            with on_vehicle.connect(relay.url, pipeline.load_site(SCENARIO), timeout_s=60.0):
+                raise CheckFailedError("`plan-upload` would go on with it")
+        except VehicleError as error:
+            said = str(error)
+        with case.station(relay.url) as station:
+            mission = route_mission(case.vehicle.home)
+            try:
+                fly(
+                    station.client, station.monitor, plan_of(mission, case.vehicle.home), on_sample=lambda _: None,
+                    on_event=case.take_event, plan_return=lambda *_: mission, confirmed=True,
+                )  # fmt: skip
+                raise CheckFailedError("`fly` flew it")
+            except FlightFailedError as error:
+                require(error.outcome.ending is Ending.NOT_ARMED, f"it ended with {error.outcome.ending.key}: {error}")
+    sent = _messages_in(relay.sent)
+    require(bool(sent) and set(sent) == {_HEARTBEAT}, f"messages {sorted(set(sent))} were sent to it")
+    after = _state(case)
+    require(after == before, f"it was {before}, and is {after}")
+    return Finding("refused", f"{len(sent)} heartbeats sent to it, nothing else: {said}")
+
+
+def meddling_companion(case: Case) -> Finding:
+    """A companion computer lies all the time; the flight is flown to its end, and nothing is reported."""
+    with Relay(case.vehicle.url, seed=case.seed, meddler=Meddler(seed=case.seed)) as relay:
+        with case.station(relay.url) as station:
+            outcome, path = fly_mission(case, station, route_mission(case.vehicle.home))
+        require(outcome.ending is Ending.LANDED, f"it ended with {outcome.ending.key}: {case.events[-1]}")
+        require(outcome.incidents == (), f"incidents: {[incident.text for incident in outcome.incidents]}")
+    worst_m = require_flown(path, waypoints_held(case))
+    rate_hz = outcome.sample_count / outcome.duration_s
+    return Finding(WORKS, f"{rate_hz:.1f} samples a second, waypoints passed within {worst_m:.1f} m, no incident")
+
+
+def force_disarm(case: Case) -> Finding:
+    """Another station disarms it by force on the way to the second waypoint."""
+    answers: list[str] = []
+    with case.station() as station, case.second_station() as second:
+
+        def disarm(event: FlightEvent) -> None:
+            if event.kind is EventKind.WAYPOINT and event.waypoint == 1 and not answers:
+                answers.append("accepted")
+                try:
+                    second.client.command(Command.COMPONENT_ARM_DISARM, 0.0, _FORCED)
+                except CommandRefusedError as error:
+                    answers[0] = error.result_name
+
+        outcome, path = fly_mission(case, station, route_mission(case.vehicle.home), on_event=disarm)
+    require(answers == ["accepted"], f"the forced disarm was answered {answers}")
+    highest_m, lowest_m = max(up for _, _, up in path.enu_m), path.last_m[2]
+    told = next((line for line in reversed(case.events) if "fly ended with" in line), "")
+    if outcome.ending is Ending.CRASHED:
+        require("m above home" in told or "m above the ground" in told, f"the height is missing: {told}")
+    return Finding(outcome.ending.key, f"flown at {highest_m:.0f} m, last told at {lowest_m:.0f} m; {told}")
+
+
+def _state(case: Case) -> tuple[bool, int, int]:
+    """Whether it is armed, its mode, and how many items it holds, for a station that asks it directly."""
+    with case.station() as station:
+        station.client.poll(_LISTEN_S)
+        held = station.client.download(MissionType.MISSION)
+        vehicle = station.client.vehicle
+        return vehicle.armed, vehicle.custom_mode, len(held)
+
+
+def _messages_in(datagrams: list[bytes]) -> list[int]:
+    framer = Framer()
+    return [frame.message_id for data in datagrams for frame in [*framer.feed(data), *framer.end()]]
