@@ -373,8 +373,14 @@ def _check_transit(site: Site, what: str, points_m: FloatArray, *, far_end: int,
         problems = find_problems(site, column, lowest_agl_m=far_end_lowest_agl_m, highest_agl_m=None)
         _refuse(what, [dataclasses.replace(p, leg=leg) for p in problems if p.kind not in {*ignored, "climb"}])
         points_m = np.delete(points_m, far_end, axis=0)
-    problems = find_problems(site, points_m, lowest_agl_m=lowest_agl_m, highest_agl_m=None)
-    _refuse(what, [p for p in problems if p.kind not in ignored])
+    limits = site.scenario.limits
+    # The vehicle adds something in flight: the margin that keeps it above the clearance keeps it below the ceiling too.
+    highest_agl_m = site.scenario.transit_ceiling_agl_m - limits.height_margin_m
+    problems = find_problems(site, points_m, lowest_agl_m=lowest_agl_m, highest_agl_m=highest_agl_m)
+    problems = [problem for problem in problems if problem.kind not in ignored]
+    if any(problem.kind == "too high" for problem in problems) and limits.max_transit_height_agl_m is None:
+        what += " (limits.max_transit_height_agl_m allows more)"
+    _refuse(what, problems)
 
 
 def _check_autopilot(content: Content, autopilot: autopilots.Autopilot, *, item_limit: int | None) -> None:

@@ -32,9 +32,10 @@ def test_shifted_by_200_m_does_not_pass(cli: Cli, flown: Path) -> None:
     shifted(flown, 200.0)
     ended = cli("verify", flown)
     assert ended.code == 1
-    assert "NOT passed" in ended.out
+    assert "FAILED" in ended.out
     verdict = json.loads((flown / "verification.json").read_text())
     assert verdict["passed"] is False
+    assert verdict["verdict"] == "failed"
     assert verdict["max_deviation_m"] > 100.0
 
 

@@ -75,8 +75,11 @@ def test_the_verdict_is_the_one_of_verification(html: str, content: ReportConten
     report = content.verdict.report
     page = Elements(html)
     assert not report.passed
-    assert "Not passed" in page.text
-    assert all(reason in page.text for reason in report.reasons)
+    assert report.verdict == "failed"
+    assert "Failed" in page.text
+    assert report.doubts
+    assert all(line in page.text for line in (*report.reasons, *report.doubts, *report.findings))
+    assert f"{report.unobserved_s:.1f} s" in page.text
     assert f"{100.0 * report.coverage_fraction:.2f} %" in page.text
     assert f"{report.gaps[0].area_m2:.0f} m²" in page.table("What was not seen")
     assert "--seed 3 --evaluations 40" in page.text

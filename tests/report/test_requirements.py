@@ -1,6 +1,7 @@
 """The table of requirements says of each what verification found."""
 
 import dataclasses
+from typing import Any
 
 import pytest
 
@@ -10,7 +11,10 @@ from uavcover.report.content import ReportContent
 from uavcover.report.requirements import RequirementRow, requirement_rows
 
 
-def rows_of(content: ReportContent, *violations: Violation, **requirements: object) -> dict[str, RequirementRow]:
+def rows_of(
+    content: ReportContent, *violations: Violation, found: dict[str, Any] | None = None, **requirements: object
+) -> dict[str, RequirementRow]:
+    found = {} if found is None else found
     assert content.verdict is not None
     scenario = content.site.scenario
     asked = dataclasses.replace(scenario.requirements, **requirements)  # type: ignore[arg-type]
@@ -19,7 +23,11 @@ def rows_of(content: ReportContent, *violations: Violation, **requirements: obje
     scenario = dataclasses.replace(
         scenario, requirements=asked, limits=limits, obstacles=Obstacles(prisms=(shed,), clearance_above_m=7.0)
     )
-    report = dataclasses.replace(content.verdict.report, violations=violations)
+    # As if all of the flight had been observed, and had not seen enough.
+    observed: dict[str, Any] = {
+        "unobserved": (), "unobserved_route_fraction": 0.0, "reasons": ("coverage is short",),
+    }  # fmt: skip
+    report = dataclasses.replace(content.verdict.report, violations=violations, **(observed | found))
     return {row.name: row for row in requirement_rows(scenario, report)}
 
 
@@ -35,9 +43,9 @@ def test_a_share_is_compared_with_what_was_asked(content: ReportContent) -> None
     found = content.verdict.report.coverage_of_coverable
     assert 0.2 < found < 0.6
     name = "Seen, of what can be seen"
-    assert rows_of(content, min_coverage_of_coverable=found)[name].passed
+    assert rows_of(content, min_coverage_of_coverable=found)[name].holds == "yes"
     row = rows_of(content, min_coverage_of_coverable=0.7)[name]
-    assert not row.passed
+    assert row.holds == "no"
     assert (row.asked, row.found) == ("at least 70 %", f"{100.0 * found:.2f} %")
 
 
@@ -47,6 +55,7 @@ def test_a_share_is_compared_with_what_was_asked(content: ReportContent) -> None
         ("below-band", "Height above ground on the route"),
         ("above-band", "Height above ground on the route"),
         ("clearance", "Clearance on the ways there and home"),
+        ("above-transit-height", "Height above ground on the ways there and home"),
         ("above-sea-level-limit", "Height above sea level"),
         ("fence", "Inside the fence"),
         ("obstacle", "Clear of obstacles"),
@@ -58,12 +67,31 @@ def test_a_violation_fails_its_own_line(content: ReportContent, kind: ViolationK
     asked: dict[str, object] = {
         "min_coverage_of_coverable": 0.0, "max_ground_speed_m_s": 30.0, "max_deviation_m": 50.0,
     }  # fmt: skip
-    assert all(row.passed for row in rows_of(content, **asked).values())
+    assert all(row.holds == "yes" for row in rows_of(content, **asked).values())
     rows = rows_of(content, violation(kind), **asked)
-    assert [row.name for row in rows.values() if not row.passed] == [name]
+    assert [row.name for row in rows.values() if row.holds != "yes"] == [name]
+    assert rows[name].holds == "no"
 
 
 def test_what_is_not_required_has_no_line(content: ReportContent) -> None:
     assert "Speed over ground on the route" not in rows_of(content)
     assert "Distance from the planned route" not in rows_of(content)
     assert "Surely seen, of what can be seen" in rows_of(content, min_sure_coverage_of_coverable=0.1)
+
+
+def test_where_too_little_was_observed_no_limit_is_said_to_hold(content: ReportContent) -> None:
+    missing = {"unobserved_route_fraction": 0.02}
+    rows = rows_of(content, violation("clearance"), found=missing, min_coverage_of_coverable=0.0)
+    assert rows["Not observed, of the route's time"].holds == "not proved"
+    assert rows["Not observed, of the route's time"].found == "2.00 %"
+    fence = rows["Inside the fence"]
+    assert (fence.holds, fence.found) == ("not proved", "kept where it was observed")
+    # What was seen to be broken is broken all the same.
+    assert rows["Clearance on the ways there and home"].holds == "no"
+    allowed = rows_of(content, found=missing, min_coverage_of_coverable=0.0, max_unobserved_fraction=0.02)
+    assert allowed["Inside the fence"].holds == "yes"
+
+
+def test_coverage_that_is_short_for_want_of_observation_is_not_proved(content: ReportContent) -> None:
+    rows = rows_of(content, found={"reasons": ()}, min_coverage_of_coverable=0.99)
+    assert rows["Seen, of what can be seen"].holds == "not proved"

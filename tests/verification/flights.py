@@ -5,8 +5,22 @@ from typing import Any
 
 import numpy as np
 
+from tests.planning import sites
 from uavcover.model.track import Track
 from uavcover.site import Site
+
+NIMBLE = {"acceleration_m_s2": 1e5, "max_climb_m_s": 500.0, "max_descent_m_s": 500.0}
+"""A vehicle that takes corners at full speed, as the tracks here do; real ones fly in :mod:`tests.verification.honest`."""
+
+LEVEL_DEG = (1e-6, -1e-6, 0.0)
+"""As good as level, and measured: exactly zero throughout would be no measurement."""
+LEANING_DEG = (60.0, 0.0, 0.0)
+"""Of a first sample that is on no route: who takes such corners leans somewhere."""
+
+
+def make_site(*arguments: Any, **changes: Any) -> Site:
+    """A small site with the nimble vehicle."""
+    return sites.make_site(*arguments, **{**changes, "vehicle": {**NIMBLE, **changes.get("vehicle", {})}})
 
 
 def fly_along(
@@ -34,11 +48,14 @@ def track_of(site: Site, enu: np.ndarray, *, time_s: np.ndarray, current_waypoin
         geodetic = np.column_stack([np.zeros_like(enu[:, :2]), enu[:, 2]])
     else:
         geodetic = np.column_stack(site.frame.geodetic_from_enu(enu))
+    attitude = np.tile(LEVEL_DEG, (len(enu), 1))
+    if current_waypoint[0] < 1:
+        attitude[0] = LEANING_DEG
     return Track(
         time_s=np.array(time_s, float),
         geodetic=geodetic,
         enu_m=np.array(enu, float),
-        attitude_deg=np.zeros((len(enu), 3)),
+        attitude_deg=attitude,
         current_waypoint=np.array(current_waypoint, dtype=np.int64),
     )
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tests.planning.sites import CAMERA, make_site
-from tests.verification.flights import changed, fly_along, track_of
+from tests.planning.sites import CAMERA
+from tests.verification.flights import changed, fly_along, make_site, track_of
 from uavcover.coverage.camera_turn import camera_turn
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.model.sensor import NadirCamera, SphereSensor
@@ -16,7 +16,7 @@ from uavcover.verification.verify import flown_coverage, verify_track
 PATH = np.array([[0.0, 100.0, 80.0], [300.0, 100.0, 80.0]])
 
 
-def with_attitude(track, roll=0.0, pitch=0.0, yaw=0.0):
+def with_attitude(track, roll=0.001, pitch=0.0, yaw=0.0):
     return changed(track, attitude_deg=np.tile([roll, pitch, yaw], (len(track), 1)))
 
 
@@ -30,7 +30,7 @@ def test_axes_are_those_of_scipys_rotations():
     # Yaw, pitch, roll of the body (forward, right, down) against north-east-down; the camera looks down in the body.
     ned = Rotation.from_euler("ZYX", attitude[:, ::-1], degrees=True).apply([0.0, 0.0, 1.0])
     np.testing.assert_allclose(turn.axes, ned[:, [1, 0, 2]] * [1.0, 1.0, -1.0], atol=1e-12)
-    assert turn.level_assumed == 0
+    assert turn.known.all()
 
 
 @pytest.mark.parametrize(
@@ -74,18 +74,21 @@ def test_a_gimbal_and_a_sphere_see_the_same_whatever_the_attitude():
         np.testing.assert_array_equal(
             flown_coverage(coverage, level, None).seen, flown_coverage(coverage, rolled, None).seen
         )
-        assert verify_track(site, coverage, with_attitude(level, roll=math.nan), None).level_assumed == 0
+        assert verify_track(site, coverage, with_attitude(level, roll=math.nan), None).unknown_attitude_looks == 0
 
 
-def test_attitude_that_is_not_known_is_taken_as_level_and_counted():
+def test_what_an_unknown_attitude_saw_is_possibly_seen():
     site = make_site()
     coverage = CoverageMap(site, cell_size_m=10.0)
     level = fly_along(site, PATH)
     unknown = with_attitude(level, roll=math.nan, pitch=5.0)
-    report = verify_track(site, coverage, unknown, None)
-    assert report.level_assumed >= len(level) - 1
-    assert report.coverage_fraction == verify_track(site, coverage, level, None).coverage_fraction
-    assert verify_track(site, coverage, level, None).level_assumed == 0
+    report, known = verify_track(site, coverage, unknown, None), verify_track(site, coverage, level, None)
+    assert report.unknown_attitude_looks >= len(level) - 1
+    assert known.unknown_attitude_looks == 0
+    assert report.coverage_fraction == 0.0
+    # Whichever way it leaned: more than what a level camera sees.
+    assert report.possibly_covered_fraction > known.coverage_fraction > 0.3
+    assert {gap.reason for gap in report.gaps if gap.area_m2 > 1000.0} == {"attitude-not-known"}
 
 
 def test_between_two_samples_the_attitude_turns_the_short_way():

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from tests.planning.sites import flat, make_site, ridge, with_scenario
-from tests.verification.flights import fly_along, moved, taken
+from tests.planning.sites import flat, ridge, with_scenario
+from tests.verification.flights import fly_along, make_site, moved, taken
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.kernels.sight import OCCLUDED
 from uavcover.model.sensor import NadirCamera
@@ -141,7 +141,7 @@ def test_errors_make_coverage_less_sure_and_more_possible() -> None:
 
 def test_sure_coverage_can_be_required() -> None:
     site = make_site(flat, requirements={"min_coverage_of_coverable": 0.5, "min_sure_coverage_of_coverable": 0.5})
-    assert verdict_on(site, LINE).report.passed
+    assert verdict_on(site, LINE).report.reasons == ()
     unsure = with_scenario(site, uncertainty=Uncertainty(position_m=15.0))
     report = verdict_on(unsure, LINE).report
     assert not report.passed
@@ -169,19 +169,19 @@ def test_speed_over_ground_is_a_requirement_with_time_and_place() -> None:
     coverage = CoverageMap(site, cell_size_m=10.0)
     steady = fly_along(site, LINE, speed_m_s=12.0)
     report = verify_track(site, coverage, steady, None)
-    assert report.passed
+    assert report.reasons == ()
     assert report.max_ground_speed_m_s == pytest.approx(12.0, rel=1e-3)
     times = steady.time_s.copy()
-    times[60:] -= 0.5 * (times[60:] - times[60])
+    times[60:] -= 0.4 * (times[60:] - times[60])
     fast = dataclasses.replace(steady, time_s=times)
     report = verify_track(site, coverage, fast, None)
     (violation,) = report.violations
     assert (violation.kind, violation.unit, violation.limit) == ("ground-speed", "m/s", 12.0)
-    assert violation.worst == pytest.approx(24.0, rel=1e-3)
-    assert violation.excess == pytest.approx(12.0, rel=1e-3)
+    assert violation.worst == pytest.approx(20.0, rel=1e-3)
+    assert violation.excess == pytest.approx(8.0, rel=1e-3)
     assert violation.start_s <= violation.worst_s <= violation.end_s
     assert violation.start_s == pytest.approx(times[60], abs=0.6)
-    assert "the speed over ground, 24.0 m/s, is above 12.0 m/s" in report.reasons
+    assert "the speed over ground, 20.0 m/s, is above 12.0 m/s" in report.reasons
 
 
 def test_deviation_is_a_violation_where_it_is_too_large() -> None:
@@ -218,9 +218,10 @@ def test_two_tracks_count_as_one_flight() -> None:
     south, north = LINE - [0.0, 50.0, 0.0], LINE - [0.0, -50.0, 0.0]
     alone = [verdict_on(site, path).report for path in (south, north)]
     both = verdict_on(site, south, north).report
-    assert not alone[0].passed
-    assert not alone[1].passed
-    assert both.passed
+    # Each alone could have seen the rest where it was not observed; together nothing is missing.
+    assert all(any("below the required 90.00 %" in line for line in (*r.reasons, *r.doubts)) for r in alone)
+    assert both.reasons == ()
+    assert not any("coverage" in doubt for doubt in both.doubts)
     assert both.coverage_fraction > max(report.coverage_fraction for report in alone) + 0.3
     assert both.samples == sum(report.samples for report in alone)
     times = [moment.time_s for moment in both.coverage_by_time]

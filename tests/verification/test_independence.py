@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.planning.sites import flat, hills, make_site, ridge
-from tests.verification.flights import changed, fly_along
+from tests.planning.sites import flat, hills, ridge
+from tests.verification.flights import changed, fly_along, make_site
 from tests.verification.test_verify import Flight
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.model.report import VerificationReport
@@ -58,7 +58,7 @@ def test_longitude_and_latitude_swapped(flight: Flight) -> None:
     report = flight.verify(swapped)
     assert not report.passed
     assert report.coverage_fraction == 0.0
-    assert any("swapped" in reason for reason in report.reasons)
+    assert any("swapped" in doubt for doubt in report.doubts)
 
 
 @pytest.mark.parametrize("factor", [FOOT_M, 1.0 / FOOT_M])
@@ -91,5 +91,5 @@ def test_heights_above_sea_level_taken_for_heights_above_the_ellipsoid(undulatio
     # A log whose geodetic heights alone are of the other kind contradicts its local columns.
     geodetic = flight.track.geodetic - [0.0, 0.0, -undulation_m]
     assert any(
-        "contradicts itself" in reason for reason in flight.verify(changed(flight.track, geodetic=geodetic)).reasons
+        "contradicts itself" in doubt for doubt in flight.verify(changed(flight.track, geodetic=geodetic)).doubts
     )

@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.planning.sites import make_site, tower, with_scenario
+from tests.planning.sites import tower, with_scenario
+from tests.verification.flights import make_site
 from tests.verification.test_cells import at, reasons_at, verdict_on
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.sensor import NadirCamera
@@ -43,7 +44,7 @@ def test_too_near_an_obstacle_with_time_place_and_amount() -> None:
     assert violation.start_s == pytest.approx(104.2, abs=0.21)
     assert violation.end_s == pytest.approx(115.8, abs=0.21)
     assert not verdict.report.passed
-    assert "obstacle" in verdict.report.reasons[-1]
+    assert "obstacle" in verdict.report.reasons[0]
     # High enough it is none, and neither 10 m aside.
     for path in ([[134.0, 0.0, 65.0], [134.0, 200.0, 65.0]], [[130.0, 0.0, 50.0], [130.0, 200.0, 50.0]]):
         assert verdict_on(make_site(obstacles=WALL), np.array(path)).report.violations == ()

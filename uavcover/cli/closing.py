@@ -44,6 +44,7 @@ def close_gaps(
         "tracks": sources,
         "gaps": len(report.gaps),
         "coverage_of_coverable": report.coverage_of_coverable,
+        "verdict": report.verdict,
         "mission": None,
         "target_met": True,
     }
@@ -103,6 +104,8 @@ def _say_gaps(console: Console, report: VerificationReport) -> None:
         f"coverage flown    {percent(report.coverage_fraction)} of the area, "
         f"{percent(report.coverage_of_coverable)} of what can be seen"
     )
+    if not report.passed:
+        console.say(f"verdict           {report.verdict.upper()} (uavcover verify says why)")
     console.say(f"gaps              {len(report.gaps)}, {sum(areas.values()):.0f} square metres in all")
     for name, area_m2 in sorted(areas.items(), key=lambda item: -item[1]):
         console.say(f"                  {name}: {area_m2:.0f} square metres")

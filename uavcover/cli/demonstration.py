@@ -94,7 +94,9 @@ def _say_end(console: Console, run: RunFolder, plan: dict[str, Any], verdict: di
         f"{metres(verdict['min_height_agl_m'])} and {metres(verdict['max_height_agl_m'])} above ground on the route, at least "
         f"{metres(verdict['min_transit_clearance_m'])} on the ways there and home"
     )
-    console.say(f"{'passed' if verdict['passed'] else 'NOT passed'} in {wall_s:.0f} s. Open next:")
+    console.say(
+        f"{verdict['verdict'] if verdict['passed'] else verdict['verdict'].upper()} in {wall_s:.0f} s. Open next:"
+    )
     console.say(f"  {run.file('report.html')}           map, 3D view, heights, coverage; opens in any browser")
     console.say(f"  uavcover inspect {run}              the flight in 3D ({run.file('flight.rrd')})")
     console.say(f"  {run.file('mission.waypoints')}     for Mission Planner; mission.plan for QGroundControl")

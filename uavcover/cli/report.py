@@ -38,6 +38,9 @@ def report(
         raise OutputError(f"{path}: would be overwritten; use --force, or another name")
     content = write_report(RunFolder(run), path, console, logs=log or [])
     drawn = [] if figures is None else draw_figures(content, figures, console, force=force)
-    verdict = None if content.verdict is None else content.verdict.report.passed
-    console.result({"report": str(path), "passed": verdict, "figures": [str(figure) for figure in drawn]})
+    judged = None if content.verdict is None else content.verdict.report
+    passed, verdict = (None, None) if judged is None else (judged.passed, judged.verdict)
+    console.result(
+        {"report": str(path), "passed": passed, "verdict": verdict, "figures": [str(figure) for figure in drawn]}
+    )
     return 0

@@ -8,6 +8,7 @@ from uavcover import after_flight, pipeline
 from uavcover.cli.console import Console, metres, percent
 from uavcover.model.report import VerificationReport
 from uavcover.model.track import Track
+from uavcover.report.requirements import requirement_rows
 from uavcover.resumption import flown_tracks
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
@@ -15,6 +16,8 @@ from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.verify import Verdict
 
 _SHOWN_VIOLATIONS = 5
+_SHOWN_STRETCHES = 3
+_HOLDS = {"yes": "holds", "no": "does NOT hold", "not proved": "not proved"}
 
 
 def verify_run(run: RunFolder, console: Console, *, logs: Sequence[Path] = ()) -> dict[str, Any]:
@@ -64,8 +67,9 @@ def _say(console: Console, run: RunFolder, site: Site, report: VerificationRepor
     _say_cells(console, report)
     console.say(
         f"height on route   {metres(report.min_height_agl_m)} to {metres(report.max_height_agl_m)} above ground; "
-        f"clearance in transit {metres(report.min_transit_clearance_m)}"
+        f"in transit {metres(report.min_transit_clearance_m)} to {metres(report.max_transit_height_agl_m)}"
     )
+    _say_unobserved(console, report)
     if report.max_deviation_m is not None:
         console.say(f"deviation         at most {metres(report.max_deviation_m)} from the planned route")
     missed = sum(gap.area_m2 for gap in report.gaps)
@@ -83,9 +87,33 @@ def _say(console: Console, run: RunFolder, site: Site, report: VerificationRepor
     if len(report.violations) > _SHOWN_VIOLATIONS:
         more = len(report.violations) - _SHOWN_VIOLATIONS
         console.say(f"                  and {more} more in {run.file('verification.json')}")
-    if report.level_assumed:
-        console.say(f"attitude          not known for {report.level_assumed} looks: the camera was taken as level")
-    console.say("verdict           " + ("passed" if report.passed else "NOT passed: " + "; ".join(report.reasons)))
+    if report.unknown_attitude_looks:
+        console.say(
+            f"attitude          not known for {report.unknown_attitude_looks} looks: what they saw is possibly seen, not seen"
+        )
+    for row in requirement_rows(site.scenario, report):
+        console.say(f"required          {row.name}: {row.asked}; found {row.found}: {_HOLDS[row.holds]}")
+    for finding in report.findings:
+        console.say(f"noticed           {finding}")
+    lines = report.reasons + report.doubts
+    console.say(f"verdict           {report.verdict.upper() if lines else report.verdict}" + (":" if lines else ""))
+    for reason in report.reasons:
+        console.say(f"                  {reason}")
+    for doubt in report.doubts:
+        console.say(f"                  not proved: {doubt}")
+
+
+def _say_unobserved(console: Console, report: VerificationReport) -> None:
+    share = report.unobserved_route_fraction
+    of_route = "" if share is None else f"; {percent(share)} of the route's time"
+    console.say(
+        f"not observed      {report.unobserved_s:.1f} s and {report.unobserved_m:.0f} m of the flight{of_route}"
+    )
+    flown = [stretch for stretch in report.unobserved if stretch.in_flight]
+    for stretch in sorted(flown, key=lambda stretch: -stretch.duration_s)[:_SHOWN_STRETCHES]:
+        console.say(f"                  from {stretch.start_s:.1f} s to {stretch.end_s:.1f} s: {stretch.detail}")
+    if len(flown) > _SHOWN_STRETCHES:
+        console.say(f"                  and {len(flown) - _SHOWN_STRETCHES} more stretches")
 
 
 def _say_cells(console: Console, report: VerificationReport) -> None:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from uavcover.model.sensor import Camera, FrameCamera, Sensor
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -17,12 +18,12 @@ class CameraTurn:
     Attributes:
         axes: (k, 3) unit vectors in ENU: where it looks.
         tops: (k, 3) unit vectors at right angles to them: the top of its picture.
-        level_assumed: how many rows were taken as level because the attitude is not known.
+        known: (k,) whether the attitude that it takes is known; the others were taken as level, nose ahead.
     """
 
     axes: FloatArray
     tops: FloatArray
-    level_assumed: int
+    known: BoolArray
 
 
 def camera_turn(sensor: Sensor, attitude_deg: FloatArray, courses_deg: FloatArray | None = None) -> CameraTurn:
@@ -38,20 +39,21 @@ def camera_turn(sensor: Sensor, attitude_deg: FloatArray, courses_deg: FloatArra
     """
     count = len(attitude_deg)
     if not isinstance(sensor, Camera):
-        return CameraTurn(np.tile([0.0, 0.0, -1.0], (count, 1)), np.tile([0.0, 1.0, 0.0], (count, 1)), 0)
+        return CameraTurn(
+            np.tile([0.0, 0.0, -1.0], (count, 1)), np.tile([0.0, 1.0, 0.0], (count, 1)), np.ones(count, bool)
+        )
     north_up = np.zeros(count) if courses_deg is None else courses_deg
     picture = isinstance(sensor, FrameCamera)
     heading_deg = sensor.heading_deg if isinstance(sensor, FrameCamera) else None
     if sensor.mount == "fixed":
         known = np.asarray(np.isfinite(attitude_deg).all(axis=1))
         angles = np.where(known[:, None], attitude_deg, np.column_stack([np.zeros((count, 2)), north_up]))
-        missing = int((~known).sum())
     else:
         yaw = np.full(count, heading_deg) if heading_deg is not None else attitude_deg[:, 2]
         known = np.isfinite(yaw)
         angles = np.column_stack([np.zeros((count, 2)), np.where(known, yaw, north_up)])
         # A round view straight down has no direction that could be missing.
-        missing = int((~known).sum()) if picture else 0
+        known = known if picture else np.ones(count, dtype=bool)
     roll, pitch, yaw = np.radians(angles).T
     # The first and third column of the rotation from body (forward, right, down) to north-east-down, yaw-pitch-roll order.
     forward = (np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), -np.sin(pitch))
@@ -64,7 +66,7 @@ def camera_turn(sensor: Sensor, attitude_deg: FloatArray, courses_deg: FloatArra
     s, c = np.sin(off_nadir), np.cos(off_nadir)
     axes = _enu([s * f + c * d for f, d in zip(forward, down, strict=True)])
     tops = _enu([c * f - s * d for f, d in zip(forward, down, strict=True)])
-    return CameraTurn(axes, tops, missing)
+    return CameraTurn(axes, tops, known)
 
 
 def _enu(north_east_down: list[FloatArray]) -> FloatArray:

@@ -123,7 +123,7 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
             enu_m=values[:, 4:7].copy(),
             attitude_deg=values[:, 7:10].copy(),
             current_waypoint=values[:, _WAYPOINT].astype(np.int64),
-            attitude_age_s=values[:, -1].copy() if AGE_COLUMN in header else None,
+            attitude_age_s=values[:, -1].copy() if AGE_COLUMN in header else np.empty(0),
         ),
         tuple(warnings),
     )

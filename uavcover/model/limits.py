@@ -18,6 +18,8 @@ class FlightLimits:
         height_margin_m: the planner stays this far inside both ends of the band, and above the transit clearance, for what
             the vehicle adds in flight.
         transit_clearance_m: lowest height above ground on the way there and home (take-off and landing columns apart).
+        max_transit_height_agl_m: largest height above ground on the way there and home, take-off and landing among them;
+            default: 30 m above the highest of the band, the take-off and return heights, and what the ways there and home aim at.
         max_climb_angle_deg: steepest leg, up or down.
         fence_margin_m: the fence, unless given, is the convex hull of area and home grown by this.
         fence_lon_lat_deg: the fence as a ring of (longitude, latitude).
@@ -34,6 +36,7 @@ class FlightLimits:
     max_alt_amsl_m: float | None = None
     height_margin_m: float = 0.0
     transit_clearance_m: float = 20.0
+    max_transit_height_agl_m: float | None = None
     max_climb_angle_deg: float = 30.0
     fence_margin_m: float = 150.0
     fence_lon_lat_deg: tuple[tuple[float, float], ...] | None = None
@@ -53,6 +56,11 @@ class FlightLimits:
             self.max_height_agl_m - self.min_height_agl_m > 2.0 * self.height_margin_m,
             f"max_height_agl_m: the band {self.min_height_agl_m}..{self.max_height_agl_m} m leaves nothing inside "
             f"height_margin_m = {self.height_margin_m} at both ends",
+        )
+        ceiling = self.max_transit_height_agl_m
+        require(
+            ceiling is None or ceiling > self.transit_clearance_m + self.height_margin_m,
+            f"max_transit_height_agl_m: {ceiling} leaves nothing above transit_clearance_m and height_margin_m",
         )
         require(
             0.0 < self.max_climb_angle_deg < 90.0,

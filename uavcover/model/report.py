@@ -1,12 +1,18 @@
 """The verdict on a flight."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
+
+VerdictName = Literal["passed", "failed", "not proved"]
+"""Failed: what was observed breaks a limit or misses a requirement. Not proved: nothing does, but something essential was not
+observed."""
 
 ViolationKind = Literal[
     "below-band",
     "above-band",
     "clearance",
+    "above-transit-height",
     "below-sea-level-limit",
     "above-sea-level-limit",
     "fence",
@@ -15,10 +21,20 @@ ViolationKind = Literal[
     "deviation",
 ]
 
-GapReason = Literal["never-in-range", "too-oblique", "occluded", "out-of-limits", "too-coarse", "too-few-looks"]
+GapReason = Literal[
+    "never-in-range",
+    "too-oblique",
+    "occluded",
+    "out-of-limits",
+    "too-coarse",
+    "too-few-looks",
+    "attitude-not-known",
+]
 """Why a cell was not seen: no look had it in range and field of view; those that had were too oblique; ground or an
 obstacle stood between; no place inside the limits sees it at all; a pixel saw too much ground; it was seen,
-but by fewer looks than it has to be."""
+but by fewer looks than it has to be; it may have been seen, by looks whose direction is not known."""
+
+UnobservedReason = Literal["no samples", "impossible motion", "before the first sample", "after the last sample"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +141,45 @@ class CoverageMoment:
 
 
 @dataclass(frozen=True, slots=True)
+class Unobserved:
+    """A stretch of a flight of which nothing is known: nothing was seen there, and no limit was kept.
+
+    Attributes:
+        reason: why not.
+        detail: the same with figures, for people.
+        start_s: vehicle time of the last evidence before it.
+        end_s: vehicle time of the first evidence after it; both are the same before the first sample and after the last.
+        length_m: the straight way between its ends; before the first sample and after the last, of the planned route that is
+            missing.
+        lat_deg: where it begins.
+        lon_deg: where it begins.
+        east_m: where it begins.
+        north_m: where it begins.
+        phase: "route" when it lies between the first and the last planned waypoint, "transit" elsewhere.
+        in_flight: whether it lies between take-off and landing.
+        track: number of the track, counted from 0.
+    """
+
+    reason: UnobservedReason
+    detail: str
+    start_s: float
+    end_s: float
+    length_m: float
+    lat_deg: float
+    lon_deg: float
+    east_m: float
+    north_m: float
+    phase: Literal["route", "transit"]
+    in_flight: bool = True
+    track: int = 0
+
+    @property
+    def duration_s(self) -> float:
+        """How long it is."""
+        return self.end_s - self.start_s
+
+
+@dataclass(frozen=True, slots=True)
 class VerificationReport:
     """Coverage and safety of a flown track; ``verification.json``.
 
@@ -138,6 +193,7 @@ class VerificationReport:
         min_height_agl_m: lowest point between the first and the last planned waypoint.
         max_height_agl_m: highest point there.
         min_transit_clearance_m: lowest point above ground on the way there and home, take-off and landing apart.
+        max_transit_height_agl_m: highest point above ground outside of the route, take-off and landing among them.
         violations: limits that were not kept.
         max_deviation_m: largest distance from the planned route between its ends, none without a plan.
         max_ground_speed_m_s: largest speed over ground on the route, over a second of flight; none without a route.
@@ -145,10 +201,17 @@ class VerificationReport:
         cells: how well the cells were seen.
         coverage_by_time: how coverage grew; with several tracks, each is taken to begin right after the one before.
         samples: how many samples the track has.
-        level_assumed: looks whose attitude the track does not know; the camera was taken as level there.
-        unobserved_s: time inside the flight without samples (gaps that were not joined by a straight line).
-        passed: whether every requirement holds.
-        reasons: why not, one line each.
+        unknown_attitude_looks: looks whose direction is not known: what they may have seen is possibly seen, not seen.
+        unobserved: stretches of the flight that were not observed, in order of tracks and time.
+        unobserved_s: how long they are in all, between take-off and landing.
+        unobserved_m: how long they are in all, in metres.
+        unobserved_route_fraction: share of the route's time that was not observed; none without a route.
+        verdict: passed, failed or not proved.
+        passed: whether the verdict is "passed".
+        reasons: why it failed, one line each.
+        doubts: why it is not proved, one line each.
+        findings: what is odd without being a reason for either, one line each.
+        requirements: the requirements and limits that were judged, by their names in the scenario.
     """
 
     coverage_fraction: float
@@ -160,6 +223,7 @@ class VerificationReport:
     min_height_agl_m: float | None
     max_height_agl_m: float | None
     min_transit_clearance_m: float | None
+    max_transit_height_agl_m: float | None
     violations: tuple[Violation, ...]
     max_deviation_m: float | None
     max_ground_speed_m_s: float | None
@@ -167,7 +231,14 @@ class VerificationReport:
     cells: CellStatistics
     coverage_by_time: tuple[CoverageMoment, ...]
     samples: int
-    level_assumed: int
+    unknown_attitude_looks: int
+    unobserved: tuple[Unobserved, ...]
     unobserved_s: float
+    unobserved_m: float
+    unobserved_route_fraction: float | None
+    verdict: VerdictName
     passed: bool
     reasons: tuple[str, ...]
+    doubts: tuple[str, ...]
+    findings: tuple[str, ...]
+    requirements: Mapping[str, Any]

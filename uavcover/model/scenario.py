@@ -177,6 +177,8 @@ class Requirements:
         max_deviation_m: largest distance of the flown track from the planned route, or none.
         max_ground_speed_m_s: largest speed over ground on the planned route, or none.
         max_gap_s: samples further apart in time than this are not joined by a straight line.
+        max_unobserved_fraction: more of the route's time without evidence than this share proves nothing.
+        max_unobserved_gap_s: nor does a longer single stretch without evidence between take-off and landing.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -188,6 +190,8 @@ class Requirements:
     max_deviation_m: float | None = None
     max_ground_speed_m_s: float | None = None
     max_gap_s: float = 2.0
+    max_unobserved_fraction: float = 0.01
+    max_unobserved_gap_s: float = 10.0
 
     def __post_init__(self) -> None:
         require(
@@ -205,7 +209,11 @@ class Requirements:
             self.look_distance_m is None or (self.look_distance_m > 0.0 and self.looks > 1),
             "look_distance_m: must be above 0, and goes with more than one look",
         )
-        require_positive(max_gap_s=self.max_gap_s)
+        require_positive(max_gap_s=self.max_gap_s, max_unobserved_gap_s=self.max_unobserved_gap_s)
+        require(
+            0.0 <= self.max_unobserved_fraction <= 1.0,
+            f"max_unobserved_fraction: {self.max_unobserved_fraction} is a share, 0..1",
+        )
         require(self.max_deviation_m is None or self.max_deviation_m > 0.0, "max_deviation_m: must be above 0")
         require(
             self.max_ground_speed_m_s is None or self.max_ground_speed_m_s > 0.0,
@@ -295,6 +303,19 @@ class Scenario:
                 self.home is None or self.home.east_m is not None or self.origin is not None,
                 "home: lat_deg and lon_deg need an origin; give east_m and north_m, or an [origin]",
             )
+
+    @property
+    def transit_ceiling_agl_m(self) -> float:
+        """Largest height above ground on the ways there and home: the limit, or what a mission over steep ground needs.
+
+        That is 30 m above the largest of: the top of the band, the heights above home of take-off and of the autopilot's
+        return, and 20 m above the height that the ways aim at.
+        """
+        limits, vehicle = self.limits, self.vehicle
+        if limits.max_transit_height_agl_m is not None:
+            return limits.max_transit_height_agl_m
+        aim_m = limits.transit_clearance_m + limits.height_margin_m + 20.0
+        return 30.0 + max(limits.max_height_agl_m, vehicle.takeoff_height_m, vehicle.return_height_m, aim_m)
 
     @property
     def planning_cell_size_m(self) -> float:

@@ -1,7 +1,7 @@
 """What was flown."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -75,7 +75,7 @@ class Track:
         enu_m: (n, 3) east, north, up in metres.
         attitude_deg: (n, 3) roll, pitch, yaw; NaN where the log does not tell.
         current_waypoint: (n,) see :class:`TrackSample`.
-        attitude_age_s: (n,) time from the attitude of a sample to its position, NaN where it is not known; none: nowhere.
+        attitude_age_s: (n,) time from the attitude of a sample to its position, NaN where it is not known; default: nowhere.
     """
 
     time_s: FloatArray
@@ -83,13 +83,13 @@ class Track:
     enu_m: FloatArray
     attitude_deg: FloatArray
     current_waypoint: NDArray[np.int64]
-    attitude_age_s: FloatArray | None = None
+    attitude_age_s: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
-        for array in (self.time_s, self.geodetic, self.enu_m, self.attitude_deg, self.current_waypoint):
-            array.flags.writeable = False
-        if self.attitude_age_s is not None:
-            self.attitude_age_s.flags.writeable = False
+        if self.attitude_age_s.size == 0:
+            object.__setattr__(self, "attitude_age_s", np.full(self.time_s.size, np.nan))
+        for each in fields(self):
+            getattr(self, each.name).flags.writeable = False
 
     def __len__(self) -> int:
         return int(self.time_s.size)
@@ -102,7 +102,7 @@ class Track:
             enu_m=self.enu_m[samples].copy(),
             attitude_deg=self.attitude_deg[samples].copy(),
             current_waypoint=self.current_waypoint[samples].copy(),
-            attitude_age_s=None if self.attitude_age_s is None else self.attitude_age_s[samples].copy(),
+            attitude_age_s=self.attitude_age_s[samples].copy(),
         )
 
 

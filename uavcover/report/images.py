@@ -40,6 +40,7 @@ _REASON_RGB: tuple[Rgb, ...] = (
     NOT_COVERABLE_RGB,
     (86, 180, 233),
     (204, 121, 167),
+    (160, 160, 160),
 )
 REASON_WORDS = {
     "never-in-range": "never in range and field of view",
@@ -48,6 +49,7 @@ REASON_WORDS = {
     "out-of-limits": "cannot be seen from inside the limits",
     "too-coarse": "a pixel saw too much ground",
     "too-few-looks": "seen by too few looks",
+    "attitude-not-known": "perhaps seen, the camera's direction is not known",
 }
 
 

@@ -2,9 +2,12 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Literal
 
-from uavcover.model.report import VerificationReport, ViolationKind
+from uavcover.model.report import Unobserved, VerificationReport, ViolationKind
 from uavcover.model.scenario import Scenario
+
+Holds = Literal["yes", "no", "not proved"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,36 +18,37 @@ class RequirementRow:
         name: what is required.
         asked: the limit, for people.
         found: what the flight did, for people.
-        passed: whether it holds.
+        holds: whether it does; "not proved" where nothing breaks it, and not enough was observed.
     """
 
     name: str
     asked: str
     found: str
-    passed: bool
+    holds: Holds
 
 
 def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[RequirementRow]:
     """Every requirement and limit of a scenario against the verdict on a flight."""
     limits, requirements = scenario.limits, scenario.requirements
-    count = _Counts(report)
+    judge = _Judge(scenario, report)
     rows = [
-        _share_row("Seen, of what can be seen", requirements.min_coverage_of_coverable, report.coverage_of_coverable)
+        judge.share("Seen, of what can be seen", requirements.min_coverage_of_coverable, report.coverage_of_coverable)
     ]
     if requirements.min_sure_coverage_of_coverable is not None:
         rows.append(
-            _share_row(
+            judge.share(
                 "Surely seen, of what can be seen",
                 requirements.min_sure_coverage_of_coverable,
                 report.surely_covered_of_coverable,
             )
         )
+    rows += _observed_rows(scenario, report)
     rows.append(
         RequirementRow(
             "Height above ground on the route",
             f"{limits.min_height_agl_m:g} to {limits.max_height_agl_m:g} m",
             f"{_metres(report.min_height_agl_m)} to {_metres(report.max_height_agl_m)}",
-            count.none("below-band", "above-band") and report.min_height_agl_m is not None,
+            judge.none("below-band", "above-band", known=report.min_height_agl_m is not None),
         )
     )
     rows.append(
@@ -52,7 +56,15 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
             "Clearance on the ways there and home",
             f"at least {limits.transit_clearance_m:g} m",
             _metres(report.min_transit_clearance_m),
-            count.none("clearance"),
+            judge.none("clearance"),
+        )
+    )
+    rows.append(
+        RequirementRow(
+            "Height above ground on the ways there and home",
+            f"at most {scenario.transit_ceiling_agl_m:g} m",
+            _metres(report.max_transit_height_agl_m),
+            judge.none("above-transit-height"),
         )
     )
     if limits.min_alt_amsl_m is not None or limits.max_alt_amsl_m is not None:
@@ -60,13 +72,13 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
         high = "" if limits.max_alt_amsl_m is None else f"to {limits.max_alt_amsl_m:g} m"
         kinds: tuple[ViolationKind, ...] = ("below-sea-level-limit", "above-sea-level-limit")
         rows.append(
-            RequirementRow("Height above sea level", (low + high).strip(), count.words(*kinds), count.none(*kinds))
+            RequirementRow("Height above sea level", (low + high).strip(), judge.words(*kinds), judge.none(*kinds))
         )
-    rows.append(RequirementRow("Inside the fence", "always", count.words("fence"), count.none("fence")))
+    rows.append(RequirementRow("Inside the fence", "always", judge.words("fence"), judge.none("fence")))
     if scenario.obstacles.prisms:
         apart = scenario.obstacles
         wanted = f"{apart.clearance_beside_m:g} m beside or {apart.clearance_above_m:g} m above"
-        rows.append(RequirementRow("Clear of obstacles", wanted, count.words("obstacle"), count.none("obstacle")))
+        rows.append(RequirementRow("Clear of obstacles", wanted, judge.words("obstacle"), judge.none("obstacle")))
     if requirements.max_ground_speed_m_s is not None:
         fastest = report.max_ground_speed_m_s
         rows.append(
@@ -74,7 +86,7 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
                 "Speed over ground on the route",
                 f"at most {requirements.max_ground_speed_m_s:g} m/s",
                 "not known" if fastest is None else f"{fastest:.1f} m/s",
-                fastest is not None and count.none("ground-speed"),
+                judge.none("ground-speed", known=fastest is not None),
             )
         )
     if requirements.max_deviation_m is not None:
@@ -84,29 +96,71 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
                 "Distance from the planned route",
                 f"at most {requirements.max_deviation_m:g} m",
                 _metres(deviation),
-                deviation is not None and count.none("deviation") and deviation <= requirements.max_deviation_m,
+                judge.none("deviation", known=deviation is not None),
             )
         )
     return rows
 
 
-class _Counts:
-    def __init__(self, report: VerificationReport) -> None:
+def _observed_rows(scenario: Scenario, report: VerificationReport) -> list[RequirementRow]:
+    """What of the flight was observed at all."""
+    requirements = scenario.requirements
+    missing = report.unobserved_route_fraction
+    longest_s = max((stretch.duration_s for stretch in report.unobserved if stretch.in_flight), default=0.0)
+    open_ends = [stretch for stretch in report.unobserved if _is_open_end(stretch)]
+    return [
+        RequirementRow(
+            "Not observed, of the route's time",
+            f"at most {100.0 * requirements.max_unobserved_fraction:g} %",
+            "not known" if missing is None else f"{100.0 * missing:.2f} %",
+            "yes" if missing is not None and missing <= requirements.max_unobserved_fraction else "not proved",
+        ),
+        RequirementRow(
+            "Longest stretch in the air that was not observed",
+            f"at most {requirements.max_unobserved_gap_s:g} s",
+            f"{longest_s:.1f} s",
+            "yes" if longest_s <= requirements.max_unobserved_gap_s else "not proved",
+        ),
+        RequirementRow(
+            "Observed from the ground to the ground",
+            "always",
+            "; ".join(stretch.detail for stretch in open_ends) or "yes",
+            "not proved" if open_ends else "yes",
+        ),
+    ]
+
+
+def _is_open_end(stretch: Unobserved) -> bool:
+    return stretch.reason in {"before the first sample", "after the last sample"}
+
+
+class _Judge:
+    """Whether a limit was kept, as far as was observed."""
+
+    def __init__(self, scenario: Scenario, report: VerificationReport) -> None:
         self._report = report
+        self._observed = all(row.holds == "yes" for row in _observed_rows(scenario, report))
 
     def _of(self, kinds: Iterable[str]) -> int:
         return sum(violation.kind in kinds for violation in self._report.violations)
 
-    def none(self, *kinds: ViolationKind) -> bool:
-        return self._of(kinds) == 0
+    def none(self, *kinds: ViolationKind, known: bool = True) -> Holds:
+        """Whether there is no violation of these kinds."""
+        if self._of(kinds):
+            return "no"
+        return "yes" if known and self._observed else "not proved"
 
     def words(self, *kinds: ViolationKind) -> str:
+        """How often a limit was left."""
         number = self._of(kinds)
-        return "kept" if number == 0 else f"left {number} time{'s' if number > 1 else ''}"
+        kept = "kept" if self._observed else "kept where it was observed"
+        return kept if number == 0 else f"left {number} time{'s' if number > 1 else ''}"
 
-
-def _share_row(name: str, asked: float, found: float) -> RequirementRow:
-    return RequirementRow(name, f"at least {100.0 * asked:g} %", f"{100.0 * found:.2f} %", found >= asked)
+    def share(self, name: str, asked: float, found: float) -> RequirementRow:
+        """Coverage that is short is not proved when the verdict has no other reason to call it failed."""
+        short: Holds = "no" if any("coverage" in reason for reason in self._report.reasons) else "not proved"
+        holds: Holds = "yes" if found >= asked else short
+        return RequirementRow(name, f"at least {100.0 * asked:g} %", f"{100.0 * found:.2f} %", holds)
 
 
 def _metres(value: float | None) -> str:

@@ -15,6 +15,7 @@ from uavcover.kernels.tally import Camera, Tally
 from uavcover.model.sensor import Camera as CameraSensor
 from uavcover.model.uncertainty import Uncertainty
 from uavcover.verification.looks import Looks
+from uavcover.verification.possible_motion import MAX_LEAN_DEG
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -30,7 +31,9 @@ class FlownCoverage:
     Attributes:
         seen: whether it was seen, measured positions and terrain taken as exact.
         surely_seen: whether it was seen whatever the errors of the scenario's [uncertainty] were; part of ``seen``.
-        possibly_seen: whether it may have been seen, these errors being as they may; ``seen`` is part of it.
+        possibly_seen: whether it may have been seen, these errors being as they may, or the camera's direction where it is not
+            known; ``seen`` is part of it.
+        possibly_by_attitude: whether it was not seen, but may have been by a look whose direction is not known.
         first_seen_s: time at which it was first seen, NaN where it was not.
         looks: separate passes that saw it.
         nearest_m: shortest distance from which it was seen, NaN where it was not.
@@ -42,6 +45,7 @@ class FlownCoverage:
     seen: BoolArray
     surely_seen: BoolArray
     possibly_seen: BoolArray
+    possibly_by_attitude: BoolArray
     first_seen_s: FloatArray
     looks: NDArray[np.int32]
     nearest_m: FloatArray
@@ -51,28 +55,27 @@ class FlownCoverage:
 
 
 def tally_looks(coverage: CoverageMap, looks: Looks) -> FlownCoverage:
-    """Every look at every cell of a map."""
+    """Every look at every cell of a map.
+
+    Looks whose direction is not known see nothing surely; what they may have seen is told apart.
+    """
     site = coverage.site
     slopes = local_slopes(site.ground.surface)
     camera = _camera(coverage, site.scenario.uncertainty, slopes)
-    tally: Tally = kernels.empty_tally(coverage.grid.count, camera.looks)
-
-    def add(first_row: int) -> None:
-        kernels.tally_rows(
-            site.ground.surface, slopes, coverage.sight, camera, coverage.grid.cells, looks.places_m, looks.axes,
-            looks.tops, looks.times_s, first_row, WORKERS, tally,
-        )  # fmt: skip
-
-    with ThreadPoolExecutor(WORKERS) as executor:
-        list(executor.map(add, range(WORKERS)))
+    certain = looks.where(looks.known)
+    tally = _tallied(coverage, certain, slopes, camera)
     seen = tally.first >= 0
     when = np.full(seen.size, np.nan)
-    when[seen] = looks.times_s[tally.first[seen]]
+    when[seen] = certain.times_s[tally.first[seen]]
     exact = camera.offset_m == 0.0 and camera.turn_rad == 0.0
+    possible = seen if exact else seen | (tally.possible >= camera.looks)
+    doubtful = looks.where(~looks.known)
+    by_attitude = possibly_seen(coverage, doubtful) if len(doubtful) else np.zeros(seen.size, dtype=bool)
     return FlownCoverage(
         seen=seen,
         surely_seen=seen if exact else seen & (tally.sure >= camera.looks),
-        possibly_seen=seen if exact else seen | (tally.possible >= camera.looks),
+        possibly_seen=possible | by_attitude,
+        possibly_by_attitude=by_attitude & ~seen,
         first_seen_s=when,
         looks=tally.passes,
         nearest_m=_finite(tally.nearest_m),
@@ -81,6 +84,17 @@ def tally_looks(coverage: CoverageMap, looks: Looks) -> FlownCoverage:
         incidence_deg=np.where(seen, np.degrees(np.arccos(np.clip(tally.cos_incidence, -1.0, 1.0))), np.nan),
         outcome=tally.outcome,
     )
+
+
+def possibly_seen(coverage: CoverageMap, looks: Looks) -> BoolArray:
+    """(cells,) what looks may have seen whose direction is not known: with a lean of up to MAX_LEAN_DEG either way."""
+    site = coverage.site
+    slopes = local_slopes(site.ground.surface)
+    camera = _camera(coverage, site.scenario.uncertainty, slopes)
+    if isinstance(site.scenario.sensor, CameraSensor):
+        camera = camera._replace(turn_rad=max(camera.turn_rad, float(np.radians(MAX_LEAN_DEG))))
+    tally = _tallied(coverage, looks, slopes, camera)
+    return np.asarray((tally.first >= 0) | (tally.possible > 0))
 
 
 def joining_shifts_s(times_s: Sequence[FloatArray], *, pause_s: float) -> tuple[float, ...]:
@@ -107,8 +121,22 @@ def joined_looks(parts: Sequence[Looks], shifts_s: Sequence[float]) -> Looks:
         np.vstack([part.axes for part in parts]),
         np.vstack([part.tops for part in parts]),
         np.concatenate([part.times_s + shift for part, shift in zip(parts, shifts_s, strict=True)]),
-        sum(part.level_assumed for part in parts),
+        np.concatenate([part.known for part in parts]),
     )
+
+
+def _tallied(coverage: CoverageMap, looks: Looks, slopes: LocalSlopes, camera: Camera) -> Tally:
+    tally: Tally = kernels.empty_tally(coverage.grid.count, camera.looks)
+
+    def add(first_row: int) -> None:
+        kernels.tally_rows(
+            coverage.site.ground.surface, slopes, coverage.sight, camera, coverage.grid.cells, looks.places_m, looks.axes,
+            looks.tops, looks.times_s, first_row, WORKERS, tally,
+        )  # fmt: skip
+
+    with ThreadPoolExecutor(WORKERS) as executor:
+        list(executor.map(add, range(WORKERS)))
+    return tally
 
 
 def _camera(coverage: CoverageMap, uncertainty: Uncertainty, slopes: LocalSlopes) -> Camera:

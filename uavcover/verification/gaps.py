@@ -19,6 +19,7 @@ REASONS: tuple[GapReason, ...] = (
     "out-of-limits",
     "too-coarse",
     "too-few-looks",
+    "attitude-not-known",
 )
 """In the order of their numbers in ``coverage.tif``."""
 _OUTCOMES = {
@@ -58,6 +59,7 @@ def reason_codes(coverage: CoverageMap, flown: FlownCoverage) -> NDArray[np.uint
     missing = ~flown.seen
     for outcome, reason in _OUTCOMES.items():
         codes[missing & (flown.outcome == outcome)] = 1 + REASONS.index(reason)
+    codes[missing & flown.possibly_by_attitude] = 1 + REASONS.index("attitude-not-known")
     # Said last: what cannot be seen at all was also never in range, or always too oblique.
     codes[missing & ~coverage.coverable] = 1 + REASONS.index("out-of-limits")
     return codes

@@ -28,32 +28,41 @@ class Looks:
         axes: (k, 3) unit vectors, ENU: where a camera pointed.
         tops: (k, 3) unit vectors at right angles to them: the top of its picture.
         times_s: (k,).
-        level_assumed: how many of them were taken as level because the track has no attitude there.
+        known: (k,) whether the attitude is known; the others were taken as level, nose ahead.
     """
 
     places_m: FloatArray
     axes: FloatArray
     tops: FloatArray
     times_s: FloatArray
-    level_assumed: int
+    known: BoolArray
 
     def __len__(self) -> int:
         return int(self.times_s.size)
 
+    def where(self, chosen: BoolArray) -> "Looks":
+        """Some of them."""
+        return Looks(
+            self.places_m[chosen], self.axes[chosen], self.tops[chosen], self.times_s[chosen], self.known[chosen]
+        )
 
-def looks_of(site: Site, track: Track, enu_m: FloatArray, route: BoolArray, planned: PlannedRoute | None) -> Looks:
+
+def looks_of(
+    site: Site, track: Track, enu_m: FloatArray, route: BoolArray, joined: BoolArray, planned: PlannedRoute | None
+) -> Looks:
     """The looks of a track on the planned route, by the sensing rule of the scenario.
 
     Along the path there is one at every sample, and between two samples as many as keep them ``sample_spacing_m`` apart; or, with
     pictures by distance, one at the beginning and wherever the vehicle has come that far from the last one, as autopilots
-    trigger. Place, attitude and time are read linearly in between. Where the samples are further apart than ``max_gap_s`` there
-    is none. Where the track does not know the yaw that a picture needs, the vehicle is taken to fly nose ahead.
+    trigger. Place, attitude and time are read linearly in between. Where two samples are not joined there is none. Where the
+    track does not know the yaw that a picture needs, the vehicle is taken to fly nose ahead.
 
     Args:
         site: the scenario on its ground.
         track: what was flown.
         enu_m: (n, 3) its positions.
         route: (n,) which samples belong to the planned route.
+        joined: (n - 1,) legs that were observed.
         planned: the plan, if there is one.
 
     Raises:
@@ -63,7 +72,7 @@ def looks_of(site: Site, track: Track, enu_m: FloatArray, route: BoolArray, plan
     if sensor.sensing == "at-waypoints":
         before, share = _reached(site, enu_m, planned), np.empty(0)
     else:
-        runs = observed_stretches(track, route, max_gap_s=site.scenario.requirements.max_gap_s)
+        runs = observed_stretches(route, joined)
         if trigger_distance_m(site.scenario) is None:
             parts = [_between(run, enu_m, look_spacing_m(site.scenario)) for run in runs]
         else:
@@ -84,7 +93,20 @@ def looks_of(site: Site, track: Track, enu_m: FloatArray, route: BoolArray, plan
     attitude[:, 2] = np.where(np.isfinite(attitude[:, 2]), attitude[:, 2], track.attitude_deg[:, 2])
     course = enu_m[after] - enu_m[np.where(after > before, before, np.maximum(before - 1, 0))]
     turn = camera_turn(sensor, read(attitude), np.degrees(np.arctan2(course[:, 0], course[:, 1])))
-    return Looks(np.ascontiguousarray(read(enu_m)), turn.axes, turn.tops, read(track.time_s), turn.level_assumed)
+    return Looks(np.ascontiguousarray(read(enu_m)), turn.axes, turn.tops, read(track.time_s), turn.known)
+
+
+def level_looks(site: Site, path_m: FloatArray, time_s: float) -> Looks:
+    """Looks all along a path that was not observed, as if it had been flown level: what may have been seen from it."""
+    share = _between(np.arange(len(path_m)), path_m, look_spacing_m(site.scenario))
+    before, part = share
+    after = np.minimum(before + 1, len(path_m) - 1)
+    places = path_m[before] + part[:, None] * (path_m[after] - path_m[before])
+    course = path_m[after] - path_m[np.where(after > before, before, np.maximum(before - 1, 0))]
+    unknown = np.full((len(places), 3), np.nan)
+    turn = camera_turn(site.scenario.sensor, unknown, np.degrees(np.arctan2(course[:, 0], course[:, 1])))
+    times = np.full(len(places), time_s)
+    return Looks(np.ascontiguousarray(places), turn.axes, turn.tops, times, np.zeros(len(places), dtype=bool))
 
 
 def _between(run: NDArray[np.int64], enu_m: FloatArray, spacing_m: float) -> tuple[NDArray[np.int64], FloatArray]:

@@ -184,6 +184,7 @@ def find_violations(
             "clearance", transit & phases.junction, low, min(limits.transit_clearance_m, limits.min_height_agl_m),
             phase="transit",
         ),
+        *find.above("above-transit-height", ~route, high, site.scenario.transit_ceiling_agl_m, phase="transit"),
         *find.above("fence", route, outside, 0.0, phase="route"),
         *find.above("fence", ~route, outside, 0.0, phase="transit"),
         *find.above("obstacle", route, lacking, 0.0, phase="route"),

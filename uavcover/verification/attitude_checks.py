@@ -1,0 +1,103 @@
+"""Which attitudes of a track are known, and what is wrong with the others."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.model.track import Track
+from uavcover.verification.motion_windows import Windows
+from uavcover.verification.possible_motion import GRAVITY_M_S2
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+MAX_AGE_S = 1.0
+"""An attitude further from its position in time is not that of the position."""
+_RADIANS_AT_MOST = 6.3
+_AGREES_DEG, _DIFFERS_DEG = 25.0, 40.0
+_COURSE_M_S = 2.0
+"""Slower than this there is no course to compare a heading with."""
+_BRISK_M_S2 = 2.0
+"""To accelerate like this a multirotor leans by 11 degrees."""
+_LEANS_AT_LEAST = 0.35
+_ENOUGH = 5
+
+
+def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> tuple[FloatArray, list[str]]:
+    """Attitudes that can be believed.
+
+    Args:
+        track: what was flown.
+        enu_m: (n, 3) its positions.
+        joined: (n - 1,) legs that were observed.
+
+    Returns:
+        (n, 3) roll, pitch and yaw in degrees, NaN where they are not known; and what is wrong with the track's, for people.
+    """
+    attitude = track.attitude_deg.copy()
+    problems: list[str] = []
+    old = np.abs(track.attitude_age_s) > MAX_AGE_S
+    # A heading beside an empty roll and pitch is the one that the position told itself.
+    attitude[old & np.isfinite(attitude[:, :2]).any(axis=1)] = np.nan
+    low, high = np.array([-180.0, -90.0, -180.0]), np.array([180.0, 90.0, 360.0])
+    wrong = np.flatnonzero(((attitude < low) | (attitude > high)).any(axis=1))
+    if wrong.size:
+        first = wrong[0]
+        roll, pitch, yaw = attitude[first]
+        problems.append(
+            f"{wrong.size} attitudes are out of range, first roll {roll:g}, pitch {pitch:g}, yaw {yaw:g} degrees at "
+            f"{track.time_s[first]:.1f} s"
+        )
+        attitude[wrong] = np.nan
+    told = np.isfinite(attitude).all(axis=1)
+    if not told.any():
+        return attitude, problems
+    if _in_radians(track.time_s, enu_m, attitude):
+        problems.append(
+            "the attitude is in radians where degrees belong: its yaw times 57.3 is the course that was flown"
+        )
+        attitude[:] = np.nan
+    elif (attitude[told, :2] == 0.0).all():
+        problems.append("roll and pitch are exactly zero throughout: nothing measured them")
+        attitude[:, : 3 if (attitude[told, 2] == 0.0).all() else 2] = np.nan
+    elif (lean := _never_leans(track.time_s, enu_m, joined, attitude)) is not None:
+        problems.append(
+            f"roll and pitch are never above {lean[0]:.1f} degrees, though the vehicle accelerates with {lean[1]:.1f} m/s2"
+        )
+        attitude[:, :2] = np.nan
+    return attitude, problems
+
+
+def _in_radians(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> bool:
+    """Whether the headings agree with the courses when they are taken as radians, and not as they stand there."""
+    if float(np.nanmax(np.abs(attitude))) > _RADIANS_AT_MOST or len(time_s) < 3:
+        return False
+    velocity = np.gradient(enu_m[:, :2], time_s, axis=0)
+    moving = (np.hypot(velocity[:, 0], velocity[:, 1]) > _COURSE_M_S) & np.isfinite(attitude[:, 2])
+    if moving.sum() < _ENOUGH:
+        return False
+    course = np.degrees(np.arctan2(velocity[moving, 0], velocity[moving, 1]))
+    yaw = attitude[moving, 2]
+
+    def median_off(heading_deg: FloatArray) -> float:
+        return float(np.median(np.abs((heading_deg - course + 180.0) % 360.0 - 180.0)))
+
+    return median_off(np.degrees(yaw)) < _AGREES_DEG and median_off(yaw) > _DIFFERS_DEG
+
+
+def _never_leans(
+    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude: FloatArray
+) -> tuple[float, float] | None:
+    """The largest lean in degrees and the largest acceleration, when the first is far too small for the second."""
+    brisk = np.zeros(_ENOUGH)
+    # Over the longer one noise hides less, over the shorter one a short turn shows more.
+    for window_s in (1.0, 2.0):
+        windows = Windows.of(time_s, enu_m, window_s=window_s, joined=joined)
+        most = np.sort(windows.level_m_s2 - windows.allowance_m_s2(0))[-_ENOUGH:]
+        if most.size == _ENOUGH and most[0] > brisk[0]:
+            brisk = most
+    if brisk[0] < _BRISK_M_S2:
+        return None
+    lean = float(np.nanmax(np.abs(attitude[:, :2])))
+    if lean >= _LEANS_AT_LEAST * np.degrees(np.arctan2(brisk[0], GRAVITY_M_S2)):
+        return None
+    return lean, float(brisk[-1])

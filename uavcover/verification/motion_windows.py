@@ -1,0 +1,89 @@
+"""Accelerations of a track over windows of one length, and how much of them is noise of its positions."""
+
+from dataclasses import dataclass
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+NOISE_MEDIANS = 6.0
+"""The allowance, in medians of the second differences: random errors of a million samples stay below it."""
+MAX_NOISE_M = 24.0
+"""And no more than this: the largest second difference of random errors with a standard deviation of 2 m in each axis."""
+MOVING_M_S = 1.0
+"""Noise is measured where the vehicle is faster than this: at rest on the ground logs often have none."""
+ROUNDING_S = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Windows:
+    """Three samples each: one, and the next ones before and after it that are at least the length of the window away.
+
+    Attributes:
+        before: (k,) number of the first sample of each.
+        middle: (k,) of the middle one.
+        after: (k,) of the last one.
+        level_m_s2: (k,) divided difference of the positions over ground: the mean acceleration around the middle sample.
+        vertical_m_s2: (k,) the same of the heights, unsigned.
+        spans_s2: (k,) product of the two times in each.
+        noise_m: medians of the second differences over ground and vertically, of the windows in which the vehicle moved.
+    """
+
+    before: IntArray
+    middle: IntArray
+    after: IntArray
+    level_m_s2: FloatArray
+    vertical_m_s2: FloatArray
+    spans_s2: FloatArray
+    noise_m: tuple[float, float]
+
+    @classmethod
+    def of(cls, time_s: FloatArray, enu_m: FloatArray, *, window_s: float, joined: BoolArray | None = None) -> Self:
+        """The windows of (n, 3) ENU positions at (n,) increasing times.
+
+        Args:
+            time_s: vehicle time.
+            enu_m: positions.
+            window_s: length of each half.
+            joined: (n - 1,) legs that may lie in a window; default: all.
+        """
+        gaps = np.zeros(len(time_s), dtype=np.int64)
+        if joined is not None:
+            gaps[1:] = np.cumsum(~joined)
+        middle = np.arange(len(time_s))
+        after = np.searchsorted(time_s, time_s + window_s - ROUNDING_S)
+        before = np.searchsorted(time_s, time_s - window_s + ROUNDING_S, side="right") - 1
+        whole = (after < len(time_s)) & (before >= 0)
+        whole[whole] = gaps[after[whole]] == gaps[before[whole]]
+        before, middle, after = before[whole], middle[whole], after[whole]
+        back, ahead = time_s[middle] - time_s[before], time_s[after] - time_s[middle]
+        came = (enu_m[middle] - enu_m[before]) / back[:, None]
+        went = (enu_m[after] - enu_m[middle]) / ahead[:, None]
+        change = 2.0 * (went - came) / (back + ahead)[:, None]
+        level, vertical = np.hypot(change[:, 0], change[:, 1]), np.abs(change[:, 2])
+        spans = back * ahead
+        moving = _moving(time_s, enu_m)[middle]
+        noise = (0.0, 0.0)
+        if moving.any():
+            noise = (float(np.median((level * spans)[moving])), float(np.median((vertical * spans)[moving])))
+        return cls(before, middle, after, level, vertical, spans, noise)
+
+    def allowance_m(self, axis: Literal[0, 1]) -> float:
+        """What noise may add to a second difference, over ground (0) or vertically (1)."""
+        return min(NOISE_MEDIANS * self.noise_m[axis], MAX_NOISE_M)
+
+    def allowance_m_s2(self, axis: Literal[0, 1]) -> FloatArray:
+        """(k,) what noise may add to the accelerations."""
+        return np.asarray(self.allowance_m(axis) / self.spans_s2)
+
+
+def _moving(time_s: FloatArray, enu_m: FloatArray) -> BoolArray:
+    """(n,) whether the vehicle gets on, over the 2 s around each sample."""
+    begin = np.searchsorted(time_s, time_s - 1.0)
+    end = np.minimum(np.searchsorted(time_s, time_s + 1.0), len(time_s) - 1)
+    way = np.linalg.norm(enu_m[end] - enu_m[begin], axis=1)
+    return np.asarray(way > MOVING_M_S * (time_s[end] - time_s[begin]))

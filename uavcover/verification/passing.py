@@ -1,0 +1,170 @@
+"""Which planned waypoints a track passed, by its places, and whether its own waypoint numbers agree with that."""
+
+from bisect import bisect_right
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.model.track import Track
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+LATENESS_S = 3.0
+"""A vehicle may tell so late that it goes on to the next waypoint: the message comes once a second, and may be lost."""
+
+_KEPT_AT_LEAST = 0.5
+_ORDER_OF = 4
+"""Fewer waypoints have no order to speak of."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Passing:
+    """How a track went along its plan.
+
+    Attributes:
+        samples: (m,) number of the sample at which each planned waypoint was passed, in the order of the plan; -1 where it was
+            not.
+        nearest_m: (m,) shortest distance over ground from the track to each waypoint, whenever that was.
+        radius_m: this near is passed.
+    """
+
+    samples: IntArray
+    nearest_m: FloatArray
+    radius_m: float
+
+    @property
+    def passed(self) -> BoolArray:
+        """(m,) which were."""
+        return np.asarray(self.samples >= 0)
+
+
+def passing(enu_m: FloatArray, joined: BoolArray, waypoints_m: FloatArray, *, radius_m: float) -> Passing:
+    """When an (n, 3) track passed each of (m, 3) waypoints, as many as it can have passed in the order of the plan.
+
+    On each stretch of the track within the radius over ground it passes a waypoint where it comes nearest. Heights are not
+    looked at: a flight at a wrong height is on its route, and is judged there.
+
+    Args:
+        enu_m: the track.
+        joined: (n - 1,) legs of the track that count; the others are looked at by their ends.
+        waypoints_m: the plan.
+        radius_m: this near is passed.
+    """
+    approaches: list[tuple[int, int]] = []
+    nearest = np.full(len(waypoints_m), np.inf)
+    for number, point in enumerate(waypoints_m):
+        distance = _distances_m(enu_m, joined, point)
+        nearest[number] = float(distance.min())
+        near = np.flatnonzero(distance <= radius_m)
+        stretches = np.split(near, np.flatnonzero(np.diff(near) > 1) + 1) if near.size else []
+        # The latest first: so no two approaches to one waypoint follow each other in a chain.
+        approaches += [(number, int(run[int(np.argmin(distance[run]))])) for run in reversed(stretches)]
+    samples = np.full(len(waypoints_m), -1, dtype=np.int64)
+    for number, sample in _longest_chain(approaches):
+        samples[number] = sample
+    return Passing(samples, nearest, radius_m)
+
+
+def _longest_chain(approaches: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Of approaches in the order of the waypoints, as many as possible whose samples do not go back (patience sorting)."""
+    last_samples: list[int] = []
+    last_numbers: list[int] = []
+    before: list[int] = []
+    for k, (_, sample) in enumerate(approaches):
+        length = bisect_right(last_samples, sample)
+        before.append(last_numbers[length - 1] if length else -1)
+        last_samples[length : length + 1] = [sample]
+        last_numbers[length : length + 1] = [k]
+    chain: list[tuple[int, int]] = []
+    k = last_numbers[-1] if last_numbers else -1
+    while k >= 0:
+        chain.append(approaches[k])
+        k = before[k]
+    return chain[::-1]
+
+
+def _distances_m(enu_m: FloatArray, joined: BoolArray, point_m: FloatArray) -> FloatArray:
+    """(n,) distance over ground from a point to each sample and to the leg that begins there."""
+    offset = enu_m[:, :2] - point_m[:2]
+    distance = np.hypot(offset[:, 0], offset[:, 1])
+    if len(enu_m) < 2:
+        return distance
+    way = np.diff(enu_m[:, :2], axis=0)
+    length2 = np.maximum(np.einsum("ij,ij->i", way, way), 1e-12)
+    share = np.clip(-np.einsum("ij,ij->i", offset[:-1], way) / length2, 0.0, 1.0)
+    foot = offset[:-1] + share[:, None] * way
+    along = np.hypot(foot[:, 0], foot[:, 1])
+    distance[:-1] = np.where(joined, np.minimum(distance[:-1], along), distance[:-1])
+    return distance
+
+
+def contradiction(
+    track: Track, enu_m: FloatArray, joined: BoolArray, waypoints_m: FloatArray, *, radius_m: float, speed_m_s: float
+) -> str | None:
+    """What the waypoint numbers of a track say that its places do not, for people; none when they agree, or say nothing.
+
+    The numbers go up from the first one, and where they go on from one waypoint the track is near that waypoint. What happens in
+    stretches that are not joined is not known, and contradicts nothing.
+
+    Args:
+        track: what was flown.
+        enu_m: (n, 3) its positions.
+        joined: (n - 1,) legs that were observed.
+        waypoints_m: (m, 3) the plan.
+        radius_m: this near is at a waypoint.
+        speed_m_s: of the vehicle, for what it flies until it tells.
+    """
+    numbers = track.current_waypoint
+    if not (numbers >= 0).any():
+        return None
+    if int(numbers.max()) >= len(waypoints_m):
+        return f"current_waypoint goes up to {int(numbers.max())}, and the plan has {len(waypoints_m)} waypoints"
+    told = np.flatnonzero(numbers >= 0)
+    changes = told[1:][np.diff(numbers[told]) != 0]
+    before = told[:-1][np.diff(numbers[told]) != 0]
+    gaps = np.concatenate([[0], np.cumsum(~joined)])
+    # The first number of all, and the one behind the last, are changes too.
+    if numbers[told[0]] > 0 and told[0] > 0:
+        changes, before = np.append(told[0], changes), np.append(told[0] - 1, before)
+    if numbers[told[-1]] == len(waypoints_m) - 1 and told[-1] + 1 < len(numbers):
+        changes, before = np.append(changes, told[-1] + 1), np.append(before, told[-1])
+    for old, new in zip(before, changes, strict=True):
+        if gaps[new] > gaps[old]:
+            continue
+        left, reached = int(numbers[old]), int(numbers[new])
+        if reached >= 0 and reached < left:
+            return f"current_waypoint goes back from {left} to {reached} at {track.time_s[new]:.1f} s"
+        waypoint = waypoints_m[reached - 1 if reached >= 0 else left]
+        # Told late: somewhere on the last seconds it was there.
+        since = int(np.searchsorted(track.time_s, track.time_s[new] - LATENESS_S))
+        window = slice(since, new + 1)
+        away_m = float(_distances_m(enu_m[window], joined[since:new], waypoint).min())
+        if away_m > radius_m + speed_m_s * float(track.time_s[new] - track.time_s[old]):
+            name = reached - 1 if reached >= 0 else left
+            return (
+                f"current_waypoint goes from {left} to {reached} at {track.time_s[new]:.1f} s, {away_m:.0f} m away from "
+                f"waypoint {name}"
+            )
+    return None
+
+
+def plan_doubt(passed: Passing) -> str | None:
+    """Why a track cannot be a flight of its plan, for people; none when it can."""
+    count, near = len(passed.samples), int((passed.nearest_m <= passed.radius_m).sum())
+    if near == 0:
+        return (
+            f"none of the {count} planned waypoints was passed, the nearest one at {float(passed.nearest_m.min()):.0f} m: "
+            "the track is of another flight, or its positions are moved"
+        )
+    kept = int(passed.passed.sum())
+    if near >= _ORDER_OF and kept < _KEPT_AT_LEAST * near:
+        return f"of {near} planned waypoints that were passed only {kept} come in the order of the plan"
+    reached = np.flatnonzero(passed.passed)
+    missed = int(reached[-1]) + 1 - kept
+    if missed > (1.0 - _KEPT_AT_LEAST) * (int(reached[-1]) + 1):
+        worst = float(passed.nearest_m[: int(reached[-1]) + 1].max())
+        return f"{missed} of the first {int(reached[-1]) + 1} planned waypoints were missed, by up to {worst:.0f} m"
+    return None
