@@ -52,7 +52,7 @@ def flown_by_the_mock(
     )
     link = SimulatedLink(InMemoryPeer(vehicle), rng=Random(weather.seed), conditions=Conditions(delay_s=0.002))
     client, monitor = open_vehicle(link)
-    monitor.listen_to(client.wait_for_vehicle().system_id)
+    monitor.listen_to(client.wait_for_vehicle().address)
     station = Connected(client, monitor, autopilot)
     compiled = pipeline.compile_plan(site, route, autopilot=autopilot)
     pipeline.upload(client, compiled)

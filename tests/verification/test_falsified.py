@@ -114,7 +114,7 @@ def test_nor_as_the_log_of_another_program(field: Field, falsify: Falsify, seed:
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("falsify", falsified.ATTITUDE, ids=lambda f: f.__name__)
 def test_an_attitude_that_cannot_be_believed_sees_nothing_surely(field: Field, falsify: Falsify, seed: int) -> None:
-    track = falsify(field.site, field.flights["windy"], np.random.default_rng(seed))
+    track = falsify(field.site, field.flights["calm"], np.random.default_rng(seed))
     report = field.verify(track)
     assert report.verdict == "not proved"
     assert report.coverage_fraction < 0.1 < 0.9 < report.possibly_covered_fraction
