@@ -145,7 +145,7 @@ def _percent(share: float) -> str:
 
 
 def _waypoints(site: Site, points_m: FloatArray) -> list[dict[str, float | None]]:
-    heights = points_m[:, 2] - site.ground.heights_m(points_m[:, :2])
+    heights = site.ground.heights_agl_m(points_m)
     geodetic: list[tuple[float | None, float | None, float | None]] = [(None, None, None)] * len(points_m)
     if site.frame is not None:
         geodetic = [tuple(map(float, row)) for row in zip(*site.frame.geodetic_from_enu(points_m), strict=True)]  # type: ignore[misc]

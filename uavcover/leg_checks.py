@@ -119,8 +119,9 @@ def measure_violations(site: Site, route_m: FloatArray, *, margin_m: float) -> V
     figures = _leg_figures(site, route_m)
     known = np.isfinite(figures[:, 0])
     low, high = limits.min_height_agl_m + margin_m, limits.max_height_agl_m - margin_m
-    below = np.maximum(0.0, low - HEIGHT_TOLERANCE_M - figures[known, 0])
-    above = np.maximum(0.0, figures[known, 2] - high - HEIGHT_TOLERANCE_M)
+    tolerance_m = HEIGHT_TOLERANCE_M + site.ground.cut_error_m
+    below = np.maximum(0.0, low - tolerance_m - figures[known, 0])
+    above = np.maximum(0.0, figures[known, 2] - high - tolerance_m)
     sea = 0.0
     if limits.min_alt_amsl_m is not None or limits.max_alt_amsl_m is not None:
         alts = site.alts_amsl_m(route_m)
@@ -225,9 +226,10 @@ def _height_problems(
     if not np.isfinite(low):
         yield problem("no elevation data", 0.0, 0.0, "", 0.5)
         return
-    if low < lowest_agl_m - HEIGHT_TOLERANCE_M:
+    tolerance_m = HEIGHT_TOLERANCE_M + site.ground.cut_error_m
+    if low < lowest_agl_m - tolerance_m:
         yield problem("too low", low, lowest_agl_m, "m above ground", low_at)
-    if highest_agl_m is not None and high > highest_agl_m + HEIGHT_TOLERANCE_M:
+    if highest_agl_m is not None and high > highest_agl_m + tolerance_m:
         yield problem("too high", high, highest_agl_m, "m above ground", high_at)
     # Height above sea level is linear along a leg, so it is worst at an end.
     lowest, highest = float(np.min(alts_amsl_m)), float(np.max(alts_amsl_m))
@@ -271,7 +273,7 @@ def _leg_figures(site: Site, route_m: FloatArray) -> FloatArray:
 
 
 def _waypoint_figures(site: Site, route_m: FloatArray) -> FloatArray:
-    heights = route_m[:, 2] - site.ground.heights_m(route_m[:, :2])
+    heights = site.ground.heights_agl_m(route_m)
     return np.column_stack([heights, np.zeros_like(heights), heights, np.zeros_like(heights)])
 
 

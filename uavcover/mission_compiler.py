@@ -35,7 +35,7 @@ FloatArray = NDArray[np.float64]
 
 AUTOPILOTS = {"ardupilot": autopilots.ARDUPILOT, "px4": autopilots.PX4}
 
-_NO_CEILING_M = 1e5
+_NO_CEILING_M = 5_000.0
 _TRANSIT_TOLERANCE_M = 15.0
 _TRANSIT_SLACK_M = 1.0
 """Added to the height that a transit aims at, for the ground between two samples and for rounding."""
@@ -146,7 +146,7 @@ def compile_continuation(
     _check_planned(site, route)
     limits = site.scenario.limits
     here = frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
-    height_agl_m = float(here[2] - site.ground.heights_m(here[:2])[0])
+    height_agl_m = float(site.ground.heights_agl_m(here)[0])
     if not height_agl_m >= min(limits.transit_clearance_m, limits.min_height_agl_m):
         raise InfeasibleError(
             f"the vehicle is {height_agl_m:.1f} m above ground at {lat_deg:.6f}, {lon_deg:.6f}, which is no flight inside the "
@@ -253,7 +253,6 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
     """
     limits, obstacles = site.scenario.limits, site.scenario.obstacles
     wanted_m = limits.transit_clearance_m + limits.height_margin_m
-    end_ground = float(site.ground.heights_m(end_m[:2])[0])
     if math.hypot(*(end_m[:2] - home_en_m)) < _COLUMN_M:
         home_ground = float(site.ground.heights_m(home_en_m)[0])
         top = home_ground + max(ground_end_height_m, wanted_m + _TRANSIT_SLACK_M)
@@ -263,7 +262,7 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
         points = follow_terrain(
             site.ground.surface,
             np.vstack([home_en_m, end_m[:2]]),
-            np.array([ground_end_height_m, max(end_m[2] - end_ground, aim_m)]),
+            np.array([ground_end_height_m, max(float(site.ground.heights_agl_m(end_m)[0]), aim_m)]),
             aim_m,
             _NO_CEILING_M,
             math.tan(math.radians(limits.max_climb_angle_deg)) * (1.0 - 1e-9),
@@ -310,11 +309,14 @@ def check_straight_return(site: Site, path_m: FloatArray, *, first_waypoint: int
         highest_ground = float(np.maximum(highest_ground, np.max(ups - clear, initial=-np.inf)))
     unsafe = np.flatnonzero(~(lowest >= clearance)) - first_waypoint
     known = math.isfinite(highest_ground)
+    safe_up_m = highest_ground + clearance
+    # At another height than the lines that were looked at, the ground below along plumb lines lies a little aside.
+    safe_up_m += site.ground.lean_error_m(abs(safe_up_m - float(home[2]) - height)) if known else 0.0
     return ReturnAdvice(
         return_height_m=height,
         unsafe_waypoints=tuple(int(k) for k in np.unique(np.clip(unsafe, 0, waypoint_count - 1))),
         worst_clearance_m=float(lowest.min()),
-        safe_return_height_m=max(0.0, highest_ground + clearance - float(home[2])) if known else math.inf,
+        safe_return_height_m=max(0.0, safe_up_m - float(home[2])) if known else math.inf,
     )
 
 

@@ -406,7 +406,11 @@ def _run_document(
         "packages": {name: _version(name) for name in packages},
         "inputs": {
             "scenario": {"sha256": hashlib.sha256(scenario.encode()).hexdigest()},
-            "terrain": {"source": site.ground.source, "sha256": site.ground.sha256},
+            "terrain": {
+                "source": site.ground.source,
+                "sha256": site.ground.sha256,
+                "largest_error_m": site.ground.error_m,
+            },
         },
         "stages": {"plan": {"wall_s": plan_wall_s}},
     }

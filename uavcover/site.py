@@ -11,9 +11,10 @@ from uavcover.errors import ScenarioError, TerrainError
 from uavcover.frames import LocalFrame
 from uavcover.model.area import Ring
 from uavcover.model.scenario import RasterTerrain, Scenario, SineCosineTerrain
+from uavcover.model.uncertainty import Uncertainty
 from uavcover.terrain.ground import Ground, sine_cosine_ground
 from uavcover.terrain.obstacles import Footprint, Prism, stand_on
-from uavcover.terrain.raster import read_ground, read_height_amsl_m
+from uavcover.terrain.raster import MAX_ERROR_M, read_ground, read_height_amsl_m
 
 FloatArray = NDArray[np.float64]
 
@@ -50,6 +51,22 @@ class Site:
     def alt_amsl_offset_m(self) -> float:
         """Added to an up coordinate at the origin it gives height above sea level; 0 without a place on Earth."""
         return 0.0 if self.frame is None else self.frame.alt_amsl_m
+
+    @property
+    def ground_error_m(self) -> float:
+        """What every height above ground may be wrong by: of a resampled ground; 0 where it is the file's to ``MAX_ERROR_M``."""
+        return self.ground.error_m if self.ground.error_m > MAX_ERROR_M else 0.0
+
+    @property
+    def vertical_uncertainty_m(self) -> float:
+        """Largest error of a height above ground in a verdict: as stated, and the ground's own.
+
+        With nothing stated what was measured is taken as exact, and so is a ground that is the file's to ``MAX_ERROR_M``.
+        """
+        stated = self.scenario.uncertainty
+        if stated == Uncertainty():
+            return self.ground_error_m
+        return stated.vertical_m + self.ground.error_m
 
     def alts_amsl_m(self, enu_m: FloatArray) -> FloatArray:
         """Heights above sea level (n,) of (n, 3) ENU positions; without a place on Earth, up itself."""
@@ -225,10 +242,18 @@ def _ground(
     if frame is None or terrain_file is None:
         raise ScenarioError("terrain: raster terrain needs a place on Earth")
     west, south, east, north = bounds_m
-    return read_ground(
+    ground = read_ground(
         terrain_file, terrain.vertical_datum, frame=frame,
         bounds_m=(
             west - TERRAIN_MARGIN_M, south - TERRAIN_MARGIN_M, east + TERRAIN_MARGIN_M, north + TERRAIN_MARGIN_M
         ),
         grid_step_m=terrain.grid_step_m,
     )  # fmt: skip
+    margin_m = scenario.limits.height_margin_m
+    if ground.error_m > max(MAX_ERROR_M, margin_m):
+        raise ScenarioError(
+            f"terrain.grid_step_m: a grid of {terrain.grid_step_m:g} m differs from the file's ground by up to "
+            f"{ground.error_m:.1f} m, and limits.height_margin_m is {margin_m:g} m: leave grid_step_m out, which takes the "
+            f"file's own pixels, or set height_margin_m to at least {ground.error_m + 0.05:.1f}"
+        )
+    return ground

@@ -8,6 +8,8 @@ from hypothesis.extra import numpy as hnp
 
 from tests.naive import surface as naive
 from uavcover.kernels import surface as kernels
+from uavcover.kernels.grid_frame import square_frame
+from uavcover.kernels.nodes import steepest_slope
 from uavcover.kernels.surface import GRID, Surface
 from uavcover.terrain.ground import grid_ground, sine_cosine_ground
 
@@ -17,6 +19,11 @@ shares = st.one_of(st.sampled_from([0.0, 0.25, 0.5, 1.0]), st.floats(0.0, 1.0, w
 node_heights = st.one_of(st.integers(-3, 3).map(float), st.floats(-500.0, 500.0, width=32))
 
 
+def grid(nodes, east0, north0, step):
+    frame = square_frame(east0_m=east0, north0_m=north0, step_m=step)
+    return Surface(GRID, step, nodes, steepest_slope(nodes, frame), frame)
+
+
 @st.composite
 def grids(draw, *, with_gaps=False):
     shape = draw(st.tuples(st.integers(2, 5), st.integers(2, 5)))
@@ -24,7 +31,7 @@ def grids(draw, *, with_gaps=False):
     nodes = draw(hnp.arrays(np.float64, shape, elements=elements))
     east0, north0 = draw(st.sampled_from([(0.0, 0.0), (-7.5, 100.25)]))
     step = draw(st.sampled_from([0.5, 1.0, 3.75]))
-    return Surface(GRID, east0, north0, step, nodes, kernels.steepest_slope(nodes, step))
+    return grid(nodes, east0, north0, step)
 
 
 @st.composite
@@ -34,7 +41,7 @@ def places(draw, surface, *, outside=False):
     v = draw(shares) * (rows - 1)
     if outside:
         u += draw(st.sampled_from([0.0, 0.0, columns, -columns]))
-    return surface.east0_m + u * surface.step_m, surface.north0_m + v * surface.step_m
+    return surface.grid.east0_m + u * surface.step_m, surface.grid.north0_m + v * surface.step_m
 
 
 @st.composite
@@ -48,7 +55,7 @@ def segments(draw, *, with_gaps=False, outside=False):
 
 
 def twin(function, surface, *args):
-    return function(surface.up_m.tolist(), surface.east0_m, surface.north0_m, surface.step_m, *args)
+    return function(surface.up_m.tolist(), surface.grid, *args)
 
 
 @deterministic
@@ -61,9 +68,8 @@ def test_height_and_gradient_equal_the_naive_twin(data):
     assert kernels.gradient(surface, *place) == pytest.approx(
         twin(naive.gradient, surface, *place), abs=1e-9, nan_ok=True
     )
-    assert kernels.has_node_cell(surface, *place) == (
-        abs(place[0] - surface.east0_m) <= surface.step_m * (surface.up_m.shape[1] - 1) and place[0] >= surface.east0_m
-    )
+    east = place[0] - surface.grid.east0_m
+    assert kernels.has_node_cell(surface, *place, 0.0) == (0.0 <= east <= surface.step_m * (surface.up_m.shape[1] - 1))
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -74,7 +80,7 @@ def test_a_place_that_is_not_finite_has_no_ground(bad):
         for axis in (0, 1):
             there = np.array([1.0, 1.0, 5.0])
             there[axis] = bad
-            assert not kernels.has_node_cell(surface, there[0], there[1])
+            assert not kernels.has_node_cell(surface, *there)
             for ends in ((here, there), (there, here), (there, there)):
                 assert all(math.isnan(x) for x in kernels.height_range_above(surface, *ends, -math.inf))
     nan_up = np.array([2.0, 1.0, math.nan])
@@ -85,7 +91,7 @@ def test_a_place_that_is_not_finite_has_no_ground(bad):
 
 def test_nodes_keep_their_values_and_the_middle_of_a_cell_is_their_mean():
     nodes = np.array([[1.0, 2.0, 4.0], [8.0, 16.0, 32.0]])
-    surface = Surface(GRID, 10.0, 20.0, 5.0, nodes, math.inf)
+    surface = grid(nodes, 10.0, 20.0, 5.0)
     east, north = np.meshgrid([10.0, 15.0, 20.0], [20.0, 25.0])
     np.testing.assert_array_equal(kernels.heights(surface, east.ravel(), north.ravel()), nodes.ravel())
     assert kernels.height(surface, 12.5, 22.5) == (1 + 2 + 8 + 16) / 4
@@ -152,7 +158,7 @@ def test_height_range_is_the_same_backwards(case):
 
 def test_a_dip_inside_a_cell_is_found_exactly():
     # A saddle cell: along its diagonal z = u (1 - u) * -4 + ..., lowest ground in the middle, highest along the other one.
-    surface = Surface(GRID, 0.0, 0.0, 2.0, np.array([[0.0, 4.0], [4.0, 0.0]]), 99.0)
+    surface = grid(np.array([[0.0, 4.0], [4.0, 0.0]]), 0.0, 0.0, 2.0)
     p, q = np.array([0.0, 0.0, 5.0]), np.array([2.0, 2.0, 5.0])
     assert kernels.height_range_above(surface, p, q, -math.inf) == pytest.approx((3.0, 0.5, 5.0, 0.0))
     p, q = np.array([2.0, 0.0, 5.0]), np.array([0.0, 2.0, 5.0])
@@ -162,7 +168,7 @@ def test_a_dip_inside_a_cell_is_found_exactly():
 def test_a_narrow_ridge_between_samples_is_not_missed():
     nodes = np.zeros((2, 2001))
     nodes[:, 1234] = 90.0
-    surface = Surface(GRID, 0.0, 0.0, 1.0, nodes, 90.0)
+    surface = grid(nodes, 0.0, 0.0, 1.0)
     low, at, _, _ = kernels.height_range_above(
         surface, np.array([0.0, 0.3, 50.0]), np.array([2000.0, 0.7, 50.0]), -math.inf
     )
@@ -195,10 +201,10 @@ def test_no_two_places_have_a_steeper_slope_than_the_bound(data):
 def test_the_bound_is_reached_by_a_plane_and_infinite_with_gaps():
     east, north = np.meshgrid(np.arange(5.0), np.arange(4.0))
     plane = 3.0 * east + 4.0 * north
-    assert kernels.steepest_slope(plane, 1.0) == pytest.approx(5.0)
-    assert kernels.steepest_slope(plane, 10.0) == pytest.approx(0.5)
+    assert steepest_slope(plane, square_frame(east0_m=0.0, north0_m=0.0, step_m=1.0)) == pytest.approx(5.0)
+    assert steepest_slope(plane, square_frame(east0_m=0.0, north0_m=0.0, step_m=10.0)) == pytest.approx(0.5)
     plane[2, 1] = math.nan
-    assert kernels.steepest_slope(plane, 1.0) == math.inf
+    assert steepest_slope(plane, square_frame(east0_m=0.0, north0_m=0.0, step_m=1.0)) == math.inf
 
 
 @pytest.mark.parametrize("scale", [1.0, 100.0])
@@ -252,10 +258,10 @@ def test_stopping_early_above_the_analytic_surface():
 @given(seed=st.integers(0, 10**6), limit=st.sampled_from([-1e-6, 0.0, 0.3]), scale=st.sampled_from([1.0, 25.0]))
 def test_staying_above_is_the_answer_of_the_whole_range(seed, limit, scale):
     rng = np.random.default_rng(seed)
-    grid = grid_ground(
+    rough = grid_ground(
         rng.uniform(-2.0, 2.0, (6, 6)), east0_m=0.0, north0_m=0.0, step_m=2.0, source="t", vertical_datum="local"
     ).surface
-    for surface, size in ((sine_cosine_ground(scale).surface, scale), (grid, 1.0)):
+    for surface, size in ((sine_cosine_ground(scale).surface, scale), (rough, 1.0)):
         for _ in range(20):
             p, q = (float(x) for x in rng.uniform(0.0, 9.0, 2)), (float(x) for x in rng.uniform(0.0, 9.0, 2))
             pe, pn, qe, qn = (size * x for x in (*p, *q))
@@ -264,5 +270,5 @@ def test_staying_above_is_the_answer_of_the_whole_range(seed, limit, scale):
             qu = kernels.height(surface, qe, qn) + (limit if rng.random() < 0.5 else 0.0)
             lowest = kernels.height_range_between(surface, pe, pn, pu, qe, qn, qu, -math.inf)[0]
             assert kernels.stays_above(surface, pe, pn, pu, qe, qn, qu, limit) == (lowest >= limit)
-    assert not kernels.stays_above(grid, 1.0, 1.0, 9.0, 99.0, 1.0, 9.0, 0.0)
+    assert not kernels.stays_above(rough, 1.0, 1.0, 9.0, 99.0, 1.0, 9.0, 0.0)
     assert not kernels.stays_above(sine_cosine_ground(1.0).surface, math.nan, 1.0, 9.0, 2.0, 1.0, 9.0, 0.0)

@@ -14,7 +14,7 @@ def height(surface, east, north):
     if surface.kind == SINE_COSINE:
         return naive_surface.analytic_height(surface.step_m, east, north)
     nodes = surface.up_m.tolist()
-    return naive_surface.height(nodes, surface.east0_m, surface.north0_m, surface.step_m, east, north)
+    return naive_surface.height(nodes, surface.grid, east, north)
 
 
 def _angle_deg(a, b):
@@ -87,9 +87,7 @@ def in_line_of_sight(surface, sight, eye, centre):
         if surface.kind == SINE_COSINE:
             heights = naive_surface.sampled_heights(lambda e, n: height(surface, e, n), eye, centre, 400)
             return min(heights) >= -GRAZING_M
-        low, _ = naive_surface.height_range_above(
-            surface.up_m.tolist(), surface.east0_m, surface.north0_m, surface.step_m, eye, centre
-        )
+        low, _ = naive_surface.height_range_above(surface.up_m.tolist(), surface.grid, list(eye), list(centre))
         return low >= -GRAZING_M
     return True
 

@@ -4,11 +4,21 @@ import itertools
 import math
 from fractions import Fraction
 
+EXPONENTS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 
-def _place(nodes, east0, north0, step, east, north):
+
+def on_grid(frame, east, north, up):
+    """Column and row, by the definition: down the plumb line to the level, then two polynomials."""
+    shrink = 1 - (Fraction(up) - Fraction(frame.level_up_m)) * Fraction(frame.lean_per_m)
+    x = (Fraction(east) * shrink - Fraction(frame.east0_m)) / Fraction(frame.scale_m)
+    y = (Fraction(north) * shrink - Fraction(frame.north0_m)) / Fraction(frame.scale_m)
+    powers = [x**i * y**j for i, j in EXPONENTS]
+    return tuple(sum(Fraction(float(c)) * p for c, p in zip(row, powers, strict=True)) for row in frame.terms)
+
+
+def _place(nodes, frame, east, north, up):
     """Row and column of the cell, and where in it; None outside."""
-    u = (Fraction(east) - Fraction(east0)) / Fraction(step)
-    v = (Fraction(north) - Fraction(north0)) / Fraction(step)
+    u, v = on_grid(frame, east, north, up)
     rows, columns = len(nodes), len(nodes[0])
     if not (0 <= u <= columns - 1 and 0 <= v <= rows - 1):
         return None
@@ -24,34 +34,61 @@ def _bilinear(nodes, i, j, u, v):
     return (1 - u) * (1 - v) * sw + u * (1 - v) * se + (1 - u) * v * nw + u * v * ne
 
 
-def height(nodes, east0, north0, step, east, north):
-    place = _place(nodes, east0, north0, step, east, north)
+def height_above(nodes, frame, east, north, up):
+    place = _place(nodes, frame, east, north, up)
     z = None if place is None else _bilinear(nodes, *place)
-    return math.nan if z is None else float(z)
+    return math.nan if z is None else float(Fraction(up) - z)
 
 
-def gradient(nodes, east0, north0, step, east, north):
-    place = _place(nodes, east0, north0, step, east, north)
+def up_above(nodes, frame, east, north, agl):
+    """Halving the interval of all heights until it is nothing."""
+    finite = [z for row in nodes for z in row if not math.isnan(z)]
+    if not finite:
+        return math.nan
+    low, high = min(finite) + agl - 1.0, max(finite) + agl + 1.0
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        above = height_above(nodes, frame, east, north, middle)
+        if math.isnan(above):
+            return math.nan
+        low, high = (middle, high) if above < agl else (low, middle)
+    return 0.5 * (low + high)
+
+
+def height(nodes, frame, east, north):
+    return up_above(nodes, frame, east, north, 0.0)
+
+
+def gradient(nodes, frame, east, north):
+    """On a square grid."""
+    place = _place(nodes, frame, east, north, 0)
     if place is None or _bilinear(nodes, *place) is None:
         return math.nan, math.nan
     i, j, u, v = place
+    step = Fraction(frame.scale_m)
     to_east = _bilinear(nodes, i, j, Fraction(1), v) - _bilinear(nodes, i, j, Fraction(0), v)
     to_north = _bilinear(nodes, i, j, u, Fraction(1)) - _bilinear(nodes, i, j, u, Fraction(0))
-    return float(to_east / Fraction(step)), float(to_north / Fraction(step))
+    return float(to_east / step), float(to_north / step)
 
 
-def height_range_above(nodes, east0, north0, step, p, q):
-    """Smallest and largest height of the segment above the grid: every parabola between two node lines, one by one."""
-    if _place(nodes, east0, north0, step, *p[:2]) is None or _place(nodes, east0, north0, step, *q[:2]) is None:
+def height_range_above(nodes, frame, p, q):
+    """Smallest and largest height of the segment above the grid, in pieces that are straight on it."""
+    if not all(math.isfinite(x) for x in (*p, *q)):
         return math.nan, math.nan
-    (u0, v0, z0), (u1, v1, z1) = (
-        (
-            (Fraction(point[0]) - Fraction(east0)) / Fraction(step),
-            (Fraction(point[1]) - Fraction(north0)) / Fraction(step),
-            Fraction(point[2]),
-        )
-        for point in (p, q)
-    )
+    pieces = max(1, math.ceil(math.dist(p, q) / frame.piece_m))
+    places = [[a + k / pieces * (b - a) for a, b in zip(p, q, strict=True)] for k in range(pieces)] + [q]
+    ranges = [_range_of_piece(nodes, frame, a, b) for a, b in itertools.pairwise(places)]
+    if any(math.isnan(low) for low, _ in ranges):
+        return math.nan, math.nan
+    return min(low for low, _ in ranges), max(high for _, high in ranges)
+
+
+def _range_of_piece(nodes, frame, p, q):
+    """Every parabola between two node lines, one by one."""
+    if _place(nodes, frame, *p) is None or _place(nodes, frame, *q) is None:
+        return math.nan, math.nan
+    (u0, v0), (u1, v1) = (on_grid(frame, *point) for point in (p, q))
+    z0, z1 = Fraction(p[2]), Fraction(q[2])
     cuts = {Fraction(0), Fraction(1)}
     for a, b, lines in ((u0, u1, len(nodes[0])), (v0, v1, len(nodes))):
         cuts |= {(line - a) / (b - a) for line in range(lines) if a != b and 0 < (line - a) / (b - a) < 1}

@@ -113,18 +113,19 @@ BOUNDS = (-600.0, -400.0, 700.0, 500.0)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS.keys())
-def test_the_grid_has_the_heights_of_the_source(tmp_path, layout):
+def test_a_square_grid_has_the_heights_of_the_source(tmp_path, layout):
     path = write(tmp_path / "dem.tif", bumps(), **layout)
     ground = read_ground(path, "EGM96", frame=FRAME, bounds_m=BOUNDS, grid_step_m=40.0)
     surface = ground.surface
     rows, columns = surface.up_m.shape
-    assert (surface.east0_m, surface.north0_m, surface.step_m) == (-640.0, -440.0, 40.0)
-    assert surface.east0_m + (columns - 1) * 40.0 >= 700.0
-    assert surface.north0_m + (rows - 1) * 40.0 >= 500.0
+    east0_m, north0_m = surface.grid.east0_m, surface.grid.north0_m
+    assert (east0_m, north0_m, surface.step_m) == (-640.0, -440.0, 40.0)
+    assert east0_m + (columns - 1) * 40.0 >= 700.0
+    assert north0_m + (rows - 1) * 40.0 >= 500.0
     # The rotated file leaves one corner of the grid free.
     assert np.isfinite(surface.up_m).mean() > 0.98
     for i, j in ((0, 0), (3, 7), (0, columns - 1), (rows // 2, columns // 2)):
-        enu = [[surface.east0_m + 40.0 * j, surface.north0_m + 40.0 * i, surface.up_m[i, j]]]
+        enu = [[east0_m + 40.0 * j, north0_m + 40.0 * i, surface.up_m[i, j]]]
         lat, lon, alt = (float(a[0]) for a in FRAME.geodetic_from_enu(enu))
         # In the air above one place on Earth, at the height that the source has there.
         assert alt == pytest.approx(read_height_amsl_m(path, "EGM96", lat_deg=lat, lon_deg=lon), abs=1e-6)
@@ -134,10 +135,24 @@ def test_the_grid_has_the_heights_of_the_source(tmp_path, layout):
     assert not surface.up_m.flags.writeable
 
 
-def test_the_step_is_half_the_smaller_side_of_a_pixel_unless_given(tmp_path):
+def test_the_step_is_the_smaller_side_of_a_pixel_unless_given(tmp_path):
     path = write(tmp_path / "dem.tif", bumps(), crs="EPSG:32632", transform=from_origin(_X - 1000, _Y + 450, 50, 30))
     step = read_ground(path, "EGM96", frame=FRAME, bounds_m=BOUNDS, grid_step_m=None).surface.step_m
-    assert step == pytest.approx(15.0, rel=1e-3)
+    assert step == pytest.approx(30.0, rel=2e-3)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS.keys())
+def test_the_nodes_are_the_pixels_of_the_file(tmp_path, layout):
+    values = bumps()
+    path = write(tmp_path / "dem.tif", values, **layout)
+    ground = read_ground(path, "EGM96", frame=FRAME, bounds_m=BOUNDS, grid_step_m=None)
+    assert ground.error_m < 0.01
+    with rasterio.open(path) as dataset:
+        for row, column in ((12, 17), (14, 21), (16, 16)):
+            x, y = dataset.xy(row, column)
+            lon, lat = transform(dataset.crs, "EPSG:4326", [x], [y])
+            (place,) = FRAME.enu_from_geodetic(lat[0], lon[0], float(values[row, column]))
+            assert ground.heights_m(place[:2])[0] == pytest.approx(place[2], abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -171,11 +186,12 @@ def test_values_that_are_not_finite_are_gaps_too(tmp_path, bad):
 
 def test_beyond_the_data_there_are_gaps(tmp_path):
     path = write(tmp_path / "dem.tif", bumps())
-    up = read_ground(path, "EGM96", frame=FRAME, bounds_m=(-5000, -100, 100, 100), grid_step_m=50.0).surface.up_m
-    assert np.isnan(up[:, 0]).all()
-    assert np.isfinite(up[:, -3]).all()
-    far = read_ground(path, "EGM96", frame=LocalFrame(10.0, 20.0, 0.0), bounds_m=BOUNDS, grid_step_m=50.0).surface.up_m
-    assert np.isnan(far).all()
+    for step in (None, 50.0):
+        ground = read_ground(path, "EGM96", frame=FRAME, bounds_m=(-5000, -100, 100, 100), grid_step_m=step)
+        assert np.isnan(ground.heights_m([-4900.0, 0.0])).all()
+        assert np.isfinite(ground.heights_m([0.0, 0.0])).all()
+        far = read_ground(path, "EGM96", frame=LocalFrame(10.0, 20.0, 0.0), bounds_m=BOUNDS, grid_step_m=step)
+        assert np.isnan(far.heights_m([0.0, 0.0])).all()
 
 
 def read(path, datum="EGM96", step=40.0):

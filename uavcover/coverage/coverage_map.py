@@ -114,8 +114,8 @@ class CoverageMap:
         """(k, 3) places at a share 0..1 of the allowed band above (k, 2) spots; NaN where nothing is allowed."""
         limits = self.site.scenario.limits
         ground = self.site.ground.heights_m(east_north_m)
-        low = ground + limits.min_height_agl_m
-        high = ground + limits.max_height_agl_m
+        low = self.site.ground.ups_m(east_north_m, limits.min_height_agl_m)
+        high = self.site.ground.ups_m(east_north_m, limits.max_height_agl_m)
         # Sea level seen from the local frame: up minus height above sea level, at the place itself.
         sea = ground - self.site.alts_amsl_m(np.column_stack([east_north_m, ground]))
         if limits.min_alt_amsl_m is not None:

@@ -207,7 +207,7 @@ class _Builder:
 
     def _laid(self, corners: FloatArray) -> FloatArray:
         if len(corners) == 1:
-            up = self.site.ground.heights_m(corners[:, :2]) + corners[:, 2]
+            up = self.site.ground.ups_m(corners[:, :2], corners[:, 2])
             return np.column_stack([corners[:, :2], up])
         return lay_over_terrain(self.site, corners[:, :2], corners[:, 2], tolerance_m=_TOLERANCE_M)
 

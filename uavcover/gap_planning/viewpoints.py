@@ -79,7 +79,7 @@ def cover(site: Site, missing: MissingCells, places_agl_m: FloatArray, sight: Si
     """
     from scipy import sparse
 
-    ups = site.ground.heights_m(places_agl_m[:, :2]) + places_agl_m[:, 2]
+    ups = site.ground.ups_m(places_agl_m[:, :2], places_agl_m[:, 2])
     eyes = np.column_stack([places_agl_m[:, :2], ups])
     columns = [np.flatnonzero(missing.seen_by(_any_way(eye, sight), sight) & wanted) for eye in eyes]
     ends = np.concatenate([[0], np.cumsum([len(part) for part in columns])])

@@ -36,7 +36,7 @@ from uavcover.kernels.draft import (
 from uavcover.kernels.draft_cost import exchange_cost, reversal_cost, transfer_cost
 from uavcover.kernels.runs import compare, make_changes
 from uavcover.kernels.sight import FRUSTUM, Sight
-from uavcover.kernels.surface import height
+from uavcover.kernels.surface import height_above, up_above
 
 _SMALLEST_STEP = 0.01
 _TRIES_FOR_A_GAP = 24
@@ -178,10 +178,9 @@ def _settle(task: Task, prices: Prices, draft: Draft, allowance: float, first: i
 def _put(task: Task, draft: Draft, k: int, waypoint: int, de: float, dn: float, du: float) -> None:
     """Write into fresh[k] a waypoint moved on the map, at the same height above ground, and by ``du`` up."""
     e, n, u = place(draft.route, waypoint)
-    rise = 0.0
     if de != 0.0 or dn != 0.0:
-        rise = height(task.surface, e + de, n + dn) - height(task.surface, e, n)
-    draft.fresh[k, 0], draft.fresh[k, 1], draft.fresh[k, 2] = e + de, n + dn, u + du + rise
+        u = up_above(task.surface, e + de, n + dn, height_above(task.surface, e, n, u))
+    draft.fresh[k, 0], draft.fresh[k, 1], draft.fresh[k, 2] = e + de, n + dn, u + du
 
 
 @kernel
@@ -195,8 +194,8 @@ def _insertion(task: Task, draft: Draft, at: int, de: float, dn: float, rng: np.
     pe, pn, pu = place(draft.route, at)
     qe, qn, qu = place(draft.route, at + 1)
     e, n, u = pe + t * (qe - pe), pn + t * (qn - pn), pu + t * (qu - pu)
-    rise = height(task.surface, e + de, n + dn) - height(task.surface, e, n)
-    draft.fresh[0, 0], draft.fresh[0, 1], draft.fresh[0, 2] = e + de, n + dn, u + rise
+    u = up_above(task.surface, e + de, n + dn, height_above(task.surface, e, n, u))
+    draft.fresh[0, 0], draft.fresh[0, 1], draft.fresh[0, 2] = e + de, n + dn, u
     return True
 
 
@@ -208,9 +207,8 @@ def _near_a_gap(task: Task, draft: Draft, de: float, dn: float, rng: np.random.G
         square = task.square[cell]
         if draft.counts[square] < task.looks and task.weight[square] > 0.0:
             e, n = task.cells.centre_m[cell, 0] + de, task.cells.centre_m[cell, 1] + dn
-            ground = height(task.surface, e, n)
-            low = max(ground + task.room.lowest_agl_m, task.room.lowest_up_m)
-            high = min(ground + task.room.highest_agl_m, task.room.highest_up_m)
+            low = max(up_above(task.surface, e, n, task.room.lowest_agl_m), task.room.lowest_up_m)
+            high = min(up_above(task.surface, e, n, task.room.highest_agl_m), task.room.highest_up_m)
             draft.fresh[0, 0], draft.fresh[0, 1] = e, n
             draft.fresh[0, 2] = low + rng.random() * (high - low)
             return True

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from uavcover.kernels._jit import kernel
 from uavcover.kernels.obstacles import keeps_clear
 from uavcover.kernels.sight import MIDPOINT, RAY, Aim, Sight, horizontal_reach, in_view, level_aim
-from uavcover.kernels.surface import Surface, has_node_cell, height, stays_above
+from uavcover.kernels.surface import Surface, has_node_cell, height_above, stays_above
 
 GRAZING_M = 1e-6
 """A ray that dips below the ground by no more than this still sees: the target itself lies on the ground."""
@@ -81,12 +81,12 @@ def nothing_between(
             surface.obstacles, ee, en, eu, ce, cn, cu, 0.0, 0.0
         ):
             return False
-        if eu - cu >= surface.steepest * math.hypot(ee - ce, en - cn) and has_node_cell(surface, ee, en):
+        if eu - cu >= surface.steepest * math.hypot(ee - ce, en - cn) and has_node_cell(surface, ee, en, eu):
             # The ray leaves the ground more steeply than the ground can rise anywhere: nothing stands in its way.
             return True
         return stays_above(surface, ee, en, eu, ce, cn, cu, -GRAZING_M)
     if sight.line_of_sight == MIDPOINT:
-        return bool(0.5 * (eu + cu) >= height(surface, 0.5 * (ee + ce), 0.5 * (en + cn)))
+        return bool(height_above(surface, 0.5 * (ee + ce), 0.5 * (en + cn), 0.5 * (eu + cu)) >= 0.0)
     return True
 
 

@@ -18,7 +18,7 @@ from uavcover.kernels.obstacles import keeps_clear
 from uavcover.kernels.runs import compare, make_changes, runs_of, weigh_changes, weigh_often
 from uavcover.kernels.sight import Sight
 from uavcover.kernels.spans import list_cells
-from uavcover.kernels.surface import Surface, height, height_range_between
+from uavcover.kernels.surface import Surface, height_above, height_range_between
 from uavcover.kernels.way_cost import SHORTEST, WayCost
 
 WIDEST = 8
@@ -249,7 +249,7 @@ def inside_fence(fence: NDArray[np.float64], east: float, north: float) -> bool:
 def allowed_place(task: Task, p: tuple[float, float, float]) -> bool:
     """Whether a waypoint may be there."""
     room = task.room
-    agl = p[2] - height(task.surface, p[0], p[1])
+    agl = height_above(task.surface, p[0], p[1], p[2])
     # A comparison with NaN is False: no elevation data, no waypoint.
     if not (room.lowest_agl_m <= agl <= room.highest_agl_m and room.lowest_up_m <= p[2] <= room.highest_up_m):
         return False

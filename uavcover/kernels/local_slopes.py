@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
+from uavcover.kernels.grid_frame import GridFrame, on_grid
+from uavcover.kernels.nodes import steepest_in_cell
 from uavcover.kernels.surface import GRID, Surface
 
 BLOCK_CELLS = 4
@@ -21,26 +23,29 @@ class LocalSlopes(NamedTuple):
 
     Attributes:
         steepest: (rows, columns) tangents; infinite where a node of the block has no data. (1, 1) for an analytic surface.
-        block_m: side of a block; infinite for an analytic surface, which is one block.
     """
 
     steepest: NDArray[np.float64]
-    block_m: float
 
 
 def local_slopes(surface: Surface) -> LocalSlopes:
-    """The bounds of a surface; see :func:`uavcover.kernels.surface.steepest_slope` for that of one cell."""
+    """The bounds of a surface; see :func:`uavcover.kernels.nodes.steepest_in_cell` for that of one cell."""
     if surface.kind != GRID:
-        return LocalSlopes(np.array([[surface.steepest]]), math.inf)
-    east = np.abs(np.diff(surface.up_m, axis=1))
-    north = np.abs(np.diff(surface.up_m, axis=0))
-    cells = np.hypot(np.maximum(east[:-1], east[1:]), np.maximum(north[:, :-1], north[:, 1:])) / surface.step_m
-    cells[np.isnan(cells)] = math.inf
-    rows, columns = (-(-size // BLOCK_CELLS) for size in cells.shape)
-    padded = np.zeros((rows * BLOCK_CELLS, columns * BLOCK_CELLS))
-    padded[: cells.shape[0], : cells.shape[1]] = cells
-    blocks = padded.reshape(rows, BLOCK_CELLS, columns, BLOCK_CELLS).max(axis=(1, 3))
-    return LocalSlopes(np.ascontiguousarray(blocks), BLOCK_CELLS * surface.step_m)
+        return LocalSlopes(np.array([[surface.steepest]]))
+    return LocalSlopes(_steepest_in_blocks(surface.up_m, surface.grid))
+
+
+@kernel
+def _steepest_in_blocks(nodes: NDArray[np.float64], frame: GridFrame) -> NDArray[np.float64]:
+    rows, columns = nodes.shape[0] - 1, nodes.shape[1] - 1
+    out = np.zeros(((rows - 1) // BLOCK_CELLS + 1, (columns - 1) // BLOCK_CELLS + 1))
+    for i in range(rows):
+        for j in range(columns):
+            slope = steepest_in_cell(nodes, frame, i, j)
+            if math.isnan(slope):
+                slope = math.inf
+            out[i // BLOCK_CELLS, j // BLOCK_CELLS] = max(out[i // BLOCK_CELLS, j // BLOCK_CELLS], slope)
+    return out
 
 
 @kernel
@@ -50,15 +55,16 @@ def steepest_between(surface: Surface, slopes: LocalSlopes, ae: float, an: float
         return float(slopes.steepest[0, 0])
     if not math.isfinite(ae + an + be + bn):
         return math.inf
-    rows, columns = slopes.steepest.shape
-    west, east = min(ae, be) - surface.east0_m, max(ae, be) - surface.east0_m
-    south, north = min(an, bn) - surface.north0_m, max(an, bn) - surface.north0_m
-    nodes_north, nodes_east = surface.up_m.shape
-    inside = west >= 0.0 and east <= (nodes_east - 1) * surface.step_m
-    if not (inside and south >= 0.0 and north <= (nodes_north - 1) * surface.step_m):
+    grid = surface.grid
+    a_column, a_row = on_grid(grid, ae, an, grid.level_up_m)
+    b_column, b_row = on_grid(grid, be, bn, grid.level_up_m)
+    west, east = min(a_column, b_column) - grid.leeway, max(a_column, b_column) + grid.leeway
+    first, last = min(a_row, b_row) - grid.leeway, max(a_row, b_row) + grid.leeway
+    if not (west >= 0.0 and first >= 0.0 and east <= surface.up_m.shape[1] - 1 and last <= surface.up_m.shape[0] - 1):
         return math.inf
+    rows, columns = slopes.steepest.shape
     steepest = 0.0
-    for i in range(int(south / slopes.block_m), min(int(north / slopes.block_m), rows - 1) + 1):
-        for j in range(int(west / slopes.block_m), min(int(east / slopes.block_m), columns - 1) + 1):
+    for i in range(int(first) // BLOCK_CELLS, min(int(last) // BLOCK_CELLS, rows - 1) + 1):
+        for j in range(int(west) // BLOCK_CELLS, min(int(east) // BLOCK_CELLS, columns - 1) + 1):
             steepest = max(steepest, slopes.steepest[i, j])
     return steepest

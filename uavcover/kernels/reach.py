@@ -6,6 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
+from uavcover.kernels.grid_frame import on_grid
+from uavcover.kernels.nodes import in_cell
+from uavcover.kernels.surface import Surface
 
 
 @kernel
@@ -51,4 +54,52 @@ def farthest_looks(
                     continue
                 de_far = max(abs(e - j * side), abs(e - (j + 1) * side))
                 out[k] = max(out[k], min(radius, math.hypot(de_far, dn_far)))
+    return out
+
+
+@kernel
+def highest_in_squares(
+    surface: Surface, east0: float, north0: float, side: float, count: int, beside: float
+) -> NDArray[np.float64]:
+    """(count, count) up coordinate that the ground of a grid nowhere exceeds in or beside squares of the map; rows go north.
+
+    The box around a square on the grid is cut along its node lines: in each part the ground is bilinear, and highest at a
+    corner. Cells without data are left out; NaN where nothing is left.
+
+    Args:
+        surface: a grid.
+        east0: of the south-west corner of the first square.
+        north0: likewise.
+        side: of the squares.
+        count: of rows and of columns.
+        beside: metres around each square that belong to it.
+    """
+    grid, z = surface.grid, surface.up_m
+    rows, columns = z.shape
+    out = np.full((count, count), np.nan)
+    for i in range(count):
+        for j in range(count):
+            first_u, last_u, first_v, last_v = math.inf, -math.inf, math.inf, -math.inf
+            for corner in range(4):
+                e = east0 + (j + corner % 2) * side
+                n = north0 + (i + corner // 2) * side
+                u, v = on_grid(grid, e, n, grid.level_up_m)
+                first_u, last_u = min(first_u, u), max(last_u, u)
+                first_v, last_v = min(first_v, v), max(last_v, v)
+            first_u = max(0.0, first_u - grid.leeway - beside * grid.per_column)
+            last_u = min(columns - 1.0, last_u + grid.leeway + beside * grid.per_column)
+            first_v = max(0.0, first_v - grid.leeway - beside * grid.per_row)
+            last_v = min(rows - 1.0, last_v + grid.leeway + beside * grid.per_row)
+            if first_u > last_u or first_v > last_v:
+                continue
+            for cell_v in range(min(int(first_v), rows - 2), min(int(last_v), rows - 2) + 1):
+                for cell_u in range(min(int(first_u), columns - 2), min(int(last_u), columns - 2) + 1):
+                    west, east = max(first_u, float(cell_u)), min(last_u, cell_u + 1.0)
+                    near, far = max(first_v, float(cell_v)), min(last_v, cell_v + 1.0)
+                    up = max(
+                        max(in_cell(z, cell_v, cell_u, west, near), in_cell(z, cell_v, cell_u, east, near)),
+                        max(in_cell(z, cell_v, cell_u, west, far), in_cell(z, cell_v, cell_u, east, far)),
+                    )
+                    if not math.isnan(up) and not up <= out[i, j]:
+                        out[i, j] = up
     return out

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
 from uavcover.kernels.obstacles import top_within_m
-from uavcover.kernels.surface import Surface, height, height_range_between
+from uavcover.kernels.surface import GRID, Surface, height_range_between, up_above
 
 
 @kernel
@@ -174,7 +174,6 @@ def follow_terrain(
     along = np.empty(count)
     east = np.empty(count)
     north = np.empty(count)
-    ground = np.empty(count)
     reference = np.empty(count)
     lowest = np.empty(count)
     highest = np.empty(count)
@@ -192,16 +191,15 @@ def follow_terrain(
             # The corner itself at the end, not a sum that rounds beside it.
             east[k] = polyline[i, 0] + t * (polyline[i + 1, 0] - polyline[i, 0]) if t < 1.0 else polyline[i + 1, 0]
             north[k] = polyline[i, 1] + t * (polyline[i + 1, 1] - polyline[i, 1]) if t < 1.0 else polyline[i + 1, 1]
-            ground[k] = height(surface, east[k], north[k])
-            reference[k] = ground[k] + wanted[i] + t * (wanted[i + 1] - wanted[i])
-            # Both samples around a place that is near an obstacle are as high as it asks for, and so is the chord between.
-            lowest[k] = max(
-                ground[k] + low, top_within_m(surface.obstacles, east[k], north[k], beside + spacing) + above
-            )
-            highest[k] = ground[k] + high
+            reference[k] = up_above(surface, east[k], north[k], wanted[i] + t * (wanted[i + 1] - wanted[i]))
+            lowest[k] = up_above(surface, east[k], north[k], low)
+            highest[k] = up_above(surface, east[k], north[k], high)
         corner[k] = True
     corner[0] = True
-    _narrow(surface, east, north, ground, lowest, highest)
+    _narrow(surface, east, north, lowest, low, highest, high)
+    for i in range(count):
+        # Both samples around a place that is near an obstacle are as high as it asks for, and so is the chord between.
+        lowest[i] = max(lowest[i], top_within_m(surface.obstacles, east[i], north[i], beside + spacing) + above)
     _widen(along, lowest, max_slope)
     _widen(along, reference, max_slope)
     for i in range(count):
@@ -219,21 +217,38 @@ def _narrow(
     surface: Surface,
     east: NDArray[np.float64],
     north: NDArray[np.float64],
-    ground: NDArray[np.float64],
     lowest: NDArray[np.float64],
+    low: float,
     highest: NDArray[np.float64],
+    high: float,
 ) -> None:
-    """Narrow the band in place, at both samples, by how far the ground between them leaves the straight line through it."""
+    """Narrow the band in place, at both samples, by how far the straight line between its ends leaves it.
+
+    Args:
+        surface: the ground.
+        east: (n,) of the samples.
+        north: (n,) likewise.
+        lowest: (n,) up coordinates of the lower end of the band.
+        low: its height above ground.
+        highest: (n,) up coordinates of the upper end.
+        high: its height above ground.
+    """
     rise = np.zeros(east.size)
     fall = np.zeros(east.size)
     for k in range(1, east.size):
         below, _, above, _ = height_range_between(
-            surface, east[k - 1], north[k - 1], ground[k - 1], east[k], north[k], ground[k], -math.inf
+            surface, east[k - 1], north[k - 1], lowest[k - 1], east[k], north[k], lowest[k], -math.inf
         )
-        if below < 0.0:
-            rise[k - 1], rise[k] = max(rise[k - 1], -below), max(rise[k], -below)
-        if above > 0.0:
-            fall[k - 1], fall[k] = max(fall[k - 1], above), max(fall[k], above)
+        if surface.kind == GRID and surface.grid.lean_per_m != 0.0:
+            # Where plumb lines lean the ground under the upper end of the band is not quite that under the lower one.
+            _, _, above, _ = height_range_between(
+                surface, east[k - 1], north[k - 1], highest[k - 1], east[k], north[k], highest[k], -math.inf
+            )
+            above += low - high
+        if below < low:
+            rise[k - 1], rise[k] = max(rise[k - 1], low - below), max(rise[k], low - below)
+        if above > low:
+            fall[k - 1], fall[k] = max(fall[k - 1], above - low), max(fall[k], above - low)
     for k in range(east.size):
         lowest[k] += rise[k]
         highest[k] -= fall[k]

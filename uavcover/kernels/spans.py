@@ -68,7 +68,7 @@ def list_cells(
     # cell.
     widest = tan if sight.kind == CONE else _widest_tangent(sight) if picture else math.inf
     always_clear = surface.steepest * widest <= 1.0
-    if always_clear and not (has_node_cell(surface, p[0], p[1]) and has_node_cell(surface, q[0], q[1])):
+    if always_clear and not (has_node_cell(surface, p[0], p[1], p[2]) and has_node_cell(surface, q[0], q[1], q[2])):
         always_clear = False
     piece = 1.0 / max(pieces, 1)
     count = 0

@@ -2,12 +2,13 @@
 
 A surface is a :class:`Surface`, plain numbers and one array. Two kinds:
 
-- ``GRID``: heights at the nodes of a regular grid, bilinear between them. NaN nodes are no-data, and so is every place
-  that touches one.
+- ``GRID``: heights at the nodes of a grid, bilinear between them. NaN nodes are no-data, and so is every place that touches
+  one. :mod:`uavcover.kernels.grid_frame` says where the nodes are.
 - ``SINE_COSINE``: z = s sin(y / s) cos(x / s), evaluated exactly (the paper's Eq. 26).
 
-Along a straight segment a bilinear cell is a parabola, so the smallest and largest height of the segment above a grid are
-computed exactly, cell by cell, in closed form. Above the analytic surface the segment is cut into pieces of 0.05 s whose
+Heights above ground are measured along the plumb line. Along a straight segment a bilinear cell is a parabola, so the smallest
+and largest height of the segment above a grid are computed exactly, cell by cell, in closed form; where the grid is bent, on
+pieces that are short enough to be straight on it. Above the analytic surface the segment is cut into pieces of 0.05 s whose
 parabola through three points is used. Along a level line sin(y) cos(x) = (sin(y + x) + sin(y - x)) / 2 has a third
 derivative of at most sqrt(2) / s^2, so the parabola errs by at most sqrt(2) 0.05^3 s / (72 sqrt(3)) = 1.5e-6 s.
 """
@@ -19,12 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
+from uavcover.kernels.grid_frame import GridFrame, growth_on_grid, on_grid
+from uavcover.kernels.nodes import among_nodes, on_nodes, parabola_range, range_on_nodes
 from uavcover.kernels.obstacles import NO_OBSTACLES, Obstacles
 
 GRID = 0
 SINE_COSINE = 1
 
 _ANALYTIC_PIECE = 0.05
+_SETTLED_M = 1e-8
+_MOST_ROUNDS = 60
 
 
 class Surface(NamedTuple):
@@ -32,54 +37,69 @@ class Surface(NamedTuple):
 
     Attributes:
         kind: GRID or SINE_COSINE.
-        east0_m: east of the first column of nodes (GRID).
-        north0_m: north of the first row of nodes (GRID).
-        step_m: spacing of the nodes (GRID), or the scale s (SINE_COSINE).
-        up_m: (rows, columns) float64 heights of the nodes, rows going north; (1, 1) and unused for SINE_COSINE.
+        step_m: smallest spacing of the nodes (GRID), or the scale s (SINE_COSINE).
+        up_m: (rows, columns) float64 heights of the nodes; (1, 1) and unused for SINE_COSINE.
         steepest: no two places of the surface have a steeper slope between them (tangent). Infinite when it is not known,
             as with no-data.
+        grid: where the nodes are; unused for SINE_COSINE.
         obstacles: prisms on the surface. Heights above the surface are heights above ground, not above them.
     """
 
     kind: int
-    east0_m: float
-    north0_m: float
     step_m: float
     up_m: NDArray[np.float64]
     steepest: float
+    grid: GridFrame
     obstacles: Obstacles = NO_OBSTACLES
 
 
 @kernel
 def height(surface: Surface, east: float, north: float) -> float:
-    """Height of the surface, metres; NaN outside the grid and where a node of the cell has no data."""
-    if surface.kind == SINE_COSINE:
-        s = surface.step_m
-        return s * math.sin(north / s) * math.cos(east / s)
-    rows, columns = surface.up_m.shape
-    u = (east - surface.east0_m) / surface.step_m
-    v = (north - surface.north0_m) / surface.step_m
-    if not (u >= 0.0 and v >= 0.0 and u <= columns - 1 and v <= rows - 1):
-        return math.nan
-    i = min(int(v), rows - 2)
-    j = min(int(u), columns - 2)
-    v -= i
-    u -= j
-    z = surface.up_m
-    south = z[i, j] + u * (z[i, j + 1] - z[i, j])
-    north_edge = z[i + 1, j] + u * (z[i + 1, j + 1] - z[i + 1, j])
-    return float(south + v * (north_edge - south))
+    """Up coordinate of the surface, metres; NaN outside the grid and where a node of the cell has no data."""
+    return up_above(surface, east, north, 0.0)
 
 
 @kernel
-def has_node_cell(surface: Surface, east: float, north: float) -> bool:
-    """Whether a place lies between nodes of the grid (with data or without); everywhere on the analytic surface."""
+def up_above(surface: Surface, east: float, north: float, agl: float) -> float:
+    """Up coordinate of the place ``agl`` metres above the surface; NaN where there is no data.
+
+    On a grid whose plumb lines lean, column and row depend a little on the answer. Each round makes the rest smaller by slope
+    times lean, which is below 1/1000 over a few kilometres; where it does not settle the surface is no function of east and
+    north, and is not known.
+    """
+    if surface.kind == SINE_COSINE:
+        s = surface.step_m
+        return s * math.sin(north / s) * math.cos(east / s) + agl
+    column, row = on_grid(surface.grid, east, north, surface.grid.level_up_m)
+    up = on_nodes(surface.up_m, column, row) + agl
+    if surface.grid.lean_per_m == 0.0:
+        return up
+    for _ in range(_MOST_ROUNDS):
+        before = up
+        column, row = on_grid(surface.grid, east, north, up)
+        up = on_nodes(surface.up_m, column, row) + agl
+        # Also when it is NaN.
+        if not abs(up - before) > _SETTLED_M:
+            return up
+    return math.nan
+
+
+@kernel
+def height_above(surface: Surface, east: float, north: float, up: float) -> float:
+    """Height of a place above the surface, metres; NaN where there is no data."""
+    if surface.kind == SINE_COSINE:
+        return up - up_above(surface, east, north, 0.0)
+    column, row = on_grid(surface.grid, east, north, up)
+    return up - on_nodes(surface.up_m, column, row)
+
+
+@kernel
+def has_node_cell(surface: Surface, east: float, north: float, up: float) -> bool:
+    """Whether a place lies over cells of the grid (with data or without); everywhere on the analytic surface."""
     if surface.kind == SINE_COSINE:
         return math.isfinite(east) and math.isfinite(north)
-    rows, columns = surface.up_m.shape
-    u = (east - surface.east0_m) / surface.step_m
-    v = (north - surface.north0_m) / surface.step_m
-    return bool(u >= 0.0 and v >= 0.0 and u <= columns - 1 and v <= rows - 1)
+    column, row = on_grid(surface.grid, east, north, up)
+    return among_nodes(surface.up_m, column, row)
 
 
 @kernel
@@ -88,39 +108,22 @@ def gradient(surface: Surface, east: float, north: float) -> tuple[float, float]
     if surface.kind == SINE_COSINE:
         s = surface.step_m
         return -math.sin(north / s) * math.sin(east / s), math.cos(north / s) * math.cos(east / s)
-    rows, columns = surface.up_m.shape
-    u = (east - surface.east0_m) / surface.step_m
-    v = (north - surface.north0_m) / surface.step_m
-    if not (u >= 0.0 and v >= 0.0 and u <= columns - 1 and v <= rows - 1):
+    up = height(surface, east, north)
+    if math.isnan(up):
         return math.nan, math.nan
+    rows, columns = surface.up_m.shape
+    u, v = on_grid(surface.grid, east, north, up)
     i = min(int(v), rows - 2)
     j = min(int(u), columns - 2)
     v -= i
     u -= j
     z = surface.up_m
-    to_east = (1.0 - v) * (z[i, j + 1] - z[i, j]) + v * (z[i + 1, j + 1] - z[i + 1, j])
-    to_north = (1.0 - u) * (z[i + 1, j] - z[i, j]) + u * (z[i + 1, j + 1] - z[i, j + 1])
-    return to_east / surface.step_m, to_north / surface.step_m
-
-
-@kernel
-def steepest_slope(nodes: NDArray[np.float64], step: float) -> float:
-    """Bound on the slope between any two places of a bilinear grid, tangent; infinite when a node has no data.
-
-    Inside a cell the slope towards east lies between those of its south and north edge, and likewise towards north; the
-    larger of both edges in each direction gives a bound for the cell, and a path is no steeper than the cells it crosses.
-    """
-    rows, columns = nodes.shape
-    steepest2 = 0.0
-    for i in range(rows - 1):
-        for j in range(columns - 1):
-            east = max(abs(nodes[i, j + 1] - nodes[i, j]), abs(nodes[i + 1, j + 1] - nodes[i + 1, j]))
-            north = max(abs(nodes[i + 1, j] - nodes[i, j]), abs(nodes[i + 1, j + 1] - nodes[i, j + 1]))
-            slope2 = east * east + north * north
-            if math.isnan(slope2):
-                return math.inf
-            steepest2 = max(steepest2, slope2)
-    return math.sqrt(steepest2) / step
+    across = (1.0 - v) * (z[i, j + 1] - z[i, j]) + v * (z[i + 1, j + 1] - z[i + 1, j])
+    along = (1.0 - u) * (z[i + 1, j] - z[i, j]) + u * (z[i + 1, j + 1] - z[i, j + 1])
+    growth = growth_on_grid(surface.grid, east, north, up)
+    # up = nodes(column(east, north, up), row(east, north, up)), differentiated.
+    left = 1.0 - (across * growth[0, 2] + along * growth[1, 2])
+    return (across * growth[0, 0] + along * growth[1, 0]) / left, (across * growth[0, 1] + along * growth[1, 1]) / left
 
 
 @kernel
@@ -133,20 +136,32 @@ def heights(surface: Surface, east: NDArray[np.float64], north: NDArray[np.float
 
 
 @kernel
+def ups_above(
+    surface: Surface, east: NDArray[np.float64], north: NDArray[np.float64], agl: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Up coordinates of (n,) places with heights above ground, metres; NaN where there is no data."""
+    out = np.empty(east.size)
+    for i in range(east.size):
+        out[i] = up_above(surface, east[i], north[i], agl[i])
+    return out
+
+
+@kernel
+def heights_above(surface: Surface, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Heights above ground of (n, 3) places, metres; NaN where there is no data."""
+    out = np.empty(places.shape[0])
+    for i in range(places.shape[0]):
+        out[i] = height_above(surface, places[i, 0], places[i, 1], places[i, 2])
+    return out
+
+
+@kernel
 def gradients(surface: Surface, east: NDArray[np.float64], north: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 2) slopes towards east and north at (n,) places."""
     out = np.empty((east.size, 2))
     for i in range(east.size):
         out[i, 0], out[i, 1] = gradient(surface, east[i], north[i])
     return out
-
-
-@kernel
-def _next_crossing(position: float, direction: float, index: int) -> float:
-    """Parameter at which a coordinate that starts at ``position`` (in grid steps) passes node line ``index``."""
-    if direction == 0.0:
-        return math.inf
-    return (index - position) / direction
 
 
 @kernel
@@ -176,87 +191,35 @@ def height_range_between(
     """:func:`height_range_above` by coordinates: kernels call this one, so that it is compiled once for all arrays."""
     if surface.kind == SINE_COSINE:
         return _height_range_analytic(surface, pe, pn, pu, qe, qn, qu, stop_below)
-    rows, columns = surface.up_m.shape
-    u0 = (pe - surface.east0_m) / surface.step_m
-    v0 = (pn - surface.north0_m) / surface.step_m
-    u1 = (qe - surface.east0_m) / surface.step_m
-    v1 = (qn - surface.north0_m) / surface.step_m
-    if not (has_node_cell(surface, pe, pn) and has_node_cell(surface, qe, qn)):
+    if not math.isfinite(pe + pn + pu + qe + qn + qu):
         return math.nan, math.nan, math.nan, math.nan
-    du = u1 - u0
-    dv = v1 - v0
-    # The next node line to cross in each direction.
-    step_u = 1 if du > 0.0 else -1
-    step_v = 1 if dv > 0.0 else -1
-    line_u = math.floor(u0) + 1 if du > 0.0 else math.ceil(u0) - 1
-    line_v = math.floor(v0) + 1 if dv > 0.0 else math.ceil(v0) - 1
+    de, dn, du = qe - pe, qn - pn, qu - pu
+    pieces = max(1, math.ceil(math.sqrt(de * de + dn * dn + du * du) / surface.grid.piece_m))
     lowest = math.inf
     lowest_at = 0.0
     highest = -math.inf
     highest_at = 0.0
-    t = 0.0
-    while t < 1.0:
-        end = min(1.0, _next_crossing(u0, du, line_u), _next_crossing(v0, dv, line_v))
-        if end > t:
-            # The cell is that of the middle of the piece: safe from rounding at its ends.
-            middle = 0.5 * (t + end)
-            j = min(max(math.floor(u0 + middle * du), 0), columns - 2)
-            i = min(max(math.floor(v0 + middle * dv), 0), rows - 2)
-            a = pu + t * (qu - pu) - _in_cell(surface.up_m, i, j, u0 + t * du, v0 + t * dv)
-            m = pu + middle * (qu - pu) - _in_cell(surface.up_m, i, j, u0 + middle * du, v0 + middle * dv)
-            b = pu + end * (qu - pu) - _in_cell(surface.up_m, i, j, u0 + end * du, v0 + end * dv)
-            low, low_at, high, high_at = _parabola_range(a, m, b)
-            if math.isnan(low):
-                return math.nan, math.nan, math.nan, math.nan
-            if low < lowest:
-                lowest = low
-                lowest_at = t + low_at * (end - t)
-                if lowest < stop_below:
-                    return lowest, lowest_at, highest, highest_at
-            if high > highest:
-                highest = high
-                highest_at = t + high_at * (end - t)
-        if end >= 1.0:
+    up = pu
+    column, row = on_grid(surface.grid, pe, pn, pu)
+    for k in range(pieces):
+        next_e, next_n, next_up = qe, qn, qu
+        if k < pieces - 1:
+            t = (k + 1.0) / pieces
+            next_e, next_n, next_up = pe + t * de, pn + t * dn, pu + t * du
+        next_column, next_row = on_grid(surface.grid, next_e, next_n, next_up)
+        low, low_at, high, high_at = range_on_nodes(
+            surface.up_m, column, row, up, next_column, next_row, next_up, stop_below
+        )
+        if math.isnan(low):
+            return math.nan, math.nan, math.nan, math.nan
+        if low < lowest:
+            lowest, lowest_at = low, (k + low_at) / pieces
+        if high > highest:
+            highest, highest_at = high, (k + high_at) / pieces
+        if lowest < stop_below:
             break
-        t = max(t, end)
-        while _next_crossing(u0, du, line_u) <= t:
-            line_u += step_u
-        while _next_crossing(v0, dv, line_v) <= t:
-            line_v += step_v
+        column, row, up = next_column, next_row, next_up
     return lowest, lowest_at, highest, highest_at
-
-
-@kernel
-def _in_cell(z: NDArray[np.float64], i: int, j: int, u: float, v: float) -> float:
-    """Bilinear height in cell (i, j), also just outside of it."""
-    v -= i
-    u -= j
-    south = z[i, j] + u * (z[i, j + 1] - z[i, j])
-    north = z[i + 1, j] + u * (z[i + 1, j + 1] - z[i + 1, j])
-    return float(south + v * (north - south))
-
-
-@kernel
-def _parabola_range(a: float, m: float, b: float) -> tuple[float, float, float, float]:
-    """Smallest and largest value, and where in 0..1, of the parabola through (0, a), (1/2, m), (1, b)."""
-    if math.isnan(a + m + b):
-        return math.nan, math.nan, math.nan, math.nan
-    low, low_at, high, high_at = a, 0.0, a, 0.0
-    if b < low:
-        low, low_at = b, 1.0
-    if b > high:
-        high, high_at = b, 1.0
-    curvature = 2.0 * (a - 2.0 * m + b)
-    slope = 4.0 * m - 3.0 * a - b
-    if curvature != 0.0:
-        t = -slope / (2.0 * curvature)
-        if 0.0 < t < 1.0:
-            value = a + t * (slope + t * curvature)
-            if value < low:
-                low, low_at = value, t
-            if value > high:
-                high, high_at = value, t
-    return low, low_at, high, high_at
 
 
 @kernel
@@ -278,7 +241,7 @@ def _height_range_analytic(
         end = (k + 1.0) / pieces
         m = pu + middle * (qu - pu) - height(surface, pe + middle * (qe - pe), pn + middle * (qn - pn))
         b = pu + end * (qu - pu) - height(surface, pe + end * (qe - pe), pn + end * (qn - pn))
-        low, low_at, high, high_at = _parabola_range(a, m, b)
+        low, low_at, high, high_at = parabola_range(a, m, b)
         if low < lowest:
             lowest = low
             lowest_at = (k + low_at) / pieces
@@ -322,7 +285,7 @@ def stays_above(
         middle, end = (k + 0.5) / pieces, (k + 1.0) / pieces
         m = pu + middle * (qu - pu) - height(surface, pe + middle * (qe - pe), pn + middle * (qn - pn))
         b = pu + end * (qu - pu) - height(surface, pe + end * (qe - pe), pn + end * (qn - pn))
-        if _parabola_range(a, m, b)[0] < limit:
+        if parabola_range(a, m, b)[0] < limit:
             return False
         a = b
         k += 1

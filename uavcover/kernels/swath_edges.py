@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
 from uavcover.kernels.sight import CONE, Sight, horizontal_reach
-from uavcover.kernels.surface import Surface, height
+from uavcover.kernels.surface import Surface, height, up_above
 
 _STEPS = 32
 _DAMPING = 0.7
@@ -101,7 +101,7 @@ def balance_lines(
             for k in range(lines):
                 if there[k, i]:
                     east, north = along[i] * c - out[k, i] * s, along[i] * s + out[k, i] * c
-                    up = height(surface, east, north) + heights[k]
+                    up = up_above(surface, east, north, heights[k])
                     slope = _slope_along(surface, along, out[k], i, c, s)
                     below[k] = side_reach(surface, sight, east, north, up, s, -c, slope)
                     above[k] = side_reach(surface, sight, east, north, up, -s, c, slope)

@@ -27,7 +27,7 @@ from uavcover.kernels.sight import (
     ground_sample_m,
     view,
 )  # fmt: skip
-from uavcover.kernels.surface import Surface, height, height_range_between
+from uavcover.kernels.surface import Surface, height_above, height_range_between
 
 
 class Camera(NamedTuple):
@@ -243,7 +243,7 @@ def _unhidden(
             return True
         return bool(height_range_between(surface, ee, en, eu, ce, cn, cu, -GRAZING_M)[0] >= -GRAZING_M)
     if sight.line_of_sight == MIDPOINT:
-        return bool(0.5 * (eu + cu) >= height(surface, 0.5 * (ee + ce), 0.5 * (en + cn)))
+        return bool(height_above(surface, 0.5 * (ee + ce), 0.5 * (en + cn), 0.5 * (eu + cu)) >= 0.0)
     return True
 
 

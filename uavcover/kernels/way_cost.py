@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels._jit import kernel
-from uavcover.kernels.surface import Surface, height
+from uavcover.kernels.surface import Surface, height_above
 
 LENGTH = 0
 TIME = 1
@@ -116,7 +116,7 @@ def place_cost(surface: Surface, way: WayCost, p: tuple[float, float, float]) ->
     """Of a waypoint by itself."""
     if way.deviation_price == 0.0:
         return 0.0
-    return way.deviation_price * abs(p[2] - height(surface, p[0], p[1]) - way.middle_agl_m)
+    return way.deviation_price * abs(height_above(surface, p[0], p[1], p[2]) - way.middle_agl_m)
 
 
 @kernel

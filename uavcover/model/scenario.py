@@ -25,7 +25,7 @@ class RasterTerrain:
         kind: names this source in a scenario.
         file: a path relative to the scenario file, or ``bundled:NAME`` for data that comes with the package.
         vertical_datum: what the heights refer to. Ellipsoid heights are refused where sea-level heights are needed.
-        grid_step_m: step of the local grid that the data is brought to; default: half the smaller side of its pixels.
+        grid_step_m: step of a square grid that the data is resampled to; default: none, the ground keeps the file's pixels.
     """
 
     __pydantic_config__: ClassVar = STRICT

@@ -15,7 +15,8 @@ class Uncertainty:
     Attributes:
         position_m: horizontal error of the flown positions.
         height_m: vertical error of the flown positions.
-        terrain_m: vertical error of the elevation data.
+        terrain_m: vertical error of the elevation data, against the true ground. What the ground in use differs from the data
+            is measured and added to it.
         attitude_deg: error of the camera's direction.
     """
 

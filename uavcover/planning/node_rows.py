@@ -44,8 +44,7 @@ def fly_rows(site: Site, layout: NodeRows) -> Route:
     low, high = allowed_band_m(site, nodes)
     points = finite_heights(np.column_stack([nodes, low + layout.height_share * (high - low)]))
     if site.scenario.limits.applies_to == "legs" and len(points) > 1:
-        ground = site.ground.heights_m(points[:, :2])
-        points = lay_over_terrain(site, points[:, :2], points[:, 2] - ground, tolerance_m=0.0)
+        points = lay_over_terrain(site, points[:, :2], site.ground.heights_agl_m(points), tolerance_m=0.0)
     return Route(points)
 
 

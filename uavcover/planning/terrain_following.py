@@ -34,12 +34,14 @@ def lay_over_terrain(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArra
     # A sample's distance farther away nothing is raised over an obstacle.
     polyline_m, wanted_agl_m = around_obstacles(site, polyline_m, wanted_agl_m, apart_m=SAMPLE_SPACING_M)
     limits = site.scenario.limits
+    # Heights are looked at between samples here, and along whole legs by those who judge the route.
+    hair_m = HAIR_M + site.ground.cut_error_m
     points = follow_terrain(
         site.ground.surface,
         np.ascontiguousarray(polyline_m, dtype=float),
         np.ascontiguousarray(wanted_agl_m, dtype=float),
-        limits.min_height_agl_m + limits.height_margin_m + HAIR_M,
-        limits.max_height_agl_m - limits.height_margin_m - HAIR_M,
+        limits.min_height_agl_m + limits.height_margin_m + hair_m,
+        limits.max_height_agl_m - limits.height_margin_m - hair_m,
         # A hair below the limit, so that rounding does not break it.
         math.tan(math.radians(limits.max_climb_angle_deg)) * (1.0 - 1e-9),
         max(tolerance_m, 0.0),

@@ -72,18 +72,18 @@ class WaypointEncoding:
             order = kernels.two_opt(points, order)
         points = points[order]
         if self._site.scenario.limits.applies_to == "legs" and len(points) > 1:
-            ground = self._site.ground.heights_m(points[:, :2])
-            points = lay_over_terrain(self._site, points[:, :2], points[:, 2] - ground, tolerance_m=0.0)
+            agl_m = self._site.ground.heights_agl_m(points)
+            points = lay_over_terrain(self._site, points[:, :2], agl_m, tolerance_m=0.0)
         return Route(points)
 
 
 def allowed_band_m(site: Site, places_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest allowed up coordinate (n,) at (n, 2) places; they may cross where nothing is allowed."""
     limits = site.scenario.limits
-    ground = site.ground.heights_m(places_m)
-    low = ground + limits.min_height_agl_m + limits.height_margin_m
-    high = ground + limits.max_height_agl_m - limits.height_margin_m
+    low = site.ground.ups_m(places_m, limits.min_height_agl_m + limits.height_margin_m)
+    high = site.ground.ups_m(places_m, limits.max_height_agl_m - limits.height_margin_m)
     if limits.min_alt_amsl_m is not None or limits.max_alt_amsl_m is not None:
+        ground = site.ground.heights_m(places_m)
         sea = ground - site.alts_amsl_m(np.column_stack([places_m, ground]))
         if limits.min_alt_amsl_m is not None:
             low = np.maximum(low, limits.min_alt_amsl_m + sea)

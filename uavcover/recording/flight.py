@@ -101,7 +101,7 @@ def log_coverage(recording: rr.RecordingStream, coverage: CoverageMap, track: Tr
 def log_series(recording: rr.RecordingStream, coverage: CoverageMap, track: Track) -> None:
     """Log height above ground with its band, and speeds."""
     limits = coverage.site.scenario.limits
-    height_agl_m = track.enu_m[:, 2] - coverage.site.ground.heights_m(track.enu_m[:, :2])
+    height_agl_m = coverage.site.ground.heights_agl_m(track.enu_m)
     _log_series(recording, layout.HEIGHT_AGL, track.time_s, height_agl_m, name="above ground, m", rgb=layout.FLOWN_RGB)
     # The band holds from the first planned waypoint to the last; a track that flies no route shows it throughout.
     on_route = np.flatnonzero(track.current_waypoint >= 1)

@@ -75,5 +75,5 @@ def _on_axis_m(coverage: CoverageMap, eye_m: FloatArray, axis: FloatArray) -> Fl
     """(2,) where the axis first comes to the ground, to a 200th of the range; below the sensor where it does not."""
     along = np.linspace(0.0, coverage.sight.reach_m, 201)[:, None]
     points = eye_m + along * axis
-    under = points[:, 2] <= coverage.site.ground.heights_m(points[:, :2])
+    under = coverage.site.ground.heights_agl_m(points) <= 0.0
     return points[int(under.argmax()), :2] if under.any() else eye_m[:2]

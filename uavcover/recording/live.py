@@ -180,7 +180,7 @@ class LiveRecording:
         # The path goes on from the last sample of the time before.
         part = new if self._last is None else _track_of([self._last, *samples])
         self._last = samples[-1]
-        height_agl_m = new.enu_m[:, 2] - self._coverage.site.ground.heights_m(new.enu_m[:, :2])
+        height_agl_m = self._coverage.site.ground.heights_agl_m(new.enu_m)
         turned = self._turned(new)
         share = self._coverage.share(self._seen)
         for output in self._outputs:

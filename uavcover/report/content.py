@@ -123,7 +123,7 @@ def _flights(
     flights = []
     for name, (track, planned), shift_s in zip(names, tracks, shifts_s, strict=True):
         enu = track_positions_m(site, track)
-        height = enu[:, 2] - site.ground.heights_m(enu[:, :2])
+        height = site.ground.heights_agl_m(enu)
         planned_m = np.empty((0, 3)) if planned is None else planned.waypoints_m
         flights.append(Flight(name, track, planned_m, enu, height, track.time_s + shift_s - start_s))
     return tuple(flights)

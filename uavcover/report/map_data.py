@@ -159,7 +159,7 @@ def _geodetic_fit(site: Site, bounds: Bounds) -> dict[str, list[float]] | None:
 
 
 def _heights_agl_m(site: Site, points_m: FloatArray) -> FloatArray:
-    return points_m[:, 2] - site.ground.heights_m(points_m[:, :2])
+    return site.ground.heights_agl_m(points_m)
 
 
 def _rounded(values: FloatArray) -> Any:

@@ -18,8 +18,7 @@ FLIGHT_COLORS = 8
 def height_along_route(content: ReportContent) -> Chart:
     """Height above ground along the planned route, with the band."""
     along_m, points = _along(content.planned.route.waypoints_m)
-    ground = content.site.ground.heights_m(points[:, :2])
-    height = points[:, 2] - ground
+    height = content.site.ground.heights_agl_m(points)
     limits = content.site.scenario.limits
     km = along_m / 1000.0
     top = max(_largest(height), limits.max_height_agl_m) * 1.08

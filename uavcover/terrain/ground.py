@@ -7,6 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from uavcover.errors import TerrainError
 from uavcover.kernels import surface as kernels
+from uavcover.kernels.grid_frame import GridFrame, square_frame
+from uavcover.kernels.nodes import steepest_of_finite, steepest_slope
 from uavcover.kernels.obstacles import roofs_m
 from uavcover.kernels.surface import GRID, SINE_COSINE, Surface
 
@@ -22,17 +24,43 @@ class Ground:
         source: where it came from, for people.
         vertical_datum: what its heights referred to at the source.
         sha256: hash of the source file, empty for a computed surface.
+        error_m: largest difference that was found between the surface and the file's own bilinear surface, metres; 0 for a
+            surface that is computed.
+        cut_error_m: heights above ground along a leg, and along the parts that it is cut into, differ by no more than this.
     """
 
     surface: Surface
     source: str
     vertical_datum: str
     sha256: str = ""
+    error_m: float = 0.0
+    cut_error_m: float = 0.0
 
     def heights_m(self, east_north_m: ArrayLike) -> FloatArray:
         """Up coordinates (n,) of the ground at (n, 2) places, metres; NaN where there is no data."""
         en = np.atleast_2d(np.asarray(east_north_m, float))
         return kernels.heights(self.surface, np.ascontiguousarray(en[:, 0]), np.ascontiguousarray(en[:, 1]))
+
+    def heights_agl_m(self, places_m: ArrayLike) -> FloatArray:
+        """Heights above ground (n,) of (n, 3) ENU places, along their plumb lines, metres; NaN where there is no data."""
+        return kernels.heights_above(self.surface, np.ascontiguousarray(np.atleast_2d(np.asarray(places_m, float))))
+
+    def ups_m(self, east_north_m: ArrayLike, height_agl_m: ArrayLike) -> FloatArray:
+        """Up coordinates (n,) of what is at (n, 2) places with heights above ground (n,), metres; NaN where there is no data.
+
+        The inverse of :meth:`heights_agl_m`. Heights are measured along the plumb line, so this is not quite the ground's up
+        and the height: centimetres, some kilometres from the origin.
+        """
+        en = np.atleast_2d(np.asarray(east_north_m, float))
+        heights = np.broadcast_to(np.asarray(height_agl_m, float), len(en))
+        east, north = (np.ascontiguousarray(axis) for axis in en.T)
+        return kernels.ups_above(self.surface, east, north, np.ascontiguousarray(heights))
+
+    def lean_error_m(self, climb_m: float) -> float:
+        """By how much a height above ground may change, beside the climb itself, straight above or below a place."""
+        if self.surface.kind != GRID or self.surface.grid.lean == 0.0:
+            return 0.0
+        return climb_m * self.surface.grid.lean * steepest_of_finite(self.surface.up_m, self.surface.grid)
 
     def gradients(self, east_north_m: ArrayLike) -> FloatArray:
         """Slopes (n, 2) of the ground towards east and north at (n, 2) places, dimensionless."""
@@ -49,7 +77,8 @@ class Ground:
 
         Returns:
             (n - 1, 4) smallest height, its parameter along the leg 0..1, largest height, its parameter. Rows of NaN where
-            a leg leaves the data. Exact for grids; see :mod:`uavcover.kernels.surface` for the analytic surface.
+            a leg leaves the data. Exact to ``cut_error_m`` for grids; see :mod:`uavcover.kernels.surface` for the analytic
+            surface.
         """
         route = np.ascontiguousarray(np.atleast_2d(np.asarray(route_m, float)))
         return kernels.leg_height_ranges(self.surface, route)
@@ -60,7 +89,8 @@ def sine_cosine_ground(scale_m: float) -> Ground:
     empty = np.zeros((1, 1))
     # Read-only like the nodes of a grid: kernels are compiled once for both.
     empty.flags.writeable = False
-    return Ground(Surface(SINE_COSINE, 0.0, 0.0, scale_m, empty, 1.0), "sine-cosine (paper, Eq. 26)", "local")
+    frame = square_frame(east0_m=0.0, north0_m=0.0, step_m=1.0)
+    return Ground(Surface(SINE_COSINE, scale_m, empty, 1.0, frame), "sine-cosine (paper, Eq. 26)", "local")
 
 
 def grid_ground(
@@ -73,7 +103,7 @@ def grid_ground(
     vertical_datum: str,
     sha256: str = "",
 ) -> Ground:
-    """A ground from heights at the nodes of a grid.
+    """A ground from heights at the nodes of a square grid along east and north; heights above it are along the up axis.
 
     Args:
         up_m: (rows, columns) heights, rows going north, NaN for no-data.
@@ -87,10 +117,39 @@ def grid_ground(
     Raises:
         TerrainError: fewer than 2 x 2 nodes.
     """
+    frame = square_frame(east0_m=float(east0_m), north0_m=float(north0_m), step_m=float(step_m))
+    return ground_of_nodes(
+        up_m, frame, step_m=float(step_m), source=source, vertical_datum=vertical_datum, sha256=sha256
+    )
+
+
+def ground_of_nodes(
+    up_m: FloatArray,
+    frame: GridFrame,
+    *,
+    step_m: float,
+    source: str,
+    vertical_datum: str,
+    sha256: str = "",
+    cut_error_m: float = 0.0,
+) -> Ground:
+    """A ground from heights at nodes wherever they are.
+
+    Args:
+        up_m: (rows, columns) up coordinates, NaN for no-data.
+        frame: where the nodes are.
+        step_m: their smallest spacing.
+        source: for people.
+        vertical_datum: of the source.
+        sha256: of the source.
+        cut_error_m: of the ground.
+
+    Raises:
+        TerrainError: fewer than 2 x 2 nodes.
+    """
     nodes = np.array(up_m, dtype=float, order="C")
     if nodes.ndim != 2 or min(nodes.shape) < 2:
         raise TerrainError(f"{source}: a grid needs at least 2 x 2 nodes, this one has {nodes.shape}")
     nodes.flags.writeable = False
-    steepest = kernels.steepest_slope(nodes, float(step_m))
-    surface = Surface(GRID, float(east0_m), float(north0_m), float(step_m), nodes, steepest)
-    return Ground(surface, source, vertical_datum, sha256)
+    surface = Surface(GRID, step_m, nodes, steepest_slope(nodes, frame), frame)
+    return Ground(surface, source, vertical_datum, sha256, cut_error_m=cut_error_m)

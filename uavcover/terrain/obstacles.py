@@ -14,6 +14,7 @@ from uavcover.errors import TerrainError
 from uavcover.kernels.obstacles import make_obstacles
 from uavcover.kernels.surface import GRID
 from uavcover.terrain.ground import Ground
+from uavcover.terrain.pixel_frame import nodes_inside_m
 
 FloatArray = NDArray[np.float64]
 
@@ -82,10 +83,12 @@ def _highest_ground_m(ground: Ground, footprint: Footprint) -> float:
     Inside a bilinear cell there is no peak: the ground is highest at a node or on an edge of the footprint.
     """
     edges = _edges_m(footprint.polygon)
-    # Level lines at height 0 along the edges: where they are lowest above ground, the ground is highest.
-    ends = np.zeros((2 * len(edges), 3))
+    # Level lines along the edges: where they are lowest above ground, the ground is highest. They lie at the height of the
+    # corners, so that plumb lines from them to the ground are short.
+    ends = np.empty((2 * len(edges), 3))
     ends[0::2, :2], ends[1::2, :2] = edges[:, :2], edges[:, 2:]
-    on_edges = -ground.leg_height_ranges_m(ends)[0::2, 0]
+    ends[:, 2] = np.max(ground.heights_m(ends[:, :2]))
+    on_edges = ends[0, 2] - ground.leg_height_ranges_m(ends)[0::2, 0]
     peaks = _peaks(ground, footprint.polygon.bounds)
     inside = ground.heights_m(peaks[shapely.contains_xy(footprint.polygon, peaks[:, 0], peaks[:, 1])])
     if not (np.isfinite(on_edges).all() and np.isfinite(inside).all()):
@@ -102,14 +105,11 @@ def _peaks(ground: Ground, bounds_m: tuple[float, float, float, float]) -> Float
     west, south, east, north = bounds_m
     surface = ground.surface
     if surface.kind == GRID:
-        step = surface.step_m
-        easts = _steps(west - surface.east0_m, east - surface.east0_m, step) + surface.east0_m
-        norths = _steps(south - surface.north0_m, north - surface.north0_m, step) + surface.north0_m
-    else:
-        # sin(y / s) cos(x / s) is 1 only where both factors are 1 or -1.
-        easts = _steps(west, east, math.pi * surface.step_m)
-        quarter = 0.5 * math.pi * surface.step_m
-        norths = _steps(south - quarter, north - quarter, math.pi * surface.step_m) + quarter
+        return nodes_inside_m(surface.grid, surface.up_m, bounds_m)[:, :2]
+    # sin(y / s) cos(x / s) is 1 only where both factors are 1 or -1.
+    easts = _steps(west, east, math.pi * surface.step_m)
+    quarter = 0.5 * math.pi * surface.step_m
+    norths = _steps(south - quarter, north - quarter, math.pi * surface.step_m) + quarter
     return np.array(list(itertools.product(easts, norths)), dtype=float).reshape(-1, 2)
 
 

@@ -13,7 +13,6 @@ from uavcover.kernels import tally as kernels
 from uavcover.kernels.local_slopes import LocalSlopes, local_slopes
 from uavcover.kernels.tally import Camera, Tally
 from uavcover.model.sensor import Camera as CameraSensor
-from uavcover.model.uncertainty import Uncertainty
 from uavcover.verification.looks import Looks
 from uavcover.verification.possible_motion import MAX_LEAN_DEG
 
@@ -61,7 +60,7 @@ def tally_looks(coverage: CoverageMap, looks: Looks) -> FlownCoverage:
     """
     site = coverage.site
     slopes = local_slopes(site.ground.surface)
-    camera = _camera(coverage, site.scenario.uncertainty, slopes)
+    camera = _camera(coverage, slopes)
     certain = looks.where(looks.known)
     tally = _tallied(coverage, certain, slopes, camera)
     seen = tally.first >= 0
@@ -90,7 +89,7 @@ def possibly_seen(coverage: CoverageMap, looks: Looks) -> BoolArray:
     """(cells,) what looks may have seen whose direction is not known: with a lean of up to MAX_LEAN_DEG either way."""
     site = coverage.site
     slopes = local_slopes(site.ground.surface)
-    camera = _camera(coverage, site.scenario.uncertainty, slopes)
+    camera = _camera(coverage, slopes)
     if isinstance(site.scenario.sensor, CameraSensor):
         camera = camera._replace(turn_rad=max(camera.turn_rad, float(np.radians(MAX_LEAN_DEG))))
     tally = _tallied(coverage, looks, slopes, camera)
@@ -139,9 +138,10 @@ def _tallied(coverage: CoverageMap, looks: Looks, slopes: LocalSlopes, camera: C
     return tally
 
 
-def _camera(coverage: CoverageMap, uncertainty: Uncertainty, slopes: LocalSlopes) -> Camera:
+def _camera(coverage: CoverageMap, slopes: LocalSlopes) -> Camera:
     sensor, wanted = coverage.site.scenario.sensor, coverage.site.scenario.requirements
-    horizontal, vertical = uncertainty.position_m, uncertainty.vertical_m
+    uncertainty = coverage.site.scenario.uncertainty
+    horizontal, vertical = uncertainty.position_m, coverage.site.vertical_uncertainty_m
     # A ray that is moved sideways by p at the eye and not at all at the cell meets ground that is higher by at most its slope
     # times the way it was moved: as much as lowering the eye by p times the steepest slope does.
     lift = vertical + (horizontal * _steepest_known(slopes) if horizontal > 0.0 else 0.0)

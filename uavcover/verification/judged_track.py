@@ -119,7 +119,7 @@ def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> Judge
         # Where the places say nothing of the plan, its numbers are all there is.
         believed=misnumbered is None or (passed is not None and not passed.passed.any()),
     )  # fmt: skip
-    here_m = enu[:, 2] - site.ground.heights_m(enu[:, :2])
+    here_m = site.ground.heights_agl_m(enu)
     begin, end = track_ends(scenario, track.time_s, enu, here_m, noise_m=motion.noise_m)
     phases = _phases(site, enu, route, planned, end)
     heights = track_heights(site, enu, joined, phases)

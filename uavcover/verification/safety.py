@@ -77,7 +77,7 @@ class Heights:
 
 def track_heights(site: Site, enu_m: FloatArray, joined: BoolArray, phases: Phases) -> Heights:
     """Heights above ground of an (n, 3) track, between samples too where ``joined`` (n - 1,) says so."""
-    here = enu_m[:, 2] - site.ground.heights_m(enu_m[:, :2])
+    here = site.ground.heights_agl_m(enu_m)
     number = np.arange(len(enu_m), dtype=float)
     lowest, highest, lowest_at, highest_at = here.copy(), here.copy(), number.copy(), number.copy()
     ranges = site.ground.leg_height_ranges_m(enu_m)
@@ -177,8 +177,8 @@ def find_violations(
     lacking = _lacking_clearance(site, enu_m, joined)
     find = ViolationFinder(track, enu_m)
     found = [
-        *find.below("below-band", route, low, limits.min_height_agl_m, phase="route"),
-        *find.above("above-band", route, high, limits.max_height_agl_m, phase="route"),
+        *find.below("below-band", route, low, limits.min_height_agl_m + site.ground_error_m, phase="route"),
+        *find.above("above-band", route, high, limits.max_height_agl_m - site.ground_error_m, phase="route"),
         *find.below("clearance", transit & ~phases.junction, low, limits.transit_clearance_m, phase="transit"),
         *find.below(
             "clearance", transit & phases.junction, low, min(limits.transit_clearance_m, limits.min_height_agl_m),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.coverage.sensors import whatever_heading
-from uavcover.kernels.reach import farthest_looks
+from uavcover.kernels.reach import farthest_looks, highest_in_squares
 from uavcover.kernels.sight import CONE, horizontal_reach
 from uavcover.kernels.surface import GRID
 
@@ -55,17 +55,19 @@ def _tops(coverage: CoverageMap, reach_m: float) -> tuple[FloatArray, float, flo
     """Highest allowed up over squares around the area, with their south-west corner and side."""
     surface, limits = coverage.site.ground.surface, coverage.site.scenario.limits
     highest_agl_m = limits.max_height_agl_m - limits.height_margin_m
+    west, south, east, north = coverage.site.area.bounds
+    east0, north0 = west - reach_m, south - reach_m
+    across = max(east - west, north - south) + 2.0 * reach_m
     if surface.kind == GRID:
-        # Over a bilinear square the ground is nowhere higher than at its corners.
-        nodes, east0, north0, side, slack = surface.up_m, surface.east0_m, surface.north0_m, surface.step_m, 0.0
-    else:
-        west, south, east, north = coverage.site.area.bounds
-        east0, north0 = west - reach_m, south - reach_m
-        across = max(east - west, north - south) + 2.0 * reach_m
-        side = max(0.25 * coverage.grid.cells.size_m, across / _MOST_SQUARES_ACROSS)
-        steps = side * np.arange(math.ceil(across / side) + 1)
-        grid_e, grid_n = np.meshgrid(east0 + steps, north0 + steps)
-        nodes = coverage.site.ground.heights_m(np.column_stack([grid_e.ravel(), grid_n.ravel()])).reshape(grid_e.shape)
-        slack = surface.steepest * side * math.sqrt(0.5)
+        side = max(0.5 * surface.step_m, across / _MOST_SQUARES_ACROSS)
+        count = math.ceil(across / side)
+        # Plumb lines lean: above its ground a place of the band may stand a little aside of it, and so a little higher.
+        lean_m = surface.grid.lean * highest_agl_m
+        return highest_in_squares(surface, east0, north0, side, count, lean_m) + highest_agl_m, east0, north0, side
+    side = max(0.25 * coverage.grid.cells.size_m, across / _MOST_SQUARES_ACROSS)
+    steps = side * np.arange(math.ceil(across / side) + 1)
+    grid_e, grid_n = np.meshgrid(east0 + steps, north0 + steps)
+    nodes = coverage.site.ground.heights_m(np.column_stack([grid_e.ravel(), grid_n.ravel()])).reshape(grid_e.shape)
     corners = np.stack([nodes[:-1, :-1], nodes[1:, :-1], nodes[:-1, 1:], nodes[1:, 1:]])
-    return np.ascontiguousarray(corners.max(axis=0) + slack + highest_agl_m), east0, north0, side
+    highest = corners.max(axis=0) + surface.steepest * side * math.sqrt(0.5)
+    return np.ascontiguousarray(highest + highest_agl_m), east0, north0, side

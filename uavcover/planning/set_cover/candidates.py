@@ -75,7 +75,7 @@ def finest_lattice_candidates(coverage: CoverageMap, *, spacing_m: float, most: 
 def level_candidates(coverage: CoverageMap, *, spacing_m: float, height_agl_m: float) -> Candidates:
     """The places of a square lattice at one height above ground, counted from the south-west corner of the area."""
     places = _lattice_2d(coverage.site, horizontal_reach(coverage.sight), spacing_m)
-    up = coverage.site.ground.heights_m(places) + height_agl_m
+    up = coverage.site.ground.ups_m(places, height_agl_m)
     known = np.isfinite(up)
     return candidates_at(coverage, np.column_stack([places, up])[known], spacing_m=spacing_m)
 

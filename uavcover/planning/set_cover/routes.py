@@ -24,6 +24,6 @@ def tour_route(site: Site, places_m: FloatArray, *, tolerance_m: float) -> Route
     if len(points) and np.linalg.norm(points[-1] - reference) < np.linalg.norm(points[0] - reference):
         points = points[::-1]
     if site.scenario.limits.applies_to == "legs" and len(points) > 1:
-        wanted_agl_m = points[:, 2] - site.ground.heights_m(points[:, :2])
+        wanted_agl_m = site.ground.heights_agl_m(points)
         points = lay_over_terrain(site, points[:, :2], wanted_agl_m, tolerance_m=tolerance_m)
     return Route(points)
