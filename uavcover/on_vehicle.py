@@ -23,7 +23,7 @@ from uavcover.errors import InputError
 from uavcover.flight.break_off import along_leg_m
 from uavcover.flight.conversation import Conversation
 from uavcover.flight.events import FlightEvent
-from uavcover.flight.flight_plan import FlightPlan, Patience
+from uavcover.flight.flight_plan import FlightPlan, Patience, PlanNeeds
 from uavcover.flight.fly import FlightOutcome, Onward, PlanOnward
 from uavcover.flight.fly import fly as fly_plan
 from uavcover.flight.fly import fly_on as fly_on_plan
@@ -44,6 +44,7 @@ from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import AutopilotName
 from uavcover.resumption import Unfinished
 from uavcover.site import Site
+from uavcover.way_cost import pace_of
 
 _GROUND_S, _ASK_AGAIN_S = 4.0, 0.2
 """So long, and so often, a vehicle that is armed is asked whether it stands on the ground."""
@@ -182,6 +183,12 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
         max_climb_m_s=site.scenario.vehicle.max_climb_m_s,
         max_descent_m_s=site.scenario.vehicle.max_descent_m_s,
         surroundings=_surroundings(site),
+        needs=PlanNeeds(
+            pace=pace_of(site),
+            return_height_m=site.scenario.vehicle.return_height_m,
+            fence=bool(compiled.fence.polygons or compiled.fence.circles),
+            endurance_s=site.scenario.vehicle.endurance_s,
+        ),
     )
 
 

@@ -30,6 +30,13 @@ def fly(
         float, typer.Option("--link-lost", metavar="S", help="Give the vehicle up after so long a silence.")
     ] = 30.0,
     on_breach: options.OnBreachAction = None,
+    apply_limits: Annotated[
+        bool,
+        typer.Option(
+            "--apply-limits",
+            help="Set the parameters that the plan needs, after asking (--yes: without), and put the old ones back at the end.",
+        ),
+    ] = False,
     resume: Annotated[
         bool,
         typer.Option("--resume", help="Go on with the flight that was not finished, from the ground or in the air."),
@@ -51,15 +58,17 @@ def fly(
     from uavcover.cli.console import Console
     from uavcover.cli.ending import INTERRUPTED
     from uavcover.cli.flying import ENDED_BY_USER, fly_run
+    from uavcover.cli.precautions import precautions_for
     from uavcover.flight.flight_plan import Patience
-    from uavcover.flight.precautions import Precautions
     from uavcover.run_folder import RunFolder
 
     client_name = options.client_name(client, link="default", signed=signing_key is not None)
     key = options.signing_key(signing_key)
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     folder = RunFolder(run).flight(sortie)
-    precautions = Precautions(on_breach=options.on_breach(on_breach))
+    precautions = precautions_for(
+        folder, console, on_breach=options.on_breach(on_breach), apply_limits=apply_limits, agreed=yes
+    )
     patience = Patience(deadman_s=deadman_s, link_lost_s=link_lost_s)
     viewer_url = None
     if live:

@@ -12,6 +12,7 @@ from mission_io.items import Command, Frame, GeoPoint, Mission, MissionItem
 from uavcover.errors import InputError
 from uavcover.flight.ground_contact import GroundAt
 from uavcover.frames import LocalFrame
+from uavcover.kernels.way_cost import Pace
 
 if TYPE_CHECKING:
     from uavcover.flight.surroundings import Surroundings
@@ -19,6 +20,23 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 _PLACES = (Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND, Command.NAV_LOITER_TIME)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanNeeds:
+    """What a plan counts on of the vehicle's settings.
+
+    Attributes:
+        pace: how fast it gets along.
+        return_height_m: above home, checked for a straight return.
+        fence: whether it has a fence that is to be in force.
+        endurance_s: longest flight; None where there is no limit.
+    """
+
+    pace: Pace
+    return_height_m: float
+    fence: bool
+    endurance_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +56,7 @@ class FlightPlan:
         acceptance_radius_m: a planned waypoint that the vehicle came so near to was passed.
         max_climb_m_s: upward speed that the plan counts on; none when it does not say.
         max_descent_m_s: downward speed that the plan counts on.
+        needs: what else the plan counts on, for the table before arming; None is not to make one.
         surroundings: ground, fence and height band, to judge positions in flight; None is not to.
     """
 
@@ -54,6 +73,7 @@ class FlightPlan:
     max_climb_m_s: float | None = None
     max_descent_m_s: float | None = None
     surroundings: "Surroundings | None" = None
+    needs: "PlanNeeds | None" = None
 
     def waypoints_m(self) -> FloatArray:
         """(n, 3) ENU, the planned waypoints, as their items say."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from mission_io import messages as m
 from mission_io.errors import MissionIoError, TransferSilentError, VehicleSilentError
 from uavcover.errors import UavcoverError, VehicleError
+from uavcover.flight.applied_limits import AppliedLimits
 from uavcover.flight.conversation import Conversation, Stopped
 from uavcover.flight.events import EventKind, FlightEvent
 from uavcover.flight.flight_plan import FlightPlan, Patience
@@ -26,7 +27,6 @@ from uavcover.flight.readiness import (
 from uavcover.flight.recorder import Recorder
 from uavcover.flight.return_home import PlanReturn, hold, return_home
 from uavcover.flight.simulation import simulated_by
-from uavcover.flight.speed_limits import tell_slower_limits
 from uavcover.flight.start import (
     arm_and_start,
     disarm_on_ground,
@@ -159,6 +159,7 @@ class _Flight:
         patience = patience if patience is not None else Patience()
         self.conversation = Conversation(client, monitor, patience=patience, on_event=on_event, stop=stop, pause=pause)
         self.precautions = precautions if precautions is not None else Precautions(on_breach=OnBreach.TELL)
+        self.limits = AppliedLimits(self.conversation, self.precautions)
         self._on_sample = on_sample
         self.recorder: Recorder | None = None
         self.progress: Progress | None = None
@@ -246,6 +247,7 @@ class _Flight:
             simulated_by=self.simulator,
             incidents=tuple(conversation.watch.incidents),
             vehicle_now=conversation.vehicle_now,
+            limits=tuple(row.as_json() for row in self.limits.rows),
         )
 
     def ended(self, work: Callable[[], FlightOutcome]) -> FlightOutcome:
@@ -261,6 +263,7 @@ class _Flight:
             raise self._failed(error) from error
         finally:
             conversation.monitor.on_position = None
+            self.limits.put_back()
         conversation.tell(EventKind.STAGE, outcome.ending.value)
         return outcome
 
@@ -292,7 +295,8 @@ def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn,
         wait_until_ready(conversation)
         check_home(conversation, plan)
         check_mission(conversation, plan)
-        tell_slower_limits(conversation, plan)
+        flight.limits.put_back_older()
+        flight.limits.check(plan)
         _refuse_armed(conversation)
         progress = flight.record(plan)
         flight.touched = True

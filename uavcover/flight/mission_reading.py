@@ -16,6 +16,7 @@ _BUSY_SHARE = 0.1
 """Readings that nothing has asked for take no more of the link's time than this."""
 _LONGEST_S = 120.0
 _AGAIN_S = 5.0
+_LOOK_S = 0.1
 
 
 class MissionReading:
@@ -58,11 +59,18 @@ class MissionReading:
         stops, pause = conversation.stop(), conversation.pause()
         self._asked = False
 
+        looked_s = began_s
+
         def stop() -> bool:
+            nonlocal looked_s
+            now = conversation.client.clock.now()
+            if now - looked_s < _LOOK_S:  # asked after every message; a busy vehicle sends thousands
+                return False
+            looked_s = now
             conversation.attend()
             self._meanwhile()
             wanted_else = conversation.stop() != stops or conversation.pause() != pause
-            return wanted_else or conversation.client.clock.now() - began_s > _LONGEST_S
+            return wanted_else or now - began_s > _LONGEST_S
 
         try:
             held = conversation.client.download(MissionType.MISSION, stop=stop)

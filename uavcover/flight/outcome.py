@@ -80,6 +80,7 @@ class FlightOutcome:
         duration_s: vehicle time from the first sample to the last.
         simulated_by: what simulates the vehicle; None for one that may be real.
         incidents: what went wrong, also what was ridden out.
+        limits: the table of what the plan counts on and what the vehicle was set to; empty for a flight that had none.
         vehicle_now: what the vehicle did when it was heard last, for people.
     """
 
@@ -90,6 +91,7 @@ class FlightOutcome:
     simulated_by: str | None
     incidents: tuple[Incident, ...] = ()
     vehicle_now: str = ""
+    limits: tuple[dict[str, Any], ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """For ``run.json`` and ``--json``."""
@@ -101,6 +103,7 @@ class FlightOutcome:
             "simulated_by": self.simulated_by,
             "vehicle_now": self.vehicle_now,
             "incidents": [{**asdict(incident), "kind": incident.kind.key} for incident in self.incidents],
+            **({"limits": list(self.limits)} if self.limits else {}),
         }
 
 

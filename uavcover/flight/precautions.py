@@ -1,7 +1,7 @@
 """What the user wants done when a flight goes wrong, and before it begins."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 from uavcover.flight.outcome import Ending
@@ -37,12 +37,14 @@ class Precautions:
         apply_limits: whether to set the parameters that the plan needs, and to put the old values back at the end.
         agree: asked with the list of changes before any is made.
         keep: told the old values while they are changed, to have them on disk; an empty mapping when all are back.
+        left_changed: old values that an earlier flight could not put back.
     """
 
     on_breach: OnBreach | None = None
     apply_limits: bool = False
     agree: Callable[[str], bool] = lambda _: False
     keep: Callable[[Mapping[str, float]], None] = lambda _: None
+    left_changed: Mapping[str, float] = field(default_factory=dict)
 
     def reaction(self, *, simulated: bool) -> OnBreach:
         """What to do on a breach, with this vehicle."""

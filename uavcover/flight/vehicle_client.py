@@ -72,6 +72,10 @@ class VehicleClient(Protocol):
         """Read a parameter by its name."""
         ...
 
+    def set_parameter(self, name: str, value: float, *, param_type: int = ..., timeout_s: float = ...) -> ParamValue:
+        """Set a parameter, as it is on the wire, and see that it is so."""
+        ...
+
     def download(self, mission_type: MissionType, *, stop: Callable[[], bool] | None = ...) -> tuple[MissionItem, ...]:
         """One of the vehicle's lists, as it is on the wire; ``stop`` is asked all the time whether to cancel."""
         ...

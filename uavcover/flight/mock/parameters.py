@@ -44,6 +44,7 @@ PARAMETERS: Mapping[int, Mapping[str, Parameter]] = MappingProxyType(
             "WPNAV_SPEED": _bound("cruise_m_s", 100.0),
             "WPNAV_SPEED_UP": _bound("climb_m_s", 100.0),
             "WPNAV_SPEED_DN": _bound("descent_m_s", 100.0),
+            "WPNAV_ACCEL": Parameter(250.0),
             "LAND_SPEED": _bound("land_m_s", 100.0),
             "WPNAV_RADIUS": _bound("acceptance_radius_m", 100.0),
             "RTL_ALT": _bound("return_height_m", 100.0),
@@ -68,6 +69,7 @@ PARAMETERS: Mapping[int, Mapping[str, Parameter]] = MappingProxyType(
             "MPC_XY_CRUISE": _bound("cruise_m_s"),
             "MPC_Z_V_AUTO_UP": _bound("climb_m_s"),
             "MPC_Z_V_AUTO_DN": _bound("descent_m_s"),
+            "MPC_ACC_HOR": Parameter(3.0),
             "MPC_LAND_SPEED": _bound("land_m_s"),
             "NAV_ACC_RAD": _bound("acceptance_radius_m"),
             "RTL_RETURN_ALT": _bound("return_height_m"),
@@ -134,6 +136,11 @@ class Parameters:
         value = wire_value
         if row.whole and self._bytewise:
             value = float(struct.unpack("<i", struct.pack("<f", wire_value))[0])
+        self.put(name, value)
+
+    def put(self, name: str, value: float) -> None:
+        """Set a parameter to a number in its own unit; a value that makes no sense changes nothing."""
+        row = self._known[name]
         if not row.attribute:
             self._values[name] = float(round(value)) if row.whole else value
             return
