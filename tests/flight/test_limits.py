@@ -37,7 +37,10 @@ FINE = {
 def the_plan(**changes):
     needs = PlanNeeds(pace=Pace(8.0, 4.0, 3.0), return_height_m=60.0, fence=True, **changes)
     around = Surroundings(
-        ground_up_m=lambda _e, _n: 0.0, outside_fence_m=lambda _e, _n: 0.0, min_height_agl_m=40.0, max_height_agl_m=80.0
+        ground_up_m=lambda _e, _n: 12.5,
+        outside_fence_m=lambda _e, _n: 0.0,
+        min_height_agl_m=40.0,
+        max_height_agl_m=80.0,
     )
     return dataclasses.replace(
         plan_for(mission()), max_climb_m_s=4.0, max_descent_m_s=3.0, needs=needs, surroundings=around
