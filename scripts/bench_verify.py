@@ -126,7 +126,7 @@ def measure(
     save_track(folder / "track.csv", track)
     started, cpu_started = time.perf_counter(), children_cpu_s()
     subprocess.run(
-        [sys.executable, "-m", "uavcover", "verify", str(folder), "-q"],
+        [sys.executable, "-m", "uavcover", "verify", str(folder), "-q", "--accept-changed", "record"],
         check=False,
         stdout=subprocess.DEVNULL,
         cwd=folder,

@@ -3,26 +3,28 @@
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover import pipeline
+from uavcover import pipeline, run_files
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.documents import read_plan_document, verification_document
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.flight.track_file import read_track_with_warnings
 from uavcover.gap_planning.closing_route import ClosingRoute, plan_closing_route
+from uavcover.judged_inputs import JudgedInputs
 from uavcover.leg_checks import measure_violations
 from uavcover.local_raster import Band, geotiff
 from uavcover.mission_compiler import CompiledMission, compile_continuation
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.track import ReadTrack, Track
 from uavcover.planning.objectives import judge
-from uavcover.run_folder import RunFolder
+from uavcover.provenance import note_files
+from uavcover.run_folder import RunFolder, json_text
 from uavcover.site import Site
 from uavcover.track_logs.reading import READERS, read_foreign_log
 from uavcover.verification.flown_coverage import FlownCoverage
@@ -98,17 +100,37 @@ def judge_tracks(site: Site, tracks: Sequence[tuple[Track, PlannedRoute | None]]
     return verify_flight(site, pipeline.judging_map(site), [FlownTrack(track, planned) for track, planned in tracks])
 
 
-def save_verdict(run: RunFolder, verdict: Verdict, *, sources: Sequence[str]) -> dict[str, Any]:
-    """Write ``verification.json`` and, for a site on Earth, ``coverage.tif``; they may replace older ones.
+def save_verdict(
+    run: RunFolder,
+    verdict: Verdict,
+    *,
+    sources: Sequence[str],
+    inputs: JudgedInputs,
+    command: Sequence[str],
+) -> dict[str, Any]:
+    """Write ``verification.json`` and, for a site on Earth, ``coverage.tif``, together.
+
+    Args:
+        run: whose verdict it is.
+        verdict: what was found.
+        sources: names of the logs.
+        inputs: what was judged; its changes were accepted.
+        command: how it was asked for.
 
     Returns:
         what ``verification.json`` says.
     """
+    document = verification_document(verdict.report, source=", ".join(sources)) | {
+        "inputs": inputs.hashes,
+        "accepted_changes": [asdict(change) for change in inputs.changes],
+        "unsealed_tracks": list(inputs.unsealed),
+    }
+    files: dict[str, str | bytes] = {"verification.json": json_text(document)}
     raster = coverage_raster(verdict.coverage, verdict.flown)
     if raster is not None:
-        run.write_bytes("coverage.tif", raster)
-    document = verification_document(verdict.report, source=", ".join(sources))
-    run.write_json("verification.json", document)
+        files["coverage.tif"] = raster
+    run.write_together(files)
+    note_files(run, "verify", list(files), command=command, read=inputs.hashes)
     return document
 
 
@@ -262,13 +284,14 @@ def _continuation(site: Site, route: Route, track: Track) -> CompiledMission:
     )  # fmt: skip
 
 
-def save_gaps(run: RunFolder, verdict: Verdict) -> None:
-    """Write ``gaps.geojson``; it may replace an older one.
+def save_gaps(run: RunFolder, verdict: Verdict, *, command: Sequence[str]) -> None:
+    """Write ``gaps.geojson``.
 
     Raises:
         InputError: the scenario has no place on Earth.
     """
     run.write_json("gaps.geojson", gaps_geojson(verdict.coverage, verdict.gaps))
+    note_files(run, "gaps", ["gaps.geojson"], command=command)
 
 
 def save_gap_mission(
@@ -281,11 +304,12 @@ def save_gap_mission(
     """
     folder = RunFolder(run.file(GAP_FOLDER))
     autopilot = site.scenario.vehicle.autopilot
-    with folder.reserved((*pipeline.PLAN_FILES, *pipeline.OF_A_PLAN), force=force):
+    with folder.reserved((*run_files.PLAN_FILES, *run_files.OF_A_PLAN), force=force):
         pipeline.save_plan(
             folder, site, mission.plan, compiled=mission.compiled, autopilot=autopilot,
             seed=site.scenario.planner.seed, command=command,
         )  # fmt: skip
     texts = pipeline.mission_texts(mission.wanted, autopilot=autopilot, name=site.scenario.name)
     run.write_text("gap_mission.waypoints", texts["mission.waypoints"])
+    note_files(run, "gaps", ["gap_mission.waypoints"], command=command)
     return folder

@@ -5,12 +5,11 @@
 """
 
 import dataclasses
-import hashlib
 import os
 import platform
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib import metadata
@@ -48,27 +47,14 @@ from uavcover.planning.objectives import judge
 from uavcover.planning.planner import Effort, Progress, plan_routes
 from uavcover.planning.selection import parse_rule
 from uavcover.planning.set_cover.programs import SolverEffort
+from uavcover.provenance import note_files, obstacles_sha256, run_document, sha256_of_content, version, with_entry
+from uavcover.run_files import FLIGHT_FILES, moves_of_an_older_plan, remove_empty_folders, stale_files
 from uavcover.run_folder import SCHEMA_VERSION, RunFolder, json_text
 from uavcover.scenario import dump_scenario, load_scenario, terrain_path
 from uavcover.site import Site, build_site
 from uavcover.sorties import Sortie, compile_sorties
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.verify import verify_track
-
-PLAN_FILES = ("scenario.toml", "run.json", "pareto.csv", "pareto_routes.csv", "plan.json")
-MISSION_FILES = ("mission.waypoints", "mission.plan", "fence.waypoints", "rally.waypoints", "mission.kml")
-AFTER_FLIGHT_FILES = (
-    "track.csv",
-    "flight.rrd",
-    "flight.tlog",
-    "verification.json",
-    "coverage.tif",
-    "report.html",
-    "gaps.geojson",
-    "gap_mission.waypoints",
-)
-OF_A_PLAN = (*MISSION_FILES, "upload.json", *AFTER_FLIGHT_FILES)
-"""What belongs to one plan, and says nothing about the next one in the same folder."""
 
 EXPORT_FORMATS = ("waypoints", "plan", "kml", "geojson", "csv")
 
@@ -257,10 +243,11 @@ def save_plan(
     sorties: Sequence[Sortie] = (),
     proved: dict[str, Any] | None = None,
     baselines: Sequence[dict[str, Any]] | None = None,
-) -> None:
+) -> RunFolder | None:
     """Write the scenario, the Pareto set, the chosen route and its mission files, all or none.
 
-    What belonged to an older plan in the same folder (its upload, flight and verdict) is removed.
+    What belonged to an older plan in the same folder goes with it: its mission, upload, sorties and gap mission are removed; a
+    plan that was flown is moved, whole, into a folder ``older-N``.
 
     Args:
         run: the folder.
@@ -273,31 +260,48 @@ def save_plan(
         sorties: its flights when there are several; each gets a run folder of its own inside this one.
         proved: its :func:`bounds`; default: what there is of them without a plan.
         baselines: as ``plan.json`` of the same Pareto set has them already; default: the plan's.
+
+    Returns:
+        where the older plan and its flight are now; none when there was no flight.
     """
     scenario = dump_scenario(site.scenario)
-    about = json_text(_run_document(site, scenario, seed=seed, command=command, plan_wall_s=result.wall_s))
     limits = bounds(site) if proved is None else proved
-    texts = {"scenario.toml": scenario, "run.json": about, **_set_texts(result)}
+    texts = {"scenario.toml": scenario, **_set_texts(result)}
     if compiled is not None:
         texts |= mission_texts(compiled, autopilot=autopilot, name=site.scenario.name)
     rows = [_sortie_row(number, sortie) for number, sortie in enumerate(sorties, start=1)]
     document = plan_document(site, result, seed=seed, bounds=limits, sorties=rows, baselines=baselines)
     texts["plan.json"] = json_text(document)
-    stale = [name for name in OF_A_PLAN if name not in texts]
+    about = _run_document(site, scenario, seed=seed, command=command, plan_wall_s=result.wall_s)
     judged = judging_map(site) if sorties else None
     of_any_plan = {name: limit for name, limit in limits.items() if not isinstance(limit, dict)}
     for row, sortie in zip(rows, sorties, strict=True):
         if judged is None:
             break
         plan = _plan_of_sortie(judged, result, sortie)
-        own = {"scenario.toml": scenario, "run.json": about, **_set_texts(plan)}
+        own = {"scenario.toml": scenario, **_set_texts(plan)}
         own |= mission_texts(sortie.compiled, autopilot=autopilot, name=f"{site.scenario.name}, sortie {row['number']}")
         own["plan.json"] = json_text(plan_document(site, plan, seed=seed, bounds=of_any_plan))
+        own["run.json"] = _recorded(RunFolder(run.file(row["folder"])), about, own)
         texts |= {f"{row['folder']}/{name}": text for name, text in own.items()}
-        stale += [f"{row['folder']}/{name}" for name in OF_A_PLAN if name not in own]
-    for number in range(len(sorties) + 1, len(run.sorties()) + 1):
-        stale += [f"sortie-{number}/{name}" for name in (*PLAN_FILES, *OF_A_PLAN)]
-    run.write_together(texts, stale=stale)
+    moved = moves_of_an_older_plan(run)
+    texts["run.json"] = _recorded(run, about, texts, moved=moved)
+    run.write_together(texts, stale=() if moved else stale_files(run, texts), moved=moved)
+    remove_empty_folders(run)
+    return RunFolder(run.file(next(iter(moved.values()))).parent) if moved else None
+
+
+def _recorded(
+    run: RunFolder, about: dict[str, Any], texts: Mapping[str, str], *, moved: Mapping[str, str] | None = None
+) -> str:
+    """``run.json`` of a new plan: what it read, wrote and moved comes after what is recorded of older ones."""
+    older = run_document(run).get("provenance", [])
+    wrote = {name: sha256_of_content(text) for name, text in texts.items()}
+    document = with_entry(
+        {**about, "provenance": older}, "plan",
+        command=about["command"], inputs=about["inputs"], wrote=wrote, moved=dict(moved or {}),
+    )  # fmt: skip
+    return json_text(document)
 
 
 def _set_texts(result: Plan) -> dict[str, str]:
@@ -396,21 +400,22 @@ def upload_document(site: Site, compiled: CompiledMission, url: str, results: Se
 def _run_document(
     site: Site, scenario: str, *, seed: int, command: Sequence[str], plan_wall_s: float
 ) -> dict[str, Any]:
-    packages = ("uavcover", "numpy", "scipy", "numba", "pyproj", "rasterio", "shapely", "pymavlink", "rerun-sdk")
+    packages = ("numpy", "scipy", "numba", "pyproj", "rasterio", "shapely", "pymavlink", "rerun-sdk")
     return {
         "schema_version": SCHEMA_VERSION,
         "command": list(command),
         "seed": seed,
         "python": platform.python_version(),
         "platform": sys.platform,
-        "packages": {name: _version(name) for name in packages},
+        "packages": {"uavcover": version(), **{name: _version(name) for name in packages}},
         "inputs": {
-            "scenario": {"sha256": hashlib.sha256(scenario.encode()).hexdigest()},
+            "scenario": {"sha256": sha256_of_content(scenario)},
             "terrain": {
                 "source": site.ground.source,
-                "sha256": site.ground.sha256,
+                "sha256": site.ground.sha256 or None,
                 "largest_error_m": site.ground.error_m,
             },
+            "obstacles": {"sha256": obstacles_sha256(site.scenario.obstacles)},
         },
         "stages": {"plan": {"wall_s": plan_wall_s}},
     }
@@ -421,6 +426,16 @@ def _version(name: str) -> str | None:
         return metadata.version(name)
     except metadata.PackageNotFoundError:  # run from a source folder that is not installed
         return None
+
+
+def seal_flight(run: RunFolder, *, samples: int, command: Sequence[str]) -> None:
+    """Record the hashes of the track and of what was recorded beside it when a flight has ended: later changes are noticed.
+
+    Raises:
+        InputError, OutputError: ``run.json`` cannot be read or written.
+    """
+    there = [name for name in FLIGHT_FILES if run.file(name).exists()]
+    note_files(run, "fly", there, command=command, samples=samples)
 
 
 def add_stage(run: RunFolder, name: str, wall_s: float) -> None:

@@ -44,13 +44,13 @@ def read_members(run: RunFolder, site: Site) -> list[RouteMember]:
 
 def choose(
     run: RunFolder, site: Site, rule_text: str, *, autopilot: AutopilotName, command: Sequence[str]
-) -> tuple[Plan, tuple[Sortie, ...]]:
+) -> tuple[Plan, tuple[Sortie, ...], RunFolder | None]:
     """Choose another member by a rule, and write ``plan.json``, ``pareto.csv`` and the mission files for it.
 
-    What belonged to the route before (upload, flight, verdict) is removed.
+    What belonged to the route before goes with it; one that was flown is kept in a folder of its own.
 
     Returns:
-        The plan, and its flights: none for a scenario that has no place on Earth.
+        The plan, its flights (none for a scenario that has no place on Earth), and where the route before is kept.
 
     Raises:
         InputError: the rule is none, or a file of the run is missing or broken.
@@ -78,8 +78,8 @@ def choose(
             flights = pipeline.compile_flights(site, chosen.route, autopilot=autopilot)
         except InfeasibleError as error:
             raise InfeasibleError(f"member {choice.index}: {error}; {run} is as it was") from error
-    pipeline.save_plan(
+    older = pipeline.save_plan(
         run, site, result, compiled=flights[0].compiled if len(flights) == 1 else None, autopilot=autopilot, seed=seed,
         command=command, sorties=flights if len(flights) > 1 else (), proved=bounds, baselines=baselines,
     )  # fmt: skip
-    return result, flights
+    return result, flights, older

@@ -59,7 +59,7 @@ def flights_of(run: RunFolder) -> list[RunFolder]:
     flights = [run]
     while True:
         folder = RunFolder(run.file(f"{_FOLDER}-{len(flights)}"))
-        if not folder.file(TRACK).is_file() or not _continues(folder, flights[-1]):
+        if not folder.file(TRACK).is_file() or not continues(folder, flights[-1]):
             return flights
         flights.append(folder)
 
@@ -136,7 +136,7 @@ def save_rest(unfinished: Unfinished, site: Site, *, command: Sequence[str]) -> 
     pipeline.note_in_run(unfinished.folder, _LINK, {"track_sha256": _sha256(unfinished.flown.file(TRACK))})
 
 
-def _continues(folder: RunFolder, before: RunFolder) -> bool:
+def continues(folder: RunFolder, before: RunFolder) -> bool:
     """Whether a flight goes on with the one before it as it is there now."""
     try:
         link = folder.read_json("run.json", made_by="uavcover fly --resume").get(_LINK)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from uavcover.errors import InputError, OutputError
+from uavcover.file_group import change_together, is_unsettled, settle, write_file, writing
 
 SCHEMA_VERSION = 1
 
@@ -33,6 +34,7 @@ class RunFolder:
 
     def sorties(self) -> list["RunFolder"]:
         """Its folders ``sortie-1``, ``sortie-2``, ..., each a run folder of its own; none when it is one flight."""
+        self.settle()
         found: list[RunFolder] = []
         while (folder := RunFolder(self.path / f"sortie-{len(found) + 1}")).file("plan.json").is_file():
             found.append(folder)
@@ -62,6 +64,7 @@ class RunFolder:
         Raises:
             InputError: it is not; says which command makes it.
         """
+        self.settle()
         path = self.file(name)
         if not self.path.is_dir():
             raise InputError(f"{self.path}: no such run folder; it is made by: uavcover plan")
@@ -80,16 +83,17 @@ class RunFolder:
                 or another process has reserved it.
         """
         made = not self.path.exists()
-        with _writing(self.path):
+        with writing(self.path):
             self.path.mkdir(parents=True, exist_ok=True)
         try:
             with self._locked():
+                settle(self.path)
                 there = [name for name in names if self.file(name).exists()]
                 if there and not force:
                     raise OutputError(
                         f"{self.path}: {', '.join(there)} would be overwritten; use --force, or another folder"
                     )
-                with _writing(self.path), tempfile.TemporaryFile(dir=self.path):
+                with writing(self.path), tempfile.TemporaryFile(dir=self.path):
                     pass  # a folder that cannot be written to is better known before an hour of planning than after
                 yield
         except BaseException:
@@ -105,7 +109,7 @@ class RunFolder:
         except ImportError:  # Windows: two planners in one folder are not noticed there
             yield
             return
-        with _writing(self.path):
+        with writing(self.path):
             handle = os.open(self.path, os.O_RDONLY)
         try:
             try:
@@ -135,28 +139,47 @@ class RunFolder:
         Raises:
             OutputError: it cannot be written; the file that was there before is untouched.
         """
-        _write_together({self.file(name): content}, ())
+        write_file(self.file(name), content)
         return self.file(name)
 
     def write_json(self, name: str, document: dict[str, Any]) -> Path:
         """Write a JSON file whole or not at all; numbers unrounded, NaN as null."""
         return self.write_text(name, json_text(document))
 
-    def write_together(self, texts: Mapping[str, str], *, stale: Iterable[str] = ()) -> None:
-        """Write several files that belong together, and remove those that belonged to what was there before.
+    def write_together(
+        self, files: Mapping[str, str | bytes], *, stale: Iterable[str] = (), moved: Mapping[str, str] | None = None
+    ) -> None:
+        """Write several files that belong together, and take away those that belonged to what was there before.
+
+        Args:
+            files: their contents by their names.
+            stale: files that are removed.
+            moved: files and folders that get another name.
 
         Raises:
-            OutputError: one cannot be written; then all the files that were there before are untouched.
+            OutputError: one cannot be written; then everything is as it was.
         """
-        _write_together({self.file(name): text for name, text in texts.items()}, [self.file(name) for name in stale])
+        contents = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
+        change_together(self.path, contents, removed=stale, moved=moved)
 
     def remove(self, names: Iterable[str]) -> None:
         """Remove files, where they are there.
 
         Raises:
-            OutputError: one cannot be removed.
+            OutputError: one cannot be removed; then all are there.
         """
-        _write_together({}, [self.file(name) for name in names])
+        change_together(self.path, {}, removed=names)
+
+    def settle(self) -> None:
+        """Finish what another process was writing when it was killed, here or in the run folder that this one lies in.
+
+        Raises:
+            OutputError: it cannot be finished, or somebody is writing at this moment.
+        """
+        for folder in (self.path.resolve().parent, self.path):
+            if is_unsettled(folder):
+                with RunFolder(folder)._locked():
+                    settle(folder)
 
     def read_json(self, name: str, *, made_by: str) -> dict[str, Any]:
         """Read a JSON file of the folder.
@@ -180,38 +203,7 @@ def write_text(path: Path, text: str) -> None:
     Raises:
         OutputError: it cannot be written; the file that was there before is untouched.
     """
-    _write_together({path: text}, ())
-
-
-def _write_together(texts: Mapping[Path, str | bytes], stale: Iterable[Path]) -> None:
-    unfinished: dict[Path, str] = {}
-    path = next(iter(texts), Path())
-    try:
-        for path, text in texts.items():
-            with _writing(path):
-                path.parent.mkdir(exist_ok=True)
-                handle, unfinished[path] = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-                with os.fdopen(handle, "wb") as file:
-                    file.write(text.encode() if isinstance(text, str) else text)
-                    file.flush()
-                    os.fsync(file.fileno())
-                os.chmod(unfinished[path], 0o666 & ~_umask())
-        for path in stale:
-            with _writing(path):
-                path.unlink(missing_ok=True)
-        for path, temporary in unfinished.items():
-            with _writing(path):
-                os.replace(temporary, path)
-    finally:
-        for temporary in unfinished.values():
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    write_file(path, text.encode())
 
 
 def json_text(document: dict[str, Any]) -> str:
@@ -232,12 +224,3 @@ def _without_nan(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_without_nan(item) for item in value]
     return value
-
-
-@contextlib.contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise OutputError(f"{path}: cannot be written ({reason}); free some space or choose another folder") from error

@@ -147,15 +147,17 @@ def flown(demo_run: DemoRun, tmp_path: Path) -> Path:
 @pytest.fixture
 def planned(demo_run: DemoRun, tmp_path: Path) -> Path:
     """A run folder with a plan and mission files only."""
-    return Path(
-        shutil.copytree(
-            demo_run.folder,
-            tmp_path / "run",
-            ignore=lambda _, names: [
-                n for n in names if n.startswith(("upload", "track", "flight", "verification", "coverage", "report"))
-            ],
-        )
+    folder = shutil.copytree(
+        demo_run.folder,
+        tmp_path / "run",
+        ignore=lambda _, names: [
+            n for n in names if n.startswith(("upload", "track", "flight", "verification", "coverage", "report"))
+        ],
     )
+    document = json.loads((folder / "run.json").read_text())
+    document.pop("flight")
+    (folder / "run.json").write_text(json.dumps({**document, "provenance": document["provenance"][:1]}))
+    return Path(folder)
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ from tests.cli.conftest import EVALUATIONS, Cli, DemoRun, files
 EVERY_FILE = {
     "scenario.toml", "run.json", "pareto.csv", "pareto_routes.csv", "plan.json",
     "mission.waypoints", "mission.plan", "fence.waypoints",
-    "rally.waypoints", "mission.kml", "upload.json", "track.csv", "flight.rrd", "verification.json",
+    "rally.waypoints", "mission.kml", "upload.json", "track.csv", "flight.rrd", "flight.tlog", "verification.json",
     "coverage.tif", "report.html",
 }  # fmt: skip
 

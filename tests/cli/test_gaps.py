@@ -16,6 +16,11 @@ from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.run_folder import RunFolder
 
 
+def sealed(run: Path) -> None:
+    """Record the track as one that ended so."""
+    pipeline.seal_flight(RunFolder(run), samples=0, command=[])
+
+
 def without_legs(run: Path, first: int, last: int) -> None:
     """Take the samples on the legs to these waypoints out of the track."""
     with (run / "track.csv").open() as file:
@@ -31,6 +36,7 @@ def torn(flown: Path) -> Path:
     """A run whose track has lost some legs in its middle."""
     count = len(json.loads((flown / "plan.json").read_text())["waypoints"])
     without_legs(flown, count // 2, count // 2 + count // 8)
+    sealed(flown)
     return flown
 
 
@@ -130,6 +136,7 @@ def broken_off(run: Path, share: float) -> dict[str, str]:
 
 def test_a_gap_mission_from_where_the_vehicle_is(cli: Cli, flown: Path) -> None:
     last = broken_off(flown, 0.6)
+    sealed(flown)
     from_home = cli("gaps", flown, "--json").document
     ended = cli("gaps", flown, "--start", "last", "--force", "--json")
     assert ended.code == 0, ended.err

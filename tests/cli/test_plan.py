@@ -144,12 +144,16 @@ def test_full_disk_leaves_the_older_plan(flown: Path) -> None:
     assert {path.name: path.read_bytes() for path in flown.iterdir()} == before
 
 
-def test_force_removes_what_belonged_to_the_older_plan(cli: Cli, flown: Path) -> None:
+def test_force_moves_the_older_plan_and_its_flight_away(cli: Cli, flown: Path) -> None:
     assert cli("plan", "jacksboro", "-o", flown, "--evaluations", EVALUATIONS).code == 2
     ended = cli("plan", "jacksboro", "-o", flown, "--evaluations", EVALUATIONS, "--seed", 3, "--force")
     assert ended.code == 0
-    assert files(flown) == PLANNED
+    assert "older-1" in ended.err
+    assert files(flown) == PLANNED | {"older-1"}
     assert plan_of(flown)["seed"] == 3
+    older = cli("verify", flown / "older-1")
+    assert older.code != 2, "what was flown is a run folder of its own"
+    assert "no such" not in cli("verify", flown).error
 
 
 def test_two_planners_in_one_folder(tmp_path: Path) -> None:

@@ -64,6 +64,8 @@ def test_errors_change_nothing(cli: Cli, planned: Path, tmp_path: Path) -> None:
     assert (planned / "track.csv").read_text() == "flown"
     assert cli("select", planned, "max-coverage", "--force").code == 0
     assert not (planned / "track.csv").exists()
+    assert (planned / "older-1" / "track.csv").read_text() == "flown"
+    assert (planned / "older-1" / "plan.json").read_bytes() == kept["plan.json"]
     routes = planned / "pareto_routes.csv"
     lines = routes.read_text().splitlines()
     routes.write_text("\n".join([lines[0], *lines[2:]]))

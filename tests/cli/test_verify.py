@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.conftest import Cli
+from tests.cli.conftest import Cli, files
 
 
 def shifted(run: Path, north_m: float) -> None:
@@ -30,8 +30,17 @@ def test_recomputed_from_the_track(cli: Cli, flown: Path) -> None:
 
 def test_shifted_by_200_m_does_not_pass(cli: Cli, flown: Path) -> None:
     shifted(flown, 200.0)
-    ended = cli("verify", flown)
+    refused = cli("verify", flown)
+    assert refused.code == 2
+    assert "track.csv was" in refused.error
+    assert "--accept-changed track" in refused.error
+    assert not {"verification.json", "report.html", "coverage.tif"} & files(flown), "no older verdict stays"
+    assert cli("report", flown).code == 2
+    ended = cli("verify", flown, "--accept-changed", "track")
     assert ended.code == 1
+    assert "accepted change   track: track.csv was" in ended.out
+    assert cli("report", flown).code == 0
+    assert "accepted although it changed since planning or flight: track.csv was" in (flown / "report.html").read_text()
     assert "FAILED" in ended.out
     verdict = json.loads((flown / "verification.json").read_text())
     assert verdict["passed"] is False
@@ -44,21 +53,24 @@ def test_recording_gives_the_same_verdict(cli: Cli, flown: Path) -> None:
     by_rrd = cli("verify", flown, "--log", flown / "flight.rrd", "--json").document
     assert by_rrd.pop("track") == "flight.rrd"
     assert by_csv.pop("track") == "track.csv"
+    assert list(by_rrd.pop("inputs")["track"]) == ["flight.rrd"]
+    assert list(by_csv.pop("inputs")["track"]) == ["track.csv"]
     assert by_rrd == by_csv
 
 
 def test_needs_no_plan(cli: Cli, flown: Path) -> None:
     (flown / "plan.json").unlink()
-    ended = cli("verify", flown, "--json")
-    assert ended.code == 0
+    assert "plan.json was" in cli("verify", flown).error
+    ended = cli("verify", flown, "--accept-changed", "plan", "--json")
     assert ended.document["planned_coverage_fraction"] is None
+    assert [(change["what"], change["now"]) for change in ended.document["accepted_changes"]] == [("plan", None)]
 
 
 def test_last_line_cut_off(cli: Cli, flown: Path) -> None:
     text = (flown / "track.csv").read_text()
     (flown / "track.csv").write_text(text[:-20])
-    ended = cli("verify", flown)
-    assert ended.code == 0
+    assert cli("verify", flown).code == 2
+    ended = cli("verify", flown, "--accept-changed", "track")
     assert "cut off" in ended.err
 
 
@@ -78,14 +90,37 @@ def test_other_endings(cli: Cli, flown: Path, name: str) -> None:
 def test_files_that_are_no_track(cli: Cli, flown: Path, tmp_path: Path, name: str, content: bytes | None) -> None:
     if content is not None:
         (tmp_path / name).write_bytes(content)
-    before = (flown / "verification.json").read_bytes()
     ended = cli("verify", flown, "--log", tmp_path / name)
     assert ended.code == 2
     assert name in ended.error
-    assert (flown / "verification.json").read_bytes() == before
+    assert not {"verification.json", "report.html"} & files(flown), "a verdict that failed leaves no older one"
 
 
 def test_nothing_flown(cli: Cli, planned: Path) -> None:
     ended = cli("verify", planned)
     assert ended.code == 2
     assert "uavcover fly" in ended.error
+
+
+def test_what_is_no_run_folder_is_left_alone(cli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "report.html").write_text("mine")
+    assert "has no scenario.toml" in cli("verify", tmp_path).error
+    assert (tmp_path / "report.html").read_text() == "mine"
+
+
+def test_a_word_that_names_nothing(cli: Cli, flown: Path) -> None:
+    before = files(flown)
+    assert "'everything' is none of scenario" in cli("verify", flown, "--accept-changed", "everything").error
+    assert files(flown) == before
+
+
+def test_a_report_without_a_verdict_or_with_another_one_says_so(cli: Cli, flown: Path) -> None:
+    assert cli("report", flown, "--log", flown / "flight.rrd").code == 0
+    assert "verification.json judged other inputs than this report" in (flown / "report.html").read_text()
+    (flown / "verification.json").unlink()
+    assert cli("report", flown).code == 0
+    assert "there is no verdict of uavcover verify" in (flown / "report.html").read_text()
+    (flown / "scenario.toml").write_text((flown / "scenario.toml").read_text() + "\n")
+    assert "--accept-changed scenario" in cli("report", flown).error
+    assert not (flown / "report.html").exists()
+    assert "--accept-changed scenario" in cli("gaps", flown).error

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,13 @@ import numpy as np
 
 from uavcover import after_flight
 from uavcover.cli.console import Console, percent
-from uavcover.cli.verifying import judge_run
+from uavcover.cli.verifying import judge_run, say_inputs
+from uavcover.judged_inputs import check_accepted
 from uavcover.model.report import VerificationReport
 from uavcover.resumption import flown_tracks
 from uavcover.run_folder import RunFolder
+
+GAP_FILES = ("gaps.geojson", "gap_mission.waypoints")
 
 
 class Start(StrEnum):
@@ -33,22 +37,29 @@ def close_gaps(
     start: Start,
     force: bool,
     command: Sequence[str],
+    accepted: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Write the gaps of a run and the mission that closes them, and say what it takes; returns the answer for ``--json``."""
     after_flight.check_gap_request(min_area_m2=min_area_m2, target=target)
-    site, verdict, sources = judge_run(run, console, logs=logs)
+    check_accepted(accepted)
+    run.existing("scenario.toml", made_by="uavcover plan")
+    run.remove(GAP_FILES)
+    site, verdict, sources, inputs = judge_run(run, console, logs=logs, accepted=accepted)
     report = verdict.report
+    say_inputs(console, inputs)
     _say_gaps(console, report)
     document: dict[str, Any] = {
         "run": str(run),
         "tracks": sources,
+        "inputs": inputs.hashes,
+        "accepted_changes": [asdict(change) for change in inputs.changes],
         "gaps": len(report.gaps),
         "coverage_of_coverable": report.coverage_of_coverable,
         "verdict": report.verdict,
         "mission": None,
         "target_met": True,
     }
-    after_flight.save_gaps(run, verdict)
+    after_flight.save_gaps(run, verdict, command=command)
     wanted = [gap for gap in report.gaps if gap.coverable and gap.area_m2 >= min_area_m2]
     if not wanted or (target is not None and report.coverage_of_coverable >= target):
         console.say(f"nothing to close; written: {run.file('gaps.geojson')}")

@@ -72,7 +72,7 @@ def demonstrate(
         return INTERRUPTED
     console.say("4 of 4  verify from the flown track alone")
     at = time.monotonic()
-    verdict = verify_run(run, console)
+    verdict = verify_run(run, console, command=command)
     _stage(run, "verify", at)
     write_report(run, run.file("report.html"), console)
     console.say()

@@ -4,9 +4,10 @@ import sys
 
 from mission_io import messages as m
 from mission_io.links.telemetry_log import TelemetryLogWriter
-from uavcover import pipeline
+from uavcover import pipeline, run_files
 from uavcover.cli.console import Bar, Console
 from uavcover.errors import OutputError
+from uavcover.file_group import writing
 from uavcover.flight.events import EventKind, FlightEvent
 from uavcover.flight.track_file import TrackWriter
 from uavcover.model.route import Route
@@ -83,7 +84,7 @@ class FlightLog:
             return
         try:
             if self._writer is None:
-                self._run.remove([name for name in pipeline.AFTER_FLIGHT_FILES if name != "track.csv"])
+                self._set_older_flight_aside()
                 self._writer = TrackWriter(self._run.file("track.csv"), overwrite=self._overwrite)
                 if self._live is not None:
                     self._live.rename(self._run.file("flight.rrd"))
@@ -100,6 +101,21 @@ class FlightLog:
             self.states.append(self._state(sample.time_s))
             if self._live is not None:
                 self._live.take_state(self.states[-1])
+
+    def _set_older_flight_aside(self) -> None:
+        """With a copy of the plan that it flew; none of it counts for the flight that begins."""
+        if not any(self._run.file(name).exists() for name in run_files.FLIGHT_FILES):
+            self._run.remove(run_files.VERDICT_FILES)
+            return
+        moved = run_files.moves_of_an_older_flight(self._run)
+        older = self._run.file(next(iter(moved.values()))).parent
+        plan = [name for name in (*run_files.PLAN_FILES, *run_files.MISSION_FILES) if self._run.file(name).is_file()]
+        with writing(older):
+            copies: dict[str, str | bytes] = {
+                f"{older.name}/{name}": self._run.file(name).read_bytes() for name in plan
+            }
+        self._run.write_together(copies, moved=moved)
+        self._console.warn(f"the flight that was here is kept in {older}, a run folder of its own")
 
     def take_event(self, event: FlightEvent) -> None:
         """Tell an event."""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from mission_io import SigningKey
-from uavcover import pipeline
+from uavcover import pipeline, run_files
 from uavcover.cli.console import Console, Interrupts
 from uavcover.cli.flight_log import FlightLog, live_recording
 from uavcover.cli.pausing import PauseKey
@@ -18,13 +18,13 @@ from uavcover.flight.precautions import USUAL, Precautions
 from uavcover.flight.track_file import read_track
 from uavcover.model.route import Route
 from uavcover.on_vehicle import ClientName, Connected, Orders, check_home, connect, fly, require_home
+from uavcover.provenance import note_files
 from uavcover.recording.writer import write_recording
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.verify import flown_coverage
 
-FLIGHT_FILES = ("track.csv", "flight.rrd", "flight.tlog")
 ENDED_BY_USER = frozenset({Ending.RETURNED, Ending.LEFT_HOLDING, Ending.NOT_FLOWN})
 
 _FIRST_STOP = "stopping: hold, then home along checked legs; once more: hold and leave it; a third time: abort at once"
@@ -50,7 +50,7 @@ def fly_run(
     if run.file("track.csv").exists() and not force:
         raise OutputError(f"{run}: holds the track of a flight; go on with it by --resume, or replace it by --force")
     with (
-        run.reserved(FLIGHT_FILES, force=force),
+        run.reserved(run_files.FLIGHT_FILES, force=force),
         connect(
             url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key, client_name=client_name,
             system_id=system_id, component_id=component_id,
@@ -103,6 +103,7 @@ def record_flight(
             raise
         finally:
             log.close()
+            _seal(run, log, console)
             _keep_recording(run, site, route, log, console)
     if log.error is not None:
         raise log.error
@@ -116,6 +117,16 @@ def record_flight(
     }
     console.say(f"{outcome.ending.value}: {outcome.sample_count} samples over {outcome.duration_s:.0f} s of flight")
     return outcome, document
+
+
+def _seal(run: RunFolder, log: FlightLog, console: Console) -> None:
+    """The hash of the track, whatever the end; an error of the flight itself is the one that counts."""
+    if not log.sample_count:
+        return
+    try:
+        pipeline.seal_flight(run, samples=log.sample_count, command=sys.argv)
+    except UavcoverError as error:
+        console.warn(f"{error}; verify will ask for --accept-changed record")
 
 
 def _note_outcome(run: RunFolder, outcome: FlightOutcome) -> None:
@@ -147,5 +158,6 @@ def _write_recording(run: RunFolder, site: Site, route: Route, log: FlightLog, c
             first_seen_s=flown.first_seen_s,
             events=log.recorded_events, states=log.states,
         )  # fmt: skip
+    note_files(run, "record", ["flight.rrd"], command=sys.argv)
     wall_s = time.monotonic() - started
     console.say(f"recorded: {run.file('track.csv')} and {run.file('flight.rrd')} ({wall_s:.1f} s)")

@@ -12,6 +12,7 @@ from uavcover.cli import options
 def gaps(
     run: Annotated[Path, typer.Argument(help="Run folder of a flight.")],
     logs: options.Logs = None,
+    accept_changed: options.AcceptChanged = None,
     target: Annotated[
         float | None,
         typer.Option(
@@ -48,6 +49,7 @@ def gaps(
     document = close_gaps(
         RunFolder(run), console,
         logs=logs or (), target=target, min_area_m2=min_area_m2, start=Start(start), force=force, command=sys.argv,
+        accepted=accept_changed or (),
     )  # fmt: skip
     console.result(document)
     return 0 if document["target_met"] else 1

@@ -20,7 +20,10 @@ Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Show 
 Force = Annotated[bool, typer.Option("--force", help="Overwrite files that are there.")]
 ForcePlan = Annotated[
     bool,
-    typer.Option("--force", help="Replace the plan that is there, and remove its mission, upload, flight and verdict."),
+    typer.Option(
+        "--force",
+        help="Replace the plan that is there and what belongs to it; a flown one goes to RUN/older-N.",
+    ),
 ]
 Autopilot = Annotated[
     str | None, typer.Option(help="ardupilot or px4; default: the scenario's.", metavar="ardupilot|px4")
@@ -40,6 +43,15 @@ Logs = Annotated[
         "--log",
         "--track",
         help="A flown track: .csv, .rrd, .bin, .tlog, .ulg or .gpx; can be given several times. Default: RUN/track.csv.",
+    ),
+]
+AcceptChanged = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--accept-changed",
+        help="Judge although this changed since planning or flight, and say so in the verdict: scenario, terrain, obstacles, "
+        "plan, mission, track, version, record (run.json) or all; again for more.",
+        metavar="WHAT",
     ),
 ]
 Sortie = Annotated[

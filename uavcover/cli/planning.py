@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from uavcover import pipeline
+from uavcover import pipeline, run_files
 from uavcover.cli.console import Bar, Console, Interrupts, metres, percent
 from uavcover.cli.ending import INTERRUPTED
 from uavcover.cli.options import autopilot_name
@@ -100,7 +100,7 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
     run = RunFolder(request.folder)
     started = time.monotonic()
     with (
-        run.reserved((*pipeline.PLAN_FILES, *pipeline.OF_A_PLAN), force=request.force),
+        run.reserved((*run_files.PLAN_FILES, *run_files.OF_A_PLAN), force=request.force),
         Interrupts(_FIRST_STOP) as stops,
     ):
         console.say(f"planning {site.scenario.name}: {site.scenario.description}".rstrip(": "))
@@ -117,10 +117,11 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
         compiled = flights[0].compiled if len(flights) == 1 else None
         sorties = flights if len(flights) > 1 else ()
         bounds = _bounds(site, request, result, console)
-        pipeline.save_plan(
+        older = pipeline.save_plan(
             run, site, result, compiled=compiled, autopilot=name, seed=seed, command=request.command, sorties=sorties,
             proved=bounds,
         )  # fmt: skip
+    say_older(console, older)
     if refused is not None:
         raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
     _say_plan(console, run, result, bounds, time.monotonic() - started)
@@ -209,6 +210,12 @@ def _say_plan(console: Console, run: RunFolder, result: Plan, bounds: dict[str, 
         console.warn(f"no route meets {result.rule}; the best there is has been written")
     if result.interrupted:
         console.warn(f"interrupted: the best route found so far has been written to {run}")
+
+
+def say_older(console: Console, older: RunFolder | None) -> None:
+    """Say where a plan that was flown is, when another one has taken its place."""
+    if older is not None:
+        console.warn(f"the plan that was here was flown: {older} is a run folder with it, its flight and its verdict")
 
 
 def say_missions(console: Console, run: RunFolder, compiled: CompiledMission | None, sorties: Sequence[Sortie]) -> None:

@@ -21,6 +21,7 @@ from uavcover.on_vehicle import (
     is_in_the_air,
     require_home,
 )
+from uavcover.provenance import note_files
 from uavcover.resumption import TRACK, Unfinished, find_unfinished, save_rest, took_off_s
 from uavcover.run_folder import RunFolder
 
@@ -69,7 +70,6 @@ def resume_run(
             return None, {"run": str(run), "ending": None, "waypoints_left": 0}
         folder, route = unfinished.folder, unfinished.route
         with folder.reserved((), force=True):
-            folder.remove(["track.csv"])  # of a flight that resumed an older one
             save_rest(unfinished, site, command=command)
             with connect(
                 url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key, client_name=client_name,
@@ -83,11 +83,16 @@ def resume_run(
                     check_home(vehicle, site, compiled)
                     results = pipeline.upload(vehicle.client, compiled)
                     folder.write_json("upload.json", pipeline.upload_document(site, compiled, url, results))
+                    note_files(folder, "upload", ["upload.json"], command=command)
                     begin = lambda orders: fly(vehicle, site, compiled, orders)  # noqa: E731
-                outcome, document = record_flight(
-                    folder, site, route, console, vehicle, begin,
-                    confirmed=confirmed, force=True, viewer_url=viewer_url, patience=patience, precautions=precautions,
-                )  # fmt: skip
+                try:
+                    outcome, document = record_flight(
+                        folder, site, route, console, vehicle, begin,
+                        confirmed=confirmed, force=True, viewer_url=viewer_url, patience=patience, precautions=precautions,
+                    )  # fmt: skip
+                finally:
+                    if folder.file(TRACK).exists():  # the run knows its flights: one that is taken away later is missed
+                        note_files(run, "fly --resume", [f"{folder.path.name}/{TRACK}"], command=command)
     return outcome, {**document, "resumed_at_waypoint": unfinished.broken.waypoint}
 
 

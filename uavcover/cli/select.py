@@ -20,7 +20,11 @@ def select(
     ],
     autopilot: options.Autopilot = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Also when the route before was flown: its track and verdict are removed.")
+        bool,
+        typer.Option(
+            "--force",
+            help="Also when the route before was flown: it goes to RUN/older-N with its flight.",
+        ),
     ] = False,
     as_json: options.Json = False,
     quiet: options.Quiet = False,
@@ -32,9 +36,9 @@ def select(
     """
     import dataclasses
 
-    from uavcover import pipeline
+    from uavcover import pipeline, run_files
     from uavcover.cli.console import Console
-    from uavcover.cli.planning import figures_in_words, say_missions
+    from uavcover.cli.planning import figures_in_words, say_missions, say_older
     from uavcover.planning.selection import parse_rule
     from uavcover.reselection import choose
     from uavcover.run_folder import RunFolder
@@ -44,8 +48,9 @@ def select(
     folder = RunFolder(run)
     site, _ = pipeline.read_planned(folder)
     name = options.autopilot_name(autopilot, site.scenario.vehicle.autopilot)
-    with folder.reserved(pipeline.AFTER_FLIGHT_FILES, force=force):
-        plan, flights = choose(folder, site, rule, autopilot=name, command=sys.argv)
+    with folder.reserved(run_files.flown_in(folder), force=force):
+        plan, flights, older = choose(folder, site, rule, autopilot=name, command=sys.argv)
+    say_older(console, older)
     index = plan.members.index(plan.chosen)
     console.say(f"{'':22}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}")
     console.say(figures_in_words(f"index:{index}", plan.chosen))

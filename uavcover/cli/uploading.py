@@ -1,5 +1,6 @@
 """Uploading a run's mission, as ``plan-upload`` and ``demo`` do it."""
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -14,6 +15,7 @@ from uavcover import pipeline
 from uavcover.cli.console import Console
 from uavcover.model.route import Route
 from uavcover.on_vehicle import ClientName, check_home, connect, require_home
+from uavcover.provenance import note_files
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
 
@@ -63,6 +65,7 @@ def upload_run(
             )
         document = pipeline.upload_document(site, compiled, url, results)
         run.write_json(UPLOAD_FILE, document)
+        note_files(run, "upload", [UPLOAD_FILE], command=sys.argv)
     for result in results:
         say_comparison(console, result)
     console.say(

@@ -1,5 +1,6 @@
 """``uavcover verify``: coverage and safety of what was flown."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -13,19 +14,21 @@ def verify(
         Path, typer.Argument(help="Run folder with scenario.toml; plan.json and track.csv where there are.")
     ],
     logs: options.Logs = None,
+    accept_changed: options.AcceptChanged = None,
     as_json: options.Json = False,
     quiet: options.Quiet = False,
     verbose: options.Verbose = 0,
 ) -> int:
     """Recompute coverage and safety from the flown track; exit 1 when it does not pass.
 
-    Several logs count as one flight: what any of them saw was seen, and each has to keep the limits.
+    Several logs count as one flight: what any of them saw was seen, and each has to keep the limits. What changed since it was
+    planned or flown (scenario, terrain, obstacles, plan, mission files, track, version) is named and not judged, unless accepted.
     """
     from uavcover.cli.console import Console
     from uavcover.cli.verifying import verify_run
     from uavcover.run_folder import RunFolder
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
-    report = verify_run(RunFolder(run), console, logs=logs or ())
+    report = verify_run(RunFolder(run), console, command=sys.argv, logs=logs or (), accepted=accept_changed or ())
     console.result(report)
     return 0 if report["passed"] else 1

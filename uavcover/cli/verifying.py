@@ -4,12 +4,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from uavcover import after_flight, pipeline
+from uavcover import after_flight, pipeline, run_files
 from uavcover.cli.console import Console, metres, percent
+from uavcover.judged_inputs import (
+    JudgedInputs,
+    check_accepted,
+    inspect_inputs,
+    judged_logs,
+    refuse_changes,
+    unsealed_in_words,
+)
 from uavcover.model.report import VerificationReport
 from uavcover.model.track import Track
 from uavcover.report.requirements import requirement_rows
-from uavcover.resumption import flown_tracks
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
 from uavcover.verification.phases import PlannedRoute
@@ -20,18 +27,38 @@ _SHOWN_STRETCHES = 3
 _HOLDS = {"yes": "holds", "no": "does NOT hold", "not proved": "not proved"}
 
 
-def verify_run(run: RunFolder, console: Console, *, logs: Sequence[Path] = ()) -> dict[str, Any]:
-    """Verify the tracks of a run folder, write its files and say the verdict; returns ``verification.json``."""
-    site, verdict, sources = judge_run(run, console, logs=logs)
-    document = after_flight.save_verdict(run, verdict, sources=sources)
+def verify_run(
+    run: RunFolder, console: Console, *, command: Sequence[str], logs: Sequence[Path] = (), accepted: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Verify the tracks of a run folder, write its files and say the verdict; returns ``verification.json``.
+
+    The verdict that is there, and what follows from it, is removed first: it would not be one of what is there now.
+    """
+    check_accepted(accepted)
+    if not any(run.file(name).exists() for name in (*run_files.PLAN_FILES, "verification.json")):
+        run.existing("scenario.toml", made_by="uavcover plan")  # no run folder: nothing is written or removed in it
+    with run.reserved((), force=True):
+        run.remove(run_files.VERDICT_FILES)
+        site, verdict, sources, inputs = judge_run(run, console, logs=logs, accepted=accepted)
+        document = after_flight.save_verdict(run, verdict, sources=sources, inputs=inputs, command=command)
+    say_inputs(console, inputs)
     _say(console, run, site, verdict.report)
     return document
 
 
-def judge_run(run: RunFolder, console: Console, *, logs: Sequence[Path]) -> tuple[Site, Verdict, list[str]]:
-    """The verdict on the logs of a run, by default its own track, and the logs' names; nothing is written."""
-    site = pipeline.load_site(run.existing("scenario.toml", made_by="uavcover plan"))
-    paths = list(logs) or flown_tracks(run)
+def judge_run(
+    run: RunFolder, console: Console, *, logs: Sequence[Path], accepted: Sequence[str]
+) -> tuple[Site, Verdict, list[str], JudgedInputs]:
+    """The verdict on the logs of a run, by default its own track, the logs' names, and what was judged; nothing is written.
+
+    Raises:
+        InputError: something changed since planning or flight, and was not accepted.
+    """
+    path = run.existing("scenario.toml", made_by="uavcover plan")
+    paths = judged_logs(run, logs)
+    inputs = inspect_inputs(run, paths)
+    refuse_changes(run, inputs, accepted)
+    site = pipeline.load_site(path)
     for number, sortie in enumerate(run.sorties(), start=1):
         if not logs and not sortie.file("track.csv").is_file():
             console.warn(f"sortie {number} was not flown yet: fly it with --sortie {number}")
@@ -43,7 +70,15 @@ def judge_run(run: RunFolder, console: Console, *, logs: Sequence[Path]) -> tupl
         tracks.append((loaded.track, after_flight.planned_for(path, run)))
     with console.progress("verifying"):
         verdict = after_flight.judge_tracks(site, tracks)
-    return site, verdict, [_name(path, run) for path in paths]
+    return site, verdict, [_name(path, run) for path in paths], inputs
+
+
+def say_inputs(console: Console, inputs: JudgedInputs) -> None:
+    """Say which changes were accepted, and which tracks have no recorded end."""
+    for change in inputs.changes:
+        console.say(f"accepted change   {change.what}: {change}")
+    for name in inputs.unsealed:
+        console.say(f"no hash           {unsealed_in_words(name)}")
 
 
 def _name(path: Path, run: RunFolder) -> str:

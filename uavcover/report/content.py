@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from uavcover import after_flight, pipeline
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.documents import PlannedDocument, read_plan_document
+from uavcover.judged_inputs import judged_logs, was_flown
 from uavcover.model.track import Track
 from uavcover.pareto_file import ParetoRow, read_pareto
-from uavcover.resumption import flown_tracks
 from uavcover.run_folder import RunFolder
 from uavcover.site import Site
 from uavcover.verification.phases import PlannedRoute
@@ -63,6 +63,7 @@ class ReportContent:
         flights: what was flown, counted as one flight; empty before a flight.
         verdict: coverage and safety, recomputed here from the tracks; none before a flight.
         warnings: what was odd in the tracks' files.
+        notices: how what is judged stands to what was planned and to ``verification.json``.
     """
 
     site: Site
@@ -75,14 +76,16 @@ class ReportContent:
     flights: tuple[Flight, ...]
     verdict: Verdict | None
     warnings: tuple[str, ...]
+    notices: tuple[str, ...] = ()
 
 
-def read_run(run: RunFolder, *, logs: Sequence[Path]) -> ReportContent:
+def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = ()) -> ReportContent:
     """Read a run folder and judge what was flown.
 
     Args:
         run: with a plan.
         logs: the flown tracks, as ``verify`` takes them; none: the run's own track, where there is one.
+        notices: what the first screen has to say about the files.
 
     Raises:
         InputError: a file is missing or broken.
@@ -90,8 +93,7 @@ def read_run(run: RunFolder, *, logs: Sequence[Path]) -> ReportContent:
     """
     site = pipeline.load_site(run.existing("scenario.toml", made_by="uavcover plan"))
     plan = run.read_json("plan.json", made_by="uavcover plan")
-    flown = any(folder.file("track.csv").is_file() for folder in (run, *run.sorties()))
-    paths = list(logs) or (flown_tracks(run) if flown else [])
+    paths = judged_logs(run, logs) if logs or was_flown(run) else []
     read = [after_flight.read_log(path, site) for path in paths]
     verdict, flights = None, tuple[Flight, ...]()
     if read:
@@ -110,6 +112,7 @@ def read_run(run: RunFolder, *, logs: Sequence[Path]) -> ReportContent:
         flights=flights,
         verdict=verdict,
         warnings=tuple(warning for r in read for warning in r.warnings),
+        notices=tuple(notices),
     )
 
 

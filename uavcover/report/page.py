@@ -77,6 +77,7 @@ def _facts(content: ReportContent) -> dict[str, Any]:
         "planned": content.planned,
         "flights": content.flights,
         "report": report,
+        "notices": content.notices,
         "requirements": [] if report is None else requirement_rows(site.scenario, report),
         "charts": charts,
         "pareto": plots.pareto_front(content),
