@@ -44,7 +44,7 @@ from uavcover.cli.ending import run_app
 from uavcover.cli.main import app
 
 FOLDER, LOG = "run folder", "foreign log"
-LEFT_BEHIND = ("flight.rrd", "report.html", "mission.kml", "pareto_routes.csv", "upload.json")
+LEFT_BEHIND = ("flight.rrd", "report.html", "pareto_routes.csv", "upload.json")
 """Files of a run that are large, and that the judge does not read."""
 ANSWERS = (0, 1, 2)
 PASSED = "PASSED"
