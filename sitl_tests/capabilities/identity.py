@@ -1,5 +1,6 @@
 """Who the vehicle is and whom we believe: foreign types, a companion that lies, a disarm that another station forces."""
 
+from mission_io.autopilots import mission_from_wire, wire_items
 from mission_io.errors import CommandRefusedError
 from mission_io.framing import Framer
 from mission_io.items import Command, MissionType
@@ -23,7 +24,10 @@ _LISTEN_S = 3.0
 
 
 def foreign_type(case: Case) -> Finding:
-    """What is no multirotor is refused; what is sent to it, and what becomes of it, is looked at."""
+    """What is no multirotor is refused; what is sent to it, and what becomes of it, is looked at. It holds a mission before."""
+    with case.station() as station:
+        autopilot = station.client.vehicle.autopilot
+        station.client.upload(MissionType.MISSION, wire_items(route_mission(case.vehicle.home), autopilot))
     before = _state(case)
     with Relay(case.vehicle.url, seed=case.seed) as relay:
         try:
@@ -44,13 +48,19 @@ def foreign_type(case: Case) -> Finding:
     sent = _messages_in(relay.sent)
     require(bool(sent) and set(sent) == {_HEARTBEAT}, f"messages {sorted(set(sent))} were sent to it")
     after = _state(case)
-    require(after == before, f"it was {before}, and is {after}")
-    return Finding("refused", f"{len(sent)} heartbeats sent to it, nothing else: {said}")
+    require(after[:2] == before[:2], f"it was {before[:2]} (armed, mode), and is {after[:2]}")
+    require(after[2] == before[2], f"its {len(before[2])} items became {len(after[2])} others")
+    return Finding(
+        "refused", f"{len(sent)} heartbeats sent to it, nothing else; its {len(after[2])} items as before: {said}"
+    )
 
 
 def meddling_companion(case: Case) -> Finding:
     """A companion computer lies all the time; the flight is flown to its end, and nothing is reported."""
-    with Relay(case.vehicle.url, seed=case.seed, meddler=Meddler(seed=case.seed)) as relay:
+    with case.station() as station:
+        system_id = station.client.vehicle.system_id
+    meddler = Meddler(system_id=system_id, seed=case.seed)
+    with Relay(case.vehicle.url, seed=case.seed, meddler=meddler) as relay:
         with case.station(relay.url) as station:
             outcome, path = fly_mission(case, station, route_mission(case.vehicle.home))
         require(outcome.ending is Ending.LANDED, f"it ended with {outcome.ending.key}: {case.events[-1]}")
@@ -82,13 +92,13 @@ def force_disarm(case: Case) -> Finding:
     return Finding(outcome.ending.key, f"flown at {highest_m:.0f} m, last told at {lowest_m:.0f} m; {told}")
 
 
-def _state(case: Case) -> tuple[bool, int, int]:
-    """Whether it is armed, its mode, and how many items it holds, for a station that asks it directly."""
+def _state(case: Case) -> tuple[bool, int, tuple[str, ...]]:
+    """Whether it is armed, its mode, and the items it holds (without home), for a station that asks it directly."""
     with case.station() as station:
         station.client.poll(_LISTEN_S)
-        held = station.client.download(MissionType.MISSION)
         vehicle = station.client.vehicle
-        return vehicle.armed, vehicle.custom_mode, len(held)
+        held = mission_from_wire(station.client.download(MissionType.MISSION), vehicle.autopilot)
+        return vehicle.armed, vehicle.custom_mode, tuple(map(repr, held.items))  # NaN equals itself
 
 
 def _messages_in(datagrams: list[bytes]) -> list[int]:

@@ -21,7 +21,7 @@ _NEAR_M = 5.0
 """Near the ground: what barometer, satellites and terrain data are off together."""
 _FALLS_M_S = 2.5
 """Who sinks so fast without motors falls; autopilots land with less than 1 m/s."""
-_FALL_GAINS_M_S2, _FAST_M_S = 4.0, 8.0
+_FALL_GAINS_M_S2, _FAST_M_S = 4.0, 5.0
 """A fall begins with far more than any controller accelerates with; at its end the air holds it."""
 _FALLEN_M = 3.0
 _BEFORE_S = 1.5
