@@ -126,6 +126,7 @@ def fly_mission(
     pause: Callable[[], bool] = lambda: False,
     stop: Callable[[], int] = lambda: 0,
     home: GeoPoint | None = None,
+    upload: bool = True,
 ) -> tuple[FlightOutcome, Path]:
     """Upload a ``route_mission`` and fly it by our own ``fly``; its outcome also when that is an error, and the path.
 
@@ -137,8 +138,10 @@ def fly_mission(
         pause: whether the vehicle is to wait where it is.
         stop: how often the user has asked to stop; once is home, by way of a point above it.
         home: where the plan begins; the vehicle's own by default.
+        upload: whether to; otherwise the vehicle holds it already.
     """
-    require(station.client.upload_and_verify(mission).passed, "the mission was read back changed")
+    if upload:
+        require(station.client.upload_and_verify(mission).passed, "the mission was read back changed")
     path = Path(case.vehicle.home)
 
     def take(event: FlightEvent) -> None:

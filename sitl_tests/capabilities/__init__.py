@@ -18,6 +18,8 @@ ALL: Mapping[str, Callable[[Case], Finding | Judge]] = MappingProxyType(
         "failed-upload": refusals.failed_upload,
         "terrain-frames": refusals.terrain_frames,
         "second-station": stations.second_station,
+        "mission-lowered": stations.mission_lowered,
+        "mission-from-file": stations.mission_from_file,
         "arming": flights.arming,
         "fly-square": flights.fly_square,
         "pause-and-resume": flights.pause_and_resume,

@@ -1,18 +1,30 @@
 """Two ground stations at one vehicle."""
 
+import json
+from dataclasses import replace
+from math import nan
+
 from mission_io import messages as m
+from mission_io.areas import Fence, RallyPoints
 from mission_io.autopilots import wire_items
 from mission_io.compare import compare_items
 from mission_io.enums import MissionResult
-from mission_io.items import MissionType
+from mission_io.formats import plan, wpl
+from mission_io.items import Command, Frame, Mission, MissionItem, MissionType
 from sitl_tests.case import Case, Finding, Station
 from sitl_tests.errors import CheckFailedError, require
+from sitl_tests.flying import fly_mission, require_flown, waypoints_held
 from sitl_tests.matrix import WORKS
-from sitl_tests.missions import long_mission
+from sitl_tests.missions import long_mission, route_mission
+from uavcover.flight.events import EventKind, FlightEvent
+from uavcover.flight.outcome import Ending
 from uavcover.mission_compiler import AUTOPILOTS
 
 _ITEMS = 30
 _ANSWER_S = 2.0
+_LOWERED_M = 5.0
+_TOLD_WITHIN_S = 90.0
+_PX4_FIRMWARE = 12
 
 
 def second_station(case: Case) -> Finding:
@@ -32,6 +44,73 @@ def second_station(case: Case) -> Finding:
     require(bool(answers), "the upload had no middle")
     require(not wrong, f"the second station reads {wrong[:2]}")
     return Finding(WORKS, f"the second one is answered {answers[0]}, the first one's {len(held)} items are whole")
+
+
+def mission_lowered(case: Case) -> Finding:
+    """In flight another station uploads the same mission, every waypoint lower; ``fly`` tells it, and that it was changed."""
+    mission, autopilot = route_mission(case.vehicle.home), AUTOPILOTS[case.autopilot]
+    lower = replace(mission, items=tuple(_lowered(item) for item in mission.items))
+    lowered_s: list[float] = []
+    with case.station() as first, case.second_station() as second:
+
+        def interfere(event: FlightEvent) -> None:
+            if event.kind is EventKind.WAYPOINT and event.waypoint == 1 and not lowered_s:
+                lowered_s.append(event.time_s or 0.0)
+                second.client.upload(MissionType.MISSION, wire_items(lower, autopilot), in_flight=True)
+
+        outcome, _ = fly_mission(case, first, mission, on_event=interfere)
+    changed = [incident for incident in outcome.incidents if incident.kind is Ending.MISSION_CHANGED]
+    require(bool(lowered_s), "it never flew to the second waypoint")
+    require(bool(changed), f"the change was not told; it ended with {outcome.ending.key}")
+    told = any(f"{_LOWERED_M:.2f} m lower" in event for event in case.events)
+    require(told, f"how much lower was not told: {changed[0].text}")
+    after_s = (changed[0].begin_s or 0.0) - lowered_s[0]
+    require(after_s <= _TOLD_WITHIN_S, f"it was told {after_s:.1f} s after the change began")
+    return Finding(outcome.ending.key, f"told {after_s:.1f} s after the upload began: {changed[0].text}")
+
+
+def mission_from_file(case: Case) -> Finding:
+    """Another station uploads what it read from our own file, places cut to whole steps as others do; ``fly`` flies it."""
+    mission, autopilot = route_mission(case.vehicle.home), AUTOPILOTS[case.autopilot]
+    read = _read_plan(mission) if case.autopilot == "px4" else _read_waypoints(mission)
+    items = wire_items(replace(mission, items=tuple(read)), autopilot)
+    steps = sum(a.lat_deg != b.lat_deg or a.lon_deg != b.lon_deg for a, b in zip(read, mission.items, strict=True))
+    require(steps > 0, "the other station's places are ours to the last bit: nothing is tested")
+    with case.second_station() as second:
+        second.client.upload(MissionType.MISSION, items)
+    with case.station() as first:
+        outcome, path = fly_mission(case, first, mission, upload=False)
+    require(outcome.ending is Ending.LANDED, f"it ended with {outcome.ending.key}: {case.events[-1]}")
+    worst_m = require_flown(path, waypoints_held(case))
+    return Finding(
+        WORKS, f"{steps} places differ from ours in the last digits; waypoints passed within {worst_m:.1f} m"
+    )
+
+
+def _lowered(item: MissionItem) -> MissionItem:
+    return replace(item, alt_m=item.alt_m - _LOWERED_M) if item.command == Command.NAV_WAYPOINT else item
+
+
+def _read_waypoints(mission: Mission) -> list[MissionItem]:
+    """``.waypoints`` as MAVProxy reads it: split by tabs, ``int`` for the wire; row 0 is home."""
+    rows = [line.split("\t") for line in wpl.write_mission(mission).splitlines()[2:]]
+    return [_cut(int(row[3]), int(row[2]), [float(text) for text in row[4:11]]) for row in rows]
+
+
+def _read_plan(mission: Mission) -> list[MissionItem]:
+    """``.plan`` as QGroundControl reads it: null is NaN, degrees are cast."""
+    text = plan.write(plan.PlanFile(mission, Fence(()), RallyPoints(()), mav_autopilot=_PX4_FIRMWARE))
+    return [
+        _cut(row["command"], row["frame"], [nan if value is None else value for value in row["params"]])
+        for row in json.loads(text)["mission"]["items"]
+    ]
+
+
+def _cut(command: int, frame: int, numbers: list[float]) -> MissionItem:
+    p1, p2, p3, p4, lat_deg, lon_deg, alt_m = numbers
+    if frame != Frame.COMMAND:
+        lat_deg, lon_deg = int(lat_deg * 1e7) / 1e7, int(lon_deg * 1e7) / 1e7
+    return MissionItem(command, Frame(frame), (p1, p2, p3, p4), lat_deg, lon_deg, alt_m)
 
 
 def _answer_to_count(station: Station) -> str:

@@ -78,6 +78,20 @@ def test_a_change_of_which_nothing_is_said_is_found_within_a_minute():
     assert changed.begin_s - at_s <= 61.0
 
 
+@AUTOPILOTS
+def test_a_change_of_the_last_minute_is_found_after_the_landing(autopilot):
+    scene = scene_of(autopilot)
+
+    def listen(event: FlightEvent) -> None:
+        scene.events.append(event)
+        if event.text == "on the ground":
+            lowered_in_silence(scene, 25.0, at_waypoint=-1)(replace(event, waypoint=-1))
+
+    outcome, text = failed(scene, on_event=listen)
+    assert outcome.ending is Ending.MISSION_CHANGED
+    assert "m lower" in text
+
+
 def test_another_mission_id_is_a_sign_of_its_own():
     scene = scene_of(PX4)
     outcome, text = failed(scene, on_event=lowered_in_silence(scene, 3.0))

@@ -57,6 +57,7 @@ def follow_mission(conversation: Conversation, plan: FlightPlan, progress: Progr
         follower.step(look)
     follower.settle()
     progress.update()
+    guard.look_once_more()
     _judge(conversation, plan, progress, follower)
     conversation.tell(EventKind.STAGE, "disarmed")
 

@@ -8,7 +8,7 @@ from uavcover.flight.conversation import Conversation, Timer
 from uavcover.flight.events import EventKind
 from uavcover.flight.flight_plan import FlightPlan
 from uavcover.flight.mission_reading import MissionReading
-from uavcover.flight.outcome import Ending
+from uavcover.flight.outcome import Ending, FlightFaultError
 from uavcover.flight.progress import Progress
 
 _DOUBT_S = 3.0
@@ -53,6 +53,15 @@ class MissionGuard:
         self._look_for_words()
         if self._reading.due:
             self._read_back()
+
+    def look_once_more(self) -> None:
+        """After the landing: a change of the last minute is one, too. A vehicle that is switched off by then is not asked."""
+        if self._conversation.watch.is_open(Ending.MISSION_CHANGED):
+            return
+        try:
+            self._read_back()
+        except FlightFaultError as error:
+            self._conversation.tell(EventKind.WARNING, f"the mission was not read back after the landing: {error}")
 
     def _look_at_total(self) -> None:
         current = self._conversation.monitor.latest(m.MissionCurrent)
