@@ -159,6 +159,12 @@ def test_every_file_and_every_change_is_named(
         refuse_changes(run, found, sorted({entry.what for entry in found.changes}))
 
 
+def test_a_file_beside_it_that_scales_the_ground(run: RunFolder) -> None:
+    beside = run.path.parent / "ground.tif.aux.xml"
+    beside.write_text('<PAMDataset><PAMRasterBand band="1"><Scale>0.5</Scale></PAMRasterBand></PAMDataset>')
+    assert [change.what for change in inspected(run).changes] == ["terrain"]
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_touched_is_not_changed(run: RunFolder, name: str) -> None:
     os.utime(run.file(name), (1.0, 1.0))

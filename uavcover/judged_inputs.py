@@ -16,6 +16,7 @@ from uavcover.provenance import Record, obstacles_sha256, read_record, run_docum
 from uavcover.resumption import TRACK, continues, flown_tracks
 from uavcover.run_folder import SCHEMA_VERSION, RunFolder
 from uavcover.scenario import load_scenario, terrain_path
+from uavcover.terrain.raster import source_sha256
 
 WHATS = ("scenario", "terrain", "obstacles", "plan", "mission", "track", "version", "record")
 """What can have changed, in the words of ``--accept-changed``; ``record`` is what says how it was: run.json itself."""
@@ -162,7 +163,14 @@ def unsealed_in_words(name: str) -> str:
 
 def _terrain_sha256(scenario: Scenario) -> str | None:
     terrain = scenario.terrain
-    return sha256_of(terrain_path(terrain)) if isinstance(terrain, RasterTerrain) else None
+    if not isinstance(terrain, RasterTerrain):
+        return None
+    try:
+        return source_sha256(terrain_path(terrain))
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise InputError(f"{terrain_path(terrain)}: cannot be read ({error.strerror})") from error
 
 
 @dataclass(slots=True)

@@ -261,7 +261,7 @@ def _ground_of_pixels(raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> G
         grid = finish_frame(grid, up)
     return ground_of_nodes(
         up, grid, step_m=1.0 / max(grid.per_column, grid.per_row) if known.any() else math.inf,
-        source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum, sha256=_sha256(raster.path),
+        source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum, sha256=source_sha256(raster.path),
         cut_error_m=2.0 * STRAIGHT_WITHIN_M,
     )  # fmt: skip
 
@@ -306,7 +306,7 @@ def _resampled_ground(raster: _Raster, frame: LocalFrame, bounds_m: Bounds, step
     return grid_ground(
         np.where(np.isfinite(up), up, np.nan).reshape(e.shape),
         east0_m=float(columns[0] * step), north0_m=float(rows[0] * step), step_m=step,
-        source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum, sha256=_sha256(raster.path),
+        source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum, sha256=source_sha256(raster.path),
     )  # fmt: skip
 
 
@@ -353,6 +353,25 @@ def _corners(dataset: Any) -> tuple[FloatArray, FloatArray]:
 def _extent(raster: _Raster) -> str:
     lon, lat = raster.to_source.transform(*_corners(raster.dataset), direction="INVERSE")
     return f"data from {min(lat):.4f}, {min(lon):.4f} to {max(lat):.4f}, {max(lon):.4f}"
+
+
+def source_sha256(path: Path) -> str:
+    """Hash of elevation data: of the file, or of the names and hashes of all files that GDAL reads for it.
+
+    A world file or an ``.aux.xml`` beside it moves or scales the heights, and a virtual raster has them in other files.
+
+    Raises:
+        OSError: the file, or one that it needs, cannot be read.
+    """
+    try:
+        with rasterio.open(path) as dataset:
+            files = sorted({Path(name) for name in dataset.files if Path(name).is_file()} | {path})
+    except rasterio.errors.RasterioError:
+        files = [path]
+    if files == [path]:
+        return _sha256(path)
+    names = [f"{file.name} {_sha256(file)}\n" for file in files]
+    return hashlib.sha256("".join(names).encode()).hexdigest()
 
 
 def _sha256(path: Path) -> str:
