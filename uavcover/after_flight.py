@@ -14,6 +14,7 @@ from uavcover import pipeline, run_files
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.documents import read_plan_document, verification_document
 from uavcover.errors import InfeasibleError, InputError
+from uavcover.flight import standing
 from uavcover.flight.track_file import read_track_with_warnings
 from uavcover.gap_planning.closing_route import ClosingRoute, plan_closing_route
 from uavcover.judged_inputs import JudgedInputs
@@ -24,6 +25,7 @@ from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.track import ReadTrack, Track
 from uavcover.planning.objectives import judge
 from uavcover.provenance import note_files
+from uavcover.resumption import TRACK
 from uavcover.run_folder import RunFolder, json_text
 from uavcover.site import Site
 from uavcover.track_logs.reading import READERS, read_foreign_log
@@ -52,7 +54,8 @@ def read_log(path: Path, site: Site) -> ReadTrack:
         raise InputError(f"{path}: no such file; a track is recorded by: uavcover fly")
     ending = path.suffix.lower()
     if ending == ".csv":
-        return read_track_with_warnings(path)
+        read = read_track_with_warnings(path)
+        return replace(read, warnings=(*read.warnings, *_of_its_standing(path)))
     if ending == ".rrd":
         # Importing rerun takes a second that other logs need not wait for.
         from uavcover.recording.reader import read_recorded_track_with_warnings
@@ -65,6 +68,21 @@ def read_log(path: Path, site: Site) -> ReadTrack:
     if site.frame is None:
         raise InputError(f"{path}: scenario {site.scenario.name} has no place on Earth, so this log has no place in it")
     return read_foreign_log(path, site.frame)
+
+
+def _of_its_standing(path: Path) -> list[str]:
+    """What is to be said of the track of a flight that goes on, or that nobody followed to its end."""
+    if path.name != TRACK:
+        return []
+    match standing.settled_ending(RunFolder(path.parent)):
+        case standing.FLYING:
+            return [f"{path}: this flight goes on: what it sees from now on is not in the track yet"]
+        case standing.INTERRUPTED:
+            return [
+                f"{path}: this flight was interrupted: the program that followed it ended before it; fly --resume goes on"
+            ]
+        case _:
+            return []
 
 
 def read_planned_route(run: RunFolder) -> PlannedRoute | None:

@@ -240,6 +240,7 @@ class Orders:
     Attributes:
         on_sample: takes every sample as it comes.
         on_event: is told what happens.
+        on_begin: is called before the vehicle is armed, or taken over in the air; what it raises ends it there.
         stop: how often the user has asked to stop: once is home along checked legs, twice is hold.
         pause: whether the user wants the vehicle to wait where it is.
         confirmed: whether a vehicle that may be real may be flown.
@@ -249,6 +250,7 @@ class Orders:
 
     on_sample: Callable[[TrackSample], None]
     on_event: Callable[[FlightEvent], None] = lambda _: None
+    on_begin: Callable[[], None] = lambda: None
     stop: Callable[[], int] = lambda: 0
     pause: Callable[[], bool] = lambda: False
     confirmed: bool = False
@@ -270,7 +272,7 @@ def fly(vehicle: Connected, site: Site, compiled: CompiledMission, orders: Order
     """
     return fly_plan(
         vehicle.client, vehicle.monitor, flight_plan(site, compiled),
-        on_sample=orders.on_sample, on_event=orders.on_event, stop=orders.stop, pause=orders.pause,
+        on_sample=orders.on_sample, on_event=orders.on_event, on_begin=orders.on_begin, stop=orders.stop, pause=orders.pause,
         confirmed=orders.confirmed, patience=orders.patience, precautions=orders.precautions, plan_return=_plan_return(site),
     )  # fmt: skip
 
@@ -340,7 +342,7 @@ def fly_from_the_air(
 def _take_over(vehicle: Connected, site: Site, plan_onward: PlanOnward, orders: Orders) -> FlightOutcome:
     return fly_on_plan(
         vehicle.client, vehicle.monitor, plan_onward,
-        on_sample=orders.on_sample, on_event=orders.on_event, stop=orders.stop, pause=orders.pause,
+        on_sample=orders.on_sample, on_event=orders.on_event, on_begin=orders.on_begin, stop=orders.stop, pause=orders.pause,
         confirmed=orders.confirmed, patience=orders.patience, precautions=orders.precautions, plan_return=_plan_return(site),
     )  # fmt: skip
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from pymavlink import mavutil
 
-from tests.cli.conftest import Cli, command, files, in_process, limited_to, mock_vehicle, started, wait_for_line
+from tests.cli.conftest import Cli, command, files, limited_to, mock_vehicle, started, wait_for_line
 from uavcover.flight.track_file import read_track
 from uavcover.recording.reader import read_recorded_track
 
@@ -138,16 +138,28 @@ def test_vehicle_without_the_mission_is_not_armed(cli: Cli, flown: Path) -> None
     assert (flown / "track.csv").read_bytes() == before, "the older flight is there until a new one begins"
 
 
-def test_full_disk_does_not_end_the_flight(planned: Path) -> None:
+def test_a_disk_without_room_for_the_record_keeps_it_on_the_ground(planned: Path) -> None:
+    before = files(planned)
     fly = command("fly", planned, "--to", "mock:", "--mock-speed", 200)
     done = subprocess.run([*limited_to(200), *fly], capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 2, done.stderr
-    assert "landed and disarmed" in done.stdout
-    assert "the flight goes on without a record" in done.stderr
-    assert done.stderr.splitlines()[-1].startswith(f"error: {planned / 'track.csv'}: cannot be written after")
-    assert len(read_track(planned / "track.csv")) > 100
-    recorded = in_process("inspect", planned, "--text")  # what the recording held when the disk was full
-    assert recorded.code == 0, recorded.err
+    assert "no room for the record of the flight, which may take" in done.stderr.splitlines()[-1]
+    assert "armed" not in done.stdout
+    assert files(planned) == before
+    assert "flight" not in json.loads((planned / "run.json").read_text())
+
+
+@pytest.mark.parametrize(
+    "name", ["track.csv", "flight.rrd", "flight.tlog", ".flight.rrd.growing", ".flight.tlog.growing"]
+)
+def test_a_record_that_cannot_be_written_keeps_it_on_the_ground(name: str, cli: Cli, planned: Path) -> None:
+    (planned / name).mkdir()
+    (planned / name / "something").touch()
+    ended = cli("fly", planned, "--to", "mock:", "--mock-speed", 200, "--force")
+    assert ended.code in (2, 3)
+    assert name.removeprefix(".").removesuffix(".growing") in ended.error
+    assert "in the air" not in ended.out
+    assert "flight" not in json.loads((planned / "run.json").read_text())
 
 
 def test_pause_makes_it_wait_and_go_on(cli: Cli, planned: Path) -> None:
@@ -185,7 +197,12 @@ def test_a_killed_flight_is_resumed_in_the_air(cli: Cli, planned: Path) -> None:
             while track.stat().st_size < 200_000:
                 assert process.poll() is None
                 select.select([], [], [], 0.05)
+            assert json.loads((planned / "run.json").read_text())["flight"]["ending"] == "flying"
             process.kill()
+            process.wait()
+        cut_off = cli("verify", planned, "--json")
+        assert "track.csv: this flight was interrupted" in cut_off.err
+        assert json.loads((planned / "run.json").read_text())["flight"]["ending"] == "interrupted"
         ended = cli("fly", planned, "--to", url, "--resume", "--json")
     assert ended.code == 0, ended.err
     assert ended.document["ending"] == "landed"

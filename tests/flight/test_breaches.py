@@ -19,7 +19,7 @@ from uavcover.flight.surroundings import Surroundings
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 HOME_M = FRAME.enu_from_geodetic(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m)[0]
-PATIENCE = Patience(elsewhere_s=20.0, stuck_s=40.0)
+PATIENCE = Patience(elsewhere_s=20.0, held_s=20.0, stuck_s=40.0)
 
 
 def around(**changes) -> Surroundings:

@@ -1,5 +1,6 @@
 """Each fault by name: a named ending, all that was recorded is kept, and it says what happened and what the vehicle does now."""
 
+import numpy as np
 import pytest
 
 from mission_io.autopilots import ARDUPILOT, PX4, Autopilot
@@ -9,6 +10,7 @@ from uavcover.flight.flight_plan import Patience
 from uavcover.flight.fly import Ending
 from uavcover.flight.mock.battery import BatteryData
 from uavcover.flight.mock.faults import parse_fault
+from uavcover.flight.modes import Mode
 from uavcover.flight.outcome import FlightFailedError, FlightOutcome
 
 PATIENCE = Patience(elsewhere_s=20.0, ready_s=20.0, stuck_s=20.0)
@@ -153,11 +155,35 @@ def test_going_back_to_the_mission_goes_on_with_the_flight():
 
 def test_a_stop_does_not_fight_the_pilot():
     scene = faulty_scene(PX4, "pilot-mode:guided@20s")
-    outcome, text = ended(scene, stop=lambda: int((scene.monitor.time_s or 0.0) > 45.0))
+    outcome, text = ended(scene, stop=lambda: sum((scene.monitor.time_s or 0.0) > at_s for at_s in (32.0, 40.0)))
     assert outcome.ending is Ending.PILOT_TOOK_OVER
+    assert 40.0 <= scene.samples[-1].time_s < 42.0, "the first stop does not end the record"
+    assert any("the record goes on until it is on the ground" in said for said in scene.told(EventKind.STOP))
     assert "stopped following: the vehicle is left to whom it obeys" in text
     assert scene.vehicle.armed
     assert outcome.vehicle_now.startswith("in the air, armed, in guided mode")
+
+
+@pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
+@pytest.mark.parametrize("stops", [0, 1])
+def test_while_a_pilot_holds_the_vehicle_the_record_goes_on_to_the_ground(autopilot, stops):
+    """He hovers for five minutes, where nothing moves, and lands then; one Ctrl-C meanwhile changes nothing."""
+    scene = make_scene(autopilot, faults=[parse_fault("pilot-mode@20s")], battery=BatteryData(endurance_s=2000.0))
+    scene.upload(mission())
+
+    def stop() -> int:
+        if scene.vehicle.armed and scene.vehicle.time_s > 320.0 and scene.vehicle.mode is not Mode.LAND:
+            scene.vehicle.set_mode(Mode.LAND)
+        return int(stops and scene.vehicle.time_s > 100.0)
+
+    with pytest.raises(FlightFailedError) as caught:
+        scene.fly(stop=stop)
+    outcome = caught.value.outcome
+    assert outcome.ending is Ending.PILOT_TOOK_OVER
+    assert scene.samples[-1].time_s > 320.0
+    assert scene.samples[-1].up_m == pytest.approx(scene.samples[0].up_m, abs=0.3)
+    gaps_s = np.diff([sample.time_s for sample in scene.samples])
+    assert gaps_s.max() < 0.5
 
 
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)

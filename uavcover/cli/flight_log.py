@@ -8,7 +8,9 @@ from uavcover import pipeline, run_files
 from uavcover.cli.console import Bar, Console
 from uavcover.errors import OutputError
 from uavcover.file_group import writing
+from uavcover.flight import standing
 from uavcover.flight.events import EventKind, FlightEvent
+from uavcover.flight.reserve import SpaceReserve
 from uavcover.flight.track_file import TrackWriter
 from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
@@ -36,10 +38,11 @@ def live_recording(run: RunFolder, site: Site, route: Route, *, viewer_url: str 
 class FlightLog:
     """The track and the events of a flight, kept as they come.
 
-    ``track.csv``, ``flight.rrd`` and ``flight.tlog`` begin with the first sample, so a flight that never began changes nothing
-    in the run folder; then the recording and the verdict of an older flight are removed. The telemetry log has what was said
-    before the first sample, too. When the track cannot be written any more, the vehicle is in the air: the flight is
-    followed to its end, and the error comes after it.
+    ``track.csv``, ``flight.rrd`` and ``flight.tlog`` begin with ``begin``, just before the vehicle is armed, so a flight that
+    never began changes nothing in the run folder; then the recording and the verdict of an older flight are removed, and
+    ``run.json`` speaks of this one. What cannot be written is known before that, and room for all of it is kept free. The
+    telemetry log has what was said before, too. When the recording or the telemetry log ends early, the track goes on. When the
+    track cannot be written any more, the vehicle is in the air: the flight is followed to its end, and the error comes after it.
 
     Args:
         run: where to.
@@ -47,6 +50,7 @@ class FlightLog:
         console: where events are told.
         bar: shows the waypoints.
         waypoint_count: of the planned route.
+        reserve: room that is kept free for the record until the flight is over.
         vehicle: whose battery and link are recorded.
         live: the recording that grows; none for the track alone.
 
@@ -54,12 +58,13 @@ class FlightLog:
         events: what happened.
         states: battery and link, once a second of vehicle time.
         error: why the track ended before the flight did.
+        begun: whether the flight has begun, so that ``run.json`` speaks of it.
         sample_count: of the track.
     """
 
     def __init__(
-        self, run: RunFolder, *, overwrite: bool, console: Console, bar: Bar, waypoint_count: int, vehicle: Connected,
-        live: LiveRecording | None,
+        self, run: RunFolder, *, overwrite: bool, console: Console, bar: Bar, waypoint_count: int, reserve: SpaceReserve,
+        vehicle: Connected, live: LiveRecording | None,
     ) -> None:  # fmt: skip
         self.events: list[FlightEvent] = []
         self.states: list[recorded.VehicleState] = []
@@ -68,6 +73,8 @@ class FlightLog:
         self._run, self._overwrite, self._console, self._bar = run, overwrite, console, bar
         self._waypoint_count, self._vehicle, self._live = waypoint_count, vehicle, live
         self._writer: TrackWriter | None = None
+        self._reserve = reserve
+        self.begun = False
         self._telemetry: TelemetryLogWriter | None = None
         if vehicle.link is not None:
             self._telemetry = TelemetryLogWriter(run.file(_GROWING_TELEMETRY))
@@ -78,23 +85,41 @@ class FlightLog:
         """The events that have a time, for the recording."""
         return [shown for event in self.events if (shown := _recorded(event)) is not None]
 
+    def begin(self) -> None:
+        """Give the files their names: the vehicle is about to be armed.
+
+        Raises:
+            OutputError, InputError: one of them cannot be written, so the vehicle must stay where it is.
+        """
+        for ended in (self._live, self._telemetry):
+            if ended is not None and ended.error is not None:
+                raise OutputError(f"{ended.error}; nothing was armed")
+        self._set_older_flight_aside()
+        standing.forget(self._run)
+        self._writer = TrackWriter(self._run.file("track.csv"), overwrite=self._overwrite, reserve=self._reserve)
+        if self._live is not None:
+            self._live.rename(self._run.file("flight.rrd"))
+        if self._telemetry is not None:
+            self._telemetry.move_to(self._run.file(TELEMETRY_LOG))
+            if self._telemetry.error is not None:
+                raise OutputError(f"{self._telemetry.error}; nothing was armed")
+        standing.note_flying(self._run)
+        self.begun = True
+
     def take_sample(self, sample: TrackSample) -> None:
-        """Write a sample."""
-        if self.error is not None:
-            return
-        try:
-            if self._writer is None:
-                self._set_older_flight_aside()
-                self._writer = TrackWriter(self._run.file("track.csv"), overwrite=self._overwrite)
-                if self._live is not None:
-                    self._live.rename(self._run.file("flight.rrd"))
-                if self._telemetry is not None:
-                    self._telemetry.move_to(self._run.file(TELEMETRY_LOG))
-            self._writer.write(sample)
-            self.sample_count += 1
-        except OutputError as error:
-            self.error = error
-            self._console.warn(f"{error}; the flight goes on without a record")
+        """Write a sample: into the track first."""
+        if self._writer is None:
+            raise OutputError(f"{self._run}: the record has not begun")
+        if self.error is None:
+            room = self._reserve.held
+            try:
+                self._writer.write(sample)
+                self.sample_count += 1
+            except OutputError as error:
+                self.error = error
+                self._console.warn(f"{error}; the flight goes on without a record")
+            if room and not self._reserve.held:
+                self._console.warn(f"{self._run}: the disk is full; the track goes on in the room that was kept for it")
         if self._live is not None:
             self._live.take_sample(sample)
         if not self.states or sample.time_s - self.states[-1].time_s >= _STATE_EVERY_S:
@@ -135,6 +160,7 @@ class FlightLog:
 
     def close(self) -> None:
         """Close the track, the growing recording and the telemetry log; the latter two go when the flight never began."""
+        self._reserve.release()
         if self._writer is not None and self.error is None:
             self._writer.close()
         if self._live is not None:

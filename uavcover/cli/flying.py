@@ -11,10 +11,12 @@ from uavcover.cli.console import Console, Interrupts
 from uavcover.cli.flight_log import FlightLog, live_recording
 from uavcover.cli.pausing import PauseKey
 from uavcover.errors import OutputError, UavcoverError
+from uavcover.flight import standing
 from uavcover.flight.flight_plan import Patience
 from uavcover.flight.fly import Ending, FlightOutcome
 from uavcover.flight.outcome import FlightFailedError
 from uavcover.flight.precautions import USUAL, Precautions
+from uavcover.flight.reserve import SpaceReserve, record_bytes
 from uavcover.flight.track_file import read_track
 from uavcover.model.route import Route
 from uavcover.on_vehicle import ClientName, Connected, Orders, check_home, connect, fly, require_home
@@ -77,38 +79,43 @@ def record_flight(
         FlightFailedError: the flight did not end as it should; the run folder has all the same what was recorded.
     """
     with (
+        SpaceReserve(run.path, record_bytes(route.length_m / site.scenario.vehicle.cruise_speed_m_s)) as reserve,
         Interrupts(_FIRST_STOP) as interrupts,
         PauseKey(console) as keys,
         console.progress("flying", total=len(route)) as bar,
     ):
         log = FlightLog(
-            run, overwrite=force, console=console, bar=bar, waypoint_count=len(route), vehicle=vehicle,
-            live=live_recording(run, site, route, viewer_url=viewer_url),
+            run, overwrite=force, console=console, bar=bar, waypoint_count=len(route), reserve=reserve,
+            vehicle=vehicle, live=live_recording(run, site, route, viewer_url=viewer_url),
         )  # fmt: skip
         orders = Orders(
-            on_sample=log.take_sample, on_event=log.take_event, stop=lambda: interrupts.count, pause=keys.paused,
-            confirmed=confirmed, patience=patience, precautions=precautions,
+            on_sample=log.take_sample, on_event=log.take_event, on_begin=log.begin, stop=lambda: interrupts.count,
+            pause=keys.paused, confirmed=confirmed, patience=patience, precautions=precautions,
         )  # fmt: skip
         try:
             outcome = begin(orders)
         except FlightFailedError as error:
+            reserve.release()
+            if log.begun:
+                _note_outcome(run, error.outcome, console)
             if log.sample_count:
-                _note_outcome(run, error.outcome)
                 console.say(
                     f"kept: {log.sample_count} samples in {run.file('track.csv')}; fly --resume goes on with them"
                 )
             raise
         except KeyboardInterrupt:
             console.warn("aborted: the vehicle was left as it is, maybe armed and in the air; take over from here")
+            if log.begun:
+                standing.note_interrupted(run)
             raise
         finally:
             log.close()
             _seal(run, log, console)
             _keep_recording(run, site, route, log, console)
+    if log.begun:
+        _note_outcome(run, outcome, console)
     if log.error is not None:
         raise log.error
-    if log.sample_count:
-        _note_outcome(run, outcome)
     document = {
         "run": str(run),
         **outcome.as_json(),
@@ -129,8 +136,12 @@ def _seal(run: RunFolder, log: FlightLog, console: Console) -> None:
         console.warn(f"{error}; verify will ask for --accept-changed record")
 
 
-def _note_outcome(run: RunFolder, outcome: FlightOutcome) -> None:
-    pipeline.note_in_run(run, "flight", outcome.as_json())
+def _note_outcome(run: RunFolder, outcome: FlightOutcome, console: Console) -> None:
+    """A disk that is full takes no outcome; the flight's own error is the one that counts then."""
+    try:
+        standing.note_outcome(run, outcome)
+    except UavcoverError as error:
+        console.warn(str(error))
 
 
 def _keep_recording(run: RunFolder, site: Site, route: Route, log: FlightLog, console: Console) -> None:

@@ -126,7 +126,9 @@ class Patience:
         start_s: from the start command until it leaves the ground.
         halt_s: until it has come to rest after it was told to hold.
         stuck_s: without getting on.
-        elsewhere_s: without moving in a mode that somebody else chose, after which following ends.
+        elsewhere_s: without moving in a mode that somebody else chose, after which following ends; by default it never does, and
+            the record goes on until the vehicle is on the ground.
+        held_s: without moving where it was told to hold because of an alarm, after which it is left holding.
         rate_s: over which the telemetry's rates are measured.
         disarm_s: from landing until it disarms itself.
         watchdog: on the link's clock, this many times as long as each of the above is always the end.
@@ -140,14 +142,16 @@ class Patience:
     start_s: float = 30.0
     halt_s: float = 20.0
     stuck_s: float = 60.0
-    elsewhere_s: float = 180.0
+    elsewhere_s: float = math.inf
+    held_s: float = 180.0
     rate_s: float = 2.0
     disarm_s: float = 30.0
     watchdog: float = 10.0
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
-            if not 0.0 < getattr(self, name) < math.inf:
+            endless = name == "elsewhere_s" and getattr(self, name) == math.inf
+            if not (0.0 < getattr(self, name) < math.inf or endless):
                 raise InputError(f"{name}: {getattr(self, name):g} is not a number above 0")
         if self.link_lost_s < self.deadman_s:
             raise InputError(f"link_lost_s: {self.link_lost_s:g} s is shorter than deadman_s, {self.deadman_s:g} s")

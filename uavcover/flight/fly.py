@@ -73,6 +73,7 @@ def fly(
     *,
     on_sample: Callable[[TrackSample], None],
     on_event: Callable[[FlightEvent], None],
+    on_begin: Callable[[], None] = lambda: None,
     plan_return: PlanReturn,
     stop: Callable[[], int] = lambda: 0,
     pause: Callable[[], bool] = lambda: False,
@@ -88,6 +89,7 @@ def fly(
         plan: what the vehicle is to hold, and where it belongs.
         on_sample: takes every sample as it comes, also when the flight ends in an error.
         on_event: is told what happens.
+        on_begin: is called when all is checked, before the vehicle is armed; what it raises keeps it on the ground.
         plan_return: makes the checked way home after a stop, from latitude, longitude and height above sea level.
         stop: how often the user has asked to stop (Ctrl-C): once is home, twice is hold.
         pause: whether the user wants the vehicle to wait where it is; as soon as no longer, it goes on.
@@ -100,7 +102,7 @@ def fly(
             carries the outcome with its name. Nothing that was recorded is lost.
     """
     flight = _Flight(client, monitor, patience, precautions, on_event, on_sample, stop, pause)
-    return flight.ended(lambda: _from_the_ground(flight, plan, plan_return, confirmed=confirmed))
+    return flight.ended(lambda: _from_the_ground(flight, plan, plan_return, on_begin, confirmed=confirmed))
 
 
 def fly_on(
@@ -110,6 +112,7 @@ def fly_on(
     *,
     on_sample: Callable[[TrackSample], None],
     on_event: Callable[[FlightEvent], None],
+    on_begin: Callable[[], None] = lambda: None,
     plan_return: PlanReturn,
     stop: Callable[[], int] = lambda: 0,
     pause: Callable[[], bool] = lambda: False,
@@ -128,6 +131,7 @@ def fly_on(
         plan_onward: makes the checked way from where the vehicle holds.
         on_sample: takes every sample as it comes.
         on_event: is told what happens.
+        on_begin: is called before the vehicle is told anything; what it raises ends it there.
         plan_return: makes the checked way home after a stop.
         stop: how often the user has asked to stop.
         pause: whether the user wants the vehicle to wait where it is.
@@ -139,7 +143,7 @@ def fly_on(
         FlightFailedError: as ``fly``.
     """
     flight = _Flight(client, monitor, patience, precautions, on_event, on_sample, stop, pause)
-    return flight.ended(lambda: _from_the_air(flight, plan_onward, plan_return, confirmed=confirmed))
+    return flight.ended(lambda: _from_the_air(flight, plan_onward, plan_return, on_begin, confirmed=confirmed))
 
 
 class _Flight:
@@ -287,7 +291,9 @@ class _Flight:
         return FlightFailedError(text, outcome)
 
 
-def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn, *, confirmed: bool) -> FlightOutcome:
+def _from_the_ground(
+    flight: _Flight, plan: FlightPlan, plan_return: PlanReturn, on_begin: Callable[[], None], *, confirmed: bool
+) -> FlightOutcome:
     conversation = flight.conversation
     flight.find(_refuse_armed, confirmed=confirmed)
     try:
@@ -298,6 +304,7 @@ def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn,
         flight.limits.put_back_older()
         flight.limits.check(plan)
         _refuse_armed(conversation)
+        on_begin()
         progress = flight.record(plan)
         flight.touched = True
         arm_and_start(conversation)
@@ -308,13 +315,14 @@ def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn,
 
 
 def _from_the_air(
-    flight: _Flight, plan_onward: PlanOnward, plan_return: PlanReturn, *, confirmed: bool
+    flight: _Flight, plan_onward: PlanOnward, plan_return: PlanReturn, on_begin: Callable[[], None], *, confirmed: bool
 ) -> FlightOutcome:
     conversation = flight.conversation
     flight.find(_refuse_taken, confirmed=confirmed)
     try:
         request_telemetry(conversation)
         check_telemetry(conversation)
+        on_begin()
         hold(conversation, "the vehicle is told to hold")
         flight.touched = True
         here = conversation.monitor.latest(m.GlobalPositionInt)

@@ -157,11 +157,11 @@ class _Follower:
         self._stillness = Stillness(conversation, stuck_s)
         self._elsewhere = Stillness(conversation, conversation.patience.elsewhere_s)
         self._landed: Timer | None = None
-        self._told_to_disarm = False
+        self._told_to_disarm = self._record_goes_on = False
         self._holds = False
         self._upside_down = False
         self._held_for: Ending | None = None
-        self._held_still = Stillness(conversation, conversation.patience.elsewhere_s)
+        self._held_still = Stillness(conversation, conversation.patience.held_s)
         self._going_on: Timer | None = None
         self.last_armed_s = conversation.monitor.time_s
 
@@ -188,8 +188,8 @@ class _Follower:
         """
         conversation = self._conversation
         self.last_armed_s = conversation.monitor.time_s
-        if conversation.stop() > self._stops_before:
-            self._end_at_users_wish()
+        if (stops := conversation.stop()) > self._stops_before:
+            self._end_at_users_wish(stops)
         self._pause_or_go_on()
         if self._going_on is not None and self._going_on.over:
             self._going_on, conversation.paused = None, self._holds
@@ -252,13 +252,21 @@ class _Follower:
                 f"{self._held_still.patience_s:g} s and nobody went on: left holding; fly --resume goes on",
             )
 
-    def _end_at_users_wish(self) -> None:
+    def _end_at_users_wish(self, stops: int) -> None:
+        """Home, unless somebody else has the vehicle: then the first stop is told, and the second ends the record."""
         self._takeover.settle()
         if self.cause is None:
             raise Stopped
-        raise FlightFaultError(
-            self.cause,
-            f"{self._conversation.watch.text_of(self.cause)}; stopped following: the vehicle is left to whom it obeys",
+        if self._record_goes_on or stops > self._stops_before + 1:
+            raise FlightFaultError(
+                self.cause,
+                f"{self._conversation.watch.text_of(self.cause)}; stopped following: the vehicle is left to whom it obeys",
+            )
+        self._record_goes_on, self._stops_before = True, stops
+        self._conversation.tell(
+            EventKind.STOP,
+            "somebody else has the vehicle, so nothing is asked of it; the record goes on until it is on the ground; once more "
+            "ends the record",
         )
 
     def _pause_or_go_on(self) -> None:
@@ -298,6 +306,11 @@ class _Follower:
             self._landed = Timer(conversation, conversation.patience.disarm_s)
             conversation.tell(EventKind.STAGE, "on the ground")
         elif self._landed.over:
+            if self.cause is Ending.PILOT_TOOK_OVER:
+                raise FlightFaultError(
+                    self.cause,
+                    f"{conversation.watch.text_of(self.cause)}; it is on the ground and stays armed: left to whom it obeys",
+                )
             if self._told_to_disarm:
                 raise FlightFaultError(
                     Ending.STAYED_ARMED, f"the vehicle has landed but stays armed{conversation.complaints}"

@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 
 from uavcover.errors import OutputError, TrackError
+from uavcover.flight.reserve import SpaceReserve
 from uavcover.model.track import AGE_COLUMN, COLUMNS, MAY_BE_EMPTY, ReadTrack, Track, TrackSample
 
 _WAYPOINT = COLUMNS.index("current_waypoint")
@@ -22,16 +23,18 @@ class TrackWriter:
     Args:
         path: the file.
         overwrite: whether a file that is there may be replaced.
+        reserve: given free when the disk is full, so that the track goes on.
 
     Raises:
         OutputError: the file is there already, or cannot be written.
     """
 
-    def __init__(self, path: Path, *, overwrite: bool = False) -> None:
+    def __init__(self, path: Path, *, overwrite: bool = False, reserve: SpaceReserve | None = None) -> None:
         self.path = path
         self.count = 0
+        self._reserve = reserve
         try:
-            self._file = path.open("w" if overwrite else "x", encoding="ascii", newline="\n", buffering=1)
+            self._file = path.open("wb" if overwrite else "xb", buffering=0)
         except FileExistsError:
             raise OutputError(f"{path}: is there already; use --force to replace it") from None
         except OSError as error:
@@ -64,12 +67,17 @@ class TrackWriter:
         self.close()
 
     def _write(self, line: str) -> None:
-        try:
-            self._file.write(line + "\n")
-        except OSError as error:
-            with contextlib.suppress(OSError):
-                self._file.close()
-            raise self._failed(error) from None
+        rest = (line + "\n").encode("ascii")
+        while rest:
+            try:
+                rest = rest[self._file.write(rest) :]
+            except OSError as error:
+                if self._reserve is not None and self._reserve.held:
+                    self._reserve.release()
+                    continue
+                with contextlib.suppress(OSError):
+                    self._file.close()
+                raise self._failed(error) from None
 
     def _failed(self, error: OSError) -> OutputError:
         return OutputError(f"{self.path}: cannot be written after {self.count} samples: {error.strerror}")
