@@ -235,7 +235,7 @@ class _Finding:
             if not folder.file("run.json").exists() and log.name != TRACK:
                 continue
             known = read_record(folder).files
-            if log.name in known:
+            if known.get(log.name) is not None:
                 self.add_if_changed("track", log, known[log.name])
             elif log.name in run_files.FLIGHT_FILES and self.is_of_a_run(folder):
                 self.add_unsealed(folder, log)

@@ -15,6 +15,7 @@ from uavcover.flight.track_file import TrackWriter
 from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
 from uavcover.on_vehicle import Connected
+from uavcover.provenance import note_files
 from uavcover.recording import flight as recorded
 from uavcover.recording.live import LiveRecording
 from uavcover.run_folder import RunFolder
@@ -140,6 +141,9 @@ class FlightLog:
                 f"{older.name}/{name}": self._run.file(name).read_bytes() for name in plan
             }
         self._run.write_together(copies, moved=moved)
+        note_files(
+            self._run, "begin", run_files.FLIGHT_FILES, command=sys.argv, moved=moved
+        )  # none of them is there now
         self._console.warn(f"the flight that was here is kept in {older}, a run folder of its own")
 
     def take_event(self, event: FlightEvent) -> None:
