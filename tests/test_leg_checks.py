@@ -42,6 +42,20 @@ def test_the_limits_themselves_are_allowed() -> None:
     assert measure_violations(make_site(), at_limits, margin_m=0.0).total == 0.0
 
 
+@pytest.mark.parametrize("beyond_m", [0.001, 1.0, 4.9])
+@pytest.mark.parametrize(("kind", "limit", "side"), [("too low", 40.0, -1.0), ("too high", 120.0, 1.0)])
+def test_a_little_beyond_a_limit_is_beyond_it(kind: str, limit: float, side: float, beyond_m: float) -> None:
+    height = limit + side * beyond_m
+    points = route((0, 50, 80), (100, 50, height), (200, 50, 80))
+    found = find_problems(make_site(), points, lowest_agl_m=40.0, highest_agl_m=120.0)
+    assert {(problem.kind, problem.leg) for problem in found if problem.kind != "climb"} == {(kind, 1), (kind, 2)}
+    alone = find_waypoint_problems(make_site(), points, lowest_agl_m=40.0, highest_agl_m=120.0)
+    assert [(problem.kind, problem.leg) for problem in alone] == [(kind, 1)]
+    violations = measure_violations(make_site(), points, margin_m=0.0)
+    both_legs_m = pytest.approx(2.0 * beyond_m, abs=1e-5)
+    assert (violations.below_m, violations.above_m) == ((both_legs_m, 0.0) if side < 0.0 else (0.0, both_legs_m))
+
+
 def test_too_low_over_a_hill_between_two_waypoints() -> None:
     # The ridge is 50 m high at 150 m east; both ends of the leg are at 80 m.
     site = make_site(ridge(150.0, 50.0))

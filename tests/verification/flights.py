@@ -74,6 +74,17 @@ def taken(track: Track, keep: np.ndarray) -> Track:
     )
 
 
+def joined_tracks(site: Site, one: Track, other: Track, *, pause_s: float = 60.0) -> Track:
+    """One track behind the other, as one that was not recorded in between."""
+    later = other.time_s - other.time_s[0] + one.time_s[-1] + pause_s
+    return track_of(
+        site,
+        np.vstack([one.enu_m, other.enu_m]),
+        time_s=np.concatenate([one.time_s, later]),
+        current_waypoint=np.concatenate([one.current_waypoint, other.current_waypoint]),
+    )
+
+
 def moved(site: Site, track: Track, by_m: tuple[float, float, float], *, which: str = "both") -> Track:
     """The track somewhere else: its latitudes and longitudes, its local columns, or both."""
     other = track_of(site, track.enu_m + np.array(by_m), time_s=track.time_s, current_waypoint=track.current_waypoint)

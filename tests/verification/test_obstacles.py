@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from tests.planning.sites import tower, with_scenario
-from tests.verification.flights import make_site
+from tests.verification.flights import changed, fly_along, joined_tracks, make_site
 from tests.verification.test_cells import at, reasons_at, verdict_on
+from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.sensor import NadirCamera
 from uavcover.model.uncertainty import Uncertainty
+from uavcover.verification.phases import PlannedRoute
+from uavcover.verification.verify import verify_track
 
 WALL = Obstacles(prisms=(tower(140, 50, 150, 150, 60, name="wall"),), clearance_beside_m=10.0, clearance_above_m=5.0)
 WIDE = NadirCamera(kind="nadir-camera", fov_deg=100.0, range_m=400.0, max_incidence_deg=90.0)
@@ -48,6 +51,23 @@ def test_too_near_an_obstacle_with_time_place_and_amount() -> None:
     # High enough it is none, and neither 10 m aside.
     for path in ([[134.0, 0.0, 65.0], [134.0, 200.0, 65.0]], [[130.0, 0.0, 50.0], [130.0, 200.0, 50.0]]):
         assert verdict_on(make_site(obstacles=WALL), np.array(path)).report.violations == ()
+
+
+def test_on_the_ways_there_and_home_obstacles_are_judged_too() -> None:
+    site = make_site(obstacles=WALL)
+    # The same pass beside the wall, on the way to the first waypoint, on the way home, and between two samples.
+    beside = np.array([[134.0, 0.0, 50.0], [134.0, 200.0, 50.0]])
+    across = np.array([[138.0, 100.0, 50.0], [153.0, 100.0, 50.0]])
+    for path, number, rate_hz in ((beside, 0, 5.0), (beside, -1, 5.0), (across, 0, 0.6)):
+        track = fly_along(site, path, rate_hz=rate_hz)
+        track = changed(track, current_waypoint=np.full(len(track), number, dtype=np.int64))
+        planned = PlannedRoute(np.array([[0.0, 150.0, 80.0], [300.0, 150.0, 80.0]]), 0.5)
+        if number < 0:
+            # Behind the last waypoint: the route was flown before.
+            route = fly_along(site, np.array([[0.0, 150.0, 80.0], [300.0, 150.0, 80.0]]))
+            track = joined_tracks(site, route, track)
+        found = verify_track(site, CoverageMap(site, cell_size_m=20.0), track, planned).violations
+        assert [(v.kind, v.phase) for v in found if v.kind == "obstacle"] == [("obstacle", "transit")]
 
 
 def test_between_two_samples_nothing_is_overlooked() -> None:

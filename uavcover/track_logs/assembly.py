@@ -72,7 +72,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
     unknown = int(np.isnan(attitude[:, 0]).sum())
     if unknown:
         warnings.append(
-            f"{path}: {unknown} of {len(positions)} positions have no attitude; the camera is taken as level"
+            f"{path}: {unknown} of {len(positions)} positions have no attitude; what a fixed camera saw from there is not known"
         )
     return ReadTrack(
         Track(

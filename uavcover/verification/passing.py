@@ -12,7 +12,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
-LATENESS_S = 3.0
+LATENESS_S = 5.0
 """A vehicle may tell so late that it goes on to the next waypoint: the message comes once a second, and may be lost."""
 
 _KEPT_AT_LEAST = 0.5
@@ -132,14 +132,14 @@ def contradiction(
     if numbers[told[-1]] == len(waypoints_m) - 1 and told[-1] + 1 < len(numbers):
         changes, before = np.append(changes, told[-1] + 1), np.append(before, told[-1])
     for old, new in zip(before, changes, strict=True):
-        if gaps[new] > gaps[old]:
+        # Told late: somewhere on the last seconds it was there.
+        since = int(np.searchsorted(track.time_s, track.time_s[new] - LATENESS_S))
+        if gaps[new] > gaps[min(old, since)]:
             continue
         left, reached = int(numbers[old]), int(numbers[new])
         if reached >= 0 and reached < left:
             return f"current_waypoint goes back from {left} to {reached} at {track.time_s[new]:.1f} s"
         waypoint = waypoints_m[reached - 1 if reached >= 0 else left]
-        # Told late: somewhere on the last seconds it was there.
-        since = int(np.searchsorted(track.time_s, track.time_s[new] - LATENESS_S))
         window = slice(since, new + 1)
         away_m = float(_distances_m(enu_m[window], joined[since:new], waypoint).min())
         if away_m > radius_m + speed_m_s * float(track.time_s[new] - track.time_s[old]):
