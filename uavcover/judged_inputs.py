@@ -304,6 +304,36 @@ def judged_logs(run: RunFolder, logs: Sequence[Path]) -> list[Path]:
     return list(logs) or flown_tracks(run)
 
 
+def logs_of_the_verdict(run: RunFolder) -> list[Path]:
+    """The logs that the verdict in a run folder judged; none where it judged the run's own tracks, or where there is no verdict.
+
+    A log that lies elsewhere is known by its name and its hash alone: it is looked for beside the run and where the command runs.
+
+    Raises:
+        InputError: one is not there, or is another one by now; it is to be named.
+    """
+    if not run.file("verification.json").is_file():
+        return []
+    judged = run.read_json("verification.json", made_by="uavcover verify").get("inputs")
+    tracks = judged.get("track") if isinstance(judged, dict) else None
+    if not isinstance(tracks, dict) or not tracks:
+        return []
+    own = {run.file(name).resolve() for name in tracks}
+    if was_flown(run) and own <= {path.resolve() for path in flown_tracks(run)}:
+        return []
+    return [_log_named(run, name, sha256) for name, sha256 in tracks.items()]
+
+
+def _log_named(run: RunFolder, name: str, sha256: object) -> Path:
+    places = [run.file(name), run.path.resolve().parent / name, Path(name)]
+    found = next((place for place in places if place.is_file() and sha256_of(place) == sha256), None)
+    if found is None:
+        raise InputError(
+            f"{run}: its verdict is on {name}, which is not here or has changed; name the log: --log PATH/{name}"
+        )
+    return found
+
+
 def was_flown(run: RunFolder) -> bool:
     """Whether there is a track in a run or in one of its sorties."""
     return any(folder.file(TRACK).is_file() for folder in (run, *run.sorties()))

@@ -12,7 +12,7 @@ import numpy as np
 from uavcover import after_flight
 from uavcover.cli.console import Console, percent
 from uavcover.cli.verifying import judge_run, say_inputs
-from uavcover.judged_inputs import check_accepted
+from uavcover.judged_inputs import check_accepted, logs_of_the_verdict
 from uavcover.model.report import VerificationReport
 from uavcover.resumption import flown_tracks
 from uavcover.run_folder import RunFolder
@@ -39,12 +39,16 @@ def close_gaps(
     command: Sequence[str],
     accepted: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Write the gaps of a run and the mission that closes them, and say what it takes; returns the answer for ``--json``."""
+    """Write the gaps of a run and the mission that closes them, and say what it takes; returns the answer for ``--json``.
+
+    Without logs it takes what the verdict in the folder took.
+    """
     after_flight.check_gap_request(min_area_m2=min_area_m2, target=target)
     check_accepted(accepted)
     run.existing("scenario.toml", made_by="uavcover plan")
+    judged = list(logs) or logs_of_the_verdict(run)
     run.remove(GAP_FILES)
-    site, verdict, sources, inputs = judge_run(run, console, logs=logs, accepted=accepted)
+    site, verdict, sources, inputs = judge_run(run, console, logs=judged, accepted=accepted)
     report = verdict.report
     say_inputs(console, inputs)
     _say_gaps(console, report)
