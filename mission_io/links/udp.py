@@ -20,7 +20,6 @@ TAKE_OVER_S: Final = 3.0
 """A vehicle that is kept to may speak from another place (it was switched off and on) when its own was silent for so long."""
 
 _HEARTBEAT = 0
-_WAITING_BYTES: Final = 1024 * 1024
 _MOST_SENDERS = 256
 
 _log = logging.getLogger(__name__)
@@ -215,7 +214,4 @@ def _udp_socket(host: str, port: int) -> tuple[socket.socket, tuple[str, int]]:
         family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     except (OSError, UnicodeError) as error:
         raise LinkError(f"cannot find the host {host!r}: {error}") from None
-    sock = socket.socket(family, kind)
-    # What comes while the machine is busy elsewhere waits there; the operating system may give less than is asked for.
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _WAITING_BYTES)
-    return sock, (str(address[0]), int(address[1]))
+    return socket.socket(family, kind), (str(address[0]), int(address[1]))
