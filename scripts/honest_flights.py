@@ -156,7 +156,7 @@ def draw(flight: int, seed: int) -> Drawn:
     judged_by = str(rng.choice([TRACK, THINNED, TELEMETRY], p=[0.7, 0.2, 0.1])) if happens != "stop" else TRACK
     windy = rng.random() < 0.7
     rough = rng.random() < 0.6
-    cruise = float(np.round(rng.uniform(4.0, 14.0), 1))
+    cruise = float(np.round(rng.uniform(5.0, 14.0), 1))
     return Drawn(
         autopilot=autopilot,
         sensor=str(rng.choice(list(SENSORS))),

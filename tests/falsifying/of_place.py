@@ -71,14 +71,16 @@ def _skipped(at: float, share: float) -> Change:
 @family("heights")
 def heights(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     """Heights that are not those of the ground that it stood on, or leap."""
-    for by_m in (5.0, 10.0, 25.0, 50.0):
+    # A smaller error is one that a vehicle's home may have.
+    least_m = flown.site.scenario.limits.max_home_error_m + 2.0
+    for by_m in (least_m, least_m + 13.0, least_m + 38.0):
         yield Way(f"{by_m:g} m too high", "takes off and lands in the air", shifted((0.0, 0.0, by_m)))
         yield Way(f"{by_m:g} m too low", "takes off and lands under the ground", shifted((0.0, 0.0, -by_m)))
     for name, by_m in (
         ("ellipsoid heights for sea level's", -30.0),
         ("sea level's heights for ellipsoid heights", 30.0),
     ):
-        yield Way(name, "takes off and lands 30 m from the ground", shifted((0.0, 0.0, by_m)))
+        yield Way(name, f"takes off and lands {abs(by_m):g} m from the ground", shifted((0.0, 0.0, by_m)))
     for times in (0.5, 0.9, 1.2, FEET_PER_M):
         name = "feet as metres" if times == FEET_PER_M else f"above sea level, times {times:g}"
         yield Way(name, "takes off and lands far from the ground", _sea_level_times(times))
@@ -93,8 +95,8 @@ def heights(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         )
     share = float(rng.uniform(0.2, 0.7))
     yield Way(
-        "6 m higher for a tenth of the route, in one step", "60 m/s up and down",
-        shifted((0.0, 0.0, 6.0), where=(share, share + 0.1)),
+        "9 m higher for a tenth of the route, in one step", "90 m/s up and down",
+        shifted((0.0, 0.0, 9.0), where=(share, share + 0.1)),
     )  # fmt: skip
     yield Way(
         "one height throughout", "rises from the ground in no time",

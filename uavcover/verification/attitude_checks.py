@@ -1,5 +1,7 @@
 """Which attitudes of a track are known, and what is wrong with the others."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,10 @@ BoolArray = NDArray[np.bool_]
 
 MAX_AGE_S = 1.0
 """An attitude further from its position in time is not that of the position."""
+MAX_TILT_DEG = 60.0
+"""A multirotor that leans by more needs twice its weight as thrust to keep its height."""
+_STUCK_S, _TURNED_DEG = 5.0, 60.0
+_COURSE_S = 2.0
 _RADIANS_AT_MOST = 6.3
 _AGREES_DEG, _DIFFERS_DEG = 25.0, 40.0
 _COURSE_M_S = 2.0
@@ -48,6 +54,24 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> tuple[
             f"{track.time_s[first]:.1f} s"
         )
         attitude[wrong] = np.nan
+    tilt = np.degrees(np.arccos(np.prod(np.cos(np.radians(attitude[:, :2])), axis=1)))
+    tilted = np.flatnonzero(tilt > MAX_TILT_DEG)
+    if tilted.size:
+        first = tilted[0]
+        problems.append(
+            f"{tilted.size} attitudes lean by more than {MAX_TILT_DEG:g} degrees, first by {tilt[first]:.0f} at "
+            f"{track.time_s[first]:.1f} s: nothing flies a route like that"
+        )
+        attitude[tilted] = np.nan
+    told = np.isfinite(attitude).all(axis=1)
+    if not told.any():
+        return attitude, problems
+    for first, last, turn_deg in _stuck(track.time_s, enu_m, attitude):
+        problems.append(
+            f"the attitude stays exactly the same from {track.time_s[first]:.1f} s to {track.time_s[last]:.1f} s, while the "
+            f"course turns by {turn_deg:.0f} degrees: it was not measured"
+        )
+        attitude[first : last + 1] = np.nan
     told = np.isfinite(attitude).all(axis=1)
     if not told.any():
         return attitude, problems
@@ -65,6 +89,23 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> tuple[
         )
         attitude[:, :2] = np.nan
     return attitude, problems
+
+
+def _stuck(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> Iterator[tuple[int, int, float]]:
+    """Runs of samples with exactly the same attitude in which the course turns: first, last and by how much in degrees."""
+    same = np.append((np.diff(attitude, axis=0) == 0.0).all(axis=1), False)
+    starts = np.flatnonzero(same & ~np.insert(same[:-1], 0, False))
+    for start in starts:
+        last = int(start) + int(np.argmin(same[start:]))
+        if time_s[last] - time_s[start] < _STUCK_S:
+            continue
+        # Places so far apart in time that their noise is no course.
+        steps = np.unique(np.searchsorted(time_s, np.arange(time_s[start], time_s[last], _COURSE_S)))
+        way = np.diff(enu_m[steps, :2], axis=0)
+        fast = np.hypot(way[:, 0], way[:, 1]) > _COURSE_M_S * np.diff(time_s[steps])
+        course = np.degrees(np.unwrap(np.arctan2(way[fast, 0], way[fast, 1])))
+        if course.size and (turn := float(np.ptp(course))) > _TURNED_DEG:
+            yield int(start), last, turn
 
 
 def _in_radians(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> bool:

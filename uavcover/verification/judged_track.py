@@ -36,6 +36,9 @@ MAX_CONTRADICTION_M = 1.0
 MAX_IMPOSSIBLE_MOVES = 3
 """A receiver may lose itself and find itself again a few times in a flight; what moves impossibly more often was not flown."""
 
+TOLD_HEIGHT_M = 3.0
+"""A vehicle that stands further above or under the ground of the scenario is told."""
+
 _PLACE_MARGIN_M = 2.0
 """A place is kept within two acceptance radii, and a little for wind: home while climbing and landing, a waypoint."""
 
@@ -249,22 +252,37 @@ def _ground_doubts(
 
 
 def _motion_doubts(site: Site, track: Track, enu_m: FloatArray, motion: Motion) -> list[str]:
+    doubts = []
+    steps = [move for move in motion.moves if move.step_m_s > 0.0]
+    if steps:
+        step = max(steps, key=lambda move: move.step_m_s)
+        doubts.append(
+            f"the velocity changes at once at {track.time_s[step.first]:.1f} s, {place_of(site, enu_m[step.first])}, by "
+            f"{step.step_m_s:.1f} m/s more than it can: flight is missing there, and how much is not known"
+        )
     if len(motion.moves) <= MAX_IMPOSSIBLE_MOVES:
-        return []
+        return doubts
     first = motion.moves[0]
     return [
+        *doubts,
         f"the vehicle cannot have moved like this in {len(motion.moves)} places, first at {track.time_s[first.first]:.1f} s, "
-        f"{place_of(site, enu_m[first.first])}: {first}"
+        f"{place_of(site, enu_m[first.first])}: {first}",
     ]
 
 
 def _findings(site: Site, begin: TrackEnd, end: TrackEnd) -> list[str]:
     """What is odd about the places of take-off and landing."""
-    if site.home_m is None:
-        return []
-    most_m = site.scenario.limits.max_home_error_m
     findings = []
     for did, where in (("took off", begin), ("landed", end)):
+        if where.on_ground and abs(where.height_agl_m) > TOLD_HEIGHT_M:
+            side = "above" if where.height_agl_m > 0.0 else "under"
+            findings.append(
+                f"the vehicle {did} {abs(where.height_agl_m):.1f} m {side} the ground of the scenario: all heights above "
+                "ground may be wrong by as much"
+            )
+        if site.home_m is None:
+            continue
+        most_m = site.scenario.limits.max_home_error_m
         away_m = float(np.hypot(*(where.enu_m[:2] - site.home_m[:2])))
         if where.on_ground and away_m > most_m:
             findings.append(

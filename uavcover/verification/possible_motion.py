@@ -9,7 +9,7 @@ median of its second differences over the windows of that length in which it mov
 excuse everything.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -34,6 +34,9 @@ MAX_JUMP_M = 5.0
 """A jump of the position by no more than this, as when a receiver finds itself again, keeps what comes after it as evidence."""
 SAME_PLACE_S = 1.0
 """Impossible moves nearer to each other than this are one."""
+
+STEP_WINDOW_S = 0.5
+"""Velocities before and after an impossible move are means over so long."""
 
 MoveKind = Literal["speed", "climb", "acceleration", "out of reach"]
 
@@ -84,6 +87,8 @@ class ImpossibleMove:
         kind: what is impossible first: speed, climb (or descent), acceleration; or the place cannot be reached.
         worst: the worst value in it; of what is out of reach, the speed that it would take.
         limit: of it.
+        step_m_s: by how much more the velocity changes across it than it can. A jump of the receiver changes the place and leaves
+            the velocity as it was; where the velocity has changed, flight is missing, and nobody knows how much.
     """
 
     first: int
@@ -91,6 +96,7 @@ class ImpossibleMove:
     kind: MoveKind
     worst: float
     limit: float
+    step_m_s: float = 0.0
 
     def __str__(self) -> str:
         """What is impossible, with the figures."""
@@ -141,7 +147,11 @@ def judge_motion(time_s: FloatArray, enu_m: FloatArray, limits: MotionLimits, *,
     # Something has to stand for the flight even where nothing of it is possible.
     evidence[0] |= not evidence.any()
     joined &= evidence[:-1] & evidence[1:]
-    return Motion(joined, evidence, tuple(_moves(time_s, found, unreachable, limits)), windows[0].noise_m)
+    moves = tuple(
+        replace(move, step_m_s=_velocity_step_m_s(time_s, enu_m, joined, windows[0], limits, move))
+        for move in _moves(time_s, found, unreachable, limits)
+    )
+    return Motion(joined, evidence, moves, windows[0].noise_m)
 
 
 class _Found:
@@ -252,6 +262,28 @@ def _reachable(
                 evidence[starts[stretch] : ends[stretch] + 1] = False
                 lost.append((int(starts[stretch]), int(ends[stretch]), speed_m_s))
     return evidence, lost
+
+
+def _velocity_step_m_s(
+    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, noise: Windows, limits: MotionLimits, move: ImpossibleMove
+) -> float:
+    """By how much more than possible the velocity changes across a move, from what was observed right before and after it."""
+    first, last = move.first, move.last
+    while first > 0 and joined[first - 1] and time_s[move.first] - time_s[first] < STEP_WINDOW_S - ROUNDING_S:
+        first -= 1
+    while last < len(joined) and joined[last] and time_s[last] - time_s[move.last] < STEP_WINDOW_S - ROUNDING_S:
+        last += 1
+    came_s, went_s = float(time_s[move.first] - time_s[first]), float(time_s[last] - time_s[move.last])
+    if came_s == 0.0 or went_s == 0.0:
+        return 0.0
+    change = (enu_m[last] - enu_m[move.last]) / went_s - (enu_m[move.first] - enu_m[first]) / came_s
+    # The two means are the velocities in the middle of what they were taken over.
+    most_m_s = (
+        limits.acceleration_m_s2 * float(time_s[last] + time_s[move.last] - time_s[move.first] - time_s[first]) / 2.0
+    )
+    errors = [0.5 * noise.allowance_m(axis) * (1.0 / came_s + 1.0 / went_s) for axis in (0, 1)]
+    level, vertical = float(np.hypot(change[0], change[1])) - errors[0], abs(float(change[2])) - errors[1]
+    return max(0.0, level - most_m_s, vertical - most_m_s)
 
 
 def _moves(
