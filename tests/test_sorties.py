@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 
 from tests.planning.sites import flat, hills, make_site
 from tests.verification.flights import fly_along
@@ -76,6 +77,64 @@ def test_the_split_is_the_cheapest_of_all(shared: int, vehicle: dict[str, float]
     found_s = sum(sortie.compiled.flight_time_s for sortie in sorties)
     assert found_s == pytest.approx(cheapest(free, route, limit_s, shared=shared), rel=1e-9)
     assert max(sortie.compiled.flight_time_s for sortie in sorties) <= limit_s
+
+
+def round_a_bay(rng: np.random.Generator) -> tuple[tuple[tuple[float, float], ...], np.ndarray]:
+    """A fence with a bay cut into it from the south, often one from the north too, and places (n, 2) round it and back.
+
+    The first and the last place are on home's side; from behind the bay most straight ways home lead across it.
+    """
+    west, top = rng.uniform(0.0, 120.0), rng.uniform(100.0, 240.0)
+    east = west + rng.uniform(8.0, 40.0)
+    fence = shapely.box(-200.0, -150.0, 450.0, 350.0).difference(shapely.box(west, -151.0, east, top))
+    near = [(rng.uniform(-180.0, west - 25.0), rng.uniform(-120.0, 300.0)) for _ in range(4)]
+    places = [*near[:2], (west - 25.0, top + 30.0), (east + 25.0, top + 30.0)]
+    while len(places) < 6:
+        place = (rng.uniform(east + 15.0, 430.0), rng.uniform(-130.0, top + 60.0))
+        if fence.buffer(-8.0).covers(shapely.LineString([places[-1], place])):
+            places.append(place)
+    there_and_back = np.vstack([places, (east + 25.0, top + 40.0), (west - 25.0, top + 40.0), *near[2:]])
+    another = fence.difference(
+        shapely.box(*rng.uniform([150.0, 0.0], [350.0, 200.0]), rng.uniform(360.0, 430.0), 351.0)
+    )
+    if another.geom_type == "Polygon" and another.buffer(-8.0).covers(shapely.LineString(there_and_back)):
+        fence = another
+    return tuple(shapely.get_coordinates(fence.exterior)[:-1].tolist()), there_and_back
+
+
+def least_of_all(site: Site, route: Route, *, shared: int) -> float:
+    """Least sum of flight times of the splits that the compiler takes, by trying every one; infinite when there is none."""
+    n = len(route)
+    times: dict[tuple[int, int], float] = {}
+    for first in range(n):
+        for last in range(first + shared, n):
+            try:
+                times[first, last] = flight_time_s(site, route.waypoints_m[first : last + 1])
+            except InfeasibleError:
+                times[first, last] = math.inf
+    best = [0.0] + [math.inf] * n  # of the flights before waypoint k
+    for last in range(shared, n):
+        best[last + 1 - shared] = min(best[first] + times[first, last] for first in range(last + 1 - shared))
+    return best[n - shared]
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_among_the_bays_of_a_fence_the_cheapest_split_is_found(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shared = int(rng.integers(0, 2))
+    extra: dict[str, Any] = {} if shared else {"sensor": SPHERE}
+    fence, places = round_a_bay(rng)
+    route = Route(np.column_stack([places, np.full(len(places), 70.0)]))
+    wide = ((-300.0, -300.0), (600.0, -300.0), (600.0, 500.0), (-300.0, 500.0))
+    whole_s = flight_time_s(make_site(flat, fence=wide, **extra), route.waypoints_m)
+    site = make_site(flat, fence=fence, vehicle={"endurance_s": rng.uniform(0.7, 0.98) * whole_s}, **extra)
+    expected = least_of_all(site, route, shared=shared)
+    if math.isinf(expected):
+        with pytest.raises(InfeasibleError):
+            compile_sorties(site, route, autopilot="ardupilot")
+        return
+    sorties = compile_sorties(site, route, autopilot="ardupilot")
+    assert sum(s.compiled.flight_time_s for s in sorties) == pytest.approx(expected, rel=1e-9)
 
 
 def test_every_leg_is_flown_by_one_sortie_and_every_way_is_checked() -> None:

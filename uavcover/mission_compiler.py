@@ -177,12 +177,10 @@ def _compiled(
 ) -> CompiledMission:  # fmt: skip
     """The whole mission behind its opening items, which lead along ``there_m`` to the first planned waypoint."""
     frame, home = _place(site)
-    planned, limits, vehicle = route.waypoints_m, site.scenario.limits, site.scenario.vehicle
+    planned, vehicle = route.waypoints_m, site.scenario.vehicle
     back = transit(site, home[:2], planned[-1], ground_end_height_m=vehicle.takeoff_height_m)[::-1]
-    # Where a way ends straight above or below a planned waypoint, the band of the route applies, which may be lower.
-    lowest_agl_m = min(limits.transit_clearance_m, limits.min_height_agl_m)
-    _check_transit(site, "the way there", there_m, far_end=len(there_m) - 1, far_end_lowest_agl_m=lowest_agl_m)
-    _check_transit(site, "the way home", back, far_end=0, far_end_lowest_agl_m=lowest_agl_m)
+    check_way_there(site, there_m)
+    check_way_home(site, back)
 
     sensor = site.scenario.sensor
     first, *_ = sensing = [headed(_item(waypoint, frame, point, home), sensor, autopilot) for point in planned]
@@ -359,6 +357,29 @@ def _refuse(what: str, problems: list[LegProblem]) -> None:
     if problems:
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise InfeasibleError(f"{what}: {problems[0]}{more}")
+
+
+def check_way_there(site: Site, way_m: FloatArray) -> None:
+    """Refuse a way (k, 3) to the first planned waypoint, its last point, that breaks a limit.
+
+    Raises:
+        InfeasibleError: it does; the message names the leg.
+    """
+    _check_transit(site, "the way there", way_m, far_end=len(way_m) - 1, far_end_lowest_agl_m=_end_lowest_agl_m(site))
+
+
+def check_way_home(site: Site, way_m: FloatArray) -> None:
+    """Refuse a way (k, 3) from the last planned waypoint, its first point, that breaks a limit.
+
+    Raises:
+        InfeasibleError: it does; the message names the leg.
+    """
+    _check_transit(site, "the way home", way_m, far_end=0, far_end_lowest_agl_m=_end_lowest_agl_m(site))
+
+
+def _end_lowest_agl_m(site: Site) -> float:
+    """Straight above or below a planned waypoint the band of the route applies, which may be lower than the clearance."""
+    return min(site.scenario.limits.transit_clearance_m, site.scenario.limits.min_height_agl_m)
 
 
 def _check_transit(site: Site, what: str, points_m: FloatArray, *, far_end: int, far_end_lowest_agl_m: float) -> None:

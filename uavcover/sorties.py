@@ -8,7 +8,15 @@ from numpy.typing import NDArray
 
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.way_cost import Pace, leg_times, turn_times
-from uavcover.mission_compiler import AUTOPILOTS, CompiledMission, MissionTooLongError, compile_mission, transit
+from uavcover.mission_compiler import (
+    AUTOPILOTS,
+    CompiledMission,
+    MissionTooLongError,
+    check_way_home,
+    check_way_there,
+    compile_mission,
+    transit,
+)
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.site import Site
@@ -17,8 +25,10 @@ from uavcover.way_cost import pace_of
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_ROUNDS = 60
+_ROUNDS = 200
 """How often a split is made anew without what the compiler refused of the one before."""
+_ROUNDS_BEFORE_TIGHTER = 60
+"""So many flights are left out one by one for being too long; then every flight gets a little less room."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,25 +70,36 @@ def compile_sorties(site: Site, route: Route, *, autopilot: AutopilotName) -> tu
             raise
         refusal: InfeasibleError = error
     ways = _Ways.of(site, route, item_limit=_item_limit(site, autopilot))
-    for _ in range(_ROUNDS):
+    compiled: dict[tuple[int, int], CompiledMission] = {}
+    all_checked = False
+    for attempt in range(_ROUNDS):
         cuts = _split(ways)
         if cuts is None:
             raise InfeasibleError(_why_not(site, ways, refusal)) from refusal
-        sorties: list[Sortie] = []
         for first, last in cuts:
+            if (first, last) in compiled:
+                continue
             part = Route(route.waypoints_m[first : last + 1])
             try:
-                sorties.append(Sortie(first, last, part, compile_mission(site, part, autopilot=autopilot)))
+                compiled[first, last] = compile_mission(site, part, autopilot=autopilot)
             except MissionTooLongError as error:
-                # The compiler counts what the estimate does not: a little less room for every flight.
-                refusal, ways = error, ways.tighter()
+                # The compiler counts what the estimate does not.
+                refusal, ways = error, ways.without(first, last)
+                if attempt >= _ROUNDS_BEFORE_TIGHTER:
+                    ways = ways.tighter()
                 break
             except InfeasibleError as error:
-                # No way home from one of the ends: whose, the message says; both are left out.
-                refusal, ways = error, ways.without(first, last)
+                # A way there or home that breaks a limit bars its own waypoint from beginning or from ending a flight, and no
+                # other: they are looked at one by one, and only where it matters.
+                refusal, ways = error, ways if all_checked else ways.checked(site, route)
+                all_checked = True
+                ways = ways.without(first, last)
                 break
         else:
-            return tuple(sorties)
+            return tuple(
+                Sortie(first, last, Route(route.waypoints_m[first : last + 1]), compiled[first, last])
+                for first, last in cuts
+            )
     raise InfeasibleError(f"the route could not be split into flights: {refusal}") from refusal
 
 
@@ -101,6 +122,7 @@ class _Ways:
         shared: 1 when the next flight begins with the last waypoint of the one before, 0 when with the next.
         endurance_s: of one flight.
         item_limit: of one mission.
+        barred: first and last waypoints of flights that the compiler has refused.
     """
 
     so_far_s: FloatArray
@@ -112,6 +134,7 @@ class _Ways:
     shared: int
     endurance_s: float
     item_limit: float
+    barred: frozenset[tuple[int, int]] = frozenset()
 
     @classmethod
     def of(cls, site: Site, route: Route, *, item_limit: float) -> "_Ways":
@@ -146,9 +169,25 @@ class _Ways:
         return self._with(endurance_s=0.998 * self.endurance_s, item_limit=self.item_limit - 2)
 
     def without(self, first: int, last: int) -> "_Ways":
-        """The same where no flight may begin at one waypoint or end at another, but for the ends of the route."""
+        """The same without the flight from one waypoint to another."""
+        return self._with(barred=self.barred | {(first, last)})
+
+    def checked(self, site: Site, route: Route) -> "_Ways":
+        """The same where no flight begins or ends at a waypoint whose way there, or home, the compiler refuses."""
+        home, height_m = site.home_m, site.scenario.vehicle.takeoff_height_m
         there, back = self.there_s.copy(), self.back_s.copy()
-        there[first] = back[last] = math.inf
+        if home is None:
+            return self
+        for k, point in enumerate(route.waypoints_m):
+            way = transit(site, home[:2], point, ground_end_height_m=height_m)
+            try:
+                check_way_there(site, way)
+            except InfeasibleError:
+                there[k] = math.inf
+            try:
+                check_way_home(site, way[::-1])
+            except InfeasibleError:
+                back[k] = math.inf
         return self._with(there_s=there, back_s=back)
 
     def _with(self, **changes: object) -> "_Ways":
@@ -166,13 +205,18 @@ def _split(ways: _Ways) -> list[tuple[int, int]] | None:
     cost = np.full(n + 1, math.inf)
     cost[0] = 0.0
     begun = np.zeros(n, dtype=np.int64)
+    barred: dict[int, list[int]] = {}
+    for first, last in ways.barred:
+        barred.setdefault(last, []).append(first)
     for last in range(ways.shared, n):
         starts = np.arange(0, last + 1 - ways.shared)
         turns_s = np.maximum(0.0, ways.turns_s[max(last - 1, 0)] - ways.turns_s[starts])
         route_s = ways.so_far_s[last] - ways.so_far_s[starts] + turns_s
         flight = ways.there_s[starts] + route_s + ways.back_s[last]
+        flight[barred.get(last, [])] = math.inf
         items = ways.there_items[starts] + (last - starts + 1) + ways.back_items[last]
-        total = np.where((flight <= ways.endurance_s) & (items <= ways.item_limit), cost[starts] + flight, math.inf)
+        possible = np.isfinite(flight) & (flight <= ways.endurance_s) & (items <= ways.item_limit)
+        total = np.where(possible, cost[starts] + flight, math.inf)
         best = int(np.argmin(total))
         begun[last] = best
         cost[last + 1 - ways.shared] = total[best]
