@@ -5,6 +5,9 @@ import random
 
 import pytest
 
+from mission_io import messages as m
+from mission_io.protocol.exchange import Address
+from uavcover.flight.monitor import Monitor
 from uavcover.flight.vehicle_clock import VehicleClock
 
 
@@ -76,3 +79,32 @@ def test_a_stamp_that_stands_still_proves_nothing():
     clock = running()
     assert not any(clock.take(0.0, 60.0 + step) for step in range(50))
     assert clock.time_s == pytest.approx(60.0)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_no_position_of_the_vehicle_is_lost_by_a_silence_or_a_wrong_stamp(seed):
+    rng = random.Random(seed)
+    vehicle, monitor, recorded = Address(1, 1), Monitor(), list[float]()
+    monitor.listen_to(vehicle)
+    monitor.on_position = lambda position: recorded.append(position.time_boot_s)
+    time_s, sent, since_silence = 10.0, list[float](), 0
+    for _ in range(300):
+        since_silence = 0 if since_silence > 3 and rng.random() < 0.03 else since_silence + 1
+        time_s = round(time_s + (0.1 if since_silence else rng.uniform(1.0, 40.0)), 3)
+        stamps = [(time_s, m.GlobalPositionInt), (time_s, m.Attitude)]
+        if since_silence > 3 and rng.random() < 0.1:
+            stamps.append((rng.choice([0.0, time_s + 3600.0]), m.SystemTime))
+        for stamp_s, kind in stamps:
+            monitor(m.Received(message_of(kind, stamp_s), 1, 1, 2), time_s)
+        sent.append(time_s)
+    # The last ones may still wait for their proof.
+    assert recorded == sent[: len(recorded)]
+    assert len(recorded) >= len(sent) - 2
+
+
+def message_of(kind: type, stamp_s: float) -> m.Message:
+    if kind is m.GlobalPositionInt:
+        return m.GlobalPositionInt(stamp_s, 36.5, -84.2, 400.0, 20.0, 0.0, 0.0, 0.0, None)
+    if kind is m.Attitude:
+        return m.Attitude(stamp_s, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return m.SystemTime(0.0, stamp_s)

@@ -53,6 +53,7 @@ class Monitor:
         self._other_assemblers: dict[int, TextAssembler] = {}
         self._time = VehicleClock()
         self._doubted_since_s: float | None = None
+        self._doubted: list[m.Message] = []
         self._vehicle: Address | None = None
         self._latest: dict[type, m.Message] = {}
 
@@ -65,6 +66,7 @@ class Monitor:
             self._latest.clear()
             self.ground.forget()
             self._time.begin()
+            self._doubted.clear()
         self._vehicle = vehicle
 
     @property
@@ -80,6 +82,7 @@ class Monitor:
     def begin(self) -> None:
         """Begin a flight: what was said of an older one, and the vehicle's time then, count no more."""
         self._time.begin()
+        self._doubted.clear()
         self.reached = -1
         self.forget(m.MissionCurrent)
 
@@ -122,9 +125,18 @@ class Monitor:
             return
         message = received.message
         self.heard_at_s = now
-        if not self._believes(message, now):
+        if not isinstance(message, m.GlobalPositionInt | m.Attitude | m.SystemTime):
+            self._take(message, now)
+        elif self._believes(message.time_boot_s, now):
+            # What this message proves came before it, and nothing of it is lost.
+            for earlier in [*self._doubted[len(self._doubted) - self._time.proven :], message]:
+                self._take(earlier, now)
+            self._doubted.clear()
+        else:
             self._doubt(message, now)
-            return
+
+    def _take(self, message: m.Message, now: float) -> None:
+        """Take a message of the vehicle that is believed."""
         if isinstance(message, m.GlobalPositionInt):
             self._doubted_since_s = None
         self.counts[type(message)] += 1
@@ -144,19 +156,18 @@ class Monitor:
             case m.StatusText():
                 self.texts.extend(self._assembler.take(message))
 
-    def _believes(self, message: m.Message, now: float) -> bool:
-        """Whether a message's time stamp, if it has one, is believed; what was said before a restart is over."""
-        if not isinstance(message, m.GlobalPositionInt | m.Attitude | m.SystemTime):
-            return True
+    def _believes(self, stamp_s: float, now: float) -> bool:
+        """Whether a message's time stamp is believed; what was said before a restart is over."""
         restarted = self._time.restarted
-        believed = self._time.take(message.time_boot_s, now)
+        believed = self._time.take(stamp_s, now)
         if self._time.restarted and not restarted:
             self._latest.clear()
             self.ground.forget()
         return believed
 
     def _doubt(self, message: m.Message, now: float) -> None:
-        """Positions after a silence do come, although their stamps are doubted for a moment."""
+        """Keep a message until its stamp is proven; a position counts as come meanwhile, for a moment."""
+        self._doubted = [*self._doubted, message][-self._time.doubted :] if self._time.doubted else []
         if not isinstance(message, m.GlobalPositionInt):
             return
         if self._doubted_since_s is None:

@@ -21,25 +21,34 @@ class VehicleClock:
     Attributes:
         time_s: the latest time, seconds since the vehicle was switched on; None while nothing is known.
         restarted: whether the time has gone back: the vehicle was switched off and on.
+        proven: how many stamps right before the latest one were doubted, and are believed now that it agrees with them.
     """
 
     def __init__(self) -> None:
         self.time_s: float | None = None
         self.restarted = False
+        self.proven = 0
         self._step_s = _STEP_S
         self._doubted: list[tuple[float, float]] = []
 
     def begin(self) -> None:
         """Forget everything, as before a new flight."""
         self.time_s, self.restarted, self._step_s = None, False, _STEP_S
+        self.proven = 0
         self._doubted.clear()
+
+    @property
+    def doubted(self) -> int:
+        """How many stamps in a row wait for others that agree with them."""
+        return len(self._doubted)
 
     def take(self, stamp_s: float, now: float) -> bool:
         """Whether a stamp that arrived at ``now`` on the link's clock is believed.
 
         A stamp that fits neither the time nor the doubted ones before it is left out. After a silence, and after a restart, the
-        first two are: the third one that agrees proves them.
+        first two are doubted: the third one that agrees proves them.
         """
+        self.proven = 0
         if not (math.isfinite(stamp_s) and stamp_s >= 0.0):
             return False
         if self.time_s is not None and -_LATE_S <= stamp_s - self.time_s <= self._step_s:
@@ -56,6 +65,7 @@ class VehicleClock:
         self._step_s = min(_LONGEST_STEP_S, max(self._step_s, 1.5 * longest_s))
         self.restarted |= self.time_s is not None and stamp_s < self.time_s
         self.time_s = stamp_s
+        self.proven = len(self._doubted) - 1
         self._doubted.clear()
         return True
 
