@@ -101,7 +101,11 @@ def test_every_leg_of_the_whole_path_is_clear_at_full_length(ups, margin_m: floa
 
 
 def test_a_hill_between_home_and_area_lifts_the_transit() -> None:
-    low, high = compiled(make_site(flat)), compiled(make_site(ridge(-50.0, 150.0)))
+    low = compiled(make_site(flat))
+    # Over the valley before the hill the way is higher above ground than it may be by default.
+    with pytest.raises(InfeasibleError, match=r"limits\.max_transit_height_agl_m allows more"):
+        compiled(make_site(ridge(-50.0, 150.0)))
+    high = compiled(make_site(ridge(-50.0, 150.0), limits={"max_transit_height_agl_m": 200.0}))
     assert low.path_m[:, 2].max() < 121.0
     assert high.path_m[:, 2].max() >= 150.0 + 20.0
     assert high.max_height_above_home_m == pytest.approx(high.path_m[:, 2].max(), abs=0.01)

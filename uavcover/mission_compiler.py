@@ -229,7 +229,8 @@ def compile_return(site: Site, *, lat_deg: float, lon_deg: float, alt_amsl_m: fl
     here = frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
     back = transit(site, home[:2], here, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)[::-1]
     # The vehicle may be lower than the clearance right now, wherever that is: then it goes straight up from there first.
-    _check_transit(site, "the way home", back, far_end=0, far_end_lowest_agl_m=-math.inf)
+    # It may also be higher than the ceiling: to keep it there because of that would be the worse of two.
+    _check_transit(site, "the way home", back, far_end=0, far_end_lowest_agl_m=-math.inf, highest_agl_m=None)
     items = [_item(waypoint, frame, point, home) for point in back[1:]]
     return Mission(_geo_point(frame, home), (*items, _item(land, frame, home, home)))
 
@@ -365,7 +366,10 @@ def check_way_there(site: Site, way_m: FloatArray) -> None:
     Raises:
         InfeasibleError: it does; the message names the leg.
     """
-    _check_transit(site, "the way there", way_m, far_end=len(way_m) - 1, far_end_lowest_agl_m=_end_lowest_agl_m(site))
+    _check_transit(
+        site, "the way there", way_m, far_end=len(way_m) - 1, far_end_lowest_agl_m=_end_lowest_agl_m(site),
+        highest_agl_m=_planned_highest_agl_m(site),
+    )  # fmt: skip
 
 
 def check_way_home(site: Site, way_m: FloatArray) -> None:
@@ -374,7 +378,10 @@ def check_way_home(site: Site, way_m: FloatArray) -> None:
     Raises:
         InfeasibleError: it does; the message names the leg.
     """
-    _check_transit(site, "the way home", way_m, far_end=0, far_end_lowest_agl_m=_end_lowest_agl_m(site))
+    _check_transit(
+        site, "the way home", way_m, far_end=0, far_end_lowest_agl_m=_end_lowest_agl_m(site),
+        highest_agl_m=_planned_highest_agl_m(site),
+    )  # fmt: skip
 
 
 def _end_lowest_agl_m(site: Site) -> float:
@@ -382,7 +389,20 @@ def _end_lowest_agl_m(site: Site) -> float:
     return min(site.scenario.limits.transit_clearance_m, site.scenario.limits.min_height_agl_m)
 
 
-def _check_transit(site: Site, what: str, points_m: FloatArray, *, far_end: int, far_end_lowest_agl_m: float) -> None:
+def _planned_highest_agl_m(site: Site) -> float:
+    """What the vehicle adds in flight: the margin that keeps it above the clearance keeps it below the ceiling too."""
+    return site.scenario.transit_ceiling_agl_m - site.scenario.limits.height_margin_m
+
+
+def _check_transit(
+    site: Site,
+    what: str,
+    points_m: FloatArray,
+    *,
+    far_end: int,
+    far_end_lowest_agl_m: float,
+    highest_agl_m: float | None,
+) -> None:
     """Refuse a transit that breaks a limit at any place.
 
     The leg at its far end, point number ``far_end``, may go straight up or down; then it has its own lowest height, and the
@@ -397,8 +417,6 @@ def _check_transit(site: Site, what: str, points_m: FloatArray, *, far_end: int,
         _refuse(what, [dataclasses.replace(p, leg=leg) for p in problems if p.kind not in {*ignored, "climb"}])
         points_m = np.delete(points_m, far_end, axis=0)
     limits = site.scenario.limits
-    # The vehicle adds something in flight: the margin that keeps it above the clearance keeps it below the ceiling too.
-    highest_agl_m = site.scenario.transit_ceiling_agl_m - limits.height_margin_m
     problems = find_problems(site, points_m, lowest_agl_m=lowest_agl_m, highest_agl_m=highest_agl_m)
     problems = [problem for problem in problems if problem.kind not in ignored]
     if any(problem.kind == "too high" for problem in problems) and limits.max_transit_height_agl_m is None:
