@@ -132,6 +132,18 @@ class Framer:
         return self.feed(rest)
 
 
+def frames_by_length(data: bytes) -> list[bytes]:
+    """The frames that a datagram is made of by their lengths, checksums unseen; none where the lengths do not add up to it."""
+    frames, start = [], 0
+    while start < len(data):
+        size = _claimed_size(data, start) if data[start] in (_MAGIC_1, _MAGIC_2) else 0
+        if not 0 < size <= len(data) - start:
+            return []
+        frames.append(data[start : start + size])
+        start += size
+    return frames
+
+
 def mavlink2_frame(
     message_id: int, payload: bytes, *, seq: int, system_id: int, component_id: int, flags: int = 0
 ) -> bytes:

@@ -19,7 +19,7 @@ trap 'kill $background 2>/dev/null || true; rm -rf "$scratch"' EXIT
 trap 'exit 130' INT TERM
 
 # What is compiled once is not compiled by every test process; a core is free for it while the other one looks at types.
-"$bin/uavcover" demo -q -o "$scratch/demo" --evaluations 40 --speed 100 &
+"$bin/uavcover" demo -q -o "$scratch/demo" --evaluations 40 --speed 50 &
 background=$!
 echo "gate: ruff"
 "$bin/ruff" check .

@@ -49,7 +49,7 @@ def test_demo_in_a_clean_clone_and_once_more(clone: Path, tmp_path: Path) -> Non
     (packages,) = (clone / ".venv" / "lib").glob("python*/site-packages")
     (packages / "borrowed.pth").write_text("".join(f"{path}\n" for path in site.getsitepackages()))
     lend_compiled_kernels(clone)
-    arguments = ("--evaluations", "40", "--speed", "100")
+    arguments = ("--evaluations", "40", "--speed", "50")
 
     first = demo(clone, tmp_path / "out", *arguments, timeout_s=200, PIP_NO_INDEX="1")
     assert first.returncode == 0, first.stdout + first.stderr

@@ -53,6 +53,6 @@ def test_installed_elsewhere_it_flies_the_demo(wheel: Path, tmp_path: Path) -> N
 
     where = run("-c", "import uavcover, mission_io; print(uavcover.__file__); print(mission_io.__file__)").split()
     assert all(Path(path).is_relative_to(target) for path in where)
-    out = run("-m", "uavcover", "demo", "-o", "run", "--evaluations", "40", "--speed", "100", "--json", "-q")
+    out = run("-m", "uavcover", "demo", "-o", "run", "--evaluations", "40", "--speed", "50", "--json", "-q")
     assert json.loads(out)["verification"]["passed"] is True
     assert (elsewhere / "run" / "flight.rrd").exists()

@@ -1,7 +1,8 @@
 """Everything that a link hears and sends, in a telemetry log (``.tlog``) as ground stations write and read it.
 
 Each frame stands behind the time of day at which it came or went: microseconds since 1970-01-01 UTC as an unsigned 64-bit
-number, the high byte first. Bytes that belong to no frame are left out.
+number, the high byte first. Bytes around frames are left out. Of a datagram whose lengths add up,
+which is nearly every one, the checksums are left to those who read the log.
 """
 
 import contextlib
@@ -11,11 +12,16 @@ from typing import Final, Self
 
 from mission_io.clock import Clock, MonotonicClock, SystemClock, UnixClock
 from mission_io.errors import LinkError
-from mission_io.framing import Framer, FramingCounts
+from mission_io.framing import Framer, FramingCounts, frames_by_length
 from mission_io.links.base import Link, StreamLink, WrappingLink
 
 FLUSH_S: Final = 0.2
 """What was written reaches the operating system at least so often: a killed process loses no more."""
+
+
+def _frames_in(data: bytes) -> list[bytes]:
+    framer = Framer()
+    return [frame.data for frame in (*framer.feed(data), *framer.end())]
 
 
 class TelemetryLogWriter:
@@ -54,12 +60,11 @@ class TelemetryLogWriter:
         """Write the frames in a datagram, as of now."""
         if self.error is not None:
             return
-        framer = Framer()
-        frames = [*framer.feed(data), *framer.end()]
+        frames = frames_by_length(data) or _frames_in(data)
         stamp = round(self._clock.unix_s() * 1e6).to_bytes(8, "big")
         try:
             for frame in frames:
-                self._file.write(stamp + frame.data)
+                self._file.write(stamp + frame)
             self.frames += len(frames)
             self._flush()
         except (OSError, ValueError) as error:

