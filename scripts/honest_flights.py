@@ -4,7 +4,7 @@ Usage: .venv/bin/python scripts/honest_flights.py [-o docs/results/honest_flight
 
 Everything happens in this process on simulated clocks: a mock vehicle (ArduPilot or PX4) in wind with gusts, whose receiver is
 off by metres, behind a link that loses up to 15 % each way, flies a small area by another speed, camera and height each time.
-Its positions come 5 to 50 times a second; some records are thinned to 1 to 4 samples a second afterwards and judged as foreign
+Its positions come 6 to 50 times a second; some records are thinned to 1 to 5 samples a second afterwards and judged as foreign
 logs, some flights are judged by their telemetry log. Faults are ridden out, the user pauses, or stops and goes on with the
 flight later.
 
@@ -167,9 +167,9 @@ def draw(flight: int, seed: int) -> Drawn:
         wind_from_deg=float(np.round(rng.uniform(0.0, 360.0))),
         gust_m_s=float(np.round(rng.uniform(0.0, 2.0), 1)) if windy else 0.0,
         gps_m=(float(np.round(rng.uniform(0.3, 2.0), 1)), float(np.round(rng.uniform(0.3, 1.0), 1))) if rough else (0.0, 0.0),
-        position_hz=float(rng.choice([5.0, 10.0, 10.0, 25.0, 50.0])),
+        position_hz=float(rng.choice([6.25, 10.0, 10.0, 25.0, 50.0])),
         attitude_hz=float(rng.choice([4.0, 10.0, 25.0, 50.0])),
-        record_hz=float(rng.choice([1.0, 2.0, 4.0])) if judged_by == THINNED else None,
+        record_hz=float(rng.choice([1.0, 2.0, 5.0])) if judged_by == THINNED else None,
         loss=float(rng.choice([0.0, 0.0, 0.05, 0.15])),
         faults=(_draw_fault(rng, autopilot),) if happens == "fault" else (),
         pause_s=_draw_pause(rng) if happens == "pause" else None,

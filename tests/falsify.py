@@ -1,6 +1,6 @@
 """Falsify the record of an honest flight in every way known here, and see that the judge passes none of them.
 
-Usage: .venv/bin/python tests/falsify.py RUN [--seed 0] [--family NAME ...] [--json] [-o TABLE.md]
+Usage: .venv/bin/python tests/falsify.py RUN [RUN ...] [--seed 0] [--family NAME ...] [--json] [-o TABLE.md]
 
 RUN is the folder of a flight that passes, such as one of ``uavcover demo``; it is only read. Each way is judged by the command
 ``uavcover verify``, in this process, on a copy:
@@ -18,6 +18,7 @@ import contextlib
 import csv
 import datetime
 import io
+import itertools
 import json
 import os
 import shutil
@@ -55,6 +56,7 @@ class Judged:
     """What the judge said of one way.
 
     Attributes:
+        scenario: of the flight.
         family: its kind.
         way: its name.
         judged_as: ``FOLDER`` or ``LOG``.
@@ -65,6 +67,7 @@ class Judged:
         finding: what is wrong with that; empty when it is as it should be.
     """
 
+    scenario: str
     family: str
     way: str
     judged_as: str
@@ -133,7 +136,8 @@ def judge(way: Way, flown: Flown, run: Path, judged_as: str, *, folder: Path) ->
     elif judged_as == FOLDER and left.get("passed"):
         finding = "caught, but a verdict in the folder says passed"
     reasons = " ".join(reasons.replace(str(folder), "").split())
-    return Judged(way.family, way.name, judged_as, verdict, code, reasons, way.because, finding)
+    scenario = flown.site.scenario.name
+    return Judged(scenario, way.family, way.name, judged_as, verdict, code, reasons, way.because, finding)
 
 
 def judge_all(
@@ -160,7 +164,7 @@ def judge_all(
 def summary(rows: Sequence[Judged]) -> dict[str, int]:
     """The figures."""
     false = [row for row in rows if row.family != "honest"]
-    figures = {"ways": len({(row.family, row.way) for row in false})}
+    figures = {"ways": len({(row.scenario, row.family, row.way) for row in false})}
     for judged_as in (FOLDER, LOG):
         of_it = [row for row in false if row.judged_as == judged_as]
         figures[f"as {judged_as}"] = len(of_it)
@@ -169,11 +173,16 @@ def summary(rows: Sequence[Judged]) -> dict[str, int]:
     return {**figures, "honest": len(honest), "honest, passed": sum(not row.finding for row in honest)}
 
 
+def _told(figures: dict[str, int]) -> str:
+    return ", ".join(f"{name}: {value}" for name, value in figures.items()) + "."
+
+
 def table(rows: Sequence[Judged], words: str) -> str:
     """The Markdown page: what was found by family, and every finding."""
     lines = [
-        "# Falsified flights, judged", "", words, "",
-        ", ".join(f"{name}: {value}" for name, value in summary(rows).items()) + ".", "",
+        "# Falsified flights, judged", "", words, "", "Together: " + _told(summary(rows)), "",
+        *(f"- {name}: {_told(summary([row for row in rows if row.scenario == name]))}"
+          for name in dict.fromkeys(row.scenario for row in rows)), "",
         "| family | as run folder: caught | as foreign log: caught | verdicts as foreign log |", "|---|---:|---:|---|",
     ]  # fmt: skip
     for name in dict.fromkeys(row.family for row in rows):
@@ -187,10 +196,10 @@ def table(rows: Sequence[Judged], words: str) -> str:
         lines.append(f"| {name} | {cells[0]} | {cells[1]} | {counted} |")
     findings = [row for row in rows if row.finding]
     lines += ["", "## Findings", "", *([] if findings else ["None."])]
-    for family, way in dict.fromkeys((row.family, row.way) for row in findings):
-        of_it = [row for row in findings if (row.family, row.way) == (family, way)]
+    for scenario, family, way in dict.fromkeys((row.scenario, row.family, row.way) for row in findings):
+        of_it = [row for row in findings if (row.scenario, row.family, row.way) == (scenario, family, way)]
         said = "; ".join(f"as {row.judged_as}: {row.finding}" for row in of_it)
-        lines.append(f"- {family}, {way} ({of_it[0].because}): {said}")
+        lines.append(f"- {scenario}: {family}, {way} ({of_it[0].because}): {said}")
     return "\n".join(lines) + "\n"
 
 
@@ -205,7 +214,7 @@ def write_csv(path: Path, rows: Sequence[Judged]) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Judge all, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path, metavar="RUN", help="folder of an honest flight that passes")
+    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="folder of an honest flight that passes")
     parser.add_argument("--seed", type=int, default=0, help="of the parameters; default 0")
     parser.add_argument("--ways", type=int, metavar="N", help="only so many, drawn by the seed; default all")
     parser.add_argument("--family", action="append", default=[], metavar="NAME", help="only this kind; may be repeated")
@@ -218,7 +227,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if unknown:
         parser.error(f"no family {', '.join(sorted(unknown))}; there are {', '.join([*FAMILIES, 'two at once'])}")
     rows: list[Judged] = []
-    for row in judge_all(chosen.run, seed=chosen.seed, families=chosen.family, count=chosen.ways):
+    judged = (judge_all(run, seed=chosen.seed, families=chosen.family, count=chosen.ways) for run in chosen.runs)
+    for row in itertools.chain.from_iterable(judged):
         rows.append(row)
         line = (
             f"{row.finding or 'ok':8} {row.verdict:10} {row.family}, {row.way}, as {row.judged_as}: {row.reasons[:160]}"
@@ -235,10 +245,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(", ".join(f"{name}: {value}" for name, value in summary(rows).items()))
     if chosen.out is not None:
         if chosen.out.suffix == ".md":
+            ways = "" if chosen.ways is None else f" --ways {chosen.ways}"
             words = (
-                f"Command: `.venv/bin/python tests/falsify.py RUN --seed {chosen.seed}`, RUN a flight over "
-                f"{pipeline.load_site(chosen.run / 'scenario.toml').scenario.name}, "
-                f"{datetime.date.today().isoformat()}, uavcover {pipeline.metadata.version('uavcover')}, {os.cpu_count()} cores."
+                f"Command: `.venv/bin/python tests/falsify.py RUN ... --seed {chosen.seed}{ways}`, "
+                f"{datetime.date.today().isoformat()}, uavcover {pipeline.metadata.version('uavcover')}, {os.cpu_count()} cores. "
+                "What is done is said at the top of the command, what each way is in `tests/falsifying`."
             )
             chosen.out.write_text(table(rows, words), encoding="utf-8")
         write_csv(chosen.out.with_suffix(".csv"), rows)

@@ -131,6 +131,7 @@ BARNS = Base(
 )
 
 
+RESUMED = Base(name="resumed")
 SORTIES = Base(name="sorties", vehicle="endurance_s = 150.0")
 """A route that takes two flights."""
 

@@ -1,0 +1,77 @@
+"""What the judge says of falsified flights: a few of each family always, all of them when asked for (``-m slow``)."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests import falsify
+from tests.falsifying.honest_run import BARNS, HILLS, OBLIQUE, RESUMED, SORTIES, Base, honest_run, resumed_run
+from tests.falsifying.way import FAMILIES
+
+
+def resumed(folder: Path, base: Base) -> Path:
+    return resumed_run(folder, base, stop_s=60.0)
+
+
+BASES: dict[str, tuple[Base, Callable[[Path, Base], Path]]] = {
+    "hills": (HILLS, honest_run),
+    "wide picture": (OBLIQUE, honest_run),
+    "barns": (BARNS, honest_run),
+    "sorties": (SORTIES, honest_run),
+    "resumed": (RESUMED, resumed),
+}
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """A run folder by the name of its base, flown once. Not to be changed."""
+    flown: dict[str, Path] = {}
+
+    def run(name: str) -> Path:
+        if name not in flown:
+            base, fly = BASES[name]
+            flown[name] = fly(tmp_path_factory.mktemp("base"), base)
+            # The flight itself passes, and leaves a verdict that says so for those who look for one.
+            code, out, err = falsify.command("verify", flown[name])
+            assert code == 0, out + err
+        return flown[name]
+
+    return run
+
+
+def told(rows: list[falsify.Judged]) -> list[tuple[str, str, str, str]]:
+    return [(row.family, row.way, row.judged_as, row.finding) for row in rows if row.finding]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_none_of_a_few_of_all_families_is_passed(runs: Callable[[str], Path], seed: int) -> None:
+    rows = list(falsify.judge_all(runs("hills"), seed=seed, count=12))
+    assert told(rows) == []
+    assert len({row.family for row in rows}) > 4
+
+
+def test_no_attitude_is_believed_that_cannot_be(runs: Callable[[str], Path]) -> None:
+    rows = list(falsify.judge_all(runs("wide picture"), seed=5, families=["attitude"], count=8))
+    assert told(rows) == []
+    assert len(rows) == 16
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("name", BASES)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_none_at_all_is_passed(runs: Callable[[str], Path], name: str, seed: int) -> None:
+    rows = list(falsify.judge_all(runs(name), seed=seed))
+    assert told(rows) == []
+    few = {"obstacles changed"} if name != "barns" else set()
+    # A vehicle in the air of several flights gives no occasion for every family.
+    assert {*FAMILIES, "two at once"} - {row.family for row in rows} - few == set()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_obstacles_that_were_taken_away_are_missed(runs: Callable[[str], Path]) -> None:
+    rows = list(falsify.judge_all(runs("barns"), families=["obstacles changed"]))
+    assert len(rows) == 2
+    assert told(rows) == []
