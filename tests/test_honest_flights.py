@@ -35,7 +35,7 @@ def test_draws_are_the_same_every_time_and_of_all_kinds(script: ModuleType) -> N
     assert sum(one.stop_s is not None for one in drawn) > 10
 
 
-# Resumed with a wide picture; a thinned record and a lost fix; a pause at 25 Hz with losses; a telemetry log.
+# One that was gone on with, one with a fault, one with a pause, and one that is judged by its telemetry log.
 @pytest.mark.parametrize("flight", [0, 1, 2, 28])
 def test_it_passes(script: ModuleType, flight: int, tmp_path: Path) -> None:
     row = script.measure(tmp_path, flight, seed=0)
