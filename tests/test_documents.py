@@ -53,8 +53,8 @@ def test_waypoints_agree_with_themselves(site: Site) -> None:
     for w in document["waypoints"]:
         back = site.frame.enu_from_geodetic(w["lat_deg"], w["lon_deg"], w["alt_amsl_m"])[0]
         np.testing.assert_allclose(back, [w["east_m"], w["north_m"], w["up_m"]], atol=1e-6)
-        ground = float(site.ground.heights_m(np.array([[w["east_m"], w["north_m"]]]))[0])
-        assert w["height_agl_m"] == pytest.approx(w["up_m"] - ground)
+        height_agl_m = site.ground.heights_agl_m(np.array([[w["east_m"], w["north_m"], w["up_m"]]]))[0]
+        assert w["height_agl_m"] == pytest.approx(float(height_agl_m), abs=1e-6)
 
 
 def test_without_a_place_on_earth() -> None:

@@ -109,5 +109,5 @@ def test_a_file_for_a_plane_is_uploaded_to_a_plane(cli: Cli, run: Path) -> None:
     with speaking_to(port, vehicle):
         ended = cli(*arguments_of("upload", run, f"udpin://127.0.0.1:{port}"))
     assert ended.code == 0
-    assert "ArduPilot, plane" in ended.err
+    assert "ArduPilot, plane" in ended.out
     assert len(vehicle.mission_items) > 5

@@ -13,7 +13,7 @@ NIMBLE = {"acceleration_m_s2": 1e5, "max_climb_m_s": 500.0, "max_descent_m_s": 5
 """A vehicle that takes corners at full speed, as the tracks here do; real ones fly in :mod:`tests.verification.honest`."""
 
 LEVEL_DEG = (1e-6, -1e-6, 0.0)
-"""As good as level, and measured: exactly zero throughout would be no measurement."""
+"""As good as level, and measured: exactly zero throughout, or exactly the same through a turn, would be no measurement."""
 LEANING_DEG = (60.0, 0.0, 0.0)
 """Of a first sample that is on no route: who takes such corners leans somewhere."""
 
@@ -48,7 +48,7 @@ def track_of(site: Site, enu: np.ndarray, *, time_s: np.ndarray, current_waypoin
         geodetic = np.column_stack([np.zeros_like(enu[:, :2]), enu[:, 2]])
     else:
         geodetic = np.column_stack(site.frame.geodetic_from_enu(enu))
-    attitude = np.tile(LEVEL_DEG, (len(enu), 1))
+    attitude = np.outer(np.cos(np.arange(len(enu))), LEVEL_DEG)
     if current_waypoint[0] < 1:
         attitude[0] = LEANING_DEG
     return Track(
