@@ -3,84 +3,77 @@
 Usage: .venv/bin/python scripts/mutate_judgement.py [-o docs/results/mutants.md] [--sample 200] [--seed 0] [-j 2] [--list]
 
 Each mutant is one change of one expression or statement: a comparison, a sign, a number, ``and`` for ``or``, ``min`` for ``max``,
-a ``not`` left out, a statement left out, another value returned. It lives in a forked child that runs the tests of its module
-until the first failure; no file is changed. A test that fails, an error and a run that takes too long kill it.
+a ``not`` left out, a statement left out, another value returned. It lives in a forked child that runs the test files which
+execute the changed line, the quickest first, until the first failure; no file is changed. A test that fails, an error and a run
+that takes far too long kill it.
 
-Mutants that stand in the .csv beside the page already are not tried again. Exit 1 when fewer than 95 % are killed.
+Before, every test file runs as the code is: one that fails ends the script. What it executes and how long it takes is measured
+then (``--reach FILE`` keeps that for the next time).
+
+Mutants that stand in the .csv beside the page already are not tried again, and keep the reason that stands there: a survivor with
+a reason is one that no test can or should notice. Exit 1 when fewer than 95 % are killed.
 """
 
 import argparse
 import ast
-import copy
 import csv
+import datetime
 import importlib.abc
 import importlib.machinery
 import importlib.util
 import os
-import random
-import signal
+import re
+import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 from types import ModuleType
 
-ROOT = Path(__file__).resolve().parents[1]
+if __name__ == "__main__":
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+from scripts.mutants import ROOT, Mutant, drawn, mutants_of, mutated, own_lines
+from scripts.reach import Reach, in_child, measured_reach, run_tests
+
 ENOUGH = 0.95
-_JUDGE = ["tests/verification", "tests/test_falsify_judged.py"]
+TIMES_AS_LONG = 6.0
+"""A run that takes so many times as long as its tests take as the code is does not end."""
 TESTS: dict[str, list[str]] = {
-    "uavcover/verification/*.py": _JUDGE,
-    "uavcover/leg_checks.py": ["tests/test_leg_checks.py", "tests/test_mission_compiler.py"],
-    "uavcover/flight/readiness.py": ["tests/flight/test_fly.py"],
-    "uavcover/flight/track_file.py": ["tests/flight/test_track_file.py"],
-    "mission_io/compare.py": ["tests/mission_io/test_compare.py", "tests/mission_io/test_diff.py"],
-}
-"""Modules, and the files or folders of the tests that concern them, the quickest first; what is not there is left out."""
-FIRST: dict[str, list[str]] = {
-    "possible_motion": ["tests/verification/test_possible_motion.py"],
-    "motion_windows": ["tests/verification/test_possible_motion.py"],
-    "attitude_checks": ["tests/verification/test_possible_motion.py", "tests/verification/test_attitude.py"],
-    "looks": ["tests/verification/test_attitude.py"],
-    "flown_coverage": ["tests/verification/test_cells.py"],
-    "gaps": ["tests/verification/test_cells.py"],
-}
-"""Tests that are asked before the others."""
-
-_COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
-    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
-    ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
+    "uavcover/verification/*.py": [
+        "tests/verification", "tests/test_judged_inputs.py", "tests/coverage/test_looks.py",
+        "tests/coverage/test_frame_camera.py", "tests/gap_planning",
+        "tests/report/test_map_data.py",
+    ],
+    "uavcover/leg_checks.py": [
+        "tests/test_leg_checks.py", "tests/test_mission_compiler.py", "tests/planning/test_detours.py",
+        "tests/planning/test_swaths.py", "tests/gap_planning",
+    ],
+    "uavcover/flight/readiness.py": [
+        "tests/flight/test_fly.py",
+    ],
+    "uavcover/flight/track_file.py": [
+        "tests/flight/test_track_file.py", "tests/flight/test_reserve.py",
+    ],
+    "mission_io/compare.py": [
+        "tests/mission_io/test_compare.py", "tests/mission_io/test_autopilots.py", "tests/mission_io/test_mavlink_facts.py",
+    ],
 }  # fmt: skip
-_TURNED: dict[type[ast.cmpop], type[ast.cmpop]] = {
-    ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt,
+"""Modules, and the files or folders of the tests that may concern them."""
+
+NAMED: dict[str, tuple[str, str, str]] = {
+    "obstacles in transit are not judged": (
+        "uavcover/verification/safety.py", '*find.above("obstacle", ~route, lacking, 0.0, phase="transit"),', "",
+    ),
+    "the highest height is 5 m too high in leg checks": (
+        "uavcover/leg_checks.py", "high > highest_agl_m + tolerance_m", "high > highest_agl_m + tolerance_m + 5.0",
+    ),
+    "a home that is too low is accepted": ("uavcover/flight/readiness.py", "abs(up) > most_m", "up > most_m"),
+    "equal times in a track are accepted": ("uavcover/flight/track_file.py", "time_s <= before_s", "time_s < before_s"),
 }  # fmt: skip
-_OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
-    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd,
-}  # fmt: skip
-_NAMES = {
-    "min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum", "argmin": "argmax", "argmax": "argmin",
-    "any": "all", "all": "any", "nanmin": "nanmax", "nanmax": "nanmin", "nanargmin": "nanargmax",
-    "floor": "ceil", "ceil": "floor",
-}  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class Mutant:
-    """One change.
-
-    Attributes:
-        module: path of its file.
-        line: where.
-        change: what was there and what is there now.
-        number: of the change in the file's order.
-    """
-
-    module: str
-    line: int
-    change: str
-    number: int
+"""Mutants that no test noticed once: always tried, and not counted. Module, the text of a statement, and what it becomes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,119 +82,56 @@ class Row:
 
     Attributes:
         module: path of its file.
-        number: of the change in the file's order.
         line: where.
         change: what was there and what is there now.
+        nth: of the changes in that file with the same words, from 0.
         outcome: killed, timeout or survived.
         seconds: that it took.
+        test: the first one that noticed it.
+        reason: why no test can or should notice it.
     """
 
     module: str
-    number: int
     line: int
     change: str
+    nth: int
     outcome: str
     seconds: float
+    test: str = ""
+    reason: str = ""
+
+    @property
+    def killed(self) -> bool:
+        """Whether a test noticed it."""
+        return self.outcome != "survived"
 
 
-def changes_of(node: ast.AST) -> Iterator[tuple[ast.AST, str]]:
-    """The nodes that one node may be replaced by, and what changes; annotations and texts are left alone."""
-    if isinstance(node, ast.Compare):
-        for k, op in enumerate(node.ops):
-            for table in (_COMPARISONS, _TURNED):
-                if (other := table.get(type(op))) is not None:
-                    ops = [*node.ops[:k], other(), *node.ops[k + 1 :]]
-                    yield _like(node, ops=ops), f"{type(op).__name__} -> {other.__name__}"
-    elif isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
-        other_op = _OPERATORS[type(node.op)]
-        yield _like(node, op=other_op()), f"{type(node.op).__name__} -> {other_op.__name__}"
-    elif isinstance(node, ast.BoolOp):
-        yield _like(node, op=ast.Or() if isinstance(node.op, ast.And) else ast.And()), "and <-> or"
-    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.Invert | ast.USub):
-        yield node.operand, f"without {type(node.op).__name__}"
-    elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
-        yield _like(node, value=not node.value), f"{node.value} -> {not node.value}"
-    elif isinstance(node, ast.Constant) and isinstance(node.value, int | float):
-        value = node.value + 1 if node.value in (0, 1, -1) else 2 * node.value
-        yield _like(node, value=value), f"{node.value} -> {value}"
-    elif isinstance(node, ast.Attribute) and node.attr in _NAMES:
-        yield _like(node, attr=_NAMES[node.attr]), f"{node.attr} -> {_NAMES[node.attr]}"
-    elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and node.id in _NAMES:
-        yield _like(node, id=_NAMES[node.id]), f"{node.id} -> {_NAMES[node.id]}"
-    elif isinstance(node, ast.AugAssign) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)):
-        yield ast.copy_location(ast.Pass(), node), "statement left out"
-    elif isinstance(node, ast.Raise | ast.Continue | ast.Break):
-        yield ast.copy_location(ast.Pass(), node), f"{type(node).__name__} left out"
-    elif isinstance(node, ast.IfExp):
-        yield node.body, "always the first"
-        yield node.orelse, "always the second"
-
-
-def _like(node: ast.AST, **changes: object) -> ast.AST:
-    other = copy.copy(node)
-    for name, value in changes.items():
-        setattr(other, name, value)
-    return other
-
-
-class _Changer(ast.NodeTransformer):
-    """Counts the places for changes, and makes the one of a number."""
-
-    def __init__(self, wanted: int | None = None) -> None:
-        self.found: list[tuple[int, str]] = []
-        self._wanted = wanted
-
-    def visit(self, node: ast.AST) -> ast.AST:
-        if isinstance(node, ast.arg | ast.AnnAssign) and node.annotation is not None:
-            annotation, node.annotation = node.annotation, ast.Constant(None)
-            result = self._visit(node)
-            assert isinstance(result, ast.arg | ast.AnnAssign)
-            result.annotation = annotation
-            return result
-        if isinstance(node, ast.FunctionDef):
-            returns, node.returns = node.returns, None
-            decorators, node.decorator_list = node.decorator_list, []
-            self._visit(node)
-            node.returns, node.decorator_list = returns, decorators
-            return node
-        if isinstance(node, ast.JoinedStr):
-            return node  # words for people
-        return self._visit(node)
-
-    def _visit(self, node: ast.AST) -> ast.AST:
-        chosen: ast.AST | None = None
-        for other, what in changes_of(node):
-            if len(self.found) == self._wanted:
-                chosen = other
-            self.found.append((getattr(node, "lineno", 0), f"{_shown(node)}: {what}"))
-        if chosen is not None:
-            return ast.copy_location(chosen, node)
-        return self.generic_visit(node)
-
-
-def _shown(node: ast.AST) -> str:
-    return " ".join(ast.unparse(node).split())[:90]
-
-
-def mutants_of(module: str) -> list[Mutant]:
-    """All of a file's, in its order."""
-    changer = _Changer()
-    changer.visit(ast.parse((ROOT / module).read_text()))
-    return [Mutant(module, line, what, number) for number, (line, what) in enumerate(changer.found)]
-
-
-def mutated(mutant: Mutant) -> ast.Module:
-    """The tree of a file with the change made."""
-    tree = _Changer(mutant.number).visit(ast.parse((ROOT / mutant.module).read_text()))
-    assert isinstance(tree, ast.Module)
-    return ast.fix_missing_locations(tree)
+def named_mutants() -> list[tuple[Mutant, ast.Module]]:
+    """Those of :data:`NAMED`, with their trees."""
+    found = []
+    for name, (module, old, new) in NAMED.items():
+        text = (ROOT / module).read_text()
+        assert text.count(old) == 1, name
+        line = 1 + text[: text.index(old)].count("\n")
+        statement = min(
+            (
+                own_lines(node)
+                for node in ast.walk(ast.parse(text))
+                if isinstance(node, ast.stmt) and own_lines(node)[0] <= line <= own_lines(node)[1]
+            ),
+            key=lambda lines: lines[1] - lines[0],
+        )
+        found.append((Mutant(module, line, name, 0, -1, statement), ast.parse(text.replace(old, new))))
+    return found
 
 
 class _Loader(importlib.abc.Loader):
     def __init__(self, tree: ast.Module, path: str) -> None:
         self._tree, self._path = tree, path
+        self.loaded = False
 
     def exec_module(self, module: ModuleType) -> None:
+        self.loaded = True
         exec(compile(self._tree, self._path, "exec"), module.__dict__)
 
 
@@ -209,68 +139,64 @@ class _Finder(importlib.abc.MetaPathFinder):
     """Finds one module mutated."""
 
     def __init__(self, name: str, tree: ast.Module, path: str) -> None:
-        self._name, self._tree, self._path = name, tree, path
+        self._name, self._path, self.loader = name, path, _Loader(tree, path)
 
     def find_spec(self, fullname: str, *_: object) -> importlib.machinery.ModuleSpec | None:
         if fullname != self._name:
             return None
-        return importlib.util.spec_from_file_location(fullname, self._path, loader=_Loader(self._tree, self._path))
+        return importlib.util.spec_from_file_location(fullname, self._path, loader=self.loader)
 
 
 def tests_of(module: str) -> list[str]:
-    """The tests that concern a file."""
+    """The test files that may concern a file."""
     for pattern, tests in TESTS.items():
         if Path(module).match(pattern):
-            return [test for test in [*FIRST.get(Path(module).stem, []), *tests] if (ROOT / test).exists()]
+            return [
+                str(path.relative_to(ROOT))
+                for test in tests
+                for path in (sorted((ROOT / test).glob("test_*.py")) if (ROOT / test).is_dir() else [ROOT / test])
+            ]
     raise KeyError(module)
 
 
-def outcome(module: str, tree: ast.Module | None, *, timeout_s: float) -> tuple[str, float]:
-    """Run the tests of a file in a forked child, with ``tree`` in its place: the outcome, and its seconds."""
-    began = time.monotonic()
-    log = Path(tempfile.gettempdir()) / f"mutant.{os.getpid()}.{abs(hash((module, time.monotonic_ns())))}"
-    child = os.fork()
-    if child == 0:
-        code = 70
-        try:
-            os.setsid()
-            output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
-            os.dup2(output, 1)
-            os.dup2(output, 2)
-            code = _run_tests(module, tree)
-        finally:
-            os._exit(code)
-    while True:
-        done, status = os.waitpid(child, os.WNOHANG)
-        seconds = time.monotonic() - began
-        if done:
-            break
-        if seconds > timeout_s:
-            os.killpg(child, signal.SIGKILL)
-            os.waitpid(child, 0)
-            log.unlink(missing_ok=True)
-            return "timeout", seconds
-        time.sleep(0.05)
-    code = os.waitstatus_to_exitcode(status)
-    if tree is None and code != 0:
-        raise SystemExit(f"{module}: its tests fail as it is; see {log}")
-    log.unlink(missing_ok=True)
-    return ("survived" if code == 0 else "killed"), seconds
+def reaching(mutant: Mutant, reach: dict[str, Reach]) -> list[str]:
+    """The test files that execute the statement of a mutant, the quickest first."""
+    first, last = mutant.lines
+    wanted = set(range(first, last + 1))
+    tests = [test for test in tests_of(mutant.module) if reach[test].lines[mutant.module] & wanted]
+    return sorted(tests, key=lambda test: reach[test].seconds)
 
 
-def _run_tests(module: str, tree: ast.Module | None) -> int:
-    import pytest
+_UNUSED = 71
 
-    if tree is not None:
-        name = module.removesuffix(".py").replace("/", ".")
+
+def outcome(mutant: Mutant, tree: ast.Module, tests: Sequence[str], *, timeout_s: float) -> tuple[str, float, str]:
+    """Run tests in a forked child with a mutant in place: the outcome, its seconds, and the test that noticed it."""
+
+    def run() -> int:
+        name = mutant.module.removesuffix(".py").replace("/", ".")
         assert name not in sys.modules, name
-        sys.meta_path.insert(0, _Finder(name, tree, str(ROOT / module)))
-    return int(pytest.main(["-q", "-x", "-p", "no:cacheprovider", "-p", "no:randomly", *tests_of(module)]))
+        finder = _Finder(name, tree, str(ROOT / mutant.module))
+        sys.meta_path.insert(0, finder)
+        code = run_tests(tests)
+        return code if code or finder.loader.loaded else _UNUSED
+
+    began = time.monotonic()
+    code, log = in_child(run, timeout_s=timeout_s) if tests else (0, "")
+    seconds = time.monotonic() - began
+    if code is None:
+        return "timeout", seconds, ""
+    if code == 0:
+        return "survived", seconds, ""
+    # 1: tests failed; 2: a test file could not be imported; below 0: a signal. Anything else says nothing of the mutant.
+    if code not in (1, 2) and code >= 0:
+        raise RuntimeError(f"exit {code}:\n{log[-4000:]}")
+    noticed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", log, re.MULTILINE)
+    return "killed", seconds, noticed.group(1) if noticed else f"exit {code}"
 
 
 def _warm_up() -> None:
-    """Import what takes long, and nothing that is mutated."""
-    import hypothesis  # noqa: F401
+    """Import what takes long, nothing that is mutated, and no plugin of pytest: it could not rewrite its asserts any more."""
     import numba  # noqa: F401
     import pyproj  # noqa: F401
     import pytest  # noqa: F401
@@ -282,30 +208,72 @@ def _warm_up() -> None:
     from uavcover.kernels import coverage, sight, tally  # noqa: F401
 
 
-def kept_rows(path: Path | None) -> dict[tuple[str, int, str], Row]:
+def kept_rows(path: Path | None) -> dict[tuple[str, str, int], Row]:
     """What was tried already."""
     if path is None or not path.exists():
         return {}
     with path.open(newline="") as file:
         rows = [
-            Row(r["module"], int(r["number"]), int(r["line"]), r["change"], r["outcome"], float(r["seconds"]))
+            Row(
+                r["module"], int(r["line"]), r["change"], int(r["nth"]), r["outcome"], float(r["seconds"]), r["test"],
+                r["reason"],
+            )
             for r in csv.DictReader(file)
-        ]
-    return {(row.module, row.number, row.change): row for row in rows}
+        ]  # fmt: skip
+    return {(row.module, row.change, row.nth): row for row in rows}
 
 
-def write(out: Path, rows: Sequence[Row], words: str) -> None:
+def write(out: Path, every: Sequence[Row], words: str) -> None:
     """The page, and the .csv beside it."""
+    rows = counted(every)
     with out.with_suffix(".csv").open("w", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        table.writerows([[field.name for field in fields(Row)], *(astuple(row) for row in rows)])
-    lines = ["# Mutants of the code that judges", "", words, "", "| module | tried | killed |", "|---|---:|---:|"]
+        table.writerows([[field.name for field in fields(Row)], *(astuple(row) for row in every)])
+    lines = ["# Mutants of the code that judges", "", words, ""]
+    lines += ["| module | tried | killed | of these by time | survived |", "|---|---:|---:|---:|---:|"]
     for module in dict.fromkeys(row.module for row in rows):
-        of_it = [row for row in rows if row.module == module]
-        lines.append(f"| {module} | {len(of_it)} | {sum(row.outcome != 'survived' for row in of_it)} |")
-    lines += ["", "## Survivors", ""]
-    lines += [f"- {r.module}:{r.line}: `{r.change}`" for r in rows if r.outcome == "survived"] or ["None."]
+        lines.append(f"| {module} | {_counts([row for row in rows if row.module == module])} |")
+    lines += [f"| together | {_counts(rows)} |", "", "## Survivors", ""]
+    lines += [_line(r) + (f": {r.reason}" if r.reason else "") for r in rows if not r.killed] or ["None."]
+    if slow := [_line(row) for row in rows if row.outcome == "timeout"]:
+        lines += ["", "## Killed by time", "", *slow]
+    if named := [row for row in every if row.change in NAMED]:
+        lines += ["", "## Mutants that no test noticed once", ""]
+        lines += [f"- {row.change}: {row.outcome}{f', by `{row.test}`' if row.test else ''}" for row in named]
     out.write_text("\n".join(lines) + "\n")
+
+
+def counted(rows: Sequence[Row]) -> list[Row]:
+    """Those that were drawn."""
+    return [row for row in rows if row.change not in NAMED]
+
+
+def _counts(rows: Sequence[Row]) -> str:
+    killed = sum(row.killed for row in rows)
+    late = sum(row.outcome == "timeout" for row in rows)
+    return f"{len(rows)} | {killed} | {late} | {len(rows) - killed}"
+
+
+def _line(row: Row) -> str:
+    return f"- {row.module}:{row.line}: `{row.change}`"
+
+
+def summary(rows: Sequence[Row], among: int, command: str) -> str:
+    """The figures in words."""
+    killed = sum(row.killed for row in rows)
+    late = sum(row.outcome == "timeout" for row in rows)
+    same = sum(not row.killed and row.reason.startswith("equivalent") for row in rows)
+    share = killed / len(rows) if rows else 1.0
+    real = killed / (len(rows) - same) if len(rows) > same else 1.0
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True
+    ).stdout.strip()
+    return (
+        f"Command: `{command}`, {datetime.datetime.now(datetime.UTC):%Y-%m-%d}, commit {commit}. {len(rows)} of {among} mutants "
+        f"tried, drawn by the seed: {killed} killed ({100 * share:.1f} %), {late} of them because their tests took more than "
+        f"{TIMES_AS_LONG:g} times as long as they should. {len(rows) - killed} survived; {same} of these do the same as the "
+        f"code itself ({100 * real:.1f} % of the others were killed)."
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -315,46 +283,53 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sample", type=int, default=200, help="so many, drawn by the seed; 0 for all")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--module", action="append", default=[], help="only this file; may be repeated")
+    parser.add_argument("--match", default="", help="only mutants whose line in --list has this text")
+    parser.add_argument("--survivors", action="store_true", help="try the survivors of the .csv again")
     parser.add_argument("-j", "--processes", type=int, default=2)
-    parser.add_argument("--timeout", type=float, default=300.0, help="seconds for the tests of one mutant")
+    parser.add_argument("--timeout", type=float, default=60.0, help="seconds that the tests of a mutant always have")
+    parser.add_argument("--reach", type=Path, help="keep here what the test files execute")
     parser.add_argument("--list", action="store_true", help="print all mutants and try none")
     chosen = parser.parse_args(arguments)
-    modules = chosen.module or sorted(
+    modules = sorted(
         str(path.relative_to(ROOT)) for pattern in TESTS for path in ROOT.glob(pattern) if path.name != "__init__.py"
     )
-    every = [mutant for module in modules for mutant in mutants_of(module)]
+    every = [mutant for module in chosen.module or modules for mutant in mutants_of(module)]
+    every = [mutant for mutant in every if chosen.match in f"{mutant.module}:{mutant.line}: {mutant.change}"]
     if chosen.list:
         print("\n".join(f"{m.module}:{m.line}: {m.change}" for m in every))
         return 0
-    count = min(chosen.sample, len(every)) if chosen.sample else len(every)
-    wanted = random.Random(chosen.seed).sample(every, count)
+    wanted = drawn(every, chosen.sample or len(every), chosen.seed)
     kept = kept_rows(None if chosen.out is None else chosen.out.with_suffix(".csv"))
-    rows: list[Row] = []
     os.chdir(ROOT)
+    os.environ["PYTHONPATH"] = str(ROOT)
     _warm_up()
+    tests = dict.fromkeys(test for module in dict.fromkeys(m.module for m in wanted) for test in tests_of(module))
+    reach = measured_reach(list(tests), modules, chosen.reach)
+    rows: list[Row] = []
+    command = f".venv/bin/python scripts/mutate_judgement.py --sample {chosen.sample} --seed {chosen.seed}"
 
-    def words() -> str:
-        killed = sum(row.outcome != "survived" for row in rows)
-        share = killed / len(rows) if rows else 1.0
-        return (
-            f"Command: `.venv/bin/python scripts/mutate_judgement.py --sample {chosen.sample} --seed {chosen.seed}`: "
-            f"{len(rows)} of {len(every)} mutants tried, drawn by the seed; {killed} killed ({100 * share:.1f} %)."
-        )
-
-    def attempt(mutant: Mutant) -> None:
-        row = kept.get((mutant.module, mutant.number, mutant.change))
-        if row is None:
-            how, seconds = outcome(mutant.module, mutated(mutant), timeout_s=chosen.timeout)
-            row = Row(mutant.module, mutant.number, mutant.line, mutant.change, how, round(seconds, 1))
+    def attempt(mutant: Mutant, tree: ast.Module | None = None) -> None:
+        row = kept.get((mutant.module, mutant.change, mutant.nth))
+        if row is None or (chosen.survivors and not row.killed and not row.reason):
+            noticing = reaching(mutant, reach)
+            timeout_s = max(chosen.timeout, TIMES_AS_LONG * sum(reach[test].seconds for test in noticing))
+            how, seconds, test = outcome(mutant, tree or mutated(mutant), noticing, timeout_s=timeout_s)
+            row = Row(mutant.module, mutant.line, mutant.change, mutant.nth, how, round(seconds, 1), test)
+        row = replace(row, line=mutant.line)
         rows.append(row)
-        print(f"{row.outcome:9} {row.seconds:6.1f} s {row.module}:{row.line}: {row.change}", flush=True)
+        print(f"{row.outcome:9} {row.seconds:6.1f} s {row.module}:{mutant.line}: {row.change} {row.test}", flush=True)
         if chosen.out is not None:
-            write(chosen.out, sorted(rows, key=lambda r: (r.module, r.number)), words())
+            write(
+                chosen.out, sorted(rows, key=lambda r: (r.module, r.line)), summary(counted(rows), len(every), command)
+            )
 
+    if not chosen.module and not chosen.match:
+        for mutant, tree in named_mutants():
+            attempt(mutant, tree)
     with ThreadPoolExecutor(chosen.processes) as pool:
         list(pool.map(_said_when_failing(attempt), wanted))
-    print(words())
-    return 0 if sum(row.outcome != "survived" for row in rows) >= ENOUGH * len(rows) else 1
+    print(summary(counted(rows), len(every), command))
+    return 0 if sum(row.killed for row in counted(rows)) >= ENOUGH * len(counted(rows)) else 1
 
 
 def _said_when_failing(attempt: Callable[[Mutant], None]) -> Callable[[Mutant], None]:
@@ -368,5 +343,4 @@ def _said_when_failing(attempt: Callable[[Mutant], None]) -> Callable[[Mutant], 
 
 
 if __name__ == "__main__":
-    sys.path[0] = str(ROOT)
     sys.exit(main())
