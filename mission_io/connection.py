@@ -13,7 +13,7 @@ from mission_io.codec import Codec
 from mission_io.enums import AutopilotId, VehicleClass
 from mission_io.errors import MisuseError, VehicleSilentError
 from mission_io.link import Link, PeerLink, StreamLink
-from mission_io.messages import Heartbeat, Message, Received, is_for
+from mission_io.messages import Heartbeat, Message, Received, TimeSync, is_for
 from mission_io.neighbours import Neighbours, VehicleInfo, vehicle_of
 from mission_io.private_files import TimestampFile
 from mission_io.protocol.exchange import Address
@@ -311,6 +311,8 @@ class Connection:
                 elif beat is not None and self.impostor is None:
                     self.impostor = beat
                     _log.warning("%s", two_in_one(self._vehicle, beat))
+                elif isinstance(received.message, TimeSync) and received.message.answered_ns == 0:
+                    self._answer_time(received.message)
             if self._listener is not None:
                 self._listener(received, now)
             if is_for(received.message, system_id=self.local.system_id, component_id=self.local.component_id):
@@ -318,6 +320,10 @@ class Connection:
             else:
                 self._for_others += 1
         return ours
+
+    def _answer_time(self, question: TimeSync) -> None:
+        """Tell a vehicle that asks what time it is here."""
+        self.send(TimeSync(answered_ns=round(self.clock.now() * 1e9) or 1, asked_ns=question.asked_ns))
 
     def _agree_on_version(self, received: Received) -> None:
         """Speak the newest version that the vehicle speaks."""

@@ -305,6 +305,7 @@ ROWS: Final[tuple[MessageRow, ...]] = (
         _same("receive_errors", "rxerrors"), _same("corrected", "fixed"),
     ),
     _row(m.SystemTime, "system_time", _scaled("time_unix_s", "time_unix_usec", 1e6), _BOOT),
+    _row(m.TimeSync, "timesync", _same("answered_ns", "tc1"), _same("asked_ns", "ts1")),
 )  # fmt: skip
 
 BY_CLASS: Final = {row.ours: row for row in ROWS}

@@ -297,6 +297,17 @@ class SystemTime:
     time_boot_s: float
 
 
+@dataclass(frozen=True, slots=True)
+class TimeSync:
+    """A question for the other side's time, or the answer to one.
+
+    ``asked_ns`` is the time of who asks, which the answer repeats; ``answered_ns`` is the time of who answers, 0 in a question.
+    """
+
+    answered_ns: int
+    asked_ns: int
+
+
 Message: TypeAlias = (
     Heartbeat
     | GlobalPositionInt
@@ -327,6 +338,7 @@ Message: TypeAlias = (
     | ParamSet
     | ParamValue
     | SystemTime
+    | TimeSync
     | RadioStatus
     | BatteryStatus
     | VfrHud

@@ -29,7 +29,7 @@ def test_what_one_client_uploads_the_other_downloads(cli: Cli, tmp_path: Path) -
 
 def test_a_run_is_uploaded_and_flown(cli: Cli, planned: Path) -> None:
     assert cli("plan-upload", planned, "--to", "mock:", "--client", "mavsdk", "-q").code == 0
-    ended = cli("fly", planned, "--to", "mock:", "--client", "mavsdk", "--mock-speed", "200", "--json", "-q", "--force")
+    ended = cli("fly", planned, "--to", "mock:", "--client", "mavsdk", "--mock-speed", "50", "--json", "-q", "--force")
     assert (ended.code, ended.document["ending"]) == (0, "landed"), ended.err
 
 

@@ -8,6 +8,7 @@ import pytest
 from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.autopilots import ARDUPILOT, PX4, Autopilot, wire_items
 from mission_io.client import Client
+from mission_io.codec import Codec
 from mission_io.content import Content
 from mission_io.enums import MissionResult, ModeFlag
 from mission_io.errors import (
@@ -40,6 +41,7 @@ from mission_io.messages import (
     ParamRequestRead,
     ParamValue,
     Received,
+    TimeSync,
 )
 from mission_io.simulated import Conditions
 from tests.mission_io.vehicle import VehiclePeer, connected
@@ -159,6 +161,20 @@ def test_a_vehicle_that_never_answers_the_count() -> None:
             client.download(MissionType.FENCE)
         with pytest.raises(TransferSilentError, match="clearing the rally points"):
             client.clear(MissionType.RALLY)
+
+
+def test_a_vehicle_that_asks_the_time_is_answered_and_nobody_else() -> None:
+    peer = VehiclePeer()
+    client = connected(peer)
+    peer.heard.clear()
+    peer.outbox = [TimeSync(0, 7_000_000_001), TimeSync(5, 6_000_000_000)]  # a question, and an answer to nobody
+    client.poll(0.5)
+    peer.codec = Codec(system_id=1, component_id=158)  # its companion computer
+    peer.outbox = [TimeSync(0, 8_000_000_000)]
+    client.poll(0.5)
+    (answer,) = [received.message for received in peer.heard if isinstance(received.message, TimeSync)]
+    assert answer.asked_ns == 7_000_000_001
+    assert 0 < answer.answered_ns <= client.clock.now() * 1e9
 
 
 def swallow(peer: VehiclePeer, drop: Callable[[object], bool]) -> None:

@@ -48,6 +48,7 @@ SAMPLES: list[m.Message] = [
     m.ParamSet(1, 1, "FENCE_ALT_MAX", 120.5),
     m.ParamValue("WPNAV_SPEED", 500.0, 9, 1200, 17),
     m.SystemTime(1790000000.123456, 4.5),
+    m.TimeSync(1790000000123456789, -(2**63)),
     m.BatteryStatus(0, (15.25, *(None,) * 9), 12.5, 1234, 71, 640, 1),
     m.BatteryStatus(1, (None,) * 10),
     m.VfrHud(7.5, 6.25, 271, 45, 512.5, -1.5),

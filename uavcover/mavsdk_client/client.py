@@ -31,6 +31,7 @@ from mission_io.messages import (
     MissionRequest,
     MissionRequestInt,
     Received,
+    TimeSync,
 )
 from mission_io.neighbours import VehicleInfo
 from mission_io.protocol.exchange import Address
@@ -224,6 +225,9 @@ class MavsdkClient(Client):
 
     def _send_heartbeat(self) -> None:
         """MAVSDK sends its own, with our ids."""
+
+    def _answer_time(self, question: TimeSync) -> None:
+        """MAVSDK answers."""
 
     def _command(self, command: int, params: tuple[float, ...], timeout_s: float, hear: Heard) -> CommandAck:
         if len(params) > 7:

@@ -4,8 +4,9 @@ from collections.abc import Iterable
 from typing import Generic, TypeVar
 
 from mission_io.codec import Codec
-from mission_io.messages import Message
+from mission_io.messages import Message, TimeSync
 from mission_io.protocol.exchange import Address
+from uavcover.flight.mock.pacing import Pacing
 from uavcover.flight.mock.vehicle import MockVehicle
 
 PlaceT = TypeVar("PlaceT")
@@ -25,11 +26,13 @@ class MockPeer(Generic[PlaceT]):
         vehicle: the vehicle.
         speed: vehicle seconds per second of the link's clock.
         origin_s: the link's time at which the vehicle is switched on.
+        paced: whether the vehicle's time waits for ground stations that do not keep up with it.
     """
 
-    def __init__(self, vehicle: MockVehicle, *, speed: float = 1.0, origin_s: float = 0.0) -> None:
+    def __init__(self, vehicle: MockVehicle, *, speed: float = 1.0, origin_s: float = 0.0, paced: bool = False) -> None:
         self.vehicle = vehicle
         self.speed = speed
+        self._pacing: Pacing[PlaceT] | None = Pacing() if paced else None
         self._codec = Codec(system_id=vehicle.address.system_id, component_id=vehicle.address.component_id)
         self._link_s, self._vehicle_s = origin_s, 0.0
         self._places: dict[PlaceT, None] = {}
@@ -43,6 +46,8 @@ class MockPeer(Generic[PlaceT]):
         """Take a datagram that arrived from a place at ``now`` on the link's clock."""
         vehicle_now = self._vehicle_time(now)
         for received in self._codec.decode(data):
+            if isinstance(received.message, TimeSync) and self._pacing is not None:
+                self._pacing.take(place, received.message)
             self._places.pop(place, None)
             self._places[place] = None
             self._place_of[Address(received.system_id, received.component_id)] = place
@@ -55,7 +60,10 @@ class MockPeer(Generic[PlaceT]):
         """Everything to be sent by ``now``, with where to."""
         self.vehicle.advance(self._vehicle_time(now))
         waiting: dict[PlaceT, list[bytes]] = {}
-        for message in self.vehicle.outgoing():
+        messages = list(self.vehicle.outgoing())
+        if self._pacing is not None and (question := self._pacing.question(self._vehicle_s, now)) is not None:
+            messages.append(question)
+        for message in messages:
             places = self._places_for(message)
             if places:
                 data = self._codec.encode(message)
@@ -68,6 +76,8 @@ class MockPeer(Generic[PlaceT]):
         self._link_s = max(self._link_s, now)
 
     def _vehicle_time(self, now: float) -> float:
+        if self._pacing is not None and self._pacing.waits(self._vehicle_s, now):
+            self.hold_time(now)
         elapsed = max(0.0, now - self._link_s)
         self._link_s += elapsed
         self._vehicle_s += elapsed * self.speed

@@ -58,7 +58,7 @@ class MockServer:
         self._port = kind(host, port)
         self._loss, self._rng = loss, rng if rng is not None else Random(0)
         self._now = time.monotonic()
-        self._peer: MockPeer[Place] = MockPeer(vehicle, speed=speed, origin_s=self._now)
+        self._peer: MockPeer[Place] = MockPeer(vehicle, speed=speed, origin_s=self._now, paced=speed > 1.0)
         if greet is not None:
             self._peer.greet(greet)
         self._said_slow = False
