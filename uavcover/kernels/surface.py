@@ -70,14 +70,19 @@ def up_above(surface: Surface, east: float, north: float, agl: float) -> float:
     if surface.kind == SINE_COSINE:
         s = surface.step_m
         return s * math.sin(north / s) * math.cos(east / s) + agl
-    column, row = on_grid(surface.grid, east, north, surface.grid.level_up_m)
+    level_up = surface.grid.level_up_m
+    column, row = on_grid(surface.grid, east, north, level_up)
     up = on_nodes(surface.up_m, column, row) + agl
-    if surface.grid.lean_per_m == 0.0:
+    if surface.grid.lean_per_m == 0.0 or not abs(up - level_up) > _SETTLED_M:
         return up
+    column_there, row_there = on_grid(surface.grid, east, north, up)
+    # A plumb line is straight on the grid: what is left to find is centimetres away.
+    columns_per_m, rows_per_m = (column_there - column) / (up - level_up), (row_there - row) / (up - level_up)
+    from_up = up
     for _ in range(_MOST_ROUNDS):
         before = up
-        column, row = on_grid(surface.grid, east, north, up)
-        up = on_nodes(surface.up_m, column, row) + agl
+        climb = before - from_up
+        up = on_nodes(surface.up_m, column_there + climb * columns_per_m, row_there + climb * rows_per_m) + agl
         # Also when it is NaN.
         if not abs(up - before) > _SETTLED_M:
             return up
