@@ -49,7 +49,7 @@ class Mutant:
 
 
 def changes_of(node: ast.AST) -> Iterator[tuple[ast.AST, str]]:
-    """The nodes that one node may be replaced by, and what changes; annotations and texts are left alone."""
+    """The nodes that one node may be replaced by, and what changes; annotations, decorators and texts are left alone."""
     if isinstance(node, ast.Compare):
         for k, op in enumerate(node.ops):
             for table in (_COMPARISONS, _TURNED):
@@ -103,11 +103,16 @@ class _Changer(ast.NodeTransformer):
             assert isinstance(result, ast.arg | ast.AnnAssign)
             result.annotation = annotation
             return result
-        if isinstance(node, ast.FunctionDef):
-            returns, node.returns = node.returns, None
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            # How a class is declared, frozen or with slots, judges nothing.
             decorators, node.decorator_list = node.decorator_list, []
+            returns = getattr(node, "returns", None)
+            if isinstance(node, ast.FunctionDef):
+                node.returns = None
             self._visit(node)
-            node.returns, node.decorator_list = returns, decorators
+            node.decorator_list = decorators
+            if isinstance(node, ast.FunctionDef):
+                node.returns = returns
             return node
         if isinstance(node, ast.JoinedStr):
             return node  # words for people

@@ -162,7 +162,7 @@ def reaching(mutant: Mutant, reach: dict[str, Reach]) -> list[str]:
     """The test files that execute the statement of a mutant, the quickest first."""
     first, last = mutant.lines
     wanted = set(range(first, last + 1))
-    tests = [test for test in tests_of(mutant.module) if reach[test].lines[mutant.module] & wanted]
+    tests = [test for test in tests_of(mutant.module) if reach[test].lines.get(mutant.module, set()) & wanted]
     return sorted(tests, key=lambda test: reach[test].seconds)
 
 

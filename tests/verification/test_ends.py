@@ -11,6 +11,7 @@ from tests.verification.test_verify import Flight
 from uavcover.errors import TrackError
 from uavcover.model.report import VerificationReport
 from uavcover.model.track import Track
+from uavcover.verification.ends import SAME_HEIGHT_M, TrackEnd, track_ends
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.verify import FlownTrack, verify_flight
 
@@ -127,3 +128,44 @@ def test_equal_times_are_refused(flight: Flight) -> None:
     times[50] = times[49]
     with pytest.raises(TrackError, match=r"sample 50 of the track, at .* does not come after the one before it"):
         together(flight, changed(flight.track, time_s=times))
+
+
+# The ends by themselves
+
+
+def ends_of(
+    *, last_up_m: float = 0.0, agl_m: tuple[float, float] = (0.0, 0.0), aside_m: float = 0.0, sink_m_s: float = 2.0
+) -> tuple[TrackEnd, TrackEnd]:
+    """A track that begins at rest for 5 s and ends sinking, at a height against the first place, aside of it."""
+    time_s = np.arange(0.0, 60.0, 0.5)
+    enu = np.zeros((time_s.size, 3))
+    enu[:, 2] = np.where(time_s < 5.0, 0.0, 50.0)
+    landing = time_s > 50.0
+    enu[landing, 0] = aside_m
+    enu[landing, 2] = last_up_m + sink_m_s * (time_s[-1] - time_s[landing])
+    heights = enu[:, 2].copy()
+    heights[0], heights[-1] = agl_m
+    return track_ends(make_site().scenario, time_s, enu, heights, noise_m=(0.0, 0.0))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_log_that_is_switched_off_on_touching_down_ends_within_a_metre_of_the_ground(side: float) -> None:
+    # By the terrain, or by where it took off from, if that is the same place; a metre itself is within a metre.
+    for by_terrain_m, by_start_m, aside_m, on_ground in (
+        (SAME_HEIGHT_M, 4.0, 0.0, True),
+        (1.01, 4.0, 0.0, False),
+        (5.0, SAME_HEIGHT_M, 0.0, True),
+        (5.0, 1.01, 0.0, False),
+        (5.0, 0.0, 10.0, True),
+        (5.0, 0.0, 10.1, False),
+        (10.1, 0.0, 0.0, False),
+    ):
+        begin, end = ends_of(last_up_m=side * by_start_m, agl_m=(0.0, side * by_terrain_m), aside_m=aside_m)
+        assert begin.on_ground
+        assert (end.on_ground, end.still) == (on_ground, False), (by_terrain_m, by_start_m, aside_m)
+
+
+def test_at_rest_it_may_be_as_far_from_the_terrain_as_its_home_may() -> None:
+    for agl_m, on_ground in ((10.0, True), (-10.0, True), (10.1, False), (-10.1, False), (np.nan, False)):
+        _, end = ends_of(last_up_m=30.0, agl_m=(0.0, agl_m), sink_m_s=0.0)
+        assert (end.on_ground, end.still) == (on_ground, True)

@@ -82,6 +82,25 @@ def turning_track(attitude_deg: np.ndarray) -> Track:
     )  # fmt: skip
 
 
+def sideways(yaw_deg: float, course_deg: float) -> list[str]:
+    """What is said of a straight flight whose nose points elsewhere than it flies."""
+    course = np.radians(course_deg)
+    enu = np.column_stack([10.0 * TIME_S * np.sin(course), 10.0 * TIME_S * np.cos(course), 0.0 * TIME_S])
+    rng = np.random.default_rng(2)
+    attitude = np.column_stack([rng.normal(size=(TIME_S.size, 2)), yaw_deg + 0.1 * rng.normal(size=TIME_S.size)])
+    track = Track(
+        time_s=TIME_S.copy(), geodetic=np.zeros((TIME_S.size, 3)), enu_m=enu, attitude_deg=attitude,
+        current_waypoint=np.ones(TIME_S.size, dtype=np.int64),
+    )  # fmt: skip
+    return known_attitude(track, enu, np.ones(TIME_S.size - 1, dtype=bool))[1]
+
+
+def test_a_nose_that_points_elsewhere_is_not_in_radians() -> None:
+    # Of 30 radians the course would be 279 degrees; no angle in radians is as large.
+    assert sideways(30.0, float(np.degrees(30.0) % 360.0)) == []
+    assert "radians" in sideways(3.0, float(np.degrees(3.0)))[0]
+
+
 def known(attitude_deg: np.ndarray) -> tuple[np.ndarray, list[str]]:
     track = turning_track(attitude_deg)
     return known_attitude(track, track.enu_m, np.ones(TIME_S.size - 1, dtype=bool))

@@ -165,6 +165,10 @@ def test_a_leg_through_a_hill_between_two_samples() -> None:
     report = verify_track(site, coverage, apart, None)
     assert report.violations == ()
     assert report.unobserved_s == 30.0
+    (stretch,) = [stretch for stretch in report.unobserved if stretch.reason == "no samples"]
+    assert stretch.detail == "30.0 s without samples"
+    assert (stretch.start_s, stretch.end_s, stretch.east_m) == (1.0, 31.0, pytest.approx(141.0))
+    assert stretch.length_m == pytest.approx(18.0)
 
 
 def test_take_off_and_landing_are_no_violations_but_low_elsewhere_is(level: Flight) -> None:

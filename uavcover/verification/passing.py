@@ -97,7 +97,7 @@ def _distances_m(enu_m: FloatArray, joined: BoolArray, point_m: FloatArray) -> F
     share = np.clip(-np.einsum("ij,ij->i", offset[:-1], way) / length2, 0.0, 1.0)
     foot = offset[:-1] + share[:, None] * way
     along = np.hypot(foot[:, 0], foot[:, 1])
-    distance[:-1] = np.where(joined, np.minimum(distance[:-1], along), distance[:-1])
+    distance[:-1] = np.where(joined, along, distance[:-1])
     return distance
 
 
