@@ -123,6 +123,19 @@ def test_positions_under_the_ground_are_named(flight: Flight) -> None:
     assert not report.passed
 
 
+def test_where_positions_are_deepest_under_the_ground_is_named(flight: Flight) -> None:
+    enu = flight.track.enu_m.copy()
+    on = falsified.flying(flight.track)[100:141]
+    enu[on, 2] -= 95.0 * np.sin(np.linspace(0.0, np.pi, len(on)))
+    report = together(flight, falsified.moved_to(flight.site, flight.track, enu))
+    (doubt,) = [doubt for doubt in report.doubts if "under the ground" in doubt]
+    assert f"by up to 15.0 m at {flight.track.time_s[on[20]]:.1f} s, " in doubt
+    # As far under it as home may be is none.
+    enu[on, 2] += 5.1 * np.sin(np.linspace(0.0, np.pi, len(on)))
+    report = together(flight, falsified.moved_to(flight.site, flight.track, enu))
+    assert not any("under the ground" in doubt for doubt in report.doubts)
+
+
 def test_equal_times_are_refused(flight: Flight) -> None:
     times = flight.track.time_s.copy()
     times[50] = times[49]

@@ -261,6 +261,18 @@ def test_the_fence_at_samples_and_between_them() -> None:
     assert found == [("route", pytest.approx(40.0)), ("transit", pytest.approx(40.0))]
 
 
+def test_a_leg_across_a_bay_concerns_the_two_samples_at_its_ends() -> None:
+    bay = (
+        (-150.0, -50.0), (400.0, -50.0), (400.0, 250.0), (160.0, 250.0), (150.0, 0.0), (140.0, 250.0), (-150.0, 250.0),
+    )  # fmt: skip
+    site = make_site(fence=bay)
+    # Samples 28 m apart, at 136 m and 164 m on both sides of the bay.
+    track = fly_along(site, np.array([[24.0, 200.0, 80.0], [304.0, 200.0, 80.0]]), speed_m_s=20.0, rate_hz=20.0 / 28.0)
+    (violation,) = verify_track(site, CoverageMap(site, cell_size_m=50.0), track, None).violations
+    before, after = np.flatnonzero((track.enu_m[:, 0] > 130.0) & (track.enu_m[:, 0] < 170.0))
+    assert (violation.kind, violation.start_s, violation.end_s) == ("fence", track.time_s[before], track.time_s[after])
+
+
 def test_ground_that_is_not_known_is_not_called_safe() -> None:
     site = make_site(lambda e, n: np.where((e > 315) & (e < 355), np.nan, 0.0 * n))
     track = fly_along(site, np.array([[0.0, 100.0, 80.0], [400.0, 100.0, 80.0]]))
