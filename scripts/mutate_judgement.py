@@ -51,7 +51,7 @@ TESTS: dict[str, list[str]] = {
         "tests/planning/test_swaths.py", "tests/gap_planning/test_closing_route.py",
     ],
     "uavcover/flight/readiness.py": [
-        "tests/flight/test_fly.py",
+        "tests/flight/test_readiness.py", "tests/flight/test_fly.py",
     ],
     "uavcover/flight/track_file.py": [
         "tests/flight/test_track_file.py", "tests/flight/test_reserve.py",
