@@ -10,7 +10,7 @@ from tests.planning.sites import flat, ridge, with_scenario
 from tests.verification.flights import fly_along, make_site, moved, taken
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.kernels.sight import OCCLUDED
-from uavcover.model.sensor import NadirCamera
+from uavcover.model.sensor import NadirCamera, SphereSensor
 from uavcover.model.uncertainty import Uncertainty
 from uavcover.site import Site
 from uavcover.verification.phases import PlannedRoute
@@ -71,6 +71,17 @@ def test_coverage_by_time_grows_to_the_coverage() -> None:
     assert 0.0 < shares[0] < shares[100] < shares[-1] == pytest.approx(report.coverage_fraction, abs=1e-12)
     # Half the way shows half of the ground and half a footprint ahead.
     assert shares[100] == pytest.approx(report.coverage_fraction * (150.0 + 50.0) / 300.0, abs=0.05)
+
+
+def test_coverage_by_time_of_a_single_look_is_one_moment_and_of_none_none() -> None:
+    site = make_site(flat, sensor=SphereSensor(kind="sphere", range_m=110.0))
+    coverage = CoverageMap(site, cell_size_m=10.0)
+    for point, moments in ((LINE[0] + [100.0, 0.0, 0.0], 1), (LINE[0] + [100.0, 90.0, 0.0], 0)):
+        plan = PlannedRoute(np.array([point]), 0.1)
+        report = verify_track(site, coverage, fly_along(site, LINE), plan)
+        assert len(report.coverage_by_time) == moments
+        assert all(m.coverage_fraction == report.coverage_fraction > 0.1 for m in report.coverage_by_time)
+        assert (report.coverage_fraction == 0.0) == (moments == 0)
 
 
 # Gaps and their reasons
