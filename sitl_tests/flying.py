@@ -13,7 +13,7 @@ from sitl_tests.case import Case, Station
 from sitl_tests.errors import require
 from sitl_tests.missions import FIRST_WAYPOINT_ITEM, route_mission
 from uavcover.flight.events import FlightEvent
-from uavcover.flight.flight_plan import FlightPlan
+from uavcover.flight.flight_plan import FlightPlan, Patience
 from uavcover.flight.fly import fly
 from uavcover.flight.outcome import FlightFailedError, FlightOutcome
 from uavcover.flight.readiness import request_telemetry, wait_until_ready
@@ -27,6 +27,8 @@ PASSED_WITHIN_M = 4.0
 LANDED_WITHIN_M = 3.0
 FLIGHT_S = 600.0
 _ITEM_S = 120.0
+_ELSEWHERE_S = 60.0
+"""A vehicle that a failsafe holds in the air is followed for so long; ``fly`` follows it for ever."""
 
 
 @cache
@@ -155,6 +157,7 @@ def fly_mission(
         outcome = fly(
             station.client, station.monitor, plan_of(mission, home or case.vehicle.home),
             on_sample=path.take_sample, on_event=take, plan_return=way_home, pause=pause, stop=stop, confirmed=True,
+            patience=Patience(elsewhere_s=_ELSEWHERE_S),
         )  # fmt: skip
     except FlightFailedError as error:
         outcome = error.outcome
