@@ -1,6 +1,6 @@
 """What was seen from a flown track: when, how often, how closely, how surely, and why the rest was not."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -96,31 +96,42 @@ def possibly_seen(coverage: CoverageMap, looks: Looks) -> BoolArray:
     return np.asarray((tally.first >= 0) | (tally.possible > 0))
 
 
-def joining_shifts_s(times_s: Sequence[FloatArray], *, pause_s: float) -> tuple[float, ...]:
-    """Seconds to add to the times of each track so that it begins ``pause_s`` after the end of the one before.
+def joining_shifts_s(
+    times_s: Sequence[FloatArray], *, pause_s: float, same_clock: Mapping[int, tuple[int, float]]
+) -> tuple[float, ...]:
+    """Seconds to add to the times of each track so that it begins ``pause_s`` after the end of those before.
 
     Args:
         times_s: vehicle times of the samples of each track, increasing, in the order in which they were flown.
         pause_s: between two tracks.
+        same_clock: of a track that records the flight of one before: which one, and the seconds that are added to its times to
+            have that one's.
 
     Returns:
         one value a track; 0 for the first.
     """
-    shifts, end_s = [], None
-    for times in times_s:
-        shifts.append(0.0 if end_s is None else end_s + pause_s - float(times[0]))
-        end_s = float(times[-1]) + shifts[-1]
+    shifts: list[float] = []
+    end_s = -np.inf
+    for number, times in enumerate(times_s):
+        if number in same_clock:
+            first, shift_s = same_clock[number]
+            shifts.append(shifts[first] + shift_s)
+        else:
+            shifts.append(end_s + pause_s - float(times[0]) if shifts else 0.0)
+        end_s = max(end_s, float(times[-1]) + shifts[-1])
     return tuple(shifts)
 
 
 def joined_looks(parts: Sequence[Looks], shifts_s: Sequence[float]) -> Looks:
-    """The looks of several tracks as one flight, their times shifted by :func:`joining_shifts_s`."""
+    """The looks of several tracks as one flight, in order of time, their times shifted by :func:`joining_shifts_s`."""
+    times_s = np.concatenate([part.times_s + shift for part, shift in zip(parts, shifts_s, strict=True)])
+    order = np.argsort(times_s, kind="stable")
     return Looks(
-        np.vstack([part.places_m for part in parts]),
-        np.vstack([part.axes for part in parts]),
-        np.vstack([part.tops for part in parts]),
-        np.concatenate([part.times_s + shift for part, shift in zip(parts, shifts_s, strict=True)]),
-        np.concatenate([part.known for part in parts]),
+        np.vstack([part.places_m for part in parts])[order],
+        np.vstack([part.axes for part in parts])[order],
+        np.vstack([part.tops for part in parts])[order],
+        times_s[order],
+        np.concatenate([part.known for part in parts])[order],
     )
 
 

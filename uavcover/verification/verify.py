@@ -14,8 +14,9 @@ from uavcover.verification.cell_figures import cell_statistics, coverage_by_time
 from uavcover.verification.deciding import decide, judged_requirements
 from uavcover.verification.flown_coverage import FlownCoverage, joined_looks, joining_shifts_s, tally_looks
 from uavcover.verification.gaps import GapRegion, find_gaps
-from uavcover.verification.judged_track import judge_track, largest, track_positions_m
+from uavcover.verification.judged_track import JudgedTrack, judge_track, largest, track_positions_m
 from uavcover.verification.phases import PlannedRoute
+from uavcover.verification.same_flight import SameFlight, observed_at, same_flight
 
 __all__ = ["FlownTrack", "Verdict", "flown_coverage", "track_positions_m", "verify_flight", "verify_track"]
 
@@ -74,7 +75,7 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
     """Coverage and safety of what was flown, from the tracks alone; the plans are only compared with.
 
     Several tracks, of several sorties or vehicles, count as one flight: what any of them saw was seen, and each has to keep
-    the limits.
+    the limits. What two records of one flight both observed counts once.
 
     Args:
         site: the scenario on its ground.
@@ -85,10 +86,17 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
         TrackError: a track is empty, or has a position that is no place on Earth.
     """
     judged = [judge_track(site, flown.track, flown.planned) for flown in tracks]
+    records = _records_of_one_flight(judged)
     # A pause longer than what separates two passes: the tracks' looks are passes of their own.
     pause_s = 2.0 * site.scenario.requirements.max_gap_s
-    shifts_s = joining_shifts_s([flown.track.time_s for flown in tracks], pause_s=pause_s)
-    together = joined_looks([track.looks(site) for track in judged], shifts_s)
+    same_clock = {record.second: (record.first, record.same.shift_s) for record in records}
+    shifts_s = joining_shifts_s([flown.track.time_s for flown in tracks], pause_s=pause_s, same_clock=same_clock)
+    parts = [track.looks(site) for track in judged]
+    for record in records:
+        looks = parts[record.second]
+        first = judged[record.first].track.time_s
+        parts[record.second] = looks.where(~observed_at(first, looks.times_s + record.same.shift_s))
+    together = joined_looks(parts, shifts_s)
     flown = tally_looks(coverage, together)
     gaps = tuple(find_gaps(coverage, flown))
     decision = decide(coverage, flown, judged, unknown_attitude_looks=int((~together.known).sum()))
@@ -121,10 +129,38 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
         passed=decision.verdict == "passed",
         reasons=decision.reasons,
         doubts=decision.doubts,
-        findings=decision.findings,
+        findings=(*decision.findings, *map(str, records)),
         requirements=judged_requirements(site.scenario),
     )
     return Verdict(coverage, report, flown, gaps, shifts_s)
+
+
+@dataclass(frozen=True, slots=True)
+class _Records:
+    """Two tracks, by their places in the list, that are records of one flight."""
+
+    first: int
+    second: int
+    same: SameFlight
+
+    def __str__(self) -> str:
+        """What was found, for people."""
+        return (
+            f"tracks {self.first + 1} and {self.second + 1} are records of one flight: they agree within "
+            f"{self.same.median_m:.2f} m (median) for {self.same.duration_s:.0f} s; what both observed counts once"
+        )
+
+
+def _records_of_one_flight(judged: Sequence[JudgedTrack]) -> list[_Records]:
+    """For each track the first one before it that is a record of the same flight."""
+    records = []
+    for second, other in enumerate(judged):
+        for first, one in enumerate(judged[:second]):
+            same = same_flight(one.track.time_s, one.enu_m, other.track.time_s, other.enu_m)
+            if same is not None:
+                records.append(_Records(first, second, same))
+                break
+    return records
 
 
 def _smallest(parts: Sequence[FloatArray]) -> float | None:

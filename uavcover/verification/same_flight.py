@@ -1,0 +1,117 @@
+"""Two records of one flight are no two flights: their observations must not count twice.
+
+A vehicle that flies a mission again is metres away from where it was at the same time of its first flight. Two records of
+one flight agree to centimetres all the way, whatever their clocks and rates are.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+AGREE_M = 0.3
+"""Logs of one flight differ by the rounding of their positions and by what is between two samples."""
+ENOUGH_FRACTION = 0.9
+"""So much of the time that both records cover has to agree."""
+LEAST_S = 20.0
+LEAST_SHARE = 0.25
+"""Of the time in which the shorter record moves: less may be one leg that both flew at the same speed."""
+
+_STEP_S = 0.5
+_MOVES_M_S = 1.0
+_PROBES = 40
+_CANDIDATES = 5
+_BIN_S = 0.5
+_MAX_GAP_S = 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class SameFlight:
+    """How two records of one flight agree.
+
+    Attributes:
+        duration_s: for how long, while they move.
+        shift_s: added to the second one's times.
+        median_m: half of their positions are not further apart.
+    """
+
+    duration_s: float
+    shift_s: float
+    median_m: float
+
+
+def same_flight(one_s: FloatArray, one_m: FloatArray, other_s: FloatArray, other_m: FloatArray) -> SameFlight | None:
+    """How two tracks agree if they are records of one flight; None if they are not.
+
+    Args:
+        one_s: (n,) increasing times of the first.
+        one_m: (n, 3) its ENU positions.
+        other_s: (k,) increasing times of the second, on a clock of its own.
+        other_m: (k, 3) its ENU positions.
+    """
+    if len(one_s) < 2 or len(other_s) < 2:
+        return None
+    one, other = _Moving.of(one_s, one_m), _Moving.of(other_s, other_m)
+    least_s = max(LEAST_S, LEAST_SHARE * _STEP_S * min(len(one.times_s), len(other.times_s)))
+    for shift_s in [0.0, *_likely_shifts_s(one, other)]:
+        times_s = other.times_s + shift_s
+        both = observed_at(one_s, times_s)
+        duration_s = _STEP_S * float(both.sum())
+        if duration_s < least_s:
+            continue
+        apart_m = np.linalg.norm(_at(one_s, one_m, times_s[both]) - other.places_m[both], axis=1)
+        if (apart_m <= AGREE_M).mean() >= ENOUGH_FRACTION:
+            return SameFlight(duration_s, shift_s, float(np.median(apart_m)))
+    return None
+
+
+def observed_at(time_s: FloatArray, times_s: FloatArray) -> NDArray[np.bool_]:
+    """Which of (k,) times lie between two of (n,) samples that are not far apart."""
+    after = np.clip(np.searchsorted(time_s, times_s), 1, len(time_s) - 1)
+    inside = (times_s >= time_s[0]) & (times_s <= time_s[-1])
+    return np.asarray(inside & (time_s[after] - time_s[after - 1] <= _MAX_GAP_S))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Moving:
+    """Places of a track at even times at which it moves over ground."""
+
+    times_s: FloatArray
+    places_m: FloatArray
+    velocities_m_s: FloatArray
+
+    @classmethod
+    def of(cls, time_s: FloatArray, enu_m: FloatArray) -> "_Moving":
+        times_s = np.arange(time_s[0], time_s[-1], _STEP_S)
+        times_s = times_s[observed_at(time_s, times_s) & observed_at(time_s, times_s + _STEP_S)]
+        places_m = _at(time_s, enu_m, times_s)
+        velocities_m_s = (_at(time_s, enu_m, times_s + _STEP_S) - places_m) / _STEP_S
+        moves = np.hypot(velocities_m_s[:, 0], velocities_m_s[:, 1]) > _MOVES_M_S
+        return cls(times_s[moves], places_m[moves], velocities_m_s[moves])
+
+
+def _at(time_s: FloatArray, enu_m: FloatArray, times_s: FloatArray) -> FloatArray:
+    return np.column_stack([np.interp(times_s, time_s, axis) for axis in enu_m.T])
+
+
+def _likely_shifts_s(one: _Moving, other: _Moving) -> list[float]:
+    """Shifts of the second clock that bring most of some of its places to the first one's at the same time."""
+    if not (len(one.times_s) and len(other.times_s)):
+        return []
+    found: list[FloatArray] = []
+    for probe in np.unique(np.linspace(0, len(other.times_s) - 1, _PROBES).astype(int)):
+        off_m = other.places_m[probe] - one.places_m
+        # Where along each half second of the first one it comes nearest.
+        speed2 = (one.velocities_m_s**2).sum(axis=1)
+        along_s = np.clip((off_m * one.velocities_m_s).sum(axis=1) / speed2, 0.0, _STEP_S)
+        near = np.linalg.norm(off_m - along_s[:, None] * one.velocities_m_s, axis=1) <= AGREE_M
+        found.append((one.times_s + along_s - other.times_s[probe])[near])
+    shifts_s = np.concatenate(found)
+    if not shifts_s.size:
+        return []
+    bins, inverse, votes = np.unique(np.round(shifts_s / _BIN_S), return_inverse=True, return_counts=True)
+    del bins
+    best = np.argsort(-votes, kind="stable")[:_CANDIDATES]
+    return [float(np.median(shifts_s[inverse == k])) for k in best]
