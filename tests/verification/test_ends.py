@@ -182,3 +182,29 @@ def test_at_rest_it_may_be_as_far_from_the_terrain_as_its_home_may() -> None:
     for agl_m, on_ground in ((10.0, True), (-10.0, True), (10.1, False), (-10.1, False), (np.nan, False)):
         _, end = ends_of(last_up_m=30.0, agl_m=(0.0, agl_m), sink_m_s=0.0)
         assert (end.on_ground, end.still) == (on_ground, True)
+
+
+@pytest.mark.parametrize(
+    ("way_m", "noise_m", "still"),
+    [
+        # In two seconds no more than 2 m aside and 0.6 m up or down, and ten times the noise of the positions.
+        ((1.9, 0.0, 0.0), (0.0, 0.0), True),
+        ((1.5, -1.5, 0.0), (0.0, 0.0), False),
+        ((0.0, 0.0, -0.5), (0.0, 0.0), True),
+        ((0.0, 0.0, 0.7), (0.0, 0.0), False),
+        ((0.0, 2.9, 0.0), (0.1, 0.0), True),
+        ((0.0, 3.1, 0.0), (0.1, 0.0), False),
+        ((0.0, 3.1, 0.0), (0.0, 9.0), False),
+        ((0.0, 0.0, 1.5), (0.0, 0.1), True),
+        ((0.0, 0.0, -1.7), (9.0, 0.1), False),
+    ],
+)
+def test_at_rest_it_moves_no_more_than_its_noise(
+    way_m: tuple[float, float, float], noise_m: tuple[float, float], still: bool
+) -> None:
+    time_s = np.arange(0.0, 20.5, 0.5)
+    enu = np.outer(np.clip(time_s / 2.0, 0.0, 1.0), way_m)
+    there, back = track_ends(make_site().scenario, time_s, enu, enu[:, 2], noise_m=noise_m)
+    assert (there.still, back.still) == (still, True)
+    there, back = track_ends(make_site().scenario, time_s, enu[::-1], enu[::-1, 2], noise_m=noise_m)
+    assert (there.still, back.still) == (True, still)
