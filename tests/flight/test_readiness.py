@@ -1,6 +1,7 @@
 """Before arming: what a vehicle lacks, how often it is asked why, and how often its telemetry has to come."""
 
 import itertools
+from collections import Counter
 from types import SimpleNamespace
 
 import pytest
@@ -12,10 +13,11 @@ from mission_io.items import GeoPoint
 from tests.flight.scene import HOME, Scene, geodetic, make_scene, mission, plan_for
 from uavcover.errors import VehicleError
 from uavcover.flight.events import EventKind
+from uavcover.flight.flight_plan import Patience
 from uavcover.flight.mock import commands as mock_commands
 from uavcover.flight.mock.behaviour import quick
 from uavcover.flight.mock.vehicle import MockVehicle
-from uavcover.flight.readiness import check_home, check_home_position, missing
+from uavcover.flight.readiness import check_home, check_home_position, check_telemetry, missing
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 CHECKS = m.PREARM_CHECK_BIT
@@ -190,6 +192,43 @@ def test_what_comes_often_enough_on_the_second_asking_is_flown_with(monkeypatch:
     scene.fly()
     assert asked.count(m.Attitude) == 2
     assert asked.count(m.GlobalPositionInt) == 1
+
+
+class Telling:
+    """A conversation in which every half second so many messages of each kind arrive."""
+
+    def __init__(self, **per_half_second: int) -> None:
+        self.asked: list[type[m.Message]] = []
+        self.patience = Patience()
+        self.monitor = SimpleNamespace(time_s=0.0, counts=Counter())
+        self.client = SimpleNamespace(
+            vehicle=SimpleNamespace(mav_autopilot=AutopilotId.PX4), clock=SimpleNamespace(now=lambda: self.monitor.time_s),
+            request_message_interval=lambda kind, _interval_s: self.asked.append(kind),
+        )  # fmt: skip
+        self._per_half_second = per_half_second
+
+    def stop(self) -> int:
+        return 0
+
+    def pump(self) -> None:
+        self.monitor.time_s += 0.5
+        for kind in INTERVALS_S:
+            self.monitor.counts[kind] += self._per_half_second.get(kind.__name__, 1)
+
+
+def test_exactly_as_often_as_needed_is_often_enough() -> None:
+    # Attitudes have to come twice a second, positions five times.
+    enough = Telling(GlobalPositionInt=3)
+    check_telemetry(enough)
+    assert enough.asked == []
+    with pytest.raises(
+        VehicleError, match=r"comes GlobalPositionInt 4\.0 times a second .* following needs 5; not started"
+    ):
+        check_telemetry(Telling(GlobalPositionInt=2))
+    with pytest.raises(
+        VehicleError, match=r"comes GlobalPositionInt 2\.0 .* and Attitude 0\.0 .* following needs 5 and 2;"
+    ):
+        check_telemetry(Telling(Attitude=0))
 
 
 # Home and position
