@@ -114,8 +114,8 @@ class _Changer(ast.NodeTransformer):
             if isinstance(node, ast.FunctionDef):
                 node.returns = returns
             return node
-        if isinstance(node, ast.JoinedStr):
-            return node  # words for people
+        if isinstance(node, ast.JoinedStr) or (isinstance(node, ast.keyword) and node.arg == "strict"):
+            return node  # words for people; and what guards against errors of the program itself
         return self._visit(node)
 
     def _visit(self, node: ast.AST) -> ast.AST:

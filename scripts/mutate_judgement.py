@@ -25,6 +25,7 @@ import os
 import re
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -297,37 +298,44 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if chosen.list:
         print("\n".join(f"{m.module}:{m.line}: {m.change}" for m in every))
         return 0
-    wanted = drawn(every, chosen.sample or len(every), chosen.seed)
+    trees = dict(named_mutants()) if not chosen.module and not chosen.match else {}
+    wanted = [*trees, *drawn(every, chosen.sample or len(every), chosen.seed)]
     kept = kept_rows(None if chosen.out is None else chosen.out.with_suffix(".csv"))
     os.chdir(ROOT)
     os.environ["PYTHONPATH"] = str(ROOT)
     _warm_up()
     tests = dict.fromkeys(test for module in dict.fromkeys(m.module for m in wanted) for test in tests_of(module))
     reach = measured_reach(list(tests), modules, chosen.reach)
-    rows: list[Row] = []
     command = f".venv/bin/python scripts/mutate_judgement.py --sample {chosen.sample} --seed {chosen.seed}"
-
-    def attempt(mutant: Mutant, tree: ast.Module | None = None) -> None:
+    rows: list[Row] = []
+    untried: list[Mutant] = []
+    for mutant in wanted:
         row = kept.get((mutant.module, mutant.change, mutant.nth))
         if row is None or (chosen.survivors and not row.killed and not row.reason):
-            noticing = reaching(mutant, reach)
-            timeout_s = max(chosen.timeout, TIMES_AS_LONG * sum(reach[test].seconds for test in noticing))
-            how, seconds, test = outcome(mutant, tree or mutated(mutant), noticing, timeout_s=timeout_s)
-            row = Row(mutant.module, mutant.line, mutant.change, mutant.nth, how, round(seconds, 1), test)
-        row = replace(row, line=mutant.line)
-        rows.append(row)
-        print(f"{row.outcome:9} {row.seconds:6.1f} s {row.module}:{mutant.line}: {row.change} {row.test}", flush=True)
-        if chosen.out is not None:
-            write(
-                chosen.out, sorted(rows, key=lambda r: (r.module, r.line)), summary(counted(rows), len(every), command)
-            )
+            untried.append(mutant)
+        else:
+            rows.append(replace(row, line=mutant.line))
 
-    if not chosen.module and not chosen.match:
-        for mutant, tree in named_mutants():
-            attempt(mutant, tree)
+    def told() -> str:
+        rows.sort(key=lambda row: (row.module, row.line, row.change, row.nth))
+        words = summary(counted(rows), len(every), command)
+        if chosen.out is not None:
+            write(chosen.out, rows, words)
+        return words
+
+    def attempt(mutant: Mutant) -> None:
+        tests = reaching(mutant, reach)
+        timeout_s = max(chosen.timeout, TIMES_AS_LONG * sum(reach[test].seconds for test in tests))
+        how, seconds, test = outcome(mutant, trees.get(mutant) or mutated(mutant), tests, timeout_s=timeout_s)
+        print(f"{how:9} {seconds:6.1f} s {mutant.module}:{mutant.line}: {mutant.change} {test}", flush=True)
+        with lock:
+            rows.append(Row(mutant.module, mutant.line, mutant.change, mutant.nth, how, round(seconds, 1), test))
+            told()
+
+    lock = threading.Lock()
     with ThreadPoolExecutor(chosen.processes) as pool:
-        list(pool.map(_said_when_failing(attempt), wanted))
-    print(summary(counted(rows), len(every), command))
+        list(pool.map(_said_when_failing(attempt), untried))
+    print(told())
     return 0 if sum(row.killed for row in counted(rows)) >= ENOUGH * len(counted(rows)) else 1
 
 
