@@ -115,6 +115,21 @@ def test_a_last_line_that_was_cut_off_is_left_out_and_said(tmp_path):
     assert "the last line was cut off" in read.warnings[0]
 
 
+def test_of_a_whole_file_nothing_is_said_and_an_empty_one_is_no_track(tmp_path):
+    path = tmp_path / "track.csv"
+    write(path)
+    read = read_track_with_warnings(path)
+    assert read.warnings == ()
+    assert len(read.track) == 5
+    # As some programs write it: a blank line at the end, and a byte order mark.
+    path.write_text("\ufeff" + path.read_text() + "\n", encoding="utf-8")
+    read = read_track_with_warnings(path)
+    assert (read.warnings, len(read.track)) == ((), 5)
+    path.write_text("")
+    with pytest.raises(TrackError, match="line 1: the column time_s is missing"):
+        read_track(path)
+
+
 def test_other_columns_and_another_order_are_read(tmp_path):
     path = tmp_path / "track.csv"
     write(path)
@@ -140,6 +155,9 @@ def test_other_columns_and_another_order_are_read(tmp_path):
         (2, "east_m", "", "line 3, east_m: '' is no number"),
         (2, "current_waypoint", "", "line 3, current_waypoint: '' is no number"),
         (2, "lat_deg", "91.0", "line 3, lat_deg: 91.0, .* no place on Earth"),
+        (2, "lat_deg", "-90.1", "line 3, lat_deg: -90.1, .* no place on Earth"),
+        (2, "lon_deg", "180.1", "line 3, lat_deg: .*, 180.1 is no place on Earth"),
+        (2, "lon_deg", "-181.0", "line 3, lat_deg: .*, -181.0 is no place on Earth"),
         (2, "current_waypoint", "1.5", "line 3, current_waypoint: 1.5 is no whole number"),
         (2, "alt_amsl_m", "", "line 3, alt_amsl_m: '' is no number"),
     ],
@@ -152,6 +170,14 @@ def test_what_is_wrong_is_said_with_line_and_column(tmp_path, line, column, valu
     path.write_text("".join(",".join(row) + "\n" for row in rows))
     with pytest.raises(TrackError, match=message):
         read_track(path)
+
+
+def test_the_poles_and_the_antimeridian_are_places(tmp_path):
+    path = tmp_path / "track.csv"
+    with TrackWriter(path) as writer:
+        for n, (lat, lon) in enumerate([(90.0, 180.0), (-90.0, -180.0), (0.0, 0.0)]):
+            writer.write(sample(n, lat_deg=lat, lon_deg=lon))
+    assert read_track(path).geodetic[:, :2].tolist() == [[90.0, 180.0], [-90.0, -180.0], [0.0, 0.0]]
 
 
 def test_a_short_line_inside_the_file_is_an_error(tmp_path):

@@ -166,6 +166,7 @@ def test_small_angles_that_agree_with_the_courses_are_degrees() -> None:
 def test_exact_zeros_are_no_measurement() -> None:
     level = measured()
     level[:, :2] = 0.0
+    level[300, 2] = 0.0
     attitude, problems = known(level)
     assert problems == ["roll and pitch are exactly zero throughout: nothing measured them"]
     assert np.isnan(attitude[:, :2]).all()
