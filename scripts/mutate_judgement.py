@@ -159,11 +159,12 @@ def tests_of(module: str) -> list[str]:
     raise KeyError(module)
 
 
-def reaching(mutant: Mutant, reach: dict[str, Reach]) -> list[str]:
-    """The test files that execute the statement of a mutant, the quickest first."""
+def reaching(mutant: Mutant, reach: dict[str, Reach], most_s: float) -> list[str]:
+    """The test files that execute the statement of a mutant, and take no longer than that, the quickest first."""
     first, last = mutant.lines
     wanted = set(range(first, last + 1))
     tests = [test for test in tests_of(mutant.module) if reach[test].lines.get(mutant.module, set()) & wanted]
+    tests = [test for test in tests if reach[test].seconds <= most_s]
     return sorted(tests, key=lambda test: reach[test].seconds)
 
 
@@ -287,6 +288,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--survivors", action="store_true", help="try the survivors of the .csv again")
     parser.add_argument("-j", "--processes", type=int, default=2)
     parser.add_argument("--timeout", type=float, default=60.0, help="seconds that the tests of a mutant always have")
+    parser.add_argument("--quick", type=float, default=1e9, help="only test files that take at most so many seconds")
     parser.add_argument("--reach", type=Path, help="keep here what the test files execute")
     parser.add_argument("--list", action="store_true", help="print all mutants and try none")
     chosen = parser.parse_args(arguments)
@@ -324,7 +326,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return words
 
     def attempt(mutant: Mutant) -> None:
-        tests = reaching(mutant, reach)
+        tests = reaching(mutant, reach, chosen.quick)
         timeout_s = max(chosen.timeout, TIMES_AS_LONG * sum(reach[test].seconds for test in tests))
         how, seconds, test = outcome(mutant, trees.get(mutant) or mutated(mutant), tests, timeout_s=timeout_s)
         print(f"{how:9} {seconds:6.1f} s {mutant.module}:{mutant.line}: {mutant.change} {test}", flush=True)

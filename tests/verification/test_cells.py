@@ -73,6 +73,13 @@ def test_coverage_by_time_grows_to_the_coverage() -> None:
     assert shares[100] == pytest.approx(report.coverage_fraction * (150.0 + 50.0) / 300.0, abs=0.05)
 
 
+def test_coverage_by_time_begins_at_nothing_where_nothing_is_seen_yet() -> None:
+    report = verdict_on(make_site(flat), np.array([[-300.0, 100.0, 80.0], [300.0, 100.0, 80.0]])).report
+    shares = [moment.coverage_fraction for moment in report.coverage_by_time]
+    assert shares[0] == shares[50] == 0.0
+    assert shares[-1] == pytest.approx(report.coverage_fraction, abs=1e-12)
+
+
 def test_coverage_by_time_of_a_single_look_is_one_moment_and_of_none_none() -> None:
     site = make_site(flat, sensor=SphereSensor(kind="sphere", range_m=110.0))
     coverage = CoverageMap(site, cell_size_m=10.0)
