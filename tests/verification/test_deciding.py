@@ -56,6 +56,13 @@ def test_the_share_of_the_routes_time_that_was_not_observed(flight: Flight) -> N
     assert f"the longest of 2 stretches: 4.0 s from {track.time_s[on[20]]:.1f} s at " in doubt
 
 
+def test_what_was_before_and_after_the_track_is_no_stretch_of_its_time(flight: Flight) -> None:
+    on = on_route(flight.track)
+    track = without(taken(flight.track, np.arange(on[-20])), int(on[50]), 9.0)
+    (doubt,) = [doubt for doubt in judged(flight, track).doubts if "of the route's time" in doubt]
+    assert "the longest of 1 stretches: 9.0 s" in doubt
+
+
 def test_a_route_of_a_moment_has_a_share_too_and_no_route_none() -> None:
     site = make_site()
     coverage = CoverageMap(site, cell_size_m=20.0)

@@ -74,7 +74,14 @@ def test_a_little_faster_than_it_can_is_impossible_and_a_little_slower_is_not(
     assert (move.first, move.last, move.kind, move.limit) == (0, len(time_s) - 1, kind, limit)
     assert move.worst == pytest.approx(max(np.hypot(*velocity[:2]) if kind == "speed" else 0.0, abs(velocity[2])))
     assert not motion.joined.any()
-    assert motion.evidence.sum() == 1
+    # Something has to stand for the flight: its first sample.
+    assert np.flatnonzero(motion.evidence).tolist() == [0]
+
+
+@pytest.mark.parametrize("velocity", [(20.0, 0.0, 0.0), (0.0, -20.0, 0.0), (0.0, 0.0, 10.0), (0.0, 0.0, -6.0)])
+def test_the_limit_itself_is_possible(velocity: tuple[float, float, float]) -> None:
+    time_s = np.arange(0.0, 30.0)
+    assert judged(time_s, np.outer(time_s, velocity)).moves == ()
 
 
 def test_a_turn_that_it_can_fly_is_possible() -> None:

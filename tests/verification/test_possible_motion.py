@@ -48,6 +48,21 @@ def test_turning_round_on_the_spot_is_a_step(rate_hz: int) -> None:
     assert 11.0 < steps(motion)[0] < 20.0
 
 
+def test_at_one_sample_a_second_too() -> None:
+    time_s = np.arange(0.0, 60.0)
+    enu = np.column_stack([20.0 * np.minimum(time_s, 60.0 - time_s), 0.0 * time_s, 0.0 * time_s])
+    assert steps(judged(enu, time_s))[0] > 10.0
+
+
+def test_what_noise_may_have_done_is_no_step() -> None:
+    enu = np.column_stack([10.0 * np.minimum(TIME_S, 60.0 - TIME_S), 0.0 * TIME_S, 0.0 * TIME_S])
+    noise = 0.05 * np.where(np.arange(TIME_S.size) % 4 < 2, 1.0, -1.0)
+    (sharp,) = steps(judged(enu))
+    (noisy,) = steps(judged(enu + noise[:, None] * [0.0, 1.0, 0.0]))
+    # Second differences of 0.2 m: half of six times as much, on each side within half a second.
+    assert sharp - noisy == pytest.approx(0.5 * 6.0 * 0.2 * (1.0 / 0.5 + 1.0 / 0.5), abs=1.0)
+
+
 def test_climbing_at_once_is_a_step() -> None:
     enu = straight(4.0)
     enu[:, 2] = 10.0 * np.maximum(0.0, TIME_S - 30.0)

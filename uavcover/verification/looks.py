@@ -126,12 +126,12 @@ def _pictures(run: NDArray[np.int64], enu_m: FloatArray, distance_m: float) -> t
         # |start + t way - last| = distance_m, the later solution: the vehicle was nearer before.
         way = places[leg + 1] - places[leg]
         length2 = float(way @ way)
-        while length2 > 0.0 and float(np.hypot(*(places[leg + 1] - last))) >= distance_m:
+        while length2 > 0.0:
             start = places[leg] - last
             half = float(start @ way)
             t = (-half + np.sqrt(half**2 - length2 * (float(start @ start) - distance_m**2))) / length2
             if not t <= 1.0:
-                break
+                break  # the end of the leg is nearer than that
             legs.append(leg)
             shares.append(t)
             last = places[leg] + t * way
