@@ -146,6 +146,10 @@ def test_in_radians() -> None:
     signed = radians.copy()
     signed[:, 2] = (signed[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
     assert len(known(signed)[1]) == 1
+    # One that is not known hides nothing.
+    hidden = signed.copy()
+    hidden[50] = np.nan
+    assert len(known(hidden)[1]) == 1
     # Too little of it has a course: nothing follows.
     few = np.full_like(radians, np.nan)
     few[::150] = radians[::150]

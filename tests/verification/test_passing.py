@@ -180,6 +180,17 @@ def test_the_first_and_the_last_number_are_changes_too(flown: Track, waypoint: i
     assert said.endswith(f"away from waypoint {waypoint}")
 
 
+def test_a_first_number_at_the_second_sample_is_a_change_as_well(flown: Track) -> None:
+    numbers = np.where(flown.current_waypoint == 0, 1, flown.current_waypoint)
+    numbers[0] = -1
+    said = said_of(flown, numbers)
+    assert said is not None
+    assert said.endswith("away from waypoint 0")
+    # One from the first sample on says nothing of what was before.
+    numbers[0] = 1
+    assert said_of(flown, numbers) is None
+
+
 # What follows for the plan
 
 
