@@ -191,6 +191,12 @@ def test_a_first_number_at_the_second_sample_is_a_change_as_well(flown: Track) -
     assert said_of(flown, numbers) is None
 
 
+def test_waypoint_0_may_be_told_by_a_single_sample(flown: Track) -> None:
+    numbers = np.where(flown.current_waypoint == 0, -1, flown.current_waypoint)
+    numbers[int(np.flatnonzero(numbers == 1)[0]) - 1] = 0
+    assert said_of(flown, numbers) is None
+
+
 # What follows for the plan
 
 
