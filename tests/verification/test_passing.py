@@ -185,6 +185,7 @@ def test_a_first_number_at_the_second_sample_is_a_change_as_well(flown: Track) -
     numbers[0] = -1
     said = said_of(flown, numbers)
     assert said is not None
+    assert said.startswith(f"current_waypoint goes from -1 to 1 at {flown.time_s[1]:.1f} s, ")
     assert said.endswith("away from waypoint 0")
     # One from the first sample on says nothing of what was before.
     numbers[0] = 1
