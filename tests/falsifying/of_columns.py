@@ -40,6 +40,15 @@ def attitude(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         (np.arange(len(f)) % round(40.0 / f.step_s) != 0)[:, None], np.nan, f.attitude_deg)))  # fmt: skip
     for age_s in (1.5, -30.0):
         yield Way(f"{age_s:g} s old", unknown, lambda f, age_s=age_s: replace(f, attitude_age_s=np.full(len(f), age_s)))
+    no_lean = "no multirotor that moves like that leans like that"
+    sway = np.sin(2.0 * np.pi * (flown.time_s - flown.time_s[0]) / float(rng.uniform(4.0, 9.0)))
+    roll_deg = float(rng.choice([-1.0, 1.0]) * rng.uniform(15.0, 30.0))
+    yield Way("rolled to one side throughout", no_lean, turned(lambda a: a + [roll_deg, 0.0, 0.0]))
+    yield Way("pitched up throughout", no_lean, turned(lambda a: a + [0.0, abs(roll_deg) + 8.0, 0.0]))
+    yield Way("swaying", no_lean, turned(lambda a: a + np.outer(sway, [30.0, 0.0, 0.0])))
+    yield Way("mirrored", no_lean, turned(lambda a: a * [-1.0, -1.0, 1.0]))
+    yield Way("spinning", no_lean, lambda f: replace(f, attitude_deg=np.column_stack(
+        [f.attitude_deg[:, :2], (f.attitude_deg[:, 2] + 25.0 * f.time_s) % 360.0])))  # fmt: skip
     away = "no vehicle flies a route like that"
     yield Way("rolled away by 70 degrees", away, turned(lambda a: a + [70.0, 0.0, 0.0]))
     yield Way("pitched away by 70 degrees", away, turned(lambda a: a + [0.0, 70.0, 0.0]))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.model.track import Track
+from uavcover.verification.lean import lean_problem
 from uavcover.verification.motion_windows import Windows
 from uavcover.verification.possible_motion import GRAVITY_M_S2
 
@@ -88,6 +89,9 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> tuple[
             f"roll and pitch are never above {lean[0]:.1f} degrees, though the vehicle accelerates with {lean[1]:.1f} m/s2"
         )
         attitude[:, :2] = np.nan
+    elif (problem := lean_problem(track.time_s, enu_m, joined, attitude)) is not None:
+        problems.append(problem.text)
+        attitude[problem.samples] = np.nan
     return attitude, problems
 
 

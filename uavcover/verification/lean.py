@@ -1,0 +1,160 @@
+"""Whether a multirotor leaned as its accelerations say that it did.
+
+A multirotor accelerates by leaning: over ground its acceleration is that of its thrust, ``g tan(lean)`` in the direction of the
+lean, less the drag of the air. Drag grows with the speed through the air, so beside noise and gusts
+
+    g tan(lean) - acceleration = drag_per_s * velocity - wind_drag
+
+with one number and one vector for the flight. An attitude that was made up, turned, mirrored or taken from another time does not
+fit, and an autopilot that measures its attitude badly does not fly.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.verification.motion_windows import Windows
+from uavcover.verification.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+MOST_UNEXPLAINED_M_S2 = 2.0
+"""Root mean square over a flight. Simulated autopilots come to 0.8, mock flights in gusts, off by metres, to 1.1."""
+MOST_UNEXPLAINED_IN_BLOCK_M_S2 = 3.0
+"""Root mean square over ``BLOCK_S``; they come to 1.5 and 1.9."""
+BLOCK_S = 20.0
+MOST_NOISE_M_S2 = 2.0
+"""Noise of the positions is allowed on top, up to this."""
+MOST_SIDEWAYS_DEG = 6.0
+"""A steady lean to one side of the vehicle, on all headings: the mounting of the autopilot."""
+MOST_BACKWARDS_DEG = 6.0
+"""A steady lean against the way that it flies: drag is never negative."""
+
+_WINDOW_S = 1.0
+_LONGEST_S = 1.6
+_MOVES_M_S = 2.0
+_ENOUGH, _ENOUGH_IN_BLOCK = 20, 5
+_OWN = 0.3
+"""So much of a term must not be explained by the others."""
+_POINTS = np.linspace(-1.0, 1.0, 9)
+_WEIGHTS = (1.0 - np.abs(_POINTS)) / (1.0 - np.abs(_POINTS)).sum()
+"""A divided difference of positions is the mean of the accelerations with these weights."""
+
+
+def thrust_m_s2(attitude_deg: FloatArray) -> FloatArray:
+    """(n, 2) accelerations towards east and north by the thrust that keeps the height, of (n, 3) roll, pitch and yaw."""
+    sin_roll, sin_pitch, sin_yaw = np.sin(np.radians(attitude_deg)).T
+    cos_roll, cos_pitch, cos_yaw = np.cos(np.radians(attitude_deg)).T
+    up = cos_roll * cos_pitch
+    north = -(cos_roll * sin_pitch * cos_yaw + sin_roll * sin_yaw)
+    east = -(cos_roll * sin_pitch * sin_yaw - sin_roll * cos_yaw)
+    return GRAVITY_M_S2 * np.column_stack([east, north]) / up[:, None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeanProblem:
+    """An attitude that does not fit the motion.
+
+    Attributes:
+        text: what is wrong, for people.
+        samples: (n,) which samples have it.
+    """
+
+    text: str
+    samples: BoolArray
+
+
+def lean_problem(
+    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray
+) -> LeanProblem | None:
+    """What is wrong with an attitude that does not fit the motion; None when it fits or too little is known.
+
+    Args:
+        time_s: (n,) vehicle time.
+        enu_m: (n, 3) positions.
+        joined: (n - 1,) legs that were observed.
+        attitude_deg: (n, 3) roll, pitch and yaw, NaN where they are not known.
+    """
+    windows = Windows.of(time_s, enu_m, window_s=_WINDOW_S, joined=joined)
+    before, middle, after = windows.before, windows.middle, windows.after
+    back_s, ahead_s = time_s[middle] - time_s[before], time_s[after] - time_s[middle]
+    came = (enu_m[middle, :2] - enu_m[before, :2]) / back_s[:, None]
+    went = (enu_m[after, :2] - enu_m[middle, :2]) / ahead_s[:, None]
+    velocity = 0.5 * (came + went)
+    acceleration = 2.0 * (went - came) / (back_s + ahead_s)[:, None]
+    thrust = _mean_over(time_s, thrust_m_s2(attitude_deg), time_s[middle], np.maximum(back_s, ahead_s))
+    good = np.isfinite(thrust).all(axis=1) & (np.maximum(back_s, ahead_s) <= _LONGEST_S)
+    good &= np.hypot(velocity[:, 0], velocity[:, 1]) > _MOVES_M_S
+    # What accelerates more is no flight, and judged as such.
+    good &= np.hypot(acceleration[:, 0], acceleration[:, 1]) <= GRAVITY_M_S2 * np.tan(np.radians(MAX_LEAN_DEG))
+    if good.sum() < _ENOUGH:
+        return None
+    yaw = np.radians(attitude_deg[middle, 2])
+    terms = _terms(velocity[good], np.column_stack([np.cos(yaw), -np.sin(yaw)])[good])
+    drag = (thrust - acceleration)[good]
+    columns = terms.reshape(-1, terms.shape[-1])
+    fitted = np.linalg.lstsq(columns, drag.reshape(-1), rcond=None)[0]
+    along_m_s2 = fitted[0] * float(np.sqrt((velocity[good] ** 2).sum(axis=1).mean()))
+    along_deg, sideways_deg = np.degrees(np.arctan([along_m_s2 / GRAVITY_M_S2, fitted[3] / GRAVITY_M_S2]))
+    everywhere = np.ones(len(time_s), dtype=bool)
+    if abs(sideways_deg) > MOST_SIDEWAYS_DEG and _stands_alone(columns, 3):
+        return LeanProblem(
+            f"roll and pitch lean by {abs(sideways_deg):.0f} degrees to one side on all headings, with nothing to lean against",
+            everywhere,
+        )
+    if along_deg < -MOST_BACKWARDS_DEG and _stands_alone(columns, 0):
+        return LeanProblem(
+            f"roll and pitch lean by {-along_deg:.0f} degrees against the way that was flown", everywhere
+        )
+    left = drag - terms @ fitted
+    noise_m_s2 = min(windows.noise_m[0] / _WINDOW_S**2, MOST_NOISE_M_S2)
+    left_m_s2 = float(np.sqrt((left**2).sum(axis=1).mean()))
+    if left_m_s2 > MOST_UNEXPLAINED_M_S2 + noise_m_s2:
+        return LeanProblem(
+            f"roll and pitch do not fit the accelerations that were flown: they are off by {left_m_s2:.1f} m/s2 (rms)",
+            everywhere,
+        )
+    block = ((time_s - time_s[0]) // BLOCK_S).astype(np.int64)
+    in_block_m_s2 = _rms_by_block(block[middle[good]], left, int(block[-1]) + 1)
+    bad = in_block_m_s2 > MOST_UNEXPLAINED_IN_BLOCK_M_S2 + noise_m_s2
+    if not bad.any():
+        return None
+    worst = int(np.argmax(in_block_m_s2))
+    return LeanProblem(
+        f"roll and pitch do not fit the accelerations that were flown for about {BLOCK_S * bad.sum():.0f} s, most around "
+        f"{time_s[0] + (worst + 0.5) * BLOCK_S:.0f} s: they are off by {in_block_m_s2[worst]:.1f} m/s2 (rms)",
+        bad[block],
+    )
+
+
+def _terms(velocity: FloatArray, right: FloatArray) -> FloatArray:
+    """(k, 2, 4) what drag may be made of: the speed, a steady wind from the east and from the north, a lean to the right."""
+    ones, none = np.ones(len(velocity)), np.zeros(len(velocity))
+    return np.stack([velocity, np.column_stack([ones, none]), np.column_stack([none, ones]), right], axis=-1)
+
+
+def _rms_by_block(block: IntArray, left: FloatArray, count: int) -> FloatArray:
+    """(count,) root mean squares of (k, 2) vectors by their block, 0 for a block with few of them."""
+    numbers = np.bincount(block, minlength=count)
+    squares = np.bincount(block, weights=(left**2).sum(axis=1), minlength=count)
+    return np.asarray(np.sqrt(np.where(numbers >= _ENOUGH_IN_BLOCK, squares / np.maximum(numbers, 1), 0.0)))
+
+
+def _stands_alone(columns: FloatArray, number: int) -> bool:
+    """Whether one of the terms is told apart from the others: on one heading every steady lean may be the wind's."""
+    others = np.delete(columns, number, axis=1)
+    one = columns[:, number]
+    rest = one - others @ np.linalg.lstsq(others, one, rcond=None)[0]
+    return bool((rest**2).sum() > _OWN * (one**2).sum())
+
+
+def _mean_over(time_s: FloatArray, values: FloatArray, middles_s: FloatArray, half_s: FloatArray) -> FloatArray:
+    """(k, 2) weighted means of (n, 2) values over windows; NaN where one of them is."""
+    means = np.zeros((len(middles_s), 2))
+    for point, weight in zip(_POINTS, _WEIGHTS, strict=True):
+        at_s = middles_s + point * half_s
+        means += weight * np.column_stack([np.interp(at_s, time_s, axis) for axis in values.T])
+    return means
