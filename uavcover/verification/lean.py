@@ -51,7 +51,7 @@ def thrust_m_s2(attitude_deg: FloatArray) -> FloatArray:
     up = cos_roll * cos_pitch
     north = -(cos_roll * sin_pitch * cos_yaw + sin_roll * sin_yaw)
     east = -(cos_roll * sin_pitch * sin_yaw - sin_roll * cos_yaw)
-    return GRAVITY_M_S2 * np.column_stack([east, north]) / up[:, None]
+    return np.asarray(GRAVITY_M_S2 * np.column_stack([east, north]) / up[:, None])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
