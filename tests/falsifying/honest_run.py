@@ -202,11 +202,23 @@ class Field:
         vehicle = self.site.scenario.vehicle
         self.vehicle = self.vehicle_class(
             AUTOPILOTS[self.autopilot], require_home(self.site), rng=np.random.default_rng(self.seed),
-            **{"settings": Settings.for_vehicle(vehicle), "battery": BatteryData(endurance_s=6000.0), **self.options},
+            **{
+                "settings": Settings.for_vehicle(vehicle),
+                "battery": BatteryData(endurance_s=6000.0),
+                "ground": self._ground_alt_amsl_m,
+                **self.options,
+            },
         )  # fmt: skip
         self.link = SimulatedLink(
             InMemoryPeer(self.vehicle), rng=Random(self.seed), conditions=Conditions(loss=self.loss, delay_s=0.002)
         )
+
+    def _ground_alt_amsl_m(self, lat_deg: float, lon_deg: float) -> float:
+        """Height of the scenario's ground: wherever the vehicle lands, it lands on that."""
+        assert self.site.frame is not None
+        place = self.site.frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)
+        place[:, 2] = self.site.ground.heights_m(place[:, :2])
+        return float(self.site.alts_amsl_m(place)[0])
 
     @property
     def flown_s(self) -> float:

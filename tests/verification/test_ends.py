@@ -11,7 +11,7 @@ from tests.verification.test_verify import Flight
 from uavcover.errors import TrackError
 from uavcover.model.report import VerificationReport
 from uavcover.model.track import Track
-from uavcover.verification.ends import SAME_HEIGHT_M, TrackEnd, track_ends
+from uavcover.verification.ends import NEAR_TERRAIN_M, SAME_HEIGHT_M, TrackEnd, track_ends
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.verify import FlownTrack, verify_flight
 
@@ -162,11 +162,11 @@ def ends_of(
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_log_that_is_switched_off_on_touching_down_ends_within_a_metre_of_the_ground(side: float) -> None:
-    # By the terrain, or by where it took off from, if that is the same place; a metre itself is within a metre.
+def test_a_log_that_is_switched_off_on_touching_down_ends_within_metres_of_the_ground(side: float) -> None:
+    # By the terrain, or by where it took off from, if that is the same place; the limit itself is within it.
     for by_terrain_m, by_start_m, aside_m, on_ground in (
-        (SAME_HEIGHT_M, 4.0, 0.0, True),
-        (1.01, 4.0, 0.0, False),
+        (NEAR_TERRAIN_M, 4.0, 0.0, True),
+        (2.01, 4.0, 0.0, False),
         (5.0, SAME_HEIGHT_M, 0.0, True),
         (5.0, 1.01, 0.0, False),
         (5.0, 0.0, 10.0, True),

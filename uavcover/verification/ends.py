@@ -19,9 +19,11 @@ STILL_VERTICAL_M_S = 0.3
 """Slower than any landing."""
 NOISE_MEDIANS = 10.0
 """So many times the noise of the positions is allowed for over that time: three standard deviations of a wandering error."""
+NEAR_TERRAIN_M = 2.0
+"""A vehicle in motion is on the ground when it is this near to the terrain: by as much receivers are off, and a record that begins
+with arming begins a second before the climb."""
 SAME_HEIGHT_M = 1.0
-"""A vehicle in motion is on the ground when it is this near to the terrain, or to the height of the other end at the same
-place."""
+"""Or this near to the height of the other end at the same place."""
 SAME_PLACE_M = 10.0
 
 
@@ -70,7 +72,7 @@ def track_ends(
     """The first and the last sample of an (n, 3) track.
 
     On the ground a vehicle is near the terrain and stands still. One that moves counts as well where its height is that of the
-    ground within a metre, as in a log that is switched off on touching down.
+    ground within 2 m, as in a log that is switched off on touching down.
 
     Args:
         scenario: for the tolerances.
@@ -89,7 +91,7 @@ def track_ends(
     ends = []
     for number, (sample, other) in enumerate(((0, last), (last, 0))):
         height = float(heights_agl_m[sample])
-        as_low = abs(height) <= SAME_HEIGHT_M
+        as_low = abs(height) <= NEAR_TERRAIN_M
         as_other = same_place and rests[1 - number] and abs(float(enu_m[sample, 2] - enu_m[other, 2])) <= SAME_HEIGHT_M
         on_ground = abs(height) <= tolerance_m and (rests[number] or as_low or as_other)
         which: Literal["begins", "ends"] = "begins" if number == 0 else "ends"
