@@ -20,8 +20,8 @@ STILL_VERTICAL_M_S = 0.3
 NOISE_MEDIANS = 10.0
 """So many times the noise of the positions is allowed for over that time: three standard deviations of a wandering error."""
 NEAR_TERRAIN_M = 2.0
-"""A vehicle in motion is on the ground when it is this near to the terrain: by as much receivers are off, and a record that begins
-with arming begins a second before the climb."""
+"""A vehicle in motion is on the ground when it is this near to the terrain: receivers are off by as much, and a record that
+begins with arming begins a second before the climb."""
 SAME_HEIGHT_M = 1.0
 """Or this near to the height of the other end at the same place."""
 SAME_PLACE_M = 10.0
