@@ -138,6 +138,9 @@ class Row:
     reasons: str
 
 
+_TRIES = 4
+
+
 class TellingVehicle(MockVehicle):
     """A mock vehicle that sends positions and attitudes as often as it likes, whatever it is asked for."""
 
@@ -232,7 +235,16 @@ def fly(folder: Path, drawn: Drawn, flight: int) -> list[str]:
         begin_s, lasts_s = drawn.pause_s or (0.0, 0.0)
         return begin_s <= field.flown_s < begin_s + lasts_s
 
-    endings = [_ending(lambda: field.fly(run, stop=stop, pause=pause).ending.key)]
+    def fly_it() -> str:
+        return str(field.fly(run, stop=stop, pause=pause).ending.key)
+
+    endings = [_ending(fly_it)]
+    for again in range(1, _TRIES):
+        if endings != ["not_ready"]:
+            break
+        # Too little of the telemetry came through just then: who flies begins again.
+        field = field_of(site, drawn, flight + 2_000_000 * again, faults=drawn.faults)
+        endings = [_ending(fly_it)]
     if endings[0] != "landed" and run.file(TRACK).is_file():
         unfinished = find_unfinished(run, site)
         if not unfinished.complete:
