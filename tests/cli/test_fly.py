@@ -68,6 +68,8 @@ def test_a_terminal_that_is_closed_brings_it_home(cli: Cli, planned: Path) -> No
 
 
 def _own_terminal() -> None:
+    """In the new process; under nohup it would ignore that its terminal is closed."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 

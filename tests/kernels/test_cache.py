@@ -67,7 +67,7 @@ class Chain:
         }  # fmt: skip
         done = subprocess.run(
             [sys.executable, "-W", "error", "-c", PROGRAM.format(top=DEPTH - 1)],
-            env=environment, cwd=self.kernels, capture_output=True, text=True, timeout=100, check=False,
+            env=environment, cwd=self.kernels, capture_output=True, text=True, timeout=600, check=False,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
         value, hits, folder = done.stdout.split()
