@@ -27,6 +27,7 @@ INTEGERS = {
     "I": (0, 2**32 - 1),
     "i": (-(2**31), 2**31 - 1),
     "Q": (0, EXACT),
+    "q": (-EXACT, EXACT),
 }
 LETTERS = st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=16).map(str.encode)
 
