@@ -1,6 +1,5 @@
 """A site's vehicle: find it, check that it stands where the plan starts, fly the compiled mission."""
 
-import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -177,7 +176,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
         frame=site.frame,
         home=compiled.mission.home or home,
         ground_alt_amsl_m=float(site.alts_amsl_m(point)[0]),
-        ground_at=lambda lat_deg, lon_deg: _ground_alt_amsl_m(site, lat_deg, lon_deg),
+        ground_at=site.ground_alt_amsl_m,
         max_home_error_m=site.scenario.limits.max_home_error_m,
         acceptance_radius_m=site.scenario.vehicle.acceptance_radius_m,
         max_climb_m_s=site.scenario.vehicle.max_climb_m_s,
@@ -209,16 +208,6 @@ def _surroundings(site: Site) -> Surroundings:
         min_height_agl_m=limits.min_height_agl_m,
         max_height_agl_m=limits.max_height_agl_m,
     )
-
-
-def _ground_alt_amsl_m(site: Site, lat_deg: float, lon_deg: float) -> float | None:
-    """Height of the terrain at a place; None outside of it."""
-    if site.frame is None:
-        return None
-    east, north, _ = site.frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)[0]
-    up_m = float(site.ground.heights_m(np.array([east, north]))[0])
-    alt_amsl_m = float(site.alts_amsl_m(np.array([east, north, up_m]))[0])
-    return alt_amsl_m if math.isfinite(alt_amsl_m) else None
 
 
 def check_home(vehicle: Connected, site: Site, compiled: CompiledMission) -> None:

@@ -1,5 +1,6 @@
 """A scenario on its ground: everything in the local frame, ready for planning, flying and judging."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,6 +73,15 @@ class Site:
         """Heights above sea level (n,) of (n, 3) ENU positions; without a place on Earth, up itself."""
         points = np.atleast_2d(enu_m)
         return points[:, 2] if self.frame is None else self.frame.geodetic_from_enu(points)[2]
+
+    def ground_alt_amsl_m(self, lat_deg: float, lon_deg: float) -> float | None:
+        """Height of the ground above sea level; None where it is not known, and for a site without a place on Earth."""
+        if self.frame is None:
+            return None
+        place = self.frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)
+        place[:, 2] = self.ground.heights_m(place[:, :2])
+        alt_amsl_m = float(self.alts_amsl_m(place)[0])
+        return alt_amsl_m if math.isfinite(alt_amsl_m) else None
 
 
 def build_site(scenario: Scenario, *, terrain_file: Path | None = None) -> Site:

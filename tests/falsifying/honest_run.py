@@ -214,11 +214,10 @@ class Field:
         )
 
     def _ground_alt_amsl_m(self, lat_deg: float, lon_deg: float) -> float:
-        """Height of the scenario's ground: wherever the vehicle lands, it lands on that."""
-        assert self.site.frame is not None
-        place = self.site.frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)
-        place[:, 2] = self.site.ground.heights_m(place[:, :2])
-        return float(self.site.alts_amsl_m(place)[0])
+        """Of the scenario: wherever the vehicle lands, it lands on that."""
+        alt_amsl_m = self.site.ground_alt_amsl_m(lat_deg, lon_deg)
+        assert alt_amsl_m is not None
+        return alt_amsl_m
 
     @property
     def flown_s(self) -> float:
