@@ -80,16 +80,13 @@ def lean_problem(
     """
     windows = Windows.of(time_s, enu_m, window_s=_WINDOW_S, joined=joined)
     before, middle, after = windows.before, windows.middle, windows.after
-    back_s, ahead_s = time_s[middle] - time_s[before], time_s[after] - time_s[middle]
-    came = (enu_m[middle, :2] - enu_m[before, :2]) / back_s[:, None]
-    went = (enu_m[after, :2] - enu_m[middle, :2]) / ahead_s[:, None]
-    velocity = 0.5 * (came + went)
-    acceleration = 2.0 * (went - came) / (back_s + ahead_s)[:, None]
-    thrust = _mean_over(time_s, thrust_m_s2(attitude_deg), time_s[middle], np.maximum(back_s, ahead_s))
-    good = np.isfinite(thrust).all(axis=1) & (np.maximum(back_s, ahead_s) <= _LONGEST_S)
+    velocity, acceleration = windows.velocity_m_s[:, :2], windows.acceleration_m_s2[:, :2]
+    half_s = np.maximum(time_s[middle] - time_s[before], time_s[after] - time_s[middle])
+    thrust = _mean_over(time_s, thrust_m_s2(attitude_deg), time_s[middle], half_s)
+    good = np.isfinite(thrust).all(axis=1) & (half_s <= _LONGEST_S)
     good &= np.hypot(velocity[:, 0], velocity[:, 1]) > _MOVES_M_S
     # What accelerates more is no flight, and judged as such.
-    good &= np.hypot(acceleration[:, 0], acceleration[:, 1]) <= GRAVITY_M_S2 * np.tan(np.radians(MAX_LEAN_DEG))
+    good &= windows.level_m_s2 <= GRAVITY_M_S2 * np.tan(np.radians(MAX_LEAN_DEG))
     if good.sum() < _ENOUGH:
         return None
     yaw = np.radians(attitude_deg[middle, 2])

@@ -27,8 +27,10 @@ class Windows:
         before: (k,) number of the first sample of each.
         middle: (k,) of the middle one.
         after: (k,) of the last one.
-        level_m_s2: (k,) divided difference of the positions over ground: the mean acceleration around the middle sample.
-        vertical_m_s2: (k,) the same of the heights, unsigned.
+        velocity_m_s: (k, 3) mean velocity of its two halves.
+        acceleration_m_s2: (k, 3) divided difference of the positions: the mean acceleration around the middle sample.
+        level_m_s2: (k,) how much of it is over ground.
+        vertical_m_s2: (k,) how much is vertical, unsigned.
         spans_s2: (k,) product of the two times in each.
         noise_m: medians of the second differences over ground and vertically, of the windows in which the vehicle moved.
     """
@@ -36,6 +38,8 @@ class Windows:
     before: IntArray
     middle: IntArray
     after: IntArray
+    velocity_m_s: FloatArray
+    acceleration_m_s2: FloatArray
     level_m_s2: FloatArray
     vertical_m_s2: FloatArray
     spans_s2: FloatArray
@@ -70,7 +74,7 @@ class Windows:
         noise = (0.0, 0.0)
         if moving.any():
             noise = (float(np.median((level * spans)[moving])), float(np.median((vertical * spans)[moving])))
-        return cls(before, middle, after, level, vertical, spans, noise)
+        return cls(before, middle, after, 0.5 * (came + went), change, level, vertical, spans, noise)
 
     def allowance_m(self, axis: Literal[0, 1]) -> float:
         """What noise may add to a second difference, over ground (0) or vertically (1)."""
