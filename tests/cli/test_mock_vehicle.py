@@ -22,11 +22,11 @@ def test_tells_its_port_and_ends_when_told(number: signal.Signals) -> None:
 
 
 HOLDER = """
-import time
+import signal
 from uavcover.cli.demonstration import mock_process
 with mock_process("jacksboro", "ardupilot", 1.0, 0) as url:
     print(url, flush=True)
-    time.sleep(300.0)
+    signal.pause()
 """
 
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tests.planning.sites import hills, make_site
-from tests.verification.flights import fly_along, taken
-from tests.verification.test_verify import Flight
+from tests.verification.flights import Flight, fly_along, taken
 from uavcover import after_flight
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.mission_compiler import compile_mission

@@ -1,4 +1,4 @@
-"""Synthetic tracks: a perfect vehicle along a path."""
+"""Synthetic tracks: a perfect vehicle along a path, and along a plan."""
 
 import dataclasses
 from typing import Any
@@ -6,8 +6,15 @@ from typing import Any
 import numpy as np
 
 from tests.planning import sites
+from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.mission_compiler import compile_mission
+from uavcover.model.report import VerificationReport
+from uavcover.model.route import Route
 from uavcover.model.track import Track
+from uavcover.planning.swaths import fly_layout, regular_layout
 from uavcover.site import Site
+from uavcover.verification.phases import PlannedRoute
+from uavcover.verification.verify import verify_track
 
 NIMBLE = {"acceleration_m_s2": 1e5, "max_climb_m_s": 500.0, "max_descent_m_s": 500.0}
 """A vehicle that takes corners at full speed, as the tracks here do; real ones fly in :mod:`tests.verification.honest`."""
@@ -91,3 +98,32 @@ def moved(site: Site, track: Track, by_m: tuple[float, float, float], *, which: 
     if which == "local":
         return changed(track, enu_m=other.enu_m)
     return other if which == "both" else changed(track, geodetic=other.geodetic)
+
+
+class Flight:
+    """A site, a plan for it, and a perfect flight of the compiled mission, take-off and landing included."""
+
+    def __init__(self, site: Site, route: Route | None = None) -> None:
+        self.site = site
+        self.coverage = CoverageMap(site, cell_size_m=10.0)
+        layout = regular_layout(angle_rad=0.0, lines=3, height_agl_m=80.0, inset=0.0, tolerance_m=10.0)
+        route = fly_layout(site, layout) if route is None else route
+        compiled = compile_mission(site, route, autopilot="ardupilot")
+        self.seen = self.coverage.seen(route.waypoints_m)
+        self.planned = PlannedRoute(route.waypoints_m, self.coverage.share(self.seen))
+        assert site.home_m is not None
+        path = np.vstack([site.home_m, compiled.path_m, site.home_m])
+        self.track = fly_along(site, path, first=compiled.first_waypoint_item, count=len(route))
+
+    def verify(self, track: Track | None = None, *, with_plan: bool = True) -> VerificationReport:
+        return verify_track(
+            self.site, self.coverage, self.track if track is None else track, self.planned if with_plan else None
+        )
+
+    def without_waypoints(self) -> Track:
+        return changed(self.track, current_waypoint=np.full(len(self.track), -1, dtype=np.int64))
+
+
+def reasons(report: VerificationReport) -> str:
+    assert not report.passed
+    return "; ".join(report.reasons + report.doubts)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tests.planning.sites import with_scenario
-from tests.verification.flights import changed, fly_along, make_site, taken
-from tests.verification.test_verify import Flight
+from tests.verification.flights import Flight, changed, fly_along, make_site, taken
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.model.report import VerificationReport
 from uavcover.model.route import Route

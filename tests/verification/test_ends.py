@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.verification import falsified
-from tests.verification.flights import changed, make_site
-from tests.verification.test_verify import Flight
+from tests.verification.flights import Flight, changed, make_site
 from uavcover.errors import TrackError
 from uavcover.model.report import VerificationReport
 from uavcover.model.track import Track

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tests.planning.sites import flat, hills, ridge
-from tests.verification.flights import changed, fly_along, make_site
-from tests.verification.test_verify import Flight
+from tests.verification.flights import Flight, changed, fly_along, make_site
 from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.model.report import VerificationReport
 from uavcover.verification.phases import PlannedRoute

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.planning.sites import flat
-from tests.verification.flights import changed, make_site, taken, track_of
-from tests.verification.test_verify import Flight
+from tests.verification.flights import Flight, changed, make_site, taken, track_of
 from uavcover.model.track import Track
 from uavcover.verification.same_flight import same_flight
 from uavcover.verification.verify import FlownTrack, Verdict, verify_flight
@@ -97,6 +96,14 @@ def test_what_one_record_lacks_the_other_has(level: Flight) -> None:
     assert both.report.coverage_fraction == pytest.approx(level.planned.coverage_fraction, abs=0.005)
     assert both.flown.looks.max() == judged(level, level.track).flown.looks.max()
     assert (np.diff([moment.time_s for moment in both.report.coverage_by_time]) > 0.0).all()
+
+
+def test_a_record_without_attitude_takes_nothing_from_one_with_it(level: Flight) -> None:
+    unknown = changed(level.track, attitude_deg=np.full((len(level.track), 3), np.nan))
+    assert judged(level, unknown).report.coverage_fraction == 0.0
+    alone, both = judged(level, level.track), judged(level, unknown, level.track)
+    assert both.report.coverage_fraction == alone.report.coverage_fraction
+    assert both.flown.looks.max() == alone.flown.looks.max()
 
 
 def test_of_three_each_counts_once(level: Flight) -> None:

@@ -25,6 +25,8 @@ _PROBES = 40
 _CANDIDATES = 5
 _BIN_S = 0.5
 _MAX_GAP_S = 2.5
+_NEAR_S = 1.0
+"""Less than what separates two passes: where one record ends, the other one's pass goes on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,7 @@ def same_flight(one_s: FloatArray, one_m: FloatArray, other_s: FloatArray, other
     least_s = max(LEAST_S, LEAST_SHARE * _STEP_S * min(len(one.times_s), len(other.times_s)))
     for shift_s in [0.0, *_likely_shifts_s(one, other)]:
         times_s = other.times_s + shift_s
-        both = observed_at(one_s, times_s)
+        both = _observed_at(one_s, times_s)
         duration_s = _STEP_S * float(both.sum())
         if duration_s < least_s:
             continue
@@ -67,7 +69,16 @@ def same_flight(one_s: FloatArray, one_m: FloatArray, other_s: FloatArray, other
     return None
 
 
-def observed_at(time_s: FloatArray, times_s: FloatArray) -> NDArray[np.bool_]:
+def has_near(times_s: FloatArray, asked_s: FloatArray) -> NDArray[np.bool_]:
+    """(k,) whether one of (n,) increasing times is near each of (k,) others."""
+    if times_s.size == 0:
+        return np.zeros(asked_s.shape, dtype=bool)
+    after = np.searchsorted(times_s, asked_s)
+    before_s, after_s = times_s[np.maximum(after - 1, 0)], times_s[np.minimum(after, times_s.size - 1)]
+    return np.asarray(np.minimum(np.abs(asked_s - before_s), np.abs(after_s - asked_s)) <= _NEAR_S)
+
+
+def _observed_at(time_s: FloatArray, times_s: FloatArray) -> NDArray[np.bool_]:
     """Which of (k,) times lie between two of (n,) samples that are not far apart."""
     after = np.clip(np.searchsorted(time_s, times_s), 1, len(time_s) - 1)
     inside = (times_s >= time_s[0]) & (times_s <= time_s[-1])
@@ -85,7 +96,7 @@ class _Moving:
     @classmethod
     def of(cls, time_s: FloatArray, enu_m: FloatArray) -> "_Moving":
         times_s = np.arange(time_s[0], time_s[-1], _STEP_S)
-        times_s = times_s[observed_at(time_s, times_s) & observed_at(time_s, times_s + _STEP_S)]
+        times_s = times_s[_observed_at(time_s, times_s) & _observed_at(time_s, times_s + _STEP_S)]
         places_m = _at(time_s, enu_m, times_s)
         velocities_m_s = (_at(time_s, enu_m, times_s + _STEP_S) - places_m) / _STEP_S
         moves = np.hypot(velocities_m_s[:, 0], velocities_m_s[:, 1]) > _MOVES_M_S
@@ -111,7 +122,6 @@ def _likely_shifts_s(one: _Moving, other: _Moving) -> list[float]:
     shifts_s = np.concatenate(found)
     if not shifts_s.size:
         return []
-    bins, inverse, votes = np.unique(np.round(shifts_s / _BIN_S), return_inverse=True, return_counts=True)
-    del bins
+    _, inverse, votes = np.unique(np.round(shifts_s / _BIN_S), return_inverse=True, return_counts=True)
     best = np.argsort(-votes, kind="stable")[:_CANDIDATES]
     return [float(np.median(shifts_s[inverse == k])) for k in best]

@@ -16,7 +16,7 @@ from uavcover.verification.flown_coverage import FlownCoverage, joined_looks, jo
 from uavcover.verification.gaps import GapRegion, find_gaps
 from uavcover.verification.judged_track import JudgedTrack, judge_track, largest, track_positions_m
 from uavcover.verification.phases import PlannedRoute
-from uavcover.verification.same_flight import SameFlight, observed_at, same_flight
+from uavcover.verification.same_flight import SameFlight, has_near, same_flight
 
 __all__ = ["FlownTrack", "Verdict", "flown_coverage", "track_positions_m", "verify_flight", "verify_track"]
 
@@ -93,9 +93,9 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
     shifts_s = joining_shifts_s([flown.track.time_s for flown in tracks], pause_s=pause_s, same_clock=same_clock)
     parts = [track.looks(site) for track in judged]
     for record in records:
-        looks = parts[record.second]
-        first = judged[record.first].track.time_s
-        parts[record.second] = looks.where(~observed_at(first, looks.times_s + record.same.shift_s))
+        first, looks = parts[record.first], parts[record.second]
+        told = has_near(first.times_s[first.known], looks.times_s + record.same.shift_s)
+        parts[record.second] = looks.where(~told)
     together = joined_looks(parts, shifts_s)
     flown = tally_looks(coverage, together)
     gaps = tuple(find_gaps(coverage, flown))
