@@ -1,13 +1,10 @@
 """MAVLink missions: read, check, convert, upload, download and compare them. Stands alone.
 
 Start with ``open_link`` and ``Client`` to talk to a vehicle, with ``formats.wpl`` and ``formats.plan`` for files, with
-``route_checks`` to hold a mission against terrain and limits, with ``diff`` for what changed, and with
-``protocol.server.MissionServer`` to be a vehicle. See docs/mission_io.md.
+``model.diff`` for what changed, and with ``protocol.server.MissionServer`` to be a vehicle. See docs/mission_io.md.
 """
 
-from mission_io.actions import Action, action_of, item_of
-from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.autopilots import (
+from mission_io.autopilots.autopilot import (
     ARDUPILOT,
     ARDUPILOT_PLANE,
     ARDUPILOT_ROVER,
@@ -17,11 +14,12 @@ from mission_io.autopilots import (
     mission_from_wire,
     wire_items,
 )
-from mission_io.checks import Problem, check_for_autopilot
-from mission_io.client import Client
-from mission_io.compare import Difference, compare_items
-from mission_io.connection import VehicleInfo
-from mission_io.content import Content, content_of, items_of, mission_type_of
+from mission_io.autopilots.checks import Problem, check_for_autopilot
+from mission_io.autopilots.comparison import Difference, compare_items
+from mission_io.autopilots.lists import Content, content_of, items_of, mission_type_of
+from mission_io.client.client import Client
+from mission_io.client.connection import VehicleInfo
+from mission_io.client.read_back import Verification
 from mission_io.errors import (
     AmbiguousVehicleError,
     CommandRefusedError,
@@ -35,7 +33,11 @@ from mission_io.errors import (
     TransferSilentError,
     VehicleSilentError,
 )
-from mission_io.items import (
+from mission_io.links.opening import Link, UdpLink, open_link, register_endpoint
+from mission_io.links.presets import LINK_PRESETS, LinkPreset, link_preset
+from mission_io.model.actions import Action, action_of, item_of
+from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
+from mission_io.model.items import (
     Command,
     Frame,
     GeoPoint,
@@ -53,13 +55,10 @@ from mission_io.items import (
     trigger_camera_every,
     waypoint,
 )
-from mission_io.link import Link, UdpLink, open_link, register_endpoint
-from mission_io.presets import LINK_PRESETS, LinkPreset, link_preset
 from mission_io.protocol.exchange import Address, Timing
 from mission_io.protocol.server import ListChanged, MissionServer
-from mission_io.signing import SigningKey
-from mission_io.statistics import LinkStatistics
-from mission_io.verification import Verification
+from mission_io.wire.signing import SigningKey
+from mission_io.wire.statistics import LinkStatistics
 
 __all__ = [
     "ARDUPILOT",

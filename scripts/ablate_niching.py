@@ -14,10 +14,10 @@ import statistics
 from collections.abc import Iterator
 from pathlib import Path
 
-from uavcover.benchmarks.indicators import CONSTANT_VARIABLES, cover_rate, pareto_sets_proximity
-from uavcover.benchmarks.mmf import PROBLEMS, MmfProblem
-from uavcover.benchmarks.reference_sets import reference_sets
-from uavcover.optimizers.ablation_niching import CHOICE_VARIANTS, SEARCH_VARIANTS
+from uavcover.benchmarks.mmf.problems import PROBLEMS, MmfProblem
+from uavcover.benchmarks.mmf.reference_sets import reference_sets
+from uavcover.benchmarks.mmf.summary import CONSTANT_VARIABLES, cover_rate, pareto_sets_proximity
+from uavcover.optimizers.ablations import CHOICE_VARIANTS, SEARCH_VARIANTS
 from uavcover.optimizers.imodbo_niching import ImodboNiching
 from uavcover.optimizers.indicators import inverted_generational_distance
 from uavcover.optimizers.interface import ParetoSet
@@ -131,7 +131,7 @@ def main() -> None:
         f"seeds {', '.join(map(str, seeds))} ({len(rows)} results). Beside the mean PSP of all parts, for each part taken away",
         "alone: mean PSP, mean IGD, as ratios to those of all parts on the same seeds; empty: not run, or the same algorithm. A",
         "PSP ratio below 1 or an IGD ratio above 1: the part is worth having there.",
-        "The parts are the classes of `uavcover/optimizers/ablation_niching.py`.",
+        "The parts are the classes of `uavcover/optimizers/ablations.py`.",
         "",
         *table(rows),
     ]

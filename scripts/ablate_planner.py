@@ -27,21 +27,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover import pipeline
-from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.kernels.open_tour import short_tour
-from uavcover.leg_checks import measure_violations
+from uavcover.kernels.tours import short_tour
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
 from uavcover.optimizers import ALGORITHMS
-from uavcover.planning.members import judge_members
-from uavcover.planning.memetic import improve
+from uavcover.planning.encodings import WaypointEncoding
+from uavcover.planning.front import Snapshots, judge_members
 from uavcover.planning.planner import Effort, plan_routes
-from uavcover.planning.search import rounds_of, search
+from uavcover.planning.search.memetic import improve
+from uavcover.planning.search.optimizer_search import rounds_of, search
 from uavcover.planning.selection import parse_rule
-from uavcover.planning.snapshots import Snapshots
-from uavcover.planning.waypoint_encoding import WaypointEncoding
-from uavcover.site import Site
+from uavcover.routes.leg_checks import measure_violations
+from uavcover.run import pipeline
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
 
 FloatArray = NDArray[np.float64]
 
@@ -55,7 +54,7 @@ COLUMNS = (
 FIRST_SHARE, FEEDBACK_SHARE, RECOMBINED_SHARE = 0.5, 0.1, 0.1
 PARENTS, CHILDREN = 12, 20
 MISSING_PRICE = 3.0
-"""Of coverage in a beginning along the path, as in :mod:`uavcover.planning.goal_search`."""
+"""Of coverage in a beginning along the path, as in :mod:`uavcover.planning.search.goal_search`."""
 
 Row = dict[str, str]
 

@@ -14,14 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from uavcover import pipeline
-from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.kernels.open_tour import short_tour
 from uavcover.kernels.route import path_length
-from uavcover.planning.set_cover.candidates import Candidates, lattice_candidates
-from uavcover.planning.set_cover.covers import greedy_cover, searched_cover
-from uavcover.planning.set_cover.programs import CoverProgram, SolverEffort
-from uavcover.planning.set_cover.reduced import Reduced, reduce
+from uavcover.kernels.tours import short_tour
+from uavcover.planning.set_cover.candidates import Candidates, Reduced, lattice_candidates, reduce
+from uavcover.planning.set_cover.solvers import CoverProgram, SolverEffort, greedy_cover, searched_cover
+from uavcover.run import pipeline
+from uavcover.sensing.coverage_map import CoverageMap
 
 SCENARIOS = ("paper-R2", "paper-r1", "paper-planar")
 COUNTS = {"paper-R2": 14, "paper-r1": 40, "paper-planar": 30}

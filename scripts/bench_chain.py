@@ -22,17 +22,16 @@ from pathlib import Path
 
 import numpy as np
 
-from mission_io.autopilots import PX4, wire_items
-from mission_io.client import Client
-from mission_io.items import Frame, GeoPoint, Mission, MissionType, waypoint
-from mission_io.link import open_link
-from uavcover import pipeline
-from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.coverage.level_looks import LevelLooks
-from uavcover.flight.mock.server import start_in_background
-from uavcover.flight.mock.vehicle import MockVehicle
-from uavcover.planning.baselines import plain_boustrophedon
-from uavcover.planning.swaths import fly_layout
+from mission_io.autopilots.autopilot import PX4, wire_items
+from mission_io.client.client import Client
+from mission_io.links.opening import open_link
+from mission_io.model.items import Frame, GeoPoint, Mission, MissionType, waypoint
+from uavcover.mock.server import start_in_background
+from uavcover.mock.vehicle import MockVehicle
+from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planning.baselines.swaths import fly_layout
+from uavcover.run import pipeline
+from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))

@@ -26,14 +26,14 @@ from mavsdk.plugins.mission_raw import MissionRaw
 from pymavlink import mavwp
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from mission_io import messages as m
-from mission_io.areas import Fence, RallyPoints
-from mission_io.autopilots import PX4
-from mission_io.codec import Codec
+from mission_io.autopilots.autopilot import PX4
 from mission_io.formats import csv, plan, wpl
-from mission_io.items import Frame, GeoPoint, Mission, MissionType, waypoint
-from mission_io.link import UdpLink
-from mission_io.wire import message_from_item
+from mission_io.links.opening import UdpLink
+from mission_io.model.areas import Fence, RallyPoints
+from mission_io.model.items import Frame, GeoPoint, Mission, MissionType, waypoint
+from mission_io.wire import messages as m
+from mission_io.wire.codec import Codec
+from mission_io.wire.mission_items import message_from_item
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))

@@ -32,11 +32,11 @@ from pymoo.algorithms.moo.nsga2 import NSGA2
 from pymoo.functions import is_compiled
 from pymoo.optimize import minimize
 
-from uavcover.benchmarks.mmf import PROBLEMS
-from uavcover.benchmarks.pymoo_problems import MmfInPymoo
+from uavcover.benchmarks.mmf.problems import PROBLEMS
+from uavcover.benchmarks.mmf.pymoo_problems import MmfInPymoo
 from uavcover.optimizers import ALGORITHMS
 from uavcover.optimizers.ask_tell import AskTellOptimizer
-from uavcover.optimizers.pymoo_adapters import PymooOptimizer
+from uavcover.optimizers.pymoo.adapters import PymooOptimizer
 
 POPULATION = 200
 FUNCTIONS = ("MMF1", "MMF14", "MMF15")

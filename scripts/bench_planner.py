@@ -27,23 +27,22 @@ from typing import Any
 
 import numpy as np
 
-from uavcover import pipeline
-from uavcover.coverage.cells import make_scattered_cells
-from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.coverage.sensors import reach_at_height_m
 from uavcover.kernels.annealing import Prices, Schedule, anneal
 from uavcover.model.area import Area
 from uavcover.model.route import Route
 from uavcover.model.scenario import Home, Origin, Scenario
-from uavcover.planning.balanced_lines import balanced_lines, can_be_balanced
-from uavcover.planning.baselines import best_height_agl_m, plain_boustrophedon
-from uavcover.planning.draft_route import LocalTask, draft_of, local_task
-from uavcover.planning.local_search import CHAINS, Chain, PaceByClock, Work
-from uavcover.planning.node_rows import NodeRows, fly_rows
-from uavcover.planning.objectives import evaluate_routes
-from uavcover.planning.swaths import fly_layout, long_side_angle_rad
-from uavcover.scenario import dump_scenario, load_scenario
-from uavcover.site import Site
+from uavcover.planning.baselines.adaptive_swaths import balanced_lines, can_be_balanced
+from uavcover.planning.baselines.boustrophedon import NodeRows, best_height_agl_m, fly_rows, plain_boustrophedon
+from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad
+from uavcover.planning.search.local_search import CHAINS, Chain, PaceByClock, Work
+from uavcover.planning.search.route_problem import LocalTask, draft_of, local_task
+from uavcover.routes.objectives import evaluate_routes
+from uavcover.run import pipeline
+from uavcover.scenario.scenario_file import dump_scenario, load_scenario
+from uavcover.scenario.site import Site
+from uavcover.sensing.cells import make_scattered_cells
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import reach_at_height_m
 
 S1 = "ridge-25km2"
 BUNDLED = (S1, "jacksboro", "ridge-obstacles", "paper-r1", "paper-R2", "paper-planar")
@@ -108,7 +107,7 @@ def usual_route(site: Site) -> Route:
 
 
 def chain_on(coverage: CoverageMap) -> Chain:
-    """A chain as :mod:`uavcover.planning.goal_search` begins one, at a middle temperature."""
+    """A chain as :mod:`uavcover.planning.search.goal_search` begins one, at a middle temperature."""
     site = coverage.site
     reach_m = max(reach_at_height_m(site.scenario.sensor, best_height_agl_m(site)), coverage.grid.cells.size_m)
     task: LocalTask = local_task(coverage, margin_m=0.0, reach_m=reach_m)

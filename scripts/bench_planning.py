@@ -13,9 +13,9 @@ import platform
 import statistics
 from pathlib import Path
 
-from uavcover import pipeline
 from uavcover.model.route import RouteMember
 from uavcover.planning.selection import parse_rule, select
+from uavcover.run import pipeline
 
 CASES = (
     ("jacksboro", "coverage>=0.98", 2000),

@@ -19,16 +19,16 @@ from pathlib import Path
 
 import numpy as np
 
-from uavcover import pipeline
-from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.coverage.hold_out import HoldOut
-from uavcover.coverage.sensors import reach_at_height_m
+from uavcover.benchmarks.coverage.judging import HoldOut
 from uavcover.kernels.annealing import Prices, Schedule, anneal
-from uavcover.planning.baselines import best_height_agl_m, plain_boustrophedon
-from uavcover.planning.draft_route import draft_of, local_task
+from uavcover.planning.baselines.boustrophedon import best_height_agl_m, plain_boustrophedon
+from uavcover.planning.baselines.swaths import fly_layout
+from uavcover.planning.encodings import WaypointEncoding
 from uavcover.planning.planner import Effort, plan_routes
-from uavcover.planning.swaths import fly_layout
-from uavcover.planning.waypoint_encoding import WaypointEncoding
+from uavcover.planning.search.route_problem import draft_of, local_task
+from uavcover.run import pipeline
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import reach_at_height_m
 
 CASES = (
     ("jacksboro", "coverage>=0.98", 0, 6.0, ("memetic", "local-search", "imodbo")),

@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from uavcover import pipeline
-from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.judging.verify import flown_coverage, verify_track
 from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.recording import describe_recording, read_recorded_track, write_recording
 from uavcover.recording.viewer import loading_time_s
-from uavcover.scenario import load_scenario
-from uavcover.verification.verify import flown_coverage, verify_track
+from uavcover.run import pipeline
+from uavcover.scenario.scenario_file import load_scenario
+from uavcover.sensing.coverage_map import CoverageMap
 
 RATE_HZ = 10.0
 CASES = ((10.0, 600.0), (5.0, 1200.0), (4.0, 3600.0), (2.0, 600.0), (2.0, 3600.0))

@@ -18,11 +18,11 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from uavcover.frames import LocalFrame  # noqa: E402
-from uavcover.kernels.nodes import steepest_of_finite  # noqa: E402
-from uavcover.pipeline import load_site  # noqa: E402
-from uavcover.scenario import load_scenario, terrain_path  # noqa: E402
-from uavcover.terrain.raster import read_ground  # noqa: E402
+from uavcover.kernels.grid import steepest_of_finite  # noqa: E402
+from uavcover.run.pipeline import load_site  # noqa: E402
+from uavcover.scenario.elevation_file import read_ground  # noqa: E402
+from uavcover.scenario.frames import LocalFrame  # noqa: E402
+from uavcover.scenario.scenario_file import load_scenario, terrain_path  # noqa: E402
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ ALT_M = 550.0
 
 def measure(place: Place, pixel_m: float, size_m: float, folder: Path) -> str:
     """One row of the table."""
-    from tests.terrain.dem_files import largest_difference_m, write_dem
+    from tests.scenario.dem_files import largest_difference_m, write_dem
 
     rng = np.random.default_rng(int(1000 * pixel_m + size_m))
     path = write_dem(

@@ -25,13 +25,13 @@ from collections.abc import Iterator
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
-from mission_io import messages as m
-from mission_io.client import Client
-from mission_io.items import Command, Frame, GeoPoint, Mission, takeoff, waypoint
-from mission_io.link import UdpLink
-from uavcover import pipeline
-from uavcover.flight.modes import Mode, custom_mode
-from uavcover.mission_compiler import AUTOPILOTS
+from mission_io.client.client import Client
+from mission_io.links.opening import UdpLink
+from mission_io.model.items import Command, Frame, GeoPoint, Mission, takeoff, waypoint
+from mission_io.wire import messages as m
+from uavcover.routes.mission_compiler import AUTOPILOTS
+from uavcover.run import pipeline
+from uavcover.vehicle.modes import Mode, custom_mode
 
 HOME = GeoPoint(36.3, -84.2, 400.0)
 LEGS, LEG_DEG = 60, 0.006

@@ -27,10 +27,10 @@ import numpy as np
 import rasterio
 from rasterio.transform import from_origin
 
-from uavcover import after_flight, pipeline
-from uavcover.flight.track_file import TrackWriter
 from uavcover.model.track import Track, TrackSample
-from uavcover.site import Site
+from uavcover.run import judge, pipeline
+from uavcover.scenario.site import Site
+from uavcover.vehicle.track_file import TrackWriter
 
 LAT_DEG, LON_DEG = 46.6, 11.7
 SIDE_M, HEIGHT_AGL_M, SPEED_M_S, SAMPLES, RATE_HZ = 2500.0, 110.0, 12.0, 36_000, 10.0
@@ -119,9 +119,9 @@ def measure(
     site = pipeline.load_site(folder / "scenario.toml")
     track = fly_lines(site, samples)
     few = replace_samples(track, 50)
-    after_flight.judge_tracks(site, [(few, None)])  # compiles what is not in the cache
+    judge.judge_tracks(site, [(few, None)])  # compiles what is not in the cache
     started, cpu_started = time.perf_counter(), time.process_time()
-    verdict = after_flight.judge_tracks(site, [(track, None)])
+    verdict = judge.judge_tracks(site, [(track, None)])
     judged_s, cpu_s = time.perf_counter() - started, time.process_time() - cpu_started
     save_track(folder / "track.csv", track)
     started, cpu_started = time.perf_counter(), children_cpu_s()

@@ -19,13 +19,13 @@ from pathlib import Path
 
 import numpy as np
 
-from uavcover import after_flight, pipeline
 from uavcover.errors import VehicleError
-from uavcover.mission_compiler import CompiledMission
+from uavcover.judging.phases import PlannedRoute
 from uavcover.model.track import Track, TrackSample
-from uavcover.on_vehicle import Orders, connect, fly
-from uavcover.site import Site
-from uavcover.verification.phases import PlannedRoute
+from uavcover.routes.mission_compiler import CompiledMission
+from uavcover.run import judge, pipeline
+from uavcover.run.session import Orders, connect, fly
+from uavcover.scenario.site import Site
 
 SCENARIO, EVALUATIONS, MISSING_SHARE, SPEED, TRIES = "jacksboro", 300, 0.2, 60.0, 4
 COLUMNS = (
@@ -104,14 +104,12 @@ def measure(site: Site, first: Flown, first_m: float, promised: float, seed: int
         np.arange(1, count), size=round(MISSING_SHARE * (count - 1)), replace=False
     )
     torn = (without_legs(first.track, legs), first.planned)
-    before = after_flight.judge_tracks(site, [torn])
+    before = judge.judge_tracks(site, [torn])
     already = before.report.coverage_of_coverable >= promised
-    mission = after_flight.plan_gap_mission(
-        site, before, target=promised if asked == "planned" and not already else None
-    )
+    mission = judge.plan_gap_mission(site, before, target=promised if asked == "planned" and not already else None)
     route = mission.closing.route.waypoints_m
     closing = flown_by_mock(site, mission.compiled)
-    verdict = after_flight.judge_tracks(site, [torn, (closing, PlannedRoute(route, 0.0))])
+    verdict = judge.judge_tracks(site, [torn, (closing, PlannedRoute(route, 0.0))])
     together = verdict.report.coverage_of_coverable
     assert not verdict.report.violations, verdict.report.reasons
     gap_m = length_m(mission.compiled)

@@ -3,7 +3,7 @@
 Usage: .venv/bin/python scripts/fly_faults.py [-o docs/results/faulty_flights.md] [--flights 100] [--seed 0]
 
 Everything happens in this process on simulated clocks: a mock vehicle (ArduPilot or PX4), a link that loses nothing or 5 % each
-way, and ``uavcover.on_vehicle.fly``, on two lines over the bundled scenario. Which faults come when, and whether the user stops
+way, and ``uavcover.run.session.fly``, on two lines over the bundled scenario. Which faults come when, and whether the user stops
 or pauses, is drawn from the flight's number and the seed. What is asked of each flight:
 
 - it ends in an ending by name, good or bad, never in another error;
@@ -34,28 +34,28 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega
 
 from mission_io.clock import Clock
-from mission_io.simulated import Conditions, SimulatedLink
-from uavcover import pipeline
-from uavcover.flight.flight_plan import Patience
-from uavcover.flight.fly import FlightOutcome
-from uavcover.flight.mock.battery import BatteryData
-from uavcover.flight.mock.faults import ARGUMENTS, FaultKind, parse_fault
-from uavcover.flight.mock.peer import InMemoryPeer
-from uavcover.flight.mock.settings import Settings
-from uavcover.flight.mock.vehicle import MockVehicle
-from uavcover.flight.monitor import open_vehicle
-from uavcover.flight.outcome import FlightFailedError
-from uavcover.flight.track_file import TrackWriter
-from uavcover.leg_checks import measure_violations
-from uavcover.mission_compiler import AUTOPILOTS
+from mission_io.links.simulated import Conditions, SimulatedLink
+from uavcover.mock.battery import BatteryData
+from uavcover.mock.behaviour import Settings
+from uavcover.mock.faults import ARGUMENTS, FaultKind, parse_fault
+from uavcover.mock.peer import InMemoryPeer
+from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.route import Plan, RouteMember
 from uavcover.model.vehicle import AutopilotName
-from uavcover.on_vehicle import Connected, Orders, fly, fly_on, is_in_the_air, require_home
-from uavcover.planning.baselines import fly_layout, regular_layout
-from uavcover.planning.objectives import judge
-from uavcover.resumption import find_unfinished, save_rest
-from uavcover.run_folder import RunFolder
-from uavcover.site import Site
+from uavcover.planning.baselines.boustrophedon import fly_layout, regular_layout
+from uavcover.routes.leg_checks import measure_violations
+from uavcover.routes.mission_compiler import AUTOPILOTS
+from uavcover.routes.objectives import judge
+from uavcover.run import pipeline
+from uavcover.run.folder import RunFolder
+from uavcover.run.resume import find_unfinished, save_rest
+from uavcover.run.session import Connected, Orders, fly, fly_on, is_in_the_air, require_home
+from uavcover.scenario.site import Site
+from uavcover.vehicle.flight_plan import Patience
+from uavcover.vehicle.fly import FlightOutcome
+from uavcover.vehicle.monitor import open_vehicle
+from uavcover.vehicle.outcome import FlightFailedError
+from uavcover.vehicle.track_file import TrackWriter
 
 SCENARIO, LINES, HEIGHT_AGL_M = "jacksboro", 2, 100.0
 LONGEST_S = 300.0

@@ -34,13 +34,22 @@ else:
     _watched = nullcontext()
 
 with _watched:
-    from mission_io.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
-    from mission_io.diff import apply, diff
-    from mission_io.drawings import Area, fence_from_areas
     from mission_io.errors import FormatError
     from mission_io.formats import csv, geojson, kml, plan, poly, wpl
+    from mission_io.formats.drawings import Area, fence_from_areas
     from mission_io.formats.text import text_from_bytes
-    from mission_io.items import Frame, GeoPoint, Mission, change_speed, land, takeoff, trigger_camera_every, waypoint
+    from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
+    from mission_io.model.diff import apply, diff
+    from mission_io.model.items import (
+        Frame,
+        GeoPoint,
+        Mission,
+        change_speed,
+        land,
+        takeoff,
+        trigger_camera_every,
+        waypoint,
+    )
 
 
 def check(condition: bool, what: str) -> None:

@@ -32,20 +32,20 @@ import numpy as np
 if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
-from mission_io import messages as m
+from mission_io.wire import messages as m
 from tests.falsify import command
 from tests.falsifying.flown import read_flown
 from tests.falsifying.honest_run import NADIR, STABILISED, WIDE_PICTURE, Base, Field, make_site, save_lines
 from tests.falsifying.of_time import thinned
-from uavcover import pipeline
-from uavcover.flight.mock.faults import parse_fault
-from uavcover.flight.mock.positioning import GpsError
-from uavcover.flight.mock.vehicle import MockVehicle
-from uavcover.flight.mock.wind import Wind
-from uavcover.flight.outcome import FlightFailedError
-from uavcover.resumption import find_unfinished, save_rest
-from uavcover.run_folder import RunFolder
-from uavcover.site import Site
+from uavcover.mock.dynamics import Wind
+from uavcover.mock.faults import parse_fault
+from uavcover.mock.positioning import GpsError
+from uavcover.mock.vehicle import MockVehicle
+from uavcover.run import pipeline
+from uavcover.run.folder import RunFolder
+from uavcover.run.resume import find_unfinished, save_rest
+from uavcover.scenario.site import Site
+from uavcover.vehicle.outcome import FlightFailedError
 
 SENSORS = {"nadir": NADIR, "stabilised": STABILISED, "wide picture": WIDE_PICTURE}
 TRACK, THINNED, TELEMETRY = "track.csv", "thinned.csv", "flight.tlog"

@@ -15,8 +15,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from mission_io.autopilots import ARDUPILOT, PX4  # noqa: E402
-from mission_io.items import MissionType  # noqa: E402
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4  # noqa: E402
+from mission_io.model.items import MissionType  # noqa: E402
 from tests.mission_io.protocol.attacks import CALLS, ITEMS, Attack, attack  # noqa: E402
 from tests.mission_io.protocol.hostile import TRICKS  # noqa: E402
 

@@ -35,11 +35,11 @@ from typing import Self
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega
 
-from uavcover import pipeline
 from uavcover.errors import UavcoverError
-from uavcover.flight.track_file import read_track_with_warnings
 from uavcover.model.track import ReadTrack
 from uavcover.recording.reader import read_recorded_track_with_warnings
+from uavcover.run import pipeline
+from uavcover.vehicle.track_file import read_track_with_warnings
 
 SCENARIO, EVALUATIONS = "jacksboro", 40
 ALLOWED_S, WATCHDOG_S = 1.0, 120.0

@@ -43,21 +43,21 @@ ENOUGH = 0.95
 TIMES_AS_LONG = 6.0
 """A run that takes so many times as long as its tests take as the code is does not end."""
 TESTS: dict[str, list[str]] = {
-    "uavcover/verification/*.py": [
-        "tests/verification", "tests/coverage/test_looks.py", "tests/coverage/test_frame_camera.py",
-        "tests/gap_planning/test_closing_route.py",
+    "uavcover/judging/*.py": [
+        "tests/judging", "tests/sensing/test_looks.py", "tests/sensing/test_frame_camera.py",
+        "tests/planning/test_closing_route.py",
     ],
-    "uavcover/leg_checks.py": [
-        "tests/test_leg_checks.py", "tests/test_mission_compiler.py", "tests/planning/test_detours.py",
-        "tests/planning/test_swaths.py", "tests/gap_planning/test_closing_route.py",
+    "uavcover/routes/leg_checks.py": [
+        "tests/routes/test_leg_checks.py", "tests/routes/test_mission_compiler.py", "tests/planning/test_detours.py",
+        "tests/planning/test_swaths.py", "tests/planning/test_closing_route.py",
     ],
-    "uavcover/flight/readiness.py": [
-        "tests/flight/test_readiness.py", "tests/flight/test_fly.py",
+    "uavcover/vehicle/readiness.py": [
+        "tests/vehicle/test_readiness.py", "tests/vehicle/test_fly.py",
     ],
-    "uavcover/flight/track_file.py": [
-        "tests/flight/test_track_file.py", "tests/flight/test_reserve.py",
+    "uavcover/vehicle/track_file.py": [
+        "tests/vehicle/test_track_file.py", "tests/vehicle/test_reserve.py",
     ],
-    "mission_io/compare.py": [
+    "mission_io/autopilots/comparison.py": [
         "tests/mission_io/test_compare.py", "tests/mission_io/test_autopilots.py", "tests/mission_io/test_mavlink_facts.py",
     ],
 }  # fmt: skip
@@ -71,13 +71,13 @@ NOTES = (
 """What a reader of the page has to know."""
 NAMED: dict[str, tuple[str, str, str]] = {
     "obstacles in transit are not judged": (
-        "uavcover/verification/safety.py", '*find.above("obstacle", ~route, lacking, 0.0, phase="transit"),', "",
+        "uavcover/judging/safety.py", '*find.above("obstacle", ~route, lacking, 0.0, phase="transit"),', "",
     ),
     "the highest height is 5 m too high in leg checks": (
-        "uavcover/leg_checks.py", "high > highest_agl_m + tolerance_m", "high > highest_agl_m + tolerance_m + 5.0",
+        "uavcover/routes/leg_checks.py", "high > highest_agl_m + tolerance_m", "high > highest_agl_m + tolerance_m + 5.0",
     ),
-    "a home that is too low is accepted": ("uavcover/flight/readiness.py", "abs(up) > most_m", "up > most_m"),
-    "equal times in a track are accepted": ("uavcover/flight/track_file.py", "time_s <= before_s", "time_s < before_s"),
+    "a home that is too low is accepted": ("uavcover/vehicle/readiness.py", "abs(up) > most_m", "up > most_m"),
+    "equal times in a track are accepted": ("uavcover/vehicle/track_file.py", "time_s <= before_s", "time_s < before_s"),
 }  # fmt: skip
 """Mutants that no test noticed once: always tried, and not counted. Module, the text of a statement, and what it becomes."""
 
@@ -212,7 +212,9 @@ def _warm_up() -> None:
     import shapely  # noqa: F401
     from pymavlink.dialects.v20 import ardupilotmega  # noqa: F401
 
-    from uavcover.kernels import coverage, sight, tally  # noqa: F401
+    from uavcover.kernels import (
+        observation_counting,  # noqa: F401
+    )
 
 
 def kept_rows(path: Path | None) -> dict[tuple[str, str, int], Row]:

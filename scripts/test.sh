@@ -33,7 +33,7 @@ wait "$background" || echo "the demo that was to compile the kernels failed; the
 # A test file stays in one process: what its tests share is made once. tests/conftest.py puts the long ones first.
 parallel="-q -n auto --dist loadfile --no-loadscope-reorder"
 # Tracing every line makes a test take three times as long: only what the gates below ask for is measured.
-measured="tests/planning tests/kernels tests/optimizers tests/coverage tests/mission_io"
+measured="tests/planning tests/kernels tests/optimizers tests/sensing tests/mission_io"
 rm -f .coverage .coverage.*
 # These only compute: they take what the flights, which have a clock and wait for each other, leave of the cores.
 env COVERAGE_FILE=.coverage.compiled nice -n 19 \
@@ -56,4 +56,4 @@ cat "$scratch/interpreted"
 echo "gate: branch coverage: 95 % of mission_io, 90 % of the planner's core"
 "$bin/coverage" combine -q .coverage.compiled .coverage.interpreted
 "$bin/coverage" report --include='mission_io/*' --fail-under=95
-"$bin/coverage" report --include='uavcover/planning/*,uavcover/optimizers/*,uavcover/coverage/*,uavcover/kernels/*' --fail-under=90
+"$bin/coverage" report --include='uavcover/planning/*,uavcover/optimizers/*,uavcover/sensing/*,uavcover/kernels/*' --fail-under=90

@@ -6,20 +6,20 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mission_io.client import Client
-from mission_io.enums import AutopilotId
-from mission_io.items import MissionItem, MissionType
-from mission_io.link import open_link
-from mission_io.messages import Heartbeat, Received
+from mission_io.client.client import Client
+from mission_io.links.opening import open_link
+from mission_io.model.enums import AutopilotId
+from mission_io.model.items import MissionItem, MissionType
+from mission_io.wire.messages import Heartbeat, Received
 from sitl_tests.matrix import ClientName
 from sitl_tests.simulators.running import RunningVehicle
 from uavcover.errors import VehicleError
-from uavcover.flight.conversation import Conversation
-from uavcover.flight.events import FlightEvent
-from uavcover.flight.flight_plan import Patience
-from uavcover.flight.monitor import Monitor
-from uavcover.mavsdk_client.client import MavsdkClient
 from uavcover.model.vehicle import AutopilotName
+from uavcover.vehicle.flight_plan import Patience
+from uavcover.vehicle.mavsdk.client import MavsdkClient
+from uavcover.vehicle.monitor import Monitor
+from uavcover.vehicle.outcome import FlightEvent
+from uavcover.vehicle.session import Conversation
 
 _FIRST_HEARTBEAT_S = 60.0
 _SECOND_STATION = 254

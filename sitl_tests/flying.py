@@ -6,21 +6,20 @@ from functools import cache
 
 import numpy as np
 
-from mission_io import messages as m
-from mission_io.autopilots import mission_from_wire
-from mission_io.items import Command, Frame, GeoPoint, Mission, MissionType, land, waypoint
+from mission_io.autopilots.autopilot import mission_from_wire
+from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionType, land, waypoint
+from mission_io.wire import messages as m
 from sitl_tests.case import Case, Station
 from sitl_tests.errors import require
 from sitl_tests.missions import FIRST_WAYPOINT_ITEM, route_mission
-from uavcover.flight.events import FlightEvent
-from uavcover.flight.flight_plan import FlightPlan, Patience
-from uavcover.flight.fly import fly
-from uavcover.flight.outcome import FlightFailedError, FlightOutcome
-from uavcover.flight.readiness import request_telemetry, wait_until_ready
-from uavcover.flight.start import arm_and_start, first_seq
-from uavcover.frames import LocalFrame
-from uavcover.mission_compiler import AUTOPILOTS
 from uavcover.model.track import TrackSample
+from uavcover.routes.mission_compiler import AUTOPILOTS
+from uavcover.scenario.frames import LocalFrame
+from uavcover.vehicle.flight_plan import FlightPlan, Patience
+from uavcover.vehicle.fly import fly
+from uavcover.vehicle.outcome import FlightEvent, FlightFailedError, FlightOutcome
+from uavcover.vehicle.readiness import request_telemetry, wait_until_ready
+from uavcover.vehicle.start import arm_and_start, first_seq
 
 PASSED_WITHIN_M = 4.0
 """A waypoint counts as flown when the track comes so near; both autopilots turn 2 m before it by default."""

@@ -5,10 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
-from mission_io import messages as m
-from mission_io.codec import Codec
-from mission_io.enums import LandedState, MissionState
-from mission_io.items import Command
+from mission_io.model.enums import LandedState, MissionState
+from mission_io.model.items import Command
+from mission_io.wire import messages as m
+from mission_io.wire.codec import Codec
 
 COMPANION: Final = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER."""

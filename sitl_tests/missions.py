@@ -3,9 +3,9 @@
 from dataclasses import replace
 from math import nan
 
-from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.items import Frame, GeoPoint, Mission, MissionItem, change_speed, land, takeoff, waypoint
-from uavcover.frames import LocalFrame
+from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
+from mission_io.model.items import Frame, GeoPoint, Mission, MissionItem, change_speed, land, takeoff, waypoint
+from uavcover.scenario.frames import LocalFrame
 
 EastNorth = tuple[float, float]
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import TypeVar
 
 from mission_io.errors import MissionIoError
-from mission_io.items import GeoPoint
+from mission_io.model.items import GeoPoint
 from sitl_tests.capabilities import ALL, PREPARATIONS
 from sitl_tests.capabilities.demonstration import SCENARIO
 from sitl_tests.case import Case, Finding, Stopwatch
@@ -18,9 +18,9 @@ from sitl_tests.matrix import Cell
 from sitl_tests.simulators import ardupilot, mock, px4
 from sitl_tests.simulators.files import sha256
 from sitl_tests.simulators.running import Start, StartRequest
-from uavcover import pipeline
 from uavcover.errors import UavcoverError
-from uavcover.on_vehicle import require_home
+from uavcover.run import pipeline
+from uavcover.run.session import require_home
 
 FAILED = "failed"
 EVENTS = "events.txt"

@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from uavcover.kernels import _cache
+from uavcover.kernels import jit
 
 KERNELS = Path("uavcover") / "kernels"
 
@@ -14,6 +14,6 @@ def lend_compiled_kernels(copy: Path) -> None:
     Args:
         copy: folder that holds the package ``uavcover``, a clone or where a wheel was installed.
     """
-    compiled = _cache.folder()
+    compiled = jit.folder()
     if compiled is not None:
         shutil.copytree(compiled, copy / KERNELS / "__pycache__" / compiled.name, dirs_exist_ok=True)

@@ -40,9 +40,9 @@ if __name__ == "__main__":
 from tests.falsifying.every_way import every_way
 from tests.falsifying.flown import Flown, flights_in, read_flown
 from tests.falsifying.way import FAMILIES, Way
-from uavcover import pipeline
 from uavcover.cli.ending import run_app
 from uavcover.cli.main import app
+from uavcover.run import pipeline
 
 FOLDER, LOG = "run folder", "foreign log"
 LEFT_BEHIND = ("flight.rrd", "report.html", "pareto_routes.csv", "upload.json")

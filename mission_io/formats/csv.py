@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mission_io.errors import FormatError
-from mission_io.formats.numbers import finite_number, place_problem
-from mission_io.formats.text import clean_text
-from mission_io.items import Frame, GeoPoint, Mission, MissionItem
+from mission_io.formats.text import clean_text, finite_number, place_problem
+from mission_io.model.items import Frame, GeoPoint, Mission, MissionItem
 
 HEADER = "item,command,frame,param1,param2,param3,param4,lat_deg,lon_deg,alt_m,alt_datum,autocontinue"
 _COLUMNS = tuple(HEADER.split(","))

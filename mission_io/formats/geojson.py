@@ -4,14 +4,12 @@ import json
 import math
 from typing import Any
 
-from mission_io.areas import LatLon
-from mission_io.drawings import Area, Drawing, Line, Spot, open_ring
 from mission_io.errors import FormatError
+from mission_io.formats.drawings import Area, Drawing, Line, RoutePoint, Spot, alt_amsl_m, open_ring, route_of
 from mission_io.formats.json_node import Node, parse_json
-from mission_io.formats.numbers import place_problem
-from mission_io.formats.route import RoutePoint, alt_amsl_m, route_of
-from mission_io.formats.text import clean_text
-from mission_io.items import Mission
+from mission_io.formats.text import clean_text, place_problem
+from mission_io.model.areas import LatLon
+from mission_io.model.items import Mission
 
 
 def write_mission(mission: Mission, *, name: str = "mission") -> str:

@@ -5,13 +5,11 @@ from collections.abc import Callable
 from xml.parsers import expat
 from xml.sax.saxutils import escape
 
-from mission_io.areas import LatLon
-from mission_io.drawings import Area, Drawing, Line, Spot, open_ring
 from mission_io.errors import FormatError
-from mission_io.formats.numbers import degrees_text, finite_number, place_problem, plain_decimal
-from mission_io.formats.route import RoutePoint, alt_amsl_m, route_of
-from mission_io.formats.text import clean_text
-from mission_io.items import Mission
+from mission_io.formats.drawings import Area, Drawing, Line, RoutePoint, Spot, alt_amsl_m, open_ring, route_of
+from mission_io.formats.text import clean_text, degrees_text, finite_number, place_problem, plain_decimal
+from mission_io.model.areas import LatLon
+from mission_io.model.items import Mission
 
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <kml xmlns="http://www.opengis.net/kml/2.2">

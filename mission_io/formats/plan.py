@@ -11,15 +11,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.diff import diff_items
-from mission_io.enums import VehicleClass
 from mission_io.errors import FormatError
 from mission_io.formats.json_node import Node, parse_json
 from mission_io.formats.plan_items import PlanEntry, read_complex, read_simple, simple_json
 from mission_io.formats.text import clean_text
-from mission_io.items import Command, Frame, GeoPoint, Mission, MissionItem, same_item
-from mission_io.plausibility import doubts_about
+from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
+from mission_io.model.diff import diff_items
+from mission_io.model.enums import VehicleClass
+from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem, same_item
+from mission_io.model.places import doubts_about
 
 _CONSTANTS: Mapping[str, Mapping[str, Any]] = {
     "": {"fileType": "Plan", "groundStation": "QGroundControl", "version": 1},

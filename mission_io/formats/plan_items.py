@@ -11,7 +11,7 @@ from typing import Any
 
 from mission_io.errors import FormatError
 from mission_io.formats.json_node import Node
-from mission_io.items import Command, Frame, MissionItem
+from mission_io.model.items import Command, Frame, MissionItem
 
 _ALTITUDE_MODES = {Frame.ABOVE_HOME: 1, Frame.AMSL: 2, Frame.ABOVE_TERRAIN: 4}
 _PARAMS = 7

@@ -7,12 +7,11 @@ inside of. Both begin with a comment and repeat the first corner at the end.
 import re
 from dataclasses import dataclass
 
-from mission_io.areas import Fence, FencePolygon, FramedPoint, LatLon
-from mission_io.drawings import Area, open_ring
 from mission_io.errors import FormatError
-from mission_io.formats.numbers import degrees_text, finite_number, place_problem
-from mission_io.formats.text import clean_text
-from mission_io.items import Frame
+from mission_io.formats.drawings import Area, open_ring
+from mission_io.formats.text import clean_text, degrees_text, finite_number, place_problem
+from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon
+from mission_io.model.items import Frame
 
 _HEADER = "#saved by mission_io"
 _SEPARATORS = re.compile(r"[ \t,;]+")

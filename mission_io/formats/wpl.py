@@ -10,14 +10,20 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mission_io.actions import uses_parameter
-from mission_io.areas import Fence, RallyPoints, fence_from_items, items_from_fence, items_from_rally, rally_from_items
-from mission_io.autopilots import home_item, jumps_moved
+from mission_io.autopilots.autopilot import home_item, jumps_moved
 from mission_io.errors import FormatError
-from mission_io.formats.numbers import degrees_text, finite_number, place_problem, plain_decimal
-from mission_io.formats.text import clean_text
-from mission_io.items import Command, Frame, GeoPoint, Mission, MissionItem
-from mission_io.plausibility import doubts_about
+from mission_io.formats.text import clean_text, degrees_text, finite_number, place_problem, plain_decimal
+from mission_io.model.actions import uses_parameter
+from mission_io.model.areas import (
+    Fence,
+    RallyPoints,
+    fence_from_items,
+    items_from_fence,
+    items_from_rally,
+    rally_from_items,
+)
+from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
+from mission_io.model.places import doubts_about
 
 _HEADER = "QGC WPL 110"
 _HEADER_PATTERN = re.compile(r"QGC[ \t]+WPL[ \t]+([0-9]{1,9})")

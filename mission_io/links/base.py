@@ -3,7 +3,7 @@
 from typing import Protocol, runtime_checkable
 
 from mission_io.clock import Clock
-from mission_io.framing import FramingCounts
+from mission_io.wire.framing import FramingCounts
 
 
 class Link(Protocol):

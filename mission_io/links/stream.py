@@ -8,7 +8,7 @@ from typing import Final, Protocol, Self
 
 from mission_io.clock import Clock, MonotonicClock
 from mission_io.errors import LinkError
-from mission_io.framing import Framer, FramingCounts
+from mission_io.wire.framing import Framer, FramingCounts
 
 QUIET_S: Final = 0.5
 """After so long without a byte, what looks like the beginning of a long frame is given up if frames wait behind it."""

@@ -12,8 +12,8 @@ from typing import Final, Self
 
 from mission_io.clock import Clock, MonotonicClock, SystemClock, UnixClock
 from mission_io.errors import LinkError
-from mission_io.framing import Framer, FramingCounts, frames_by_length
 from mission_io.links.base import Link, StreamLink, WrappingLink
+from mission_io.wire.framing import Framer, FramingCounts, frames_by_length
 
 FLUSH_S: Final = 0.2
 """What was written reaches the operating system at least so often: a killed process loses no more."""
@@ -116,7 +116,7 @@ class TelemetryLogWriter:
 
 
 class LoggedLink(WrappingLink):
-    """A :class:`~mission_io.link.Link` that writes what goes through it into a log, from ``log_to`` on.
+    """A :class:`~mission_io.links.opening.Link` that writes what goes through it into a log, from ``log_to`` on.
 
     Args:
         link: carries the datagrams.

@@ -8,8 +8,8 @@ from typing import Final, Self
 
 from mission_io.clock import Clock, MonotonicClock
 from mission_io.errors import LinkError
-from mission_io.framing import Framer
 from mission_io.links.url import DEFAULT_HOST
+from mission_io.wire.framing import Framer
 
 FORGOTTEN_AFTER_S: Final = 15.0
 """A listening link stops sending to a place that has been silent for so long, unless it is the only one."""

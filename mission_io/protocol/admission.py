@@ -2,13 +2,13 @@
 
 import math
 
-from mission_io.areas import fence_from_items, rally_from_items
-from mission_io.autopilots import WITHOUT_POSITION, Autopilot
-from mission_io.enums import MissionResult
+from mission_io.autopilots.autopilot import WITHOUT_POSITION, Autopilot
 from mission_io.errors import FormatError
-from mission_io.items import Frame, MissionItem, MissionType
-from mission_io.messages import MissionItemFloat, MissionItemInt
-from mission_io.wire import item_from_message
+from mission_io.model.areas import fence_from_items, rally_from_items
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import Frame, MissionItem, MissionType
+from mission_io.wire.messages import MissionItemFloat, MissionItemInt
+from mission_io.wire.mission_items import item_from_message
 
 _INVALID_PARAMS = (
     MissionResult.INVALID_PARAM1,

@@ -4,12 +4,12 @@ from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import ClassVar
 
-from mission_io.enums import MissionResult
-from mission_io.items import MissionType
-from mission_io.messages import Message, MissionAck, MissionClearAll
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import MissionType
 from mission_io.protocol.exchange import OPENING, Address, Exchange, Timing
 from mission_io.protocol.round_trip import Patience
-from mission_io.protocol.table import Row, Table, staying
+from mission_io.protocol.tables import Row, Table, staying
+from mission_io.wire.messages import Message, MissionAck, MissionClearAll
 
 
 class ClearState(Enum):

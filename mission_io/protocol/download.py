@@ -8,9 +8,12 @@ from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import ClassVar
 
-from mission_io.enums import MissionResult
-from mission_io.items import MissionItem, MissionType
-from mission_io.messages import (
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import MissionItem, MissionType
+from mission_io.protocol.exchange import OPENING, RESTARTS, Address, Exchange, Timing
+from mission_io.protocol.round_trip import Patience
+from mission_io.protocol.tables import Row, Table, staying
+from mission_io.wire.messages import (
     Message,
     MissionAck,
     MissionCount,
@@ -19,10 +22,7 @@ from mission_io.messages import (
     MissionRequestInt,
     MissionRequestList,
 )
-from mission_io.protocol.exchange import OPENING, RESTARTS, Address, Exchange, Timing
-from mission_io.protocol.round_trip import Patience
-from mission_io.protocol.table import Row, Table, staying
-from mission_io.wire import item_from_message
+from mission_io.wire.mission_items import item_from_message
 
 
 class DownloadState(Enum):

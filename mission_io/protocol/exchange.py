@@ -8,12 +8,12 @@ from enum import Enum
 from operator import itemgetter
 from typing import ClassVar, Generic, TypeVar
 
-from mission_io.enums import MissionResult
 from mission_io.errors import MisuseError
-from mission_io.items import MissionType
-from mission_io.messages import Message, MissionAck, Received, is_for
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import MissionType
 from mission_io.protocol.round_trip import Departures, Patience
-from mission_io.protocol.table import Table
+from mission_io.protocol.tables import Table
+from mission_io.wire.messages import Message, MissionAck, Received, is_for
 
 StateT = TypeVar("StateT", bound=Enum)
 EventT = TypeVar("EventT", bound=Enum)

@@ -4,11 +4,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from mission_io.autopilots import Autopilot, home_item, stored_item
-from mission_io.enums import MissionResult
+from mission_io.autopilots.autopilot import Autopilot, home_item, stored_item
 from mission_io.errors import MisuseError
-from mission_io.items import ALL_MISSION_TYPES, GeoPoint, MissionItem, MissionType
-from mission_io.messages import (
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import ALL_MISSION_TYPES, GeoPoint, MissionItem, MissionType
+from mission_io.protocol.admission import list_is_whole, refusal_of
+from mission_io.protocol.exchange import Address
+from mission_io.protocol.tables import SERVER_TABLE, MissingRowError, ServerEvent, ServerState
+from mission_io.wire.messages import (
     Message,
     MissionAck,
     MissionClearAll,
@@ -21,11 +24,7 @@ from mission_io.messages import (
     Received,
     is_for,
 )
-from mission_io.protocol.admission import list_is_whole, refusal_of
-from mission_io.protocol.exchange import Address
-from mission_io.protocol.server_table import SERVER_TABLE, ServerEvent, ServerState
-from mission_io.protocol.table import MissingRowError
-from mission_io.wire import item_from_message, message_from_item
+from mission_io.wire.mission_items import item_from_message, message_from_item
 
 
 @dataclass(frozen=True, slots=True)

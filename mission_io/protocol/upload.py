@@ -9,14 +9,14 @@ messages are ordinary rows of the table.
 from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
 
-from mission_io.enums import MissionResult
 from mission_io.errors import MisuseError
-from mission_io.items import MissionItem, MissionType
-from mission_io.messages import Message, MissionAck, MissionCount, MissionRequest, MissionRequestInt
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.exchange import OPENING, RESTARTS, Address, Exchange, Timing
 from mission_io.protocol.round_trip import Patience
-from mission_io.protocol.upload_table import UPLOAD_ENDS, UPLOAD_TABLE, UploadEvent, UploadState
-from mission_io.wire import message_from_item
+from mission_io.protocol.tables import UPLOAD_ENDS, UPLOAD_TABLE, UploadEvent, UploadState
+from mission_io.wire.messages import Message, MissionAck, MissionCount, MissionRequest, MissionRequestInt
+from mission_io.wire.mission_items import message_from_item
 
 _FRESH_STARTS = 2
 """So often an upload begins anew after the vehicle gave it up or said ERROR."""

@@ -3,8 +3,8 @@
 import math
 
 from mission_io.errors import CommandRefusedError
-from mission_io.items import Command, GeoPoint
-from mission_io.messages import GlobalPositionInt
+from mission_io.model.items import Command, GeoPoint
+from mission_io.wire.messages import GlobalPositionInt
 from sitl_tests.case import Case, Finding, Station
 from sitl_tests.errors import CheckFailedError, require
 from sitl_tests.flying import (
@@ -18,12 +18,11 @@ from sitl_tests.flying import (
 )
 from sitl_tests.matrix import WORKS
 from sitl_tests.missions import DIAMOND_M, FIRST_WAYPOINT_ITEM, route_mission
-from uavcover.flight.events import EventKind, FlightEvent
-from uavcover.flight.modes import custom_mode
-from uavcover.flight.outcome import Ending, FlightOutcome
-from uavcover.flight.readiness import request_telemetry, wait_until_ready
-from uavcover.flight.return_home import hold
-from uavcover.flight.start import first_seq, hold_mode, set_current_item, set_mode, start_mission
+from uavcover.vehicle.modes import custom_mode
+from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightOutcome
+from uavcover.vehicle.readiness import request_telemetry, wait_until_ready
+from uavcover.vehicle.return_home import hold
+from uavcover.vehicle.start import first_seq, hold_mode, set_current_item, set_mode, start_mission
 
 _ARM_TRIES = 10
 _HOLDS_WITHIN_M = 3.0

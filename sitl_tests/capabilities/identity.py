@@ -1,9 +1,9 @@
 """Who the vehicle is and whom we believe: foreign types, a companion that lies, a disarm that another station forces."""
 
-from mission_io.autopilots import mission_from_wire, wire_items
+from mission_io.autopilots.autopilot import mission_from_wire, wire_items
 from mission_io.errors import CommandRefusedError
-from mission_io.framing import Framer
-from mission_io.items import Command, MissionType
+from mission_io.model.items import Command, MissionType
+from mission_io.wire.framing import Framer
 from sitl_tests.capabilities.demonstration import SCENARIO
 from sitl_tests.case import Case, Finding
 from sitl_tests.errors import CheckFailedError, require
@@ -12,11 +12,10 @@ from sitl_tests.matrix import WORKS
 from sitl_tests.meddler import Meddler
 from sitl_tests.missions import route_mission
 from sitl_tests.relay import Relay
-from uavcover import on_vehicle, pipeline
 from uavcover.errors import VehicleError
-from uavcover.flight.events import EventKind, FlightEvent
-from uavcover.flight.fly import fly
-from uavcover.flight.outcome import Ending, FlightFailedError
+from uavcover.run import pipeline, session
+from uavcover.vehicle.fly import fly
+from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightFailedError
 
 _HEARTBEAT = 0
 _FORCED = 21196.0
@@ -31,7 +30,7 @@ def foreign_type(case: Case) -> Finding:
     before = _state(case)
     with Relay(case.vehicle.url, seed=case.seed) as relay:
         try:
-            with on_vehicle.connect(relay.url, pipeline.load_site(SCENARIO), timeout_s=60.0):
+            with session.connect(relay.url, pipeline.load_site(SCENARIO), timeout_s=60.0):
                 raise CheckFailedError("`plan-upload` would go on with it")
         except VehicleError as error:
             said = str(error)

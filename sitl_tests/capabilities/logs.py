@@ -2,7 +2,7 @@
 
 import hashlib
 
-from mission_io.flight_logs import download_flight_log, list_flight_logs
+from mission_io.client.flight_logs import download_flight_log, list_flight_logs
 from sitl_tests.case import Case, Finding, Stopwatch
 from sitl_tests.errors import require
 from sitl_tests.flying import take_off, wait_until_landed

@@ -1,14 +1,14 @@
 """Missions that are wrong: what the vehicle does with them, and what it holds afterwards."""
 
-from mission_io.autopilots import wire_items
-from mission_io.compare import compare_items
+from mission_io.autopilots.autopilot import wire_items
+from mission_io.autopilots.comparison import compare_items
 from mission_io.errors import MisuseError, TransferError
-from mission_io.items import Frame, Mission, MissionItem, MissionType, waypoint
+from mission_io.model.items import Frame, Mission, MissionItem, MissionType, waypoint
 from sitl_tests.case import Case, Finding
 from sitl_tests.errors import CheckFailedError, require
 from sitl_tests.matrix import WORKS
 from sitl_tests.missions import impossible_item, long_mission, route_mission
-from uavcover.mission_compiler import AUTOPILOTS
+from uavcover.routes.mission_compiler import AUTOPILOTS
 
 _OLD_ITEMS, _NEW_ITEMS, _BAD_ITEM = 12, 15, 7
 _NEW_LOWEST_M = 40.0

@@ -4,21 +4,20 @@ import json
 from dataclasses import replace
 from math import nan
 
-from mission_io import messages as m
-from mission_io.areas import Fence, RallyPoints
-from mission_io.autopilots import wire_items
-from mission_io.compare import compare_items
-from mission_io.enums import MissionResult
+from mission_io.autopilots.autopilot import wire_items
+from mission_io.autopilots.comparison import compare_items
 from mission_io.formats import plan, wpl
-from mission_io.items import Command, Frame, Mission, MissionItem, MissionType
+from mission_io.model.areas import Fence, RallyPoints
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import Command, Frame, Mission, MissionItem, MissionType
+from mission_io.wire import messages as m
 from sitl_tests.case import Case, Finding, Station
 from sitl_tests.errors import CheckFailedError, require
 from sitl_tests.flying import fly_mission, require_flown, waypoints_held
 from sitl_tests.matrix import WORKS
 from sitl_tests.missions import long_mission, route_mission
-from uavcover.flight.events import EventKind, FlightEvent
-from uavcover.flight.outcome import Ending
-from uavcover.mission_compiler import AUTOPILOTS
+from uavcover.routes.mission_compiler import AUTOPILOTS
+from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent
 
 _ITEMS = 30
 _ANSWER_S = 2.0

@@ -1,16 +1,16 @@
 """Finding a vehicle, and giving it missions, fences and rally points; each is compared with a download of its own."""
 
-from mission_io import messages as m
-from mission_io.compare import compare_items
-from mission_io.content import Content, items_of, mission_type_of
-from mission_io.simulated import Conditions
+from mission_io.autopilots.comparison import compare_items
+from mission_io.autopilots.lists import Content, items_of, mission_type_of
+from mission_io.links.simulated import Conditions
+from mission_io.wire import messages as m
 from sitl_tests.case import Case, Finding, Station, Stopwatch
 from sitl_tests.errors import require
 from sitl_tests.matrix import WORKS
 from sitl_tests.missions import fence_with_hole, long_mission, rally_points
 from sitl_tests.relay import Relay
-from uavcover.frames import LocalFrame
-from uavcover.mission_compiler import AUTOPILOTS
+from uavcover.routes.mission_compiler import AUTOPILOTS
+from uavcover.scenario.frames import LocalFrame
 
 _MISSION_ITEMS = 60
 _LOSS = 0.2

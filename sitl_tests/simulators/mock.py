@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from sitl_tests.simulators.running import RunningVehicle, Start, StartRequest
-from uavcover.flight.mock.server import start_in_background
-from uavcover.flight.mock.vehicle import MockVehicle
-from uavcover.mission_compiler import AUTOPILOTS
+from uavcover.mock.server import start_in_background
+from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.vehicle import AutopilotName
+from uavcover.routes.mission_compiler import AUTOPILOTS
 
 
 def starter(autopilot: AutopilotName, *, vehicle_type: int) -> Start:

@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-from mission_io.items import GeoPoint
+from mission_io.model.items import GeoPoint
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,11 +10,22 @@ import pytest
 from pymoo.indicators.hv import HV
 
 from tests.planning.sites import hills, make_site
-from uavcover.benchmarks.coverage.cases import CASES, Case
-from uavcover.benchmarks.coverage.contenders import CONTENDERS, OURS, PLANNERS, plan_for
+from uavcover.benchmarks.coverage.contenders import (
+    CONTENDERS,
+    OURS,
+    PLANNERS,
+    Tried,
+    length_at,
+    plan_for,
+    scan,
+    short_families,
+)
 from uavcover.benchmarks.coverage.judging import (
+    CASES,
     CHOICES,
+    Case,
     Chosen,
+    HoldOut,
     Judge,
     Moment,
     Point,
@@ -22,9 +33,7 @@ from uavcover.benchmarks.coverage.judging import (
     moment_document,
     read_moment,
 )
-from uavcover.benchmarks.coverage.line_scan import Tried, length_at, scan, short_families
-from uavcover.benchmarks.coverage.plot import mean_between
-from uavcover.benchmarks.coverage.results import write_results
+from uavcover.benchmarks.coverage.results import mean_between, runs_csv, tables_markdown, write_results
 from uavcover.benchmarks.coverage.runs import (
     EVALUATIONS,
     ONCE,
@@ -35,15 +44,18 @@ from uavcover.benchmarks.coverage.runs import (
     wanted_runs,
 )
 from uavcover.benchmarks.coverage.summary import Outcome, Outcomes, is_no_worse, read_outcomes
-from uavcover.benchmarks.coverage.tables import runs_csv, tables_markdown
-from uavcover.benchmarks.kept_runs import KeptRuns
-from uavcover.coverage.hold_out import HoldOut
+from uavcover.benchmarks.runs import KeptRuns
 from uavcover.model.route import Route
-from uavcover.pipeline import load_site
-from uavcover.planning.baselines import PLAIN_TOLERANCE_M, best_height_agl_m
-from uavcover.planning.node_rows import NodeRows, fly_rows, scanned_rows
-from uavcover.planning.swaths import fly_layout, long_side_angle_rad, regular_layout
-from uavcover.scenario import bundled_scenarios
+from uavcover.planning.baselines.boustrophedon import (
+    PLAIN_TOLERANCE_M,
+    NodeRows,
+    best_height_agl_m,
+    fly_rows,
+    scanned_rows,
+)
+from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout
+from uavcover.run.pipeline import load_site
+from uavcover.scenario.scenario_file import bundled_scenarios
 
 PLANAR = CASES["paper-planar"]
 

@@ -6,7 +6,7 @@ import importlib
 import pytest
 
 
-@pytest.mark.parametrize("module", ["indicators", "mmf_summary", "mmf_tables", "rank_tests"])
+@pytest.mark.parametrize("module", ["mmf.summary", "mmf.tables", "rank_tests"])
 def test_examples_in_docstrings(module: str) -> None:
     result = doctest.testmod(importlib.import_module(f"uavcover.benchmarks.{module}"))
     assert result.attempted > 0

@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from uavcover.benchmarks.indicators import CONSTANT_VARIABLES, cover_rate, pareto_sets_proximity
-from uavcover.benchmarks.reference_sets import reference_sets
+from uavcover.benchmarks.mmf.reference_sets import reference_sets
+from uavcover.benchmarks.mmf.summary import CONSTANT_VARIABLES, cover_rate, pareto_sets_proximity
 from uavcover.errors import OptimizerError
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 2.0]])

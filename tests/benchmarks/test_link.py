@@ -9,14 +9,11 @@ from pathlib import Path
 import pytest
 
 from mission_io.errors import MisuseError
-from mission_io.simulated import Conditions
-from uavcover.benchmarks.link import workers
-from uavcover.benchmarks.link.clients import Transferred, outcome_of, run_real, run_simulated
-from uavcover.benchmarks.link.grid import OUTCOMES, read_outcomes, run_missing, trials
-from uavcover.benchmarks.link.tables import cells_of, csv_lines, markdown
-from uavcover.benchmarks.link.trials import Outcome, Trial, items_on, mission_items
-from uavcover.benchmarks.link.vehicles import conditions_of, serve
-from uavcover.benchmarks.link.workers import run_over_udp
+from mission_io.links.simulated import Conditions
+from uavcover.benchmarks.link import runs
+from uavcover.benchmarks.link.peers import Transferred, conditions_of, outcome_of, run_real, run_simulated, serve
+from uavcover.benchmarks.link.runs import OUTCOMES, read_outcomes, run_missing, run_over_udp, trials
+from uavcover.benchmarks.link.trials import Outcome, Trial, cells_of, csv_lines, items_on, markdown, mission_items
 from uavcover.errors import InputError
 
 UPLOAD = Trial("native", "px4", "upload", 0.0, 0.0, 0)
@@ -113,7 +110,7 @@ def test_processes_run_trials_and_a_client_that_fails_is_an_outcome() -> None:
 
 
 def test_a_client_that_hangs_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workers, "LONGEST_S", 0.0)
+    monkeypatch.setattr(runs, "LONGEST_S", 0.0)
     outcomes = list(run_over_udp([UPLOAD, trial("native", seed=1)], at_a_time=1))
     assert [(o.claimed, o.error) for o in outcomes] == [(False, "hung for 0 s")] * 2
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from uavcover.benchmarks.mmf import PROBLEMS, two_peaks
-from uavcover.benchmarks.reference_sets import reference_sets
+from uavcover.benchmarks.mmf.problems import PROBLEMS, two_peaks
+from uavcover.benchmarks.mmf.reference_sets import reference_sets
 
 # Rows of the reference files, from the suite's own description.
 ROWS = {

@@ -8,16 +8,13 @@ import pytest
 from pymoo.indicators.hv import HV
 from pymoo.indicators.igd import IGD
 
-from uavcover.benchmarks.contenders import Budget
-from uavcover.benchmarks.mmf import PROBLEMS
-from uavcover.benchmarks.mmf_figures import FIGURES, draw, median_run
-from uavcover.benchmarks.mmf_folder import MmfFolder, RunId
-from uavcover.benchmarks.mmf_results import comparisons_csv, write_results
-from uavcover.benchmarks.mmf_runs import make_runs, missing_runs
-from uavcover.benchmarks.mmf_summary import METRICS, figure, indicators, measured, summary_csv
-from uavcover.benchmarks.mmf_tables import contestants, markdown, short, tables_markdown
-from uavcover.benchmarks.published import published
-from uavcover.benchmarks.reference_sets import reference_sets
+from uavcover.benchmarks.mmf.contenders import Budget
+from uavcover.benchmarks.mmf.problems import PROBLEMS
+from uavcover.benchmarks.mmf.reference_sets import reference_sets
+from uavcover.benchmarks.mmf.results import FIGURES, comparisons_csv, draw, median_run, write_results
+from uavcover.benchmarks.mmf.runs import MmfFolder, RunId, make_runs, missing_runs
+from uavcover.benchmarks.mmf.summary import METRICS, figure, indicators, measured, summary_csv
+from uavcover.benchmarks.mmf.tables import contestants, markdown, published, short, tables_markdown
 from uavcover.errors import InputError, OutputError
 
 SMALL = Budget(population=12, iterations=4, archive=8)

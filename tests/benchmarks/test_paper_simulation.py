@@ -8,15 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uavcover.benchmarks.kept_runs import KeptRuns
-from uavcover.benchmarks.paper.published import TABLE_5, Figures
-from uavcover.benchmarks.paper.readings import READINGS
-from uavcover.benchmarks.paper.results import read_results, write_results
+from uavcover.benchmarks.paper.readings import READINGS, TABLE_5, Figures
+from uavcover.benchmarks.paper.results import (
+    Row,
+    by_nodes,
+    by_weights,
+    misfit,
+    read_results,
+    row,
+    tables_markdown,
+    write_results,
+)
 from uavcover.benchmarks.paper.runs import ALGORITHMS, PaperResult, make_runs, paper_runs
-from uavcover.benchmarks.paper.summary import Row, by_nodes, by_weights, misfit, row
-from uavcover.benchmarks.paper.tables import tables_markdown
-from uavcover.coverage.coverage_map import CoverageMap
+from uavcover.benchmarks.runs import KeptRuns
 from uavcover.errors import InputError, OutputError
+from uavcover.sensing.coverage_map import CoverageMap
 
 SMALL = {"population": 20, "iterations": 3}
 

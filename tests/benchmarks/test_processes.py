@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from uavcover.benchmarks.processes import available_cores, completed
+from uavcover.benchmarks.runs import available_cores, completed
 from uavcover.errors import OptimizerError, UavcoverError
 
 
@@ -86,7 +86,7 @@ def test_processes_end_with_a_killed_parent(tmp_path: Path) -> None:
     program.write_text(
         "import os, signal, sys\n"
         "from tests.benchmarks.test_processes import process_id\n"
-        "from uavcover.benchmarks.processes import completed\n"
+        "from uavcover.benchmarks.runs import completed\n"
         "if __name__ == '__main__':\n"
         "    work = completed(process_id, range(3), processes=1)\n"
         "    print(next(work)[1], flush=True)\n"

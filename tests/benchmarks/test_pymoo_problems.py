@@ -9,12 +9,12 @@ import pytest
 from pymoo.algorithms.moo.nsga2 import NSGA2
 from pymoo.optimize import minimize
 
-from uavcover.benchmarks.mmf import PROBLEMS
-from uavcover.benchmarks.pymoo_problems import pymoo_problem
-from uavcover.benchmarks.reference_sets import reference_sets
+from uavcover.benchmarks.mmf.problems import PROBLEMS
+from uavcover.benchmarks.mmf.pymoo_problems import pymoo_problem
+from uavcover.benchmarks.mmf.reference_sets import reference_sets
 from uavcover.errors import InputError
 from uavcover.optimizers.indicators import inverted_generational_distance
-from uavcover.optimizers.pymoo_algorithm import UavcoverAlgorithm
+from uavcover.optimizers.pymoo.algorithm import UavcoverAlgorithm
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -82,8 +82,8 @@ def test_an_unknown_name_lists_the_known_ones():
 @pytest.mark.parametrize(
     ("statement", "who"),
     [
-        ("import uavcover.benchmarks.pymoo_problems", "uavcover.benchmarks.pymoo_problems"),
-        ("import uavcover.optimizers.pymoo_algorithm", "uavcover.optimizers.pymoo_algorithm"),
+        ("import uavcover.benchmarks.mmf.pymoo_problems", "uavcover.benchmarks.mmf.pymoo_problems"),
+        ("import uavcover.optimizers.pymoo.algorithm", "uavcover.optimizers.pymoo.algorithm"),
         ("ALGORITHMS['nsga2']([0], [1], n_objectives=2, seed=1).ask()", "NSGA2"),
         ("ALGORITHMS['moead']([0], [1], n_objectives=2, seed=1).ask()", "MOEAD"),
     ],

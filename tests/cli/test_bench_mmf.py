@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Cli, command, in_process, started
-from uavcover.benchmarks.contenders import CONTENDERS
-from uavcover.benchmarks.mmf import PROBLEMS
+from uavcover.benchmarks.mmf.contenders import CONTENDERS
+from uavcover.benchmarks.mmf.problems import PROBLEMS
 
 SMALL = ("--population", 12, "--iterations", 4, "--archive", 8)
 

@@ -2,10 +2,10 @@ from pathlib import Path
 
 import pytest
 
-from mission_io.client import Client
-from mission_io.enums import ModeFlag
-from mission_io.items import MissionType
-from mission_io.link import UdpLink
+from mission_io.client.client import Client
+from mission_io.links.opening import UdpLink
+from mission_io.model.enums import ModeFlag
+from mission_io.model.items import MissionType
 from tests.cli.conftest import Cli, mock_vehicle
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer

@@ -11,9 +11,9 @@ from pymavlink import mavwp
 from rasterio.warp import transform
 
 from tests.cli.conftest import Cli, files
-from uavcover import pipeline
-from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.run_folder import RunFolder
+from uavcover.run import pipeline
+from uavcover.run.folder import RunFolder
+from uavcover.sensing.coverage_map import CoverageMap
 
 
 def sealed(run: Path) -> None:

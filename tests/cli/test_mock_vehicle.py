@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from mission_io.client import Client
-from mission_io.link import open_link
-from mission_io.messages import SysStatus
+from mission_io.client.client import Client
+from mission_io.links.opening import open_link
+from mission_io.wire.messages import SysStatus
 from tests.cli.conftest import Cli, mock_vehicle, started, wait_for_line
 
 

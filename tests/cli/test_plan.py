@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from tests.cli.conftest import EVALUATIONS, Cli, command, files, in_process, limited_to, started, wait_for_line
-from uavcover import pipeline
 from uavcover.cli.console import Console
 from uavcover.cli.planning import PlanRequest, plan_into, progress_in_words, room_in_words
 from uavcover.model.route import RouteMetrics
 from uavcover.planning.planner import Progress
+from uavcover.run import pipeline
 
 PLANNED = {
     "scenario.toml", "run.json", "pareto.csv", "pareto_routes.csv", "plan.json",

@@ -13,7 +13,7 @@ import pytest
 
 from tests.cli.conftest import EVALUATIONS, Cli, command, mock_vehicle, started
 from tests.cli.relay import Relay
-from uavcover import pipeline
+from uavcover.run import pipeline
 
 
 def test_run_folder_to_a_vehicle_in_another_process(cli: Cli, planned: Path) -> None:

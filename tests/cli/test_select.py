@@ -3,8 +3,8 @@ import json
 from pathlib import Path
 
 from tests.cli.conftest import Cli
-from uavcover import pipeline
-from uavcover.run_folder import RunFolder
+from uavcover.run import pipeline
+from uavcover.run.folder import RunFolder
 
 
 def set_of(run: Path) -> list[dict[str, str]]:

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from mission_io.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.autopilots import PX4
+from mission_io.autopilots.autopilot import PX4
 from mission_io.formats import csv, plan, poly, wpl
-from mission_io.items import Frame, GeoPoint, Mission, waypoint
-from mission_io.link import UdpLink
+from mission_io.links.opening import UdpLink
+from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
+from mission_io.model.items import Frame, GeoPoint, Mission, waypoint
 from tests.cli.conftest import Cli, command, mock_vehicle, started
 from tests.cli.relay import Relay
 from tests.mission_io.real_vehicle import flying_on

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from mission_io.autopilots import ARDUPILOT, PX4
-from mission_io.items import GeoPoint, MissionType
-from mission_io.vehicle_types import parse_type
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.vehicle_types import parse_type
+from mission_io.model.items import GeoPoint, MissionType
 from tests.cli.conftest import Cli
-from uavcover import pipeline
-from uavcover.flight.mock.server import MockServer
-from uavcover.flight.mock.vehicle import MockVehicle
-from uavcover.on_vehicle import require_home
-from uavcover.run_folder import RunFolder
+from uavcover.mock.server import MockServer
+from uavcover.mock.vehicle import MockVehicle
+from uavcover.run import pipeline
+from uavcover.run.folder import RunFolder
+from uavcover.run.session import require_home
 
 FOREIGN = ["plane", "vtol", "helicopter", "rover", "boat", "submarine", "airship"]
 

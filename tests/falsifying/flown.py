@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover import pipeline
-from uavcover.after_flight import read_planned_route
-from uavcover.flight.track_file import read_track
 from uavcover.model.track import AGE_COLUMN, COLUMNS
-from uavcover.resumption import flown_tracks
-from uavcover.run_folder import RunFolder
-from uavcover.site import Site
+from uavcover.run import pipeline
+from uavcover.run.folder import RunFolder
+from uavcover.run.judge import read_planned_route
+from uavcover.run.resume import flown_tracks
+from uavcover.scenario.site import Site
+from uavcover.vehicle.track_file import read_track
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -12,29 +12,29 @@ from typing import Any
 
 import numpy as np
 
+from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.links.telemetry_log import LoggedLink
-from mission_io.simulated import Conditions, SimulatedLink
-from uavcover import pipeline
 from uavcover.cli.console import Console
 from uavcover.cli.flying import record_flight
-from uavcover.flight.fly import FlightOutcome
-from uavcover.flight.mock.battery import BatteryData
-from uavcover.flight.mock.peer import InMemoryPeer
-from uavcover.flight.mock.settings import Settings
-from uavcover.flight.mock.vehicle import MockVehicle
-from uavcover.flight.monitor import open_vehicle
-from uavcover.frames import LocalFrame
-from uavcover.leg_checks import measure_violations
-from uavcover.local_raster import Band, geotiff
-from uavcover.mission_compiler import AUTOPILOTS
+from uavcover.mock.battery import BatteryData
+from uavcover.mock.behaviour import Settings
+from uavcover.mock.peer import InMemoryPeer
+from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.vehicle import AutopilotName
-from uavcover.on_vehicle import Connected, Orders, fly, require_home
-from uavcover.planning.baselines import fly_layout, regular_layout
-from uavcover.planning.objectives import judge
-from uavcover.resumption import find_unfinished, save_rest
-from uavcover.run_folder import RunFolder
-from uavcover.site import Site
+from uavcover.planning.baselines.boustrophedon import fly_layout, regular_layout
+from uavcover.routes.leg_checks import measure_violations
+from uavcover.routes.mission_compiler import AUTOPILOTS
+from uavcover.routes.objectives import judge
+from uavcover.run import pipeline
+from uavcover.run.folder import RunFolder
+from uavcover.run.geotiff import Band, geotiff
+from uavcover.run.resume import find_unfinished, save_rest
+from uavcover.run.session import Connected, Orders, fly, require_home
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.site import Site
+from uavcover.vehicle.fly import FlightOutcome
+from uavcover.vehicle.monitor import open_vehicle
 
 FRAME = LocalFrame(36.51, -84.23, 412.0)
 """Latitude, longitude and height are unlike each other: what is swapped shows."""
@@ -231,7 +231,7 @@ class Field:
         """Upload the plan of a run folder, fly it from the ground, and keep the record there as ``uavcover fly`` does.
 
         Raises:
-            uavcover.flight.outcome.FlightFailedError: it did not end as it should.
+            uavcover.vehicle.outcome.FlightFailedError: it did not end as it should.
         """
         route = pipeline.read_planned(run)[1].route
 

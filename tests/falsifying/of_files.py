@@ -12,9 +12,9 @@ import numpy as np
 from tests.falsifying.flown import Flown
 from tests.falsifying.of_place import shifted
 from tests.falsifying.way import Meddle, Way, family
-from uavcover.local_raster import Band, geotiff
 from uavcover.model.scenario import RasterTerrain
-from uavcover.scenario import dump_scenario, terrain_path
+from uavcover.run.geotiff import Band, geotiff
+from uavcover.scenario.scenario_file import dump_scenario, terrain_path
 
 CHANGED = "what is judged is not what was planned and flown"
 

@@ -10,11 +10,11 @@ import numba
 import numpy as np
 import pytest
 
-from uavcover.kernels import _cache
+from uavcover.kernels import jit
 
-SOURCES = Path(_cache.__file__).parent
+SOURCES = Path(jit.__file__).parent
 DEPTH = 4
-LINK = """from uavcover.kernels._jit import kernel
+LINK = """from uavcover.kernels.jit import kernel
 from uavcover.kernels.k{below} import value as below
 
 
@@ -22,16 +22,16 @@ from uavcover.kernels.k{below} import value as below
 def value(x):
     return below(x) * 10 + {digit}
 """
-END = """from uavcover.kernels._jit import kernel
+END = """from uavcover.kernels.jit import kernel
 
 
 @kernel
 def value(x):
     return x * 10 + {digit}
 """
-PROGRAM = """from uavcover.kernels import _cache
+PROGRAM = """from uavcover.kernels import jit
 from uavcover.kernels.k{top} import value
-print(value(7), getattr(value, "_cache_hits", None) and sum(value._cache_hits.values()), _cache.folder())
+print(value(7), getattr(value, "_cache_hits", None) and sum(value._cache_hits.values()), jit.folder())
 """
 
 
@@ -42,7 +42,7 @@ class Chain:
         self.kernels = folder / "uavcover" / "kernels"
         self.kernels.mkdir(parents=True)
         (folder / "uavcover" / "__init__.py").touch()
-        for name in ("__init__.py", "_jit.py", "_cache.py"):
+        for name in ("__init__.py", "jit.py"):
             shutil.copy(SOURCES / name, self.kernels)
         self.digits = list(range(1, DEPTH + 1))
         for link in range(DEPTH):
@@ -130,20 +130,20 @@ def test_interpreted_kernels_keep_nothing(chain: Chain) -> None:
 def test_the_key_holds_the_compiler_and_its_settings(
     monkeypatch: pytest.MonkeyPatch, module: object, name: str
 ) -> None:
-    before = _cache._key(SOURCES)
+    before = jit._key(SOURCES)
     monkeypatch.setattr(module, name, "other")
-    assert _cache._key(SOURCES) != before
+    assert jit._key(SOURCES) != before
 
 
 def test_the_key_holds_every_source(tmp_path: Path) -> None:
     (tmp_path / "a.py").write_text("x = 1\n")
     (tmp_path / "b.py").write_text("y = 2\n")
-    keys = {_cache._key(tmp_path)}
+    keys = {jit._key(tmp_path)}
     for name, content in [("a.py", "x = 3\n"), ("b.py", "y = 4\n"), ("c.py", ""), ("a.py", "x = 3\ny"), ("b.py", "")]:
         (tmp_path / name).write_text(content)
-        keys.add(_cache._key(tmp_path))
+        keys.add(jit._key(tmp_path))
     (tmp_path / "c.py").unlink()
-    assert len(keys | {_cache._key(tmp_path)}) == 7
+    assert len(keys | {jit._key(tmp_path)}) == 7
 
 
 def test_old_machine_code_goes(tmp_path: Path) -> None:
@@ -154,5 +154,5 @@ def test_old_machine_code_goes(tmp_path: Path) -> None:
         os.utime(place / f"kernels-{age}", (1000 - age, 1000 - age))
     for name in ("a.value-5.py311.nbi", "a.value-5.py311.1.nbc", "a.cpython-311.pyc"):
         (place / name).touch()
-    _cache._remove_old(place)
+    jit._remove_old(place)
     assert {path.name for path in place.iterdir()} == {"kernels-0", "kernels-1", "kernels-2", "a.cpython-311.pyc"}

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from tests.kernels.test_coverage import cells_on, rough_ground
 from tests.naive import draft as naive
 from tests.naive import runs as naive_runs
-from uavcover.kernels.cone_spans import NOT_SO, cone_cells, list_cone_runs
 from uavcover.kernels.coverage import Cells
-from uavcover.kernels.draft import ALONG_PATH
+from uavcover.kernels.nadir_visibility import NOT_SO, cone_cells, list_cone_runs
+from uavcover.kernels.route_state import ALONG_PATH
 from uavcover.kernels.sight import CONE, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight
-from uavcover.terrain.ground import sine_cosine_ground
+from uavcover.scenario.ground import sine_cosine_ground
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=60)
 

@@ -25,7 +25,7 @@ from uavcover.kernels.sight import (
     level_aim,
 )
 from uavcover.kernels.surface import gradients, heights
-from uavcover.terrain.ground import grid_ground, sine_cosine_ground
+from uavcover.scenario.ground import grid_ground, sine_cosine_ground
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=25)
 

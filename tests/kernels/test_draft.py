@@ -14,11 +14,13 @@ from tests.kernels.test_coverage import cells_on, make_sight, rough_ground, sigh
 from tests.kernels.test_obstacles import obstacles_of
 from tests.naive import draft as naive
 from tests.planning.sites import hills, make_site, tower
-from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.kernels import coverage as coverage_kernels
 from uavcover.kernels.annealing import Prices, Schedule, anneal, energy_of_share, snapshot
-from uavcover.kernels.cone_spans import cone_cells
-from uavcover.kernels.draft import (
+from uavcover.kernels.leg_visibility import list_cells
+from uavcover.kernels.nadir_visibility import cone_cells
+from uavcover.kernels.obstacles import NO_OBSTACLES
+from uavcover.kernels.route import path_length
+from uavcover.kernels.route_state import (
     ALONG_PATH,
     AT_WAYPOINTS,
     WIDEST,
@@ -30,17 +32,15 @@ from uavcover.kernels.draft import (
     recount,
     seen_alone,
 )
-from uavcover.kernels.obstacles import NO_OBSTACLES
-from uavcover.kernels.route import path_length
 from uavcover.kernels.sight import CONE, DISC, FRUSTUM, MIDPOINT, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight
-from uavcover.kernels.spans import list_cells
 from uavcover.kernels.surface import Surface, heights
-from uavcover.leg_checks import measure_violations
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Route
 from uavcover.model.sensor import NadirCamera, SphereSensor
-from uavcover.planning.draft_route import draft_of, local_task
-from uavcover.terrain.ground import grid_ground, sine_cosine_ground
+from uavcover.planning.search.route_problem import draft_of, local_task
+from uavcover.routes.leg_checks import measure_violations
+from uavcover.scenario.ground import grid_ground, sine_cosine_ground
+from uavcover.sensing.coverage_map import CoverageMap
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=25)
 

@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from uavcover.kernels.local_slopes import local_slopes, steepest_between
+from uavcover.kernels.sight import local_slopes, steepest_between
 from uavcover.kernels.surface import heights
-from uavcover.terrain.ground import grid_ground, sine_cosine_ground
+from uavcover.scenario.ground import grid_ground, sine_cosine_ground
 
 
 def rough(nodes):

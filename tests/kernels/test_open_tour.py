@@ -3,8 +3,7 @@ import numpy as np
 import pytest
 
 from tests.naive import tour as naive
-from uavcover.kernels.closed_tour import nearest
-from uavcover.kernels.open_tour import short_tour, shorten_open
+from uavcover.kernels.tours import nearest, short_tour, shorten_open
 
 
 def some_points(seed, n):

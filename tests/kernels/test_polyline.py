@@ -8,7 +8,7 @@ from hypothesis.extra import numpy as hnp
 from shapely import LineString, Point
 
 from tests.naive import route as naive
-from uavcover.kernels.polyline import distances_to_polyline
+from uavcover.kernels.route import distances_to_polyline
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=25)
 coordinates = st.one_of(st.integers(-2, 2).map(float), st.floats(-100, 100, width=32))

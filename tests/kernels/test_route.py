@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 from tests.naive import route as naive
 from uavcover.kernels import route as kernels
 from uavcover.kernels.surface import height, height_range_above
-from uavcover.terrain.ground import grid_ground, sine_cosine_ground
+from uavcover.scenario.ground import grid_ground, sine_cosine_ground
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=25)
 

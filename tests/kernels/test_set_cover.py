@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from tests.naive import set_cover as naive
 from uavcover.kernels import set_cover as kernels
-from uavcover.kernels.cover_search import search_cover
+from uavcover.kernels.set_cover import search_cover
 
 ITEMS = 9
 

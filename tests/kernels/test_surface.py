@@ -8,10 +8,9 @@ from hypothesis.extra import numpy as hnp
 
 from tests.naive import surface as naive
 from uavcover.kernels import surface as kernels
-from uavcover.kernels.grid_frame import square_frame
-from uavcover.kernels.nodes import steepest_slope
+from uavcover.kernels.grid import square_frame, steepest_slope
 from uavcover.kernels.surface import GRID, Surface
-from uavcover.terrain.ground import grid_ground, sine_cosine_ground
+from uavcover.scenario.ground import grid_ground, sine_cosine_ground
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=40)
 

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from tests.kernels.test_coverage import cells_on, deterministic, rough_ground, sights
 from tests.naive import tally as naive
-from uavcover.kernels import tally as kernels
+from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.coverage import Cells
-from uavcover.kernels.local_slopes import local_slopes
+from uavcover.kernels.observation_counting import Camera
 from uavcover.kernels.sight import (
     CONE,
     DISC,
@@ -25,9 +25,9 @@ from uavcover.kernels.sight import (
     TOO_COARSE,
     TOO_OBLIQUE,
     Sight,
+    local_slopes,
 )  # fmt: skip
-from uavcover.kernels.tally import Camera
-from uavcover.terrain.ground import grid_ground
+from uavcover.scenario.ground import grid_ground
 
 EXACT = Camera(focal_px=900.0, pass_gap_s=1.5, offset_m=0.0, horizontal_m=0.0, lift_m=0.0, turn_rad=0.0)
 DOWN = np.array([[0.0, 0.0, -1.0]])

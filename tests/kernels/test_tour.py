@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
-from uavcover.kernels.tour import order_between_ends
+from uavcover.kernels.tours import order_between_ends
 
 
 def distances(points):

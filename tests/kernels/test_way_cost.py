@@ -9,7 +9,7 @@ from tests.kernels.test_route import deterministic, points
 from tests.naive import route as naive
 from uavcover.kernels.route import path_length
 from uavcover.kernels.way_cost import LENGTH, TIME, Pace, WayCost, flight_time, leg_times, route_cost, turn_times
-from uavcover.terrain.ground import grid_ground
+from uavcover.scenario.ground import grid_ground
 
 paces = st.builds(
     Pace,

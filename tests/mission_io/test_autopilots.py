@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import pytest
 
-from mission_io.autopilots import (
+from mission_io.autopilots.autopilot import (
     ARDUPILOT,
     PX4,
     Autopilot,
@@ -12,10 +12,10 @@ from mission_io.autopilots import (
     stored_item,
     wire_items,
 )
-from mission_io.checks import check_for_autopilot
-from mission_io.compare import compare_items
+from mission_io.autopilots.checks import check_for_autopilot
+from mission_io.autopilots.comparison import compare_items
 from mission_io.errors import FormatError, MisuseError
-from mission_io.items import (
+from mission_io.model.items import (
     Command,
     Frame,
     GeoPoint,
@@ -29,8 +29,8 @@ from mission_io.items import (
     trigger_camera_every,
     waypoint,
 )
-from mission_io.messages import MissionItemFloat, MissionItemInt
-from mission_io.wire import degrees_on_wire, float32, item_from_message, message_from_item
+from mission_io.wire.messages import MissionItemFloat, MissionItemInt
+from mission_io.wire.mission_items import degrees_on_wire, float32, item_from_message, message_from_item
 
 HOME = GeoPoint(46.5, -7.25, 512.0)
 WAYPOINT = waypoint(46.1234567, -7.7654321, 40.0, frame=Frame.ABOVE_HOME)

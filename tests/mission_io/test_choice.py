@@ -5,13 +5,13 @@ import random
 
 import pytest
 
-from mission_io import messages as m
-from mission_io.autopilots import ARDUPILOT, PX4
-from mission_io.choice import LISTEN_S
-from mission_io.enums import AutopilotId, VehicleClass
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.vehicle_types import VEHICLE_TYPES, VehicleKind, kind_of, parse_type, type_name
+from mission_io.client.peers import LISTEN_S
 from mission_io.errors import AmbiguousVehicleError, MisuseError, VehicleSilentError
-from mission_io.items import MissionType
-from mission_io.vehicle_types import VEHICLE_TYPES, VehicleKind, kind_of, parse_type, type_name
+from mission_io.model.enums import AutopilotId, VehicleClass
+from mission_io.model.items import MissionType
+from mission_io.wire import messages as m
 from tests.mission_io.test_neighbours import ITEMS, Bus, Station, Vehicle, client_on
 
 COMPANION = 191

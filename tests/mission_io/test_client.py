@@ -5,12 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.autopilots import ARDUPILOT, PX4, Autopilot, wire_items
-from mission_io.client import Client
-from mission_io.codec import Codec
-from mission_io.content import Content
-from mission_io.enums import MissionResult, ModeFlag
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, wire_items
+from mission_io.autopilots.lists import Content
+from mission_io.client.client import Client
 from mission_io.errors import (
     FormatError,
     MisuseError,
@@ -20,7 +17,10 @@ from mission_io.errors import (
     VehicleHolds,
     VehicleSilentError,
 )
-from mission_io.items import (
+from mission_io.links.simulated import Conditions
+from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
+from mission_io.model.enums import MissionResult, ModeFlag
+from mission_io.model.items import (
     Frame,
     GeoPoint,
     Mission,
@@ -31,7 +31,8 @@ from mission_io.items import (
     takeoff,
     waypoint,
 )
-from mission_io.messages import (
+from mission_io.wire.codec import Codec
+from mission_io.wire.messages import (
     Heartbeat,
     MissionAck,
     MissionCount,
@@ -43,7 +44,6 @@ from mission_io.messages import (
     Received,
     TimeSync,
 )
-from mission_io.simulated import Conditions
 from tests.mission_io.vehicle import VehiclePeer, connected
 
 HOME = GeoPoint(46.5, -7.25, 512.3)

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from mission_io import messages as m
-from mission_io.codec import Codec, message_id
-from mission_io.enums import LandedState, MissionState
 from mission_io.errors import MisuseError
+from mission_io.model.enums import LandedState, MissionState
+from mission_io.wire import messages as m
+from mission_io.wire.codec import Codec, message_id
 
 SAMPLES: list[m.Message] = [
     m.Heartbeat(3, 2, 128 + 1, 5, 4),

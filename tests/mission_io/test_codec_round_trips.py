@@ -9,11 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as pymavlink
 
-from mission_io import message_table
-from mission_io.codec import Codec
-from mission_io.dialect import layout_of
-from mission_io.framing import mavlink2_frame
-from mission_io.messages import Heartbeat, HomePosition, Message, MissionCurrent
+from mission_io.wire import message_table
+from mission_io.wire.codec import Codec
+from mission_io.wire.framing import layout_of, mavlink2_frame
+from mission_io.wire.messages import Heartbeat, HomePosition, Message, MissionCurrent
 
 ROWS = {row.layout.name: row for row in message_table.ROWS}
 EXACT = 2**53

@@ -2,13 +2,14 @@ import random
 
 import pytest
 
-from mission_io import commands
-from mission_io.autopilots import ARDUPILOT, PX4
-from mission_io.client import Client
-from mission_io.enums import CommandResult
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.client import commands
+from mission_io.client.client import Client
 from mission_io.errors import CommandRefusedError, MisuseError, VehicleSilentError
-from mission_io.items import Command
-from mission_io.messages import (
+from mission_io.links.simulated import Conditions
+from mission_io.model.enums import CommandResult
+from mission_io.model.items import Command
+from mission_io.wire.messages import (
     CommandAck,
     CommandInt,
     CommandLong,
@@ -19,8 +20,7 @@ from mission_io.messages import (
     ParamValue,
     Received,
 )
-from mission_io.simulated import Conditions
-from mission_io.wire import float32
+from mission_io.wire.mission_items import float32
 from tests.mission_io.vehicle import VehiclePeer, connected
 
 

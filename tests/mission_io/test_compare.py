@@ -13,14 +13,12 @@ import pytest
 from pymavlink import mavwp
 from pymavlink.dialects.v20 import common as dialect
 
-from mission_io.actions import PointGimbal, PointMount, item_of
-from mission_io.areas import Fence, RallyPoints
-from mission_io.autopilots import ARDUPILOT, PX4, Autopilot, stored_item, wire_items
-from mission_io.codec import Codec
-from mission_io.compare import SAME_PLACE_M, compare_items, fault_text, faults
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, stored_item, wire_items
+from mission_io.autopilots.comparison import SAME_PLACE_M, Meaning, compare_items, fault_text, faults, meaning_of
 from mission_io.formats import plan, wpl
-from mission_io.geodesy import ground_distance_m
-from mission_io.items import (
+from mission_io.model.actions import PointGimbal, PointMount, item_of
+from mission_io.model.areas import Fence, RallyPoints
+from mission_io.model.items import (
     Frame,
     GeoPoint,
     Mission,
@@ -35,9 +33,10 @@ from mission_io.items import (
     trigger_camera_every,
     waypoint,
 )
-from mission_io.meaning import Meaning, meaning_of
-from mission_io.messages import MissionItemInt
-from mission_io.wire import item_from_message
+from mission_io.model.places import ground_distance_m
+from mission_io.wire.codec import Codec
+from mission_io.wire.messages import MissionItemInt
+from mission_io.wire.mission_items import item_from_message
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 HOMES = [(46.5, -7.25), (-33.123456789, 179.99999), (0.0, 0.0), (69.7, -179.99999), (-77.85, 166.7)]

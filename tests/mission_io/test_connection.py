@@ -1,9 +1,9 @@
 """A link on which more comes than can be read."""
 
-from mission_io.codec import Codec
-from mission_io.connection import Connection
-from mission_io.messages import Heartbeat
-from mission_io.simulated import ManualClock
+from mission_io.client.connection import Connection
+from mission_io.links.simulated import ManualClock
+from mission_io.wire.codec import Codec
+from mission_io.wire.messages import Heartbeat
 
 READING_S = 0.004
 """How long a busy machine takes for a datagram."""

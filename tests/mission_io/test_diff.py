@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_io.areas import items_from_fence
-from mission_io.diff import Edit, MissionDiff, apply, apply_edits, diff, diff_items
 from mission_io.errors import MisuseError
-from mission_io.items import GeoPoint, Mission, MissionItem, delay
+from mission_io.model.areas import items_from_fence
+from mission_io.model.diff import Edit, MissionDiff, apply, apply_edits, diff, diff_items
+from mission_io.model.items import GeoPoint, Mission, MissionItem, delay
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION
 
 _FEW = [delay(float(n)) for n in range(4)] + [

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from mission_io.autopilots import ARDUPILOT
-from mission_io.diagrams import TABLES, main, with_diagrams
-from mission_io.items import MissionType
-from mission_io.link import UdpLink
+from mission_io.autopilots.autopilot import ARDUPILOT
+from mission_io.links.opening import UdpLink
+from mission_io.model.items import MissionType
+from mission_io.protocol.diagrams import TABLES, main, with_diagrams
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer
 
@@ -32,7 +32,7 @@ def test_the_ten_line_upload_runs(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_the_diagrams_are_up_to_date() -> None:
     text = PROTOCOL.read_text()
-    assert with_diagrams(text) == text, "run: python -m mission_io.diagrams docs/mission_protocol.md"
+    assert with_diagrams(text) == text, "run: python -m mission_io.protocol.diagrams docs/mission_protocol.md"
     assert all(f"<!-- {name} table: begin -->" in text for name in TABLES)
 
 

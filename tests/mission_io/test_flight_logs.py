@@ -2,10 +2,10 @@ import random
 
 import pytest
 
+from mission_io.client.flight_logs import download_flight_log, list_flight_logs
 from mission_io.errors import TransferSilentError, VehicleSilentError
-from mission_io.flight_logs import download_flight_log, list_flight_logs
-from mission_io.messages import LogData, LogEntry, LogRequestData, LogRequestEnd, LogRequestList, Received
-from mission_io.simulated import Conditions
+from mission_io.links.simulated import Conditions
+from mission_io.wire.messages import LogData, LogEntry, LogRequestData, LogRequestEnd, LogRequestList, Received
 from tests.mission_io.vehicle import VehiclePeer, connected
 
 LOGS = {3: random.Random(3).randbytes(200_001), 4: b"", 7: random.Random(7).randbytes(90)}

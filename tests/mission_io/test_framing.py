@@ -6,12 +6,19 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as pymavlink
 
-from mission_io import framing
-from mission_io.codec import Codec
-from mission_io.dialect import checksum
 from mission_io.errors import MisuseError
-from mission_io.framing import LARGEST_FRAME, Framer, FramingCounts, WireFrame, mavlink1_frame, mavlink2_frame
-from mission_io.messages import Heartbeat, StatusText
+from mission_io.wire import framing
+from mission_io.wire.codec import Codec
+from mission_io.wire.framing import (
+    LARGEST_FRAME,
+    Framer,
+    FramingCounts,
+    WireFrame,
+    checksum,
+    mavlink1_frame,
+    mavlink2_frame,
+)
+from mission_io.wire.messages import Heartbeat, StatusText
 from tests.mission_io.test_codec import SAMPLES
 
 

@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 import pytest
 
-from mission_io.client import Client
-from mission_io.enums import CommandResult
+from mission_io.client.client import Client
+from mission_io.client.flight_logs import download_flight_log, list_flight_logs
 from mission_io.errors import CommandRefusedError, MissionIoError, TransferSilentError, VehicleSilentError
-from mission_io.flight_logs import download_flight_log, list_flight_logs
-from mission_io.items import Command
-from mission_io.messages import (
+from mission_io.model.enums import CommandResult
+from mission_io.model.items import Command
+from mission_io.wire.messages import (
     CommandAck,
     CommandLong,
     Heartbeat,

@@ -3,8 +3,11 @@ import math
 
 import pytest
 
-from mission_io import items as i
-from mission_io.areas import (
+from mission_io.autopilots.autopilot import PX4
+from mission_io.autopilots.lists import content_of, items_of, mission_type_of
+from mission_io.errors import CommandRefusedError, FormatError, MissionIoError, TransferSilentError
+from mission_io.model import items as i
+from mission_io.model.areas import (
     Fence,
     FenceCircle,
     FencePolygon,
@@ -16,10 +19,7 @@ from mission_io.areas import (
     items_from_rally,
     rally_from_items,
 )
-from mission_io.autopilots import PX4
-from mission_io.content import content_of, items_of, mission_type_of
-from mission_io.errors import CommandRefusedError, FormatError, MissionIoError, TransferSilentError
-from mission_io.items import Command, Frame, MissionItem, MissionType
+from mission_io.model.items import Command, Frame, MissionItem, MissionType
 
 TRIANGLE = FencePolygon((LatLon(46.0, -7.0), LatLon(46.5, -7.25), LatLon(46.75, -7.5)))
 SQUARE = FencePolygon((*TRIANGLE.vertices, LatLon(46.1, -7.6)), inclusion=False)

@@ -6,15 +6,15 @@ import typing
 import pytest
 from pymavlink.dialects.v10 import ardupilotmega as pymavlink_1
 
-from mission_io import messages as m
-from mission_io.autopilots import ARDUPILOT
-from mission_io.client import Client
-from mission_io.codec import Codec
+from mission_io.autopilots.autopilot import ARDUPILOT
+from mission_io.client.client import Client
 from mission_io.errors import MisuseError
-from mission_io.items import Frame, MissionType, waypoint
-from mission_io.messages import Message, Received
-from mission_io.signing import SigningKey
-from mission_io.simulated import Conditions, SimulatedLink
+from mission_io.links.simulated import Conditions, SimulatedLink
+from mission_io.model.items import Frame, MissionType, waypoint
+from mission_io.wire import messages as m
+from mission_io.wire.codec import Codec
+from mission_io.wire.messages import Message, Received
+from mission_io.wire.signing import SigningKey
 from tests.mission_io.test_codec import SAMPLES
 from tests.mission_io.vehicle import VehiclePeer
 

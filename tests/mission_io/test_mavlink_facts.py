@@ -9,8 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from mission_io.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints, items_from_fence
-from mission_io.autopilots import (
+from mission_io.autopilots.autopilot import (
     ARDUPILOT,
     ARDUPILOT_PLANE,
     ARDUPILOT_ROVER,
@@ -21,10 +20,11 @@ from mission_io.autopilots import (
     stored_item,
     wire_items,
 )
-from mission_io.checks import check_for_autopilot, fence_problems
-from mission_io.compare import compare_items
+from mission_io.autopilots.checks import check_for_autopilot, fence_problems
+from mission_io.autopilots.comparison import compare_items
 from mission_io.formats import plan, wpl
-from mission_io.items import (
+from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints, items_from_fence
+from mission_io.model.items import (
     Command,
     Frame,
     Mission,
@@ -38,7 +38,7 @@ from mission_io.items import (
     trigger_camera_every,
     waypoint,
 )
-from mission_io.wire import degrees_on_wire, float32, item_from_message, message_from_item
+from mission_io.wire.mission_items import degrees_on_wire, float32, item_from_message, message_from_item
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)

@@ -6,14 +6,14 @@ from typing import Any
 
 import pytest
 
-from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.autopilots import ARDUPILOT, PX4
-from mission_io.client import Client
-from mission_io.content import items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.lists import items_of
+from mission_io.client.client import Client
 from mission_io.errors import TransferCancelledError
-from mission_io.items import Frame, MissionItem, MissionType
-from mission_io.link import UdpLink
-from mission_io.wire import message_from_item
+from mission_io.links.opening import UdpLink
+from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
+from mission_io.model.items import Frame, MissionItem, MissionType
+from mission_io.wire.mission_items import message_from_item
 from tests.mission_io.protocol.scripts import items
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer

@@ -6,16 +6,16 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from mission_io import messages as m
-from mission_io.autopilots import ARDUPILOT, PX4, Autopilot
-from mission_io.client import Client
-from mission_io.codec import Codec
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.client.client import Client
+from mission_io.client.peers import VehicleInfo
 from mission_io.errors import MisuseError, VehicleSilentError
-from mission_io.items import Frame, MissionType, waypoint
-from mission_io.neighbours import VehicleInfo
+from mission_io.links.simulated import Conditions, SimulatedLink
+from mission_io.model.items import Frame, MissionType, waypoint
 from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import MissionServer
-from mission_io.simulated import Conditions, SimulatedLink
+from mission_io.wire import messages as m
+from mission_io.wire.codec import Codec
 
 ITEMS = tuple(waypoint(46.5 + i * 1e-4, -7.25, 30.0, frame=Frame.ABOVE_HOME) for i in range(5))
 

@@ -5,12 +5,12 @@ import tracemalloc
 
 import pytest
 
-from mission_io.autopilots import ARDUPILOT, PX4, Autopilot, wire_items
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, wire_items
 from mission_io.errors import MisuseError
-from mission_io.items import GeoPoint, Mission, MissionType
-from mission_io.presets import LINK_PRESETS, SATELLITE, TELEMETRY_RADIO, LinkPreset, link_preset
+from mission_io.links.presets import LINK_PRESETS, SATELLITE, TELEMETRY_RADIO, LinkPreset, link_preset
+from mission_io.links.simulated import Conditions, SimulatedLink
+from mission_io.model.items import GeoPoint, Mission, MissionType
 from mission_io.protocol.exchange import Timing
-from mission_io.simulated import Conditions, SimulatedLink
 from tests.mission_io.protocol.scripts import items
 from tests.mission_io.vehicle import VehiclePeer, connected
 
@@ -127,5 +127,5 @@ class Forgetful(list):  # type: ignore[type-arg]
 
 
 NOT_THE_CLIENT = [
-    tracemalloc.Filter(False, f"*/{name}.py") for name in ("wire", "storage", "autopilots", "codec", "items")
+    tracemalloc.Filter(False, f"*/{name}.py") for name in ("wire/mission_items", "storage", "autopilot", "codec", "items")
 ]

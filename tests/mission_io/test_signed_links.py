@@ -5,15 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from mission_io.autopilots import PX4
-from mission_io.client import Client
-from mission_io.codec import Codec
+from mission_io.autopilots.autopilot import PX4
+from mission_io.client.client import Client
 from mission_io.errors import VehicleSilentError
-from mission_io.items import Frame, MissionType, waypoint
-from mission_io.messages import Heartbeat
-from mission_io.private_files import TimestampFile
-from mission_io.signing import Signing, SigningKey, UnsavedTimestamps
-from mission_io.simulated import Conditions, SimulatedLink
+from mission_io.links.simulated import Conditions, SimulatedLink
+from mission_io.model.items import Frame, MissionType, waypoint
+from mission_io.wire.codec import Codec
+from mission_io.wire.messages import Heartbeat
+from mission_io.wire.signing import Signing, SigningKey, TimestampFile, UnsavedTimestamps
 from tests.mission_io.test_signing import NOW_TICKS, WallClock, private
 from tests.mission_io.vehicle import VehiclePeer
 

@@ -8,16 +8,16 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as pymavlink
 
-from mission_io.codec import Codec
 from mission_io.errors import LinkError, MisuseError
-from mission_io.messages import Heartbeat, MissionItemReached, RadioStatus
-from mission_io.private_files import TimestampFile
-from mission_io.signing import (
+from mission_io.wire.codec import Codec
+from mission_io.wire.messages import Heartbeat, MissionItemReached, RadioStatus
+from mission_io.wire.signing import (
     EPOCH_UNIX_S,
     NEW_STREAM_TICKS,
     TICKS_PER_S,
     Signing,
     SigningKey,
+    TimestampFile,
     TimestampStore,
     UnsavedTimestamps,
 )

@@ -4,7 +4,7 @@ import itertools
 import math
 
 from tests.naive import coverage as naive_coverage
-from uavcover.kernels.draft import ALONG_PATH
+from uavcover.kernels.route_state import ALONG_PATH
 
 
 def span_looks(sensing, route, spacing):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from uavcover.benchmarks.mmf import PROBLEMS
-from uavcover.optimizers.ablation_niching import CHOICE_VARIANTS, SEARCH_VARIANTS
+from uavcover.benchmarks.mmf.problems import PROBLEMS
+from uavcover.optimizers.ablations import CHOICE_VARIANTS, SEARCH_VARIANTS
 from uavcover.optimizers.imodbo_niching import ImodboNiching
 
 PROBLEM = PROBLEMS["MMF1_e"]

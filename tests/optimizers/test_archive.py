@@ -5,7 +5,7 @@ from hypothesis.extra import numpy as hnp
 
 from tests.naive.dominance import dominates
 from uavcover.optimizers.archive import Archive
-from uavcover.optimizers.solutions import Solutions
+from uavcover.optimizers.interface import Solutions
 
 
 def archive_of(capacity, *, d=1, m=2, c=1):

@@ -10,12 +10,13 @@ from tests.naive.dominance import dominates
 from tests.optimizers.problems import two_spheres
 from tests.optimizers.test_contract import build, objectives_of, same, width
 from tests.optimizers.test_convergence import solve
-from uavcover.benchmarks.mmf import PROBLEMS
+from uavcover.benchmarks.mmf.problems import PROBLEMS
 from uavcover.errors import OptimizerError
-from uavcover.optimizers import ALGORITHMS, mogwo, mowoa
+from uavcover.optimizers import ALGORITHMS
 from uavcover.optimizers.indicators import hypervolume
-from uavcover.optimizers.pymoo_adapters import PymooOptimizer
-from uavcover.optimizers.pymoo_algorithm import UavcoverAlgorithm
+from uavcover.optimizers.pymoo.adapters import PymooOptimizer
+from uavcover.optimizers.pymoo.algorithm import UavcoverAlgorithm
+from uavcover.optimizers.rivals import mogwo, mowoa
 
 OURS = sorted(
     name

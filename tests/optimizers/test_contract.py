@@ -8,7 +8,7 @@ import pytest
 from tests.optimizers.problems import minimise, outside_the_corner, two_spheres
 from uavcover.errors import OptimizerError
 from uavcover.optimizers import ALGORITHMS
-from uavcover.optimizers.pymoo_adapters import PymooOptimizer
+from uavcover.optimizers.pymoo.adapters import PymooOptimizer
 
 LOWER, UPPER = np.array([-1.0, -1.0, 0.5]), np.array([2.0, 2.0, 0.5])
 

@@ -12,11 +12,10 @@ PAGE = Path(__file__).parents[2] / "docs" / "optimizers.md"
     "module",
     [
         "uavcover.kernels.dominance",
-        "uavcover.optimizers.dung_beetle",
-        "uavcover.optimizers.grid",
+        "uavcover.optimizers.imodbo",
+        "uavcover.optimizers.rivals.mogwo",
         "uavcover.optimizers.indicators",
-        "uavcover.optimizers.pymoo_missing",
-        "uavcover.optimizers.weight_vectors",
+        "uavcover.optimizers.pymoo.adapters",
     ],
 )
 def test_examples_in_docstrings(module):

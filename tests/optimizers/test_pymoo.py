@@ -13,13 +13,12 @@ from pymoo.problems import get_problem
 
 from tests.optimizers.problems import minimise, outside_the_corner, two_spheres
 from tests.optimizers.test_convergence import solve
-from uavcover.benchmarks.mmf import PROBLEMS
+from uavcover.benchmarks.mmf.problems import PROBLEMS
 from uavcover.errors import OptimizerError
 from uavcover.optimizers import ALGORITHMS, ImodboNiching
 from uavcover.optimizers.indicators import hypervolume, inverted_generational_distance
-from uavcover.optimizers.pymoo_adapters import PymooOptimizer
-from uavcover.optimizers.pymoo_algorithm import UavcoverAlgorithm
-from uavcover.optimizers.weight_vectors import spread_weights
+from uavcover.optimizers.pymoo.adapters import PymooOptimizer, spread_weights
+from uavcover.optimizers.pymoo.algorithm import UavcoverAlgorithm
 
 OCTANT = spread_weights(200, 3) / np.linalg.norm(spread_weights(200, 3), axis=1, keepdims=True)
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from uavcover.errors import OptimizerError
-from uavcover.optimizers.search_space import Box
+from uavcover.optimizers.ask_tell import Box
 
 
 @pytest.mark.parametrize(

@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import shapely
 
-from uavcover.frames import LocalFrame
 from uavcover.model.area import Area
 from uavcover.model.limits import FlightLimits
 from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.model.scenario import Home, Origin, PlannerSettings, Requirements, Scenario, SineCosineTerrain
 from uavcover.model.sensor import NadirCamera, Sensor
 from uavcover.model.vehicle import Vehicle
-from uavcover.site import Site
-from uavcover.terrain.ground import grid_ground
-from uavcover.terrain.obstacles import Footprint, stand_on
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.ground import grid_ground
+from uavcover.scenario.obstacle_prisms import Footprint, stand_on
+from uavcover.scenario.site import Site
 
 ORIGIN = Origin(lat_deg=36.5, lon_deg=-84.2, alt_amsl_m=400.0)
 SQUARE = ((0.0, 0.0), (300.0, 0.0), (300.0, 200.0), (0.0, 200.0))

@@ -6,17 +6,15 @@ import numpy as np
 import pytest
 
 from tests.planning.sites import hills, make_site
-from uavcover import pipeline
-from uavcover.coverage.coverage_map import CoverageMap, sees_each
-from uavcover.coverage.level_looks import LevelLooks
-from uavcover.documents import bounds_in_words
 from uavcover.errors import InputError
-from uavcover.model.bounds import Bound
+from uavcover.model.route import Bound
 from uavcover.model.sensor import SphereSensor
-from uavcover.planning.bounds.path_length import farthest_looks_m, least_path_length_m
-from uavcover.planning.bounds.plan_bounds import are_quick, waypoint_bounds
+from uavcover.planning.bounds import are_quick, farthest_looks_m, least_path_length_m, waypoint_bounds
 from uavcover.planning.planner import Effort, plan_routes
-from uavcover.planning.set_cover.programs import SolverEffort
+from uavcover.planning.set_cover.solvers import SolverEffort
+from uavcover.run import pipeline
+from uavcover.run.documents import bounds_in_words
+from uavcover.sensing.coverage_map import CoverageMap, LevelLooks, sees_each
 
 
 def planned(site, rule):

@@ -5,11 +5,10 @@ import pytest
 import shapely
 
 from tests.planning.sites import flat, hills, make_site, tower
-from uavcover.leg_checks import find_problems, measure_violations
 from uavcover.model.obstacles import Obstacles
-from uavcover.planning.detours import around_obstacles
-from uavcover.planning.swaths import fly_layout, regular_layout
-from uavcover.planning.terrain_following import lay_over_terrain
+from uavcover.planning.baselines.swaths import fly_layout, regular_layout
+from uavcover.planning.terrain_following import around_obstacles, lay_over_terrain
+from uavcover.routes.leg_checks import find_problems, measure_violations
 
 MAST = tower(140, 60, 160, 140, 150, name="mast")
 LOW = tower(60, 80, 80, 120, 60, name="shed")

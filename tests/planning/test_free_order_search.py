@@ -8,15 +8,15 @@ import pytest
 
 from tests.planning.sites import make_site
 from tests.planning.test_planner import frozen
-from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.kernels.annealing import Prices, Schedule, anneal
 from uavcover.model.route import Plan, Route
 from uavcover.model.scenario import InitialRoute
 from uavcover.model.sensor import DiscSensor
-from uavcover.pipeline import load_site
-from uavcover.planning.draft_route import draft_of, local_task
 from uavcover.planning.planner import Effort, Progress, plan_routes
-from uavcover.site import Site
+from uavcover.planning.search.route_problem import draft_of, local_task
+from uavcover.run.pipeline import load_site
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
 
 RADIUS_M = 60.0
 

@@ -7,18 +7,16 @@ import pytest
 
 from tests.planning.sites import flat, hills, make_site
 from tests.planning.test_planner import frozen
-from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.leg_checks import measure_violations
 from uavcover.model.route import Route, RouteMember, RouteMetrics
 from uavcover.model.sensor import FrameCamera, Sensor, SphereSensor
-from uavcover.planning.balanced_lines import can_be_balanced
-from uavcover.planning.front import MOST_MEMBERS, Candidate, Finish, thinned
-from uavcover.planning.route_parts import gains_of, parts_of
-from uavcover.planning.search import Effort
+from uavcover.planning.baselines.adaptive_swaths import BENT, STRAIGHT, can_be_balanced, simple_lines
+from uavcover.planning.baselines.swaths import fly_layout, regular_layout
+from uavcover.planning.front import MOST_MEMBERS, Candidate, Finish, gains_of, parts_of, thinned
+from uavcover.planning.search.optimizer_search import Effort
 from uavcover.planning.selection import parse_rule, select
-from uavcover.planning.simple_lines import BENT, STRAIGHT, simple_lines
-from uavcover.planning.swaths import fly_layout, regular_layout
-from uavcover.site import Site
+from uavcover.routes.leg_checks import measure_violations
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
 
 FRAME = FrameCamera(kind="frame-camera", sensing="along-path", fov_across_deg=60.0, fov_along_deg=40.0, range_m=300.0)
 BALL = SphereSensor(kind="sphere", range_m=110.0)

@@ -10,17 +10,17 @@ import pytest
 
 from tests.planning.sites import hills, make_site, with_scenario
 from tests.planning.test_planner import Clock, frozen, same, values
-from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.kernels.sight import CONE, DISC, Sight
-from uavcover.leg_checks import measure_violations
 from uavcover.model.route import Plan, Route
 from uavcover.model.sensor import DiscSensor, SphereSensor
-from uavcover.model.wind import Wind
-from uavcover.pipeline import load_site
-from uavcover.planning.draft_route import draft_of, local_task, narrowed
-from uavcover.planning.local_search import CHAINS, PaceByClock, PaceByNumber
+from uavcover.model.vehicle import Wind
 from uavcover.planning.planner import Effort, Progress, plan_routes
-from uavcover.site import Site
+from uavcover.planning.search.local_search import CHAINS, PaceByClock, PaceByNumber
+from uavcover.planning.search.route_problem import draft_of, local_task, narrowed
+from uavcover.routes.leg_checks import measure_violations
+from uavcover.run.pipeline import load_site
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
 
 LIMITS = {"height_margin_m": 5.0}
 SPHERE = SphereSensor(kind="sphere", range_m=110.0)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from tests.planning.sites import flat, hills, make_site
-from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.leg_checks import measure_violations
 from uavcover.model.sensor import DiscSensor, SphereSensor
-from uavcover.pipeline import load_site
-from uavcover.planning.node_rows import NodeRows, fly_rows, plain_rows, scanned_rows
+from uavcover.planning.baselines.boustrophedon import NodeRows, fly_rows, plain_rows, scanned_rows
 from uavcover.planning.planner import Effort, plan_routes
+from uavcover.routes.leg_checks import measure_violations
+from uavcover.run.pipeline import load_site
+from uavcover.sensing.coverage_map import CoverageMap
 
 DISC = DiscSensor(kind="disc", radius_m=50.0, sensing="at-waypoints")
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from tests.planning.sites import hills, make_site
-from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.model.route import Route
 from uavcover.model.sensor import DiscSensor
-from uavcover.planning.objectives import OBJECTIVES, evaluate_routes, judge
+from uavcover.routes.objectives import OBJECTIVES, evaluate_routes, judge
+from uavcover.sensing.coverage_map import CoverageMap
 
 LINE = Route(np.array([[50.0, 50.0, 80.0], [110.0, 50.0, 80.0], [110.0, 130.0, 80.0]]))
 

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from tests.planning.sites import flat, hills, make_site, tower
-from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.errors import InfeasibleError, InputError
-from uavcover.leg_checks import find_problems, measure_violations
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Plan, RouteMember
 from uavcover.model.sensor import SphereSensor
-from uavcover.pipeline import load_site
-from uavcover.planning.objectives import judge
+from uavcover.planning.encodings import WaypointEncoding
 from uavcover.planning.planner import Effort, Progress, plan_routes
-from uavcover.planning.search import rounds_of
-from uavcover.planning.waypoint_encoding import WaypointEncoding
-from uavcover.site import Site
+from uavcover.planning.search.optimizer_search import rounds_of
+from uavcover.routes.leg_checks import find_problems, measure_violations
+from uavcover.routes.objectives import judge
+from uavcover.run.pipeline import load_site
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
 
 
 def frozen() -> float:

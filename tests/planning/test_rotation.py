@@ -9,14 +9,14 @@ import pytest
 
 from tests.planning.sites import hills, make_site, tower
 from tests.planning.test_planner import frozen
-from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.leg_checks import measure_violations
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, Sensor, SphereSensor
-from uavcover.planning.baselines import plain_boustrophedon
+from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.planning.planner import Effort, plan_routes
-from uavcover.planning.swaths import fly_layout
-from uavcover.site import Site
+from uavcover.routes.leg_checks import measure_violations
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
 
 TURN_M = 400.0
 """A quarter turn against the clock takes east, north to TURN_M - north, east: the nodes of the test ground onto each other."""

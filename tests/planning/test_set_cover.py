@@ -7,22 +7,20 @@ import pytest
 
 from tests.naive import set_cover as naive
 from tests.planning.sites import make_site
-from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.coverage.level_looks import LevelLooks
-from uavcover.leg_checks import measure_violations
 from uavcover.model.scenario import PlannerSettings
 from uavcover.model.sensor import SphereSensor
-from uavcover.planning.initial_routes import constructed_routes
+from uavcover.planning.baselines.initial_routes import constructed_routes
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.set_cover.candidates import (
     Candidates,
     finest_lattice_candidates,
     lattice_candidates,
     level_candidates,
+    reduce,
 )
-from uavcover.planning.set_cover.covers import cut_down, greedy_cover, searched_cover
-from uavcover.planning.set_cover.programs import CoverProgram, SolverEffort
-from uavcover.planning.set_cover.reduced import reduce
+from uavcover.planning.set_cover.solvers import CoverProgram, SolverEffort, cut_down, greedy_cover, searched_cover
+from uavcover.routes.leg_checks import measure_violations
+from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
 
 ALL = SolverEffort(time_s=30.0)
 RELAXED = SolverEffort(nodes=0)

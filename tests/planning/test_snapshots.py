@@ -8,11 +8,11 @@ import pytest
 from tests.planning.sites import hills, make_site
 from uavcover.model.route import Plan, Route
 from uavcover.optimizers import ALGORITHMS
-from uavcover.pipeline import load_site
+from uavcover.planning.front import Snapshots
 from uavcover.planning.planner import Effort, plan_routes
-from uavcover.planning.search import _spread
-from uavcover.planning.snapshots import Snapshots
-from uavcover.site import Site
+from uavcover.planning.search.optimizer_search import _spread
+from uavcover.run.pipeline import load_site
+from uavcover.scenario.site import Site
 
 
 class Ticks:

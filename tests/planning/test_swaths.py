@@ -5,10 +5,16 @@ import pytest
 import shapely
 
 from tests.planning.sites import hills, make_site
-from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.planning.baselines import best_height_agl_m, boustrophedons, plain_boustrophedon
-from uavcover.planning.swath_encoding import SwathEncoding
-from uavcover.planning.swaths import SwathLayout, fly_layout, long_side_angle_rad, regular_layout, width_across_m
+from uavcover.planning.baselines.boustrophedon import best_height_agl_m, boustrophedons, plain_boustrophedon
+from uavcover.planning.baselines.swaths import (
+    SwathLayout,
+    fly_layout,
+    long_side_angle_rad,
+    regular_layout,
+    width_across_m,
+)
+from uavcover.planning.encodings import SwathEncoding
+from uavcover.sensing.coverage_map import CoverageMap
 
 L_SHAPE = ((0.0, 0.0), (300.0, 0.0), (300.0, 100.0), (100.0, 100.0), (100.0, 300.0), (0.0, 300.0))
 

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from tests.planning.sites import ORIGIN, hills, make_site
-from uavcover.leg_checks import measure_violations
 from uavcover.model.sensor import SphereSensor
+from uavcover.planning.encodings import WaypointEncoding, allowed_band_m
 from uavcover.planning.terrain_following import finite_heights, lay_over_terrain
-from uavcover.planning.waypoint_encoding import WaypointEncoding, allowed_band_m
-from uavcover.site import Site
+from uavcover.routes.leg_checks import measure_violations
+from uavcover.scenario.site import Site
 
 SPHERE = SphereSensor(kind="sphere", range_m=150.0)
 AT_ORIGIN = np.zeros(3)

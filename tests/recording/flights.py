@@ -5,13 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.coverage.level_looks import LevelLooks
 from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.recording import FlightEvent, VehicleState
-from uavcover.scenario import load_scenario, terrain_path
-from uavcover.site import Site, build_site
+from uavcover.scenario.scenario_file import load_scenario, terrain_path
+from uavcover.scenario.site import Site, build_site
+from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,16 +8,13 @@ import shapely
 
 from tests.planning.sites import hills, make_site
 from tests.recording.flights import Flight
-from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.coverage.level_looks import LevelLooks
 from uavcover.model.obstacles import Obstacle, Obstacles
-from uavcover.recording.footprint import footprints_m
-from uavcover.recording.relief import relief_mesh
-from uavcover.recording.scene import obstacle_triangles_m, waypoint_labels
+from uavcover.recording.scene import obstacle_triangles_m, relief_mesh, waypoint_labels
 from uavcover.recording.tiles import coverage_tiles, lift_m, shown_from_s, tick_times_s
-from uavcover.recording.vehicle import body_rotations
-from uavcover.terrain.ground import Ground, grid_ground
-from uavcover.terrain.shading import hillshade
+from uavcover.recording.vehicle import body_rotations, footprints_m
+from uavcover.scenario.ground import Ground, grid_ground
+from uavcover.scenario.relief import hillshade
+from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
 
 DOWN = np.array([[0.0, 0.0, -1.0]])
 NORTH = np.array([[0.0, 1.0, 0.0]])

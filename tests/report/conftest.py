@@ -7,16 +7,16 @@ import pytest
 
 from tests.recording.flights import fly
 from tests.report.browser import Page, chromium_page
-from uavcover import pipeline
-from uavcover.flight.track_file import TrackWriter
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
 from uavcover.model.track import Track, TrackSample
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.page import render_report
-from uavcover.resumption import find_unfinished, save_rest
-from uavcover.run_folder import RunFolder
-from uavcover.scenario import load_scenario
-from uavcover.site import Site
+from uavcover.run import pipeline
+from uavcover.run.folder import RunFolder
+from uavcover.run.resume import find_unfinished, save_rest
+from uavcover.scenario.scenario_file import load_scenario
+from uavcover.scenario.site import Site
+from uavcover.vehicle.track_file import TrackWriter
 
 HOSTILE = '</script><img src=x onerror="window.hacked=1"><!--{{ 7*7 }}&amp;\''
 """What would run, or end the data, if any text went into the page as it stands."""

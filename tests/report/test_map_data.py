@@ -12,8 +12,7 @@ from tests.planning.sites import flat, make_site, tower
 from uavcover.model.obstacles import Obstacles
 from uavcover.report import map_data as drawing
 from uavcover.report.content import ReportContent
-from uavcover.report.images import UNSEEN_RGB, cell_layers, cells_bounds_m
-from uavcover.report.map_data import map_data
+from uavcover.report.map_data import UNSEEN_RGB, cell_layers, cells_bounds_m, map_data
 
 
 def pixels(uri: str) -> np.ndarray:

@@ -13,9 +13,9 @@ from tests.report.conftest import HOSTILE, coarse, lines_over, write_run
 from uavcover.errors import InputError
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.page import render_report
-from uavcover.run_folder import RunFolder
-from uavcover.scenario import load_scenario
-from uavcover.site import Site
+from uavcover.run.folder import RunFolder
+from uavcover.scenario.scenario_file import load_scenario
+from uavcover.scenario.site import Site
 
 
 class Elements(HTMLParser):

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from uavcover.model.obstacles import Obstacle, Obstacles
-from uavcover.model.report import Violation, ViolationKind
+from uavcover.model.verdict import Violation, ViolationKind
 from uavcover.report.content import ReportContent
 from uavcover.report.requirements import RequirementRow, requirement_rows
 

@@ -16,8 +16,8 @@ from uavcover.report.charts import LEFT, RIGHT, WIDTH, Chart
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.map_data import map_data
 from uavcover.report.page import render_report
-from uavcover.run_folder import RunFolder
-from uavcover.site import Site
+from uavcover.run.folder import RunFolder
+from uavcover.scenario.site import Site
 
 FLIGHTS = {
     "sorties": (two_sorties, ["sortie-1/track.csv", "sortie-2/track.csv"]),

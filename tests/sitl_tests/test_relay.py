@@ -1,7 +1,7 @@
 import time
 
-from mission_io.link import UdpLink, open_link
-from mission_io.simulated import Conditions
+from mission_io.links.opening import UdpLink, open_link
+from mission_io.links.simulated import Conditions
 from sitl_tests.relay import Relay
 
 WATCHDOG_S = 10.0

@@ -2,7 +2,7 @@ import sys
 
 import pytest
 
-from mission_io.items import GeoPoint
+from mission_io.model.items import GeoPoint
 from sitl_tests.errors import MissingSimulatorError, SimulatorError
 from sitl_tests.simulators import ardupilot, px4
 from sitl_tests.simulators.process import SimulatorProcess

@@ -41,12 +41,11 @@ def bench_coverage(
     Stop it when you like: what is done is kept, and the same command goes on; what tells most comes first. A run with a
     long budget tells the shorter ones as well. Results: table.md, runs.csv and coverage.png.
     """
-    from uavcover.benchmarks.coverage.cases import CASES
     from uavcover.benchmarks.coverage.contenders import CONTENDERS
+    from uavcover.benchmarks.coverage.judging import CASES
     from uavcover.benchmarks.coverage.results import write_results
     from uavcover.benchmarks.coverage.runs import make_runs, wanted_runs
-    from uavcover.benchmarks.kept_runs import KeptRuns
-    from uavcover.benchmarks.processes import available_cores
+    from uavcover.benchmarks.runs import KeptRuns, available_cores
     from uavcover.cli.console import Console
     from uavcover.errors import InputError
 

@@ -34,12 +34,11 @@ def bench_link(
     Clients: ours in simulated time, ours over UDP, MAVSDK's over UDP. Stop it when you like: what is done is kept, and
     the same command goes on. Results: outcomes.csv (every transfer), link.csv and link.md (every cell).
     """
-    from uavcover.benchmarks.link.grid import read_outcomes, run_missing, trials
-    from uavcover.benchmarks.link.tables import cells_of, csv_lines, markdown
-    from uavcover.benchmarks.link.trials import CLIENTS
+    from uavcover.benchmarks.link.runs import read_outcomes, run_missing, trials
+    from uavcover.benchmarks.link.trials import CLIENTS, cells_of, csv_lines, markdown
     from uavcover.cli.console import Console
     from uavcover.errors import InputError
-    from uavcover.run_folder import write_text
+    from uavcover.run.folder import write_text
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     if out is None:

@@ -35,12 +35,11 @@ def bench_mmf(
     Stop it when you like: what is done is kept, and the same command goes on. Results: summary.csv, tables.md with
     the paper's figures beside, runs.csv, comparisons.csv, figure3.png to figure6.png, and sets/FUNCTION/ALGORITHM/RUN.csv.
     """
-    from uavcover.benchmarks.contenders import CONTENDERS, Budget
-    from uavcover.benchmarks.mmf import PROBLEMS
-    from uavcover.benchmarks.mmf_folder import MmfFolder
-    from uavcover.benchmarks.mmf_results import write_results
-    from uavcover.benchmarks.mmf_runs import make_runs, missing_runs
-    from uavcover.benchmarks.processes import available_cores
+    from uavcover.benchmarks.mmf.contenders import CONTENDERS, Budget
+    from uavcover.benchmarks.mmf.problems import PROBLEMS
+    from uavcover.benchmarks.mmf.results import write_results
+    from uavcover.benchmarks.mmf.runs import MmfFolder, make_runs, missing_runs
+    from uavcover.benchmarks.runs import available_cores
     from uavcover.cli.console import Console
     from uavcover.errors import InputError
 

@@ -21,12 +21,12 @@ def clear(
     verbose: options.Verbose = 0,
 ) -> int:
     """Empty a vehicle's mission, fence or rally points, and read back that they are empty."""
-    from mission_io.items import MissionType
-    from mission_io.presets import link_preset
+    from mission_io.links.presets import link_preset
+    from mission_io.model.items import MissionType
     from uavcover.cli.console import Console
     from uavcover.cli.mission_files import KINDS
     from uavcover.errors import InputError
-    from uavcover.on_vehicle import connect
+    from uavcover.run.session import connect
 
     key = options.signing_key(signing_key)
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from uavcover import after_flight
 from uavcover.cli.console import Console, percent
 from uavcover.cli.verifying import judge_run, say_inputs
-from uavcover.judged_inputs import check_accepted, logs_of_the_verdict
-from uavcover.model.report import VerificationReport
-from uavcover.resumption import flown_tracks
-from uavcover.run_folder import RunFolder
+from uavcover.model.verdict import VerificationReport
+from uavcover.run import judge
+from uavcover.run.folder import RunFolder
+from uavcover.run.judged_inputs import check_accepted, logs_of_the_verdict
+from uavcover.run.resume import flown_tracks
 
 GAP_FILES = ("gaps.geojson", "gap_mission.waypoints")
 
@@ -43,7 +43,7 @@ def close_gaps(
 
     Without logs it takes what the verdict in the folder took.
     """
-    after_flight.check_gap_request(min_area_m2=min_area_m2, target=target)
+    judge.check_gap_request(min_area_m2=min_area_m2, target=target)
     check_accepted(accepted)
     run.existing("scenario.toml", made_by="uavcover plan")
     judged = list(logs) or logs_of_the_verdict(run)
@@ -63,18 +63,16 @@ def close_gaps(
         "mission": None,
         "target_met": True,
     }
-    after_flight.save_gaps(run, verdict, command=command)
+    judge.save_gaps(run, verdict, command=command)
     wanted = [gap for gap in report.gaps if gap.coverable and gap.area_m2 >= min_area_m2]
     if not wanted or (target is not None and report.coverage_of_coverable >= target):
         console.say(f"nothing to close; written: {run.file('gaps.geojson')}")
         return document
     with console.progress("planning the gap mission"):
         own_logs = list(logs) or flown_tracks(run)
-        in_the_air = after_flight.read_log(own_logs[-1], site).track if start is Start.LAST else None
-        mission = after_flight.plan_gap_mission(
-            site, verdict, min_area_m2=min_area_m2, target=target, in_the_air=in_the_air
-        )
-    folder = after_flight.save_gap_mission(run, site, mission, command=command, force=force)
+        in_the_air = judge.read_log(own_logs[-1], site).track if start is Start.LAST else None
+        mission = judge.plan_gap_mission(site, verdict, min_area_m2=min_area_m2, target=target, in_the_air=in_the_air)
+    folder = judge.save_gap_mission(run, site, mission, command=command, force=force)
     path = mission.wanted.path_m
     length_m = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     document |= {

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 
 from uavcover.cli.ending import stop_signals
 from uavcover.errors import OutputError
-from uavcover.run_folder import json_line
+from uavcover.run.folder import json_line
 
 _SHOW_AFTER_S = 2.0
 _BAR_WIDTH = 24

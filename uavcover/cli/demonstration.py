@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from uavcover import pipeline
 from uavcover.cli.console import Console, metres, percent
 from uavcover.cli.ending import INTERRUPTED
 from uavcover.cli.flying import ENDED_BY_USER, fly_run
@@ -20,9 +19,10 @@ from uavcover.cli.reporting import write_report
 from uavcover.cli.uploading import upload_run
 from uavcover.cli.verifying import verify_run
 from uavcover.errors import InputError, VehicleError
-from uavcover.flight.fly import Ending
-from uavcover.on_vehicle import require_home
-from uavcover.run_folder import RunFolder
+from uavcover.run import pipeline
+from uavcover.run.folder import RunFolder
+from uavcover.run.session import require_home
+from uavcover.vehicle.fly import Ending
 
 _MOCK_START_S = 30.0
 _WIND = ("--wind", "3", "--wind-from", "250", "--gust", "0.7")

@@ -24,12 +24,12 @@ def download(
     verbose: options.Verbose = 0,
 ) -> int:
     """Download a vehicle's mission, fence or rally points into a file."""
-    from mission_io.items import MissionType
-    from mission_io.presets import link_preset
+    from mission_io.links.presets import link_preset
+    from mission_io.model.items import MissionType
     from uavcover.cli.console import Console
     from uavcover.cli.mission_files import check_output, text_of
-    from uavcover.on_vehicle import connect
-    from uavcover.run_folder import write_text
+    from uavcover.run.folder import write_text
+    from uavcover.run.session import connect
 
     client_name = options.client_name(client, link=link, signed=signing_key is not None)
     key = options.signing_key(signing_key)

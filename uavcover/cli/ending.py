@@ -12,7 +12,7 @@ import typer
 
 from mission_io.errors import FormatError, MissionIoError, MisuseError
 from uavcover.errors import UavcoverError
-from uavcover.run_folder import json_line
+from uavcover.run.folder import json_line
 
 INTERRUPTED = 130
 BAD_USAGE = 2

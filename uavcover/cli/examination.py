@@ -64,9 +64,9 @@ def _packages(try_imports: bool) -> Iterator[Finding]:
 
 
 def _data() -> Iterator[Finding]:
-    from uavcover import pipeline
     from uavcover.errors import UavcoverError
-    from uavcover.scenario import bundled_scenarios
+    from uavcover.run import pipeline
+    from uavcover.scenario.scenario_file import bundled_scenarios
 
     for name in bundled_scenarios():
         try:

@@ -20,10 +20,10 @@ def export(
     verbose: options.Verbose = 0,
 ) -> int:
     """Write one mission file for other software."""
-    from uavcover import pipeline
     from uavcover.cli.console import Console
     from uavcover.errors import InputError, OutputError
-    from uavcover.run_folder import RunFolder, write_text
+    from uavcover.run import pipeline
+    from uavcover.run.folder import RunFolder, write_text
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     if file_format not in pipeline.EXPORT_FORMATS:

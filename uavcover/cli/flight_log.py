@@ -2,24 +2,22 @@
 
 import sys
 
-from mission_io import messages as m
 from mission_io.links.telemetry_log import TelemetryLogWriter
-from uavcover import pipeline, run_files
+from mission_io.wire import messages as m
 from uavcover.cli.console import Bar, Console
 from uavcover.errors import OutputError
-from uavcover.file_group import writing
-from uavcover.flight import standing
-from uavcover.flight.events import EventKind, FlightEvent
-from uavcover.flight.reserve import SpaceReserve
-from uavcover.flight.track_file import TrackWriter
 from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
-from uavcover.on_vehicle import Connected
-from uavcover.provenance import note_files
 from uavcover.recording import flight as recorded
 from uavcover.recording.live import LiveRecording
-from uavcover.run_folder import RunFolder
-from uavcover.site import Site
+from uavcover.run import files, flight_status, pipeline
+from uavcover.run.file_group import writing
+from uavcover.run.folder import RunFolder
+from uavcover.run.provenance import note_files
+from uavcover.run.session import Connected
+from uavcover.scenario.site import Site
+from uavcover.vehicle.outcome import EventKind, FlightEvent
+from uavcover.vehicle.track_file import SpaceReserve, TrackWriter
 
 TELEMETRY_LOG = "flight.tlog"
 _GROWING = ".flight.rrd.growing"
@@ -96,7 +94,7 @@ class FlightLog:
             if ended is not None and ended.error is not None:
                 raise OutputError(f"{ended.error}; nothing was armed")
         self._set_older_flight_aside()
-        standing.forget(self._run)
+        flight_status.forget(self._run)
         self._writer = TrackWriter(self._run.file("track.csv"), overwrite=self._overwrite, reserve=self._reserve)
         if self._live is not None:
             self._live.rename(self._run.file("flight.rrd"))
@@ -104,7 +102,7 @@ class FlightLog:
             self._telemetry.move_to(self._run.file(TELEMETRY_LOG))
             if self._telemetry.error is not None:
                 raise OutputError(f"{self._telemetry.error}; nothing was armed")
-        standing.note_flying(self._run)
+        flight_status.note_flying(self._run)
         self.begun = True
 
     def take_sample(self, sample: TrackSample) -> None:
@@ -130,20 +128,18 @@ class FlightLog:
 
     def _set_older_flight_aside(self) -> None:
         """With a copy of the plan that it flew; none of it counts for the flight that begins."""
-        if not any(self._run.file(name).exists() for name in run_files.FLIGHT_FILES):
-            self._run.remove(run_files.VERDICT_FILES)
+        if not any(self._run.file(name).exists() for name in files.FLIGHT_FILES):
+            self._run.remove(files.VERDICT_FILES)
             return
-        moved = run_files.moves_of_an_older_flight(self._run)
+        moved = files.moves_of_an_older_flight(self._run)
         older = self._run.file(next(iter(moved.values()))).parent
-        plan = [name for name in (*run_files.PLAN_FILES, *run_files.MISSION_FILES) if self._run.file(name).is_file()]
+        plan = [name for name in (*files.PLAN_FILES, *files.MISSION_FILES) if self._run.file(name).is_file()]
         with writing(older):
             copies: dict[str, str | bytes] = {
                 f"{older.name}/{name}": self._run.file(name).read_bytes() for name in plan
             }
         self._run.write_together(copies, moved=moved)
-        note_files(
-            self._run, "begin", run_files.FLIGHT_FILES, command=sys.argv, moved=moved
-        )  # none of them is there now
+        note_files(self._run, "begin", files.FLIGHT_FILES, command=sys.argv, moved=moved)  # none of them is there now
         self._console.warn(f"the flight that was here is kept in {older}, a run folder of its own")
 
     def take_event(self, event: FlightEvent) -> None:

@@ -54,13 +54,13 @@ def fly(
     a terminal: SIGUSR1) pauses: the vehicle holds; p again, and it goes on. --resume goes on with a flight that ended early,
     whatever ended it, in a folder of its own inside RUN; verify counts both.
     """
-    from uavcover import pipeline
     from uavcover.cli.console import Console
     from uavcover.cli.ending import INTERRUPTED
     from uavcover.cli.flying import ENDED_BY_USER, fly_run
     from uavcover.cli.precautions import precautions_for
-    from uavcover.flight.flight_plan import Patience
-    from uavcover.run_folder import RunFolder
+    from uavcover.run import pipeline
+    from uavcover.run.folder import RunFolder
+    from uavcover.vehicle.flight_plan import Patience
 
     client_name = options.client_name(client, link="default", signed=signing_key is not None)
     key = options.signing_key(signing_key)

@@ -6,26 +6,24 @@ from collections.abc import Callable
 from typing import Any
 
 from mission_io import SigningKey
-from uavcover import pipeline, run_files
 from uavcover.cli.console import Console, Interrupts
 from uavcover.cli.flight_log import FlightLog, live_recording
 from uavcover.cli.pausing import PauseKey
 from uavcover.errors import OutputError, UavcoverError
-from uavcover.flight import standing
-from uavcover.flight.flight_plan import Patience
-from uavcover.flight.fly import Ending, FlightOutcome
-from uavcover.flight.outcome import FlightFailedError
-from uavcover.flight.precautions import USUAL, Precautions
-from uavcover.flight.reserve import SpaceReserve, record_bytes
-from uavcover.flight.track_file import read_track
+from uavcover.judging.phases import PlannedRoute
+from uavcover.judging.verify import flown_coverage
 from uavcover.model.route import Route
-from uavcover.on_vehicle import ClientName, Connected, Orders, check_home, connect, fly, require_home
-from uavcover.provenance import note_files
 from uavcover.recording.writer import write_recording
-from uavcover.run_folder import RunFolder
-from uavcover.site import Site
-from uavcover.verification.phases import PlannedRoute
-from uavcover.verification.verify import flown_coverage
+from uavcover.run import files, flight_status, pipeline
+from uavcover.run.folder import RunFolder
+from uavcover.run.provenance import note_files
+from uavcover.run.session import ClientName, Connected, Orders, check_home, connect, fly, require_home
+from uavcover.scenario.site import Site
+from uavcover.vehicle.flight_plan import Patience
+from uavcover.vehicle.fly import Ending, FlightOutcome
+from uavcover.vehicle.outcome import FlightFailedError
+from uavcover.vehicle.precautions import USUAL, Precautions
+from uavcover.vehicle.track_file import SpaceReserve, read_track, record_bytes
 
 ENDED_BY_USER = frozenset({Ending.RETURNED, Ending.LEFT_HOLDING, Ending.NOT_FLOWN})
 
@@ -52,7 +50,7 @@ def fly_run(
     if run.file("track.csv").exists() and not force:
         raise OutputError(f"{run}: holds the track of a flight; go on with it by --resume, or replace it by --force")
     with (
-        run.reserved(run_files.FLIGHT_FILES, force=force),
+        run.reserved(files.FLIGHT_FILES, force=force),
         connect(
             url, site, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=signing_key, client_name=client_name,
             system_id=system_id, component_id=component_id,
@@ -106,7 +104,7 @@ def record_flight(
         except KeyboardInterrupt:
             console.warn("aborted: the vehicle was left as it is, maybe armed and in the air; take over from here")
             if log.begun:
-                standing.note_interrupted(run)
+                flight_status.note_interrupted(run)
             raise
         finally:
             log.close()
@@ -139,7 +137,7 @@ def _seal(run: RunFolder, log: FlightLog, console: Console) -> None:
 def _note_outcome(run: RunFolder, outcome: FlightOutcome, console: Console) -> None:
     """A disk that is full takes no outcome; the flight's own error is the one that counts then."""
     try:
-        standing.note_outcome(run, outcome)
+        flight_status.note_outcome(run, outcome)
     except UavcoverError as error:
         console.warn(str(error))
 

@@ -41,7 +41,7 @@ def gaps(
     from uavcover.cli.closing import Start, close_gaps
     from uavcover.cli.console import Console
     from uavcover.errors import InputError
-    from uavcover.run_folder import RunFolder
+    from uavcover.run.folder import RunFolder
 
     if start not in list(Start):
         raise InputError(f"--start: {start!r} is neither home nor last")

@@ -28,7 +28,7 @@ def inspect(
     from uavcover.cli.console import Console
     from uavcover.errors import OutputError
     from uavcover.recording import reader, viewer
-    from uavcover.run_folder import RunFolder
+    from uavcover.run.folder import RunFolder
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     path = run if run.suffix == ".rrd" else RunFolder(run).existing("flight.rrd", made_by="uavcover fly")

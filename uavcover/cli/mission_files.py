@@ -4,18 +4,18 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from mission_io.areas import Fence, RallyPoints, items_from_fence, items_from_rally
-from mission_io.client import Client
-from mission_io.content import Content
+from mission_io.autopilots.lists import Content
+from mission_io.client.client import Client
 from mission_io.errors import FormatError, MissionIoError
 from mission_io.formats import csv, plan, poly, wpl
 from mission_io.formats.text import text_from_bytes
-from mission_io.items import Command, GeoPoint, Mission, MissionType
-from mission_io.messages import HomePosition
-from mission_io.plausibility import doubts_about
+from mission_io.model.areas import Fence, RallyPoints, items_from_fence, items_from_rally
+from mission_io.model.items import Command, GeoPoint, Mission, MissionType
+from mission_io.model.places import doubts_about
+from mission_io.wire.messages import HomePosition
 from uavcover.cli.console import Console
 from uavcover.errors import InputError, OutputError
-from uavcover.frames import LocalFrame
+from uavcover.scenario.frames import LocalFrame
 
 KINDS = ("mission", "fence", "rally", "all")
 _HOME_WARNING_M = 10.0

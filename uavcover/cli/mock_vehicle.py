@@ -67,23 +67,21 @@ def mock_vehicle(
     """
     import numpy as np
 
-    from mission_io.items import GeoPoint
-    from mission_io.vehicle_types import parse_type
-    from uavcover import pipeline
+    from mission_io.autopilots.vehicle_types import parse_type
+    from mission_io.model.items import GeoPoint
     from uavcover.cli.console import Console
     from uavcover.errors import InputError
-    from uavcover.flight.mock.battery import BatteryData
-    from uavcover.flight.mock.behaviour import OBSERVED, quick
-    from uavcover.flight.mock.faults import parse_fault
-    from uavcover.flight.mock.positioning import GpsError
-    from uavcover.flight.mock.server import run
-    from uavcover.flight.mock.settings import Settings
-    from uavcover.flight.mock.truth import TruthFile
-    from uavcover.flight.mock.vehicle import MockVehicle
-    from uavcover.flight.mock.wind import Wind
-    from uavcover.mission_compiler import AUTOPILOTS
+    from uavcover.mock.battery import BatteryData
+    from uavcover.mock.behaviour import OBSERVED, Settings, quick
+    from uavcover.mock.dynamics import Wind
+    from uavcover.mock.faults import parse_fault
+    from uavcover.mock.positioning import GpsError, TruthFile
+    from uavcover.mock.server import run
+    from uavcover.mock.vehicle import MockVehicle
     from uavcover.model.vehicle import AutopilotName
-    from uavcover.on_vehicle import home_of
+    from uavcover.routes.mission_compiler import AUTOPILOTS
+    from uavcover.run import pipeline
+    from uavcover.run.session import home_of
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     mav_type = parse_type(vehicle_type)

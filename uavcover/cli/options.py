@@ -11,8 +11,8 @@ from uavcover.model.vehicle import AutopilotName
 
 if TYPE_CHECKING:
     from mission_io import SigningKey
-    from uavcover.flight.precautions import OnBreach
-    from uavcover.on_vehicle import ClientName
+    from uavcover.run.session import ClientName
+    from uavcover.vehicle.precautions import OnBreach
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors and warnings.")]
@@ -135,7 +135,7 @@ def on_breach(text: str | None) -> "OnBreach | None":
     Raises:
         InputError: it is not known.
     """
-    from uavcover.flight.precautions import OnBreach
+    from uavcover.vehicle.precautions import OnBreach
 
     if text is None:
         return None

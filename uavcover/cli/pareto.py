@@ -20,10 +20,9 @@ def pareto(
     import dataclasses
 
     from uavcover.cli.console import Console, percent
-    from uavcover.documents import bounds_in_words
     from uavcover.errors import OutputError
-    from uavcover.pareto_file import read_pareto
-    from uavcover.run_folder import RunFolder
+    from uavcover.run.documents import bounds_in_words, read_pareto
+    from uavcover.run.folder import RunFolder
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     folder = RunFolder(run)

@@ -36,13 +36,13 @@ def plan_upload(
 
     upload.json tells of the last upload; an older one is replaced.
     """
-    from uavcover import pipeline
     from uavcover.cli.console import Console
     from uavcover.cli.planning import PlanRequest, plan_into
     from uavcover.cli.uploading import upload_run
     from uavcover.errors import InputError
-    from uavcover.on_vehicle import require_home
-    from uavcover.run_folder import RunFolder
+    from uavcover.run import pipeline
+    from uavcover.run.folder import RunFolder
+    from uavcover.run.session import require_home
 
     client_name = options.client_name(client, link=link, signed=signing_key is not None)
     key = options.signing_key(signing_key)  # a bad key is known before an hour of planning

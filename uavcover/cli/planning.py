@@ -7,20 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from uavcover import pipeline, run_files
 from uavcover.cli.console import Bar, Console, Interrupts, metres, percent
 from uavcover.cli.ending import INTERRUPTED
 from uavcover.cli.options import autopilot_name
-from uavcover.documents import bounds_in_words
 from uavcover.errors import InfeasibleError
-from uavcover.mission_compiler import CompiledMission
 from uavcover.model.limits import FlightLimits
 from uavcover.model.route import Plan, RouteMember, RouteMetrics
 from uavcover.planning.planner import Progress
 from uavcover.planning.selection import parse_rule, select
-from uavcover.run_folder import RunFolder
-from uavcover.site import Site
-from uavcover.sorties import Sortie
+from uavcover.routes.mission_compiler import CompiledMission
+from uavcover.routes.sorties import Sortie
+from uavcover.run import files, pipeline
+from uavcover.run.documents import bounds_in_words
+from uavcover.run.folder import RunFolder
+from uavcover.scenario.site import Site
 
 _FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
 
@@ -100,7 +100,7 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
     run = RunFolder(request.folder)
     started = time.monotonic()
     with (
-        run.reserved((*run_files.PLAN_FILES, *run_files.OF_A_PLAN), force=request.force),
+        run.reserved((*files.PLAN_FILES, *files.OF_A_PLAN), force=request.force),
         Interrupts(_FIRST_STOP) as stops,
     ):
         console.say(f"planning {site.scenario.name}: {site.scenario.description}".rstrip(": "))

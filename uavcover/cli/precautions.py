@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 from uavcover.cli.console import Console
 from uavcover.errors import InputError
-from uavcover.flight.precautions import OnBreach, Precautions
-from uavcover.run_folder import RunFolder
+from uavcover.run.folder import RunFolder
+from uavcover.vehicle.precautions import OnBreach, Precautions
 
 OLD_LIMITS = "limits_before.json"
 """There while a flight has changed parameters: after a kill the next flight finds it."""

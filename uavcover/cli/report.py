@@ -30,7 +30,7 @@ def report(
     from uavcover.cli.console import Console
     from uavcover.cli.reporting import draw_figures, write_report
     from uavcover.errors import OutputError
-    from uavcover.run_folder import RunFolder
+    from uavcover.run.folder import RunFolder
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     path = RunFolder(run).file("report.html") if output is None else output

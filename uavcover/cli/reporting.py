@@ -7,7 +7,10 @@ from pathlib import Path
 
 from uavcover.cli.console import Console
 from uavcover.errors import OutputError
-from uavcover.judged_inputs import (
+from uavcover.report.content import ReportContent, read_run
+from uavcover.report.page import render_report
+from uavcover.run.folder import RunFolder, write_text
+from uavcover.run.judged_inputs import (
     accepted_in,
     inspect_inputs,
     judged_logs,
@@ -16,10 +19,7 @@ from uavcover.judged_inputs import (
     unsealed_in_words,
     was_flown,
 )
-from uavcover.provenance import note_files
-from uavcover.report.content import ReportContent, read_run
-from uavcover.report.page import render_report
-from uavcover.run_folder import RunFolder, write_text
+from uavcover.run.provenance import note_files
 
 REPORT, VERDICT = "report.html", "verification.json"
 

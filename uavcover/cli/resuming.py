@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from typing import Any
 
 from mission_io import SigningKey
-from uavcover import pipeline
 from uavcover.cli.console import Console
 from uavcover.cli.flying import record_flight
 from uavcover.errors import InputError
-from uavcover.flight.flight_plan import Patience
-from uavcover.flight.fly import FlightOutcome
-from uavcover.flight.precautions import USUAL, Precautions
-from uavcover.on_vehicle import (
+from uavcover.run import pipeline
+from uavcover.run.folder import RunFolder
+from uavcover.run.provenance import note_files
+from uavcover.run.resume import TRACK, Unfinished, find_unfinished, save_rest, took_off_s
+from uavcover.run.session import (
     ClientName,
     check_home,
     connect,
@@ -21,9 +21,9 @@ from uavcover.on_vehicle import (
     is_in_the_air,
     require_home,
 )
-from uavcover.provenance import note_files
-from uavcover.resumption import TRACK, Unfinished, find_unfinished, save_rest, took_off_s
-from uavcover.run_folder import RunFolder
+from uavcover.vehicle.flight_plan import Patience
+from uavcover.vehicle.fly import FlightOutcome
+from uavcover.vehicle.precautions import USUAL, Precautions
 
 
 def resume_run(

@@ -36,19 +36,19 @@ def select(
     """
     import dataclasses
 
-    from uavcover import pipeline, run_files
     from uavcover.cli.console import Console
     from uavcover.cli.planning import figures_in_words, say_missions, say_older
     from uavcover.planning.selection import parse_rule
-    from uavcover.reselection import choose
-    from uavcover.run_folder import RunFolder
+    from uavcover.run import files, pipeline
+    from uavcover.run.folder import RunFolder
+    from uavcover.run.select import choose
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     parse_rule(rule)
     folder = RunFolder(run)
     site, _ = pipeline.read_planned(folder)
     name = options.autopilot_name(autopilot, site.scenario.vehicle.autopilot)
-    with folder.reserved(run_files.flown_in(folder), force=force):
+    with folder.reserved(files.flown_in(folder), force=force):
         plan, flights, older = choose(folder, site, rule, autopilot=name, command=sys.argv)
     say_older(console, older)
     index = plan.members.index(plan.chosen)

@@ -26,11 +26,11 @@ def upload(
     verbose: options.Verbose = 0,
 ) -> int:
     """Upload a mission, fence or rally file, read it back and compare; the terrain is not checked."""
-    from mission_io.presets import link_preset
+    from mission_io.links.presets import link_preset
     from uavcover.cli.console import Console
     from uavcover.cli.mission_files import home_of, read_contents, warn_of_home
     from uavcover.cli.uploading import say_comparison, telling_what_is_held
-    from uavcover.on_vehicle import connect
+    from uavcover.run.session import connect
 
     client_name = options.client_name(client, link=link, signed=signing_key is not None)
     key = options.signing_key(signing_key)

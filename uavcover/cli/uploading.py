@@ -6,18 +6,18 @@ from contextlib import contextmanager
 from typing import Any
 
 from mission_io import SigningKey
-from mission_io.commands import name_of
-from mission_io.compare import faults
+from mission_io.autopilots.comparison import faults
+from mission_io.client.commands import name_of
+from mission_io.client.read_back import Verification
 from mission_io.errors import TransferError, TransferInterrupted
-from mission_io.presets import link_preset
-from mission_io.verification import Verification
-from uavcover import pipeline
+from mission_io.links.presets import link_preset
 from uavcover.cli.console import Console
 from uavcover.model.route import Route
-from uavcover.on_vehicle import ClientName, check_home, connect, require_home
-from uavcover.provenance import note_files
-from uavcover.run_folder import RunFolder
-from uavcover.site import Site
+from uavcover.run import pipeline
+from uavcover.run.folder import RunFolder
+from uavcover.run.provenance import note_files
+from uavcover.run.session import ClientName, check_home, connect, require_home
+from uavcover.scenario.site import Site
 
 UPLOAD_FILE = "upload.json"
 _SHOWN_ITEMS = 20

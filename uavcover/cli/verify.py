@@ -26,7 +26,7 @@ def verify(
     """
     from uavcover.cli.console import Console
     from uavcover.cli.verifying import verify_run
-    from uavcover.run_folder import RunFolder
+    from uavcover.run.folder import RunFolder
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     report = verify_run(RunFolder(run), console, command=sys.argv, logs=logs or (), accepted=accept_changed or ())

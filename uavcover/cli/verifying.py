@@ -4,9 +4,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from uavcover import after_flight, pipeline, run_files
 from uavcover.cli.console import Console, metres, percent
-from uavcover.judged_inputs import (
+from uavcover.judging.phases import PlannedRoute
+from uavcover.judging.verify import Verdict
+from uavcover.model.track import Track
+from uavcover.model.verdict import VerificationReport
+from uavcover.report.requirements import requirement_rows
+from uavcover.run import files, judge, pipeline
+from uavcover.run.folder import RunFolder
+from uavcover.run.judged_inputs import (
     JudgedInputs,
     check_accepted,
     inspect_inputs,
@@ -14,13 +20,7 @@ from uavcover.judged_inputs import (
     refuse_changes,
     unsealed_in_words,
 )
-from uavcover.model.report import VerificationReport
-from uavcover.model.track import Track
-from uavcover.report.requirements import requirement_rows
-from uavcover.run_folder import RunFolder
-from uavcover.site import Site
-from uavcover.verification.phases import PlannedRoute
-from uavcover.verification.verify import Verdict
+from uavcover.scenario.site import Site
 
 _SHOWN_VIOLATIONS = 5
 _SHOWN_STRETCHES = 3
@@ -35,12 +35,12 @@ def verify_run(
     The verdict that is there, and what follows from it, is removed first: it would not be one of what is there now.
     """
     check_accepted(accepted)
-    if not any(run.file(name).exists() for name in (*run_files.PLAN_FILES, "verification.json")):
+    if not any(run.file(name).exists() for name in (*files.PLAN_FILES, "verification.json")):
         run.existing("scenario.toml", made_by="uavcover plan")  # no run folder: nothing is written or removed in it
     with run.reserved((), force=True):
-        run.remove(run_files.VERDICT_FILES)
+        run.remove(files.VERDICT_FILES)
         site, verdict, sources, inputs = judge_run(run, console, logs=logs, accepted=accepted)
-        document = after_flight.save_verdict(run, verdict, sources=sources, inputs=inputs, command=command)
+        document = judge.save_verdict(run, verdict, sources=sources, inputs=inputs, command=command)
     say_inputs(console, inputs)
     _say(console, run, site, verdict.report)
     return document
@@ -64,12 +64,12 @@ def judge_run(
             console.warn(f"sortie {number} was not flown yet: fly it with --sortie {number}")
     tracks: list[tuple[Track, PlannedRoute | None]] = []
     for path in paths:
-        loaded = after_flight.read_log(path, site)
+        loaded = judge.read_log(path, site)
         for warning in loaded.warnings:
             console.warn(warning)
-        tracks.append((loaded.track, after_flight.planned_for(path, run)))
+        tracks.append((loaded.track, judge.planned_for(path, run)))
     with console.progress("verifying"):
-        verdict = after_flight.judge_tracks(site, tracks)
+        verdict = judge.judge_tracks(site, tracks)
     return site, verdict, [_name(path, run) for path in paths], inputs
 
 

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels._jit import kernel
-from uavcover.kernels.draft import (
+from uavcover.kernels.jit import kernel
+from uavcover.kernels.nadir_visibility import compare, make_changes
+from uavcover.kernels.route_state import (
     ALONG_PATH,
     WIDEST,
     Draft,
@@ -33,8 +34,7 @@ from uavcover.kernels.draft import (
     try_exchange,
     weigh,
 )
-from uavcover.kernels.draft_cost import exchange_cost, reversal_cost, transfer_cost
-from uavcover.kernels.runs import compare, make_changes
+from uavcover.kernels.route_state_cost import exchange_cost, reversal_cost, transfer_cost
 from uavcover.kernels.sight import FRUSTUM, Sight
 from uavcover.kernels.surface import height_above, up_above
 
@@ -84,7 +84,7 @@ class Schedule(NamedTuple):
 def anneal(task: Task, prices: Prices, schedule: Schedule, draft: Draft, rng: np.random.Generator) -> int:
     """Change ``draft`` in place by so many proposals; returns how many were kept.
 
-    The draft must be counted (:func:`uavcover.kernels.draft.recount`).
+    The draft must be counted (:func:`uavcover.kernels.route_state.recount`).
     """
     kept = 0
     cooling = math.log(schedule.coldest / schedule.hottest) / max(1, schedule.proposals - 1)

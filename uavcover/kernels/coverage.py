@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels._jit import kernel
+from uavcover.kernels.jit import kernel
 from uavcover.kernels.obstacles import keeps_clear
 from uavcover.kernels.sight import MIDPOINT, RAY, Aim, Sight, horizontal_reach, in_view, level_aim
 from uavcover.kernels.surface import Surface, has_node_cell, height_above, stays_above

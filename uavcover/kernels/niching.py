@@ -6,7 +6,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from uavcover.kernels._jit import kernel
+from uavcover.kernels.jit import kernel
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels._jit import kernel
+from uavcover.kernels.jit import kernel
 from uavcover.kernels.obstacles import (
     Obstacles,
     clear_of,

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels._jit import kernel
+from uavcover.kernels.jit import kernel
 
 _ROUNDING = 1e-9
 """In parameters 0..1 of a line, and in metres of a distance."""

@@ -1,12 +1,21 @@
-"""Choosing few of many sets that cover much: greedily, and which sets no exact answer needs.
+"""Set cover: greedy choice, reductions, and local search with weights.
+
+Choosing few of many sets that cover much: greedily, and which sets no exact answer needs.
 
 Sets are rows of a compressed table: set k has the numbers ``items[start[k] : start[k + 1]]``, in rising order.
+
+Few sets that cover everything, by local search with weights on what is hard to cover.
+
+RWLS: Gao, Weise and Li, "An efficient local search heuristic with row weighting for the unicost set covering problem", European
+Journal of Operational Research 246 (2015). Tables as in :mod:`uavcover.kernels.set_cover`.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels._jit import kernel
+from uavcover.kernels.jit import kernel
 
 _NOTHING = 1e-12
 """A gain that rounding may have left over."""
@@ -168,3 +177,173 @@ def _is_part(start: NDArray[np.int64], items: NDArray[np.int32], small: int, lar
         if j == start[large + 1] or items[j] != items[i]:
             return False
     return True
+
+
+class _State(NamedTuple):
+    """Which sets are chosen, and what each is worth.
+
+    Attributes:
+        start: (p + 1,).
+        items: of the sets.
+        back: (n + 1,).
+        sets: of the items.
+        weight: (n,) of the items.
+        times: (n,) how many chosen sets have an item.
+        chosen: (p,).
+        score: (p,) weight that a set would newly cover, or, when it is chosen, covers alone.
+        moved: (p,) step at which a set went in or out.
+        changed: (p,) whether anything near a set has changed since it went out.
+        items_open: (n,) the first ``open`` are the items that no chosen set has.
+        place: (n,) of each item in ``items_open``.
+        open: (1,) how many.
+    """
+
+    start: NDArray[np.int64]
+    items: NDArray[np.int32]
+    back: NDArray[np.int64]
+    sets: NDArray[np.int32]
+    weight: NDArray[np.int64]
+    times: NDArray[np.int64]
+    chosen: NDArray[np.bool_]
+    score: NDArray[np.int64]
+    moved: NDArray[np.int64]
+    changed: NDArray[np.bool_]
+    items_open: NDArray[np.int64]
+    place: NDArray[np.int64]
+    open: NDArray[np.int64]
+
+
+@kernel
+def search_cover(
+    start: NDArray[np.int64],
+    items: NDArray[np.int32],
+    count: int,
+    first: NDArray[np.int64],
+    steps: int,
+    rng: np.random.Generator,
+) -> NDArray[np.int64]:
+    """As few sets as are found that have all of ``count`` items.
+
+    Each step takes out the set whose loss weighs least, and puts in one with a random item that is open then; what stays open
+    gets heavier. Whenever nothing is open, the search goes on with a set less.
+
+    Args:
+        start: (p + 1,).
+        items: numbers 0..count - 1; each is in some set.
+        count: of items.
+        first: sets that have all items, to begin with.
+        steps: how many exchanges.
+        rng: draws the items.
+
+    Returns:
+        (k,) rising numbers of sets, at most as many as ``first``.
+    """
+    state = _begin(start, items, count)
+    for k in first:
+        if not state.chosen[k]:
+            _put_in(state, k)
+    best = np.flatnonzero(state.chosen)
+    last = -1
+    for step in range(1, steps + 1):
+        while state.open[0] == 0:
+            best = np.flatnonzero(state.chosen)
+            if best.size <= 1:
+                return best
+            _take_out(state, _least(state, -1), step)
+        out = _least(state, last)
+        if out >= 0:
+            _take_out(state, out, step)
+        last = _most(state, state.items_open[int(rng.random() * state.open[0])])
+        _put_in(state, last)
+        state.moved[last] = step
+        for i in range(state.open[0]):
+            item = state.items_open[i]
+            state.weight[item] += 1
+            for j in range(state.back[item], state.back[item + 1]):
+                state.score[state.sets[j]] += 1
+    return np.flatnonzero(state.chosen) if state.open[0] == 0 else best
+
+
+@kernel
+def _begin(start: NDArray[np.int64], items: NDArray[np.int32], count: int) -> _State:
+    p = start.size - 1
+    back, sets = transposed(start, items, count)
+    return _State(
+        start, items, back, sets, np.ones(count, dtype=np.int64), np.zeros(count, dtype=np.int64),
+        np.zeros(p, dtype=np.bool_), start[1:] - start[:-1], np.zeros(p, dtype=np.int64), np.ones(p, dtype=np.bool_),
+        np.arange(count), np.arange(count), np.array([count]),
+    )  # fmt: skip
+
+
+@kernel
+def _least(state: _State, last: int) -> int:
+    """The chosen set with the least score, of equals the one that rested longest, but not ``last``; -1: there is no other."""
+    best = -1
+    for k in range(state.chosen.size):
+        if (
+            state.chosen[k]
+            and k != last
+            and (best < 0 or _is_before(state, state.score[k] - state.score[best], k, best))
+        ):
+            best = k
+    return best
+
+
+@kernel
+def _most(state: _State, item: int) -> int:
+    """The set with an item that scores most, of equals the one that rested longest; one that just went out only in need."""
+    best = -1
+    for j in range(state.back[item], state.back[item + 1]):
+        k = state.sets[j]
+        if state.changed[k] and (best < 0 or _is_before(state, state.score[best] - state.score[k], k, best)):
+            best = k
+    return best if best >= 0 else int(state.sets[state.back[item]])
+
+
+@kernel
+def _is_before(state: _State, difference: int, k: int, other: int) -> bool:
+    return bool(difference < 0 or (difference == 0 and state.moved[k] < state.moved[other]))
+
+
+@kernel
+def _put_in(state: _State, k: int) -> None:
+    """Choose set k. Its own score stays: what it newly covers is what it then covers alone."""
+    state.chosen[k] = True
+    for i in range(state.start[k], state.start[k + 1]):
+        item = state.items[i]
+        state.times[item] += 1
+        if state.times[item] == 1:
+            _swap(state, item, state.open[0] - 1)
+            state.open[0] -= 1
+        for j in range(state.back[item], state.back[item + 1]):
+            other = state.sets[j]
+            state.changed[other] = True
+            if other != k and (state.times[item] == 1 or (state.times[item] == 2 and state.chosen[other])):
+                state.score[other] -= state.weight[item]
+
+
+@kernel
+def _take_out(state: _State, k: int, step: int) -> None:
+    """Choose set k no more."""
+    state.chosen[k] = False
+    for i in range(state.start[k], state.start[k + 1]):
+        item = state.items[i]
+        state.times[item] -= 1
+        if state.times[item] == 0:
+            _swap(state, item, state.open[0])
+            state.open[0] += 1
+        for j in range(state.back[item], state.back[item + 1]):
+            other = state.sets[j]
+            state.changed[other] = True
+            if other != k and (state.times[item] == 0 or (state.times[item] == 1 and state.chosen[other])):
+                state.score[other] += state.weight[item]
+    state.changed[k] = False
+    state.moved[k] = step
+
+
+@kernel
+def _swap(state: _State, item: int, place: int) -> None:
+    """Bring an item to a place in the list of open items."""
+    there, before = state.items_open[place], state.place[item]
+    state.items_open[place], state.items_open[before] = item, there
+    state.place[item], state.place[there] = place, before

@@ -1,15 +1,84 @@
-"""What a sensor has in view, whatever lies between: one test for planner, local search and verification.
+"""What a sensor has in view, from how far away, and which rays need no tracing.
+
+How steep the ground is at most between two places: what lets most rays pass without being traced.
+
+:attr:`uavcover.kernels.surface.Surface.steepest` bounds the whole ground, and is infinite as soon as one node has no data. Here
+each block of the grid has its own bound, and a ray asks only those between its ends.
+
+What a sensor has in view, whatever lies between: one test for planner, local search and verification.
 
 A camera's view is told in its own axes: where it looks, the right of its picture and the top of it. For every sensor here the set
 of places from which a cell is in view is convex while the axes stay the same: a ball, a disc, a cone, a pyramid; the places with
 a small enough incidence angle are a cone around the cell's normal, and those with a small enough ground sample distance
 satisfy depth^3 <= constant * height above the cell's plane, a convex function below a linear one.
+
+From how far away a cell can be seen at all, with anything that flies not higher above ground than allowed.
 """
 
 import math
 from typing import NamedTuple
 
-from uavcover.kernels._jit import kernel
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.kernels.grid import GridFrame, in_cell, on_grid, steepest_in_cell
+from uavcover.kernels.jit import kernel
+from uavcover.kernels.surface import GRID, Surface
+
+BLOCK_CELLS = 4
+
+
+class LocalSlopes(NamedTuple):
+    """Bounds on the slope in square blocks of the grid.
+
+    Attributes:
+        steepest: (rows, columns) tangents; infinite where a node of the block has no data. (1, 1) for an analytic surface.
+    """
+
+    steepest: NDArray[np.float64]
+
+
+def local_slopes(surface: Surface) -> LocalSlopes:
+    """The bounds of a surface; see :func:`uavcover.kernels.grid.steepest_in_cell` for that of one cell."""
+    if surface.kind != GRID:
+        return LocalSlopes(np.array([[surface.steepest]]))
+    return LocalSlopes(_steepest_in_blocks(surface.up_m, surface.grid))
+
+
+@kernel
+def _steepest_in_blocks(nodes: NDArray[np.float64], frame: GridFrame) -> NDArray[np.float64]:
+    rows, columns = nodes.shape[0] - 1, nodes.shape[1] - 1
+    out = np.zeros(((rows - 1) // BLOCK_CELLS + 1, (columns - 1) // BLOCK_CELLS + 1))
+    for i in range(rows):
+        for j in range(columns):
+            slope = steepest_in_cell(nodes, frame, i, j)
+            if math.isnan(slope):
+                slope = math.inf
+            out[i // BLOCK_CELLS, j // BLOCK_CELLS] = max(out[i // BLOCK_CELLS, j // BLOCK_CELLS], slope)
+    return out
+
+
+@kernel
+def steepest_between(surface: Surface, slopes: LocalSlopes, ae: float, an: float, be: float, bn: float) -> float:
+    """No straight way over ground between two places is anywhere steeper than this; infinite outside the grid."""
+    if surface.kind != GRID:
+        return float(slopes.steepest[0, 0])
+    if not math.isfinite(ae + an + be + bn):
+        return math.inf
+    grid = surface.grid
+    a_column, a_row = on_grid(grid, ae, an, grid.level_up_m)
+    b_column, b_row = on_grid(grid, be, bn, grid.level_up_m)
+    west, east = min(a_column, b_column) - grid.leeway, max(a_column, b_column) + grid.leeway
+    first, last = min(a_row, b_row) - grid.leeway, max(a_row, b_row) + grid.leeway
+    if not (west >= 0.0 and first >= 0.0 and east <= surface.up_m.shape[1] - 1 and last <= surface.up_m.shape[0] - 1):
+        return math.inf
+    rows, columns = slopes.steepest.shape
+    steepest = 0.0
+    for i in range(int(first) // BLOCK_CELLS, min(int(last) // BLOCK_CELLS, rows - 1) + 1):
+        for j in range(int(west) // BLOCK_CELLS, min(int(east) // BLOCK_CELLS, columns - 1) + 1):
+            steepest = max(steepest, slopes.steepest[i, j])
+    return steepest
+
 
 SPHERE = 0
 DISC = 1
@@ -202,3 +271,97 @@ def horizontal_reach(sight: Sight) -> float:
         return sight.reach_m
     corner2 = 1.0 + sight.tan_half_fov * sight.tan_half_fov + sight.tan_half_along * sight.tan_half_along
     return sight.reach_m * math.sqrt(max(0.0, 1.0 - highest * highest / corner2))
+
+
+@kernel
+def farthest_looks(
+    centres: NDArray[np.float64],
+    tops: NDArray[np.float64],
+    east0: float,
+    north0: float,
+    side: float,
+    tan_half_fov: float,
+    reach: float,
+) -> NDArray[np.float64]:
+    """(n,) no allowed place further away than this, on the map, sees a cell through a cone; 0 where none does.
+
+    The map is cut into squares. From a place at distance d a camera that looks straight down sees a cell when
+    d <= tan_half_fov times its height above the cell, which is at most that of the square's top. Nothing else is asked
+    (range, incidence, line of sight), so the true distance may be smaller, never larger.
+
+    Args:
+        centres: (n, 3) of the cells.
+        tops: (rows, columns) highest allowed up coordinate anywhere over each square; NaN: no place is allowed there.
+        east0: of the south-west corner of the first square.
+        north0: likewise.
+        side: of the squares.
+        tan_half_fov: of the cone.
+        reach: no place further away on the map sees anything.
+    """
+    rows, columns = tops.shape
+    out = np.zeros(centres.shape[0])
+    for k in range(centres.shape[0]):
+        e, n, u = centres[k, 0] - east0, centres[k, 1] - north0, centres[k, 2]
+        for i in range(max(0, int((n - reach) / side)), min(rows - 1, int((n + reach) / side)) + 1):
+            dn_near = max(0.0, i * side - n, n - (i + 1) * side)
+            dn_far = max(abs(n - i * side), abs(n - (i + 1) * side))
+            for j in range(max(0, int((e - reach) / side)), min(columns - 1, int((e + reach) / side)) + 1):
+                if math.isnan(tops[i, j]):
+                    continue
+                radius = min(reach, tan_half_fov * (tops[i, j] - u))
+                if radius <= out[k]:
+                    continue
+                de_near = max(0.0, j * side - e, e - (j + 1) * side)
+                if math.hypot(de_near, dn_near) > radius:
+                    continue
+                de_far = max(abs(e - j * side), abs(e - (j + 1) * side))
+                out[k] = max(out[k], min(radius, math.hypot(de_far, dn_far)))
+    return out
+
+
+@kernel
+def highest_in_squares(
+    surface: Surface, east0: float, north0: float, side: float, count: int, beside: float
+) -> NDArray[np.float64]:
+    """(count, count) up coordinate that the ground of a grid nowhere exceeds in or beside squares of the map; rows go north.
+
+    The box around a square on the grid is cut along its node lines: in each part the ground is bilinear, and highest at a
+    corner. Cells without data are left out; NaN where nothing is left.
+
+    Args:
+        surface: a grid.
+        east0: of the south-west corner of the first square.
+        north0: likewise.
+        side: of the squares.
+        count: of rows and of columns.
+        beside: metres around each square that belong to it.
+    """
+    grid, z = surface.grid, surface.up_m
+    rows, columns = z.shape
+    out = np.full((count, count), np.nan)
+    for i in range(count):
+        for j in range(count):
+            first_u, last_u, first_v, last_v = math.inf, -math.inf, math.inf, -math.inf
+            for corner in range(4):
+                e = east0 + (j + corner % 2) * side
+                n = north0 + (i + corner // 2) * side
+                u, v = on_grid(grid, e, n, grid.level_up_m)
+                first_u, last_u = min(first_u, u), max(last_u, u)
+                first_v, last_v = min(first_v, v), max(last_v, v)
+            first_u = max(0.0, first_u - grid.leeway - beside * grid.per_column)
+            last_u = min(columns - 1.0, last_u + grid.leeway + beside * grid.per_column)
+            first_v = max(0.0, first_v - grid.leeway - beside * grid.per_row)
+            last_v = min(rows - 1.0, last_v + grid.leeway + beside * grid.per_row)
+            if first_u > last_u or first_v > last_v:
+                continue
+            for cell_v in range(min(int(first_v), rows - 2), min(int(last_v), rows - 2) + 1):
+                for cell_u in range(min(int(first_u), columns - 2), min(int(last_u), columns - 2) + 1):
+                    west, east = max(first_u, float(cell_u)), min(last_u, cell_u + 1.0)
+                    near, far = max(first_v, float(cell_v)), min(last_v, cell_v + 1.0)
+                    up = max(
+                        max(in_cell(z, cell_v, cell_u, west, near), in_cell(z, cell_v, cell_u, east, near)),
+                        max(in_cell(z, cell_v, cell_u, west, far), in_cell(z, cell_v, cell_u, east, far)),
+                    )
+                    if not math.isnan(up) and not up <= out[i, j]:
+                        out[i, j] = up
+    return out

@@ -3,7 +3,7 @@
 A surface is a :class:`Surface`, plain numbers and one array. Two kinds:
 
 - ``GRID``: heights at the nodes of a grid, bilinear between them. NaN nodes are no-data, and so is every place that touches
-  one. :mod:`uavcover.kernels.grid_frame` says where the nodes are.
+  one. :mod:`uavcover.kernels.grid` says where the nodes are.
 - ``SINE_COSINE``: z = s sin(y / s) cos(x / s), evaluated exactly (the paper's Eq. 26).
 
 Heights above ground are measured along the plumb line. Along a straight segment a bilinear cell is a parabola, so the smallest
@@ -19,9 +19,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels._jit import kernel
-from uavcover.kernels.grid_frame import GridFrame, growth_on_grid, on_grid
-from uavcover.kernels.nodes import among_nodes, on_nodes, parabola_range, range_on_nodes
+from uavcover.kernels.grid import (
+    GridFrame,
+    among_nodes,
+    growth_on_grid,
+    on_grid,
+    on_nodes,
+    parabola_range,
+    range_on_nodes,
+)
+from uavcover.kernels.jit import kernel
 from uavcover.kernels.obstacles import NO_OBSTACLES, Obstacles
 
 GRID = 0

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels._jit import kernel
+from uavcover.kernels.jit import kernel
 from uavcover.kernels.surface import Surface, height_above
 
 LENGTH = 0

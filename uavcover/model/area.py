@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from uavcover.model.checks import STRICT, require, require_lon_lat, require_positive
+from uavcover.model.value_checks import STRICT, require, require_lon_lat, require_positive
 
 Ring = tuple[tuple[float, float], ...]
 

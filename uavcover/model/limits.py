@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from uavcover.model.checks import STRICT, require, require_lon_lat, require_not_negative, require_positive
+from uavcover.model.value_checks import STRICT, require, require_lon_lat, require_not_negative, require_positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from uavcover.model.checks import STRICT, require, require_positive
+from uavcover.model.value_checks import STRICT, require, require_positive
 
 Sensing = Literal["at-waypoints", "along-path"]
 LineOfSight = Literal["ray", "midpoint"]

@@ -1,9 +1,34 @@
-"""What flies."""
+"""What flies, and the wind it is planned for.
+
+The wind that a flight is planned for.
+
+What flies.
+"""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from uavcover.model.checks import STRICT, require, require_positive
+from uavcover.model.value_checks import STRICT, require, require_not_negative, require_positive
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wind:
+    """One wind for the whole flight.
+
+    Attributes:
+        speed_m_s: horizontal.
+        from_deg: where it comes from, clockwise from north.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    speed_m_s: float = 0.0
+    from_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_not_negative(speed_m_s=self.speed_m_s)
+        require(abs(self.from_deg) <= 360.0, f"from_deg: {self.from_deg} is outside -360..360 degrees")
+
 
 AutopilotName = Literal["ardupilot", "px4"]
 

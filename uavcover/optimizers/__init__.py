@@ -3,26 +3,26 @@
 from types import MappingProxyType
 from typing import Final
 
-from uavcover.optimizers.ablation import (
+from uavcover.optimizers.ablations import (
     ImodboMinusDynamicParameters,
     ImodboMinusLatinHypercube,
     ImodboMinusSineCosine,
+    ImodboOwnBest,
+    ModboOwnBest,
     ModboPlusDynamicParameters,
     ModboPlusLatinHypercube,
     ModboPlusSineCosine,
 )
 from uavcover.optimizers.ask_tell import AskTellOptimizer
-from uavcover.optimizers.dbo import DBO
-from uavcover.optimizers.imodbo import IMODBO
+from uavcover.optimizers.imodbo import IMODBO, MODBO
 from uavcover.optimizers.imodbo_niching import ImodboNiching
 from uavcover.optimizers.interface import Optimizer, ParetoSet
-from uavcover.optimizers.modbo import MODBO
-from uavcover.optimizers.mogwo import MOGWO
-from uavcover.optimizers.mossa import MOSSA
-from uavcover.optimizers.mowoa import MOWOA
-from uavcover.optimizers.own_best import ImodboOwnBest, ModboOwnBest
-from uavcover.optimizers.pymoo_adapters import MOEAD, NSGA2
-from uavcover.optimizers.random_search import RandomSearch
+from uavcover.optimizers.pymoo.adapters import MOEAD, NSGA2
+from uavcover.optimizers.rivals.dbo import DBO
+from uavcover.optimizers.rivals.mogwo import MOGWO
+from uavcover.optimizers.rivals.mossa import MOSSA
+from uavcover.optimizers.rivals.mowoa import MOWOA
+from uavcover.optimizers.rivals.random_search import RandomSearch
 
 ALGORITHMS: Final = MappingProxyType[str, type[AskTellOptimizer]](
     {

@@ -6,8 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from uavcover.kernels.dominance import crowding_distance, first_occurrences, least_crowded, non_dominated_mask
-from uavcover.optimizers.interface import FloatArray, ParetoSet
-from uavcover.optimizers.solutions import Solutions
+from uavcover.optimizers.interface import FloatArray, ParetoSet, Solutions
 
 
 @dataclass(frozen=True, eq=False)

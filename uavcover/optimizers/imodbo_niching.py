@@ -7,9 +7,8 @@ import numpy.typing as npt
 
 from uavcover.optimizers.dung_beetle_moves import breeder, roller, thief
 from uavcover.optimizers.imodbo import IMODBO
-from uavcover.optimizers.interface import FloatArray, IntArray, ParetoSet, State
+from uavcover.optimizers.interface import FloatArray, IntArray, ParetoSet, Solutions, State
 from uavcover.optimizers.niching import NichePool, neighbours, representatives, smoothed
-from uavcover.optimizers.solutions import Solutions
 
 
 class ImodboNiching(IMODBO):

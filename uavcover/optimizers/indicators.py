@@ -5,8 +5,7 @@ import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from uavcover.errors import OptimizerError
-from uavcover.optimizers.interface import FloatArray
-from uavcover.optimizers.solutions import finite_array
+from uavcover.optimizers.interface import FloatArray, finite_array
 
 
 def hypervolume(objectives: npt.ArrayLike, reference: npt.ArrayLike) -> float:

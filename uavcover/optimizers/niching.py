@@ -6,8 +6,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from uavcover.kernels.niching import dominated_near, last_apart, niche_survivors, spread_out, two_space_medoids
-from uavcover.optimizers.interface import FloatArray, IntArray
-from uavcover.optimizers.solutions import Solutions
+from uavcover.optimizers.interface import FloatArray, IntArray, Solutions
 
 _NEIGHBOURS = 8  # for the local stretch of the map from x to f
 _SPACING_GROWTH, _SPACING_DECAY = 1.15, 0.97

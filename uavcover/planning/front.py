@@ -1,27 +1,215 @@
-"""What is handed over of what a planner found: what is worth judging, whole or in part, and few enough members to be read."""
+"""The Pareto front that a planner hands over: members judged on the area's own cells, whole or in part.
+
+What a planner would have handed over had it been stopped earlier: one run tells all its moments.
+
+What the search and the baselines found, judged on the area's own cells: members of the Pareto set, or why there is none.
+
+Parts of a route: whoever cannot fly all of it flies the stretch that sees most for its way.
+
+What is handed over of what a planner found: what is worth judging, whole or in part, and few enough members to be read.
+"""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.kernels.dominance import least_crowded, non_dominated_mask
 from uavcover.kernels.way_cost import route_cost
-from uavcover.leg_checks import measure_violations
 from uavcover.model.route import PART_OF, Route, RouteMember
-from uavcover.planning.members import judge_members
-from uavcover.planning.route_parts import Gains, gains_of, parts_of
-from uavcover.planning.search import Effort
+from uavcover.planning.search.optimizer_search import Effort
 from uavcover.planning.selection import Rule, select
-from uavcover.planning.snapshots import NamedRoute
-from uavcover.site import Site
-from uavcover.way_cost import way_cost_of
+from uavcover.routes.leg_checks import LegProblem, find_problems, find_waypoint_problems, measure_violations
+from uavcover.routes.objectives import judge
+from uavcover.routes.way_cost import way_cost_of
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
+
+NamedRoute = tuple[Route, str]
+"""A route and what made it: the algorithm, or the name of a baseline."""
+
+
+class Snapshots:
+    """The routes that were worth judging at given moments of a run, and at its end.
+
+    Attributes:
+        moments_s: when, by the effort's clock, since planning started; ascending.
+        taken: the routes by moment; a moment that the run did not reach has what the run ended with.
+        last: the routes at the end.
+    """
+
+    def __init__(self, moments_s: Sequence[float]) -> None:
+        self.moments_s = tuple(sorted(moments_s))
+        self.taken: dict[float, tuple[NamedRoute, ...]] = {}
+        self.last: tuple[NamedRoute, ...] = ()
+
+    def look(self, elapsed_s: float, found: Callable[[], Sequence[NamedRoute]]) -> None:
+        """Keep what ``found`` gives for every moment that has passed and has nothing yet; else ``found`` is not called."""
+        due = [moment for moment in self.moments_s if moment <= elapsed_s and moment not in self.taken]
+        if due:
+            self.taken |= dict.fromkeys(due, tuple(found()))
+
+    def close(self, routes: Sequence[NamedRoute]) -> None:
+        """Keep what the run ended with."""
+        self.last = tuple(routes)
+        self.taken |= {moment: self.last for moment in self.moments_s if moment not in self.taken}
+
+
+_ADVICE = {
+    "no elevation data": "give elevation data for the whole neighbourhood of the area",
+    "too low": "widen limits.min_height_agl_m..max_height_agl_m or allow a larger limits.max_climb_angle_deg",
+    "too high": "widen limits.min_height_agl_m..max_height_agl_m or allow a larger limits.max_climb_angle_deg",
+    "below sea-level limit": "lower limits.min_alt_amsl_m",
+    "above sea-level limit": "raise limits.max_alt_amsl_m",
+    "climb": "allow a larger limits.max_climb_angle_deg",
+    "fence": "give a larger fence",
+    "obstacle": "allow smaller obstacles.clearance_beside_m and clearance_above_m, or raise limits.max_height_agl_m",
+}
+
+
+def judge_members(
+    coverage: CoverageMap, routes: Sequence[tuple[Route, str]], executor: Executor | None = None
+) -> list[RouteMember]:
+    """Routes with the names of what made them, judged on the cells of ``coverage``."""
+    margin = coverage.site.scenario.limits.height_margin_m
+    # Every route is judged by the coverable cells: found once, here, and not by several threads at once.
+    _ = coverage.coverable
+
+    def one(item: tuple[Route, str]) -> RouteMember:
+        route, name = item
+        violations = measure_violations(coverage.site, route.waypoints_m, margin_m=margin)
+        return RouteMember(route, judge(coverage, route), violations.total, name)
+
+    return list(executor.map(one, routes) if executor is not None else map(one, routes))
+
+
+def pareto_members(members: Sequence[RouteMember]) -> list[RouteMember]:
+    """The members that no other dominates on the judged figures, by coverage; of equals the first.
+
+    Coverage is that of the coverable area, which the selection rules speak of.
+    """
+    values = np.array([[-m.metrics.coverage_of_coverable, m.metrics.waypoint_count, m.metrics.cost] for m in members])
+    _, first = np.unique(values, axis=0, return_index=True)
+    keep = np.zeros(len(members), dtype=bool)
+    keep[first] = True
+    keep &= non_dominated_mask(values, np.zeros(len(values)))
+    kept = [member for member, ok in zip(members, keep, strict=True) if ok]
+    return sorted(kept, key=lambda m: (m.metrics.coverage_of_coverable, -m.metrics.cost))
+
+
+def why_infeasible(site: Site, members: Sequence[RouteMember]) -> str:
+    """One line on the least bad of routes that all break a limit: which limit, where, by how much, what to do."""
+    least = min(members, key=lambda member: member.violation)
+    limits = site.scenario.limits
+    find = find_problems if limits.applies_to == "legs" else find_waypoint_problems
+    problems = find(
+        site,
+        least.route.waypoints_m,
+        lowest_agl_m=limits.min_height_agl_m + limits.height_margin_m,
+        highest_agl_m=limits.max_height_agl_m - limits.height_margin_m,
+    )
+    worst = max(problems, key=_seriousness)
+    more = f", and {len(problems) - 1} more like it or smaller" if len(problems) > 1 else ""
+    margin = f" (limits.height_margin_m = {limits.height_margin_m:g} m taken off)" if _is_band(worst) else ""
+    return f"no route keeps the limits of the scenario; the best one found breaks: {worst}{margin}{more}; {_ADVICE[worst.kind]}"
+
+
+def _is_band(problem: LegProblem) -> bool:
+    return problem.kind in {"too low", "too high"}
+
+
+def _seriousness(problem: LegProblem) -> float:
+    return np.inf if problem.kind == "no elevation data" else abs(problem.value - problem.limit)
+
 
 FloatArray = NDArray[np.float64]
+
+SHARES = tuple(k / 25 for k in range(1, 25))
+"""What the parts see at least, as shares of what the whole route sees."""
+
+_SAME_PLACE_M = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gains:
+    """A route of n waypoints, and what each of its legs adds.
+
+    Attributes:
+        route: its waypoints.
+        way_m: (n,) length of the path up to each waypoint.
+        seen: (n,) share of the area's ground that is seen up to each waypoint, 0..1.
+    """
+
+    route: Route
+    way_m: FloatArray
+    seen: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A stretch of a route.
+
+    Attributes:
+        route: its waypoints.
+        seen: share of the area's ground that it sees: at least this much, because what the route has seen before the
+            stretch begins is not looked at again.
+    """
+
+    route: Route
+    seen: float
+
+
+def gains_of(coverage: CoverageMap, route: Route) -> Gains:
+    """What each leg of a route is the first to see, on the cells of ``coverage``; a single waypoint sees by itself."""
+    way_m = _way_m(route.waypoints_m)
+    if len(route) == 1:
+        return Gains(route, way_m, np.array([coverage.share(coverage.seen(route.waypoints_m))]))
+    looks = coverage.looks(route.waypoints_m)
+    first = coverage.first_seen(looks)
+    at_m = _way_m(looks.places_m)
+    # A look between two legs is the first one's; the second look from the same place, of a camera that turns, the other's.
+    again = np.concatenate([[False], np.diff(at_m) == 0.0])
+    leg = np.searchsorted(way_m, np.where(again, at_m + _SAME_PLACE_M, at_m - _SAME_PLACE_M)) - 1
+    leg = np.clip(leg, 0, len(way_m) - 2)
+    seen = first >= 0
+    weight_m2 = coverage.grid.weight_m2
+    gained = np.bincount(leg[first[seen]], weights=weight_m2[seen], minlength=len(way_m) - 1)
+    return Gains(route, way_m, np.concatenate([[0.0], np.cumsum(gained)]) / float(weight_m2.sum()))
+
+
+def parts_of(gains: Gains, *, shares: Sequence[float] = SHARES) -> list[Part]:
+    """For each share of what a route sees, the shortest stretch of whole legs that is known to see so much.
+
+    Every stretch keeps the limits that the route keeps. One that is the shortest for two shares is told once, the whole
+    route never.
+
+    Args:
+        gains: of the route.
+        shares: 0..1.
+    """
+    points, way_m, seen = gains.route.waypoints_m, gains.way_m, gains.seen
+    if len(points) < 3:
+        return []
+    first = np.arange(len(points) - 1)
+    found: dict[tuple[int, int], Part] = {}
+    for share in shares:
+        # From each waypoint to the first one behind it that has seen enough; past the end where none has.
+        last = np.maximum(np.searchsorted(seen, seen[first] + share * seen[-1] * (1.0 - 1e-12)), first + 1)
+        lengths = np.where(last < len(points), way_m[np.minimum(last, len(points) - 1)] - way_m[first], np.inf)
+        best = int(np.argmin(lengths))
+        ends = best, int(last[best])
+        if ends != (0, len(points) - 1):
+            found[ends] = Part(Route(points[ends[0] : ends[1] + 1]), float(seen[ends[1]] - seen[ends[0]]))
+    return list(found.values())
+
+
+def _way_m(points: FloatArray) -> FloatArray:
+    """(n,) length of the path through (n, 3) points up to each of them."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+
 
 MOST_MEMBERS = 100
 """A Pareto set of more is thinned: a choice that nobody can survey is none."""
@@ -49,7 +237,7 @@ class Candidate:
 
     Attributes:
         route: the route and what made it.
-        objectives: (3,) as in :mod:`uavcover.planning.objectives`.
+        objectives: (3,) as in :mod:`uavcover.routes.objectives`.
         violation: total violation of the hard limits.
     """
 

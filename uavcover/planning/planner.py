@@ -7,7 +7,6 @@ from concurrent.futures import Executor
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.dominance import least_crowded, non_dominated_mask
 from uavcover.kernels.way_cost import route_cost
@@ -15,22 +14,28 @@ from uavcover.model.route import Plan, Route
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import ALGORITHMS
 from uavcover.optimizers.interface import Optimizer
-from uavcover.planning.balanced_lines import balanced_lines, can_be_balanced
-from uavcover.planning.baselines import TUNED, Baseline
-from uavcover.planning.front import Candidate, Finish, thinned
-from uavcover.planning.initial_routes import constructed_routes
-from uavcover.planning.members import judge_members, pareto_members, why_infeasible
-from uavcover.planning.memetic import improve
-from uavcover.planning.search import Effort, Encoding, Progress, rounds_of, search
+from uavcover.planning.baselines.adaptive_swaths import balanced_lines, can_be_balanced, simple_lines
+from uavcover.planning.baselines.boustrophedon import TUNED, Baseline
+from uavcover.planning.baselines.initial_routes import constructed_routes
+from uavcover.planning.baselines.swaths import long_side_angle_rad
+from uavcover.planning.encodings import SwathEncoding, WaypointEncoding
+from uavcover.planning.front import (
+    Candidate,
+    Finish,
+    NamedRoute,
+    Snapshots,
+    judge_members,
+    pareto_members,
+    thinned,
+    why_infeasible,
+)
+from uavcover.planning.search.memetic import improve
+from uavcover.planning.search.optimizer_search import Effort, Encoding, Progress, rounds_of, search
 from uavcover.planning.selection import parse_rule, select
-from uavcover.planning.set_cover.programs import SolverEffort
-from uavcover.planning.simple_lines import simple_lines
-from uavcover.planning.snapshots import NamedRoute, Snapshots
-from uavcover.planning.swath_encoding import SwathEncoding
-from uavcover.planning.swaths import long_side_angle_rad
-from uavcover.planning.waypoint_encoding import WaypointEncoding
-from uavcover.site import Site
-from uavcover.way_cost import way_cost_of
+from uavcover.planning.set_cover.solvers import SolverEffort
+from uavcover.routes.way_cost import way_cost_of
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
 
 __all__ = ["Effort", "Progress", "plan_routes"]
 

@@ -1,15 +1,114 @@
-"""Laying a line on the map over the terrain."""
+"""Laying a line on the map over the terrain, and around obstacles too tall to fly over.
+
+Ways around obstacles that are too tall to fly over inside the height band.
+
+Laying a line on the map over the terrain.
+"""
 
 import math
+from functools import lru_cache
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
+from shapely.ops import nearest_points, substring
 
 from uavcover.kernels.route import follow_terrain
-from uavcover.planning.detours import around_obstacles
-from uavcover.site import Site
+from uavcover.scenario.obstacle_prisms import Prism
+from uavcover.scenario.site import Site
 
 FloatArray = NDArray[np.float64]
+
+_MARGIN_M = 0.05
+"""For rounding."""
+_SHORTEST_CROSSING_M = 1e-6
+_SAMPLES = 64
+
+
+def around_obstacles(
+    site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArray, *, apart_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """A line on the map that leads around what cannot be flown over, along the shorter side of each.
+
+    Corners inside the clearance of such an obstacle move to its edge. Where nothing is too tall, the line as it is.
+
+    Args:
+        site: the scenario on its ground.
+        polyline_m: (n, 2) east, north corners.
+        wanted_agl_m: (n,) wanted height above ground at the corners, linear between them.
+        apart_m: how much farther than the clearance the line stays away.
+
+    Returns:
+        (m, 2) corners, and (m,) wanted heights.
+    """
+    zone = _keep_out(site, apart_m)
+    if zone.is_empty or not zone.intersects(shapely.LineString(polyline_m)):
+        return polyline_m, wanted_agl_m
+    corners = [_outside(zone, corner) for corner in polyline_m]
+    places, heights = [corners[0]], [float(wanted_agl_m[0])]
+    for k in range(1, len(corners)):
+        detour = _detour(zone, corners[k - 1], corners[k])
+        legs = np.hypot(*np.diff(detour, axis=0).T)
+        along = np.cumsum(legs) / max(float(legs.sum()), _SHORTEST_CROSSING_M)
+        places += list(detour[1:])
+        heights += list(wanted_agl_m[k - 1] + along * (wanted_agl_m[k] - wanted_agl_m[k - 1]))
+    return np.array(places), np.array(heights)
+
+
+@lru_cache(maxsize=8)
+def _keep_out(site: Site, apart_m: float) -> shapely.MultiPolygon:
+    """What must be flown around: footprints with their clearance, grown together, without courtyards."""
+    beside_m = site.scenario.obstacles.clearance_beside_m + apart_m + _MARGIN_M
+    # Mitred corners are nowhere nearer than the clearance; round ones made of chords would be.
+    grown = [prism.footprint.polygon.buffer(beside_m, join_style="mitre") for prism in site.prisms]
+    tall = [polygon for polygon, prism in zip(grown, site.prisms, strict=True) if _is_too_tall(site, prism, polygon)]
+    parts = shapely.get_parts(shapely.union_all(tall))
+    return shapely.MultiPolygon([shapely.Polygon(part.exterior) for part in parts])
+
+
+def _is_too_tall(site: Site, prism: Prism, grown: shapely.Polygon) -> bool:
+    """Whether the band does not reach over an obstacle everywhere around it."""
+    limits = site.scenario.limits
+    ring = shapely.get_coordinates(shapely.segmentize(grown.exterior, grown.exterior.length / _SAMPLES))
+    lowest_ground = float(np.nanmin(site.ground.heights_m(ring), initial=np.inf))
+    ceiling = lowest_ground + limits.max_height_agl_m - limits.height_margin_m
+    return prism.top_m + site.scenario.obstacles.clearance_above_m > ceiling
+
+
+def _outside(zone: shapely.MultiPolygon, corner: FloatArray) -> FloatArray:
+    point = shapely.Point(corner)
+    if not zone.contains(point):
+        return corner
+    return np.asarray(nearest_points(zone.boundary, point)[0].coords[0])
+
+
+def _detour(zone: shapely.MultiPolygon, a: FloatArray, b: FloatArray) -> FloatArray:
+    """(k, 2) corners from a to b, both outside of the zone, along the edges of what is between."""
+    line = shapely.LineString([a, b])
+    way = [np.asarray(a)]
+    crossed = [part for part in zone.geoms if part.intersection(line).length > _SHORTEST_CROSSING_M]
+    for part in sorted(crossed, key=lambda part: line.project(shapely.Point(part.intersection(line).bounds[:2]))):
+        inside = shapely.get_coordinates(part.intersection(line))
+        order = np.argsort(np.hypot(*(inside - a).T))
+        ring = shapely.LineString(part.exterior.coords)
+        way += list(_along(ring, inside[order[0]], inside[order[-1]]))
+    return np.array([*way, np.asarray(b)])
+
+
+def _along(ring: shapely.LineString, entry: FloatArray, exit_: FloatArray) -> FloatArray:
+    """The shorter way (k, 2) along a ring between two places on it."""
+    begin, end = (ring.project(shapely.Point(place)) for place in (entry, exit_))
+    direct = shapely.get_coordinates(substring(ring, begin, end))
+    low, high = sorted((begin, end))
+    rest = np.vstack(
+        [
+            shapely.get_coordinates(substring(ring, high, ring.length)),
+            shapely.get_coordinates(substring(ring, 0.0, low)),
+        ]
+    )
+    rest = rest if begin > end else rest[::-1]
+    return direct if high - low <= 0.5 * ring.length else rest
+
 
 SAMPLE_SPACING_M = 5.0
 HAIR_M = 1e-6

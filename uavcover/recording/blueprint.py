@@ -9,8 +9,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from uavcover.recording import layout
-from uavcover.recording.relief import extent_m, scene_bounds_m
-from uavcover.site import Site
+from uavcover.recording.scene import extent_m, scene_bounds_m
+from uavcover.scenario.site import Site
 
 PLAYED_IN_S = 45.0
 """A flight that takes longer is played faster, so that it takes this long to watch."""

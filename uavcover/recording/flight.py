@@ -8,11 +8,11 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.model.track import COLUMNS, Track
 from uavcover.recording import layout
-from uavcover.recording.stream import any_value_columns, any_values, log_static, time_column
+from uavcover.recording.layout import any_value_columns, any_values, log_static, time_column
 from uavcover.recording.tiles import coverage_tiles, shown_from_s, tick_times_s
+from uavcover.sensing.coverage_map import CoverageMap
 
 FloatArray = NDArray[np.float64]
 

@@ -10,18 +10,17 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.coverage.level_looks import LevelLooks
 from uavcover.errors import OutputError
 from uavcover.model.route import Route
 from uavcover.model.track import Track, TrackSample
 from uavcover.recording import flight, layout
 from uavcover.recording.blueprint import LEGEND_TEXT, make_blueprint
+from uavcover.recording.layout import any_value_columns, any_values, application_id, log_static, time_column
 from uavcover.recording.scene import log_scene
-from uavcover.recording.stream import any_value_columns, any_values, application_id, log_static, time_column
 from uavcover.recording.tiles import coverage_tiles, lift_m
 from uavcover.recording.vehicle import draw_vehicle, send_vehicle
-from uavcover.site import Site
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
 
 PERIOD_S = 0.5
 """Between two writings: what is older than this, and a little, is in the file."""

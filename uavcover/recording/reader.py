@@ -16,7 +16,7 @@ from rerun.error_utils import RerunWarning
 
 from uavcover.model.track import COLUMNS, ReadTrack, Track
 from uavcover.recording import layout
-from uavcover.recording.errors import RecordingError
+from uavcover.recording.layout import RecordingError
 
 Columns = dict[str, NDArray[Any]]
 

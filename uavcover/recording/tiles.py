@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.recording.layout import NOT_COVERABLE_RGB, SEEN_RGB, UNSEEN_RGB
-from uavcover.recording.relief import extent_m, scene_bounds_m
-from uavcover.terrain.shading import hillshade, shaded
+from uavcover.recording.scene import extent_m, scene_bounds_m
+from uavcover.scenario.relief import hillshade, shaded
+from uavcover.sensing.coverage_map import CoverageMap
 
 FloatArray = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from rerun.experimental import ViewerClient
 
 from uavcover.errors import OutputError
 from uavcover.recording import layout
-from uavcover.recording.errors import RecordingError
+from uavcover.recording.layout import RecordingError
 from uavcover.recording.reader import check_finished
 
 LOCAL_HOST = "127.0.0.1"

@@ -11,19 +11,18 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from uavcover.coverage.coverage_map import CoverageMap
 from uavcover.errors import OutputError
 from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.recording import flight, layout
 from uavcover.recording.blueprint import LEGEND_TEXT, make_blueprint
-from uavcover.recording.errors import RecordingError
+from uavcover.recording.layout import RecordingError, application_id, log_static, strict_mode
 from uavcover.recording.reader import check_finished
 from uavcover.recording.scene import log_scene
-from uavcover.recording.stream import application_id, log_static, strict_mode
 from uavcover.recording.tiles import lift_m
 from uavcover.recording.vehicle import draw_vehicle, send_vehicle
-from uavcover.site import Site
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
 
 _NAMESPACE = uuid.UUID("2d1f7b1e-7c1f-4a7c-9f0c-2f6b8d6f5a90")
 

@@ -8,16 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover import after_flight, pipeline
-from uavcover.coverage.coverage_map import CoverageMap
-from uavcover.documents import PlannedDocument, read_plan_document
-from uavcover.judged_inputs import judged_logs, was_flown
+from uavcover.judging.phases import PlannedRoute
+from uavcover.judging.verify import Verdict, track_positions_m
 from uavcover.model.track import Track
-from uavcover.pareto_file import ParetoRow, read_pareto
-from uavcover.run_folder import RunFolder
-from uavcover.site import Site
-from uavcover.verification.phases import PlannedRoute
-from uavcover.verification.verify import Verdict, track_positions_m
+from uavcover.run import judge, pipeline
+from uavcover.run.documents import ParetoRow, PlannedDocument, read_pareto, read_plan_document
+from uavcover.run.folder import RunFolder
+from uavcover.run.judged_inputs import judged_logs, was_flown
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
 
 FloatArray = NDArray[np.float64]
 
@@ -94,11 +93,11 @@ def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = (
     site = pipeline.load_site(run.existing("scenario.toml", made_by="uavcover plan"))
     plan = run.read_json("plan.json", made_by="uavcover plan")
     paths = judged_logs(run, logs) if logs or was_flown(run) else []
-    read = [after_flight.read_log(path, site) for path in paths]
+    read = [judge.read_log(path, site) for path in paths]
     verdict, flights = None, tuple[Flight, ...]()
     if read:
-        tracks = [(r.track, after_flight.planned_for(path, run)) for r, path in zip(read, paths, strict=True)]
-        verdict = after_flight.judge_tracks(site, tracks)
+        tracks = [(r.track, judge.planned_for(path, run)) for r, path in zip(read, paths, strict=True)]
+        verdict = judge.judge_tracks(site, tracks)
         flights = _flights(site, [_shown(path, run) for path in paths], tracks, verdict.shifts_s)
     pareto = run.file("pareto.csv")
     return ReportContent(

@@ -11,10 +11,10 @@ from mpl_toolkits.mplot3d import Axes3D
 from numpy.typing import NDArray
 
 from uavcover.errors import OutputError
-from uavcover.pareto_file import ParetoRow
 from uavcover.report.content import ReportContent
 from uavcover.report.map_data import bounds_m
-from uavcover.terrain.relief_grid import relief_grid
+from uavcover.run.documents import ParetoRow
+from uavcover.scenario.relief import relief_grid
 
 FloatArray = NDArray[np.float64]
 

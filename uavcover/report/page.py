@@ -10,12 +10,11 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from uavcover.documents import bounds_in_words
 from uavcover.report import plots
 from uavcover.report.content import ReportContent
-from uavcover.report.images import REASON_WORDS
-from uavcover.report.map_data import drawn_every, map_data
+from uavcover.report.map_data import REASON_WORDS, drawn_every, map_data
 from uavcover.report.requirements import requirement_rows
+from uavcover.run.documents import bounds_in_words
 
 _HERE = Path(__file__).parent
 _PAGE = _HERE / "page"

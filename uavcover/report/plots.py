@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.judging.verify import Verdict
 from uavcover.report.charts import Chart, Key, Plot
 from uavcover.report.content import Flight, ReportContent
-from uavcover.verification.verify import Verdict
 
 FloatArray = NDArray[np.float64]
 

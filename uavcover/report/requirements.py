@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from uavcover.model.report import Unobserved, VerificationReport, ViolationKind
 from uavcover.model.scenario import Scenario
+from uavcover.model.verdict import Unobserved, VerificationReport, ViolationKind
 
 Holds = Literal["yes", "no", "not proved"]
 

@@ -4,8 +4,8 @@ import math
 
 from hypothesis import strategies as st
 
-from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.items import (
+from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
+from mission_io.model.items import (
     Frame,
     GeoPoint,
     Mission,

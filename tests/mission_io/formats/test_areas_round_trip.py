@@ -5,7 +5,9 @@ from dataclasses import replace
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_io.areas import (
+from mission_io.formats import plan, poly, wpl
+from mission_io.formats.drawings import Area
+from mission_io.model.areas import (
     Fence,
     FenceCircle,
     FencePolygon,
@@ -17,9 +19,7 @@ from mission_io.areas import (
     items_from_rally,
     rally_from_items,
 )
-from mission_io.drawings import Area
-from mission_io.formats import plan, poly, wpl
-from mission_io.items import Frame
+from mission_io.model.items import Frame
 from tests.mission_io.formats.samples import HOME, LATITUDES, LONGITUDES, MISSION
 
 _PLACES = st.builds(LatLon, LATITUDES, LONGITUDES)

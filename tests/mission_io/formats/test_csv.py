@@ -6,7 +6,7 @@ from hypothesis import given, settings
 
 from mission_io.errors import FormatError
 from mission_io.formats import csv
-from mission_io.items import Mission
+from mission_io.model.items import Mission
 from tests.mission_io.formats.samples import MISSION, MISSIONS, NAN_YAW
 
 TEXT = csv.write_mission(MISSION)

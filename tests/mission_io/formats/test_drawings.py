@@ -8,10 +8,10 @@ import pytest
 import shapely
 from shapely.geometry import mapping
 
-from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
-from mission_io.drawings import Area, Drawing, Line, Spot, fence_from_areas
 from mission_io.errors import FormatError
 from mission_io.formats import geojson, kml, poly
+from mission_io.formats.drawings import Area, Drawing, Line, Spot, fence_from_areas
+from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
 
 RING = (LatLon(33.1, -98.2), LatLon(33.3, -98.25), LatLon(33.35, -98.05), LatLon(33.12, -98.04))
 HOLE = (LatLon(33.2, -98.15), LatLon(33.21, -98.15), LatLon(33.21, -98.14))

@@ -10,7 +10,7 @@ import pytest
 
 from mission_io.errors import FormatError
 from mission_io.formats import csv, geojson, kml
-from mission_io.items import Frame, Mission, waypoint
+from mission_io.model.items import Frame, Mission, waypoint
 from tests.mission_io.formats.samples import HOME, MISSION, NAN_YAW
 
 KML = "{http://www.opengis.net/kml/2.2}"

@@ -10,13 +10,13 @@ from mavsdk.plugins.mission_raw import MissionRaw
 from pymavlink import mavutil, mavwp
 from pymavlink.dialects.v20 import ardupilotmega
 
-from mission_io.areas import Fence, items_from_fence, items_from_rally
-from mission_io.autopilots import ARDUPILOT, PX4, home_item
-from mission_io.drawings import Area
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, home_item
 from mission_io.formats import plan, poly, wpl
-from mission_io.items import Frame, MissionItem
-from mission_io.link import UdpLink
-from mission_io.wire import float32
+from mission_io.formats.drawings import Area
+from mission_io.links.opening import UdpLink
+from mission_io.model.areas import Fence, items_from_fence, items_from_rally
+from mission_io.model.items import Frame, MissionItem
+from mission_io.wire.mission_items import float32
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 
 from mission_io.errors import FormatError
 from mission_io.formats import plan
-from mission_io.items import Frame, Mission, same_item
+from mission_io.model.items import Frame, Mission, same_item
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, MISSIONS, NAN_YAW, RALLY
 
 PLAN = plan.PlanFile(MISSION, FENCE, RALLY, mav_autopilot=3)

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from mission_io.errors import FormatError
 from mission_io.formats import wpl
-from mission_io.formats.numbers import degrees_text, plain_decimal
-from mission_io.items import Frame, GeoPoint, Mission, MissionItem
+from mission_io.formats.text import degrees_text, plain_decimal
+from mission_io.model.items import Frame, GeoPoint, Mission, MissionItem
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, MISSIONS, NAN_YAW, RALLY
 
 STRICT = (

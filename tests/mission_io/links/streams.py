@@ -1,8 +1,8 @@
 """What the tests of TCP and serial links share: frames to send, and receiving until so many came."""
 
-from mission_io.codec import Codec
-from mission_io.link import Link
-from mission_io.messages import MissionItemReached
+from mission_io.links.opening import Link
+from mission_io.wire.codec import Codec
+from mission_io.wire.messages import MissionItemReached
 
 PATIENCE_S = 10.0
 """Only a broken test waits for so long."""

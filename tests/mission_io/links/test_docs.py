@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from mission_io.autopilots import PX4
+from mission_io.autopilots.autopilot import PX4
 from mission_io.clock import SystemClock
-from mission_io.framing import LARGEST_FRAME
-from mission_io.link import TcpListeningLink, parse_link_url
+from mission_io.links.opening import TcpListeningLink, parse_link_url
 from mission_io.links.stream import QUIET_S, SEND_BUFFER_BYTES
 from mission_io.links.tcp import MOST_PEERS
 from mission_io.links.udp import FORGOTTEN_AFTER_S
-from mission_io.signing import Signing, SigningKey, UnsavedTimestamps
+from mission_io.wire.framing import LARGEST_FRAME
+from mission_io.wire.signing import Signing, SigningKey, UnsavedTimestamps
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.test_signing import private
 from tests.mission_io.vehicle import VehiclePeer

@@ -7,10 +7,10 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega
 
-from mission_io.connection import Connection
-from mission_io.link import Link, TcpListeningLink, UdpLink, open_link
-from mission_io.messages import Heartbeat, MissionRequestList
-from mission_io.signing import SigningKey
+from mission_io.client.connection import Connection
+from mission_io.links.opening import Link, TcpListeningLink, UdpLink, open_link
+from mission_io.wire.messages import Heartbeat, MissionRequestList
+from mission_io.wire.signing import SigningKey
 from tests.mission_io.links.streams import PATIENCE_S
 
 KEY = SigningKey.from_passphrase("correct horse")

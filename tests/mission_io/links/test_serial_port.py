@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from mission_io.autopilots import PX4
-from mission_io.client import Client
+from mission_io.autopilots.autopilot import PX4
+from mission_io.client.client import Client
 from mission_io.errors import LinkError, MisuseError
-from mission_io.framing import FramingCounts
-from mission_io.items import Frame, MissionType, waypoint
-from mission_io.link import open_link
 from mission_io.links import stream
+from mission_io.links.opening import open_link
 from mission_io.links.serial_port import open_serial
 from mission_io.links.stream import ChannelLink
+from mission_io.model.items import Frame, MissionType, waypoint
+from mission_io.wire.framing import FramingCounts
 from tests.mission_io.links.streams import PATIENCE_S, frames, received
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer

@@ -5,13 +5,13 @@ from collections.abc import Iterator
 
 import pytest
 
-from mission_io.codec import Codec
 from mission_io.errors import LinkError
-from mission_io.framing import FramingCounts
-from mission_io.link import StreamLink
+from mission_io.links.opening import StreamLink
+from mission_io.links.simulated import ManualClock
 from mission_io.links.stream import QUIET_S, SEND_BUFFER_BYTES, ChannelLink, FramedChannel
-from mission_io.messages import StatusText
-from mission_io.simulated import ManualClock
+from mission_io.wire.codec import Codec
+from mission_io.wire.framing import FramingCounts
+from mission_io.wire.messages import StatusText
 from tests.mission_io.links.streams import PATIENCE_S, frames, received
 
 

@@ -4,14 +4,14 @@ import socket
 
 import pytest
 
-from mission_io.autopilots import ARDUPILOT
-from mission_io.client import Client
+from mission_io.autopilots.autopilot import ARDUPILOT
+from mission_io.client.client import Client
 from mission_io.errors import LinkError
-from mission_io.framing import FramingCounts
-from mission_io.items import Frame, MissionType, waypoint
-from mission_io.link import Link, StreamLink, TcpListeningLink, open_link
 from mission_io.links import stream
+from mission_io.links.opening import Link, StreamLink, TcpListeningLink, open_link
 from mission_io.links.tcp import MOST_PEERS, connect_tcp
+from mission_io.model.items import Frame, MissionType, waypoint
+from mission_io.wire.framing import FramingCounts
 from tests.mission_io.links.streams import PATIENCE_S, frames, received
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer

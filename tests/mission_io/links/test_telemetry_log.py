@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 from pymavlink import mavutil
 
-from mission_io.codec import Codec
-from mission_io.enums import AutopilotId, VehicleClass
 from mission_io.errors import LinkError
-from mission_io.framing import FramingCounts
 from mission_io.links.telemetry_log import FLUSH_S, LoggedLink, TelemetryLogWriter
-from mission_io.messages import Heartbeat, MissionCount, MissionRequestInt
+from mission_io.model.enums import AutopilotId, VehicleClass
+from mission_io.wire.codec import Codec
+from mission_io.wire.framing import FramingCounts
+from mission_io.wire.messages import Heartbeat, MissionCount, MissionRequestInt
 
 START_S = 1_790_000_000.25
 

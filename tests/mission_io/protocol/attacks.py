@@ -4,16 +4,16 @@ import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from mission_io.autopilots import Autopilot
-from mission_io.client import Client
-from mission_io.compare import compare_items
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.autopilots.comparison import compare_items
+from mission_io.client.client import Client
 from mission_io.errors import MissionIoError
-from mission_io.items import MissionItem, MissionType
-from mission_io.messages import MissionCount, MissionItemInt
+from mission_io.links.simulated import Conditions, SimulatedLink
+from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.exchange import Timing
 from mission_io.protocol.longest import LongestTimes, longest_times
-from mission_io.simulated import Conditions, SimulatedLink
-from mission_io.wire import message_from_item
+from mission_io.wire.messages import MissionCount, MissionItemInt
+from mission_io.wire.mission_items import message_from_item
 from tests.mission_io.protocol.hostile import HostileVehicle, valid_items
 
 ITEMS = 9

@@ -12,11 +12,19 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
-from mission_io.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints, items_from_fence, items_from_rally
-from mission_io.autopilots import Autopilot
-from mission_io.enums import MissionResult
-from mission_io.items import Frame, MissionItem, MissionType, waypoint
-from mission_io.messages import (
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.model.areas import (
+    Fence,
+    FencePolygon,
+    FramedPoint,
+    LatLon,
+    RallyPoints,
+    items_from_fence,
+    items_from_rally,
+)
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import Frame, MissionItem, MissionType, waypoint
+from mission_io.wire.messages import (
     Heartbeat,
     Message,
     MissionAck,
@@ -29,7 +37,7 @@ from mission_io.messages import (
     MissionRequestList,
     Received,
 )
-from mission_io.wire import degrees_on_wire
+from mission_io.wire.mission_items import degrees_on_wire
 from tests.mission_io.vehicle import VehiclePeer
 
 GROUND = (255, 190)

@@ -7,9 +7,10 @@ What the machine sends is written the same way. ``@2`` after a step: from system
 from dataclasses import dataclass
 from typing import Any
 
-from mission_io.enums import MissionResult
-from mission_io.items import Frame, MissionItem, MissionType, waypoint
-from mission_io.messages import (
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import Frame, MissionItem, MissionType, waypoint
+from mission_io.protocol.exchange import Address
+from mission_io.wire.messages import (
     Message,
     MissionAck,
     MissionClearAll,
@@ -20,8 +21,7 @@ from mission_io.messages import (
     MissionRequestList,
     Received,
 )
-from mission_io.protocol.exchange import Address
-from mission_io.wire import degrees_on_wire, message_from_item
+from mission_io.wire.mission_items import degrees_on_wire, message_from_item
 
 GROUND, VEHICLE = Address(255, 190), Address(1, 1)
 

@@ -8,17 +8,17 @@ from dataclasses import replace
 
 import pytest
 
-from mission_io.autopilots import ARDUPILOT, PX4, Autopilot
-from mission_io.enums import MissionResult
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.errors import TransferCancelledError, TransferError, TransferSilentError
-from mission_io.items import Frame, MissionType
-from mission_io.messages import MissionAck, MissionCount, MissionItemInt, Received
+from mission_io.links.simulated import Conditions
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import Frame, MissionType
 from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import MissionServer
+from mission_io.protocol.tables import UploadState
 from mission_io.protocol.upload import Upload
-from mission_io.protocol.upload_table import UploadState
-from mission_io.simulated import Conditions
-from mission_io.wire import message_from_item
+from mission_io.wire.messages import MissionAck, MissionCount, MissionItemInt, Received
+from mission_io.wire.mission_items import message_from_item
 from tests.mission_io.protocol.scripts import GROUND, VEHICLE, items, play
 from tests.mission_io.protocol.two_sides import (
     BOTH,

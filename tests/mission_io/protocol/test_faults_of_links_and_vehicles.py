@@ -2,14 +2,14 @@
 
 import random
 
-from mission_io.autopilots import ARDUPILOT, PX4, Autopilot, home_item
-from mission_io.codec import Codec
-from mission_io.items import GeoPoint, Mission, MissionType
-from mission_io.messages import Heartbeat, MissionAck, MissionCount, MissionItemInt, MissionRequestInt, Received
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, home_item
+from mission_io.links.simulated import Conditions
+from mission_io.model.items import GeoPoint, Mission, MissionType
 from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import MissionServer
-from mission_io.simulated import Conditions
-from mission_io.wire import message_from_item
+from mission_io.wire.codec import Codec
+from mission_io.wire.messages import Heartbeat, MissionAck, MissionCount, MissionItemInt, MissionRequestInt, Received
+from mission_io.wire.mission_items import message_from_item
 from tests.mission_io.protocol.scripts import items, text
 from tests.mission_io.protocol.two_sides import BOTH, held, losing, untested, vehicle, vehicle_script
 from tests.mission_io.vehicle import VehiclePeer, connected

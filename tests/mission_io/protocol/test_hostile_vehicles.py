@@ -2,10 +2,12 @@
 
 import pytest
 
-from mission_io.autopilots import ARDUPILOT, PX4, Autopilot
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.errors import TransferError, TransferSilentError
-from mission_io.items import MissionType
-from mission_io.messages import (
+from mission_io.model.items import MissionType
+from mission_io.protocol.exchange import RESTARTS, Timing
+from mission_io.protocol.longest import longest_times
+from mission_io.wire.messages import (
     MissionAck,
     MissionCount,
     MissionItemInt,
@@ -13,8 +15,6 @@ from mission_io.messages import (
     MissionRequestList,
     Received,
 )
-from mission_io.protocol.exchange import RESTARTS, Timing
-from mission_io.protocol.longest import longest_times
 from tests.mission_io.protocol.attacks import CALLS, attack
 from tests.mission_io.protocol.hostile import TRICKS, HostileVehicle, SlowVehicle, valid_items
 from tests.mission_io.protocol.two_sides import BOTH, held

@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import common
 
-from mission_io.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
-from mission_io.autopilots import ARDUPILOT, PX4, Autopilot
-from mission_io.content import items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.autopilots.lists import items_of
 from mission_io.errors import FormatError, MisuseError, TransferError
-from mission_io.items import Command, Frame, MissionItem, MissionType
-from mission_io.messages import MissionCount
+from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
+from mission_io.model.items import Command, Frame, MissionItem, MissionType
+from mission_io.wire.messages import MissionCount
 from tests.mission_io.protocol.scripts import items
 from tests.mission_io.protocol.two_sides import (
     BOTH,

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from mission_io.autopilots import ARDUPILOT, PX4, Autopilot, wire_items
-from mission_io.compare import compare_items
-from mission_io.items import Frame, GeoPoint, Mission, MissionType, waypoint
-from mission_io.simulated import Conditions
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, wire_items
+from mission_io.autopilots.comparison import compare_items
+from mission_io.links.simulated import Conditions
+from mission_io.model.items import Frame, GeoPoint, Mission, MissionType, waypoint
 from tests.mission_io.vehicle import VehiclePeer, connected
 
 SEEDS = 20

@@ -4,8 +4,8 @@ import random
 
 import pytest
 
-from mission_io.autopilots import ARDUPILOT, PX4, Autopilot
-from mission_io.items import MissionType
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.model.items import MissionType
 from mission_io.protocol.clear import Clear
 from mission_io.protocol.download import Download
 from mission_io.protocol.server import MissionServer

@@ -3,16 +3,16 @@ from dataclasses import replace
 
 import pytest
 
-from mission_io.areas import Fence, FencePolygon, LatLon
-from mission_io.autopilots import ARDUPILOT, PX4, Autopilot
-from mission_io.content import items_of
-from mission_io.enums import MissionResult
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.autopilots.lists import items_of
 from mission_io.errors import MisuseError
-from mission_io.items import Command, Frame, GeoPoint, MissionItem, MissionType, change_speed, waypoint
-from mission_io.messages import Heartbeat, MissionCount, MissionItemFloat, Received
+from mission_io.model.areas import Fence, FencePolygon, LatLon
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import Command, Frame, GeoPoint, MissionItem, MissionType, change_speed, waypoint
 from mission_io.protocol.admission import refusal_of
 from mission_io.protocol.server import MissionServer
-from mission_io.wire import message_from_item
+from mission_io.wire.messages import Heartbeat, MissionCount, MissionItemFloat, Received
+from mission_io.wire.mission_items import message_from_item
 from tests.mission_io.protocol.scripts import GROUND, VEHICLE, items, play, text
 
 

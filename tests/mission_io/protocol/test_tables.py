@@ -5,15 +5,13 @@ from typing import Any
 
 import pytest
 
-from mission_io.autopilots import AUTOPILOTS
-from mission_io.items import MissionType
+from mission_io.autopilots.autopilot import AUTOPILOTS
+from mission_io.model.items import MissionType
 from mission_io.protocol.clear import CLEAR_TABLE, Clear
 from mission_io.protocol.download import DOWNLOAD_TABLE, Download
 from mission_io.protocol.server import MissionServer
-from mission_io.protocol.server_table import SERVER_TABLE
-from mission_io.protocol.table import MissingRowError, Row, Table, mermaid
+from mission_io.protocol.tables import SERVER_TABLE, UPLOAD_TABLE, MissingRowError, Row, Table, UploadState, mermaid
 from mission_io.protocol.upload import Upload
-from mission_io.protocol.upload_table import UPLOAD_TABLE, UploadState
 from tests.mission_io.protocol import cases
 from tests.mission_io.protocol.scripts import GROUND, VEHICLE, Script, items, play
 

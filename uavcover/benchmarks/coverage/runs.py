@@ -5,13 +5,11 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from uavcover.benchmarks.coverage.cases import CASES
 from uavcover.benchmarks.coverage.contenders import CONSTRUCTIONS, PLANNERS, Found, plan_for
-from uavcover.benchmarks.coverage.judging import Judge, moment_document
-from uavcover.benchmarks.kept_runs import KeptRuns
-from uavcover.benchmarks.processes import completed
-from uavcover.pipeline import load_site
+from uavcover.benchmarks.coverage.judging import CASES, Judge, moment_document
+from uavcover.benchmarks.runs import KeptRuns, completed
 from uavcover.planning.planner import Effort, plan_routes
+from uavcover.run.pipeline import load_site
 
 ONCE = "once"
 """The effort of a baseline that needs no budget."""

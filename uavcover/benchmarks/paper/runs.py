@@ -9,10 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.benchmarks.kept_runs import KeptRuns
-from uavcover.benchmarks.paper.published import Figures
-from uavcover.benchmarks.paper.readings import READINGS
-from uavcover.benchmarks.processes import completed
+from uavcover.benchmarks.paper.readings import READINGS, Figures
+from uavcover.benchmarks.runs import KeptRuns, completed
 from uavcover.model.route import RouteMember
 from uavcover.model.scenario import PlannerAlgorithm
 from uavcover.planning.planner import Effort, plan_routes

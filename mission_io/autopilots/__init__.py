@@ -1,0 +1,1 @@
+"""What ArduPilot and PX4 do differently, as data."""

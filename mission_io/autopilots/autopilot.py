@@ -1,0 +1,322 @@
+"""What ArduPilot and PX4 do differently with missions, as data, and missions put into each one's terms.
+
+Every fact was observed on a simulated vehicle of ArduCopter 4.7 or PX4 1.17, or read in their sources.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from mission_io.autopilots.storage import (
+    ARDUPILOT_COPTER_STORAGE,
+    ARDUPILOT_PLANE_STORAGE,
+    NOT_STEPS,
+    PX4_STORAGE,
+    WITHOUT_POSITION,
+    Storage,
+    StorageRule,
+)
+from mission_io.autopilots.vehicle_types import VehicleKind, kind_of
+from mission_io.errors import MisuseError
+from mission_io.model.enums import AutopilotId, Firmware, MissionResult, VehicleClass
+from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
+from mission_io.wire.mission_items import DEGREES_SCALE, float32
+
+__all__ = [
+    "ARDUPILOT",
+    "ARDUPILOT_BLIMP",
+    "ARDUPILOT_PLANE",
+    "ARDUPILOT_ROVER",
+    "ARDUPILOT_SUB",
+    "AUTOPILOTS",
+    "NOT_STEPS",
+    "PX4",
+    "WITHOUT_POSITION",
+    "Autopilot",
+    "StorageRule",
+    "autopilot_for",
+    "command_read_back",
+    "home_item",
+    "jumps_moved",
+    "mission_from_wire",
+    "stored_item",
+    "wire_items",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Autopilot:
+    """One autopilot's way with missions.
+
+    Attributes:
+        name: For people.
+        mav_autopilot: Its MAV_AUTOPILOT number in heartbeats.
+        firmware: Which of its programs: each has flight mode numbers of its own.
+        home_in_item_0: Whether item 0 of a mission is home (overwritten by the vehicle's own) or the first item.
+        frames: The frames it takes for positions.
+        position_free_frames: The frames it takes for commands without a position.
+        command_frame_returned: The frame that such a command comes back with.
+        returns_int_frames: Whether items come back with the frames 5, 6 and 11, or with 0, 3 and 10 although their
+            coordinates are integers.
+        storage: What it changes in the numbers it stores, by field and command.
+        keeps_autocontinue: Whether that flag comes back as it was sent. If not, it comes back set, and not set from fences
+            and rally points (seen with ArduCopter 4.7).
+        nan_allowed: For each command, the parameters (1 to 4) that may be NaN; key 0 is every other command.
+        refuses_bad_numbers: Whether an item with an impossible number is refused, or taken as it is.
+        item_limit: More items than this are refused (None: it depends on the board).
+        card_parameter: The parameter with the kilobytes of a memory card that missions are kept on instead (0: none is);
+            None for no such thing. See ``item_limits``.
+        legacy_requests: Whether it asks for items with the deprecated MISSION_REQUEST.
+        rerequest_s: It asks again after this silence.
+        give_up_s: It ends an upload after this silence.
+        says_give_up: Whether it tells (with OPERATION_CANCELLED) that it gave up.
+        atomic: The lists that a failed upload leaves as they were.
+        busy_result: What a second ground station's upload is answered.
+        busy_request_result: What a list or an item that is asked for is answered while a transfer is going on that keeps
+            it out; None for nothing.
+        busy_clear_results: What an emptying is answered meanwhile: ArduPilot says no twice, in two words.
+        answers_strangers: Whether an item is answered that comes from a station which began no transfer, or not the last.
+        count_restarts: Whether a COUNT in the middle of an upload starts it over; if not, it is answered ERROR.
+        wrong_sequence_result: What an item that was not asked for is answered; None for nothing.
+        acks_repeated_last_item: Whether the last item, sent again after the end, is acknowledged again.
+        idle_item_result: What an item is answered when no upload is going on; None for nothing.
+        download_blocks_s: For how long a download that was not acknowledged keeps uploads out; 0 for not at all.
+        boot_refusal_s: For how long after boot an upload is answered NO_SPACE.
+    """
+
+    name: str
+    mav_autopilot: AutopilotId
+    firmware: Firmware
+    home_in_item_0: bool
+    frames: frozenset[Frame]
+    position_free_frames: frozenset[Frame]
+    command_frame_returned: Frame
+    returns_int_frames: bool
+    storage: Storage
+    keeps_autocontinue: bool
+    nan_allowed: Mapping[int, frozenset[int]]
+    refuses_bad_numbers: bool
+    item_limit: int | None
+    card_parameter: str | None
+    legacy_requests: bool
+    rerequest_s: float
+    give_up_s: float
+    says_give_up: bool
+    atomic: frozenset[MissionType]
+    busy_result: MissionResult
+    busy_request_result: MissionResult | None
+    busy_clear_results: tuple[MissionResult, ...]
+    answers_strangers: bool
+    count_restarts: bool
+    wrong_sequence_result: MissionResult | None
+    acks_repeated_last_item: bool
+    idle_item_result: MissionResult | None
+    download_blocks_s: float
+    boot_refusal_s: float
+
+    def rule_for(self, item: MissionItem, field_name: str) -> StorageRule | None:
+        """The storage rule that concerns a field of an item, if any."""
+        return self.storage.get((field_name, item.command))
+
+
+ARDUPILOT = Autopilot(
+    name="ArduPilot",
+    mav_autopilot=AutopilotId.ARDUPILOT,
+    firmware=Firmware.COPTER,
+    home_in_item_0=True,
+    frames=frozenset({Frame.AMSL, Frame.ABOVE_HOME, Frame.ABOVE_TERRAIN}),
+    position_free_frames=frozenset(Frame),
+    command_frame_returned=Frame.AMSL,
+    returns_int_frames=False,
+    storage=ARDUPILOT_COPTER_STORAGE,
+    keeps_autocontinue=False,
+    nan_allowed={
+        Command.NAV_WAYPOINT: frozenset({4}),
+        Command.NAV_LAND: frozenset({4}),
+        Command.NAV_TAKEOFF: frozenset({4}),
+        Command.NAV_VTOL_TAKEOFF: frozenset({4}),
+        Command.NAV_VTOL_LAND: frozenset({3, 4}),
+    },
+    refuses_bad_numbers=True,
+    item_limit=650,
+    card_parameter="BRD_SD_MISSION",
+    legacy_requests=True,
+    rerequest_s=1.0,
+    give_up_s=8.0,
+    says_give_up=True,
+    atomic=frozenset({MissionType.FENCE}),
+    busy_result=MissionResult.DENIED,
+    busy_request_result=MissionResult.DENIED,
+    busy_clear_results=(MissionResult.DENIED, MissionResult.ERROR),
+    answers_strangers=True,
+    count_restarts=True,
+    wrong_sequence_result=MissionResult.INVALID_SEQUENCE,
+    acks_repeated_last_item=False,
+    idle_item_result=MissionResult.ERROR,
+    download_blocks_s=0.0,
+    boot_refusal_s=2.0,
+)
+"""ArduPilot on multicopters and helicopters (ArduCopter)."""
+
+ARDUPILOT_PLANE = replace(ARDUPILOT, name="ArduPilot (plane)", firmware=Firmware.PLANE, storage=ARDUPILOT_PLANE_STORAGE)
+"""ArduPilot on fixed wings, with or without vertical take-off (ArduPlane)."""
+
+ARDUPILOT_ROVER = replace(ARDUPILOT, name="ArduPilot (rover)", firmware=Firmware.ROVER)
+"""ArduPilot on the ground and on water (Rover): it stores what a copter does."""
+
+ARDUPILOT_SUB = replace(ARDUPILOT, name="ArduPilot (submarine)", firmware=Firmware.SUB)
+"""ArduPilot under water (ArduSub), taken to store what a copter does."""
+
+ARDUPILOT_BLIMP = replace(ARDUPILOT, name="ArduPilot (airship)", firmware=Firmware.BLIMP)
+"""ArduPilot on airships (Blimp), taken to store what a copter does."""
+
+_ARDUPILOT_OTHER = replace(ARDUPILOT, name="ArduPilot (other)", firmware=Firmware.OTHER)
+"""ArduPilot on what has a MAV_TYPE of which nothing is known: lists can be transferred, modes have no numbers."""
+
+PX4 = Autopilot(
+    name="PX4",
+    mav_autopilot=AutopilotId.PX4,
+    firmware=Firmware.PX4,
+    home_in_item_0=False,
+    frames=frozenset({Frame.AMSL, Frame.ABOVE_HOME}),
+    position_free_frames=frozenset({Frame.COMMAND}),
+    command_frame_returned=Frame.COMMAND,
+    returns_int_frames=True,
+    storage=PX4_STORAGE,
+    keeps_autocontinue=True,
+    nan_allowed={0: frozenset({1, 2, 3, 4})},
+    refuses_bad_numbers=False,
+    item_limit=None,
+    card_parameter=None,
+    legacy_requests=False,
+    rerequest_s=0.25,
+    give_up_s=5.0,
+    says_give_up=False,
+    atomic=frozenset(MissionType),
+    busy_result=MissionResult.ERROR,
+    busy_request_result=None,
+    busy_clear_results=(),
+    answers_strangers=False,
+    count_restarts=False,
+    wrong_sequence_result=None,
+    acks_repeated_last_item=True,
+    idle_item_result=MissionResult.ERROR,
+    download_blocks_s=5.3,
+    boot_refusal_s=0.0,
+)
+"""PX4."""
+
+AUTOPILOTS = (ARDUPILOT, ARDUPILOT_PLANE, ARDUPILOT_ROVER, ARDUPILOT_SUB, ARDUPILOT_BLIMP, PX4)
+
+_ARDUPILOT_OF_KIND: Mapping[VehicleKind, Autopilot] = {
+    VehicleKind.MULTIROTOR: ARDUPILOT,
+    VehicleKind.HELICOPTER: ARDUPILOT,
+    VehicleKind.PLANE: ARDUPILOT_PLANE,
+    VehicleKind.VTOL: ARDUPILOT_PLANE,
+    VehicleKind.ROVER: ARDUPILOT_ROVER,
+    VehicleKind.BOAT: ARDUPILOT_ROVER,
+    VehicleKind.SUBMARINE: ARDUPILOT_SUB,
+    VehicleKind.AIRSHIP: ARDUPILOT_BLIMP,
+}
+
+
+def autopilot_for(mav_autopilot: int, vehicle_type: int = VehicleClass.GENERIC) -> Autopilot:
+    """The autopilot with a MAV_AUTOPILOT number, on a vehicle with a MAV_TYPE number.
+
+    Raises:
+        MisuseError: one that mission_io does not know.
+    """
+    if mav_autopilot == AutopilotId.PX4:
+        return PX4
+    if mav_autopilot != AutopilotId.ARDUPILOT:
+        raise MisuseError(f"autopilot {mav_autopilot} is not known; mission_io knows ArduPilot (3) and PX4 (12)")
+    if vehicle_type == VehicleClass.GENERIC:  # what ArduCopter says until it knows its frame
+        return ARDUPILOT
+    return _ARDUPILOT_OF_KIND.get(kind_of(vehicle_type), _ARDUPILOT_OTHER)
+
+
+def wire_items(mission: Mission, autopilot: Autopilot) -> tuple[MissionItem, ...]:
+    """A mission's items as they are sent to an autopilot: with home in front where item 0 is home.
+
+    An autopilot that keeps home in item 0 puts its own home there, so a mission without a home is sent with a
+    waypoint at latitude 0, longitude 0, only to keep the place. Jumps name items as the vehicle counts them, and
+    commands known to have no position go in the frame COMMAND, the only one that both autopilots take them in.
+    """
+    items = [_in_command_frame(item) for item in mission.items]
+    if not autopilot.home_in_item_0:
+        return tuple(jumps_moved(items, by=-1))
+    home = mission.home if mission.home is not None else GeoPoint(0.0, 0.0, 0.0)
+    return (home_item(home), *items)
+
+
+def jumps_moved(items: Iterable[MissionItem], *, by: int) -> Iterator[MissionItem]:
+    """The items with every DO_JUMP going to an item so many further on."""
+    for item in items:
+        if item.command == Command.DO_JUMP:
+            p1, p2, p3, p4 = item.params
+            yield replace(item, params=(p1 + by, p2, p3, p4))
+        else:
+            yield item
+
+
+def home_item(home: GeoPoint) -> MissionItem:
+    """Home as the row or item 0 that files and ArduPilot keep it in."""
+    return MissionItem(
+        Command.NAV_WAYPOINT, Frame.AMSL, lat_deg=home.lat_deg, lon_deg=home.lon_deg, alt_m=home.alt_amsl_m
+    )
+
+
+def mission_from_wire(items: Sequence[MissionItem], autopilot: Autopilot) -> Mission:
+    """The mission that an autopilot's item list stands for; the inverse of ``wire_items``.
+
+    Commands known to have no position get the frame COMMAND, whichever the autopilot returned them with.
+    """
+    home = None
+    if autopilot.home_in_item_0 and items:
+        first, *items = items
+        home = GeoPoint(first.lat_deg, first.lon_deg, first.alt_m)
+    elif not autopilot.home_in_item_0:
+        items = tuple(jumps_moved(items, by=1))
+    return Mission(home, tuple(command_read_back(item) for item in items))
+
+
+def _in_command_frame(item: MissionItem) -> MissionItem:
+    return replace(item, frame=Frame.COMMAND) if item.command in WITHOUT_POSITION else item
+
+
+def command_read_back(item: MissionItem) -> MissionItem:
+    """The item with the frame COMMAND when its command has no position, whichever frame the autopilot returned.
+
+    What was read as degrees becomes the whole numbers again that parameters 5 and 6 are.
+    """
+    if item.command not in WITHOUT_POSITION or not item.has_position:
+        return item
+    lat, lon = (
+        float(round(value * DEGREES_SCALE)) if math.isfinite(value) else value for value in (item.lat_deg, item.lon_deg)
+    )
+    return replace(item, frame=Frame.COMMAND, lat_deg=lat, lon_deg=lon)
+
+
+def stored_item(item: MissionItem, autopilot: Autopilot) -> MissionItem:
+    """The item as this autopilot gives it back: what travels on the wire, changed by its storage rules."""
+
+    def kept(name: str, value: float) -> float:
+        rule = autopilot.rule_for(item, name)
+        return float32(rule.store(value) if rule is not None else value)
+
+    p1, p2, p3, p4 = (kept(f"param{i}", value) for i, value in enumerate(item.params, start=1))
+    item = _in_command_frame(item)
+    lat, lon = item.lat_deg, item.lon_deg
+    if not item.has_position:
+        lat, lon = kept("lat_deg", lat), kept("lon_deg", lon)
+        if autopilot.command_frame_returned is not Frame.COMMAND:
+            lat, lon = lat / DEGREES_SCALE, lon / DEGREES_SCALE
+    return MissionItem(
+        item.command,
+        item.frame if item.has_position else autopilot.command_frame_returned,
+        (p1, p2, p3, p4),
+        lat,
+        lon,
+        kept("alt_m", item.alt_m),
+        item.autocontinue if autopilot.keeps_autocontinue else item.command not in NOT_STEPS,
+    )

@@ -1,0 +1,156 @@
+"""Whether an autopilot will take a list of items, and understand it as it was meant, before it is sent."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from mission_io.autopilots.autopilot import WITHOUT_POSITION, Autopilot
+from mission_io.errors import FormatError
+from mission_io.model.areas import Fence, LatLon, fence_from_items, rally_from_items
+from mission_io.model.items import Command, MissionItem, MissionType
+
+_LARGEST_FLOAT32 = 3.4028234663852886e38
+_LONGEST_HOLD_S = 65535
+_WHOLE_ITEM_COUNT = 65535
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Something an autopilot would refuse or misunderstand.
+
+    Attributes:
+        item: Number of the item as it goes on the wire, from 0; None when it is about the whole list.
+        field: The field it is about; empty for the whole item.
+        what: What is wrong and what to do.
+    """
+
+    item: int | None
+    field: str
+    what: str
+
+    def __str__(self) -> str:
+        """One line for people."""
+        where = "the list" if self.item is None else f"item {self.item}"
+        return f"{where}{f', {self.field}' if self.field else ''}: {self.what}"
+
+
+def check_for_autopilot(
+    items: Sequence[MissionItem],
+    autopilot: Autopilot,
+    mission_type: MissionType = MissionType.MISSION,
+    *,
+    item_limit: int | None = None,
+) -> tuple[Problem, ...]:
+    """Everything that ``autopilot`` would refuse or silently change the meaning of.
+
+    ``items`` are numbered as they go on the wire, so with home in front for ArduPilot (see ``wire_items``).
+    ``item_limit`` is what the vehicle itself said it takes; without it, what this autopilot was seen to take.
+    """
+    problems: list[Problem] = []
+    known_limit = autopilot.item_limit if autopilot.item_limit is not None else _WHOLE_ITEM_COUNT
+    limit = known_limit if item_limit is None else item_limit
+    if len(items) > limit:
+        problems.append(Problem(None, "", f"{len(items)} items, {autopilot.name} takes {limit}; split the mission"))
+    if mission_type is MissionType.MISSION and autopilot.home_in_item_0 and items:
+        problems.extend(_home_problems(items[0], autopilot))
+    for number, item in enumerate(items):
+        problems.extend(Problem(number, name, what) for name, what in _item_problems(item, autopilot, len(items)))
+    if mission_type is not MissionType.MISSION:
+        problems.extend(_list_problems(items, mission_type))
+    return tuple(problems)
+
+
+def fence_problems(fence: Fence) -> tuple[str, ...]:
+    """Polygons of a fence that cross themselves or have no area; ArduPilot accepts such a fence without a word."""
+    import shapely  # takes as long to load as the rest of the package, which is needed without fences too
+
+    found = []
+    for number, polygon in enumerate(fence.polygons):
+        if not all(_is_place(vertex) for vertex in polygon.vertices) or len(polygon.vertices) < 3:
+            continue  # the items say so themselves
+        ring = shapely.Polygon([(vertex.lon_deg, vertex.lat_deg) for vertex in polygon.vertices])
+        if not ring.is_valid:
+            reason = shapely.is_valid_reason(ring).split("[")[0].strip().lower()
+            found.append(f"fence polygon {number}: it crosses or touches itself ({reason}); draw it anew")
+    return tuple(found)
+
+
+def _is_place(vertex: LatLon) -> bool:
+    return math.isfinite(vertex.lat_deg) and math.isfinite(vertex.lon_deg)
+
+
+def _list_problems(items: Sequence[MissionItem], mission_type: MissionType) -> Iterator[Problem]:
+    try:
+        if mission_type is MissionType.RALLY:
+            rally_from_items(items)
+            return
+        fence = fence_from_items(items)
+    except FormatError as error:
+        yield Problem(None, "", str(error))
+        return
+    yield from (Problem(None, "", what) for what in fence_problems(fence))
+
+
+def _home_problems(item: MissionItem, autopilot: Autopilot) -> Iterator[Problem]:
+    if item.command != Command.NAV_WAYPOINT:
+        what = f"{autopilot.name} puts home into item 0, so this command {item.command} would be lost; send home first"
+        yield Problem(0, "command", what)
+
+
+def _item_problems(item: MissionItem, autopilot: Autopilot, count: int) -> list[tuple[str, str]]:
+    found = list(_frame_problems(item, autopilot))
+    nan_allowed = autopilot.nan_allowed.get(item.command, autopilot.nan_allowed.get(0, frozenset()))
+    for number, value in enumerate(item.params, start=1):
+        if math.isnan(value) and number not in nan_allowed:
+            found.append((f"param{number}", f"NaN is not taken by {autopilot.name} here; give a number"))
+    for name, value in item.values():
+        if math.isinf(value) or abs(value) > _LARGEST_FLOAT32:
+            found.append((name, f"{value} cannot be sent; give a finite number"))
+        elif (changed := _change_in_storage(item, autopilot, name, value)) is not None:
+            found.append((name, changed))
+    if math.isnan(item.alt_m):
+        found.append(("alt_m", "is not a number; give a height in metres"))
+    if item.has_position:
+        if not -90.0 <= item.lat_deg <= 90.0:
+            found.append(("lat_deg", f"latitude {item.lat_deg} is not from -90 to 90"))
+        if not -180.0 <= item.lon_deg <= 180.0:
+            found.append(("lon_deg", f"longitude {item.lon_deg} is not from -180 to 180"))
+    elif not (item.lat_deg.is_integer() and item.lon_deg.is_integer()):
+        found.append(("", "parameters 5 and 6 of a command without a position travel as whole numbers"))
+    return found + _meaning_problems(item, count)
+
+
+def _change_in_storage(item: MissionItem, autopilot: Autopilot, name: str, value: float) -> str | None:
+    """What is wrong with a number that this autopilot would give back as another than it makes of it by design."""
+    rule = autopilot.rule_for(item, name)
+    if rule is None or math.isnan(value):
+        return None
+    stored = rule.store(value)
+    return f"{value:g} would become {stored:g}: {rule.why}" if abs(stored - value) > rule.largest_change else None
+
+
+def _meaning_problems(item: MissionItem, count: int) -> list[tuple[str, str]]:
+    """What no autopilot refuses and none can mean."""
+    first, second = item.params[:2]
+    if item.command in (Command.NAV_WAYPOINT, Command.NAV_SPLINE_WAYPOINT, Command.NAV_LOITER_TIME) and first < 0:
+        return [("param1", f"a hold of {first:g} s; a wait cannot be negative")]
+    if item.command == Command.NAV_WAYPOINT and first > _LONGEST_HOLD_S:
+        return [("param1", f"a hold of {first:g} s is longer than {_LONGEST_HOLD_S} s")]
+    if item.command == Command.NAV_DELAY and first < 0 and all(value < 0 for value in item.params[1:]):
+        return [("param1", f"a delay of {first:g} s, and no time of day either; a wait cannot be negative")]
+    if item.command == Command.DO_JUMP and not (0 <= first < count and first == int(first)):
+        return [("param1", f"a jump to item {first:g}, the list has items 0 to {count - 1}")]
+    if item.command == Command.DO_CHANGE_SPEED and not (second > 0 or second in (-1, -2)):
+        return [("param2", f"a speed of {second:g} m/s; give one above 0")]
+    if item.command == Command.DO_SET_CAM_TRIGG_DIST and first < 0:
+        return [("param1", f"a distance of {first:g} m; give 0 to stop, or one above 0")]
+    return []
+
+
+def _frame_problems(item: MissionItem, autopilot: Autopilot) -> list[tuple[str, str]]:
+    if item.command in WITHOUT_POSITION or not item.has_position:
+        if item.frame not in autopilot.position_free_frames:
+            return [("frame", f"{autopilot.name} takes this command only in frame 2 (no position)")]
+    elif item.frame not in autopilot.frames:
+        return [("frame", f"{autopilot.name} does not take heights {item.frame.name}; use ABOVE_HOME or AMSL")]
+    return []

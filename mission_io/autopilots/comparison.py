@@ -1,0 +1,288 @@
+"""What was meant against what a vehicle holds: every difference, and whether it is one.
+
+What the numbers of a command mean, as data: which of them say the same although they differ.
+
+From the descriptions of the commands in MAVLink's common message set. Ground stations fill what a command has no use for,
+and what it leaves to the vehicle, each in its own way: 0, -1, NaN.
+
+The one comparison of the package: after an upload, before arming, and in flight. Places agree within 2 cm or within what
+MAVLink's steps of 1e-7 degrees do to them, whichever is larger; heights within 2 cm; parameters by what their command means
+by them. What an autopilot changes by design is in ``storage``.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from types import MappingProxyType
+
+from mission_io.autopilots.autopilot import NOT_STEPS, Autopilot, command_read_back
+from mission_io.model.items import Command, MissionItem, MissionType, same_number
+from mission_io.model.places import ground_distance_m
+from mission_io.wire.mission_items import degrees_on_wire, float32
+
+_FLOAT32_STEP = 2.0**-23
+_SIX_DECIMALS = 1e-6
+"""Files of other programs keep numbers with six decimals."""
+
+
+class Meaning(Enum):
+    """How two numbers of the same parameter are compared."""
+
+    RESERVED = "the command has no use for this parameter"
+    NUMBER = "a number"
+    OR_DEFAULT = "a number; 0 and NaN leave it to the vehicle"
+    IF_ABOVE_ZERO = "a number above 0; anything else leaves it to the vehicle"
+    IF_NOT_NEGATIVE = "a number from 0; a negative one and NaN leave it to the vehicle"
+    HEADING = "degrees on a circle; NaN leaves it to the vehicle"
+
+    def same(self, a: float, b: float) -> bool:
+        """Whether two numbers mean the same."""
+        match self:
+            case Meaning.RESERVED:
+                return True
+            case Meaning.HEADING if math.isfinite(a) and math.isfinite(b):
+                return abs((a - b + 180.0) % 360.0 - 180.0) <= _rounding(max(abs(a), abs(b)))
+            case Meaning.OR_DEFAULT:
+                a, b = (0.0 if math.isnan(value) else value for value in (a, b))
+            case Meaning.IF_ABOVE_ZERO:
+                a, b = (value if value > 0.0 else 0.0 for value in (a, b))
+            case Meaning.IF_NOT_NEGATIVE:
+                a, b = (value if value >= 0.0 else -1.0 for value in (a, b))
+        return same_number(a, b) or abs(a - b) <= _rounding(abs(a))
+
+
+def meaning_of(command: int, number: int) -> Meaning:
+    """What parameter ``number`` (1 to 7) of a command means; a number for commands that are not known here.
+
+    Parameters 5 to 7 of a command with a position are the position, and not asked for here.
+    """
+    known = _MEANINGS.get(command, ())
+    return known[number - 1] if number <= len(known) else Meaning.NUMBER
+
+
+def _rounding(size: float) -> float:
+    return max(_SIX_DECIMALS, size * _FLOAT32_STEP) if math.isfinite(size) else 0.0
+
+
+_R, _N, _D = Meaning.RESERVED, Meaning.NUMBER, Meaning.OR_DEFAULT
+_A, _P, _H = Meaning.IF_ABOVE_ZERO, Meaning.IF_NOT_NEGATIVE, Meaning.HEADING
+_NO_PLACE = (_R, _R, _R)
+
+_MEANINGS: Mapping[int, tuple[Meaning, ...]] = MappingProxyType(
+    {
+        Command.NAV_WAYPOINT: (_D, _D, _D, _H),
+        Command.NAV_LOITER_UNLIM: (_R, _R, _D, _H),
+        Command.NAV_LOITER_TURNS: (_N, _D, _D, _D),
+        Command.NAV_LOITER_TIME: (_N, _D, _D, _D),
+        Command.NAV_RETURN_TO_LAUNCH: (_R, _R, _R, _R, *_NO_PLACE),
+        Command.NAV_LAND: (_D, _D, _R, _H),
+        Command.NAV_TAKEOFF: (_D, _R, _R, _H),
+        Command.NAV_LOITER_TO_ALT: (_D, _D, _R, _D),
+        Command.NAV_SPLINE_WAYPOINT: (_D, _R, _R, _R),
+        Command.NAV_DELAY: (_P, _P, _P, _P, *_NO_PLACE),
+        Command.CONDITION_DELAY: (_N, _R, _R, _R, *_NO_PLACE),
+        Command.CONDITION_DISTANCE: (_N, _R, _R, _R, *_NO_PLACE),
+        Command.CONDITION_YAW: (_N, _D, _N, _D, *_NO_PLACE),
+        Command.DO_JUMP: (_N, _N, _R, _R, *_NO_PLACE),
+        Command.DO_CHANGE_SPEED: (_N, _N, _P, _R, *_NO_PLACE),
+        Command.DO_LAND_START: (_R, _R, _R, _R, *_NO_PLACE),
+        Command.DO_SET_ROI_LOCATION: (_D, _R, _R, _R),
+        Command.DO_SET_ROI_NONE: (_D, _R, _R, _R, *_NO_PLACE),
+        Command.DO_MOUNT_CONTROL: (_N, _N, _N, _D, _D, _D, _N),
+        Command.DO_SET_CAM_TRIGG_DIST: (_N, _A, _D, _D, *_NO_PLACE),
+        Command.DO_GIMBAL_MANAGER_PITCHYAW: (_N, _N, _N, _N, _N, _R, _D),
+        Command.IMAGE_START_CAPTURE: (_D, _D, _D, _D, *_NO_PLACE),
+        Command.IMAGE_STOP_CAPTURE: (_D, _R, _R, _R, *_NO_PLACE),
+        Command.VIDEO_START_CAPTURE: (_D, _D, _D, _R, *_NO_PLACE),
+        Command.VIDEO_STOP_CAPTURE: (_D, _R, _R, _R, *_NO_PLACE),
+    }
+)
+"""By command: parameters 1 to 4, and 5 to 7 of a command without a position."""
+
+
+FieldValue = float | int | str | bool | None
+
+SAME_PLACE_M = 0.02
+"""Places and heights no farther apart are the same."""
+
+_WIRE_STEP_DEG = 1.000001e-7
+_HALF_UNIT_DEG = 0.5000001e-7
+_NUMBERS = {"param1": 1, "param2": 2, "param3": 3, "param4": 4, "lat_deg": 5, "lon_deg": 6, "alt_m": 7}
+_STRUCTURE = ("count", "command", "frame")
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One field that is not as it was meant.
+
+    Attributes:
+        item: Number of the item on the wire, from 0; None when the lists differ in length.
+        field: ``count``, ``command``, ``frame``, ``param1`` to ``param4``, ``lat_deg``, ``lon_deg``, ``alt_m``,
+            ``autocontinue``, or ``home`` for a whole item 0 that an autopilot replaced.
+        sent: What was sent, or meant.
+        received: What came back, or is held.
+        acceptable: Whether it is none: rounding, the autopilot's design, or another number for the same thing.
+        why: The reason for that verdict.
+        size_m: How far apart two places are over ground, or two heights, in metres; None for what is no length, infinite
+            where one of the two is no number.
+    """
+
+    item: int | None
+    field: str
+    sent: FieldValue
+    received: FieldValue
+    acceptable: bool
+    why: str
+    size_m: float | None = None
+
+
+def compare_items(
+    sent: Sequence[MissionItem],
+    received: Sequence[MissionItem],
+    autopilot: Autopilot,
+    mission_type: MissionType = MissionType.MISSION,
+) -> tuple[Difference, ...]:
+    """Every difference between two item lists as they are on the wire; empty when they are equal to the last bit."""
+    differences: list[Difference] = []
+    if len(sent) != len(received):
+        why = "items were lost" if len(received) < len(sent) else "the vehicle holds items that were not sent"
+        differences.append(Difference(None, "count", len(sent), len(received), False, why))
+    home_first = autopilot.home_in_item_0 and mission_type is MissionType.MISSION
+    for number, (a, b) in enumerate(zip(sent, received, strict=False)):
+        if number == 0 and home_first:
+            if (a.lat_deg, a.lon_deg, a.alt_m) != (b.lat_deg, b.lon_deg, b.alt_m):
+                why = f"{autopilot.name} keeps its own home in item 0"
+                differences.append(Difference(0, "home", _place(a), _place(b), True, why))
+            continue
+        differences.extend(_item_differences(number, a, b, autopilot))
+    return tuple(differences)
+
+
+def faults(differences: Sequence[Difference]) -> tuple[Difference, ...]:
+    """The differences that are faults, the largest first.
+
+    First what makes it another list (number of items, commands, frames), then places and heights by their distance, then
+    everything else in the list's order.
+    """
+
+    def rank(difference: Difference) -> tuple[int, float]:
+        if difference.field in _STRUCTURE:
+            return _STRUCTURE.index(difference.field), 0.0
+        if difference.size_m is not None:
+            return len(_STRUCTURE), -difference.size_m
+        return len(_STRUCTURE) + 1, 0.0
+
+    return tuple(sorted((d for d in differences if not d.acceptable), key=rank))
+
+
+def fault_text(differences: Sequence[Difference]) -> str | None:
+    """The largest fault with its size, and how many there are, for people; None when there is none."""
+    wrong = faults(differences)
+    if not wrong:
+        return None
+    first = wrong[0]
+    where = "" if first.item is None else f" in item {first.item}"
+    text = f"{first.field}{where} is {_shown(first.received)}, planned is {_shown(first.sent)}{_size_text(first)}"
+    return text if len(wrong) == 1 else f"{text}, the largest of {len(wrong)} differences"
+
+
+def _shown(value: FieldValue) -> str:
+    """A number with as many decimals as matter: seven for degrees."""
+    return f"{value:.7f}".rstrip("0").rstrip(".") if isinstance(value, float) else str(value)
+
+
+def _size_text(difference: Difference) -> str:
+    size_m = difference.size_m
+    if size_m is None or not math.isfinite(size_m):
+        return ""
+    if difference.field != "alt_m":
+        return f": {size_m:.2f} m away"
+    lower = float(difference.received or 0.0) < float(difference.sent or 0.0)
+    return f": {size_m:.2f} m {'lower' if lower else 'higher'}"
+
+
+def _item_differences(number: int, a: MissionItem, b: MissionItem, autopilot: Autopilot) -> list[Difference]:
+    if a.command != b.command:
+        return [Difference(number, "command", int(a.command), int(b.command), False, "it is another command")]
+    found: list[Difference] = []
+    if a.frame != b.frame:
+        no_position = not command_read_back(a).has_position and not command_read_back(b).has_position
+        if not no_position:
+            why = "the height would be measured from something else"
+        elif b.frame is autopilot.command_frame_returned:
+            why = f"{autopilot.name} returns commands without a position in this frame"
+        else:
+            why = "a command without a position means the same in every frame"
+        found.append(Difference(number, "frame", a.frame.name, b.frame.name, no_position, why))
+    a, b = command_read_back(a), command_read_back(b)
+    apart_m = _apart_m(a, b)
+    for (name, x), (_, y) in zip(a.values(), b.values(), strict=True):
+        if same_number(x, y):
+            continue
+        size_m = None
+        if a.has_position and name in ("lat_deg", "lon_deg"):
+            size_m = apart_m
+        elif a.has_position and name == "alt_m":
+            size_m = abs(y - x) if math.isfinite(x) and math.isfinite(y) else math.inf
+        acceptable, why = _verdict(a, name, x, y, autopilot, size_m)
+        found.append(Difference(number, name, x, y, acceptable, why, size_m))
+    if a.autocontinue != b.autocontinue:
+        by_design = a.command in NOT_STEPS or (not autopilot.keeps_autocontinue and b.autocontinue)
+        why = f"{autopilot.name} does not store it" if by_design else "the vehicle would stop at another item"
+        found.append(Difference(number, "autocontinue", a.autocontinue, b.autocontinue, by_design, why))
+    return found
+
+
+def _verdict(
+    item: MissionItem, name: str, sent: float, received: float, autopilot: Autopilot, size_m: float | None
+) -> tuple[bool, str]:
+    if item.has_position and name in ("lat_deg", "lon_deg"):
+        return _place_verdict(sent, received, size_m)
+    meaning = Meaning.NUMBER if item.has_position and name == "alt_m" else meaning_of(item.command, _NUMBERS[name])
+    if meaning is Meaning.RESERVED:
+        return True, meaning.value
+    rule = autopilot.rule_for(item, name)
+    if rule is not None and math.isfinite(sent):
+        stored = rule.store(sent)
+        if _close(received, stored) and not abs(received - sent) > rule.largest_change:
+            return True, rule.why
+        # Another version of the autopilot may round where this one truncates; what it cannot store is no rounding.
+        if abs(received - sent) <= rule.largest_change < math.inf and _close(received, rule.store(received)):
+            return True, rule.why
+    elif rule is not None and _close(received, rule.store(sent)):
+        return True, rule.why
+    if math.isfinite(sent) and received == float32(sent):
+        return True, "MAVLink carries this number in 32 bits"
+    if size_m is not None:
+        return (
+            (True, "it is the same height within 2 cm") if size_m <= SAME_PLACE_M else (False, "it is another height")
+        )
+    if meaning.same(sent, received):
+        return True, f"it means the same: {meaning.value}"
+    return False, "it is another value, and nothing the autopilot does by design explains it"
+
+
+def _place_verdict(sent: float, received: float, apart_m: float | None) -> tuple[bool, str]:
+    if math.isfinite(sent) and abs(received - degrees_on_wire(sent)) < _HALF_UNIT_DEG:
+        rounded = "MAVLink carries coordinates in steps of 1e-7 degrees"
+        return True, rounded
+    if abs(received - sent) <= _WIRE_STEP_DEG or (apart_m is not None and apart_m <= SAME_PLACE_M):
+        return True, "it is the same place within 2 cm or a step of 1e-7 degrees"
+    return False, "it is another place"
+
+
+def _apart_m(a: MissionItem, b: MissionItem) -> float | None:
+    """Distance over ground of two places; infinite where one of them is no place, None for commands without one."""
+    if not a.has_position:
+        return None
+    degrees = (a.lat_deg, a.lon_deg, b.lat_deg, b.lon_deg)
+    return ground_distance_m(*degrees) if all(map(math.isfinite, degrees)) else math.inf
+
+
+def _close(a: float, b: float) -> bool:
+    return same_number(a, b) or abs(a - b) <= abs(b) * _FLOAT32_STEP
+
+
+def _place(item: MissionItem) -> str:
+    return f"{item.lat_deg:.7f}, {item.lon_deg:.7f}, {item.alt_m:.2f} m AMSL"

@@ -1,0 +1,1 @@
+"""A ground station: who is on the link, commands, transfers."""

@@ -1,0 +1,409 @@
+"""A ground station in calls that wait: find the vehicle, upload, download, compare, clear, command. Nothing hangs."""
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import TypedDict, TypeVar
+
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.autopilots.checks import check_for_autopilot
+from mission_io.autopilots.comparison import Difference, compare_items
+from mission_io.autopilots.lists import Content, content_of, items_of, mission_type_of
+from mission_io.client import commands, transfer_outcome
+from mission_io.client.connection import Connection
+from mission_io.client.peers import two_in_one
+from mission_io.client.read_back import Verification
+from mission_io.client.transfer_outcome import (
+    PROVEN_BY_READING,
+    description,
+    failure,
+    held_as_read,
+    held_by_design,
+    list_name,
+)
+from mission_io.clock import Clock
+from mission_io.errors import (
+    FormatError,
+    MisuseError,
+    TransferCancelledError,
+    TransferError,
+    TransferInterrupted,
+    TransferSilentError,
+    VehicleHolds,
+)
+from mission_io.links.opening import Link
+from mission_io.model.items import MissionItem, MissionType
+from mission_io.protocol.clear import Clear, ClearState
+from mission_io.protocol.download import Download, DownloadState
+from mission_io.protocol.exchange import Address, Timing
+from mission_io.protocol.longest import CLEAR_TRIES, STALE_READ_BACK_S
+from mission_io.protocol.round_trip import Patience
+from mission_io.protocol.tables import UploadState
+from mission_io.protocol.upload import Upload
+from mission_io.wire.messages import CommandAck, Message, ParamValue, Received
+
+MessageT = TypeVar("MessageT", bound=Message)
+_log = logging.getLogger(__name__)
+
+Progress = Callable[[int, int], None]
+"""Called with the number of items that are across and the number of all, when the first changes."""
+Stop = Callable[[], bool]
+"""Asked all the time whether to cancel."""
+
+_ANSWER_S = 10.0
+_ITEM_LIMIT_S = 3.0
+
+
+class _Terms(TypedDict):
+    """The arguments that every conversation takes."""
+
+    local: Address
+    vehicle: Address
+    timing: Timing
+    patience: Patience
+    now: float
+
+
+class Client(Connection):
+    """A ground station: a connection that can transfer missions and command the vehicle.
+
+    Args:
+        link: Carries the datagrams; ``close`` closes it.
+        clock: Times everything; None takes the link's own.
+        system_id: This side's MAVLink system; ground stations use 255.
+        component_id: This side's component; 190 is a mission planner.
+        timing: How patient transfers are; see ``mission_io.protocol.presets`` for kinds of links.
+        listener: Called with every message that arrives, whoever waits for it, with the time in seconds: for logs.
+
+    Attributes:
+        patience: What the transfers learnt about the link so far, for instance its round trip.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        clock: Clock | None = None,
+        *,
+        system_id: int = 255,
+        component_id: int = 190,
+        timing: Timing | None = None,
+        listener: Callable[[Received, float], None] | None = None,
+    ) -> None:
+        super().__init__(link, clock, system_id=system_id, component_id=component_id, listener=listener)
+        self.timing = timing if timing is not None else Timing()
+        self.patience = Patience()
+
+    # Transfers.
+
+    def upload(
+        self,
+        mission_type: MissionType,
+        items: Sequence[MissionItem],
+        *,
+        progress: Progress | None = None,
+        stop: Stop | None = None,
+        in_flight: bool = False,
+    ) -> None:
+        """Replace one of the vehicle's lists by ``items`` as they go on the wire (see ``wire_items``).
+
+        When the final acknowledgement is lost or doubtful, the list is read back to find out. When the upload fails or
+        is cancelled, it is read back to say what the vehicle holds now.
+
+        Raises:
+            MisuseError: the vehicle is armed and ``in_flight`` was not said.
+            TransferError: the vehicle refused, cancelled, or did not get on; ``vehicle_holds`` and ``held_items`` say
+                what it has now.
+            TransferCancelledError: ``stop`` said so.
+            TransferSilentError: the vehicle stopped answering; also a VehicleSilentError.
+            TransferInterrupted: Ctrl-C; a KeyboardInterrupt that knows what the vehicle holds now.
+        """
+        self._refuse_armed("upload", in_flight=in_flight)
+        upload = Upload(items, mission_type=mission_type, **self._terms())
+        interrupted = self._run(upload, lambda: (upload.across_count, len(items)), progress, stop)
+        if upload.state is UploadState.ACCEPTED:
+            return
+        error = self._upload_failure(upload, items)
+        if interrupted:
+            raise TransferInterrupted(error)
+        if upload.state not in PROVEN_BY_READING or error.vehicle_holds != "replaced":
+            raise error
+
+    def download(
+        self, mission_type: MissionType, *, progress: Progress | None = None, stop: Stop | None = None
+    ) -> tuple[MissionItem, ...]:
+        """One of the vehicle's lists, as it is on the wire (see ``mission_from_wire``).
+
+        Raises:
+            TransferError: the vehicle refused, cancelled, or did not get on.
+            TransferCancelledError: ``stop`` said so.
+            TransferSilentError: the vehicle stopped answering; also a VehicleSilentError.
+            FormatError: the vehicle holds an item in a frame that mission_io does not know.
+        """
+        # A vehicle that keeps nothing about a download serves its items in any order.
+        autopilot = self._known_autopilot()
+        any_order = autopilot is not None and autopilot.download_blocks_s == 0.0
+        download = Download(mission_type=mission_type, any_order=any_order, **self._terms())
+        interrupted = self._run(download, lambda: (download.received_count, download.count), progress, stop)
+        if download.state is DownloadState.DONE:
+            return download.items()
+        got = f"after {download.received_count} of {download.count} items" if download.count is not None else ""
+        doing = f"download of the {list_name(mission_type)}"
+        error = failure(doing, download, got, vehicle_holds="unchanged", advice=self.signing_advice())
+        raise TransferInterrupted(error) if interrupted else error
+
+    def clear(self, mission_type: MissionType, *, in_flight: bool = False) -> None:
+        """Empty one of the vehicle's lists, and read back that it is empty but for home.
+
+        Raises:
+            MisuseError: the vehicle is armed and ``in_flight`` was not said.
+            TransferError: the vehicle refused, did not get on, or says that it is done and is not; ``held_items`` says
+                what it has now.
+            TransferSilentError: the vehicle did not answer; also a VehicleSilentError.
+        """
+        self._refuse_armed("clear", in_flight=in_flight)
+        left: tuple[MissionItem, ...] = ()
+        for _ in range(CLEAR_TRIES):  # an acknowledgement may be a late one of an earlier upload
+            self._clear_once(mission_type)
+            try:
+                left = self.download(mission_type)
+            except (TransferError, FormatError) as error:
+                kind = TransferSilentError if isinstance(error, TransferSilentError) else TransferError
+                raise kind(
+                    f"clearing the {list_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged, and what it "
+                    f"holds now could not be read: {error}",
+                    vehicle_holds="unknown",
+                ) from None
+            autopilot = self._known_autopilot()
+            home_stays = autopilot is not None and autopilot.home_in_item_0 and mission_type is MissionType.MISSION
+            if len(left) <= int(home_stays):
+                return
+        raise TransferError(
+            f"clearing the {list_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged and holds {len(left)} items",
+            vehicle_holds="unknown",
+            held_items=left,
+        )
+
+    def upload_and_verify(
+        self,
+        content: Content,
+        *,
+        progress: Progress | None = None,
+        stop: Stop | None = None,
+        in_flight: bool = False,
+        autopilot: Autopilot | None = None,
+    ) -> Verification:
+        """Check, upload, read back and compare a mission, a fence or rally points.
+
+        A vehicle is asked for its own limit when a mission is longer than its autopilot was seen to take.
+
+        Args:
+            content: What the vehicle is to hold.
+            progress: Called while the items go across.
+            stop: Asked whether to cancel.
+            in_flight: Whether an armed vehicle is meant.
+            autopilot: Whose ways to expect; None takes the vehicle's own.
+
+        Raises:
+            MisuseError: the autopilot would refuse or misunderstand an item (nothing was sent), or the vehicle is armed.
+            TransferError: as ``upload`` and ``download``.
+        """
+        autopilot = autopilot if autopilot is not None else self.vehicle.autopilot
+        mission_type = mission_type_of(content)
+        items = items_of(content, autopilot)
+        limit = None
+        if (
+            mission_type is MissionType.MISSION
+            and autopilot.item_limit is not None
+            and len(items) > autopilot.item_limit
+        ):
+            limit = transfer_outcome.ask_item_limit(self, autopilot, timeout_s=_ITEM_LIMIT_S)
+        problems = check_for_autopilot(items, autopilot, mission_type, item_limit=limit)
+        if problems:
+            more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+            raise MisuseError(f"the {list_name(mission_type)} was not sent: {problems[0]}{more}")
+        self.upload(mission_type, items, progress=progress, stop=stop, in_flight=in_flight)
+        received, differences = self._read_back(mission_type, items, autopilot)
+        return Verification(mission_type, autopilot.name, items, received, differences)
+
+    def ask_item_limit(self, *, timeout_s: float = _ITEM_LIMIT_S) -> int | None:
+        """How many mission items the vehicle takes, home included; None when it does not tell within ``timeout_s``."""
+        return transfer_outcome.ask_item_limit(self, self.vehicle.autopilot, timeout_s=timeout_s)
+
+    def download_content(self, mission_type: MissionType, *, progress: Progress | None = None) -> Content:
+        """One of the vehicle's lists as the Mission, Fence or RallyPoints it stands for; errors as ``download``."""
+        return content_of(mission_type, self.download(mission_type, progress=progress), self.vehicle.autopilot)
+
+    # Commands, modes, parameters: see mission_io.client.commands.
+
+    def command(self, command: int, *params: float, timeout_s: float = _ANSWER_S) -> CommandAck:
+        """Send a command until it is answered; see ``commands.send_command``."""
+        return commands.send_command(self, command, params, timeout_s=timeout_s)
+
+    def set_mode(self, custom_mode: int, *, timeout_s: float = _ANSWER_S) -> None:
+        """Change the flight mode and see it in the heartbeat; see ``commands.set_mode``."""
+        commands.set_mode(self, custom_mode, timeout_s=timeout_s)
+
+    def request_message_interval(
+        self, kind: type[Message], interval_s: float, *, timeout_s: float = _ANSWER_S
+    ) -> CommandAck:
+        """Ask for a kind of message each ``interval_s`` seconds."""
+        return commands.request_message_interval(self, kind, interval_s, timeout_s=timeout_s)
+
+    def request_message(self, kind: type[MessageT], *, timeout_s: float = _ANSWER_S) -> MessageT:
+        """Ask for one message of a kind and wait for it."""
+        return commands.request_message(self, kind, timeout_s=timeout_s)
+
+    def read_parameter(self, name: str, *, timeout_s: float = _ANSWER_S) -> ParamValue:
+        """Read a parameter by its name."""
+        return commands.read_parameter(self, name, timeout_s=timeout_s)
+
+    def set_parameter(
+        self, name: str, value: float, *, param_type: int = 9, timeout_s: float = _ANSWER_S
+    ) -> ParamValue:
+        """Set a parameter and see that it is so."""
+        return commands.set_parameter(self, name, value, param_type=param_type, timeout_s=timeout_s)
+
+    # How transfers are driven, and what their ends mean.
+
+    def _terms(self) -> _Terms:
+        """What every conversation with the vehicle begins with."""
+        return _Terms(
+            local=self.local,
+            vehicle=self.vehicle.address,
+            timing=self.timing,
+            patience=self.patience,
+            now=self.clock.now(),
+        )
+
+    def _run(
+        self,
+        exchange: Upload | Download | Clear,
+        counts: Callable[[], tuple[int, int | None]],
+        progress: Progress | None,
+        stop: Stop | None,
+    ) -> bool:
+        """Drive a conversation to its end; whether Ctrl-C came (the conversation is cancelled then, not dropped).
+
+        Args:
+            exchange: The conversation.
+            counts: How many items are across, and how many there are if that is known.
+            progress: Told when the first changes.
+            stop: Asked whether to cancel.
+        """
+        interrupted = False
+        while True:
+            try:
+                self._run_on(exchange, counts, progress, stop)
+                return interrupted
+            except KeyboardInterrupt:
+                if interrupted or isinstance(exchange, Clear):
+                    raise
+                interrupted, progress, stop = True, None, None
+                exchange.cancel(self.clock.now())
+            finally:
+                self.patience = exchange.patience
+
+    def _run_on(
+        self,
+        exchange: Upload | Download | Clear,
+        counts: Callable[[], tuple[int, int | None]],
+        progress: Progress | None,
+        stop: Stop | None,
+    ) -> None:
+        reported = -1
+        while True:
+            now = self.clock.now()
+            for message in exchange.messages_to_send(now):
+                self.send(message)
+            count, total = counts()
+            if count != reported and total is not None:
+                reported = count
+                if progress is not None:
+                    progress(count, total)
+            wake = exchange.next_timer()
+            if exchange.finished or wake is None:
+                return
+            if stop is not None and stop() and not isinstance(exchange, Clear):
+                exchange.cancel(now)
+                stop = None
+                continue
+            for received in self._next_messages(wake):
+                exchange.receive(received, self.clock.now())
+
+    def _clear_once(self, mission_type: MissionType) -> None:
+        clear = Clear(mission_type=mission_type, **self._terms())
+        self._run(clear, lambda: (0, None), None, None)
+        if clear.state is ClearState.CLEARED:
+            return
+        holds: VehicleHolds = "unchanged" if clear.state is ClearState.REFUSED else "unknown"
+        held, now_held = None, ""
+        if clear.state is not ClearState.SILENT:
+            held = self._held(mission_type)
+            now_held = "" if held is None else f"; the vehicle now holds {len(held)} items"
+        doing = f"clearing the {list_name(mission_type)}"
+        raise failure(doing, clear, now_held, vehicle_holds=holds, held_items=held, advice=self.signing_advice())
+
+    def _held(self, mission_type: MissionType) -> tuple[MissionItem, ...] | None:
+        """What the vehicle holds after a failure; None when it does not tell."""
+        try:
+            return self.download(mission_type)
+        except (TransferError, FormatError) as error:
+            _log.info("what the vehicle holds could not be read back: %s", error)
+            return None
+
+    def _read_back(
+        self, mission_type: MissionType, items: Sequence[MissionItem], autopilot: Autopilot
+    ) -> tuple[tuple[MissionItem, ...], tuple[Difference, ...]]:
+        """What the vehicle holds, against ``items``; read once more when it differs.
+
+        PX4 gave back the list of before once in 60 times when it was read at once.
+        """
+        received = self.download(mission_type)
+        differences = compare_items(items, received, autopilot, mission_type)
+        if not all(difference.acceptable for difference in differences):
+            deadline = self.clock.now() + STALE_READ_BACK_S
+            while self.clock.now() < deadline:
+                self._next_messages(deadline)
+            received = self.download(mission_type)
+            differences = compare_items(items, received, autopilot, mission_type)
+        return received, differences
+
+    def _upload_failure(self, upload: Upload, items: Sequence[MissionItem]) -> TransferError:
+        """The error for an upload that was not acknowledged, with what the vehicle holds now."""
+        autopilot, mission_type = self._known_autopilot(), upload.mission_type
+        holds: VehicleHolds = "unknown" if autopilot is None else held_by_design(upload, len(items), autopilot)
+        held, unread = None, ""
+        silent = upload.state is UploadState.SILENT
+        nothing_began = upload.state is UploadState.REFUSED and upload.sent_count == 0
+        if not silent and not nothing_began:
+            try:
+                if autopilot is None:
+                    held = self.download(mission_type)
+                else:
+                    held, _ = self._read_back(mission_type, items, autopilot)
+                    holds = held_as_read(upload, items, held, autopilot)
+            except TransferSilentError:
+                silent = True
+            except (TransferError, FormatError) as why:
+                unread = f" (it could not be read back: {why})"
+        how_far = f"after {upload.across_count} of {len(items)} items"
+        if upload.state in PROVEN_BY_READING and held is not None:
+            how_far = f"and what was read back is not what was sent; {how_far}"
+        how_far += f"; {description(holds, items, held, autopilot, mission_type)}{unread}"
+        doing, advice = f"upload of the {list_name(mission_type)}", self.signing_advice()
+        error = failure(doing, upload, how_far, vehicle_holds=holds, held_items=held, advice=advice)
+        if silent and not isinstance(error, TransferSilentError | TransferCancelledError):
+            return TransferSilentError(f"{error} (it fell silent){advice}", vehicle_holds=holds)
+        return error
+
+    def _known_autopilot(self) -> Autopilot | None:
+        """What is known of the vehicle's autopilot; plain transfers work with any."""
+        try:
+            return self.vehicle.autopilot
+        except MisuseError:
+            return None
+
+    def _refuse_armed(self, what: str, *, in_flight: bool) -> None:
+        if self.impostor is not None and not in_flight:
+            raise MisuseError(f"{two_in_one(self.vehicle, self.impostor)}; nothing was sent")
+        if self.vehicle.armed and not in_flight:
+            raise MisuseError(f"vehicle {self.vehicle.system_id} is armed; {what} only when in_flight is said")

@@ -1,0 +1,335 @@
+"""A ground station's end of a link: heartbeats out, messages in, and whether the vehicle is still there."""
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from types import TracebackType
+from typing import Self
+
+from mission_io.client.peers import Choice, Neighbours, VehicleInfo, two_in_one, vehicle_of
+from mission_io.clock import Clock, SystemClock, UnixClock
+from mission_io.errors import MisuseError, VehicleSilentError
+from mission_io.links.opening import Link, PeerLink, StreamLink
+from mission_io.model.enums import AutopilotId, VehicleClass
+from mission_io.protocol.exchange import Address
+from mission_io.wire.codec import Codec
+from mission_io.wire.messages import Heartbeat, Message, Received, TimeSync, is_for
+from mission_io.wire.signing import Signing, SigningKey, TimestampFile, TimestampStore, UnsavedTimestamps
+from mission_io.wire.statistics import LinkStatistics
+
+__all__ = ["Connection", "VehicleInfo"]
+
+_log = logging.getLogger(__name__)
+
+_HEARTBEAT_S = 1.0
+
+_CATCH_UP_S = 0.1
+"""How long ``poll`` reads what is here already: a vehicle that sends faster than a busy machine reads would never let it end."""
+
+
+class Connection:
+    """Sends a heartbeat each second while it waits, and keeps the latest heartbeat of the vehicle it talks to.
+
+    Args:
+        link: Carries the datagrams.
+        clock: Times everything; None takes the link's own.
+        system_id: This side's MAVLink system; ground stations use 255.
+        component_id: This side's component; 190 is a mission planner.
+        listener: Called with every message that arrives, whoever waits for it and whomever it is for, with the time in
+            seconds: for logs.
+
+    Attributes:
+        neighbours: Who else is on the link: vehicles, and others that use our ids.
+        impostor: What a heartbeat with our vehicle's ids told of another vehicle (autopilot or type); None while all is well.
+            Such heartbeats do not count as our vehicle's.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        clock: Clock | None = None,
+        *,
+        system_id: int = 255,
+        component_id: int = 190,
+        listener: Callable[[Received, float], None] | None = None,
+    ) -> None:
+        self.link = link
+        self.clock = clock if clock is not None else link.clock
+        self.codec = Codec(system_id=system_id, component_id=component_id)
+        self.local = Address(system_id, component_id)
+        self.neighbours = Neighbours(self.local)
+        self._for_others = 0
+        self._listener = listener
+        self._vehicle: VehicleInfo | None = None
+        self.impostor: VehicleInfo | None = None
+        self._heartbeat_at = -math.inf
+        self._heard_at = -math.inf
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the link."""
+        self.link.close()
+        if self.codec.signing is not None:
+            self.codec.signing.close()
+
+    def sign_with(
+        self,
+        key: SigningKey,
+        *,
+        link_id: int = 0,
+        clock: UnixClock | None = None,
+        store: TimestampStore | None = None,
+    ) -> None:
+        """Sign all that is sent from here on, and believe only what is signed with the same key.
+
+        Args:
+            key: What both ends know.
+            link_id: Tells apart the links of one sender, 0 to 255.
+            clock: The time of day; None takes the operating system's.
+            store: Keeps the timestamps; None takes a file beside the key's, or for a key without a file nothing.
+
+        Raises:
+            LinkError: the timestamp beside the key cannot be read.
+        """
+        if store is None:
+            store = UnsavedTimestamps() if key.path is None else TimestampFile(key.path)
+        clock = clock if clock is not None else SystemClock()
+        self.codec.signing = Signing(key, clock=clock, store=store, link_id=link_id)
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """What went over the link up to now; ``str`` of it is one line."""
+        counts = replace(self.codec.statistics, for_others=self._for_others)
+        if not isinstance(self.link, StreamLink):
+            return counts
+        framing = self.link.framing
+        return replace(
+            counts,
+            checksum_errors=counts.checksum_errors + framing.checksum_errors,
+            truncated_frames=counts.truncated_frames + framing.truncated_frames,
+            garbage_bytes=counts.garbage_bytes + framing.garbage_bytes,
+        )
+
+    @property
+    def vehicle(self) -> VehicleInfo:
+        """The vehicle as of its latest heartbeat.
+
+        Raises:
+            MisuseError: ``wait_for_vehicle`` has not found one yet.
+        """
+        if self._vehicle is None:
+            raise MisuseError("no vehicle yet; call wait_for_vehicle first")
+        return self._vehicle
+
+    @property
+    def heartbeat_age_s(self) -> float:
+        """Seconds since the vehicle's latest heartbeat; infinite when there was none."""
+        return self.clock.now() - self._heard_at
+
+    def send(self, message: Message) -> None:
+        """Send one message, once."""
+        self.link.send(self.codec.encode(message))
+
+    def poll(self, timeout_s: float) -> list[Received]:
+        """Wait for messages, for at most ``timeout_s`` seconds, and return all that are here; none is an empty list.
+
+        Where more come than can be read in a tenth of a second, the others are left for the next call. Messages that arrived
+        while a command or a transfer was going on are not here again: see ``listener``.
+        """
+        deadline = self.clock.now() + timeout_s
+        messages = self._next_messages(deadline)
+        until = self.clock.now() + _CATCH_UP_S
+        while messages and self.clock.now() < until and (more := self._receive(0.0)):
+            messages.extend(more)
+        return messages
+
+    def wait_for_vehicle(
+        self, timeout_s: float = 10.0, *, system_id: int | None = None, component_id: int | None = None
+    ) -> VehicleInfo:
+        """Wait for an autopilot's heartbeat, and talk to that one from here on.
+
+        Without a system id the link is listened to for a heartbeat's time longer, in case that there is a second vehicle; once
+        a vehicle is talked to, a further call waits for that same one. Of several components that speak as autopilots of a
+        system, component 1 is meant. A vehicle that is first heard in MAVLink 1 gets the time of a few heartbeats to change to
+        MAVLink 2.
+
+        Args:
+            timeout_s: Longest time to wait, in seconds.
+            system_id: Which system is meant.
+            component_id: Which of its components is meant.
+
+        Raises:
+            VehicleSilentError: no such heartbeat within ``timeout_s`` seconds.
+            AmbiguousVehicleError: several vehicles are heard, and none was named.
+            MisuseError: the vehicle's system id is our own, or two vehicles share the same ids.
+        """
+        if system_id is None and component_id is None and self._vehicle is not None:
+            system_id, component_id = self._vehicle.system_id, self._vehicle.component_id
+        elif isinstance(self.link, PeerLink):
+            self.link.let_go()
+        deadline = self.clock.now() + timeout_s
+        choice = Choice(system_id=system_id, component_id=component_id)
+        self._vehicle = self.impostor = None
+        self.codec.version = 2
+        latest: dict[Address, Received] = {}
+        decide_at = deadline
+        while self.clock.now() < decide_at:
+            for received in self._next_messages(decide_at):
+                found = vehicle_of(received)
+                if found is not None:
+                    choice.take(found, self.clock.now())
+                    latest[found.address] = received
+            decide_at = choice.decide_at(deadline)
+        chosen = choice.chosen()
+        if chosen is None:
+            raise VehicleSilentError(self._silence(timeout_s, system_id, component_id, choice.others))
+        return self._settle_on(chosen, latest[chosen.address], deadline)
+
+    def _settle_on(self, chosen: VehicleInfo, received: Received, deadline: float) -> VehicleInfo:
+        """Talk to a vehicle from here on, in the newest version of MAVLink that it speaks."""
+        if chosen.system_id == self.local.system_id:
+            raise MisuseError(
+                f"the vehicle is system {chosen.system_id}, and so are we; take another system id for this side"
+            )
+        self._vehicle, self._heard_at = chosen, self.clock.now()
+        if isinstance(self.link, PeerLink):
+            self.link.keep_to(chosen.system_id, chosen.component_id)
+        self._agree_on_version(received)
+        settled = received.mavlink_version >= 2 or self.codec.version == 1
+        while not settled and self.clock.now() < deadline:
+            for received in self._next_messages(deadline):
+                if _sender(received) == chosen.address:
+                    settled = settled or received.mavlink_version >= 2 or self.codec.version == 1
+        if not settled:
+            self.codec.version = 1
+        return self.vehicle
+
+    def _silence(self, timeout_s: float, system_id: int | None, component_id: int | None, others: set[int]) -> str:
+        """Why no vehicle was found, as far as it can be told."""
+        wanted = "no vehicle" if system_id is None else f"no vehicle with system id {system_id}"
+        if component_id is not None:
+            wanted += f"{' with' if system_id is None else ' and'} component id {component_id}"
+        statistics = self.statistics
+        heard = f"; heard of {sorted(others)}" if others else ""
+        advice = "is it on, and the URL right?"
+        if statistics.refused and not others:
+            heard = (
+                f"; {statistics.refused} frames were refused ({statistics.unsigned} unsigned, {statistics.forged} signed "
+                f"with another key, {statistics.replayed} with an old timestamp)"
+            )
+            advice = "does it have the same signing key?"
+        elif statistics.garbage_bytes and not statistics.frames_in:
+            heard = f"; {statistics.garbage_bytes} bytes came that are no MAVLink"
+            advice = "is the baud rate right?"
+        return f"{wanted} sent a heartbeat within {timeout_s:g} s{heard}; {advice}"
+
+    def wait_until(
+        self,
+        done: Callable[[Received], bool],
+        *,
+        timeout_s: float,
+        what: str,
+        again: Callable[[int], None] | None = None,
+        again_s: float = 0.5,
+    ) -> Received:
+        """Wait for a message of the vehicle that ``done`` says yes to.
+
+        Args:
+            done: Looks at each message of the vehicle.
+            timeout_s: Longest time to wait.
+            what: What is waited for, for the error.
+            again: Called at once with 0, and with 1, 2, ... after each silence, to ask (again) for it.
+            again_s: That silence, in seconds.
+
+        Raises:
+            VehicleSilentError: no such message within ``timeout_s`` seconds; it says ``what``.
+        """
+        vehicle = self.vehicle
+        deadline = self.clock.now() + timeout_s
+        attempt, ask_at = 0, self.clock.now()
+        while self.clock.now() < deadline:
+            if again is not None and self.clock.now() >= ask_at:
+                again(attempt)
+                attempt, ask_at = attempt + 1, self.clock.now() + again_s
+            for received in self._next_messages(min(deadline, ask_at) if again is not None else deadline):
+                if _sender(received) == vehicle.address and done(received):
+                    return received
+        raise VehicleSilentError(
+            f"vehicle {vehicle.system_id} did not send {what} within {timeout_s:g} s{self.signing_advice()}"
+        )
+
+    def signing_advice(self) -> str:
+        """Why a vehicle that is heard may answer nothing: it signs, and this side cannot. Empty when that is not so."""
+        signed = self.codec.statistics.signed
+        if not signed:
+            return ""
+        return f"; the vehicle signs what it sends ({signed} frames) and this side has no key: give --signing-key"
+
+    def _next_messages(self, deadline: float) -> list[Received]:
+        """Wait until a datagram brings messages; an empty list when the deadline came first."""
+        while True:
+            now = self.clock.now()
+            if now >= self._heartbeat_at + _HEARTBEAT_S:
+                self._heartbeat_at = now
+                self._send_heartbeat()
+            wake = min(deadline, self._heartbeat_at + _HEARTBEAT_S)
+            messages = self._receive(max(0.0, wake - now))
+            if messages or self.clock.now() >= deadline:
+                return messages
+
+    def _send_heartbeat(self) -> None:
+        beat = Heartbeat(AutopilotId.INVALID, VehicleClass.GROUND_STATION, system_status=4)
+        self.send(beat)
+        if self.codec.version == 1:  # the vehicle may have missed our MAVLink 2: let it hear some again
+            self.codec.version = 2
+            self.send(beat)
+            self.codec.version = 1
+
+    def _receive(self, timeout_s: float) -> list[Received]:
+        """What one datagram brings for us."""
+        data = self.link.receive(timeout_s)
+        if data is None:
+            return []
+        now = self.clock.now()
+        ours: list[Received] = []
+        for received in self.codec.decode(data):
+            beat = self.neighbours.take(received)
+            if self._vehicle is not None and _sender(received) == self._vehicle.address:
+                self._agree_on_version(received)
+                if beat is not None and self._vehicle.may_become(beat):
+                    self._vehicle, self._heard_at = beat, now
+                elif beat is not None and self.impostor is None:
+                    self.impostor = beat
+                    _log.warning("%s", two_in_one(self._vehicle, beat))
+                elif isinstance(received.message, TimeSync) and received.message.answered_ns == 0:
+                    self._answer_time(received.message)
+            if self._listener is not None:
+                self._listener(received, now)
+            if is_for(received.message, system_id=self.local.system_id, component_id=self.local.component_id):
+                ours.append(received)
+            else:
+                self._for_others += 1
+        return ours
+
+    def _answer_time(self, question: TimeSync) -> None:
+        """Tell a vehicle that asks what time it is here."""
+        self.send(TimeSync(answered_ns=round(self.clock.now() * 1e9) or 1, asked_ns=question.asked_ns))
+
+    def _agree_on_version(self, received: Received) -> None:
+        """Speak the newest version that the vehicle speaks."""
+        if received.mavlink_version >= 2:
+            self.codec.version = 2
+        elif self.neighbours.speaks_only_1(_sender(received)):
+            self.codec.version = 1
+
+
+def _sender(received: Received) -> Address:
+    return Address(received.system_id, received.component_id)

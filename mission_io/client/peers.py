@@ -1,0 +1,243 @@
+"""Who speaks on a link, and which of its vehicles is meant.
+
+Who speaks on a link: the vehicles, who uses our own ids, and who speaks nothing newer than MAVLink 1.
+
+Which of the vehicles on a link is meant, and which component of it is the autopilot.
+"""
+
+import logging
+from dataclasses import dataclass
+from typing import Final
+
+from mission_io.autopilots.autopilot import Autopilot, autopilot_for
+from mission_io.autopilots.vehicle_types import VehicleKind, kind_of, type_name
+from mission_io.errors import AmbiguousVehicleError, MisuseError
+from mission_io.model.enums import AutopilotId, VehicleClass
+from mission_io.protocol.exchange import Address
+from mission_io.wire.messages import Heartbeat, Received
+
+OLD_HEARTBEATS: Final = 3
+"""So many MAVLink 1 heartbeats in a row, while ours go out in MAVLink 2, say that a vehicle speaks nothing newer."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleInfo:
+    """A vehicle as its latest heartbeat describes it.
+
+    Attributes:
+        system_id: Its MAVLink system.
+        component_id: The component that is the autopilot.
+        mav_autopilot: MAV_AUTOPILOT number.
+        vehicle_type: MAV_TYPE number.
+        armed: Whether its motors may turn.
+        custom_mode: The autopilot's own number of its flight mode.
+        system_status: MAV_STATE number.
+    """
+
+    system_id: int
+    component_id: int
+    mav_autopilot: int
+    vehicle_type: int
+    armed: bool
+    custom_mode: int
+    system_status: int
+
+    @property
+    def address(self) -> Address:
+        """Where messages to it go."""
+        return Address(self.system_id, self.component_id)
+
+    @property
+    def autopilot(self) -> Autopilot:
+        """What mission_io knows of its autopilot.
+
+        Raises:
+            MisuseError: an autopilot that mission_io does not know.
+        """
+        return autopilot_for(self.mav_autopilot, self.vehicle_type)
+
+    @property
+    def kind(self) -> VehicleKind:
+        """How it moves."""
+        return kind_of(self.vehicle_type)
+
+    @property
+    def described(self) -> str:
+        """What it says it is, for people: ``ArduPilot, quadrotor``."""
+        names: dict[int, str] = {AutopilotId.ARDUPILOT: "ArduPilot", AutopilotId.PX4: "PX4"}
+        return f"{names.get(self.mav_autopilot, f'autopilot {self.mav_autopilot}')}, {type_name(self.vehicle_type)}"
+
+    def may_become(self, later: "VehicleInfo") -> bool:
+        """Whether a later heartbeat can be of the same vehicle: only one that did not know its type yet may name another."""
+        if self.address != later.address or self.mav_autopilot != later.mav_autopilot:
+            return False
+        return self.vehicle_type in (later.vehicle_type, VehicleClass.GENERIC)
+
+
+class Neighbours:
+    """Everybody whose messages arrive here; says in the log, once for each, what a pilot should know.
+
+    Args:
+        local: Our own address.
+    """
+
+    def __init__(self, local: Address) -> None:
+        self._local = local
+        self._vehicles: dict[Address, VehicleInfo] = {}
+        self._same_ids: set[Address] = set()
+        self._old_heartbeats: dict[Address, int] = {}
+
+    @property
+    def vehicles(self) -> tuple[VehicleInfo, ...]:
+        """The vehicles that were heard, in the order of their first heartbeats."""
+        return tuple(self._vehicles.values())
+
+    @property
+    def same_ids(self) -> frozenset[Address]:
+        """Others that speak as our own system: our very address, or another ground station with our system id."""
+        return frozenset(self._same_ids)
+
+    def speaks_only_1(self, address: Address) -> bool:
+        """Whether somebody goes on in MAVLink 1 although we speak MAVLink 2."""
+        return self._old_heartbeats.get(address, 0) >= OLD_HEARTBEATS
+
+    def take(self, received: Received) -> VehicleInfo | None:
+        """Take a message; the vehicle whose heartbeat it is, if it is one."""
+        sender = Address(received.system_id, received.component_id)
+        if received.mavlink_version >= 2:
+            self._old_heartbeats[sender] = 0
+        elif isinstance(received.message, Heartbeat):
+            self._old_heartbeats[sender] = self._old_heartbeats.get(sender, 0) + 1
+        self._notice_same_ids(received, sender)
+        vehicle = vehicle_of(received)
+        if vehicle is not None:
+            if self._vehicles and sender not in self._vehicles:
+                _log.warning(
+                    "vehicle %d (component %d) is on this link, too; choose by system id", sender.system_id,
+                    sender.component_id,
+                )  # fmt: skip
+            self._vehicles[sender] = vehicle
+        return vehicle
+
+    def _notice_same_ids(self, received: Received, sender: Address) -> None:
+        if sender.system_id != self._local.system_id or sender in self._same_ids:
+            return
+        beat = received.message
+        station = isinstance(beat, Heartbeat) and beat.vehicle_type == VehicleClass.GROUND_STATION
+        if sender == self._local or station:
+            self._same_ids.add(sender)
+            _log.warning(
+                "somebody else on this link speaks as system %d, component %d, and we as component %d of the same system; "
+                "vehicles may mix us up: give one of the two another system id",
+                sender.system_id,
+                sender.component_id,
+                self._local.component_id,
+            )
+
+
+def vehicle_of(received: Received) -> VehicleInfo | None:
+    """The vehicle that a message is the heartbeat of; None for other messages and other senders."""
+    beat = received.message
+    if (
+        not isinstance(beat, Heartbeat)
+        or beat.autopilot == AutopilotId.INVALID
+        or kind_of(beat.vehicle_type) is VehicleKind.NO_VEHICLE
+    ):
+        return None
+    return VehicleInfo(
+        received.system_id,
+        received.component_id,
+        beat.autopilot,
+        beat.vehicle_type,
+        beat.armed,
+        beat.custom_mode,
+        beat.system_status,
+    )
+
+
+AUTOPILOT_COMPONENT: Final = 1
+"""MAV_COMP_ID_AUTOPILOT1: where several components of a system speak as autopilots, this one is it."""
+
+LISTEN_S: Final = 1.2
+"""After the first vehicle others are listened for so long: heartbeats come once a second."""
+
+
+class Choice:
+    """Collects the vehicles that are heard, and chooses the one that was asked for.
+
+    Args:
+        system_id: Which system is meant; None for any.
+        component_id: Which of its components; None for its autopilot.
+
+    Attributes:
+        others: The systems that were heard and not asked for.
+    """
+
+    def __init__(self, *, system_id: int | None, component_id: int | None) -> None:
+        self._system_id, self._component_id = system_id, component_id
+        self._heard: dict[Address, VehicleInfo] = {}
+        self._two_in_one: dict[Address, str] = {}
+        self._decide_at: float | None = None
+        self.others: set[int] = set()
+
+    def take(self, vehicle: VehicleInfo, now: float) -> None:
+        """Take a vehicle's heartbeat that arrived at ``now``."""
+        if self._system_id not in (None, vehicle.system_id):
+            self.others.add(vehicle.system_id)
+            return
+        if self._component_id not in (None, vehicle.component_id):
+            return
+        before = self._heard.get(vehicle.address)
+        if before is not None and not before.may_become(vehicle):
+            self._two_in_one[vehicle.address] = two_in_one(before, vehicle)
+            return
+        self._heard[vehicle.address] = vehicle
+        if self._decide_at is None:
+            self._decide_at = now + LISTEN_S
+        if self._system_id is not None and AUTOPILOT_COMPONENT in (vehicle.component_id, self._component_id):
+            self._decide_at = now  # nobody can come that would be meant instead
+        elif self._system_id is not None and self._component_id is not None:
+            self._decide_at = now
+
+    def decide_at(self, deadline: float) -> float:
+        """When to choose, at the latest at ``deadline``."""
+        return deadline if self._decide_at is None else min(deadline, self._decide_at)
+
+    def chosen(self) -> VehicleInfo | None:
+        """The vehicle that is meant; None when none was heard.
+
+        Raises:
+            AmbiguousVehicleError: several could be.
+            MisuseError: two vehicles of different types share its ids.
+        """
+        systems: dict[int, list[VehicleInfo]] = {}
+        for vehicle in self._heard.values():
+            systems.setdefault(vehicle.system_id, []).append(vehicle)
+        left: list[VehicleInfo] = []
+        for components in systems.values():
+            autopilots = [vehicle for vehicle in components if vehicle.component_id == AUTOPILOT_COMPONENT]
+            left.extend(autopilots or components)
+        if not left:
+            return None
+        if len(left) == 1:
+            if left[0].address in self._two_in_one:
+                raise MisuseError(self._two_in_one[left[0].address])
+            return left[0]
+        listed = "; ".join(
+            f"system {vehicle.system_id}, component {vehicle.component_id} ({vehicle.described})"
+            for vehicle in sorted(left, key=lambda v: (v.system_id, v.component_id))
+        )
+        by = "--system" if len(systems) > 1 else "--component"
+        raise AmbiguousVehicleError(
+            f"{len(left)} vehicles are on this link: {listed}; choose one by {by}", vehicles=tuple(left)
+        )
+
+
+def two_in_one(first: VehicleInfo, second: VehicleInfo) -> str:
+    """What is wrong when heartbeats with the same ids tell of two vehicles."""
+    return (
+        f"system {first.system_id}, component {first.component_id} says that it is {first.described}, and that it is "
+        f"{second.described}: two vehicles share these ids; give one of them another system id"
+    )

@@ -1,0 +1,63 @@
+"""The record of an upload that was read back: what was sent, what came back, and every difference with its reason."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from mission_io.autopilots.comparison import Difference
+from mission_io.model.items import MissionItem, MissionType
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """The result of ``Client.upload_and_verify``.
+
+    Attributes:
+        mission_type: Which list.
+        autopilot: Name of the autopilot whose ways the comparison knows.
+        sent: The items as they were sent, with home in front where item 0 is home.
+        received: The items as they were read back.
+        differences: Every field that came back changed, acceptable or not.
+    """
+
+    mission_type: MissionType
+    autopilot: str
+    sent: tuple[MissionItem, ...]
+    received: tuple[MissionItem, ...]
+    differences: tuple[Difference, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the vehicle holds what was meant: every difference is one that its autopilot makes by design."""
+        return all(difference.acceptable for difference in self.differences)
+
+    def as_json(self) -> dict[str, Any]:
+        """The same as numbers, strings, lists and dicts that any JSON writer takes; NaN becomes null."""
+        return {
+            "mission_type": self.mission_type.name.lower(),
+            "autopilot": self.autopilot,
+            "passed": self.passed,
+            "sent": [_item_json(item) for item in self.sent],
+            "received": [_item_json(item) for item in self.received],
+            "differences": [
+                {key: _json_value(value) for key, value in dataclasses.asdict(difference).items()}
+                for difference in self.differences
+            ],
+        }
+
+
+def _item_json(item: MissionItem) -> dict[str, Any]:
+    return {
+        "command": int(item.command),
+        "frame": item.frame.name,
+        "params": [_json_value(value) for value in item.params],
+        "lat_deg": _json_value(item.lat_deg),
+        "lon_deg": _json_value(item.lon_deg),
+        "alt_m": _json_value(item.alt_m),
+        "autocontinue": item.autocontinue,
+    }
+
+
+def _json_value(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,169 @@
+"""How a transfer failed, what the vehicle holds then, and how many items it takes.
+
+How many items a vehicle takes, where it tells.
+
+ArduPilot tells when it keeps its mission on a memory card: the size set aside there is a parameter, and every item takes
+the same space (AP_Mission and AP_BoardConfig of ArduPilot 4.7). What its own memory holds depends on the board, and
+neither it nor PX4 tells that; more items than there is room for are then answered NO_SPACE when they are announced.
+
+How a transfer failed, and what the vehicle holds then, from its autopilot's ways and from what was read back.
+"""
+
+import math
+from collections.abc import Sequence
+from enum import Enum
+from typing import Final
+
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.autopilots.comparison import compare_items
+from mission_io.client import commands
+from mission_io.client.connection import Connection
+from mission_io.errors import (
+    TransferCancelledError,
+    TransferError,
+    TransferSilentError,
+    VehicleHolds,
+    VehicleSilentError,
+)
+from mission_io.model.items import MissionItem, MissionType
+from mission_io.protocol.clear import Clear, ClearState
+from mission_io.protocol.download import Download, DownloadState
+from mission_io.protocol.tables import UploadState
+from mission_io.protocol.upload import Upload
+
+_KILOBYTE = 1024
+_HEADER_BYTES = 4
+_ITEM_BYTES = 15
+
+
+def ask_item_limit(connection: Connection, autopilot: Autopilot, *, timeout_s: float) -> int | None:
+    """Ask the vehicle how many mission items it takes, home included; None when it does not tell.
+
+    Args:
+        connection: Has found the vehicle.
+        autopilot: Whose ways to expect.
+        timeout_s: How long to wait for an answer; a vehicle without a card slot gives none.
+    """
+    if autopilot.card_parameter is None:
+        return None
+    try:
+        size_kb = commands.read_parameter(connection, autopilot.card_parameter, timeout_s=timeout_s).value
+    except VehicleSilentError:
+        return None
+    return items_on_card(size_kb)
+
+
+def items_on_card(size_kb: float) -> int | None:
+    """How many items ArduPilot keeps in so many kilobytes of a memory card; None for no card, or no size."""
+    if not (math.isfinite(size_kb) and size_kb >= 1.0):
+        return None
+    return (int(size_kb) * _KILOBYTE - _HEADER_BYTES) // _ITEM_BYTES
+
+
+_ERRORS: Final[dict[Enum, type[TransferError]]] = {
+    UploadState.SILENT: TransferSilentError,
+    DownloadState.SILENT: TransferSilentError,
+    ClearState.SILENT: TransferSilentError,
+    UploadState.CANCELLED: TransferCancelledError,
+    DownloadState.CANCELLED: TransferCancelledError,
+}
+_STUCK: Final = (UploadState.STUCK, DownloadState.STUCK, ClearState.STUCK)
+
+PROVEN_BY_READING: Final = (UploadState.UNCONFIRMED, UploadState.ACCEPTED_EARLY)
+"""Ends of an upload that are a success when the list that was read back is the one that was sent."""
+
+
+def list_name(mission_type: MissionType) -> str:
+    """What texts call one of the vehicle's lists."""
+    return {MissionType.MISSION: "mission", MissionType.FENCE: "fence", MissionType.RALLY: "rally points"}[mission_type]
+
+
+def failure(
+    doing: str,
+    exchange: Upload | Download | Clear,
+    how_far: str,
+    *,
+    vehicle_holds: VehicleHolds,
+    held_items: tuple[MissionItem, ...] | None = None,
+    advice: str = "",
+) -> TransferError:
+    """The error for a conversation that did not end well: silent, cancelled, or ended by the vehicle.
+
+    Args:
+        doing: What was tried, in front of the text.
+        exchange: The conversation, at its end.
+        how_far: How far it got and what is held now.
+        vehicle_holds: What the vehicle has now.
+        held_items: The same as it was read back.
+        advice: Added when the vehicle is silent.
+    """
+    result = exchange.last_result
+    reason = f" with {getattr(result, 'name', result)}" if result else ""
+    text = f"{doing}: vehicle {exchange.vehicle.system_id}: {exchange.state.value}{reason}"
+    if exchange.state in _STUCK:
+        text += f" for {exchange.timing.no_progress_s:g} s"
+    text += f" {how_far}" if how_far else ""
+    kind = _ERRORS.get(exchange.state, TransferError)
+    if kind is TransferSilentError:
+        text += advice
+    return kind(text, vehicle_holds=vehicle_holds, held_items=held_items)
+
+
+def held_by_design(upload: Upload, total: int, autopilot: Autopilot) -> VehicleHolds:
+    """What the vehicle must have when it cannot be asked.
+
+    An atomic autopilot keeps the old list until the last item is there; the others write over it item by item, and cut
+    it to the new length as soon as they are told that.
+    """
+    if upload.sent_count == total and upload.state is not UploadState.REFUSED:
+        return "unknown"
+    if upload.mission_type in autopilot.atomic:
+        return "unchanged"
+    if upload.sent_count == 0:
+        return "unchanged" if upload.state is UploadState.REFUSED else "unknown"
+    return "mixed"
+
+
+def new_items_in_front(
+    sent: Sequence[MissionItem], held: Sequence[MissionItem], autopilot: Autopilot, mission_type: MissionType
+) -> int:
+    """How many items at the front of ``held`` are those that were sent."""
+    for number, (new, now) in enumerate(zip(sent, held, strict=False)):
+        home = number == 0 and autopilot.home_in_item_0 and mission_type is MissionType.MISSION
+        if not home and not all(d.acceptable for d in compare_items([new], [now], autopilot, MissionType.RALLY)):
+            return number
+    return min(len(sent), len(held))
+
+
+def held_as_read(
+    upload: Upload, sent: Sequence[MissionItem], held: Sequence[MissionItem], autopilot: Autopilot
+) -> VehicleHolds:
+    """What the vehicle has, by the list that was read back from it."""
+    mission_type = upload.mission_type
+    new = new_items_in_front(sent, held, autopilot, mission_type)
+    if new == len(sent) == len(held):
+        return "replaced"
+    home = int(autopilot.home_in_item_0 and mission_type is MissionType.MISSION)
+    if mission_type in autopilot.atomic:
+        # By design it is the old list. One that begins like the new one after everything was sent is neither, perhaps.
+        doubtful = upload.state in PROVEN_BY_READING and new > home
+        return "unknown" if doubtful else "unchanged"
+    # A list that is shorter than the new one was not cut to it, so without a new item nothing happened to it.
+    return "unchanged" if new <= home and len(held) < len(sent) else "mixed"
+
+
+def description(
+    holds: VehicleHolds,
+    sent: Sequence[MissionItem],
+    held: Sequence[MissionItem] | None,
+    autopilot: Autopilot | None,
+    mission_type: MissionType,
+) -> str:
+    """One line about what the vehicle holds and what to do about it."""
+    text = f"the vehicle's list is now {holds}"
+    if held is not None:
+        text += f" ({len(held)} items"
+        if autopilot is not None and holds in ("mixed", "unknown"):
+            text += f", of which the first {new_items_in_front(sent, held, autopilot, mission_type)} are new"
+        text += ")"
+    return text + ("; upload again, or clear it" if holds in ("mixed", "unknown") else "")

@@ -1,0 +1,119 @@
+"""What map programs draw: areas, lines, spots, fences made of them, and a mission's route.
+
+What map programs draw: areas with holes, lines and spots, as data, and fences made of them.
+
+The places of a mission in flying order, as the export formats draw them.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from mission_io.errors import FormatError
+from mission_io.model.areas import Fence, FencePolygon, LatLon
+from mission_io.model.items import Command, Frame, Mission, MissionItem
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """A polygon, possibly with holes. Its rings are not closed: no vertex is repeated."""
+
+    exterior: tuple[LatLon, ...]
+    holes: tuple[tuple[LatLon, ...], ...] = ()
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line through places."""
+
+    points: tuple[LatLon, ...]
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A single place."""
+
+    point: LatLon
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """What a drawing holds, each kind in the order of the file.
+
+    Attributes:
+        areas: The polygons; a multipolygon is several.
+        lines: The lines.
+        spots: The single places.
+        repairs: What had to be repaired or was left out to read it, one line each.
+    """
+
+    areas: tuple[Area, ...] = ()
+    lines: tuple[Line, ...] = ()
+    spots: tuple[Spot, ...] = ()
+    repairs: tuple[str, ...] = ()
+
+
+def fence_from_areas(areas: Iterable[Area]) -> Fence:
+    """A fence to stay inside of the areas and out of their holes.
+
+    Autopilots want to be inside *every* inclusion polygon, so only one area makes sense for most of them.
+    """
+    polygons: list[FencePolygon] = []
+    for area in areas:
+        polygons.append(FencePolygon(area.exterior))
+        polygons += [FencePolygon(hole, inclusion=False) for hole in area.holes]
+    return Fence(tuple(polygons))
+
+
+def open_ring(points: list[LatLon], where: str, repairs: list[str]) -> tuple[LatLon, ...]:
+    """A ring as files have it, first point repeated at the end, without that repetition.
+
+    Raises:
+        FormatError: fewer than three different corners.
+    """
+    if len(points) > 1 and points[0] == points[-1]:
+        points = points[:-1]
+    elif points:
+        repairs.append(f"{where}: the ring was not closed")
+    if len(set(points)) < 3:
+        raise FormatError(f"a ring of {len(set(points))} corners", where=where, advice="an area needs 3 or more")
+    return tuple(points)
+
+
+_FLOWN_TO = frozenset({Command.NAV_WAYPOINT, Command.NAV_LOITER_TIME, Command.NAV_TAKEOFF, Command.NAV_LAND})
+
+
+@dataclass(frozen=True, slots=True)
+class RoutePoint:
+    """A place that the vehicle flies to: the item's number (from 1) and the item, heights in its own frame."""
+
+    number: int
+    item: MissionItem
+
+
+def route_of(mission: Mission) -> tuple[RoutePoint, ...]:
+    """The items that say where to fly, in order, with their numbers in the mission (home is 0)."""
+    return tuple(
+        RoutePoint(number, item)
+        for number, item in enumerate(mission.items, start=1)
+        if item.has_position and item.command in _FLOWN_TO
+    )
+
+
+def alt_amsl_m(point: RoutePoint, mission: Mission) -> float:
+    """The height of a point above mean sea level in metres.
+
+    Raises:
+        FormatError: heights above home in a mission without a home, or heights above terrain, which nobody here knows.
+    """
+    item = point.item
+    if item.frame is Frame.AMSL:
+        return item.alt_m
+    where = f"item {point.number}"
+    if item.frame is Frame.ABOVE_TERRAIN:
+        raise FormatError("its height is above the terrain, which is not known here", where=where)
+    if mission.home is None:
+        raise FormatError("its height is above home, and the mission has no home", where=where, advice="give the home")
+    return mission.home.alt_amsl_m + item.alt_m

@@ -1,0 +1,158 @@
+"""What changed between two missions: a difference that loses nothing and can be applied or taken back.
+
+``apply(diff(a, b), a)`` is ``b`` to the last bit, NaN and minus zero included. Items that only moved are not told from
+items that were removed and put in elsewhere. Takes a time that grows with the items, not with their square.
+"""
+
+import struct
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mission_io.errors import MisuseError
+from mission_io.model.items import GeoPoint, Mission, MissionItem
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """One stretch of items that became another.
+
+    Attributes:
+        at: Where it begins in the old list, from 0.
+        removed: The items that were there; empty when some were only put in.
+        inserted: The items that are there instead.
+    """
+
+    at: int
+    removed: tuple[MissionItem, ...]
+    inserted: tuple[MissionItem, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MissionDiff:
+    """What changed from one mission to another; ``not diff`` when nothing did.
+
+    Attributes:
+        home: The old and the new home, when they differ.
+        edits: The changed stretches of items, in order, none touching another.
+    """
+
+    home: tuple[GeoPoint | None, GeoPoint | None] | None
+    edits: tuple[Edit, ...]
+
+    def __bool__(self) -> bool:
+        return self.home is not None or bool(self.edits)
+
+    def inverse(self) -> "MissionDiff":
+        """The way back."""
+        edits: list[Edit] = []
+        shift = 0
+        for edit in self.edits:
+            edits.append(Edit(edit.at + shift, edit.inserted, edit.removed))
+            shift += len(edit.inserted) - len(edit.removed)
+        return MissionDiff(None if self.home is None else (self.home[1], self.home[0]), tuple(edits))
+
+
+def diff(old: Mission, new: Mission) -> MissionDiff:
+    """What changed from ``old`` to ``new``."""
+    home = None if _home_bits(old.home) == _home_bits(new.home) else (old.home, new.home)
+    return MissionDiff(home, diff_items(old.items, new.items))
+
+
+def apply(change: MissionDiff, mission: Mission) -> Mission:
+    """The mission after a change.
+
+    Raises:
+        MisuseError: it is not the mission that the change was made from.
+    """
+    if change.home is None:
+        home = mission.home
+    else:
+        if _home_bits(mission.home) != _home_bits(change.home[0]):
+            raise MisuseError("the change does not fit: its home is not the mission's; make it anew from this mission")
+        home = change.home[1]
+    return Mission(home, apply_edits(change.edits, mission.items))
+
+
+def diff_items(old: Sequence[MissionItem], new: Sequence[MissionItem]) -> tuple[Edit, ...]:
+    """The changed stretches between two item lists: of missions, fences or rally points.
+
+    Items that occur once in each list anchor the comparison, in their longest common order (patience sorting); from
+    there it grows over equal neighbours. A list of equal items only is compared from its two ends.
+    """
+    old_bits, new_bits = [_bits(item) for item in old], [_bits(item) for item in new]
+    edits: list[Edit] = []
+    i = j = 0
+    for next_i, next_j in [*_anchors(old_bits, new_bits), (len(old), len(new))]:
+        while i < next_i and j < next_j and old_bits[i] == new_bits[j]:
+            i, j = i + 1, j + 1
+        end_i, end_j = next_i, next_j
+        while end_i > i and end_j > j and old_bits[end_i - 1] == new_bits[end_j - 1]:
+            end_i, end_j = end_i - 1, end_j - 1
+        if end_i > i or end_j > j:
+            edits.append(Edit(i, tuple(old[i:end_i]), tuple(new[j:end_j])))
+        i, j = next_i, next_j
+    return tuple(edits)
+
+
+def apply_edits(edits: Sequence[Edit], items: Sequence[MissionItem]) -> tuple[MissionItem, ...]:
+    """The item list after some edits.
+
+    Raises:
+        MisuseError: it is not the list that the edits were made from.
+    """
+    result: list[MissionItem] = []
+    position = 0
+    for edit in edits:
+        end = edit.at + len(edit.removed)
+        there = items[edit.at : end]
+        if edit.at < position or [*map(_bits, there)] != [*map(_bits, edit.removed)]:
+            raise MisuseError(f"the change does not fit at item {edit.at}; make it anew from this mission")
+        result += items[position : edit.at]
+        result += edit.inserted
+        position = end
+    return (*result, *items[position:])
+
+
+def _anchors(old: list[bytes], new: list[bytes]) -> list[tuple[int, int]]:
+    """Pairs of positions of the items that occur once in each list, in their longest common order."""
+    at_old, at_new = _only_once(old), _only_once(new)
+    pairs = [(i, at_new[bits]) for bits, i in at_old.items() if bits in at_new]
+    tails: list[int] = []
+    tail_pairs: list[int] = []
+    before: list[int] = []
+    for number, (_, j) in enumerate(pairs):
+        length = bisect_left(tails, j)
+        before.append(tail_pairs[length - 1] if length else -1)
+        if length == len(tails):
+            tails.append(j)
+            tail_pairs.append(number)
+        else:
+            tails[length], tail_pairs[length] = j, number
+    chain: list[tuple[int, int]] = []
+    number = tail_pairs[-1] if tail_pairs else -1
+    while number >= 0:
+        chain.append(pairs[number])
+        number = before[number]
+    return chain[::-1]
+
+
+def _only_once(bits: list[bytes]) -> dict[bytes, int]:
+    found: dict[bytes, int] = {}
+    for position, value in enumerate(bits):
+        found[value] = -1 if value in found else position
+    return {value: position for value, position in found.items() if position >= 0}
+
+
+def _bits(item: MissionItem) -> bytes:
+    return struct.pack(
+        "<qi7d?",
+        item.command,
+        item.frame,
+        *(value for _, value in item.values()),
+        item.autocontinue,
+    )
+
+
+def _home_bits(home: GeoPoint | None) -> bytes | None:
+    return None if home is None else struct.pack("<3d", home.lat_deg, home.lon_deg, home.alt_amsl_m)

@@ -1,0 +1,354 @@
+"""The transition tables of the mission protocol: states, events, and every transition.
+
+A state machine's transitions as one table: looked up by the machine, drawn by the documentation.
+
+The vehicle's side of the mission protocol: its states, what can happen, and every transition.
+
+The client's side of an upload: its states, what can happen, and every transition.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Generic, TypeVar
+
+from mission_io.errors import MissionIoError
+
+StateT = TypeVar("StateT", bound=Enum)
+EventT = TypeVar("EventT", bound=Enum)
+
+
+class MissingRowError(MissionIoError):
+    """A transition table has no row for what happened: a mistake in this package, not of the peer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row(Generic[StateT, EventT]):
+    """In ``state``, when ``event`` happens: do ``action`` (empty: nothing) and be in ``next_state``."""
+
+    state: StateT
+    event: EventT
+    next_state: StateT
+    action: str = ""
+
+
+class Table(Generic[StateT, EventT]):
+    """Rows by state and event. What is legal and changes nothing, such as a duplicate, has a row too."""
+
+    def __init__(self, rows: Iterable[Row[StateT, EventT]]) -> None:
+        self.rows = tuple(rows)
+        self._rows = {(row.state, row.event): row for row in self.rows}
+
+    def row(self, state: StateT, event: EventT) -> Row[StateT, EventT]:
+        """The row for an event in a state.
+
+        Raises:
+            MissingRowError: the table has none.
+        """
+        try:
+            return self._rows[state, event]
+        except KeyError:
+            raise MissingRowError(f"no transition for {event.name} in {state.name}") from None
+
+
+def staying(states: Iterable[StateT], events: Iterable[EventT]) -> list[Row[StateT, EventT]]:
+    """Rows for events that change nothing in these states."""
+    events = tuple(events)
+    return [Row(state, event, state) for state in states for event in events]
+
+
+def mermaid(table: Table[StateT, EventT], start: StateT) -> str:
+    """The table as a Mermaid state diagram; events that change nothing are left out."""
+    lines = ["stateDiagram-v2", f"    [*] --> {start.name}"]
+    arrows: dict[tuple[str, str, str], list[str]] = {}
+    for row in table.rows:
+        if row.state is not row.next_state or row.action:
+            arrows.setdefault((row.state.name, row.next_state.name, row.action), []).append(row.event.name)
+    for (state, next_state, action), events in arrows.items():
+        lines.append(f"    {state} --> {next_state}: {', '.join(events)}" + (f" / {action}" if action else ""))
+    sources = {row.state for row in table.rows}
+    ends = dict.fromkeys(row.next_state.name for row in table.rows if row.next_state not in sources)
+    lines.extend(f"    {end} --> [*]" for end in ends)
+    return "\n".join(lines)
+
+
+class ServerState(Enum):
+    """What the vehicle's mission protocol is doing."""
+
+    IDLE = "no transfer"
+    RECEIVING = "an upload is going on"
+    SENDING = "a download is going on that keeps uploads out"
+
+
+class ServerEvent(Enum):
+    """What can happen to the vehicle's mission protocol."""
+
+    COUNT = "an upload is announced"
+    COUNT_ZERO = "an empty list is announced"
+    COUNT_REFUSED = "an upload is announced that cannot be taken: too long, too early, unknown list"
+    COUNT_LATE = "the upload that is going on is announced again, and this autopilot does not start over"
+    COUNT_OTHER = "another ground station, or another list, during an upload"
+    ITEM = "the item that was asked for"
+    ITEM_LAST = "the item that was asked for, and the last"
+    ITEM_BAD = "the item that was asked for, and it cannot be taken"
+    ITEM_STRAY = "an item that was not asked for"
+    ITEM_AGAIN = "the last item of the upload that just ended, once more"
+    ITEM_OTHER = "an item from another ground station, or for another list"
+    LIST = "a list is asked for"
+    LIST_HELD = "a list is asked for, and this autopilot takes no upload until it is acknowledged"
+    REQUEST = "an item of a list is asked for"
+    REQUEST_UNKNOWN = "an item that does not exist is asked for, or one that is not the next of the download"
+    REQUEST_UNHEARD = "an item is asked for outside of a download, and this autopilot wants one to be begun"
+    CLEAR = "a list is to be emptied"
+    ACK = "the ground station has everything"
+    ACK_CANCEL = "the ground station stops"
+    REREQUEST = "silence during an upload: ask again"
+    GIVE_UP = "silence during an upload for good"
+    DOWNLOAD_OVER = "silence during a download for good"
+
+
+_VehicleState, _VehicleEvent = ServerState, ServerEvent
+
+SERVER_TABLE: Table[ServerState, ServerEvent] = Table(
+    [
+        Row(_VehicleState.IDLE, _VehicleEvent.COUNT, _VehicleState.RECEIVING, "begin"),
+        Row(_VehicleState.IDLE, _VehicleEvent.COUNT_ZERO, _VehicleState.IDLE, "empty"),
+        Row(_VehicleState.IDLE, _VehicleEvent.COUNT_REFUSED, _VehicleState.IDLE, "refuse"),
+        Row(_VehicleState.IDLE, _VehicleEvent.ITEM_STRAY, _VehicleState.IDLE, "answer_idle_item"),
+        Row(_VehicleState.IDLE, _VehicleEvent.ITEM_AGAIN, _VehicleState.IDLE, "accept_again"),
+        Row(_VehicleState.IDLE, _VehicleEvent.LIST, _VehicleState.IDLE, "send_count"),
+        Row(_VehicleState.IDLE, _VehicleEvent.LIST_HELD, _VehicleState.SENDING, "send_count"),
+        Row(_VehicleState.IDLE, _VehicleEvent.REQUEST, _VehicleState.IDLE, "send_item"),
+        Row(_VehicleState.IDLE, _VehicleEvent.REQUEST_UNKNOWN, _VehicleState.IDLE, "answer_error"),
+        Row(_VehicleState.IDLE, _VehicleEvent.CLEAR, _VehicleState.IDLE, "clear"),
+        *staying([_VehicleState.IDLE], [_VehicleEvent.REQUEST_UNHEARD, _VehicleEvent.ACK, _VehicleEvent.ACK_CANCEL]),
+        #
+        Row(_VehicleState.RECEIVING, _VehicleEvent.COUNT, _VehicleState.RECEIVING, "begin"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.COUNT_ZERO, _VehicleState.IDLE, "empty"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.COUNT_REFUSED, _VehicleState.RECEIVING, "refuse"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.COUNT_LATE, _VehicleState.RECEIVING, "answer_error"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.COUNT_OTHER, _VehicleState.RECEIVING, "answer_busy"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.ITEM, _VehicleState.RECEIVING, "store"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.ITEM_LAST, _VehicleState.IDLE, "store_last"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.ITEM_BAD, _VehicleState.IDLE, "reject"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.ITEM_STRAY, _VehicleState.RECEIVING, "answer_wrong_sequence"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.ITEM_OTHER, _VehicleState.RECEIVING, "answer_other_item"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.LIST, _VehicleState.RECEIVING, "answer_busy_request"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.LIST_HELD, _VehicleState.RECEIVING, "answer_busy_request"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.REQUEST, _VehicleState.RECEIVING, "answer_busy_request"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.REQUEST_UNKNOWN, _VehicleState.RECEIVING, "answer_busy_request"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.CLEAR, _VehicleState.RECEIVING, "answer_busy_clear"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.ACK_CANCEL, _VehicleState.IDLE, "abandon"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.REREQUEST, _VehicleState.RECEIVING, "ask"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.GIVE_UP, _VehicleState.IDLE, "give_up"),
+        *staying([_VehicleState.RECEIVING], [_VehicleEvent.ACK]),
+        #
+        Row(_VehicleState.SENDING, _VehicleEvent.COUNT, _VehicleState.SENDING, "answer_busy"),
+        Row(_VehicleState.SENDING, _VehicleEvent.COUNT_ZERO, _VehicleState.SENDING, "answer_busy"),
+        Row(_VehicleState.SENDING, _VehicleEvent.COUNT_REFUSED, _VehicleState.SENDING, "refuse"),
+        Row(_VehicleState.SENDING, _VehicleEvent.ITEM_STRAY, _VehicleState.SENDING, "answer_idle_item"),
+        Row(_VehicleState.SENDING, _VehicleEvent.ITEM_AGAIN, _VehicleState.SENDING, "answer_idle_item"),
+        Row(_VehicleState.SENDING, _VehicleEvent.LIST_HELD, _VehicleState.SENDING, "send_count"),
+        Row(_VehicleState.SENDING, _VehicleEvent.REQUEST, _VehicleState.SENDING, "send_item"),
+        Row(_VehicleState.SENDING, _VehicleEvent.REQUEST_UNKNOWN, _VehicleState.IDLE, "answer_error"),
+        Row(_VehicleState.SENDING, _VehicleEvent.CLEAR, _VehicleState.SENDING, "answer_busy_clear"),
+        Row(_VehicleState.SENDING, _VehicleEvent.ACK, _VehicleState.IDLE),
+        Row(_VehicleState.SENDING, _VehicleEvent.ACK_CANCEL, _VehicleState.IDLE),
+        Row(_VehicleState.SENDING, _VehicleEvent.DOWNLOAD_OVER, _VehicleState.IDLE),
+        *staying([_VehicleState.SENDING], [_VehicleEvent.REQUEST_UNHEARD]),
+    ]
+)
+"""Every transition of the vehicle's side."""
+
+
+class UploadState(Enum):
+    """Where an upload is."""
+
+    ANNOUNCED = "COUNT sent, no item asked for yet"
+    SERVING = "items are being asked for"
+    CONFIRMING = "every item was sent; the final acknowledgement is awaited"
+    ACKED_EARLY = "an acknowledgement came before every item was sent; it may be about an earlier transfer"
+    DOUBTING = "an ERROR came that may only answer a duplicate"
+    RECHECKING = "an ERROR came after everything was sent; the list may be there already"
+    BACKING_OFF = "the vehicle was busy; COUNT goes out again later"
+    CANCELLING = "the vehicle is being told that the upload is off"
+    ACCEPTED = "the vehicle took the list"
+    UNCONFIRMED = "everything was sent, the final answer is missing or doubtful"
+    REFUSED = "the vehicle refused"
+    VEHICLE_CANCELLED = "the vehicle cancelled"
+    CANCELLED = "this side cancelled"
+    SILENT = "the vehicle fell silent"
+    ACCEPTED_EARLY = "the vehicle accepted the list before it had asked for every item"
+    STUCK = "the vehicle answers but does not get on"
+
+
+class UploadEvent(Enum):
+    """What can happen to an upload."""
+
+    REQUEST = "an item is asked for"
+    REQUEST_LAST = "an item is asked for, and with it the last one goes out"
+    REQUEST_CROSSED = "an item is asked for again that is on its way already, or too often"
+    REQUEST_UNKNOWN = "an item that does not exist is asked for"
+    ACK_ACCEPTED = "acknowledged"
+    ACK_EARLY = "acknowledged although no item was asked for, and not for the first time"
+    ACK_EMPTIED = "acknowledged, and the list is empty"
+    ACK_BUSY = "no space, or denied: busy or just booted"
+    ACK_SEQUENCE = "an item came out of sequence: it was there already, or one before it is missing"
+    ACK_ERROR = "the result without a reason"
+    ACK_REFUSED = "a result that says what is wrong"
+    ACK_GAVE_UP = "the vehicle gave up, as after a long silence: begin anew"
+    ACK_CANCELLED = "the vehicle gave up, and beginning anew did not help"
+    RESEND = "silence: say it again"
+    RESEND_LAST = "silence: say it again, and with it the last item goes out"
+    STALL = "long silence: begin anew"
+    NO_PROGRESS = "for long no item was asked for that had not been asked for before"
+    GIVE_UP = "silence for good"
+    RETRY = "waited long enough for a busy vehicle"
+    EXHAUSTED = "busy for too long"
+    DOUBT_OVER = "no sign that the transfer goes on"
+    DOUBT_CONFIRMED = "the same, and beginning anew did not help"
+    LINGER_OVER = "told it often enough"
+    CANCEL = "this side wants to stop"
+
+
+_S, _E = UploadState, UploadEvent
+_ALL_ACKS = (
+    _E.ACK_ACCEPTED,
+    _E.ACK_EMPTIED,
+    _E.ACK_BUSY,
+    _E.ACK_SEQUENCE,
+    _E.ACK_ERROR,
+    _E.ACK_REFUSED,
+    _E.ACK_CANCELLED,
+)
+_LIVE = (_S.ANNOUNCED, _S.SERVING, _S.CONFIRMING, _S.ACKED_EARLY, _S.DOUBTING, _S.RECHECKING, _S.BACKING_OFF)
+_WITHOUT_AN_END = (_S.ANNOUNCED, _S.SERVING, _S.CONFIRMING)
+
+UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
+    [
+        Row(_S.ANNOUNCED, _E.REQUEST, _S.SERVING, "send_items"),
+        Row(_S.ANNOUNCED, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
+        Row(_S.ANNOUNCED, _E.ACK_EMPTIED, _S.ACCEPTED),
+        Row(_S.ANNOUNCED, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
+        # PX4 has no other word for "busy with another ground station" than ERROR.
+        Row(_S.ANNOUNCED, _E.ACK_ERROR, _S.BACKING_OFF, "note_busy"),
+        Row(_S.ANNOUNCED, _E.ACK_REFUSED, _S.REFUSED),
+        Row(_S.ANNOUNCED, _E.RESEND, _S.ANNOUNCED, "resend_count"),
+        Row(_S.ANNOUNCED, _E.GIVE_UP, _S.SILENT),
+        Row(_S.ANNOUNCED, _E.ACK_EARLY, _S.ACCEPTED_EARLY, "send_cancel"),
+        # Leftovers of an earlier transfer: its acknowledgement, its requests, the vehicle giving it up.
+        *staying([_S.ANNOUNCED], [_E.REQUEST_UNKNOWN, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE, _E.ACK_CANCELLED]),
+        #
+        Row(_S.SERVING, _E.REQUEST, _S.SERVING, "send_items"),
+        Row(_S.SERVING, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
+        Row(_S.SERVING, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
+        # PX4 answers a late duplicate of COUNT so, and goes on with the transfer.
+        Row(_S.SERVING, _E.ACK_ERROR, _S.DOUBTING),
+        Row(_S.SERVING, _E.ACK_REFUSED, _S.REFUSED),
+        Row(_S.SERVING, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
+        Row(_S.SERVING, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
+        Row(_S.SERVING, _E.RESEND, _S.SERVING, "resend_items"),
+        Row(_S.SERVING, _E.RESEND_LAST, _S.CONFIRMING, "resend_items"),
+        Row(_S.SERVING, _E.STALL, _S.ANNOUNCED, "begin_anew"),
+        # It may belong to an earlier transfer; then this one goes on.
+        Row(_S.SERVING, _E.ACK_ACCEPTED, _S.ACKED_EARLY),
+        *staying([_S.SERVING], [_E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE]),
+        #
+        Row(_S.ACKED_EARLY, _E.REQUEST, _S.SERVING, "send_items"),
+        Row(_S.ACKED_EARLY, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
+        Row(_S.ACKED_EARLY, _E.ACK_ACCEPTED, _S.ACCEPTED_EARLY, "send_cancel"),
+        Row(_S.ACKED_EARLY, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
+        Row(_S.ACKED_EARLY, _E.ACK_REFUSED, _S.REFUSED),
+        Row(_S.ACKED_EARLY, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
+        Row(_S.ACKED_EARLY, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
+        # Sent although it may be the last: an acknowledgement is no proof here any more.
+        Row(_S.ACKED_EARLY, _E.RESEND, _S.ACKED_EARLY, "resend_items"),
+        Row(_S.ACKED_EARLY, _E.RESEND_LAST, _S.ACKED_EARLY, "resend_items"),
+        Row(_S.ACKED_EARLY, _E.DOUBT_OVER, _S.ACCEPTED_EARLY, "send_cancel"),
+        *staying([_S.ACKED_EARLY], [_E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE, _E.ACK_ERROR]),
+        #
+        Row(_S.CONFIRMING, _E.REQUEST, _S.CONFIRMING, "send_items"),
+        Row(_S.CONFIRMING, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
+        Row(_S.CONFIRMING, _E.ACK_ACCEPTED, _S.ACCEPTED),
+        Row(_S.CONFIRMING, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
+        # Autopilots answer an item so when they have the whole list already and their acknowledgement was lost.
+        Row(_S.CONFIRMING, _E.ACK_ERROR, _S.RECHECKING),
+        Row(_S.CONFIRMING, _E.ACK_REFUSED, _S.REFUSED),
+        Row(_S.CONFIRMING, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
+        Row(_S.CONFIRMING, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
+        Row(_S.CONFIRMING, _E.RESEND, _S.CONFIRMING, "resend_items"),
+        Row(_S.CONFIRMING, _E.RESEND_LAST, _S.CONFIRMING, "resend_items"),
+        Row(_S.CONFIRMING, _E.STALL, _S.UNCONFIRMED),
+        *staying([_S.CONFIRMING], [_E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE]),
+        #
+        Row(_S.RECHECKING, _E.REQUEST, _S.CONFIRMING, "send_items"),
+        Row(_S.RECHECKING, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
+        # PX4 answers the last item but one with ERROR and the last with ACCEPTED, once it has them.
+        Row(_S.RECHECKING, _E.ACK_ACCEPTED, _S.ACCEPTED),
+        Row(_S.RECHECKING, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
+        Row(_S.RECHECKING, _E.ACK_REFUSED, _S.REFUSED),
+        Row(_S.RECHECKING, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
+        Row(_S.RECHECKING, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
+        Row(_S.RECHECKING, _E.DOUBT_OVER, _S.UNCONFIRMED),
+        *staying([_S.RECHECKING], [_E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE, _E.ACK_ERROR]),
+        #
+        Row(_S.DOUBTING, _E.REQUEST, _S.SERVING, "send_items"),
+        Row(_S.DOUBTING, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
+        Row(_S.DOUBTING, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
+        Row(_S.DOUBTING, _E.ACK_REFUSED, _S.REFUSED),
+        Row(_S.DOUBTING, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
+        Row(_S.DOUBTING, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
+        Row(_S.DOUBTING, _E.RESEND, _S.DOUBTING, "resend_items"),
+        Row(_S.DOUBTING, _E.RESEND_LAST, _S.RECHECKING, "resend_items"),
+        # The vehicle may have given up, and the message that said so was lost.
+        Row(_S.DOUBTING, _E.DOUBT_OVER, _S.ANNOUNCED, "restart"),
+        Row(_S.DOUBTING, _E.DOUBT_CONFIRMED, _S.REFUSED),
+        *staying(
+            [_S.DOUBTING],
+            [_E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE, _E.ACK_ERROR],
+        ),
+        #
+        Row(_S.BACKING_OFF, _E.REQUEST, _S.SERVING, "send_items"),
+        Row(_S.BACKING_OFF, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
+        Row(_S.BACKING_OFF, _E.ACK_EMPTIED, _S.ACCEPTED),
+        Row(_S.BACKING_OFF, _E.ACK_REFUSED, _S.REFUSED),
+        Row(_S.BACKING_OFF, _E.RETRY, _S.ANNOUNCED, "ask_anew"),
+        Row(_S.BACKING_OFF, _E.EXHAUSTED, _S.REFUSED),
+        *staying(
+            [_S.BACKING_OFF],
+            [
+                _E.REQUEST_CROSSED,
+                _E.REQUEST_UNKNOWN,
+                _E.ACK_ACCEPTED,
+                _E.ACK_BUSY,
+                _E.ACK_SEQUENCE,
+                _E.ACK_ERROR,
+                _E.ACK_CANCELLED,
+            ],
+        ),
+        #
+        *(Row(state, _E.NO_PROGRESS, _S.STUCK, "send_cancel") for state in _WITHOUT_AN_END),
+        *(Row(state, _E.CANCEL, _S.CANCELLING, "send_cancel") for state in _LIVE),
+        *(
+            Row(_S.CANCELLING, event, _S.CANCELLING, "send_cancel")
+            for event in (_E.REQUEST, _E.REQUEST_LAST, _E.REQUEST_UNKNOWN)
+        ),
+        *(Row(_S.CANCELLING, event, _S.CANCELLED) for event in _ALL_ACKS),
+        Row(_S.CANCELLING, _E.LINGER_OVER, _S.CANCELLED),
+        *staying([_S.CANCELLING], [_E.CANCEL, _E.REQUEST_CROSSED]),
+    ]
+)
+"""Every transition of an upload. A finished upload listens to nothing."""
+
+UPLOAD_ENDS = frozenset(
+    {
+        _S.ACCEPTED,
+        _S.UNCONFIRMED,
+        _S.REFUSED,
+        _S.VEHICLE_CANCELLED,
+        _S.CANCELLED,
+        _S.SILENT,
+        _S.ACCEPTED_EARLY,
+        _S.STUCK,
+    }
+)

@@ -1,0 +1,1 @@
+"""Bytes to frames to messages, and back. No sockets."""

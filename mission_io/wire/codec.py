@@ -1,0 +1,159 @@
+"""MAVLink bytes to messages and back.
+
+What the bytes of each message mean is in ``message_table``. Frames are found by their checksum, so garbage, damaged and
+unknown messages are skipped and counted, and a datagram holds nothing back for the next. MAVLink 2 is spoken, and
+MAVLink 1 to peers that speak nothing else.
+"""
+
+import struct
+from collections import Counter
+from dataclasses import replace
+from typing import Any
+
+from mission_io.errors import MisuseError
+from mission_io.wire import messages as m
+from mission_io.wire.framing import SIGNED_FLAG, Framer, WireFrame, mavlink1_frame, mavlink2_frame
+from mission_io.wire.message_table import BY_CLASS, BY_ID, MessageRow
+from mission_io.wire.signing import Signing, Verdict
+from mission_io.wire.statistics import LinkStatistics, SequenceCounter
+
+
+def message_id(kind: type[Any]) -> int:
+    """The number that MAVLink gives a kind of message, as SET_MESSAGE_INTERVAL and REQUEST_MESSAGE want it."""
+    return BY_CLASS[kind].layout.message_id
+
+
+_REMEMBERED = 200
+"""Frames of our own that are known when they come back; fewer than there are sequence numbers."""
+
+_USE_2 = "the peer speaks nothing newer: switch its link to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
+_WHAT_IS_NEW = {"mission_type": "fences and rally points"}
+
+
+class Codec:
+    """Speaks as one system and component; keeps the sequence number of what it sends and counts what it skips.
+
+    Args:
+        system_id: The MAVLink system that it speaks as.
+        component_id: The component.
+        signing: Signs what is sent and refuses what is not signed with the same key; None does neither.
+
+    Attributes:
+        version: The MAVLink version that is spoken: 2, or 1 to peers that know no other.
+    """
+
+    def __init__(self, *, system_id: int, component_id: int, signing: Signing | None = None) -> None:
+        for name, value in (("system_id", system_id), ("component_id", component_id)):
+            if not 1 <= value <= 255:
+                raise MisuseError(f"{name} is {value}, MAVLink has 1 to 255")
+        self.system_id, self.component_id = system_id, component_id
+        self.signing = signing
+        self.version = 2
+        self._seq = 0
+        self._sent: dict[bytes, None] = {}
+        self._framer = Framer()
+        self._sequence = SequenceCounter()
+        self._counts: Counter[str] = Counter()
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """What was sent, received, lost and refused up to now."""
+        framing = self._framer.counts
+        return LinkStatistics(
+            **self._counts,
+            lost=self._sequence.lost,
+            late=self._sequence.late,
+            duplicates=self._sequence.duplicates,
+            checksum_errors=framing.checksum_errors,
+            truncated_frames=framing.truncated_frames,
+            garbage_bytes=framing.garbage_bytes,
+        )
+
+    def encode(self, message: m.Message) -> bytes:
+        """The bytes of one message.
+
+        Raises:
+            MisuseError: a value that does not fit its MAVLink field, or that does not exist in MAVLink 1 when that is
+                spoken; it names the message and the field.
+        """
+        row = BY_CLASS[type(message)]
+        frame = self._frame_1(row, message) if self.version == 1 else self._frame_2(row, message)
+        self._seq = (self._seq + 1) % 256
+        self._counts["frames_out"] += 1
+        self._sent[frame] = None
+        if len(self._sent) > _REMEMBERED:
+            del self._sent[next(iter(self._sent))]
+        return frame
+
+    def _frame_2(self, row: MessageRow, message: m.Message) -> bytes:
+        signing = self.signing
+        flags = 0 if signing is None else SIGNED_FLAG
+        frame = mavlink2_frame(
+            row.layout.message_id,
+            _payload(row, message),
+            seq=self._seq,
+            system_id=self.system_id,
+            component_id=self.component_id,
+            flags=flags,
+        )
+        return frame if signing is None else frame + signing.signature(frame)
+
+    def _frame_1(self, row: MessageRow, message: m.Message) -> bytes:
+        if self.signing is not None:
+            raise MisuseError(f"MAVLink 1 cannot be signed; {_USE_2}")
+        for name, unsaid in row.extensions.items():
+            value = getattr(message, name)
+            if value != unsaid:
+                what = _WHAT_IS_NEW.get(name, f"{name} = {value}")
+                raise MisuseError(f"{row.layout.name.upper()}: {what} do not exist in MAVLink 1; {_USE_2}")
+        return mavlink1_frame(
+            row.layout.message_id,
+            _payload(row, message)[: row.size_1],
+            seq=self._seq,
+            system_id=self.system_id,
+            component_id=self.component_id,
+        )
+
+    def decode(self, datagram: bytes) -> list[m.Received]:
+        """The messages in one datagram, in order. Never raises on what a peer sent."""
+        found: list[m.Received] = []
+        for frame in [*self._framer.feed(datagram), *self._framer.end()]:
+            self._counts["frames_in"] += 1
+            if frame.data in self._sent:
+                self._counts["echoes"] += 1
+                continue
+            verdict = Verdict.ACCEPTED if self.signing is None else self.signing.judge(frame)
+            if verdict is not Verdict.ACCEPTED:
+                self._counts[verdict.value] += 1
+                continue
+            if frame.signature and self.signing is None:
+                self._counts["signed"] += 1
+            self._sequence.take((frame.system_id, frame.component_id), frame.seq)
+            row = BY_ID.get(frame.message_id)
+            if row is None:
+                self._counts["other_kinds"] += 1
+                continue
+            found.append(m.Received(_message_of(row, frame), frame.system_id, frame.component_id, frame.version))
+        return found
+
+
+def _payload(row: MessageRow, message: m.Message) -> bytes:
+    values = list(row.constants)
+    for field, slot, value in zip(row.fields, row.slots, row.attributes(message), strict=True):
+        values[slot] = value if field.encode is None else field.encode(value)
+    try:
+        return row.layout.struct.pack(*values)
+    except (struct.error, OverflowError) as error:
+        raise MisuseError(f"{message} does not fit in {row.layout.name.upper()}: {error}") from None
+
+
+def _message_of(row: MessageRow, frame: WireFrame) -> m.Message:
+    """Our message; what does not exist in MAVLink 1 keeps its default when that was spoken."""
+    size = row.layout.struct.size
+    wire = row.layout.struct.unpack(frame.payload[:size].ljust(size, b"\0"))
+    values = [
+        take(wire) if field.decode is None else field.decode(take(wire))
+        for field, take in zip(row.fields, row.takers, strict=True)
+    ]
+    message = row.ours(*values)
+    return replace(message, **row.extensions) if frame.version == 1 and row.extensions else message

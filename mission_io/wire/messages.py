@@ -1,0 +1,372 @@
+"""The MAVLink messages that mission_io speaks, as plain data in degrees, metres, metres per second and seconds.
+
+The codec turns bytes into these and back. Numbers that MAVLink scales to integers are given in units here, exactly:
+``lat_deg`` is the nearest double to the integer divided by 1e7. A field is None where MAVLink's value says "unknown".
+Fields named ``target_system`` and ``target_component`` say whom a message is for; 0 is everybody.
+"""
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from mission_io.model.enums import MissionState, ModeFlag
+from mission_io.model.items import MissionType
+from mission_io.wire.telemetry_messages import PREARM_CHECK_BIT as PREARM_CHECK_BIT
+from mission_io.wire.telemetry_messages import BatteryStatus as BatteryStatus
+from mission_io.wire.telemetry_messages import EkfStatusReport as EkfStatusReport
+from mission_io.wire.telemetry_messages import GpsRawInt as GpsRawInt
+from mission_io.wire.telemetry_messages import LogData as LogData
+from mission_io.wire.telemetry_messages import LogEntry as LogEntry
+from mission_io.wire.telemetry_messages import LogRequestData as LogRequestData
+from mission_io.wire.telemetry_messages import LogRequestEnd as LogRequestEnd
+from mission_io.wire.telemetry_messages import LogRequestList as LogRequestList
+from mission_io.wire.telemetry_messages import ParamRequestList as ParamRequestList
+from mission_io.wire.telemetry_messages import ParamRequestRead as ParamRequestRead
+from mission_io.wire.telemetry_messages import ParamSet as ParamSet
+from mission_io.wire.telemetry_messages import ParamValue as ParamValue
+from mission_io.wire.telemetry_messages import RadioStatus as RadioStatus
+from mission_io.wire.telemetry_messages import RequestDataStream as RequestDataStream
+from mission_io.wire.telemetry_messages import SysStatus as SysStatus
+from mission_io.wire.telemetry_messages import TerrainData as TerrainData
+from mission_io.wire.telemetry_messages import TerrainReport as TerrainReport
+from mission_io.wire.telemetry_messages import TerrainRequest as TerrainRequest
+from mission_io.wire.telemetry_messages import VfrHud as VfrHud
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """A sender is alive. ``custom_mode`` is the autopilot's own mode number."""
+
+    autopilot: int
+    vehicle_type: int
+    base_mode: int = 0
+    custom_mode: int = 0
+    system_status: int = 0
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors may turn."""
+        return bool(self.base_mode & ModeFlag.SAFETY_ARMED)
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalPositionInt:
+    """Where the vehicle believes it is. Velocity is north, east, down; heading in degrees, None when unknown."""
+
+    time_boot_s: float
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+    alt_above_home_m: float
+    velocity_north_m_s: float
+    velocity_east_m_s: float
+    velocity_down_m_s: float
+    heading_deg: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """Roll, pitch and yaw in radians and their rates in radians per second."""
+
+    time_boot_s: float
+    roll_rad: float
+    pitch_rad: float
+    yaw_rad: float
+    roll_rate_rad_s: float
+    pitch_rate_rad_s: float
+    yaw_rate_rad_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class HomePosition:
+    """Where the vehicle's heights above home start, and where it returns to."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class MissionCurrent:
+    """The item the vehicle flies to.
+
+    ``total`` is None when the vehicle does not say (65535). ``mission_id`` is another number for each mission that the vehicle
+    holds; 0 where it has none.
+    """
+
+    seq: int
+    total: int | None = None
+    state: int = MissionState.UNKNOWN
+    mission_id: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class MissionItemReached:
+    """The vehicle reached an item; may be repeated, and may be skipped."""
+
+    seq: int
+
+
+@dataclass(frozen=True, slots=True)
+class StatusText:
+    """A line for the pilot; severity 0 is an emergency and 7 is debug.
+
+    Attributes:
+        severity: How bad it is.
+        text: The line, or a piece of it.
+        text_id: Other than 0 for a line that comes in pieces of 50 letters; the same for all of them.
+        chunk: The piece's number; the last one has fewer letters.
+    """
+
+    severity: int
+    text: str
+    text_id: int = 0
+    chunk: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class CommandLong:
+    """A command with seven parameters."""
+
+    target_system: int
+    target_component: int
+    command: int
+    params: tuple[float, float, float, float, float, float, float]
+    confirmation: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class CommandInt:
+    """A command with a position; ``x`` and ``y`` as they are on the wire (degrees times 1e7 in a global frame)."""
+
+    target_system: int
+    target_component: int
+    frame: int
+    command: int
+    params: tuple[float, float, float, float]
+    x: int
+    y: int
+    z: float
+
+
+@dataclass(frozen=True, slots=True)
+class CommandAck:
+    """The answer to a command; ``progress`` in per cent when the result is IN_PROGRESS (255 unknown)."""
+
+    command: int
+    result: int
+    progress: int = 0
+    result_param2: int = 0
+    target_system: int = 0
+    target_component: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ExtendedSysState:
+    """Whether the vehicle is on the ground (a LandedState number)."""
+
+    landed_state: int
+    vtol_state: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class MissionCount:
+    """How many items the sender is going to send."""
+
+    target_system: int
+    target_component: int
+    count: int
+    mission_type: int = MissionType.MISSION
+
+
+@dataclass(frozen=True, slots=True)
+class MissionRequest:
+    """Asks for an item, in the deprecated form; answered like the other."""
+
+    target_system: int
+    target_component: int
+    seq: int
+    mission_type: int = MissionType.MISSION
+
+
+@dataclass(frozen=True, slots=True)
+class MissionRequestInt:
+    """Asks for an item."""
+
+    target_system: int
+    target_component: int
+    seq: int
+    mission_type: int = MissionType.MISSION
+
+
+@dataclass(frozen=True, slots=True)
+class MissionItemInt:
+    """One item; ``x`` and ``y`` as on the wire: degrees times 1e7, or plain numbers in frame 2. ``z`` in metres."""
+
+    target_system: int
+    target_component: int
+    seq: int
+    frame: int
+    command: int
+    params: tuple[float, float, float, float]
+    x: int
+    y: int
+    z: float
+    current: int = 0
+    autocontinue: int = 1
+    mission_type: int = MissionType.MISSION
+
+
+@dataclass(frozen=True, slots=True)
+class MissionItemFloat:
+    """One item in the deprecated form: 32-bit degrees, good to 0.2 m. Read, never sent by this package."""
+
+    target_system: int
+    target_component: int
+    seq: int
+    frame: int
+    command: int
+    params: tuple[float, float, float, float]
+    x: float
+    y: float
+    z: float
+    current: int = 0
+    autocontinue: int = 1
+    mission_type: int = MissionType.MISSION
+
+
+@dataclass(frozen=True, slots=True)
+class MissionAck:
+    """Ends a transfer or a clear; ``result`` is a MissionResult number."""
+
+    target_system: int
+    target_component: int
+    result: int
+    mission_type: int = MissionType.MISSION
+
+
+@dataclass(frozen=True, slots=True)
+class MissionRequestList:
+    """Asks for a list; answered by its count."""
+
+    target_system: int
+    target_component: int
+    mission_type: int = MissionType.MISSION
+
+
+@dataclass(frozen=True, slots=True)
+class MissionClearAll:
+    """Asks to empty a list (255: all of them)."""
+
+    target_system: int
+    target_component: int
+    mission_type: int = MissionType.MISSION
+
+
+@dataclass(frozen=True, slots=True)
+class MissionSetCurrent:
+    """Asks to go on with another item."""
+
+    target_system: int
+    target_component: int
+    seq: int
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotVersion:
+    """What the autopilot can do (MAV_PROTOCOL_CAPABILITY bits) and which release it is."""
+
+    capabilities: int
+    flight_sw_version: int = 0
+    uid: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class SetMode:
+    """Asks for another flight mode."""
+
+    target_system: int
+    base_mode: int
+    custom_mode: int
+
+
+@dataclass(frozen=True, slots=True)
+class SystemTime:
+    """Time since 1970 in UTC, 0 when unknown, and since boot; seconds."""
+
+    time_unix_s: float
+    time_boot_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class TimeSync:
+    """A question for the other side's time, or the answer to one.
+
+    ``asked_ns`` is the time of who asks, which the answer repeats; ``answered_ns`` is the time of who answers, 0 in a question.
+    """
+
+    answered_ns: int
+    asked_ns: int
+
+
+Message: TypeAlias = (
+    Heartbeat
+    | GlobalPositionInt
+    | Attitude
+    | HomePosition
+    | MissionCurrent
+    | MissionItemReached
+    | StatusText
+    | CommandLong
+    | CommandInt
+    | CommandAck
+    | SysStatus
+    | GpsRawInt
+    | EkfStatusReport
+    | ExtendedSysState
+    | MissionCount
+    | MissionRequest
+    | MissionRequestInt
+    | MissionItemInt
+    | MissionItemFloat
+    | MissionAck
+    | MissionRequestList
+    | MissionClearAll
+    | MissionSetCurrent
+    | AutopilotVersion
+    | SetMode
+    | ParamRequestRead
+    | ParamSet
+    | ParamValue
+    | SystemTime
+    | TimeSync
+    | RadioStatus
+    | BatteryStatus
+    | VfrHud
+    | ParamRequestList
+    | RequestDataStream
+    | TerrainRequest
+    | TerrainData
+    | TerrainReport
+    | LogRequestList
+    | LogEntry
+    | LogRequestData
+    | LogData
+    | LogRequestEnd
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """A message, who sent it, and in which version of MAVLink."""
+
+    message: Message
+    system_id: int
+    component_id: int
+    mavlink_version: int = 2
+
+
+def is_for(message: Message, *, system_id: int, component_id: int) -> bool:
+    """Whether a message is addressed to this system and component, to everybody, or to nobody in particular."""
+    to_system = getattr(message, "target_system", 0)
+    to_component = getattr(message, "target_component", 0)
+    return to_system in (0, system_id) and to_component in (0, component_id)

@@ -1,0 +1,333 @@
+"""MAVLink 2 signing: who may speak on a link, by a key that both ends know, and the private files of keys.
+
+Files that are nobody else's business: signing keys, and the timestamps beside them.
+
+MAVLink 2 signing: who may speak on a link, by a key that both ends know.
+
+A signature is the first 48 bits of SHA-256 over key, frame, link id and a timestamp that only ever grows
+(https://mavlink.io/en/guide/message_signing.html). Timestamps count 10 microseconds since 2015-01-01 UTC.
+"""
+
+import hashlib
+import hmac
+import os
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Final, Protocol, Self
+
+from mission_io.clock import UnixClock
+from mission_io.errors import LinkError, MisuseError
+from mission_io.wire.framing import WireFrame
+
+TIMESTAMP_SUFFIX: Final = ".timestamp"
+
+
+def read_private(path: Path, *, what: str, largest: int) -> bytes:
+    """The content of a file that only its owner may read.
+
+    Args:
+        path: The file.
+        what: What it is, for the error.
+        largest: More bytes than this are refused.
+
+    Raises:
+        MisuseError: it cannot be read, is no file, is too large, or its group or others may read or write it.
+    """
+    try:
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    except OSError as error:
+        raise MisuseError(f"cannot read the {what} {path}: {error.strerror}") from None
+    try:
+        status = os.fstat(handle)
+        if not stat.S_ISREG(status.st_mode):
+            raise MisuseError(f"cannot read the {what} {path}: it is no file")
+        mode = stat.S_IMODE(status.st_mode)
+        if mode & 0o077:
+            raise MisuseError(f"others may read or write the {what} {path} (mode {mode:03o}); run: chmod 600 {path}")
+        content = os.read(handle, largest + 1)
+    finally:
+        os.close(handle)
+    if len(content) > largest:
+        raise MisuseError(f"the {what} {path} has more than {largest} bytes; is it the right file?")
+    return content
+
+
+class TimestampFile:
+    """Keeps a key's highest timestamp in a file beside it (``KEY.timestamp``), for all programs that use the key.
+
+    Args:
+        key_path: The file of the key; locked while the timestamp is changed.
+    """
+
+    def __init__(self, key_path: Path) -> None:
+        self._key_path = key_path
+        self.path = key_path.with_name(key_path.name + TIMESTAMP_SUFFIX)
+
+    def read(self) -> int:
+        """The timestamp; 0 when there is none yet.
+
+        Raises:
+            LinkError: the file is there and cannot be read, or holds no number.
+        """
+        try:
+            text = self.path.read_text(encoding="ascii").strip()
+        except FileNotFoundError:
+            return 0
+        except (OSError, UnicodeError) as error:
+            raise LinkError(f"cannot read the signing timestamp {self.path}: {error}") from None
+        if not (text.isdigit() and int(text) < 2**48):
+            raise LinkError(
+                f"{self.path} holds no signing timestamp; put it back from a copy, or delete it and make a new key"
+            )
+        return int(text)
+
+    def raise_to(self, timestamp: int) -> None:
+        """Keep this one unless a higher one is kept already; it is on the disk when this returns.
+
+        Raises:
+            LinkError: it cannot be written.
+        """
+        with self._locked():
+            if timestamp > self.read():
+                self._write(timestamp)
+
+    def settle(self, reserved: int, used: int) -> None:
+        """Keep ``used`` in the place of ``reserved``, unless another program has raised it since."""
+        with self._locked():
+            if self.read() == reserved:
+                self._write(used)
+
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        try:
+            import fcntl
+        except ImportError:  # Windows
+            raise MisuseError("signing needs file locks, which this system has not") from None
+        try:
+            handle = os.open(self._key_path, os.O_RDONLY)
+        except OSError as error:
+            raise LinkError(f"cannot lock the signing key {self._key_path}: {error.strerror}") from None
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(handle)
+
+    def _write(self, timestamp: int) -> None:
+        temporary = None
+        try:
+            handle, temporary = tempfile.mkstemp(dir=self.path.parent, prefix=self.path.name + ".")
+            with os.fdopen(handle, "w", encoding="ascii") as file:
+                file.write(f"{timestamp}\n")
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, self.path)
+        except OSError as error:
+            if temporary is not None:
+                Path(temporary).unlink(missing_ok=True)
+            raise LinkError(
+                f"cannot write the signing timestamp {self.path}: {error.strerror}; signing must remember it"
+            ) from None
+
+
+TICKS_PER_S: Final = 100_000
+EPOCH_UNIX_S: Final = 1_420_070_400
+"""2015-01-01 00:00 UTC, where timestamps begin, in seconds since 1970."""
+
+NEW_STREAM_TICKS: Final = 60 * TICKS_PER_S
+"""How far behind our own time a sender's first timestamp may be."""
+
+UNSIGNED_ALLOWED: Final = frozenset({109, 166})
+"""RADIO_STATUS and RADIO: telemetry radios put them into the stream, and have no key to sign them with."""
+
+_RESERVED_TICKS = 5 * TICKS_PER_S
+_LATEST = 2**48 - 1
+_KEY_SIZE, _DIGEST_SIZE = 32, 6
+_LARGEST_KEY_FILE = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class SigningKey:
+    """The 32 bytes that both ends of a signed link know. Never shown in texts.
+
+    Attributes:
+        secret: The bytes.
+        path: The file they came from, beside which the timestamps are kept; None for a key that was given otherwise.
+    """
+
+    secret: bytes
+    path: Path | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a key of another length."""
+        if len(self.secret) != _KEY_SIZE:
+            raise MisuseError(f"a signing key has {_KEY_SIZE} bytes, this one has {len(self.secret)}")
+
+    def __repr__(self) -> str:
+        return f"SigningKey(path={str(self.path) if self.path is not None else None!r})"
+
+    @classmethod
+    def from_passphrase(cls, passphrase: str) -> Self:
+        """The key that Mission Planner and MAVProxy make of a passphrase: its SHA-256.
+
+        Raises:
+            MisuseError: an empty passphrase.
+        """
+        if not passphrase:
+            raise MisuseError("the signing passphrase is empty")
+        return cls(hashlib.sha256(passphrase.encode()).digest())
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> Self:
+        """Read a key from a file that nobody else may read.
+
+        The file holds 64 hexadecimal digits (the key), or one line of other text (a passphrase), or 32 bytes that are
+        no text (the key).
+
+        Raises:
+            MisuseError: there is no such file, others may read it, or it holds none of these; the line says what to do.
+        """
+        path = Path(path)
+        content = read_private(path, what="signing key", largest=_LARGEST_KEY_FILE)
+        return cls(_secret_in(content, path), path)
+
+
+class TimestampStore(Protocol):
+    """Where the highest timestamp that a key was used with is kept while nothing runs."""
+
+    def read(self) -> int:
+        """The timestamp; 0 when there is none yet."""
+        ...
+
+    def raise_to(self, timestamp: int) -> None:
+        """Keep this one unless a higher one is kept already."""
+        ...
+
+    def settle(self, reserved: int, used: int) -> None:
+        """Keep ``used`` in the place of ``reserved``, unless another program has raised it since."""
+        ...
+
+
+class UnsavedTimestamps:
+    """Keeps timestamps as long as the program runs: for tests, and for a key without a file on a machine with a clock."""
+
+    def __init__(self) -> None:
+        self._timestamp = 0
+
+    def read(self) -> int:
+        """The timestamp; 0 when there is none yet."""
+        return self._timestamp
+
+    def raise_to(self, timestamp: int) -> None:
+        """Keep this one unless a higher one is kept already."""
+        self._timestamp = max(self._timestamp, timestamp)
+
+    def settle(self, reserved: int, used: int) -> None:
+        """Keep ``used`` in the place of ``reserved``."""
+        if self._timestamp == reserved:
+            self._timestamp = used
+
+
+class Verdict(Enum):
+    """Whether a frame may be believed."""
+
+    ACCEPTED = "accepted"
+    UNSIGNED = "unsigned"
+    FORGED = "forged"
+    REPLAYED = "replayed"
+
+
+class Signing:
+    """Signs what one end of a link sends and judges what it receives.
+
+    Timestamps never repeat, not even after a crash or when the clock goes back: they are reserved in the store some
+    seconds ahead before they are used.
+
+    Args:
+        key: What both ends know.
+        clock: The time in seconds since 1970.
+        store: Keeps the timestamps.
+        link_id: Tells apart the links of one sender, 0 to 255.
+    """
+
+    def __init__(self, key: SigningKey, *, clock: UnixClock, store: TimestampStore, link_id: int = 0) -> None:
+        if not 0 <= link_id <= 255:
+            raise MisuseError(f"link_id is {link_id}, MAVLink has 0 to 255")
+        self._secret, self._clock, self._store = key.secret, clock, store
+        self._link_id = link_id
+        self._used = self._reserved = store.read()
+        self._heard: dict[tuple[int, int, int], int] = {}
+
+    def signature(self, frame: bytes) -> bytes:
+        """The 13 bytes that go behind a frame whose flag says that it is signed.
+
+        Raises:
+            MisuseError: somebody with the key has used the last timestamp there is.
+        """
+        self._used = max(self._used + 1, self._now())
+        if self._used > _LATEST:
+            raise MisuseError("the signing timestamps of this key are used up; make a new key for both ends")
+        if self._used > self._reserved:
+            self._reserved = min(self._used + _RESERVED_TICKS, _LATEST)
+            self._store.raise_to(self._reserved)
+        tail = bytes([self._link_id]) + self._used.to_bytes(6, "little")
+        return tail + self._digest(frame + tail)
+
+    def judge(self, frame: WireFrame) -> Verdict:
+        """Whether a frame may be believed; remembers its timestamp if so."""
+        if not frame.signature:
+            return Verdict.ACCEPTED if frame.message_id in UNSIGNED_ALLOWED else Verdict.UNSIGNED
+        if not hmac.compare_digest(self._digest(frame.data[:-_DIGEST_SIZE]), frame.data[-_DIGEST_SIZE:]):
+            return Verdict.FORGED
+        stream = (frame.system_id, frame.component_id, frame.signature[0])
+        timestamp = int.from_bytes(frame.signature[1:7], "little")
+        newest = self._heard.get(stream)
+        oldest = max(self._used, self._now()) - NEW_STREAM_TICKS if newest is None else newest + 1
+        if timestamp < oldest:
+            return Verdict.REPLAYED
+        self._heard[stream] = timestamp
+        self._used = max(self._used, timestamp)
+        return Verdict.ACCEPTED
+
+    def close(self) -> None:
+        """Give back the timestamps that were reserved and not used."""
+        if self._reserved > self._used:
+            self._store.settle(self._reserved, self._used)
+            self._reserved = self._used
+
+    def _now(self) -> int:
+        return int((self._clock.unix_s() - EPOCH_UNIX_S) * TICKS_PER_S)
+
+    def _digest(self, data: bytes) -> bytes:
+        return hashlib.sha256(self._secret + data).digest()[:_DIGEST_SIZE]
+
+
+def _secret_in(content: bytes, path: Path) -> bytes:
+    """The key that a file's content stands for."""
+    try:
+        text = content.decode()
+    except UnicodeDecodeError:
+        text = None
+    printable = text is not None and text.rstrip("\r\n").isprintable()
+    if text is None or not printable:
+        if len(content) == _KEY_SIZE:
+            return content
+        raise MisuseError(
+            f"{path}: neither {_KEY_SIZE} bytes, nor {2 * _KEY_SIZE} hexadecimal digits, nor one line with a passphrase"
+        )
+    line = text.rstrip("\r\n")
+    if len(content) == _KEY_SIZE:
+        raise MisuseError(
+            f"{path}: {_KEY_SIZE} letters may be a key or a passphrase; end a passphrase with a new line, or write the "
+            f"key as {2 * _KEY_SIZE} hexadecimal digits"
+        )
+    if len(line) == 2 * _KEY_SIZE and all(letter in "0123456789abcdefABCDEF" for letter in line):
+        return bytes.fromhex(line)
+    if not line:
+        raise MisuseError(f"{path}: is empty; write a passphrase or {2 * _KEY_SIZE} hexadecimal digits into it")
+    return SigningKey.from_passphrase(line).secret

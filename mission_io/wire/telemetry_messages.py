@@ -1,0 +1,284 @@
+"""MAVLink messages about the vehicle's condition, parameters, terrain and logs.
+
+MAVLink messages about how a vehicle is: sensors, satellites, position filter, battery, radio.
+
+MAVLink messages about a vehicle's parameters and streams of messages.
+
+MAVLink messages about terrain: a vehicle asks for heights of the ground, a ground station answers.
+
+Heights come in blocks of 7 times 8 parts; a part is 4 times 4 heights, ``spacing_m`` apart, the first at the south-west
+corner, row by row to the east.
+
+MAVLink messages about the logs that a vehicle keeps: it is asked for the list, and for their bytes.
+"""
+
+from dataclasses import dataclass
+
+PREARM_CHECK_BIT = 0x10000000
+"""The bit of ``SysStatus.sensors_healthy`` that says the vehicle's own checks before arming pass."""
+
+
+@dataclass(frozen=True, slots=True)
+class SysStatus:
+    """Sensor health as bit masks (MAV_SYS_STATUS_SENSOR), load and battery; None where unknown."""
+
+    sensors_present: int
+    sensors_enabled: int
+    sensors_healthy: int
+    load_fraction: float = 0.0
+    battery_v: float | None = None
+    battery_a: float | None = None
+    battery_remaining_percent: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class GpsRawInt:
+    """What the satellite receiver says, before any filter."""
+
+    time_s: float
+    fix_type: int
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+    horizontal_dilution: float | None = None
+    vertical_dilution: float | None = None
+    ground_speed_m_s: float | None = None
+    course_deg: float | None = None
+    satellites_visible: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class EkfStatusReport:
+    """What ArduPilot's position filter believes of itself; variances are ratios, above 1 is bad."""
+
+    flags: int
+    velocity_variance: float = 0.0
+    position_horizontal_variance: float = 0.0
+    position_vertical_variance: float = 0.0
+    compass_variance: float = 0.0
+    terrain_alt_variance: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class RadioStatus:
+    """What a telemetry radio says of its link; strengths and noise in its own units, 255 unknown.
+
+    Attributes:
+        rssi: Signal here.
+        remote_rssi: Signal at the other radio.
+        transmit_buffer_percent: Room left in the radio's buffer.
+        noise: Noise here.
+        remote_noise: Noise at the other radio.
+        receive_errors: Packets with errors.
+        corrected: Packets that the radio repaired.
+    """
+
+    rssi: int
+    remote_rssi: int
+    transmit_buffer_percent: int
+    noise: int
+    remote_noise: int
+    receive_errors: int = 0
+    corrected: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class BatteryStatus:
+    """One battery.
+
+    Attributes:
+        battery: Its number, from 0.
+        voltages_v: Of up to ten cells, None for the rest; a battery that knows only its sum has it in the first.
+        current_a: What is drawn; None unknown.
+        consumed_mah: What was drawn; None unknown.
+        remaining_percent: What is left; None unknown.
+        time_left_s: Until it is empty; None unknown.
+        charge_state: A MAV_BATTERY_CHARGE_STATE number: 1 ok, 2 low, 3 critical.
+    """
+
+    battery: int
+    voltages_v: tuple[float | None, ...]
+    current_a: float | None = None
+    consumed_mah: int | None = None
+    remaining_percent: int | None = None
+    time_left_s: int | None = None
+    charge_state: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class VfrHud:
+    """What a pilot's display shows; heading in whole degrees."""
+
+    airspeed_m_s: float
+    ground_speed_m_s: float
+    heading_deg: int
+    throttle_percent: int
+    alt_amsl_m: float
+    climb_m_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ParamRequestRead:
+    """Asks for a parameter by name (``index`` -1) or by index."""
+
+    target_system: int
+    target_component: int
+    name: str
+    index: int = -1
+
+
+@dataclass(frozen=True, slots=True)
+class ParamSet:
+    """Asks to set a parameter; ``param_type`` is a MAV_PARAM_TYPE number (9: 32-bit float)."""
+
+    target_system: int
+    target_component: int
+    name: str
+    value: float
+    param_type: int = 9
+
+
+@dataclass(frozen=True, slots=True)
+class ParamValue:
+    """A parameter as the vehicle has it."""
+
+    name: str
+    value: float
+    param_type: int = 9
+    count: int = 0
+    index: int = 65535
+
+
+@dataclass(frozen=True, slots=True)
+class ParamRequestList:
+    """Asks for all parameters, one PARAM_VALUE each."""
+
+    target_system: int
+    target_component: int
+
+
+@dataclass(frozen=True, slots=True)
+class RequestDataStream:
+    """Asks ArduPilot for a group of messages (a MAV_DATA_STREAM number, 0: all) at a rate; ``start`` 0 ends it."""
+
+    target_system: int
+    target_component: int
+    stream: int
+    rate_hz: int
+    start: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class TerrainRequest:
+    """Asks for parts of a block of heights.
+
+    Attributes:
+        lat_deg: Latitude of the block's south-west corner.
+        lon_deg: Longitude of the block's south-west corner.
+        spacing_m: Distance of neighbouring heights.
+        mask: Bit n is set when part n is wanted; 8 parts to the east, then the next row to the north.
+    """
+
+    lat_deg: float
+    lon_deg: float
+    spacing_m: int
+    mask: int
+
+
+@dataclass(frozen=True, slots=True)
+class TerrainData:
+    """One part of a block.
+
+    Attributes:
+        lat_deg: Latitude of the block's south-west corner, as it was asked for.
+        lon_deg: Longitude of the block's south-west corner, as it was asked for.
+        spacing_m: Distance of neighbouring heights.
+        part: Its number, the bit in the request.
+        heights_amsl_m: 16 whole metres above mean sea level: 4 to the east, then the next row to the north.
+    """
+
+    lat_deg: float
+    lon_deg: float
+    spacing_m: int
+    part: int
+    heights_amsl_m: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TerrainReport:
+    """What a vehicle knows of the ground; ``pending`` parts are asked for, ``loaded`` are there."""
+
+    lat_deg: float
+    lon_deg: float
+    spacing_m: int
+    terrain_alt_amsl_m: float
+    height_above_terrain_m: float
+    pending: int
+    loaded: int
+
+
+LOG_DATA_BYTES = 90
+"""As many bytes of a log fit in one message."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogRequestList:
+    """Asks for the entries from number ``first`` to ``last``."""
+
+    target_system: int
+    target_component: int
+    first: int = 0
+    last: int = 65535
+
+
+@dataclass(frozen=True, slots=True)
+class LogEntry:
+    """One log of the vehicle.
+
+    Attributes:
+        log_id: Its number.
+        log_count: How many logs there are; with 0 the rest means nothing.
+        last_log_id: The highest number.
+        time_unix_s: When it was begun; 0 when the vehicle did not know the time.
+        size_bytes: Its size; 0 for a log that is being written, with some autopilots.
+    """
+
+    log_id: int
+    log_count: int
+    last_log_id: int
+    time_unix_s: int
+    size_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class LogRequestData:
+    """Asks for ``count`` bytes of a log from ``offset_bytes`` on."""
+
+    target_system: int
+    target_component: int
+    log_id: int
+    offset_bytes: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class LogData:
+    """Bytes of a log: the first ``count`` of ``padded`` are from ``offset_bytes`` on; fewer than 90 mean its end."""
+
+    log_id: int
+    offset_bytes: int
+    count: int
+    padded: tuple[int, ...]
+
+    @property
+    def content(self) -> bytes:
+        """The bytes that belong to the log."""
+        return bytes(self.padded[: self.count])
+
+
+@dataclass(frozen=True, slots=True)
+class LogRequestEnd:
+    """Says that no more is wanted, so that the vehicle may log again."""
+
+    target_system: int
+    target_component: int

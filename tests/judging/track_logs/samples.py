@@ -1,0 +1,132 @@
+"""Logs of one made-up flight, each written by pymavlink, by pyulog or by hand as its format says."""
+
+import math
+import struct
+from pathlib import Path
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from uavcover.scenario.frames import LocalFrame
+
+FRAME = LocalFrame(36.5, -84.2, 400.0)
+COUNT = 40
+
+
+def flight() -> tuple[np.ndarray, np.ndarray]:
+    """Positions (n, 4) every 0.2 s and attitudes (n, 4) 0.1 s later: time, then lat, lon, alt, or roll, pitch, yaw in degrees."""
+    time_s = 20.0 + 0.2 * np.arange(COUNT)
+    enu = np.column_stack([2.0 * np.arange(COUNT), 5.0 * np.sin(time_s), 80.0 + 0.5 * np.arange(COUNT)])
+    positions = np.column_stack([time_s, *FRAME.geodetic_from_enu(enu)])
+    yaw = (350.0 + np.arange(COUNT)) % 360.0
+    attitudes = np.column_stack([time_s + 0.1, 10.0 * np.sin(time_s), -5.0 + 0.0 * time_s, yaw])
+    return positions, attitudes
+
+
+def write_tlog(path: Path, *, systems: tuple[int, ...] = (1,), component: int = 1) -> None:
+    """As a ground station writes it: eight bytes of microseconds, then the packet."""
+    positions, attitudes = flight()
+    with path.open("wb") as file:
+        for system in systems:
+            packer = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+            for (t, lat, lon, alt), (ta, roll, pitch, yaw) in zip(positions, attitudes, strict=True):
+                messages = [
+                    packer.heartbeat_encode(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 0),
+                    packer.global_position_int_encode(
+                        round(t * 1e3), round(lat * 1e7), round(lon * 1e7), round(alt * 1e3), 0, 0, 0, 0, 0
+                    ),
+                    packer.attitude_encode(
+                        round(ta * 1e3), *(math.radians(math.remainder(x, 360.0)) for x in (roll, pitch, yaw)), 0, 0, 0
+                    ),
+                ]
+                for message in messages:
+                    file.write(struct.pack(">Q", int((1.7e9 + t) * 1e6)) + message.pack(packer))
+
+
+_CODES = {"Q": "Q", "L": "i", "f": "f", "c": "h", "C": "H", "B": "B", "N": "16s", "Z": "64s", "n": "4s"}
+
+
+class DataflashWriter:
+    """Dataflash messages: two marks, the type, and its fields; FMT messages say what a type has."""
+
+    def __init__(self) -> None:
+        self.content = b""
+        self._formats = {128: "BBnNZ"}
+        self._write(128, 128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
+
+    def define(self, number: int, name: str, types: str, columns: str) -> None:
+        self._formats[number] = types
+        length = 3 + struct.calcsize("<" + "".join(_CODES[t] for t in types))
+        self._write(128, number, length, name.encode(), types.encode(), columns.encode())
+
+    def write(self, number: int, *values: float) -> None:
+        self._write(number, *values)
+
+    def _write(self, number: int, *values: object) -> None:
+        layout = "<" + "".join(_CODES[t] for t in self._formats[number])
+        self.content += b"\xa3\x95" + bytes([number]) + struct.pack(layout, *values)
+
+
+def write_dataflash(path: Path, *, estimated: bool = True, attitude: bool = True) -> None:
+    positions, attitudes = flight()
+    log = DataflashWriter()
+    log.define(1, "POS", "QLLff", "TimeUS,Lat,Lng,Alt,RelHomeAlt")
+    log.define(2, "GPS", "QBBLLf", "TimeUS,I,Status,Lat,Lng,Alt")
+    log.define(3, "ATT", "QccC", "TimeUS,Roll,Pitch,Yaw")
+    for (t, lat, lon, alt), (ta, roll, pitch, yaw) in zip(positions, attitudes, strict=True):
+        place = (round(lat * 1e7), round(lon * 1e7), alt)
+        if estimated:
+            log.write(1, round(t * 1e6), *place, 0.0)
+        log.write(2, round(t * 1e6), 0, 3, *place)
+        log.write(2, round(t * 1e6), 1, 3, 0, 0, 0.0)  # a second receiver, which is not asked
+        if attitude:
+            log.write(3, round(ta * 1e6), round(roll * 100), round(pitch * 100), round(yaw * 100))
+    path.write_bytes(log.content)
+
+
+_POINT = '<trkpt lat="{lat!r}" lon="{lon!r}"><ele>{alt!r}</ele><time>{time}</time></trkpt>'
+
+
+def write_gpx(path: Path, *, point: str = _POINT) -> None:
+    positions, _ = flight()
+    points = "".join(
+        point.format(lat=lat, lon=lon, alt=alt, time=f"2026-11-21T10:00:{t:06.3f}Z")
+        for t, lat, lon, alt in positions.tolist()
+    )
+    path.write_text(
+        '<?xml version="1.0"?><gpx version="1.1" creator="test" xmlns="http://www.topografix.com/GPX/1/1">'
+        f"<trk><trkseg>{points}</trkseg></trk></gpx>"
+    )
+
+
+def write_ulog(path: Path) -> None:
+    """Header, flags, formats, subscriptions and data as the ULog specification says."""
+    positions, attitudes = flight()
+
+    def message(kind: bytes, body: bytes) -> bytes:
+        return struct.pack("<H", len(body)) + kind + body
+
+    content = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
+    content += message(b"B", bytes(40))
+    content += message(b"F", b"vehicle_global_position:uint64_t timestamp;double lat;double lon;float alt;")
+    content += message(b"F", b"vehicle_attitude:uint64_t timestamp;float[4] q;")
+    content += message(b"A", struct.pack("<BH", 0, 0) + b"vehicle_global_position")
+    content += message(b"A", struct.pack("<BH", 0, 1) + b"vehicle_attitude")
+    for (t, lat, lon, alt), (ta, roll, pitch, yaw) in zip(positions, attitudes, strict=True):
+        content += message(b"D", struct.pack("<HQddf", 0, round(t * 1e6), lat, lon, alt))
+        content += message(b"D", struct.pack("<HQ4f", 1, round(ta * 1e6), *quaternion(roll, pitch, yaw)))
+    path.write_bytes(content)
+
+
+def quaternion(roll_deg: float, pitch_deg: float, yaw_deg: float) -> tuple[float, float, float, float]:
+    """w, x, y, z of yaw, pitch, roll in this order, by half angles."""
+    (cr, sr), (cp, sp), (cy, sy) = (
+        (math.cos(math.radians(angle) / 2), math.sin(math.radians(angle) / 2))
+        for angle in (roll_deg, pitch_deg, yaw_deg)
+    )
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )

@@ -1,0 +1,418 @@
+import dataclasses
+import itertools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pymavlink import mavwp
+from pyproj import Transformer
+
+from mission_io.formats import plan as plan_format
+from mission_io.formats import wpl
+from mission_io.model.items import Command, Frame, MissionItem, same_item
+from tests.planning.sites import ORIGIN, flat, hills, make_site, ridge, tower
+from uavcover.errors import InfeasibleError, InputError
+from uavcover.model.obstacles import Obstacles
+from uavcover.model.route import Route
+from uavcover.planning.baselines.swaths import fly_layout, regular_layout
+from uavcover.routes.leg_checks import find_problems
+from uavcover.routes.mission_compiler import (
+    CompiledMission,
+    check_straight_return,
+    compile_mission,
+    compile_return,
+    transit,
+)
+from uavcover.run.pipeline import export_text
+from uavcover.scenario.site import Site
+
+HOME = (-100.0, 50.0)
+
+
+def sensing_route(site: Site, height_agl_m: float = 80.0) -> Route:
+    return fly_layout(
+        site, regular_layout(angle_rad=0.0, lines=3, height_agl_m=height_agl_m, inset=0.0, tolerance_m=10.0)
+    )
+
+
+def route(*points: tuple[float, float, float]) -> Route:
+    return Route(np.array(points))
+
+
+def compiled(site: Site, planned: Route | None = None) -> CompiledMission:
+    return compile_mission(site, sensing_route(site) if planned is None else planned, autopilot="ardupilot")
+
+
+def enu_of(items: list[MissionItem]) -> np.ndarray:
+    """Places of items in the scenario's frame, by way of Earth-centred coordinates and pyproj alone."""
+    to_earth = Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
+    lat, lon = math.radians(ORIGIN.lat_deg), math.radians(ORIGIN.lon_deg)
+    east = np.array([-math.sin(lon), math.cos(lon), 0.0])
+    north = np.array([-math.sin(lat) * math.cos(lon), -math.sin(lat) * math.sin(lon), math.cos(lat)])
+    up = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
+    origin = np.array(to_earth.transform(ORIGIN.lon_deg, ORIGIN.lat_deg, ORIGIN.alt_amsl_m))
+    return np.array([np.stack([east, north, up]) @ (np.array(place) - origin) for place in (
+        to_earth.transform(item.lon_deg, item.lat_deg, item.alt_m) for item in items
+    )])  # fmt: skip
+
+
+def amsl(found: CompiledMission) -> list[MissionItem]:
+    assert found.mission.home is not None
+    home_alt = found.mission.home.alt_amsl_m
+    return [dataclasses.replace(item, alt_m=item.alt_m + home_alt) for item in found.mission.items]
+
+
+def test_the_items_in_their_order() -> None:
+    site = make_site(hills, vehicle={"cruise_speed_m_s": 7.0})
+    planned = sensing_route(site)
+    found = compiled(site, planned)
+    items = found.mission.items
+    assert items[0].command == Command.NAV_TAKEOFF
+    assert items[1].command == Command.DO_CHANGE_SPEED
+    assert items[1].params[:2] == (1.0, 7.0)
+    assert items[-1].command == Command.NAV_LAND
+    assert items[-1].alt_m == 0.0
+    assert {item.command for item in items[2:-1]} == {16}
+    assert {item.frame for item in items if item.has_position} == {Frame.ABOVE_HOME}
+    assert found.waypoint_count == len(planned)
+    # Against pyproj, not against our own frame: places and heights above home.
+    places = enu_of(amsl(found))
+    rows = slice(found.first_waypoint_item, found.first_waypoint_item + found.waypoint_count)
+    np.testing.assert_allclose(places[rows], planned.waypoints_m, atol=1e-4)
+    with_position = [0, *range(2, len(items) - 1)]
+    np.testing.assert_allclose(places[with_position], found.path_m, atol=1e-4)
+    assert site.home_m is not None
+    np.testing.assert_allclose(places[-1], site.home_m, atol=1e-4)
+    assert np.hypot(*(found.path_m[[0, -1], :2] - HOME).T) == pytest.approx(0.0, abs=1e-9)
+    assert found.max_height_above_home_m == pytest.approx(max(i.alt_m for i in items if i.has_position))
+
+
+@pytest.mark.parametrize("margin_m", [0.0, 8.0])
+@pytest.mark.parametrize(
+    "ups", [flat, hills, ridge(-50.0, 90.0), ridge(-48.0, 70.0, 15.0)], ids=["flat", "hills", "ridge", "wall"]
+)
+def test_every_leg_of_the_whole_path_is_clear_at_full_length(ups, margin_m: float) -> None:  # type: ignore[no-untyped-def]
+    site = make_site(ups, limits={"height_margin_m": margin_m, "max_climb_angle_deg": 45.0})
+    found = compiled(site)
+    first = found.first_waypoint_item - 1  # the speed change is no place
+    count = found.waypoint_count
+    there, back = found.path_m[: first + 1], found.path_m[first + count - 1 :]
+    planned = found.path_m[first : first + count]
+    assert find_problems(site, planned, lowest_agl_m=40.0, highest_agl_m=120.0) == []
+    for way in (there, back):
+        problems = find_problems(site, way, lowest_agl_m=20.0 + margin_m, highest_agl_m=None)
+        assert [p for p in problems if p.kind != "climb"] == []
+        assert all(np.hypot(*(way[p.leg] - way[p.leg - 1])[:2]) < 0.1 for p in problems)  # columns only
+
+
+def test_a_hill_between_home_and_area_lifts_the_transit() -> None:
+    low = compiled(make_site(flat))
+    # Over the valley before the hill the way is higher above ground than it may be by default.
+    with pytest.raises(InfeasibleError, match=r"limits\.max_transit_height_agl_m allows more"):
+        compiled(make_site(ridge(-50.0, 150.0)))
+    high = compiled(make_site(ridge(-50.0, 150.0), limits={"max_transit_height_agl_m": 200.0}))
+    assert low.path_m[:, 2].max() < 121.0
+    assert high.path_m[:, 2].max() >= 150.0 + 20.0
+    assert high.max_height_above_home_m == pytest.approx(high.path_m[:, 2].max(), abs=0.01)
+
+
+def test_the_column_above_home_reaches_the_clearance() -> None:
+    assert compiled(make_site(vehicle={"takeoff_height_m": 5.0})).path_m[0, 2] >= 20.0
+    assert compiled(make_site(vehicle={"takeoff_height_m": 55.0})).path_m[0, 2] == pytest.approx(55.0)
+    # Also where the planned route begins straight above home.
+    site = make_site(vehicle={"takeoff_height_m": 5.0}, limits={"min_height_agl_m": 10.0, "transit_clearance_m": 30.0})
+    found = compiled(site, route((*HOME, 15.0), (0, 50, 50)))
+    assert found.path_m[0] == pytest.approx([*HOME, 31.0])
+    assert found.path_m[1] == pytest.approx([*HOME, 15.0])
+
+
+def test_a_band_below_the_transit_clearance_ends_the_way_there_straight_above_the_route() -> None:
+    site = make_site(limits={"min_height_agl_m": 10.0, "max_height_agl_m": 30.0, "transit_clearance_m": 25.0})
+    found = compiled(site, route((0, 50, 15), (300, 50, 15)))
+    heights = found.path_m[:, 2]
+    assert heights[0] >= 25.0
+    first = found.first_waypoint_item - 1
+    np.testing.assert_array_equal(found.path_m[first], [0, 50, 15])
+    np.testing.assert_allclose(found.path_m[first - 1], [0, 50, 26])
+    np.testing.assert_allclose(found.path_m[first + 2], [300, 50, 26])
+
+
+# What is refused
+
+
+def test_a_planned_leg_is_refused_with_its_number() -> None:
+    with pytest.raises(
+        InfeasibleError, match=r"the planned route: leg to waypoint 1: too low, 20\.0 m .*\(and 3 more\)"
+    ):
+        compiled(make_site(), route((0, 50, 80), (100, 50, 20), (100, 150, 80)))
+    with pytest.raises(InfeasibleError, match="the planned route: leg to waypoint 2: too low"):
+        compiled(make_site(ridge(150.0, 60.0)), route((0, 50, 80), (100, 50, 80), (200, 50, 80)))
+    with pytest.raises(InfeasibleError, match="the planned route: waypoint 0: too high"):
+        compiled(make_site(), route((0, 50, 130)))
+    with pytest.raises(InfeasibleError, match="no waypoints"):
+        compiled(make_site(), Route(np.empty((0, 3))))
+
+
+def test_a_transit_is_refused_with_its_name() -> None:
+    site = make_site(ridge(-50.0, 150.0), limits={"max_alt_amsl_m": ORIGIN.alt_amsl_m + 120.0})
+    with pytest.raises(InfeasibleError, match=r"the way there: leg to waypoint .*above sea-level limit"):
+        compiled(site)
+    u = (
+        (-150.0, 0.0),
+        (-50.0, 0.0),
+        (-50.0, 150.0),
+        (0.0, 150.0),
+        (0.0, 0.0),
+        (350.0, 0.0),
+        (350.0, 250.0),
+        (-150.0, 250.0),
+    )
+    with pytest.raises(InfeasibleError, match=r"the way home: leg to waypoint .* outside the fence"):
+        compiled(make_site(fence=u), route((-20, 240, 80), (100, 200, 80), (10, 50, 80)))
+    with pytest.raises(InfeasibleError, match=r"the way there: .*no elevation data"):
+        compiled(make_site(lambda e, n: np.where((e > -60) & (e < -40), np.nan, 0.0 * n)))
+
+
+def test_a_home_below_the_lower_sea_level_limit_is_no_problem() -> None:
+    site = make_site(limits={"min_alt_amsl_m": ORIGIN.alt_amsl_m + 75.0})
+    assert compiled(site, route((0, 50, 80), (200, 50, 80))).waypoint_count == 2
+
+
+def test_endurance() -> None:
+    found = compiled(make_site())
+    enough = make_site(vehicle={"endurance_s": found.flight_time_s + 1.0})
+    assert compiled(enough).flight_time_s == found.flight_time_s
+    with pytest.raises(InfeasibleError, match=r"the flight takes \d+ s .* vehicle.endurance_s is \d+ s"):
+        compiled(make_site(vehicle={"endurance_s": found.flight_time_s - 1.0}))
+
+
+def test_flight_time_by_hand() -> None:
+    site = make_site(vehicle={"takeoff_height_m": 80.0, "max_climb_m_s": 4.0, "max_descent_m_s": 2.0})
+    found = compiled(site, route((0, 50, 80), (200, 50, 80)))
+    # 80 m up at 4 m/s, 100 + 200 + 300 m at 10 m/s, 80 m down at 2 m/s.
+    assert found.flight_time_s == pytest.approx(20.0 + 60.0 + 40.0)
+
+
+def test_no_place_on_earth_and_no_home() -> None:
+    with pytest.raises(InputError, match=r"has no place on Earth.*give it an \[origin\]"):
+        compiled(make_site(on_earth=False))
+    with pytest.raises(InputError, match=r"has no \[home\]"):
+        compiled(make_site(home=None))
+
+
+def test_too_many_items_for_the_autopilot() -> None:
+    many = Route(np.array([[float(k % 300), 50.0, 80.0] for k in range(800)]))
+    with pytest.raises(InfeasibleError, match=r"would not take this mission: the list: 80[0-9] items"):
+        compile_mission(make_site(), many, autopilot="ardupilot")
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_both_autopilots_take_all_three_lists(autopilot: str) -> None:
+    found = compile_mission(make_site(hills), sensing_route(make_site(hills)), autopilot=autopilot)  # type: ignore[arg-type]
+    assert len(found.fence.polygons) == 1
+    assert len(found.rally.points) == 1
+
+
+# The autopilot's own return
+
+
+def ridge_between() -> Site:
+    """A ridge of 100 m at 140 m east, a saddle in it south of 60 m north; home is west of it."""
+
+    def ups(east: np.ndarray, north: np.ndarray) -> np.ndarray:
+        return ridge(140.0, 100.0)(east, north) * np.clip((north - 60.0) / 20.0, 0.0, 1.0)
+
+    return make_site(ups, vehicle={"return_height_m": 60.0}, limits={"max_climb_angle_deg": 80.0})
+
+
+def lowest_along(site: Site, start: np.ndarray, up_m: float) -> float:
+    assert site.home_m is not None
+    way = site.home_m[:2] - start[:2]
+    length = float(np.hypot(*way))
+    t = np.linspace(0.0, max(0.0, 1.0 - site.scenario.vehicle.acceptance_radius_m / length), 2000)
+    return float((up_m - site.ground.heights_m(start[:2] + t[:, None] * way)).min())
+
+
+def test_return_advice_on_a_ridge() -> None:
+    site = ridge_between()
+    path = np.array([[-100, 50, 60], [50, 20, 60], [250, 20, 60], [250, 180, 60], [50, 180, 60], [-100, 50, 60]], float)
+    advice = check_straight_return(site, path, first_waypoint=1, waypoint_count=4)
+    # 0 and 1 look home through the saddle; 2 and the leg to 3 (which begins at 2) do not; 3 is west of the ridge.
+    assert advice.unsafe_waypoints == (2, 3)
+    assert advice.return_height_m == 60.0
+    assert advice.worst_clearance_m == pytest.approx(60.0 - 100.0, abs=0.5)
+    assert advice.safe_return_height_m == pytest.approx(120.0, abs=0.5)
+    # From every place of the path, at the height that was advised, by dense sampling.
+    for a, b in itertools.pairwise(path):
+        for t in np.linspace(0.0, 1.0, 23):
+            place = a + t * (b - a)
+            if np.hypot(*(place[:2] - HOME)) < 3.0:
+                continue
+            assert lowest_along(site, place, max(place[2], advice.safe_return_height_m)) >= 20.0 - 0.02
+            at_60 = lowest_along(site, place, max(place[2], 60.0))
+            assert at_60 >= advice.worst_clearance_m - 0.02
+
+
+def test_a_ridge_seen_only_from_the_middle_of_a_leg() -> None:
+    def cone(east: np.ndarray, north: np.ndarray) -> np.ndarray:
+        return np.maximum(0.0, 90.0 - 2.0 * np.hypot(east - 50.0, north - 50.0))
+
+    site = make_site(cone, vehicle={"return_height_m": 60.0})
+    path = np.array([[-100, 50, 60], [200, -140, 60], [200, 240, 60], [-100, 50, 60]], float)
+    ends = [lowest_along(site, point, 60.0) for point in path[1:3]]
+    assert min(ends) > 20.0
+    advice = check_straight_return(site, path, first_waypoint=1, waypoint_count=2)
+    assert advice.unsafe_waypoints == (1,)
+    assert advice.worst_clearance_m == pytest.approx(-30.0, abs=1.5)
+    assert advice.safe_return_height_m == pytest.approx(110.0, abs=1.5)
+
+
+def test_a_safe_return_says_so() -> None:
+    advice = compiled(make_site()).return_advice
+    assert advice.unsafe_waypoints == ()
+    assert advice.safe_return_height_m == pytest.approx(20.0)
+    assert advice.worst_clearance_m >= 60.0
+
+
+def test_unknown_ground_on_the_straight_way_home_is_not_safe_and_there_is_no_rally_point() -> None:
+    site = make_site(lambda e, n: np.where((e > 115) & (e < 135) & (n > 80), np.nan, 0.0 * n), home=(-100.0, 200.0))
+    found = compiled(site, route((0, 150, 80), (0, 50, 80), (200, 50, 80), (100, 50, 80)))
+    assert found.return_advice.unsafe_waypoints == (2, 3)
+    assert math.isnan(found.return_advice.worst_clearance_m)
+    assert math.isinf(found.return_advice.safe_return_height_m)
+    assert found.rally.points == ()
+
+
+def test_the_rally_point_is_home_at_a_safe_height() -> None:
+    site = ridge_between()
+    found = compiled(site)
+    (point,) = found.rally.points
+    assert found.mission.home is not None
+    assert (point.lat_deg, point.lon_deg) == (found.mission.home.lat_deg, found.mission.home.lon_deg)
+    assert point.alt_m >= found.return_advice.safe_return_height_m > 60.0
+
+
+# The way home from anywhere
+
+
+def way_home(site: Site, enu: tuple[float, float, float]) -> np.ndarray:
+    assert site.frame is not None
+    lat, lon, alt = (float(v[0]) for v in site.frame.geodetic_from_enu(enu))
+    mission = compile_return(site, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
+    assert [item.command for item in mission.items] == [16] * (len(mission.items) - 1) + [21]
+    assert mission.home is not None
+    raised = [dataclasses.replace(item, alt_m=item.alt_m + mission.home.alt_amsl_m) for item in mission.items]
+    return np.vstack([enu, enu_of(raised)])
+
+
+@pytest.mark.parametrize(
+    "place", [(250.0, 150.0, 90.0), (250.0, 150.0, 190.0), (-60.0, 60.0, 80.0), (-100.0, 50.0, 60.0)]
+)
+def test_home_from_the_air(place: tuple[float, float, float]) -> None:
+    site = make_site(hills)
+    path = way_home(site, place)
+    problems = find_problems(site, path[:-1], lowest_agl_m=20.0 - 1e-3, highest_agl_m=None)
+    assert [p for p in problems if p.kind != "climb"] == []
+    assert path[-1] == pytest.approx(site.home_m, abs=1e-3)
+
+
+def test_home_over_a_ridge_from_a_valley() -> None:
+    site = make_site(ridge(100.0, 120.0))
+    place = (200.0, 50.0, 6.0)
+    path = way_home(site, place)
+    assert path[1] == pytest.approx([200.0, 50.0, path[1, 2]], abs=1e-3)  # straight up first
+    assert path[1, 2] >= 20.0
+    assert find_problems(site, path[1:-1], lowest_agl_m=20.0 - 1e-3, highest_agl_m=None) == []
+    assert path[:, 2].max() >= 140.0
+
+
+def test_home_from_low_in_the_column_above_home() -> None:
+    path = way_home(make_site(), (*HOME, 4.0))
+    assert path[-1] == pytest.approx([*HOME, 0.0], abs=1e-3)
+
+
+def test_the_first_leg_home_is_checked_too() -> None:
+    site = make_site()
+    assert site.frame is not None
+    lat, lon, alt = (float(v[0]) for v in site.frame.geodetic_from_enu((900.0, 50.0, 60.0)))
+    with pytest.raises(InfeasibleError, match=r"the way home: leg to waypoint 1: .* outside the fence"):
+        compile_return(site, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
+
+
+def test_a_wall_steeper_than_the_samples_raises_the_transit() -> None:
+    # The grid has a node every 10 m and the transit looks every 5 m, at places that miss the crest.
+    site = make_site(ridge(-50.0, 80.0, 10.0), limits={"max_climb_angle_deg": 85.0})
+    assert site.home_m is not None
+    points = transit(site, site.home_m[:2], np.array([3.0, 50.0, 80.0]), ground_end_height_m=30.0)
+    assert site.ground.leg_height_ranges_m(points)[:, 0].min() >= 20.0
+
+
+# The files
+
+
+def in_text(item: MissionItem) -> tuple[float, ...]:
+    """The first four parameters as ``.waypoints`` has them: "any heading" is a 0 there."""
+    return tuple(0.0 if math.isnan(value) else value for value in item.params)
+
+
+def test_pymavlink_and_our_own_readers_read_the_same_items_back(tmp_path: Path) -> None:
+    site = make_site(hills)
+    found = compiled(site)
+    text = export_text(found, "waypoints", autopilot="ardupilot", name="test")
+    file = tmp_path / "mission.waypoints"
+    file.write_text(text)
+    loader = mavwp.MAVWPLoader()
+    assert loader.load(str(file)) == len(found.mission.items) + 1  # home is row 0
+    for row, item in enumerate(found.mission.items, start=1):
+        wp = loader.wp(row)
+        assert (wp.command, wp.autocontinue) == (item.command, int(item.autocontinue))
+        if item.has_position:
+            assert wp.frame == int(item.frame)
+            assert (wp.x, wp.y) == (pytest.approx(item.lat_deg, abs=1e-7), pytest.approx(item.lon_deg, abs=1e-7))
+            assert wp.z == pytest.approx(item.alt_m, abs=1e-3)
+        assert (wp.param1, wp.param2, wp.param3, wp.param4) == in_text(item)
+    assert loader.wp(0).x == pytest.approx(site.frame.geodetic_from_enu(site.home_m)[0][0], abs=1e-7)  # type: ignore[union-attr,arg-type]
+    ours = wpl.read(text).mission()
+    for read, sent in zip(ours.items, found.mission.items, strict=True):
+        assert (read.command, read.frame, read.params) == (sent.command, sent.frame, in_text(sent))
+        # Text files carry whole units of 1e-7 degrees or finer, and fractions of a millimetre.
+        assert (read.lat_deg, read.lon_deg) == pytest.approx((sent.lat_deg, sent.lon_deg), abs=1e-7)
+        assert read.alt_m == pytest.approx(sent.alt_m, abs=1e-3)
+    plan = plan_format.read(export_text(found, "plan", autopilot="px4", name="test"))
+    assert all(same_item(a, b) for a, b in zip(plan.mission.items, found.mission.items, strict=True))
+    assert plan.fence == found.fence
+    assert plan.rally == found.rally
+
+
+MAST = Obstacles(prisms=(tower(-60, 40, -50, 60, 90, name="mast"),), clearance_beside_m=12.0, clearance_above_m=7.0)
+
+
+def test_the_ways_there_and_home_lead_over_an_obstacle() -> None:
+    site = make_site(obstacles=MAST, limits={"max_climb_angle_deg": 80.0})
+    # The mast stands between home and the area, higher than the route is flown.
+    found = compiled(site, route((0, 50, 60), (300, 50, 60), (300, 150, 60), (0, 55, 60)))
+    path = found.path_m
+    for a, b in itertools.pairwise(path):
+        for t in np.linspace(0.0, 1.0, 400):
+            e, n, u = a + t * (b - a)
+            beside = math.hypot(max(-60 - e, 0.0, e + 50), max(40 - n, 0.0, n - 60))
+            assert beside >= 12.0 - 1e-6 or u >= 97.0 - 1e-6
+    assert path[:, 2].max() >= 97.0
+    assert found.return_advice.safe_return_height_m == pytest.approx(97.0)
+    assert found.return_advice.unsafe_waypoints == (0, 1, 2, 3)
+    assert found.return_advice.worst_clearance_m == pytest.approx(60.0 - 97.0 + 20.0)
+
+
+def test_a_planned_leg_into_an_obstacle_is_refused_with_its_name() -> None:
+    site = make_site(obstacles=Obstacles(prisms=(tower(140, 40, 160, 60, 90, name="mast"),)))
+    with pytest.raises(InfeasibleError, match=r"the planned route: leg to waypoint 1: .* too near to obstacle 'mast'"):
+        compiled(site, route((0, 50, 60), (300, 50, 60)))
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_the_heading_is_left_to_the_vehicle_whose_nose_follows_the_path(autopilot):
+    """PX4 takes a heading of 0 as north and flies sideways; a camera that is wider than long would see less."""
+    site = make_site(hills)
+    mission = compile_mission(site, sensing_route(site), autopilot=autopilot).mission
+    assert all(math.isnan(item.params[3]) for item in mission.items if item.has_position)

@@ -1,0 +1,264 @@
+"""A route as several flights: the cheapest places to split, the limits of each flight, files, and a verdict over all of them."""
+
+import dataclasses
+import itertools
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from tests.judging.flights import fly_along
+from tests.planning.sites import flat, hills, make_site
+from uavcover.errors import InfeasibleError, InputError
+from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.model.sensor import SphereSensor
+from uavcover.planning.terrain_following import lay_over_terrain
+from uavcover.routes.leg_checks import find_problems
+from uavcover.routes.mission_compiler import compile_mission
+from uavcover.routes.objectives import judge
+from uavcover.routes.sorties import Sortie, compile_sorties
+from uavcover.run import judge as after_flight
+from uavcover.run import pipeline
+from uavcover.run.folder import RunFolder
+from uavcover.run.resume import flown_tracks
+from uavcover.scenario.scenario_file import load_scenario
+from uavcover.scenario.site import Site
+
+SPHERE = SphereSensor(kind="sphere", range_m=150.0, sensing="at-waypoints")
+
+
+def there_and_back(site: Site, lines: int = 4, spacing_m: float = 100.0) -> Route:
+    """Lines over the area, a waypoint every so many metres, 70 m above ground."""
+    east = np.arange(0.0, 301.0, spacing_m)
+    rows = [np.column_stack([east[:: (-1) ** k], np.full(len(east), 200.0 * k / (lines - 1))]) for k in range(lines)]
+    places = np.vstack(rows)
+    return Route(np.column_stack([places, site.ground.heights_m(places) + 70.0]))
+
+
+def flight_time_s(site: Site, points: np.ndarray) -> float:
+    return compile_mission(site, Route(points), autopilot="ardupilot").flight_time_s
+
+
+def cheapest(site: Site, route: Route, limit_s: float, *, shared: int) -> float:
+    """Least sum of flight times, by trying every split."""
+    n = len(route)
+    times = {
+        (a, b): flight_time_s(site, route.waypoints_m[a:b]) for a in range(n) for b in range(a + 1 + shared, n + 1)
+    }
+    best = math.inf
+    inner = range(1, n - 1) if shared else range(1, n)
+    for count in range(len(inner) + 1):
+        for cuts in itertools.combinations(inner, count):
+            bounds = [0, *cuts, n - shared]
+            flights = [times[a, b + shared] for a, b in itertools.pairwise(bounds)]
+            if max(flights) <= limit_s:
+                best = min(best, sum(flights))
+    return best
+
+
+TURNS = {"acceleration_m_s2": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("shared", "vehicle"), [(1, {}), (1, TURNS), (0, {})], ids=["along the path", "with turns", "at waypoints"]
+)
+def test_the_split_is_the_cheapest_of_all(shared: int, vehicle: dict[str, float]) -> None:
+    extra: dict[str, Any] = {} if shared else {"sensor": SPHERE}
+    free = make_site(hills, vehicle=vehicle, **extra)
+    route = there_and_back(free, lines=3, spacing_m=150.0)
+    whole_s = flight_time_s(free, route.waypoints_m)
+    limit_s = 0.85 * whole_s
+    site = make_site(hills, vehicle={"endurance_s": limit_s, **vehicle}, **extra)
+    sorties = compile_sorties(site, route, autopilot="ardupilot")
+    assert len(sorties) > 1
+    found_s = sum(sortie.compiled.flight_time_s for sortie in sorties)
+    assert found_s == pytest.approx(cheapest(free, route, limit_s, shared=shared), rel=1e-9)
+    assert max(sortie.compiled.flight_time_s for sortie in sorties) <= limit_s
+
+
+def round_a_bay(rng: np.random.Generator) -> tuple[tuple[tuple[float, float], ...], np.ndarray]:
+    """A fence with a bay cut into it from the south, often one from the north too, and places (n, 2) round it and back.
+
+    The first and the last place are on home's side; from behind the bay most straight ways home lead across it.
+    """
+    west, top = rng.uniform(0.0, 120.0), rng.uniform(100.0, 240.0)
+    east = west + rng.uniform(8.0, 40.0)
+    fence = shapely.box(-200.0, -150.0, 450.0, 350.0).difference(shapely.box(west, -151.0, east, top))
+    near = [(rng.uniform(-180.0, west - 25.0), rng.uniform(-120.0, 300.0)) for _ in range(4)]
+    places = [*near[:2], (west - 25.0, top + 30.0), (east + 25.0, top + 30.0)]
+    while len(places) < 6:
+        place = (rng.uniform(east + 15.0, 430.0), rng.uniform(-130.0, top + 60.0))
+        if fence.buffer(-8.0).covers(shapely.LineString([places[-1], place])):
+            places.append(place)
+    there_and_back = np.vstack([places, (east + 25.0, top + 40.0), (west - 25.0, top + 40.0), *near[2:]])
+    another = fence.difference(
+        shapely.box(*rng.uniform([150.0, 0.0], [350.0, 200.0]), rng.uniform(360.0, 430.0), 351.0)
+    )
+    if another.geom_type == "Polygon" and another.buffer(-8.0).covers(shapely.LineString(there_and_back)):
+        fence = another
+    return tuple(shapely.get_coordinates(fence.exterior)[:-1].tolist()), there_and_back
+
+
+def least_of_all(site: Site, route: Route, *, shared: int) -> float:
+    """Least sum of flight times of the splits that the compiler takes, by trying every one; infinite when there is none."""
+    n = len(route)
+    times: dict[tuple[int, int], float] = {}
+    for first in range(n):
+        for last in range(first + shared, n):
+            try:
+                times[first, last] = flight_time_s(site, route.waypoints_m[first : last + 1])
+            except InfeasibleError:
+                times[first, last] = math.inf
+    best = [0.0] + [math.inf] * n  # of the flights before waypoint k
+    for last in range(shared, n):
+        best[last + 1 - shared] = min(best[first] + times[first, last] for first in range(last + 1 - shared))
+    return best[n - shared]
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_among_the_bays_of_a_fence_the_cheapest_split_is_found(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shared = int(rng.integers(0, 2))
+    extra: dict[str, Any] = {} if shared else {"sensor": SPHERE}
+    fence, places = round_a_bay(rng)
+    route = Route(np.column_stack([places, np.full(len(places), 70.0)]))
+    wide = ((-300.0, -300.0), (600.0, -300.0), (600.0, 500.0), (-300.0, 500.0))
+    whole_s = flight_time_s(make_site(flat, fence=wide, **extra), route.waypoints_m)
+    site = make_site(flat, fence=fence, vehicle={"endurance_s": rng.uniform(0.7, 0.98) * whole_s}, **extra)
+    expected = least_of_all(site, route, shared=shared)
+    if math.isinf(expected):
+        with pytest.raises(InfeasibleError):
+            compile_sorties(site, route, autopilot="ardupilot")
+        return
+    sorties = compile_sorties(site, route, autopilot="ardupilot")
+    assert sum(s.compiled.flight_time_s for s in sorties) == pytest.approx(expected, rel=1e-9)
+
+
+def test_every_leg_is_flown_by_one_sortie_and_every_way_is_checked() -> None:
+    site = make_site(hills, vehicle={"endurance_s": 128.0})
+    route = there_and_back(site, lines=6)
+    sorties = compile_sorties(site, route, autopilot="px4")
+    assert len(sorties) >= 3
+    assert (sorties[0].first, sorties[-1].last) == (0, len(route) - 1)
+    for a, b in itertools.pairwise(sorties):
+        assert b.first == a.last
+    for sortie in sorties:
+        assert (sortie.route.waypoints_m == route.waypoints_m[sortie.first : sortie.last + 1]).all()
+        path = sortie.compiled.path_m
+        assert np.hypot(*(path[[0, -1], :2] - [-100.0, 50.0]).T).max() < 1e-6, "from home, to home"
+        problems = find_problems(site, path, lowest_agl_m=20.0, highest_agl_m=None)
+        assert [p for p in problems if p.kind != "climb"] == []
+        assert sortie.compiled.flight_time_s <= 128.0
+
+
+def test_a_route_that_fits_is_one_flight() -> None:
+    site = make_site(flat)
+    route = there_and_back(site)
+    (only,) = compile_sorties(site, route, autopilot="ardupilot")
+    assert (only.first, only.last) == (0, len(route) - 1)
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_the_largest_number_of_items(autopilot: str) -> None:
+    site = make_site(flat, vehicle={"max_mission_items": 12})
+    route = there_and_back(site, spacing_m=50.0)
+    sorties = compile_sorties(site, route, autopilot=autopilot)  # type: ignore[arg-type]
+    home = 1 if autopilot == "ardupilot" else 0
+    assert max(len(sortie.compiled.mission.items) + home for sortie in sorties) <= 12
+    with pytest.raises(InfeasibleError, match=r"the mission has \d+ items, vehicle.max_mission_items is 12"):
+        compile_mission(site, route, autopilot=autopilot)  # type: ignore[arg-type]
+
+
+def test_more_items_than_the_autopilot_takes() -> None:
+    site = make_site(flat)
+    route = there_and_back(site, lines=20, spacing_m=7.0)
+    assert len(route) > 650
+    sorties = compile_sorties(site, route, autopilot="ardupilot")
+    assert len(sorties) == 2
+    assert max(len(sortie.compiled.mission.items) for sortie in sorties) < 650
+
+
+def test_what_no_flight_reaches_is_named_with_the_amount() -> None:
+    site = make_site(flat, vehicle={"endurance_s": 60.0})
+    with pytest.raises(InfeasibleError) as caught:
+        compile_sorties(site, there_and_back(site), autopilot="ardupilot")
+    message = str(caught.value)
+    assert message.startswith("the leg to waypoint ")
+    assert "flown alone it takes " in message
+    assert "vehicle.endurance_s is 60 s; move [home] nearer" in message
+    assert "\n" not in message
+
+
+def saved(folder: Path, endurance_s: float) -> tuple[RunFolder, tuple[Sortie, ...], Plan]:
+    """A plan of three lines over the demo's ground in a run folder, flown by a vehicle with this endurance."""
+    scenario = load_scenario("jacksboro")
+    vehicle = dataclasses.replace(scenario.vehicle, endurance_s=endurance_s)
+    site = pipeline.load_site(dataclasses.replace(scenario, vehicle=vehicle))
+    corners = [[-900, 50], [-500, 50], [-100, 50], [-100, 250], [-500, 250], [-900, 250]]
+    route = Route(lay_over_terrain(site, np.array(corners, float), np.full(len(corners), 80.0), tolerance_m=8.0))
+    member = RouteMember(route, judge(pipeline.judging_map(site), route), 0.0, "test")
+    plan = Plan(member, (member,), (), "knee", True, "test", 1, 0.0)
+    flights = pipeline.compile_flights(site, route)
+    single = flights[0].compiled if len(flights) == 1 else None
+    folder.mkdir(exist_ok=True)
+    pipeline.save_plan(
+        RunFolder(folder), site, plan, compiled=single, autopilot="ardupilot", seed=1, command=["test"],
+        sorties=() if single else flights,
+    )  # fmt: skip
+    return RunFolder(folder), flights, plan
+
+
+def test_each_sortie_is_a_run_folder_and_all_count_together(tmp_path: Path) -> None:
+    run, sorties, plan = saved(tmp_path / "run", 260.0)
+    assert len(sorties) >= 2
+    assert [folder.path.name for folder in run.sorties()] == [f"sortie-{k + 1}" for k in range(len(sorties))]
+    assert not run.file("mission.waypoints").exists()
+    document = json.loads(run.file("plan.json").read_text())
+    assert [row["folder"] for row in document["sorties"]] == [f"sortie-{k + 1}" for k in range(len(sorties))]
+    assert [row["flight_time_s"] for row in document["sorties"]] == [s.compiled.flight_time_s for s in sorties]
+    tracks = []
+    for folder, sortie in zip(run.sorties(), sorties, strict=True):
+        site, planned = pipeline.read_planned(folder)
+        assert (planned.route.waypoints_m == sortie.route.waypoints_m).all()
+        assert len(folder.file("mission.waypoints").read_text().splitlines()) == len(sortie.compiled.mission.items) + 2
+        path = sortie.compiled.path_m
+        first = int(np.argmin(np.linalg.norm(path - sortie.route.waypoints_m[0], axis=1)))
+        tracks.append(fly_along(site, path, first=first, count=len(sortie.route)))
+        folder.file("track.csv").touch()
+    judged = after_flight.judge_tracks(
+        site,
+        [(t, after_flight.planned_for(f.file("track.csv"), run)) for t, f in zip(tracks, run.sorties(), strict=True)],
+    )
+    # One after the other they see what the whole route sees, and are measured by what the whole plan promised.
+    assert judged.report.planned_coverage_fraction == plan.chosen.metrics.coverage_fraction
+    assert judged.report.coverage_fraction == pytest.approx(plan.chosen.metrics.coverage_fraction, abs=0.005)
+    assert judged.report.violations == ()
+    assert flown_tracks(run) == [folder.file("track.csv") for folder in run.sorties()]
+
+
+def test_which_flight_is_meant_must_be_said(tmp_path: Path) -> None:
+    run, sorties, _ = saved(tmp_path / "run", 260.0)
+    with pytest.raises(
+        InputError, match=rf"is flown as {len(sorties)} sorties; say which: --sortie 1 to {len(sorties)}"
+    ):
+        run.flight(None)
+    with pytest.raises(InputError, match="not sortie 9; say which"):
+        run.flight(9)
+    assert run.flight(2).path.name == "sortie-2"
+    with pytest.raises(InputError, match="is one flight and has no sorties"):
+        run.flight(2).flight(1)
+    with pytest.raises(InputError, match=r"has no track.csv; it is made by: uavcover fly --sortie 1"):
+        flown_tracks(run)
+
+
+def test_a_new_plan_of_one_flight_leaves_no_sortie_behind(tmp_path: Path) -> None:
+    run, sorties, _ = saved(tmp_path / "run", 260.0)
+    assert len(sorties) > 1
+    saved(tmp_path / "run", 2600.0)
+    assert run.sorties() == []
+    assert run.file("mission.waypoints").is_file()
+    assert not run.file("sortie-1/mission.waypoints").exists()

@@ -1,0 +1,353 @@
+import math
+import re
+
+import matplotlib.cbook
+import numpy as np
+import pytest
+import rasterio
+from rasterio.crs import CRS
+from rasterio.transform import Affine
+from rasterio.warp import Resampling, reproject, transform
+
+from scripts import make_terrain
+from uavcover.errors import TerrainError
+from uavcover.scenario import elevation_file
+from uavcover.scenario.elevation_file import read_ground, read_height_amsl_m
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.ground import grid_ground
+from uavcover.scenario.scenario_file import load_scenario, terrain_path
+
+LAT, LON = 47.2, 11.4  # asymmetric, and in UTM zone 32
+FRAME = LocalFrame(LAT, LON, 600.0)
+
+
+def from_origin(west, north, width, height):
+    return Affine(width, 0, west, 0, -height, north)
+
+
+def write(path, values, crs="EPSG:4326", transform=None, nodata=None, dtype=None, scale=None, offset=None, unit=None):
+    values = np.asarray(values)
+    if transform is None:
+        rows, columns = values.shape
+        transform = from_origin(LON - 0.001 * columns / 2, LAT + 0.001 * rows / 2, 0.001, 0.001)
+    with rasterio.open(
+        path, "w", driver="GTiff", width=values.shape[1], height=values.shape[0], count=1, crs=crs,
+        transform=transform, nodata=nodata, dtype=dtype or values.dtype,
+    ) as file:  # fmt: skip
+        file.write(values.astype(dtype or values.dtype), 1)
+        if scale is not None:
+            file.scales, file.offsets = (scale,), (offset,)
+        if unit is not None:
+            file.units = (unit,)
+    return path
+
+
+def bumps(shape=(30, 40)):
+    return np.random.default_rng(3).uniform(400.0, 900.0, shape).astype(np.float32)
+
+
+def gdal_bilinear(path, lat, lon):
+    """GDAL's own bilinear resampling: a warp to one pixel, centred on the place."""
+    out = []
+    with rasterio.open(path) as dataset:
+        horizontal = CRS.from_epsg(4326) if dataset.crs.is_geographic else dataset.crs
+        xs, ys = transform("EPSG:4326", horizontal, lon.tolist(), lat.tolist())
+        side = 0.01 * math.sqrt(abs(dataset.transform.determinant))
+        source = dataset.read(1).astype(np.float64)
+        for x, y in zip(xs, ys, strict=True):
+            one = np.zeros((1, 1))
+            reproject(
+                source, one, src_transform=dataset.transform, src_crs=horizontal, dst_crs=horizontal,
+                dst_transform=from_origin(x - side / 2, y + side / 2, side, side), resampling=Resampling.bilinear,
+                tolerance=0, XSCALE=1, YSCALE=1,
+            )  # fmt: skip
+            out.append(one[0, 0])
+    return np.array(out)
+
+
+UTM = CRS.from_epsg(32632)
+(_X,), (_Y,) = transform("EPSG:4326", UTM, [LON], [LAT])
+LAYOUTS = {
+    "geographic": {},
+    "projected": {"crs": "EPSG:32632", "transform": from_origin(_X - 1000, _Y + 750, 50, 50)},
+    "not square": {"crs": "EPSG:32632", "transform": from_origin(_X - 800, _Y + 750, 40, 50)},
+    "rotated": {
+        "crs": "EPSG:32632",
+        "transform": Affine(47.0, -17.0, _X - 500, -17.0, -47.0, _Y + 1000),
+    },
+    "south-up": {"crs": "EPSG:32632", "transform": Affine(50, 0, _X - 1000, 0, 50, _Y - 750)},
+    "another datum": {"crs": "EPSG:25832", "transform": from_origin(_X - 1000, _Y + 750, 50, 50)},
+    "sea level named": {"crs": "EPSG:4326+5773"},
+    "metres named": {"unit": "metre"},
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS.keys())
+def test_heights_equal_those_of_gdal_at_every_place(tmp_path, layout):
+    path = write(tmp_path / "dem.tif", bumps(), **layout)
+    rng = np.random.default_rng(1)
+    lat, lon = LAT + rng.uniform(-0.002, 0.002, 12), LON + rng.uniform(-0.004, 0.004, 12)
+    ours = [read_height_amsl_m(path, "EGM96", lat_deg=a, lon_deg=o) for a, o in zip(lat, lon, strict=True)]
+    # GDAL computes its weights in single precision.
+    np.testing.assert_allclose(ours, gdal_bilinear(path, lat, lon), atol=0.05)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS.keys())
+def test_pixel_centres_have_the_value_of_their_pixel(tmp_path, layout):
+    values = bumps()
+    path = write(tmp_path / "dem.tif", values, **layout)
+    with rasterio.open(path) as dataset:
+        for row, column in ((12, 17), (14, 21), (16, 16)):
+            x, y = dataset.xy(row, column)
+            lon, lat = transform(dataset.crs, "EPSG:4326", [x], [y])
+            height = read_height_amsl_m(path, "EGM96", lat_deg=lat[0], lon_deg=lon[0])
+            assert height == pytest.approx(values[row, column], abs=1e-3)
+
+
+def test_scale_and_offset_are_applied(tmp_path):
+    path = write(tmp_path / "dem.tif", np.full((9, 9), 5000), dtype="int16", scale=0.1, offset=100.0)
+    assert read_height_amsl_m(path, "EGM96", lat_deg=LAT, lon_deg=LON) == pytest.approx(600.0)
+
+
+BOUNDS = (-600.0, -400.0, 700.0, 500.0)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS.keys())
+def test_a_square_grid_has_the_heights_of_the_source(tmp_path, layout):
+    path = write(tmp_path / "dem.tif", bumps(), **layout)
+    ground = read_ground(path, "EGM96", frame=FRAME, bounds_m=BOUNDS, grid_step_m=40.0)
+    surface = ground.surface
+    rows, columns = surface.up_m.shape
+    east0_m, north0_m = surface.grid.east0_m, surface.grid.north0_m
+    assert (east0_m, north0_m, surface.step_m) == (-640.0, -440.0, 40.0)
+    assert east0_m + (columns - 1) * 40.0 >= 700.0
+    assert north0_m + (rows - 1) * 40.0 >= 500.0
+    # The rotated file leaves one corner of the grid free.
+    assert np.isfinite(surface.up_m).mean() > 0.98
+    for i, j in ((0, 0), (3, 7), (0, columns - 1), (rows // 2, columns // 2)):
+        enu = [[east0_m + 40.0 * j, north0_m + 40.0 * i, surface.up_m[i, j]]]
+        lat, lon, alt = (float(a[0]) for a in FRAME.geodetic_from_enu(enu))
+        # In the air above one place on Earth, at the height that the source has there.
+        assert alt == pytest.approx(read_height_amsl_m(path, "EGM96", lat_deg=lat, lon_deg=lon), abs=1e-6)
+    assert ground.vertical_datum == "EGM96"
+    assert len(ground.sha256) == 64
+    assert "dem.tif (data from 47." in ground.source
+    assert not surface.up_m.flags.writeable
+
+
+def test_the_step_is_the_smaller_side_of_a_pixel_unless_given(tmp_path):
+    path = write(tmp_path / "dem.tif", bumps(), crs="EPSG:32632", transform=from_origin(_X - 1000, _Y + 450, 50, 30))
+    step = read_ground(path, "EGM96", frame=FRAME, bounds_m=BOUNDS, grid_step_m=None).surface.step_m
+    assert step == pytest.approx(30.0, rel=2e-3)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS.keys())
+def test_the_nodes_are_the_pixels_of_the_file(tmp_path, layout):
+    values = bumps()
+    path = write(tmp_path / "dem.tif", values, **layout)
+    ground = read_ground(path, "EGM96", frame=FRAME, bounds_m=BOUNDS, grid_step_m=None)
+    assert ground.error_m < 0.01
+    with rasterio.open(path) as dataset:
+        for row, column in ((12, 17), (14, 21), (16, 16)):
+            x, y = dataset.xy(row, column)
+            lon, lat = transform(dataset.crs, "EPSG:4326", [x], [y])
+            (place,) = FRAME.enu_from_geodetic(lat[0], lon[0], float(values[row, column]))
+            assert ground.heights_m(place[:2])[0] == pytest.approx(place[2], abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "nodata"), [("int16", -32768), ("uint16", 65535), ("float32", math.nan), ("float32", 0)]
+)
+def test_no_data_is_a_gap_never_a_height(tmp_path, dtype, nodata):
+    values = bumps()
+    values[14, 20] = nodata
+    path = write(tmp_path / "dem.tif", values, dtype=dtype, nodata=nodata)
+    ground = read_ground(path, "EGM96", frame=FRAME, bounds_m=BOUNDS, grid_step_m=20.0)
+    up = ground.surface.up_m
+    assert 0.0 < np.isnan(up).mean() < 0.2
+    # Nothing is mixed with the mark: all that is left is in the range of the heights.
+    assert np.nanmin(up) > 400.0 - 600.0 - 1.0
+    assert np.nanmax(up) < 900.0 - 600.0 + 1.0
+    with rasterio.open(path) as dataset:
+        lon, lat = dataset.xy(14, 20)
+    with pytest.raises(TerrainError, match=rf"no elevation at {lat}.*data from"):
+        read_height_amsl_m(path, "EGM96", lat_deg=lat, lon_deg=lon)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_values_that_are_not_finite_are_gaps_too(tmp_path, bad):
+    values = bumps()
+    values[15, 20] = bad
+    path = write(tmp_path / "dem.tif", values)
+    up = read_ground(path, "EGM96", frame=FRAME, bounds_m=BOUNDS, grid_step_m=20.0).surface.up_m
+    assert np.isnan(up).any()
+    assert not np.isinf(up).any()
+
+
+def test_beyond_the_data_there_are_gaps(tmp_path):
+    path = write(tmp_path / "dem.tif", bumps())
+    for step in (None, 50.0):
+        ground = read_ground(path, "EGM96", frame=FRAME, bounds_m=(-5000, -100, 100, 100), grid_step_m=step)
+        assert np.isnan(ground.heights_m([-4900.0, 0.0])).all()
+        assert np.isfinite(ground.heights_m([0.0, 0.0])).all()
+        far = read_ground(path, "EGM96", frame=LocalFrame(10.0, 20.0, 0.0), bounds_m=BOUNDS, grid_step_m=step)
+        assert np.isnan(far.heights_m([0.0, 0.0])).all()
+
+
+def read(path, datum="EGM96", step=40.0):
+    read_ground(path, datum, frame=FRAME, bounds_m=BOUNDS, grid_step_m=step)
+
+
+def one_line(caught, path, *words):
+    message = str(caught.value)
+    assert "\n" not in message
+    assert path is None or str(path) in message
+    for word in words:
+        assert re.search(word, message), message
+
+
+WRONG = {
+    "no crs": ({"crs": None}, ["no coordinate reference system; assign"]),
+    "degrees taken for metres": ({"crs": "EPSG:32632"}, ["pixels of 0.001 x 0.001", "degrees taken for metres; assign"]),
+    "metres taken for degrees": (
+        {"transform": from_origin(_X, _Y, 30, 30)}, ["reaches latitude 5.2", "metres taken for degrees; assign"],
+    ),
+    "another sea level": (
+        {"crs": "EPSG:4326+5703"}, ["terrain.vertical_datum: the scenario says EGM96, the file says NAVD88", "correct"],
+    ),
+    "ellipsoid": ({"crs": "EPSG:4979"}, ["terrain.vertical_datum: the scenario says EGM96", "ellipsoid", "convert"]),
+    "feet": ({"unit": "ft"}, ["heights are in 'ft'; convert them to metres"]),
+    "undeclared no-data": ({"values": -32768}, ["height of -32768 m in row 15, column 20", "no-data value"]),
+    "no mountain": ({"values": 12000}, ["height of 12000 m in row 15, column 20"]),
+    "local system": (
+        {"crs": CRS.from_wkt('LOCAL_CS["site grid",UNIT["metre",1]]')}, ["cannot be brought", "assign or convert"],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "words"), WRONG.values(), ids=WRONG.keys())
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+def test_files_that_must_not_be_used(tmp_path, change, words):
+    values = bumps()
+    change = dict(change)
+    if "values" in change:
+        values[15, 20] = change.pop("values")
+    path = write(tmp_path / "dem.tif", values, **change)
+    with pytest.raises(TerrainError) as caught:
+        read(path)
+    one_line(caught, path, *words)
+
+
+def test_a_sea_level_in_feet_is_refused(tmp_path):
+    # A virtual file keeps what a GeoTIFF written here would turn into metres.
+    feet = (
+        'COMPD_CS["in feet",GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],PRIMEM["Greenwich",0],'
+        'UNIT["degree",0.0174532925199433]],VERT_CS["EGM96 height (ft)",VERT_DATUM["EGM96 geoid",2005],UNIT["foot",0.3048],'
+        'AXIS["Up",UP]]]'
+    )
+    write(tmp_path / "dem.tif", bumps())
+    path = tmp_path / "dem.vrt"
+    path.write_text(
+        f'<VRTDataset rasterXSize="40" rasterYSize="30"><SRS>{feet.replace(chr(34), "&quot;")}</SRS>'
+        "<GeoTransform>11.38, 0.001, 0, 47.215, 0, -0.001</GeoTransform>"
+        '<VRTRasterBand dataType="Float32" band="1"><SimpleSource><SourceFilename relativeToVRT="1">dem.tif'
+        "</SourceFilename></SimpleSource></VRTRasterBand></VRTDataset>"
+    )
+    with pytest.raises(TerrainError) as caught:
+        read(path)
+    one_line(caught, path, "foot|feet", "convert")
+
+
+def test_the_sea_level_of_the_scenario_is_that_of_the_file(tmp_path):
+    path = write(tmp_path / "dem.tif", bumps(), crs="EPSG:4326+3855")
+    read(path, "EGM2008")
+    with pytest.raises(TerrainError) as caught:
+        read(path, "EGM96")
+    one_line(caught, path, "says EGM96, the file says EGM2008")
+
+
+@pytest.mark.parametrize("datum", ["WGS84-ellipsoid", "unheard of"])
+def test_heights_that_are_not_above_sea_level_are_refused(tmp_path, datum):
+    path = write(tmp_path / "dem.tif", bumps())
+    with pytest.raises(TerrainError) as caught:
+        read(path, datum)
+    one_line(caught, None, "^terrain.vertical_datum", datum, "convert the file")
+
+
+def test_missing_empty_and_broken_files(tmp_path):
+    missing, empty, broken, cut = (tmp_path / name for name in ("missing.tif", "empty.tif", "broken.tif", "cut.tif"))
+    empty.touch()
+    broken.write_bytes(b"II*\0 not a picture of anything")
+    values = np.random.default_rng(0).uniform(0, 1000, (300, 300)).astype(np.float32)
+    whole = write(tmp_path / "whole.tif", values, transform=from_origin(LON - 0.15, LAT + 0.15, 0.001, 0.001))
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 3])
+    for path, words in (
+        (missing, "no such file .terrain.file is relative"),
+        (tmp_path, "no such file"),
+        (empty, "the file is empty"),
+        (broken, "cannot be read as elevation data"),
+        (cut, "cannot be read as elevation data"),
+    ):
+        with pytest.raises(TerrainError) as caught:
+            read(path)
+        one_line(caught, path, words)
+
+
+@pytest.mark.parametrize("step", [0.01, 1e-12])
+def test_a_step_in_degrees_or_too_fine_is_refused_before_memory_is_asked_for(tmp_path, step):
+    path = write(tmp_path / "dem.tif", bumps())
+    with pytest.raises(TerrainError) as caught:
+        read(path, step=step)
+    one_line(caught, None, "^terrain.grid_step_m", "set a larger step")
+
+
+def test_a_grid_has_at_least_one_cell():
+    with pytest.raises(TerrainError, match="at least 2 x 2 nodes"):
+        grid_ground(np.zeros((1, 5)), east0_m=0, north0_m=0, step_m=1, source="x", vertical_datum="EGM96")
+
+
+def test_a_grid_owns_its_heights():
+    nodes = np.zeros((3, 3))
+    ground = grid_ground(nodes, east0_m=0, north0_m=0, step_m=1, source="x", vertical_datum="EGM96")
+    nodes[1, 1] = 7.0
+    assert ground.heights_m([1.0, 1.0])[0] == 0.0
+    assert ground.gradients([[0.5, 0.5]]).tolist() == [[0.0, 0.0]]
+    assert ground.leg_height_ranges_m([[0, 0, 1], [2, 2, 3]]).tolist() == [[1.0, 0.0, 3.0, 1.0]]
+
+
+@pytest.fixture(scope="module")
+def bundled():
+    return terrain_path(load_scenario("jacksboro").terrain)
+
+
+def test_the_bundled_file_is_the_sample_with_north_up(bundled):
+    sample = matplotlib.cbook.get_sample_data("jacksboro_fault_dem.npz")
+    with rasterio.open(bundled) as dataset:
+        heights = dataset.read(1)
+        assert heights.shape == (344, 403)
+        assert (heights.min(), heights.max()) == (236, 1076)
+        np.testing.assert_array_equal(heights, sample["elevation"])
+        assert dataset.bounds.top == pytest.approx(float(sample["ymin"]), abs=1e-9)
+        assert dataset.bounds.top == pytest.approx(36.7329, abs=1e-4)
+        assert dataset.bounds.bottom == pytest.approx(36.4463, abs=1e-4)
+        assert dataset.bounds.left == pytest.approx(-84.4138, abs=1e-4)
+        assert dataset.res == pytest.approx((3 / 3600, 3 / 3600), rel=1e-6)
+        assert (dataset.nodata, dataset.units) == (-32768, ("m",))
+    # Row 0 is north: a place near the north edge has a height of the first rows.
+    height = read_height_amsl_m(bundled, "EGM96", lat_deg=36.7329 - 1.5 / 1200, lon_deg=-84.25)
+    first_rows = sample["elevation"][:3]
+    assert first_rows[:, 190:205].min() <= height <= first_rows[:, 190:205].max()
+
+
+def test_the_script_makes_the_bundled_file(bundled, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(make_terrain, "OUT", tmp_path / "data" / "again.tif")
+    make_terrain.main()
+    assert "403 x 344, 236..1076 m" in capsys.readouterr().out
+    with rasterio.open(bundled) as old, rasterio.open(make_terrain.OUT) as new:
+        np.testing.assert_array_equal(old.read(1), new.read(1))
+        assert (old.transform, old.crs, old.nodata, old.tags()) == (new.transform, new.crs, new.nodata, new.tags())
+
+
+def test_limits_of_plausible_heights_hold_the_lowest_and_the_highest_land():
+    assert elevation_file.LOWEST_PLAUSIBLE_M < -430.0
+    assert elevation_file.HIGHEST_PLAUSIBLE_M > 8849.0

@@ -1,0 +1,192 @@
+"""A rectangular picture: on flat ground, turned with the map, as a bound, and in what a scenario may say of it."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from tests.judging.flights import fly_along
+from tests.planning.sites import hills, make_site
+from tests.sensing.test_coverage import grid_site
+from uavcover.errors import ScenarioError
+from uavcover.judging.observations import looks_of
+from uavcover.judging.verify import flown_coverage
+from uavcover.kernels.coverage import seen_from_points
+from uavcover.model.sensor import FrameCamera, NadirCamera
+from uavcover.scenario.scenario_file import dump_scenario, parse_scenario
+from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
+from uavcover.sensing.sensors import camera_turn, flat_picture, reach_at_height_m, whatever_heading
+
+FRAME = FrameCamera(kind="frame-camera", fov_across_deg=80.0, fov_along_deg=40.0, range_m=200.0)
+AHEAD = dataclasses.replace(FRAME, pitch_deg=-55.0)
+
+
+def seen_along(sensor, route, *, ups=None):
+    site = make_site(sensor=sensor, cell_m=5.0) if ups is None else make_site(ups, sensor=sensor, cell_m=5.0)
+    coverage = CoverageMap(site, cell_size_m=5.0)
+    return coverage.grid.cells.centre_m[coverage.seen(np.array(route))]
+
+
+def test_a_leg_over_flat_ground_shows_a_strip():
+    seen = seen_along(FRAME, [[100.0, 100.0, 80.0], [200.0, 100.0, 80.0]])
+    # Half the width is 80 tan 40 = 67 m, half the length 80 tan 20 = 29 m; centres of cells are 5 m apart.
+    assert (seen[:, 1].min(), seen[:, 1].max()) == (37.5, 162.5)
+    assert (seen[:, 0].min(), seen[:, 0].max()) == (72.5, 227.5)
+    turned = seen_along(FRAME, [[150.0, 60.0, 80.0], [150.0, 140.0, 80.0]])
+    assert (turned[:, 0].min(), turned[:, 0].max()) == (87.5, 212.5)
+
+
+def test_a_tilted_camera_looks_ahead_of_the_vehicle():
+    seen = seen_along(AHEAD, [[50.0, 100.0, 50.0], [51.0, 100.0, 50.0]])
+    near, far = (50.0 + 50.0 * math.tan(math.radians(35.0 + side)) for side in (-20.0, 20.0))
+    assert seen[:, 0].min() == pytest.approx(near, abs=5.0)
+    assert seen[:, 0].max() == pytest.approx(far, abs=5.0)
+    picture = flat_picture(AHEAD, 50.0)
+    assert (50.0 + picture.near_m, 50.0 + picture.far_m) == pytest.approx((near, far))
+    assert np.ptp(seen[:, 1]) == pytest.approx(2.0 * picture.half_width_m, abs=15.0)
+    back = seen_along(AHEAD, [[250.0, 100.0, 50.0], [249.0, 100.0, 50.0]])
+    assert back[:, 0].max() == pytest.approx(300.0 - near, abs=5.0)
+
+
+def test_an_overlap_to_the_side_narrows_what_counts():
+    half = dataclasses.replace(FRAME, side_overlap=0.5)
+    assert reach_at_height_m(half, 80.0) == pytest.approx(0.5 * reach_at_height_m(FRAME, 80.0))
+    seen = seen_along(half, [[100.0, 100.0, 80.0], [200.0, 100.0, 80.0]])
+    assert np.ptp(seen[:, 1]) == pytest.approx(67.1, abs=5.0)
+    assert np.ptp(seen[:, 0]) == 155.0
+
+
+@pytest.mark.parametrize("sensor", [FRAME, AHEAD], ids=["nadir", "ahead"])
+def test_a_quarter_turn_changes_nothing(sensor):
+    sensor = dataclasses.replace(sensor, range_m=60.0, sample_spacing_m=3.0, pixels_across=200, max_ground_sample_m=0.4)
+    nodes = np.random.default_rng(4).uniform(0, 12, (17, 17))
+    route = np.random.default_rng(5).uniform([0, 0, 20], [40, 40, 40], (5, 3))
+    plain = CoverageMap(grid_site(nodes, sensor=sensor), cell_size_m=2.5)
+    turned = CoverageMap(grid_site(np.rot90(nodes), sensor=sensor), cell_size_m=2.5)
+    turned_route = np.column_stack([route[:, 1], 40.0 - route[:, 0], route[:, 2]])
+    a, b = plain.share(plain.seen(route)), turned.share(turned.seen(turned_route))
+    assert 0.1 < a < 0.95
+    assert a == pytest.approx(b, abs=1e-9)
+
+
+def test_a_fixed_heading_does_not_turn_with_the_legs():
+    sensor = dataclasses.replace(FRAME, mount="stabilised", heading_deg=0.0)
+    legs = [seen_along(sensor, [[150.0, 100.0, 80.0], end]) for end in ([151.0, 100.0, 80.0], [150.0, 101.0, 80.0])]
+    for seen in legs:
+        assert np.ptp(seen[:, 0]) > 1.9 * np.ptp(seen[:, 1])
+    at_waypoints = dataclasses.replace(sensor, sensing="at-waypoints")
+    seen = seen_along(at_waypoints, [[150.0, 100.0, 80.0]])
+    assert np.ptp(seen[:, 0]) > 1.9 * np.ptp(seen[:, 1]) > 0.0
+
+
+def test_what_can_be_covered_and_what_is_too_coarse_everywhere():
+    for sensor in (FRAME, AHEAD):
+        coverage = CoverageMap(make_site(hills, sensor=sensor, cell_m=20.0), cell_size_m=20.0)
+        assert coverage.coverable.mean() > 0.99
+    for sensor in (AHEAD, NadirCamera(kind="nadir-camera", fov_deg=70.0, range_m=200.0)):
+        # From the lowest height, 40 m, a pixel of these sees 0.05 m and more.
+        fine = dataclasses.replace(sensor, pixels_across=1000, max_ground_sample_m=0.04)
+        assert not CoverageMap(make_site(sensor=fine, cell_m=20.0), cell_size_m=20.0).coverable.any()
+
+
+def test_whatever_the_heading_no_more_is_seen_than_by_the_bound():
+    for sensor in (FRAME, AHEAD, dataclasses.replace(FRAME, pitch_deg=-20.0)):
+        coverage = CoverageMap(make_site(hills, sensor=sensor, cell_m=10.0), cell_size_m=10.0)
+        place = np.array([[140.0, 90.0, 85.0]])
+        most = seen_from_points(
+            coverage.site.ground.surface, whatever_heading(coverage.sight), coverage.grid.cells, place, np.zeros((1, 2))
+        )
+        for yaw in (0.0, 33.0, 145.0, 290.0):
+            seen = coverage.seen_by(LevelLooks.by_yaw(place, np.array([yaw])))
+            assert seen.any()
+            assert not (seen & ~most).any()
+
+
+@pytest.mark.parametrize("mount", ["fixed", "stabilised"])
+def test_a_level_flight_sees_what_was_planned(mount):
+    sensor = dataclasses.replace(AHEAD, mount=mount, sample_spacing_m=2.0)
+    site = make_site(hills, sensor=sensor, cell_m=5.0)
+    coverage = CoverageMap(site, cell_size_m=5.0)
+    path = np.array([[0.0, 60.0, 80.0], [250.0, 140.0, 80.0]])
+    level = fly_along(site, path)
+    yaw = math.degrees(math.atan2(250.0, 80.0))
+    level = dataclasses.replace(level, attitude_deg=np.tile([1e-6, 0.0, yaw], (len(level), 1)))
+    planned, flown = coverage.seen(path), flown_coverage(coverage, level, None).seen
+    assert (planned ^ flown).sum() < 0.02 * planned.sum()
+    nose_up = dataclasses.replace(level, attitude_deg=np.tile([0.0, 15.0, yaw], (len(level), 1)))
+    lifted = flown_coverage(coverage, nose_up, None).seen
+    assert bool((lifted ^ flown).sum() > 0.1 * flown.sum()) == (mount == "fixed")
+    # Where the log has no attitude nothing is surely seen, and possibly what a camera sees that leans with the vehicle.
+    unknown = dataclasses.replace(level, attitude_deg=np.full((len(level), 3), math.nan))
+    guessed = flown_coverage(coverage, unknown, None)
+    assert not guessed.seen.any()
+    assert not (flown & ~guessed.possibly_seen).any()
+
+
+def test_pictures_by_distance_are_the_looks_of_a_flight():
+    sensor = dataclasses.replace(FRAME, trigger_distance_m=25.0)
+    site = make_site(sensor=sensor)
+    track = fly_along(site, np.array([[0.0, 50.0, 80.0], [110.0, 50.0, 80.0], [110.0, 150.0, 80.0]]))
+    places = looks_of(
+        site, track, track.enu_m, np.ones(len(track), dtype=bool), np.ones(len(track) - 1, dtype=bool), None
+    ).places_m
+    steps = np.hypot(*np.diff(places[:, :2], axis=0).T)
+    np.testing.assert_allclose(steps, 25.0, atol=1e-6)
+    np.testing.assert_allclose(places[:5, 0], [0.0, 25.0, 50.0, 75.0, 100.0], atol=1e-6)
+    # Round the corner the straight line to the last picture counts.
+    np.testing.assert_allclose(places[5, :2], [110.0, 50.0 + math.sqrt(25.0**2 - 10.0**2)], atol=1e-6)
+
+
+def test_how_a_camera_is_turned():
+    right_angles = camera_turn(AHEAD, np.array([[0.0, 0.0, 90.0], [20.0, -10.0, 200.0]]))
+    s, c = math.sin(math.radians(35.0)), math.cos(math.radians(35.0))
+    np.testing.assert_allclose(right_angles.axes[0], [s, 0.0, -c], atol=1e-12)
+    np.testing.assert_allclose(right_angles.tops[0], [c, 0.0, s], atol=1e-12)
+    np.testing.assert_allclose((right_angles.axes * right_angles.tops).sum(axis=1), 0.0, atol=1e-12)
+    gimbal = dataclasses.replace(AHEAD, mount="stabilised", heading_deg=180.0)
+    turn = camera_turn(gimbal, np.array([[20.0, -10.0, 200.0]]))
+    np.testing.assert_allclose(turn.axes[0], [0.0, -s, -c], atol=1e-12)
+    unknown = camera_turn(dataclasses.replace(AHEAD, mount="stabilised"), np.full((1, 3), math.nan), np.array([270.0]))
+    np.testing.assert_allclose(unknown.axes[0], [-s, 0.0, -c], atol=1e-12)
+    assert ((~turn.known).sum(), (~unknown.known).sum()) == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"pitch_deg": -120.0}, "pitch_deg: -120.0 is outside -90 (straight down)..0 (to the horizon)"),
+        ({"fov_along_deg": 180.0}, "fov_along_deg: 180.0 is outside 0..180 degrees"),
+        ({"heading_deg": 20.0}, 'heading_deg: goes with mount = "stabilised"'),
+        ({"heading_deg": 360.0, "mount": "stabilised"}, "heading_deg: 360.0 is outside 0 to below 360"),
+        ({"sensing": "at-waypoints"}, 'heading_deg: is needed with sensing = "at-waypoints"'),
+        ({"forward_overlap": 1.0}, "forward_overlap: 1.0 is no share of a picture"),
+        ({"side_overlap": -0.1}, "side_overlap: -0.1 is no share of a picture"),
+        ({"forward_overlap": 0.5, "trigger_distance_m": 9.0}, "trigger_distance_m: give it or forward_overlap, not both"),
+        ({"trigger_distance_m": 0.0}, "trigger_distance_m: must be above 0"),
+        ({"max_ground_sample_m": 0.1}, "max_ground_sample_m: needs pixels_across"),
+        ({"max_ground_sample_m": 0.0, "pixels_across": 9}, "max_ground_sample_m: must be above 0"),
+        (
+            {"trigger_distance_m": 9.0, "sensing": "at-waypoints", "mount": "stabilised", "heading_deg": 0.0},
+            'trigger_distance_m: pictures by distance go with sensing = "along-path"',
+        ),
+    ],
+)  # fmt: skip
+def test_values_that_make_no_sense(changes, message, tmp_path):
+    scenario = make_site(sensor=FRAME).scenario
+    text = dump_scenario(scenario)
+    assert parse_scenario(text, source="t", folder=tmp_path) == scenario
+    for key, value in changes.items():
+        text = "\n".join(line for line in text.splitlines() if not line.startswith(f"{key} = "))
+        text = text.replace("[sensor]", f"[sensor]\n{key} = {value!r}".replace("'", '"'))
+    with pytest.raises(ScenarioError) as error:
+        parse_scenario(text, source="t", folder=tmp_path)
+    assert str(error.value).startswith(f"t: sensor.{message}")
+
+
+def test_an_overlap_of_a_picture_that_shows_no_ground_is_refused():
+    blind = dataclasses.replace(FRAME, forward_overlap=0.5, pixels_across=1000, max_ground_sample_m=0.01)
+    with pytest.raises(
+        ScenarioError, match=r"^sensor.forward_overlap: from limits.min_height_agl_m = 40 m no flat ground"
+    ):
+        CoverageMap(make_site(sensor=blind), cell_size_m=10.0).looks(np.zeros((2, 3)))

@@ -1,0 +1,50 @@
+"""A sample has the attitude of its own moment, or none."""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from mission_io.wire import messages as m
+from uavcover.model.track import TrackSample
+from uavcover.scenario.frames import LocalFrame
+from uavcover.vehicle.recorder import Recorder
+
+FRAME = LocalFrame(36.5, -84.2, 400.0)
+
+
+def recorded(attitude: m.Attitude | None, *, heading_deg: float | None = 123.0, at_s: float = 50.0) -> TrackSample:
+    samples: list[TrackSample] = []
+    monitor = SimpleNamespace(latest=lambda _: attitude, current_seq=3, on_position=None)
+    recorder = Recorder(monitor, FRAME, waypoint_of=lambda seq: seq - 1, on_sample=samples.append)  # type: ignore[arg-type]
+    recorder.start()
+    monitor.on_position(m.GlobalPositionInt(at_s, 36.5, -84.2, 480.0, 80.0, 0.0, 0.0, 0.0, heading_deg))
+    return samples[0]
+
+
+def attitude(at_s: float) -> m.Attitude:
+    return m.Attitude(at_s, 0.1, -0.2, 1.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("age_s", [0.0, 0.4, 1.0, -0.1])
+def test_an_attitude_of_that_moment_is_written_with_its_age(age_s: float) -> None:
+    sample = recorded(attitude(50.0 - age_s))
+    assert (sample.roll_deg, sample.pitch_deg, sample.yaw_deg) == pytest.approx(
+        (math.degrees(0.1), math.degrees(-0.2), math.degrees(1.0))
+    )
+    assert sample.attitude_age_s == pytest.approx(age_s)
+    assert sample.current_waypoint == 2
+
+
+@pytest.mark.parametrize("age_s", [1.01, 30.0, -5.0])
+def test_an_older_or_newer_one_is_not_known_but_the_heading_of_the_position_is(age_s: float) -> None:
+    sample = recorded(attitude(50.0 - age_s))
+    assert math.isnan(sample.roll_deg)
+    assert math.isnan(sample.pitch_deg)
+    assert sample.yaw_deg == pytest.approx(123.0)
+    assert sample.attitude_age_s == pytest.approx(age_s)
+
+
+def test_without_any_attitude_nothing_is_made_up() -> None:
+    sample = recorded(None, heading_deg=None)
+    assert all(math.isnan(x) for x in (sample.roll_deg, sample.pitch_deg, sample.yaw_deg, sample.attitude_age_s))

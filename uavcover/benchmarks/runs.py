@@ -1,0 +1,225 @@
+"""A benchmark's runs: made in processes that end with this one, and kept as one file each.
+
+Work in many processes that end with this one: no thread pools fighting for cores, nothing left behind.
+
+A benchmark's folder: one JSON file for each run, written whole, so that a killed benchmark goes on where it was.
+"""
+
+import json
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from uavcover.errors import InputError, OutputError, UavcoverError
+from uavcover.run.folder import RunFolder, json_text, write_text
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def completed(
+    function: Callable[[Task], Result], tasks: Sequence[Task], *, processes: int
+) -> Iterator[tuple[Task, Result]]:
+    """Each task with its result, in the order in which they get done.
+
+    Every process has one BLAS thread. Leaving the iteration, by an exception too, kills the processes at once; killing this
+    process ends them as well.
+
+    Args:
+        function: importable by name, as its tasks and results pickle.
+        tasks: what it is called with, begun in this order.
+        processes: how many at a time, at least 1.
+
+    Raises:
+        UavcoverError: a process was killed from outside; names its task.
+        Exception: what ``function`` raised.
+    """
+    context = multiprocessing.get_context("spawn")
+    waiting = list(reversed(tasks))
+    crew: dict[Connection, tuple[BaseProcess, Task | None]] = {}  # what each process is at
+    try:
+        with _one_thread_each():
+            for _ in range(min(processes, len(tasks))):
+                ours, theirs = context.Pipe()
+                worker: BaseProcess = context.Process(target=_work, args=(function, theirs), daemon=True)
+                worker.start()
+                theirs.close()
+                crew[ours] = (worker, None)
+        for pipe in crew:
+            _give_next(pipe, waiting, crew)
+        while any(task is not None for _, task in crew.values()):
+            for pipe in cast("list[Connection]", wait([pipe for pipe, (_, task) in crew.items() if task is not None])):
+                task = cast("Task", crew[pipe][1])
+                result: Result = _received(pipe, task)
+                _give_next(pipe, waiting, crew)
+                yield task, result
+    finally:
+        for pipe, (worker, _) in crew.items():
+            pipe.close()
+            worker.kill()
+            worker.join()
+
+
+def _give_next(pipe: Connection, waiting: list[Task], crew: dict[Connection, tuple[BaseProcess, Task | None]]) -> None:
+    task = waiting.pop() if waiting else None
+    if task is not None:
+        pipe.send(task)
+    crew[pipe] = (crew[pipe][0], task)
+
+
+def _received(pipe: Connection, task: object) -> Any:
+    try:
+        well, answer = pipe.recv()
+    except (EOFError, ConnectionResetError):
+        raise UavcoverError(
+            f"{task}: its process was killed (was there enough memory?); what is done is kept: give the same command again"
+        ) from None
+    if not well:
+        raise answer
+    return answer
+
+
+def _work(function: Callable[[Task], Result], pipe: Connection) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    while True:
+        try:
+            task = pipe.recv()
+        except EOFError:
+            return
+        answer: tuple[bool, Result | Exception]
+        try:
+            answer = (True, function(task))
+        except Exception as error:
+            answer = (False, error)
+        pipe.send(answer)
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes begun inside have one thread for linear algebra; a library reads this when it is imported."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+_SETTINGS = "settings.json"
+
+
+class KeptRuns:
+    """Where the runs of a benchmark are kept: ``runs/KEY.json``; a key has slashes, as ``R2-ray/imodbo/1``.
+
+    Attributes:
+        path: the folder.
+        settings: what all its runs have in common; runs of different settings are not mixed.
+    """
+
+    def __init__(self, path: Path, settings: Mapping[str, str | int | float]) -> None:
+        self.path = path
+        self.settings = dict(settings)
+
+    @contextmanager
+    def reserved(self) -> Iterator[None]:
+        """Make the folder, or take up one made with the same settings, and keep other processes out of it.
+
+        Raises:
+            InputError: its runs were made with other settings.
+            OutputError: it has files but is none of ours, or cannot be written to.
+        """
+        with RunFolder(self.path).reserved([], force=False):
+            file = self.path / _SETTINGS
+            if file.exists():
+                before = _document(file)
+                if before != self.settings:
+                    raise InputError(
+                        f"{self.path}: its runs were made with {_told(before)}, not with {_told(self.settings)}; "
+                        "use another folder"
+                    )
+            elif any(self.path.iterdir()):
+                raise OutputError(f"{self.path}: has files, but no {_SETTINGS} of a benchmark; use another folder")
+            else:
+                write_text(file, json_text(self.settings))
+            yield
+
+    def file(self, key: str) -> Path:
+        """Where a run is."""
+        return self.path / "runs" / f"{key}.json"
+
+    def has(self, key: str) -> bool:
+        """Whether a run is done."""
+        return self.file(key).is_file()
+
+    def done(self) -> list[str]:
+        """Every run that is done, sorted by its parts, numbers by their size."""
+        root = self.path / "runs"
+        found = (path.relative_to(root).with_suffix("") for path in root.rglob("*.json"))
+        return sorted((key.as_posix() for key in found), key=_by_parts)
+
+    def write(self, key: str, document: dict[str, Any]) -> None:
+        """Write a run, whole or not at all; numbers unrounded.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        path = self.file(key)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"{path.parent}: cannot be made ({error.strerror})") from error
+        write_text(path, json_text(document))
+
+    def read(self, key: str) -> dict[str, Any]:
+        """A run as it was written.
+
+        Raises:
+            InputError: the file cannot be read.
+        """
+        return _document(self.file(key))
+
+
+def _document(path: Path) -> dict[str, Any]:
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(document, dict):
+            raise ValueError("expected an object")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); remove it and give the same command again") from error
+    return document
+
+
+def _by_parts(key: str) -> list[tuple[int, int, str]]:
+    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in key.split("/")]
+
+
+def _told(settings: Mapping[str, object]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in settings.items())

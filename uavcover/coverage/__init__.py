@@ -1,1 +1,0 @@
-"""What a sensor sees of an area from a route."""

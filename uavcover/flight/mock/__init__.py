@@ -1,1 +1,0 @@
-"""A vehicle that behaves: a multirotor with an autopilot that speaks MAVLink, for tests, demos and any ground station."""

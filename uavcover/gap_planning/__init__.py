@@ -1,1 +1,0 @@
-"""A short route that sees just what an earlier flight has missed."""

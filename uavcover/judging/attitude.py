@@ -1,0 +1,298 @@
+"""Which attitudes of a track are known and plausible: ranges, ages, and the lean that accelerations need.
+
+Whether a multirotor leaned as its accelerations say that it did.
+
+A multirotor accelerates by leaning: over ground its acceleration is that of its thrust, ``g tan(lean)`` in the direction of the
+lean, less the drag of the air. Drag grows with the speed through the air, so beside noise and gusts
+
+    g tan(lean) - acceleration = drag_per_s * velocity - wind_drag
+
+with one number and one vector for the flight. An attitude that was made up, turned, mirrored or taken from another time does not
+fit, and an autopilot that measures its attitude badly does not fly.
+
+Which attitudes of a track are known, and what is wrong with the others.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.judging.motion_windows import Windows
+from uavcover.judging.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG
+from uavcover.model.track import Track
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+MOST_UNEXPLAINED_M_S2 = 2.0
+"""Root mean square over a flight. Simulated autopilots come to 0.8, mock flights in gusts, off by metres, to 1.1."""
+MOST_UNEXPLAINED_IN_BLOCK_M_S2 = 3.0
+"""Root mean square over ``BLOCK_S``; they come to 1.5 and 1.9."""
+BLOCK_S = 20.0
+MOST_NOISE_M_S2 = 2.0
+"""Noise of the positions is allowed on top, up to this."""
+MOST_SIDEWAYS_DEG = 6.0
+"""A steady lean to one side of the vehicle, on all headings: the mounting of the autopilot."""
+MOST_BACKWARDS_DEG = 6.0
+"""A steady lean against the way that it flies: drag is never negative."""
+
+_WINDOW_S = 1.0
+_LONGEST_S = 1.6
+_MOVES_M_S = 2.0
+_ENOUGH_BLOCKS, _ENOUGH_IN_BLOCK = 20, 5
+_OWN = 0.3
+"""So much of a term must not be explained by the others."""
+_POINTS = np.linspace(-1.0, 1.0, 9)
+_WEIGHTS = (1.0 - np.abs(_POINTS)) / (1.0 - np.abs(_POINTS)).sum()
+"""A divided difference of positions is the mean of the accelerations with these weights."""
+
+
+def thrust_m_s2(attitude_deg: FloatArray) -> FloatArray:
+    """(n, 2) accelerations towards east and north by the thrust that keeps the height, of (n, 3) roll, pitch and yaw."""
+    sin_roll, sin_pitch, sin_yaw = np.sin(np.radians(attitude_deg)).T
+    cos_roll, cos_pitch, cos_yaw = np.cos(np.radians(attitude_deg)).T
+    up = cos_roll * cos_pitch
+    north = -(cos_roll * sin_pitch * cos_yaw + sin_roll * sin_yaw)
+    east = -(cos_roll * sin_pitch * sin_yaw - sin_roll * cos_yaw)
+    return np.asarray(GRAVITY_M_S2 * np.column_stack([east, north]) / up[:, None])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeanProblem:
+    """An attitude that does not fit the motion.
+
+    Attributes:
+        text: what is wrong, for people.
+        samples: (n,) which samples have it.
+    """
+
+    text: str
+    samples: BoolArray
+
+
+def lean_problem(
+    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray
+) -> LeanProblem | None:
+    """What is wrong with an attitude that does not fit the motion; None when it fits or too little is known.
+
+    Args:
+        time_s: (n,) vehicle time.
+        enu_m: (n, 3) positions.
+        joined: (n - 1,) legs that were observed.
+        attitude_deg: (n, 3) roll, pitch and yaw, NaN where they are not known.
+    """
+    windows = Windows.of(time_s, enu_m, window_s=_WINDOW_S, joined=joined)
+    before, middle, after = windows.before, windows.middle, windows.after
+    velocity, acceleration = windows.velocity_m_s[:, :2], windows.acceleration_m_s2[:, :2]
+    half_s = np.maximum(time_s[middle] - time_s[before], time_s[after] - time_s[middle])
+    thrust = _mean_over(time_s, thrust_m_s2(attitude_deg), time_s[middle], half_s)
+    good = np.isfinite(thrust).all(axis=1) & (half_s <= _LONGEST_S)
+    good &= np.hypot(velocity[:, 0], velocity[:, 1]) > _MOVES_M_S
+    # What accelerates more is no flight, and judged as such.
+    good &= windows.level_m_s2 <= GRAVITY_M_S2 * np.tan(np.radians(MAX_LEAN_DEG))
+    if good.sum() < _ENOUGH_BLOCKS:
+        return None
+    yaw = np.radians(attitude_deg[middle, 2])
+    terms = _terms(velocity[good], np.column_stack([np.cos(yaw), -np.sin(yaw)])[good])
+    drag = (thrust - acceleration)[good]
+    columns = terms.reshape(-1, terms.shape[-1])
+    fitted = np.linalg.lstsq(columns, drag.reshape(-1), rcond=None)[0]
+    along_m_s2 = fitted[0] * float(np.sqrt((velocity[good] ** 2).sum(axis=1).mean()))
+    along_deg, sideways_deg = np.degrees(np.arctan([along_m_s2 / GRAVITY_M_S2, fitted[3] / GRAVITY_M_S2]))
+    everywhere = np.ones(len(time_s), dtype=bool)
+    if abs(sideways_deg) > MOST_SIDEWAYS_DEG and _stands_alone(columns, 3):
+        return LeanProblem(
+            f"roll and pitch lean by {abs(sideways_deg):.0f} degrees to one side on all headings, with nothing to lean against",
+            everywhere,
+        )
+    if along_deg < -MOST_BACKWARDS_DEG and _stands_alone(columns, 0):
+        return LeanProblem(
+            f"roll and pitch lean by {-along_deg:.0f} degrees against the way that was flown", everywhere
+        )
+    left = drag - terms @ fitted
+    noise_m_s2 = min(windows.noise_m[0] / _WINDOW_S**2, MOST_NOISE_M_S2)
+    left_m_s2 = float(np.sqrt((left**2).sum(axis=1).mean()))
+    if left_m_s2 > MOST_UNEXPLAINED_M_S2 + noise_m_s2:
+        return LeanProblem(
+            f"roll and pitch do not fit the accelerations that were flown: they are off by {left_m_s2:.1f} m/s2 (rms)",
+            everywhere,
+        )
+    block = ((time_s - time_s[0]) // BLOCK_S).astype(np.int64)
+    in_block_m_s2 = _rms_by_block(block[middle[good]], left, int(block[-1]) + 1)
+    bad = in_block_m_s2 > MOST_UNEXPLAINED_IN_BLOCK_M_S2 + noise_m_s2
+    if not bad.any():
+        return None
+    worst = int(np.argmax(in_block_m_s2))
+    return LeanProblem(
+        f"roll and pitch do not fit the accelerations that were flown for about {BLOCK_S * bad.sum():.0f} s, most around "
+        f"{time_s[0] + (worst + 0.5) * BLOCK_S:.0f} s: they are off by {in_block_m_s2[worst]:.1f} m/s2 (rms)",
+        bad[block],
+    )
+
+
+def _terms(velocity: FloatArray, right: FloatArray) -> FloatArray:
+    """(k, 2, 4) what drag may be made of: the speed, a steady wind from the east and from the north, a lean to the right."""
+    ones, none = np.ones(len(velocity)), np.zeros(len(velocity))
+    return np.stack([velocity, np.column_stack([ones, none]), np.column_stack([none, ones]), right], axis=-1)
+
+
+def _rms_by_block(block: IntArray, left: FloatArray, count: int) -> FloatArray:
+    """(count,) root mean squares of (k, 2) vectors by their block, 0 for a block with few of them."""
+    numbers = np.bincount(block, minlength=count)
+    squares = np.bincount(block, weights=(left**2).sum(axis=1), minlength=count)
+    return np.asarray(np.sqrt(np.where(numbers >= _ENOUGH_IN_BLOCK, squares / np.maximum(numbers, 1), 0.0)))
+
+
+def _stands_alone(columns: FloatArray, number: int) -> bool:
+    """Whether one of the terms is told apart from the others: on one heading every steady lean may be the wind's."""
+    others = np.delete(columns, number, axis=1)
+    one = columns[:, number]
+    rest = one - others @ np.linalg.lstsq(others, one, rcond=None)[0]
+    return bool((rest**2).sum() > _OWN * (one**2).sum())
+
+
+def _mean_over(time_s: FloatArray, values: FloatArray, middles_s: FloatArray, half_s: FloatArray) -> FloatArray:
+    """(k, 2) weighted means of (n, 2) values over windows; NaN where one of them is."""
+    means = np.zeros((len(middles_s), 2))
+    for point, weight in zip(_POINTS, _WEIGHTS, strict=True):
+        at_s = middles_s + point * half_s
+        means += weight * np.column_stack([np.interp(at_s, time_s, axis) for axis in values.T])
+    return means
+
+
+MAX_AGE_S = 1.0
+"""An attitude further from its position in time is not that of the position."""
+MAX_TILT_DEG = 60.0
+"""A multirotor that leans by more needs twice its weight as thrust to keep its height."""
+_STUCK_S, _TURNED_DEG = 5.0, 60.0
+_COURSE_S = 2.0
+_RADIANS_AT_MOST = 6.3
+_AGREES_DEG, _DIFFERS_DEG = 25.0, 40.0
+_COURSE_M_S = 2.0
+"""Slower than this there is no course to compare a heading with."""
+_BRISK_M_S2 = 2.0
+"""To accelerate like this a multirotor leans by 11 degrees."""
+_LEANS_AT_LEAST = 0.35
+_ENOUGH = 5
+
+
+def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> tuple[FloatArray, list[str]]:
+    """Attitudes that can be believed.
+
+    Args:
+        track: what was flown.
+        enu_m: (n, 3) its positions.
+        joined: (n - 1,) legs that were observed.
+
+    Returns:
+        (n, 3) roll, pitch and yaw in degrees, NaN where they are not known; and what is wrong with the track's, for people.
+    """
+    attitude = track.attitude_deg.copy()
+    problems: list[str] = []
+    old = np.abs(track.attitude_age_s) > MAX_AGE_S
+    # A heading beside an empty roll and pitch is the one that the position told itself.
+    attitude[old & np.isfinite(attitude[:, :2]).any(axis=1)] = np.nan
+    low, high = np.array([-180.0, -90.0, -180.0]), np.array([180.0, 90.0, 360.0])
+    wrong = np.flatnonzero(((attitude < low) | (attitude > high)).any(axis=1))
+    if wrong.size:
+        first = wrong[0]
+        roll, pitch, yaw = attitude[first]
+        problems.append(
+            f"{wrong.size} attitudes are out of range, first roll {roll:g}, pitch {pitch:g}, yaw {yaw:g} degrees at "
+            f"{track.time_s[first]:.1f} s"
+        )
+        attitude[wrong] = np.nan
+    tilt = np.degrees(np.arccos(np.prod(np.cos(np.radians(attitude[:, :2])), axis=1)))
+    tilted = np.flatnonzero(tilt > MAX_TILT_DEG)
+    if tilted.size:
+        first = tilted[0]
+        problems.append(
+            f"{tilted.size} attitudes lean by more than {MAX_TILT_DEG:g} degrees, first by {tilt[first]:.0f} at "
+            f"{track.time_s[first]:.1f} s: nothing flies a route like that"
+        )
+        attitude[tilted] = np.nan
+    told = np.isfinite(attitude).all(axis=1)
+    if not told.any():
+        return attitude, problems
+    for first, last, turn_deg in _stuck(track.time_s, enu_m, attitude):
+        problems.append(
+            f"the attitude stays exactly the same from {track.time_s[first]:.1f} s to {track.time_s[last]:.1f} s, while the "
+            f"course turns by {turn_deg:.0f} degrees: it was not measured"
+        )
+        attitude[first : last + 1] = np.nan
+    told = np.isfinite(attitude).all(axis=1)
+    if not told.any():
+        return attitude, problems
+    if _in_radians(track.time_s, enu_m, attitude):
+        problems.append(
+            "the attitude is in radians where degrees belong: its yaw times 57.3 is the course that was flown"
+        )
+        attitude[:] = np.nan
+    elif (attitude[told, :2] == 0.0).all():
+        problems.append("roll and pitch are exactly zero throughout: nothing measured them")
+        attitude[:, : 3 if (attitude[told, 2] == 0.0).all() else 2] = np.nan
+    elif (lean := _never_leans(track.time_s, enu_m, joined, attitude)) is not None:
+        problems.append(
+            f"roll and pitch are never above {lean[0]:.1f} degrees, though the vehicle accelerates with {lean[1]:.1f} m/s2"
+        )
+        attitude[:, :2] = np.nan
+    elif (problem := lean_problem(track.time_s, enu_m, joined, attitude)) is not None:
+        problems.append(problem.text)
+        attitude[problem.samples] = np.nan
+    return attitude, problems
+
+
+def _stuck(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> Iterator[tuple[int, int, float]]:
+    """Runs of samples with exactly the same attitude in which the course turns: first, last and by how much in degrees."""
+    same = np.append((np.diff(attitude, axis=0) == 0.0).all(axis=1), False)
+    starts = np.flatnonzero(same & ~np.insert(same[:-1], 0, False))
+    for start in starts:
+        last = int(start) + int(np.argmin(same[start:]))
+        if time_s[last] - time_s[start] < _STUCK_S:
+            continue
+        # Places so far apart in time that their noise is no course.
+        steps = np.unique(np.searchsorted(time_s, np.arange(time_s[start], time_s[last], _COURSE_S)))
+        way = np.diff(enu_m[steps, :2], axis=0)
+        fast = np.hypot(way[:, 0], way[:, 1]) > _COURSE_M_S * np.diff(time_s[steps])
+        course = np.degrees(np.unwrap(np.arctan2(way[fast, 0], way[fast, 1])))
+        if course.size and (turn := float(np.ptp(course))) > _TURNED_DEG:
+            yield int(start), last, turn
+
+
+def _in_radians(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> bool:
+    """Whether the headings agree with the courses when they are taken as radians, and not as they stand there."""
+    if float(np.nanmax(np.abs(attitude))) > _RADIANS_AT_MOST or len(time_s) < 3:
+        return False
+    velocity = np.gradient(enu_m[:, :2], time_s, axis=0)
+    moving = (np.hypot(velocity[:, 0], velocity[:, 1]) > _COURSE_M_S) & np.isfinite(attitude[:, 2])
+    if moving.sum() < _ENOUGH:
+        return False
+    course = np.degrees(np.arctan2(velocity[moving, 0], velocity[moving, 1]))
+    yaw = attitude[moving, 2]
+
+    def median_off(heading_deg: FloatArray) -> float:
+        return float(np.median(np.abs((heading_deg - course + 180.0) % 360.0 - 180.0)))
+
+    return median_off(np.degrees(yaw)) < _AGREES_DEG and median_off(yaw) > _DIFFERS_DEG
+
+
+def _never_leans(
+    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude: FloatArray
+) -> tuple[float, float] | None:
+    """The largest lean in degrees and the largest acceleration, when the first is far too small for the second."""
+    brisk = np.zeros(_ENOUGH)
+    # Over the longer one noise hides less, over the shorter one a short turn shows more.
+    for window_s in (1.0, 2.0):
+        windows = Windows.of(time_s, enu_m, window_s=window_s, joined=joined)
+        most = np.sort(windows.level_m_s2 - windows.allowance_m_s2(0))[-_ENOUGH:]
+        if most.size == _ENOUGH and most[0] > brisk[0]:
+            brisk = most
+    if brisk[0] < _BRISK_M_S2:
+        return None
+    lean = float(np.nanmax(np.abs(attitude[:, :2])))
+    if lean >= _LEANS_AT_LEAST * np.degrees(np.arctan2(brisk[0], GRAVITY_M_S2)):
+        return None
+    return lean, float(brisk[-1])

@@ -1,0 +1,265 @@
+"""Passed, failed or not proved, and how well the cells were seen.
+
+How well the cells were seen, in figures, and how that grew.
+
+Passed, failed, or not proved.
+
+Failed: what was observed breaks a limit, or misses a requirement whatever happened where nothing was observed. Not proved:
+nothing does, but something essential was not observed. Passed: everything holds, and was observed.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.judging.ends import Continuation, continuations
+from uavcover.judging.flown_coverage import FlownCoverage, possibly_seen
+from uavcover.judging.judged_track import JudgedTrack
+from uavcover.judging.observations import level_looks
+from uavcover.judging.possible_motion import motion_limits
+from uavcover.judging.unobserved import (
+    length_of_m,
+    place_of,
+    stretch_at,
+    way_after_m,
+    way_before_m,
+    ways_between_m,
+)
+from uavcover.model.scenario import Scenario
+from uavcover.model.verdict import CellStatistics, CoverageMoment, Unobserved, VerdictName
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
+
+FloatArray = NDArray[np.float64]
+
+_MOMENTS = 200
+"""Coverage over time is told at this many moments, evenly spread over the looks' time."""
+
+
+def cell_statistics(coverage: CoverageMap, flown: FlownCoverage) -> CellStatistics:
+    """Looks, ground sample distance and incidence of all cells."""
+    seen = flown.seen
+
+    def percentile(values: FloatArray, share: float) -> float | None:
+        known = values[seen & np.isfinite(values)]
+        return float(np.percentile(known, share)) if known.size else None
+
+    return CellStatistics(
+        count=coverage.grid.count,
+        seen=int(seen.sum()),
+        looks_mean=float(flown.looks[seen].mean()) if seen.any() else None,
+        looks_max=int(flown.looks.max()),
+        seen_twice_fraction=coverage.share(flown.looks >= 2),
+        ground_sample_median_m=percentile(flown.ground_sample_m, 50.0),
+        ground_sample_p95_m=percentile(flown.ground_sample_m, 95.0),
+        incidence_median_deg=percentile(flown.incidence_deg, 50.0),
+        incidence_p95_deg=percentile(flown.incidence_deg, 95.0),
+    )
+
+
+def coverage_by_time(coverage: CoverageMap, flown: FlownCoverage, times_s: FloatArray) -> tuple[CoverageMoment, ...]:
+    """How much had been seen at moments of the (k,) times of the looks."""
+    if times_s.size == 0:
+        return ()
+    order = np.flatnonzero(flown.seen)
+    order = order[np.argsort(flown.first_seen_s[order], kind="stable")]
+    weight = coverage.grid.weight_m2
+    so_far = np.append(0.0, np.cumsum(weight[order])) / weight.sum()
+    moments = np.linspace(times_s[0], times_s[-1], _MOMENTS) if times_s[-1] > times_s[0] else times_s[:1]
+    shares = so_far[np.searchsorted(flown.first_seen_s[order], moments, side="right")]
+    return tuple(CoverageMoment(float(t), float(share)) for t, share in zip(moments, shares, strict=True))
+
+
+BoolArray = NDArray[np.bool_]
+
+MAX_UNOBSERVED_WAYS_FRACTION = 0.2
+"""Of the time on the ways there and home; on the route it is much less, by the scenario."""
+
+_SHOWN = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """A verdict and what it follows from; see :class:`uavcover.model.verdict.VerificationReport`.
+
+    Attributes:
+        verdict: which.
+        reasons: why it failed.
+        doubts: why it is not proved.
+        findings: what is odd beside.
+        unobserved: stretches that were not observed, of all tracks.
+        unobserved_route_fraction: share of the route's time; none without a route.
+    """
+
+    verdict: VerdictName
+    reasons: tuple[str, ...]
+    doubts: tuple[str, ...]
+    findings: tuple[str, ...]
+    unobserved: tuple[Unobserved, ...]
+    unobserved_route_fraction: float | None
+
+
+def judged_requirements(scenario: Scenario) -> Mapping[str, Any]:
+    """The requirements and limits that a flight is held against, by their names in the scenario; rings of the fence apart."""
+    limits = {name: value for name, value in asdict(scenario.limits).items() if not name.startswith("fence_")}
+    limits["max_transit_height_agl_m"] = scenario.transit_ceiling_agl_m
+    return {**asdict(scenario.requirements), **limits}
+
+
+def decide(
+    coverage: CoverageMap, flown: FlownCoverage, judged: Sequence[JudgedTrack], *, unknown_attitude_looks: int
+) -> Decision:
+    """The verdict on tracks that count as one flight.
+
+    Args:
+        coverage: the cells.
+        flown: what was seen of them.
+        judged: each track by itself.
+        unknown_attitude_looks: how many looks have no known direction.
+    """
+    site = coverage.site
+    requirements = site.scenario.requirements
+    links = continuations([(j.begin, j.end) for j in judged], motion_limits(site.scenario.vehicle, site.scenario.wind))
+    unobserved, ways = _all_unobserved(site, judged, links)
+    reasons, doubts, findings = [], [], []
+    for number, j in enumerate(judged):
+        which = f"track {number + 1}: " if len(judged) > 1 else ""
+        reasons += [which + line for line in j.reasons]
+        doubts += [which + line for line in [*_end_doubts(site, number, j, links), *j.doubts]]
+        findings += [which + line for line in j.findings]
+        (doubts if unknown_attitude_looks else findings).extend(
+            f"{which}{line}: its attitude is not known there" for line in j.attitude_problems
+        )
+    fraction, ways_fraction = _fractions(judged, unobserved)
+    if fraction is not None and fraction > requirements.max_unobserved_fraction:
+        doubts.append(
+            f"{100 * fraction:.1f} % of the route's time was not observed, more than "
+            f"{100 * requirements.max_unobserved_fraction:g} %{_longest(site, unobserved, 'route')}"
+        )
+    if ways_fraction > MAX_UNOBSERVED_WAYS_FRACTION:
+        doubts.append(
+            f"{100 * ways_fraction:.0f} % of the time on the ways there and home was not observed, more than "
+            f"{100 * MAX_UNOBSERVED_WAYS_FRACTION:g} %{_longest(site, unobserved, 'transit')}"
+        )
+    long = [s for s in unobserved if s.in_flight and s.duration_s > requirements.max_unobserved_gap_s]
+    doubts += [
+        f"{_told(site, stretch)}; at most {requirements.max_unobserved_gap_s:g} s are allowed"
+        for stretch in long[:_SHOWN]
+    ]
+    if len(long) > _SHOWN:
+        doubts.append(f"and {len(long) - _SHOWN} more stretches as long")
+    _judge_coverage(coverage, flown, ways, reasons, doubts)
+    verdict: VerdictName = "failed" if reasons else "not proved" if doubts else "passed"
+    return Decision(verdict, tuple(reasons), tuple(doubts), tuple(findings), tuple(unobserved), fraction)
+
+
+def _judge_coverage(
+    coverage: CoverageMap, flown: FlownCoverage, ways_m: Sequence[FloatArray], reasons: list[str], doubts: list[str]
+) -> None:
+    """Coverage below what is required fails, unless what was not observed may make up for it: then it is not proved."""
+    requirements = coverage.site.scenario.requirements
+    share, sure = coverage.share_of_coverable(flown.seen), coverage.share_of_coverable(flown.surely_seen)
+    wanted, wanted_sure = requirements.min_coverage_of_coverable, requirements.min_sure_coverage_of_coverable
+    short = [(share, "coverage", wanted)] if share < wanted else []
+    if wanted_sure is not None and sure < wanted_sure:
+        short.append((sure, "sure coverage", wanted_sure))
+    if not short:
+        return
+    perhaps = flown.possibly_by_attitude.copy()
+    for way in ways_m:
+        perhaps |= possibly_seen(coverage, level_looks(coverage.site, way, 0.0))
+    for found, what, asked in short:
+        seen = flown.seen if what == "coverage" else flown.surely_seen
+        at_most = coverage.share_of_coverable(seen | perhaps)
+        text = f"{what} {100 * found:.2f} % of the coverable area is below the required {100 * asked:.2f} %"
+        if at_most < asked:
+            reasons.append(text)
+        else:
+            doubts.append(f"{text}; with what may have been seen without being observed it is {100 * at_most:.2f} %")
+
+
+def _all_unobserved(
+    site: Site, judged: Sequence[JudgedTrack], links: Sequence[Continuation]
+) -> tuple[list[Unobserved], list[FloatArray]]:
+    """Stretches without evidence, within the tracks and at their ends, and the ways on the route that they may have led."""
+    found: list[Unobserved] = []
+    ways: list[FloatArray] = []
+    for number, j in enumerate(judged):
+        before, after = way_before_m(j.planned, j.passed), way_after_m(j.planned, j.passed)
+        if not j.begin.on_ground and not any(link.after == number for link in links):
+            found.append(_missing(site, j, number, before, first=True))
+            ways.append(before)
+        found += [replace(stretch, track=number) for stretch in j.unobserved]
+        ways += ways_between_m(j.enu_m, j.joined, j.phases.route, j.planned, j.passed)
+        link = next((link for link in links if link.before == number), None)
+        if link is not None:
+            other = judged[link.after]
+            start_s, end_s = j.end.time_s, other.begin.time_s
+            detail = (
+                f"{end_s - start_s:.1f} s between track {number + 1} and track {link.after + 1}, which goes on with it"
+            )
+            way = np.vstack([j.end.enu_m, other.begin.enu_m])
+            on_route = bool(j.phases.route[-1] or other.phases.route[0])
+            if end_s - start_s > site.scenario.requirements.max_gap_s:
+                stretch = stretch_at(
+                    site, j.end.enu_m, reason="no samples", detail=detail, start_s=start_s, end_s=end_s,
+                    length_m=length_of_m(way), on_route=on_route,
+                )  # fmt: skip
+                found.append(replace(stretch, track=number))
+                ways += [way] if on_route else []
+        elif not j.end.on_ground:
+            found.append(_missing(site, j, number, after, first=False))
+            ways.append(after)
+    return found, [way for way in ways if len(way) > 0]
+
+
+def _missing(site: Site, j: JudgedTrack, number: int, way_m: FloatArray, *, first: bool) -> Unobserved:
+    end = j.begin if first else j.end
+    stretch = stretch_at(
+        site, end.enu_m, reason="before the first sample" if first else "after the last sample", detail=str(end),
+        start_s=end.time_s, end_s=end.time_s, length_m=length_of_m(way_m), on_route=len(way_m) > 1,
+    )  # fmt: skip
+    return replace(stretch, track=number)
+
+
+def _end_doubts(site: Site, number: int, j: JudgedTrack, links: Sequence[Continuation]) -> list[str]:
+    doubts = []
+    if not j.begin.on_ground and not any(link.after == number for link in links):
+        doubts.append(
+            f"{j.begin}, at {place_of(site, j.begin.enu_m)}, {j.begin.time_s:.1f} s: what was before is not known"
+        )
+    if not j.end.on_ground and not any(link.before == number for link in links):
+        doubts.append(f"{j.end}, at {place_of(site, j.end.enu_m)}, {j.end.time_s:.1f} s: what came after is not known")
+    return doubts
+
+
+def _fractions(judged: Sequence[JudgedTrack], unobserved: Sequence[Unobserved]) -> tuple[float | None, float]:
+    """Shares of the time on the route, and on the ways there and home, that were not observed."""
+    route_s, ways_s = 0.0, 0.0
+    for j in judged:
+        chosen = np.flatnonzero(j.phases.route)
+        on_route_s = float(j.track.time_s[chosen[-1]] - j.track.time_s[chosen[0]]) if chosen.size else 0.0
+        route_s += on_route_s
+        ways_s += float(j.track.time_s[-1] - j.track.time_s[0]) - on_route_s
+    missing = {
+        phase: sum(s.duration_s for s in unobserved if s.phase == phase and s.in_flight)
+        for phase in ("route", "transit")
+    }
+    route_s = max(route_s, missing["route"])
+    ways_s = max(ways_s, missing["transit"])
+    return (missing["route"] / route_s if route_s > 0.0 else None, missing["transit"] / ways_s if ways_s > 0.0 else 0.0)
+
+
+def _longest(site: Site, unobserved: Sequence[Unobserved], phase: str) -> str:
+    stretches = [s for s in unobserved if s.phase == phase and s.in_flight and s.duration_s > 0.0]
+    if not stretches:
+        return ""
+    return f"; the longest of {len(stretches)} stretches: {_told(site, max(stretches, key=lambda s: s.duration_s))}"
+
+
+def _told(site: Site, stretch: Unobserved) -> str:
+    place = place_of(site, np.array([stretch.east_m, stretch.north_m, 0.0]))
+    return f"{stretch.duration_s:.1f} s from {stretch.start_s:.1f} s at {place} were not observed ({stretch.detail})"

@@ -1,0 +1,178 @@
+"""What was seen from a flown track: when, how often, how closely, how surely, and why the rest was not."""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.judging.observations import Looks
+from uavcover.judging.possible_motion import MAX_LEAN_DEG
+from uavcover.kernels import observation_counting as kernels
+from uavcover.kernels.observation_counting import Camera, Tally
+from uavcover.kernels.sight import LocalSlopes, local_slopes
+from uavcover.model.sensor import Camera as CameraSensor
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import focal_px
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+WORKERS = 2
+"""Threads that share out the rows of the lattice; the result does not depend on it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlownCoverage:
+    """What was seen; every array has one value a cell.
+
+    Attributes:
+        seen: whether it was seen, measured positions and terrain taken as exact.
+        surely_seen: whether it was seen whatever the errors of the scenario's [uncertainty] were; part of ``seen``.
+        possibly_seen: whether it may have been seen, these errors being as they may, or the camera's direction where it is not
+            known; ``seen`` is part of it.
+        possibly_by_attitude: whether it was not seen, but may have been by a look whose direction is not known.
+        first_seen_s: time at which it was first seen, NaN where it was not.
+        looks: separate passes that saw it.
+        nearest_m: shortest distance from which it was seen, NaN where it was not.
+        ground_sample_m: smallest ground sample distance with which it was seen, NaN where it was not or none is known.
+        incidence_deg: smallest incidence angle under which it was seen, NaN where it was not.
+        outcome: the furthest that any look got, see :class:`uavcover.kernels.observation_counting.Tally`.
+    """
+
+    seen: BoolArray
+    surely_seen: BoolArray
+    possibly_seen: BoolArray
+    possibly_by_attitude: BoolArray
+    first_seen_s: FloatArray
+    looks: NDArray[np.int32]
+    nearest_m: FloatArray
+    ground_sample_m: FloatArray
+    incidence_deg: FloatArray
+    outcome: NDArray[np.uint8]
+
+
+def tally_looks(coverage: CoverageMap, looks: Looks) -> FlownCoverage:
+    """Every look at every cell of a map.
+
+    Looks whose direction is not known see nothing surely; what they may have seen is told apart.
+    """
+    site = coverage.site
+    slopes = local_slopes(site.ground.surface)
+    camera = _camera(coverage, slopes)
+    certain = looks.where(looks.known)
+    tally = _tallied(coverage, certain, slopes, camera)
+    seen = tally.first >= 0
+    when = np.full(seen.size, np.nan)
+    when[seen] = certain.times_s[tally.first[seen]]
+    exact = camera.offset_m == 0.0 and camera.turn_rad == 0.0
+    possible = seen if exact else seen | (tally.possible >= camera.looks)
+    doubtful = looks.where(~looks.known)
+    by_attitude = possibly_seen(coverage, doubtful) if len(doubtful) else np.zeros(seen.size, dtype=bool)
+    return FlownCoverage(
+        seen=seen,
+        surely_seen=seen if exact else seen & (tally.sure >= camera.looks),
+        possibly_seen=possible | by_attitude,
+        possibly_by_attitude=by_attitude & ~seen,
+        first_seen_s=when,
+        looks=tally.passes,
+        nearest_m=_finite(tally.nearest_m),
+        ground_sample_m=_finite(tally.ground_sample_m),
+        # Rounding may leave a cosine of 1 a hair above it.
+        incidence_deg=np.where(seen, np.degrees(np.arccos(np.clip(tally.cos_incidence, -1.0, 1.0))), np.nan),
+        outcome=tally.outcome,
+    )
+
+
+def possibly_seen(coverage: CoverageMap, looks: Looks) -> BoolArray:
+    """(cells,) what looks may have seen whose direction is not known: with a lean of up to MAX_LEAN_DEG either way."""
+    site = coverage.site
+    slopes = local_slopes(site.ground.surface)
+    camera = _camera(coverage, slopes)
+    if isinstance(site.scenario.sensor, CameraSensor):
+        camera = camera._replace(turn_rad=max(camera.turn_rad, float(np.radians(MAX_LEAN_DEG))))
+    tally = _tallied(coverage, looks, slopes, camera)
+    return np.asarray((tally.first >= 0) | (tally.possible > 0))
+
+
+def joining_shifts_s(
+    times_s: Sequence[FloatArray], *, pause_s: float, same_clock: Mapping[int, tuple[int, float]]
+) -> tuple[float, ...]:
+    """Seconds to add to the times of each track so that it begins ``pause_s`` after the end of those before.
+
+    Args:
+        times_s: vehicle times of the samples of each track, increasing, in the order in which they were flown.
+        pause_s: between two tracks.
+        same_clock: of a track that records the flight of one before: which one, and the seconds that are added to its times to
+            have that one's.
+
+    Returns:
+        one value a track; 0 for the first.
+    """
+    shifts: list[float] = []
+    end_s = -np.inf
+    for number, times in enumerate(times_s):
+        if number in same_clock:
+            first, shift_s = same_clock[number]
+            shifts.append(shifts[first] + shift_s)
+        else:
+            shifts.append(end_s + pause_s - float(times[0]) if shifts else 0.0)
+        end_s = max(end_s, float(times[-1]) + shifts[-1])
+    return tuple(shifts)
+
+
+def joined_looks(parts: Sequence[Looks], shifts_s: Sequence[float]) -> Looks:
+    """The looks of several tracks as one flight, in order of time, their times shifted by :func:`joining_shifts_s`."""
+    times_s = np.concatenate([part.times_s + shift for part, shift in zip(parts, shifts_s, strict=True)])
+    order = np.argsort(times_s, kind="stable")
+    return Looks(
+        np.vstack([part.places_m for part in parts])[order],
+        np.vstack([part.axes for part in parts])[order],
+        np.vstack([part.tops for part in parts])[order],
+        times_s[order],
+        np.concatenate([part.known for part in parts])[order],
+    )
+
+
+def _tallied(coverage: CoverageMap, looks: Looks, slopes: LocalSlopes, camera: Camera) -> Tally:
+    tally: Tally = kernels.empty_tally(coverage.grid.count, camera.looks)
+
+    def add(first_row: int) -> None:
+        kernels.tally_rows(
+            coverage.site.ground.surface, slopes, coverage.sight, camera, coverage.grid.cells, looks.places_m, looks.axes,
+            looks.tops, looks.times_s, first_row, WORKERS, tally,
+        )  # fmt: skip
+
+    with ThreadPoolExecutor(WORKERS) as executor:
+        list(executor.map(add, range(WORKERS)))
+    return tally
+
+
+def _camera(coverage: CoverageMap, slopes: LocalSlopes) -> Camera:
+    sensor, wanted = coverage.site.scenario.sensor, coverage.site.scenario.requirements
+    uncertainty = coverage.site.scenario.uncertainty
+    horizontal, vertical = uncertainty.position_m, coverage.site.vertical_uncertainty_m
+    # A ray that is moved sideways by p at the eye and not at all at the cell meets ground that is higher by at most its slope
+    # times the way it was moved: as much as lowering the eye by p times the steepest slope does.
+    lift = vertical + (horizontal * _steepest_known(slopes) if horizontal > 0.0 else 0.0)
+    return Camera(
+        focal_px=focal_px(sensor),
+        # Every waypoint is a look of its own, however soon it follows the one before.
+        pass_gap_s=wanted.max_gap_s if sensor.sensing == "along-path" else -1.0,
+        offset_m=float(np.hypot(horizontal, vertical)),
+        horizontal_m=horizontal,
+        lift_m=lift,
+        turn_rad=float(np.radians(uncertainty.attitude_deg)) if isinstance(sensor, CameraSensor) else 0.0,
+        looks=wanted.looks,
+        apart_m=wanted.look_distance_m or 0.0,
+    )
+
+
+def _steepest_known(slopes: LocalSlopes) -> float:
+    """Steepest slope of the blocks that have data: along a ray over the others nothing is seen anyhow."""
+    return float(slopes.steepest[np.isfinite(slopes.steepest)].max(initial=0.0))
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    return np.where(np.isfinite(values), values, np.nan)

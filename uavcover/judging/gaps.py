@@ -1,0 +1,179 @@
+"""What was not seen, in connected regions with their reasons, and ``gaps.geojson``.
+
+What was not seen, grouped into connected regions, each with the reason.
+
+``gaps.geojson``: the regions that were not seen, for maps.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.errors import InputError
+from uavcover.judging.flown_coverage import FlownCoverage
+from uavcover.kernels.sight import NOT_IN_RANGE, OCCLUDED, SEEN, TOO_COARSE, TOO_OBLIQUE
+from uavcover.model.verdict import Gap, GapReason
+from uavcover.scenario.frames import LocalFrame
+from uavcover.sensing.coverage_map import CoverageMap
+
+BoolArray = NDArray[np.bool_]
+
+REASONS: tuple[GapReason, ...] = (
+    "never-in-range",
+    "too-oblique",
+    "occluded",
+    "out-of-limits",
+    "too-coarse",
+    "too-few-looks",
+    "attitude-not-known",
+)
+"""In the order of their numbers in ``coverage.tif``."""
+_OUTCOMES = {
+    NOT_IN_RANGE: REASONS[0],
+    TOO_OBLIQUE: REASONS[1],
+    OCCLUDED: REASONS[2],
+    TOO_COARSE: REASONS[4],
+    SEEN: REASONS[5],
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GapRegion:
+    """A gap and its cells.
+
+    Attributes:
+        gap: what the report says of it.
+        cells: (k,) numbers of its cells.
+    """
+
+    gap: Gap
+    cells: NDArray[np.int64]
+
+
+def find_gaps(coverage: CoverageMap, flown: FlownCoverage) -> list[GapRegion]:
+    """Regions of cells that were not seen for the same reason, touching by side or corner; the largest first."""
+    codes = reason_codes(coverage, flown)
+    regions = [
+        region for code, reason in enumerate(REASONS, start=1) for region in _regions(coverage, codes == code, reason)
+    ]
+    return sorted(regions, key=lambda region: -region.gap.area_m2)
+
+
+def reason_codes(coverage: CoverageMap, flown: FlownCoverage) -> NDArray[np.uint8]:
+    """(cells,) 0 where a cell was seen, else the number of its reason in REASONS, counted from 1."""
+    codes = np.zeros(coverage.grid.count, dtype=np.uint8)
+    missing = ~flown.seen
+    for outcome, reason in _OUTCOMES.items():
+        codes[missing & (flown.outcome == outcome)] = 1 + REASONS.index(reason)
+    codes[missing & flown.possibly_by_attitude] = 1 + REASONS.index("attitude-not-known")
+    # Said last: what cannot be seen at all was also never in range, or always too oblique.
+    codes[missing & ~coverage.coverable] = 1 + REASONS.index("out-of-limits")
+    return codes
+
+
+def _regions(coverage: CoverageMap, missing: BoolArray, reason: GapReason) -> list[GapRegion]:
+    if not missing.any():
+        return []
+    # Importing scipy.ndimage takes most of a second, which commands that judge nothing need not wait for.
+    from scipy import ndimage
+
+    cells, weight = coverage.grid.cells, coverage.grid.weight_m2
+    inside = cells.lattice >= 0
+    lattice = np.zeros(cells.lattice.shape, dtype=bool)
+    lattice[inside] = missing[cells.lattice[inside]]
+    labels, count = ndimage.label(lattice, structure=np.ones((3, 3)))
+    label_of_cell = np.zeros(coverage.grid.count, dtype=np.int64)
+    label_of_cell[cells.lattice[inside]] = labels[inside]
+    members = np.flatnonzero(label_of_cell)
+    members = members[np.argsort(label_of_cell[members], kind="stable")]
+    groups = np.split(members, np.flatnonzero(np.diff(label_of_cell[members])) + 1)
+    middles = np.array([np.average(cells.centre_m[group], axis=0, weights=weight[group]) for group in groups])
+    lat, lon = np.full(count, np.nan), np.full(count, np.nan)
+    if coverage.site.frame is not None:
+        lat, lon, _ = coverage.site.frame.geodetic_from_enu(middles)
+    return [
+        GapRegion(
+            Gap(
+                cells=len(group), area_m2=float(weight[group].sum()), lat_deg=float(lat[k]), lon_deg=float(lon[k]),
+                east_m=float(middles[k, 0]), north_m=float(middles[k, 1]), reason=reason,
+                coverable=reason != "out-of-limits",
+            ),
+            group,
+        )
+        for k, group in enumerate(groups)
+    ]  # fmt: skip
+
+
+def gaps_geojson(coverage: CoverageMap, regions: Sequence[GapRegion]) -> dict[str, Any]:
+    """A FeatureCollection (RFC 7946) with one MultiPolygon for each region, the largest first.
+
+    Raises:
+        InputError: the scenario has no place on Earth.
+    """
+    frame = coverage.site.frame
+    if frame is None:
+        raise InputError(f"scenario {coverage.site.scenario.name}: has no place on Earth, so its gaps have no GeoJSON")
+    row_of, column_of = _places_in_lattice(coverage)
+    features = []
+    for number, region in enumerate(regions):
+        gap = region.gap
+        outline = _outline(coverage, row_of[region.cells], column_of[region.cells])
+        features.append(
+            {
+                "type": "Feature",
+                "id": number,
+                "geometry": _geometry(coverage, frame, outline),
+                "properties": {
+                    "reason": gap.reason,
+                    "coverable": gap.coverable,
+                    "cells": gap.cells,
+                    "area_m2": gap.area_m2,
+                },
+            }
+        )
+    return {"type": "FeatureCollection", "features": features}
+
+
+def _places_in_lattice(coverage: CoverageMap) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Row and column of each cell."""
+    lattice = coverage.grid.cells.lattice
+    rows, columns = np.nonzero(lattice >= 0)
+    row_of, column_of = np.empty(coverage.grid.count, dtype=np.int64), np.empty(coverage.grid.count, dtype=np.int64)
+    numbers = lattice[rows, columns]
+    row_of[numbers], column_of[numbers] = rows, columns
+    return row_of, column_of
+
+
+def _outline(coverage: CoverageMap, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> shapely.MultiPolygon:
+    """Cells as one shape in the local frame: runs of cells in a row as rectangles, united."""
+    order = np.lexsort((columns, rows))
+    rows, columns = rows[order], columns[order]
+    starts = np.flatnonzero(np.append(True, (np.diff(rows) != 0) | (np.diff(columns) != 1)))
+    ends = np.append(starts[1:], len(rows)) - 1
+    cells = coverage.grid.cells
+    west = cells.east0_m + (columns[starts] - 0.5) * cells.size_m
+    east = cells.east0_m + (columns[ends] + 0.5) * cells.size_m
+    south = cells.north0_m + (rows[starts] - 0.5) * cells.size_m
+    united = shapely.union_all(shapely.box(west, south, east, south + cells.size_m))
+    return shapely.MultiPolygon(list(shapely.get_parts(united)))
+
+
+def _geometry(coverage: CoverageMap, frame: LocalFrame, outline: shapely.MultiPolygon) -> dict[str, Any]:
+    """The shape in longitudes and latitudes, outer rings counter-clockwise; corners lie on the ground."""
+    ground = coverage.site.ground
+    level = float(np.mean(coverage.grid.cells.centre_m[:, 2]))
+
+    def to_lon_lat(places_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        heights = ground.heights_m(places_m)
+        # A corner may stand just outside the elevation data; a few metres of height move it by micrometres.
+        heights = np.where(np.isfinite(heights), heights, level)
+        lat, lon, _ = frame.geodetic_from_enu(np.column_stack([places_m, heights]))
+        return np.column_stack([lon, lat])
+
+    shape = shapely.orient_polygons(shapely.transform(outline, to_lon_lat))
+    document: dict[str, Any] = shapely.geometry.mapping(shape)
+    return document

@@ -1,0 +1,321 @@
+"""What one track says by itself: the part of it that is evidence, and how that stands to the limits."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.errors import TrackError
+from uavcover.judging.attitude import known_attitude
+from uavcover.judging.ends import TrackEnd, ground_tolerance_m, track_ends
+from uavcover.judging.observations import REACHED_RADII, Looks, looks_of
+from uavcover.judging.passing import Passing, contradiction, passing, plan_doubt
+from uavcover.judging.phases import PlannedRoute, on_route
+from uavcover.judging.possible_motion import Motion, judge_motion, motion_limits
+from uavcover.judging.safety import (
+    TOLERANCE,
+    Figures,
+    Heights,
+    Phases,
+    ViolationFinder,
+    commanded_pace_doubt,
+    deviations_m,
+    find_violations,
+    ground_speeds_m_s,
+    track_heights,
+)
+from uavcover.judging.unobserved import place_of, unobserved_stretches
+from uavcover.model.track import Track
+from uavcover.model.verdict import Unobserved, Violation
+from uavcover.scenario.site import Site
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+MAX_CONTRADICTION_M = 1.0
+"""Largest difference between a track's local columns and its latitudes and longitudes."""
+
+MAX_IMPOSSIBLE_MOVES = 3
+"""A receiver may lose itself and find itself again a few times in a flight; what moves impossibly more often was not flown."""
+
+TOLD_HEIGHT_M = 3.0
+"""A vehicle that stands further above or under the ground of the scenario is told."""
+
+_PLACE_MARGIN_M = 2.0
+"""A place is kept within two acceptance radii, and a little for wind: home while climbing and landing, a waypoint."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JudgedTrack:
+    """What one track says by itself.
+
+    Attributes:
+        track: the samples that are evidence, with the attitudes that are known.
+        enu_m: (n, 3) their positions.
+        joined: (n - 1,) legs that were observed.
+        planned: what was planned for it, if anything.
+        passed: where it passed the planned waypoints, none without a plan.
+        phases: of its samples.
+        heights: above ground.
+        speeds_m_s: (n,) over ground.
+        deviations_m: (n,) from the planned route, none without a plan.
+        violations: limits that were not kept.
+        begin: its first sample.
+        end: its last sample.
+        unobserved: stretches between its samples that were not observed.
+        reasons: why it cannot pass, whatever was seen.
+        doubts: why it proves nothing, whatever was seen.
+        findings: what is odd beside.
+        attitude_problems: what is wrong with its attitudes.
+    """
+
+    track: Track
+    enu_m: FloatArray
+    joined: BoolArray
+    planned: PlannedRoute | None
+    passed: Passing | None
+    phases: Phases
+    heights: Heights
+    speeds_m_s: FloatArray
+    deviations_m: FloatArray | None
+    violations: tuple[Violation, ...]
+    begin: TrackEnd
+    end: TrackEnd
+    unobserved: tuple[Unobserved, ...]
+    reasons: tuple[str, ...]
+    doubts: tuple[str, ...]
+    findings: tuple[str, ...]
+    attitude_problems: tuple[str, ...]
+
+    def looks(self, site: Site) -> Looks:
+        """What its sensor looked at.
+
+        Raises:
+            TrackError: the sensor looks from waypoints only, and there is no plan that says where they are.
+        """
+        return looks_of(site, self.track, self.enu_m, self.phases.route, self.joined, self.planned)
+
+
+def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> JudgedTrack:
+    """Judge a track.
+
+    Raises:
+        TrackError: it is empty, or has a position that is no place on Earth.
+    """
+    scenario = site.scenario
+    told_m = _checked_positions_m(site, track)
+    limits = motion_limits(scenario.vehicle, scenario.wind)
+    motion = judge_motion(track.time_s, told_m, limits, max_gap_s=scenario.requirements.max_gap_s)
+    kept = np.flatnonzero(motion.evidence)
+    contradiction_m = float(np.max(np.linalg.norm(told_m - track.enu_m, axis=1)))
+    whole, enu, track = track, told_m[kept], track.taken(kept)
+    joined = (np.diff(kept) == 1) & motion.joined[kept[:-1]]
+    attitude, attitude_problems = known_attitude(track, enu, joined)
+    track = replace(track, attitude_deg=attitude)
+    radius_m = _place_radius_m(site) + scenario.uncertainty.position_m
+    passed, misnumbered = None, None
+    if planned is not None and len(planned.waypoints_m):
+        passed = passing(enu, joined, planned.waypoints_m, radius_m=radius_m)
+        misnumbered = contradiction(
+            track, enu, joined, planned.waypoints_m, radius_m=radius_m, speed_m_s=limits.speed_m_s
+        )
+    route = on_route(
+        track, enu, planned, acceptance_radius_m=scenario.vehicle.acceptance_radius_m, passed=passed,
+        # Where the places say nothing of the plan, its numbers are all there is.
+        believed=misnumbered is None or (passed is not None and not passed.passed.any()),
+    )  # fmt: skip
+    here_m = site.ground.heights_agl_m(enu)
+    begin, end = track_ends(scenario, track.time_s, enu, here_m, noise_m=motion.noise_m)
+    phases = _phases(site, enu, route, planned, end)
+    heights = track_heights(site, enu, joined, phases)
+    speeds = ground_speeds_m_s(track, enu, joined)
+    deviations = deviations_m(enu, route, planned)
+    broken = find_violations(site, track, enu, heights, phases, joined)
+    off = _requirement_violations(site, track, enu, phases, speeds, deviations)
+    doubts = [
+        *_ground_doubts(site, track, enu, here_m, heights, phases),
+        *_motion_doubts(site, whole, told_m, motion),
+        commanded_pace_doubt(track, enu, joined, scenario.vehicle, planned),
+        None if passed is None else plan_doubt(passed),
+        None if misnumbered is None else f"{misnumbered}: its numbers are not believed, the places decide",
+    ]
+    if not contradiction_m <= MAX_CONTRADICTION_M:
+        doubts.append(
+            "the track contradicts itself: east, north, up differ from latitude, longitude, height by up to "
+            f"{contradiction_m:.1f} m"
+        )
+    if scenario.requirements.max_deviation_m is not None and deviations is None:
+        doubts.append(
+            "the deviation from the planned route is unknown: there is no plan, or no part of the track is on its route"
+        )
+    return JudgedTrack(
+        track=track,
+        enu_m=enu,
+        joined=joined,
+        planned=planned,
+        passed=passed,
+        phases=phases,
+        heights=heights,
+        speeds_m_s=speeds,
+        deviations_m=deviations,
+        violations=tuple(sorted([*broken, *off], key=lambda violation: violation.start_s)),
+        begin=begin,
+        end=end,
+        unobserved=tuple(unobserved_stretches(site, track, enu, joined, route, motion, kept)),
+        reasons=tuple(_reasons(site, phases, speeds, deviations, broken)),
+        doubts=tuple(doubt for doubt in doubts if doubt is not None),
+        findings=tuple(_findings(site, begin, end)),
+        attitude_problems=tuple(attitude_problems),
+    )
+
+
+def track_positions_m(site: Site, track: Track) -> FloatArray:
+    """(n, 3) ENU positions of a track: from its latitudes, longitudes and heights where the site has a place on Earth."""
+    if site.frame is None:
+        return track.enu_m
+    return site.frame.enu_from_geodetic(*track.geodetic.T)
+
+
+def _checked_positions_m(site: Site, track: Track) -> FloatArray:
+    if len(track) == 0:
+        raise TrackError("the track has no samples: nothing was flown, or nothing was recorded")
+    enu = track_positions_m(site, track)
+    if not np.isfinite(enu).all():
+        bad = int(np.argmin(np.isfinite(enu).all(axis=1)))
+        raise TrackError(
+            f"sample {bad} of the track, at {track.time_s[bad]} s, is no place on Earth; are latitude and longitude swapped?"
+        )
+    if not (np.diff(track.time_s) > 0.0).all():
+        bad = int(np.argmax(~(np.diff(track.time_s) > 0.0))) + 1
+        raise TrackError(f"sample {bad} of the track, at {track.time_s[bad]} s, does not come after the one before it")
+    return enu
+
+
+def _requirement_violations(
+    site: Site, track: Track, enu_m: FloatArray, phases: Phases, speeds_m_s: FloatArray, deviations: FloatArray | None
+) -> list[Violation]:
+    """Stretches of the route that were too fast, or too far from the planned one."""
+    requirements = site.scenario.requirements
+    numbers = np.arange(len(track), dtype=float)
+    find = ViolationFinder(track, enu_m)
+    found: list[Violation] = []
+    if requirements.max_ground_speed_m_s is not None:
+        found += find.above(
+            "ground-speed", phases.route, Figures(speeds_m_s, numbers), requirements.max_ground_speed_m_s,
+            phase="route", unit="m/s",
+        )  # fmt: skip
+    if requirements.max_deviation_m is not None and deviations is not None:
+        found += find.above(
+            "deviation", phases.route, Figures(deviations, numbers), requirements.max_deviation_m, phase="route"
+        )
+    return found
+
+
+def _reasons(
+    site: Site,
+    phases: Phases,
+    speeds_m_s: FloatArray,
+    deviations: FloatArray | None,
+    violations: list[Violation],
+) -> list[str]:
+    """What a track shows to be broken, a line each."""
+    requirements = site.scenario.requirements
+    reasons = []
+    if violations:
+        kinds = sorted({violation.kind for violation in violations})
+        reasons.append(f"{len(violations)} violations of the limits ({', '.join(kinds)})")
+    off, most_m = largest(deviations), requirements.max_deviation_m
+    if most_m is not None and off is not None and off > most_m + TOLERANCE:
+        reasons.append(f"the deviation from the planned route, {off:.1f} m, is above {most_m} m")
+    fastest, allowed = largest(speeds_m_s[phases.route]), requirements.max_ground_speed_m_s
+    if allowed is not None and fastest is not None and fastest > allowed + TOLERANCE:
+        reasons.append(f"the speed over ground, {fastest:.1f} m/s, is above {allowed} m/s")
+    return reasons
+
+
+def _ground_doubts(
+    site: Site, track: Track, enu_m: FloatArray, here_m: FloatArray, heights: Heights, phases: Phases
+) -> list[str]:
+    doubts = []
+    unknown = np.isnan(heights.lowest.values) & ~phases.column
+    if unknown.any():
+        first = float(track.time_s[int(np.argmax(unknown))])
+        doubts.append(
+            f"no elevation data under {int(unknown.sum())} samples of the flight, first at {first:.1f} s: their height "
+            "above ground cannot be judged (if that is far away, latitude and longitude may be swapped)"
+        )
+    lowest = int(np.nanargmin(here_m)) if np.isfinite(here_m).any() else 0
+    if here_m[lowest] < -ground_tolerance_m(site.scenario):
+        doubts.append(
+            f"positions are under the ground, by up to {-here_m[lowest]:.1f} m at {track.time_s[lowest]:.1f} s, "
+            f"{place_of(site, enu_m[lowest])}: their heights refer to something else, or belong to another place"
+        )
+    return doubts
+
+
+def _motion_doubts(site: Site, track: Track, enu_m: FloatArray, motion: Motion) -> list[str]:
+    doubts = []
+    steps = [move for move in motion.moves if move.step_m_s > 0.0]
+    if steps:
+        step = max(steps, key=lambda move: move.step_m_s)
+        doubts.append(
+            f"the velocity changes at once at {track.time_s[step.first]:.1f} s, {place_of(site, enu_m[step.first])}, by "
+            f"{step.step_m_s:.1f} m/s more than it can: flight is missing there, and how much is not known"
+        )
+    if len(motion.moves) <= MAX_IMPOSSIBLE_MOVES:
+        return doubts
+    first = motion.moves[0]
+    return [
+        *doubts,
+        f"the vehicle cannot have moved like this in {len(motion.moves)} places, first at {track.time_s[first.first]:.1f} s, "
+        f"{place_of(site, enu_m[first.first])}: {first}",
+    ]
+
+
+def _findings(site: Site, begin: TrackEnd, end: TrackEnd) -> list[str]:
+    """What is odd about the places of take-off and landing."""
+    findings = []
+    for did, where in (("took off", begin), ("landed", end)):
+        if where.on_ground and abs(where.height_agl_m) > TOLD_HEIGHT_M:
+            side = "above" if where.height_agl_m > 0.0 else "under"
+            findings.append(
+                f"the vehicle {did} {abs(where.height_agl_m):.1f} m {side} the ground of the scenario: all heights above "
+                "ground may be wrong by as much"
+            )
+        if site.home_m is None:
+            continue
+        most_m = site.scenario.limits.max_home_error_m
+        away_m = float(np.hypot(*(where.enu_m[:2] - site.home_m[:2])))
+        if where.on_ground and away_m > most_m:
+            findings.append(
+                f"the vehicle {did} {away_m:.0f} m from the scenario's home, at {place_of(site, where.enu_m)}"
+            )
+    return findings
+
+
+def _place_radius_m(site: Site) -> float:
+    return REACHED_RADII * site.scenario.vehicle.acceptance_radius_m + _PLACE_MARGIN_M
+
+
+def _phases(site: Site, enu_m: FloatArray, route: BoolArray, planned: PlannedRoute | None, end: TrackEnd) -> Phases:
+    radius_m = _place_radius_m(site)
+
+    def at(place_m: FloatArray) -> BoolArray:
+        return np.asarray(np.hypot(enu_m[:, 0] - place_m[0], enu_m[:, 1] - place_m[1]) <= radius_m)
+
+    nowhere = np.zeros(len(enu_m), dtype=bool)
+    column = nowhere if site.home_m is None else at(site.home_m)
+    if end.on_ground:
+        # Wherever it lands, the last metres of the flight are a landing.
+        there = at(end.enu_m)
+        column = column | (np.cumsum(~there[::-1])[::-1] == 0)
+    junction = nowhere
+    if planned is not None and len(planned.waypoints_m):
+        junction = at(planned.waypoints_m[0]) | at(planned.waypoints_m[-1])
+    return Phases(route=route, column=column & ~route, junction=junction & ~route & ~column)
+
+
+def largest(values: FloatArray | None) -> float | None:
+    """The largest that is a number; none when there is none."""
+    known = np.empty(0) if values is None else values[np.isfinite(values)]
+    return float(known.max()) if known.size else None

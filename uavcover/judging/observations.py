@@ -1,0 +1,151 @@
+"""Where a flown track's sensor looked from, in which direction, and when."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.errors import TrackError
+from uavcover.judging.phases import PlannedRoute, observed_stretches
+from uavcover.model.track import Track
+from uavcover.scenario.site import Site
+from uavcover.sensing.sensors import camera_turn, look_spacing_m, trigger_distance_m
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+REACHED_RADII = 2.0
+"""A planned waypoint counts as reached within this many acceptance radii."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Looks:
+    """Looks of a sensor in order of time.
+
+    Attributes:
+        places_m: (k, 3) ENU.
+        axes: (k, 3) unit vectors, ENU: where a camera pointed.
+        tops: (k, 3) unit vectors at right angles to them: the top of its picture.
+        times_s: (k,).
+        known: (k,) whether the attitude is known; the others were taken as level, nose ahead.
+    """
+
+    places_m: FloatArray
+    axes: FloatArray
+    tops: FloatArray
+    times_s: FloatArray
+    known: BoolArray
+
+    def __len__(self) -> int:
+        return int(self.times_s.size)
+
+    def where(self, chosen: BoolArray) -> "Looks":
+        """Some of them."""
+        return Looks(
+            self.places_m[chosen], self.axes[chosen], self.tops[chosen], self.times_s[chosen], self.known[chosen]
+        )
+
+
+def looks_of(
+    site: Site, track: Track, enu_m: FloatArray, route: BoolArray, joined: BoolArray, planned: PlannedRoute | None
+) -> Looks:
+    """The looks of a track on the planned route, by the sensing rule of the scenario.
+
+    Along the path there is one at every sample, and between two samples as many as keep them ``sample_spacing_m`` apart; or, with
+    pictures by distance, one at the beginning and wherever the vehicle has come that far from the last one, as autopilots
+    trigger. Place, attitude and time are read linearly in between. Where two samples are not joined there is none. Where the
+    track does not know the yaw that a picture needs, the vehicle is taken to fly nose ahead.
+
+    Args:
+        site: the scenario on its ground.
+        track: what was flown.
+        enu_m: (n, 3) its positions.
+        route: (n,) which samples belong to the planned route.
+        joined: (n - 1,) legs that were observed.
+        planned: the plan, if there is one.
+
+    Raises:
+        TrackError: the sensor looks from waypoints only, and there is no plan that says where they are.
+    """
+    sensor = site.scenario.sensor
+    if sensor.sensing == "at-waypoints":
+        before, share = _reached(site, enu_m, planned), np.empty(0)
+    else:
+        runs = observed_stretches(route, joined)
+        if trigger_distance_m(site.scenario) is None:
+            parts = [_between(run, enu_m, look_spacing_m(site.scenario)) for run in runs]
+        else:
+            parts = [_pictures(run, enu_m, look_spacing_m(site.scenario)) for run in runs]
+        before = np.concatenate([part[0] for part in parts]) if parts else np.empty(0, dtype=np.int64)
+        share = np.concatenate([part[1] for part in parts]) if parts else np.empty(0)
+    if share.size == 0:
+        share = np.zeros(before.size)
+    after = np.minimum(before + 1, len(track) - 1)
+
+    def read(values: FloatArray) -> FloatArray:
+        t = share if values.ndim == 1 else share[:, None]
+        # Where a look is at a sample the next one has no say: it may be far away, or not a number.
+        return np.asarray(np.where(t == 0.0, values[before], values[before] + t * (values[after] - values[before])))
+
+    attitude = np.column_stack([track.attitude_deg[:, :2], np.unwrap(track.attitude_deg[:, 2], period=360.0)])
+    # np.unwrap carries a missing yaw on to the end; the samples behind it know theirs.
+    attitude[:, 2] = np.where(np.isfinite(attitude[:, 2]), attitude[:, 2], track.attitude_deg[:, 2])
+    course = enu_m[after] - enu_m[np.where(after > before, before, np.maximum(before - 1, 0))]
+    turn = camera_turn(sensor, read(attitude), np.degrees(np.arctan2(course[:, 0], course[:, 1])))
+    return Looks(np.ascontiguousarray(read(enu_m)), turn.axes, turn.tops, read(track.time_s), turn.known)
+
+
+def level_looks(site: Site, path_m: FloatArray, time_s: float) -> Looks:
+    """Looks all along a path that was not observed, as if it had been flown level: what may have been seen from it."""
+    share = _between(np.arange(len(path_m)), path_m, look_spacing_m(site.scenario))
+    before, part = share
+    after = np.minimum(before + 1, len(path_m) - 1)
+    places = path_m[before] + part[:, None] * (path_m[after] - path_m[before])
+    course = path_m[after] - path_m[np.where(after > before, before, np.maximum(before - 1, 0))]
+    unknown = np.full((len(places), 3), np.nan)
+    turn = camera_turn(site.scenario.sensor, unknown, np.degrees(np.arctan2(course[:, 0], course[:, 1])))
+    times = np.full(len(places), time_s)
+    return Looks(np.ascontiguousarray(places), turn.axes, turn.tops, times, np.zeros(len(places), dtype=bool))
+
+
+def _between(run: NDArray[np.int64], enu_m: FloatArray, spacing_m: float) -> tuple[NDArray[np.int64], FloatArray]:
+    """The sample before each look of a run of samples, and how far it is on the way to the next, 0..1."""
+    legs = np.linalg.norm(np.diff(enu_m[run], axis=0), axis=1)
+    pieces = np.maximum(1, np.ceil(legs / spacing_m - 1e-9).astype(np.int64))
+    leg = np.repeat(np.arange(len(legs)), pieces)
+    piece = np.arange(len(leg)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    return np.append(run[leg], run[-1]), np.append(piece / pieces[leg], 0.0)
+
+
+def _pictures(run: NDArray[np.int64], enu_m: FloatArray, distance_m: float) -> tuple[NDArray[np.int64], FloatArray]:
+    """As :func:`_between` for pictures: the first at once, then one wherever the last one is ``distance_m`` away over ground."""
+    places = enu_m[run, :2]
+    legs, shares, last = [0], [0.0], places[0]
+    for leg in range(len(run) - 1):
+        # |start + t way - last| = distance_m, the later solution: the vehicle was nearer before.
+        way = places[leg + 1] - places[leg]
+        length2 = float(way @ way)
+        while length2 > 0.0:
+            start = places[leg] - last
+            half = float(start @ way)
+            t = (-half + np.sqrt(half**2 - length2 * (float(start @ start) - distance_m**2))) / length2
+            if not t <= 1.0:
+                break  # the end of the leg is nearer than that
+            legs.append(leg)
+            shares.append(t)
+            last = places[leg] + t * way
+    return run[np.array(legs)], np.array(shares)
+
+
+def _reached(site: Site, enu_m: FloatArray, planned: PlannedRoute | None) -> NDArray[np.int64]:
+    """Numbers of the samples that came nearest to each planned waypoint that was reached."""
+    if planned is None:
+        raise TrackError("the sensor looks from the waypoints; without plan.json it is not known where these are")
+    radius = REACHED_RADII * site.scenario.vehicle.acceptance_radius_m
+    chosen = []
+    for point in planned.waypoints_m:
+        distance = np.linalg.norm(enu_m - point, axis=1)
+        nearest = int(np.argmin(distance))
+        if distance[nearest] <= radius:
+            chosen.append(nearest)
+    return np.array(sorted(chosen), dtype=np.int64)

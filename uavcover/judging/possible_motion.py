@@ -1,0 +1,303 @@
+"""Which motion a vehicle can have made: what it cannot joins nothing and is no evidence.
+
+Speed is asked for over windows of 0.2, 1 and 3 s, acceleration by divided differences of three samples 0.2 to 2 s apart. For a
+vehicle that accelerates by no more than ``a``, no divided difference is above ``a``, however far apart the samples are. So a
+rate of 1 Hz is judged as fairly as one of 50 Hz, and the rounding of a log at 50 Hz is no acceleration.
+
+Noise of the positions adds to these figures, more the shorter the window. How much is measured on the track itself: by the
+median of its second differences over the windows of that length in which it moved. The allowance has a ceiling, so that it cannot
+excuse everything.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.judging.motion_windows import ROUNDING_S, Windows
+from uavcover.model.vehicle import Vehicle, Wind
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+SPEED_WINDOWS_S = (0.2, 1.0, 3.0)
+ACCELERATION_WINDOWS_S = (0.2, 0.5, 1.0, 2.0)
+
+MAX_LEAN_DEG = 35.0
+"""No mission is flown with more lean: ArduPilot's largest is 30 degrees, PX4 flies missions with up to about 30."""
+GRAVITY_M_S2 = 9.80665
+
+MAX_JUMP_M = 5.0
+"""A jump of the position by no more than this, as when a receiver finds itself again, keeps what comes after it as evidence."""
+SAME_PLACE_S = 1.0
+"""Impossible moves nearer to each other than this are one."""
+
+STEP_WINDOW_S = 0.5
+"""Velocities before and after an impossible move are means over so long."""
+
+MoveKind = Literal["speed", "climb", "acceleration", "out of reach"]
+
+
+@dataclass(frozen=True, slots=True)
+class MotionLimits:
+    """The most that a vehicle can do.
+
+    Attributes:
+        speed_m_s: over ground.
+        climb_m_s: upwards.
+        descent_m_s: downwards.
+        acceleration_m_s2: over ground, and vertically.
+    """
+
+    speed_m_s: float
+    climb_m_s: float
+    descent_m_s: float
+    acceleration_m_s2: float
+
+
+def motion_limits(vehicle: Vehicle, wind: Wind) -> MotionLimits:
+    """What a vehicle of a scenario can do at most, generously: autopilots overshoot, and the wind carries.
+
+    Over ground its largest airspeed and the wind together; where no airspeed is given one and a half times the cruise speed
+    and 8 m/s for the wind. Vertically twice what the scenario says, and 2 m/s. An acceleration of a lean of 35 degrees, or
+    twice the scenario's where that is more.
+    """
+    most_m_s = 1.5 * vehicle.cruise_speed_m_s + max(8.0, wind.speed_m_s)
+    if vehicle.max_airspeed_m_s is not None:
+        most_m_s = max(1.5 * vehicle.cruise_speed_m_s, vehicle.max_airspeed_m_s) + max(2.0, wind.speed_m_s)
+    lean_m_s2 = GRAVITY_M_S2 * float(np.tan(np.radians(MAX_LEAN_DEG)))
+    return MotionLimits(
+        speed_m_s=most_m_s,
+        climb_m_s=2.0 * vehicle.max_climb_m_s + 2.0,
+        descent_m_s=2.0 * vehicle.max_descent_m_s + 2.0,
+        acceleration_m_s2=max(lean_m_s2, 2.0 * (vehicle.acceleration_m_s2 or 0.0)),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ImpossibleMove:
+    """A stretch of a track that no vehicle of the scenario can have flown.
+
+    Attributes:
+        first: number of the sample at which it begins.
+        last: number of the sample at which it ends.
+        kind: what is impossible first: speed, climb (or descent), acceleration; or the place cannot be reached.
+        worst: the worst value in it; of what is out of reach, the speed that it would take.
+        limit: of it.
+        step_m_s: by how much more the velocity changes across it than it can. A jump of the receiver changes the place and leaves
+            the velocity as it was; where the velocity has changed, flight is missing, and nobody knows how much.
+    """
+
+    first: int
+    last: int
+    kind: MoveKind
+    worst: float
+    limit: float
+    step_m_s: float = 0.0
+
+    def __str__(self) -> str:
+        """What is impossible, with the figures."""
+        unit = "m/s2" if self.kind == "acceleration" else "m/s"
+        what = "speed" if self.kind == "out of reach" else self.kind
+        return f"{what} {self.worst:.1f} {unit} where at most {self.limit:.1f} {unit} are possible"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """What of a track's motion is possible.
+
+    Attributes:
+        joined: (n - 1,) whether a straight line between two neighbours is evidence: not too far apart in time, and possible.
+        evidence: (n,) whether a sample is: it can be reached from the others by possible motion.
+        moves: what is impossible, in order of time.
+        noise_m: (2,) errors of the positions as they were measured, over ground and vertically: medians of second differences
+            over 0.2 s.
+    """
+
+    joined: BoolArray
+    evidence: BoolArray
+    moves: tuple[ImpossibleMove, ...]
+    noise_m: tuple[float, float]
+
+
+def judge_motion(time_s: FloatArray, enu_m: FloatArray, limits: MotionLimits, *, max_gap_s: float) -> Motion:
+    """What of the motion through (n, 3) ENU positions at (n,) increasing times is possible.
+
+    Args:
+        time_s: vehicle time.
+        enu_m: positions.
+        limits: of the vehicle.
+        max_gap_s: neighbours further apart in time are not joined.
+    """
+    joined = np.diff(time_s) <= max_gap_s
+    found = _Found(joined)
+    windows = [Windows.of(time_s, enu_m, window_s=length, joined=joined) for length in ACCELERATION_WINDOWS_S]
+    for window_s in SPEED_WINDOWS_S:
+        _mark_speeds(found, time_s, enu_m, limits, windows[0], window_s)
+    for each in windows:
+        _mark_accelerations(found, limits, each)
+    joined = joined & ~found.marked
+    evidence, unreachable = _reachable(time_s, enu_m, joined, limits)
+    # A sample by itself, with nothing but impossible motion around it, hangs in the air.
+    alone = ~np.append(joined, False) & ~np.insert(joined, 0, False)
+    evidence &= ~(alone & (np.append(found.marked, False) | np.insert(found.marked, 0, False)))
+    # Something has to stand for the flight even where nothing of it is possible.
+    evidence[0] |= not evidence.any()
+    joined &= evidence[:-1] & evidence[1:]
+    moves = tuple(
+        replace(move, step_m_s=_velocity_step_m_s(time_s, enu_m, joined, windows[0], limits, move))
+        for move in _moves(time_s, found, unreachable, limits)
+    )
+    return Motion(joined, evidence, moves, windows[0].noise_m)
+
+
+class _Found:
+    """Windows of samples in which something is impossible, and the legs in them.
+
+    Attributes:
+        marked: (n - 1,) legs that lie in such a window.
+    """
+
+    def __init__(self, joined: BoolArray) -> None:
+        self.marked = np.zeros(len(joined), dtype=bool)
+        self._broken = ~joined
+        self._windows: list[tuple[IntArray, IntArray, FloatArray, float, MoveKind]] = []
+
+    def unbroken(self, first: IntArray, last: IntArray) -> BoolArray:
+        """Whether windows of samples first..last hold neither a gap nor a leg that is marked already."""
+        bad = np.concatenate([[0], np.cumsum(self._broken | self.marked)])
+        return np.asarray(bad[last] == bad[first])
+
+    def mark(self, first: IntArray, last: IntArray, values: FloatArray, limit: float, kind: MoveKind) -> None:
+        """Mark all legs of windows of samples first..last, which have these values."""
+        if first.size == 0:
+            return
+        changes = np.zeros(len(self.marked) + 1, dtype=np.int64)
+        np.add.at(changes, first, 1)
+        np.add.at(changes, last, -1)
+        self.marked |= np.cumsum(changes)[:-1] > 0
+        self._windows.append((first, last, values, limit, kind))
+
+    def worst(self, first: int, last: int) -> tuple[MoveKind, float, float]:
+        """Kind, value and limit of the window inside samples first..last that is furthest beyond its limit."""
+        best: tuple[float, MoveKind, float, float] = (0.0, "speed", 0.0, 1.0)
+        for starts, ends, values, limit, kind in self._windows:
+            inside = np.flatnonzero((starts >= first) & (ends <= last))
+            if inside.size and (top := float(values[inside].max())) / limit > best[0]:
+                best = (top / limit, kind, top, limit)
+        return best[1:]
+
+
+def _mark_speeds(
+    found: _Found, time_s: FloatArray, enu_m: FloatArray, limits: MotionLimits, noise: Windows, window_s: float
+) -> None:
+    first = np.arange(len(time_s))
+    last = np.searchsorted(time_s, time_s + window_s - ROUNDING_S)
+    inside = last < len(time_s)
+    first, last = first[inside], last[inside]
+    seconds = time_s[last] - time_s[first]
+    way = enu_m[last] - enu_m[first]
+    unbroken = found.unbroken(first, last)
+    # A second difference has up to four times the error of a position in it, a way twice.
+    level = np.hypot(way[:, 0], way[:, 1]) - 0.5 * noise.allowance_m(0)
+    vertical = 0.5 * noise.allowance_m(1)
+    ways: tuple[tuple[MoveKind, FloatArray, float], ...] = (
+        ("speed", level, limits.speed_m_s),
+        ("climb", way[:, 2] - vertical, limits.climb_m_s),
+        ("climb", -way[:, 2] - vertical, limits.descent_m_s),
+    )
+    for kind, metres, limit in ways:
+        speeds = metres / seconds
+        k = np.flatnonzero(unbroken & (speeds > limit))
+        found.mark(first[k], last[k], speeds[k], limit, kind)
+
+
+def _mark_accelerations(found: _Found, limits: MotionLimits, windows: Windows) -> None:
+    unbroken = found.unbroken(windows.before, windows.after)
+    worst = np.maximum(
+        windows.level_m_s2 - windows.allowance_m_s2(0), windows.vertical_m_s2 - windows.allowance_m_s2(1)
+    )
+    k = np.flatnonzero(unbroken & (worst > limits.acceleration_m_s2))
+    found.mark(windows.before[k], windows.after[k], worst[k], limits.acceleration_m_s2, "acceleration")
+
+
+def _reachable(
+    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, limits: MotionLimits
+) -> tuple[BoolArray, list[tuple[int, int, float]]]:
+    """Which samples can be reached from the longest stretch of joined samples, and the stretches that cannot.
+
+    From the longest stretch outwards: each next stretch counts when the vehicle can have come to it from the last one that
+    does, a small jump apart.
+
+    Returns:
+        (n,) whether a sample can be reached; first and last sample of the stretches that cannot, with the speed it would take.
+    """
+    count = len(time_s)
+    starts = np.concatenate([[0], np.flatnonzero(~joined) + 1])
+    ends = np.append(starts[1:], count) - 1
+    evidence = np.ones(count, dtype=bool)
+    lost: list[tuple[int, int, float]] = []
+    longest = int(np.argmax(time_s[ends] - time_s[starts]))
+
+    def needed_m_s(a: int, b: int) -> float:
+        """Speed over ground, or as much more than it as the vertical speed is beyond its own limit."""
+        seconds = time_s[b] - time_s[a]
+        way = enu_m[b] - enu_m[a]
+        level = max(0.0, float(np.hypot(way[0], way[1])) - MAX_JUMP_M) / seconds
+        up = max(0.0, abs(float(way[2])) - MAX_JUMP_M) / seconds
+        vertical = up / (limits.climb_m_s if way[2] > 0.0 else limits.descent_m_s) * limits.speed_m_s
+        return float(max(level, vertical))
+
+    for order in (range(longest + 1, len(starts)), range(longest - 1, -1, -1)):
+        last = longest
+        for stretch in order:
+            a, b = (ends[last], starts[stretch]) if stretch > last else (ends[stretch], starts[last])
+            speed_m_s = needed_m_s(int(a), int(b))
+            if speed_m_s <= limits.speed_m_s:
+                last = stretch
+            else:
+                evidence[starts[stretch] : ends[stretch] + 1] = False
+                lost.append((int(starts[stretch]), int(ends[stretch]), speed_m_s))
+    return evidence, lost
+
+
+def _velocity_step_m_s(
+    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, noise: Windows, limits: MotionLimits, move: ImpossibleMove
+) -> float:
+    """By how much more than possible the velocity changes across a move, from what was observed right before and after it."""
+    first, last = move.first, move.last
+    while first > 0 and joined[first - 1] and time_s[move.first] - time_s[first] < STEP_WINDOW_S - ROUNDING_S:
+        first -= 1
+    while last < len(joined) and joined[last] and time_s[last] - time_s[move.last] < STEP_WINDOW_S - ROUNDING_S:
+        last += 1
+    came_s, went_s = float(time_s[move.first] - time_s[first]), float(time_s[last] - time_s[move.last])
+    if came_s == 0.0 or went_s == 0.0:
+        return 0.0
+    change = (enu_m[last] - enu_m[move.last]) / went_s - (enu_m[move.first] - enu_m[first]) / came_s
+    # The two means are the velocities in the middle of what they were taken over.
+    most_m_s = (
+        limits.acceleration_m_s2 * float(time_s[last] + time_s[move.last] - time_s[move.first] - time_s[first]) / 2.0
+    )
+    errors = [0.5 * noise.allowance_m(axis) * (1.0 / came_s + 1.0 / went_s) for axis in (0, 1)]
+    level, vertical = float(np.hypot(change[0], change[1])) - errors[0], abs(float(change[2])) - errors[1]
+    return max(0.0, level - most_m_s, vertical - most_m_s)
+
+
+def _moves(
+    time_s: FloatArray, found: _Found, lost: list[tuple[int, int, float]], limits: MotionLimits
+) -> list[ImpossibleMove]:
+    """Marked legs as stretches, each told once, and the stretches that cannot be reached."""
+    legs = np.flatnonzero(found.marked)
+    moves: list[ImpossibleMove] = []
+    if legs.size:
+        apart = time_s[legs[1:]] - time_s[legs[:-1] + 1] > SAME_PLACE_S
+        for run in np.split(legs, np.flatnonzero(apart) + 1):
+            first, last = int(run[0]), int(run[-1]) + 1
+            moves.append(ImpossibleMove(first, last, *found.worst(first, last)))
+    for first, last, speed_m_s in lost:
+        within = any(move.first <= first and last <= move.last for move in moves)
+        if not within:
+            moves.append(ImpossibleMove(first, last, "out of reach", speed_m_s, limits.speed_m_s))
+    return sorted(moves, key=lambda move: move.first)

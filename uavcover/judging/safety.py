@@ -1,0 +1,327 @@
+"""Was it safe? Heights, fence, obstacles, speed and deviation along the flown track, at its full length.
+
+How fast the vehicle was, and how far from the planned route.
+
+Was it safe? Heights, sea-level limits, fence and obstacles along the flown track, at its full length.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.judging.phases import PlannedRoute, observed_stretches
+from uavcover.kernels.route import distances_to_polyline
+from uavcover.model.track import Track
+from uavcover.model.vehicle import Vehicle
+from uavcover.model.verdict import Violation, ViolationKind
+from uavcover.scenario.obstacle_prisms import leg_breaches, waypoint_breaches
+from uavcover.scenario.site import Site
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+SPEED_WINDOW_S = 1.0
+"""Speed is the way over ground flown in a second: between two samples alone the rounding of a log's times counts too much."""
+
+_SUSTAINED_S = 5.0
+_UNDER_WAY = 0.5
+"""Above this share of the cruise speed a vehicle is under way, not turning or landing."""
+_TOO_SLOW = 0.4
+
+
+def ground_speeds_m_s(track: Track, enu_m: FloatArray, joined: BoolArray) -> FloatArray:
+    """(n,) speed over ground around each sample: the way flown in the second around it, over that time.
+
+    At the ends of what was observed the window is the part of that second that was; NaN where nothing is left of it.
+    """
+    speeds = np.full(len(track), np.nan)
+    for run in observed_stretches(np.ones(len(track), dtype=bool), joined):
+        if len(run) < 2:
+            continue
+        time = track.time_s[run]
+        legs = np.hypot(*np.diff(enu_m[run, :2], axis=0).T)
+        flown = np.concatenate([[0.0], np.cumsum(legs)])
+        begin = np.maximum(time - 0.5 * SPEED_WINDOW_S, time[0])
+        end = np.minimum(time + 0.5 * SPEED_WINDOW_S, time[-1])
+        speeds[run] = (np.interp(end, time, flown) - np.interp(begin, time, flown)) / (end - begin)
+    return speeds
+
+
+def deviations_m(enu_m: FloatArray, route: BoolArray, planned: PlannedRoute | None) -> FloatArray | None:
+    """(n,) distance of each sample on the route from the planned route, NaN elsewhere; none without a plan or a route."""
+    if planned is None or len(planned.waypoints_m) == 0 or not route.any():
+        return None
+    distances = np.full(len(enu_m), np.nan)
+    distances[route] = distances_to_polyline(
+        np.ascontiguousarray(enu_m[route]), np.ascontiguousarray(planned.waypoints_m)
+    )
+    return distances
+
+
+def commanded_pace_doubt(
+    track: Track, enu_m: FloatArray, joined: BoolArray, vehicle: Vehicle, planned: PlannedRoute | None
+) -> str | None:
+    """Why the pace of a track cannot be that of its mission, for people; none when it can.
+
+    Ways of 5 s are looked at. A vehicle that is sustained faster than its mission commands has a wrong clock, wrong positions,
+    or was flown otherwise; likewise one that never comes near the commanded speed though a leg is long enough for it.
+    """
+    time = track.time_s
+    last = np.searchsorted(time, time + _SUSTAINED_S)
+    gaps = np.concatenate([[0], np.cumsum(~joined)])
+    first = np.flatnonzero(last < len(time))
+    first = first[gaps[last[first]] == gaps[first]]
+    if first.size == 0:
+        return None
+    seconds = time[last[first]] - time[first]
+    way = enu_m[last[first]] - enu_m[first]
+    level, vertical = np.hypot(way[:, 0], way[:, 1]) / seconds, way[:, 2] / seconds
+    under_way = level > _UNDER_WAY * vehicle.cruise_speed_m_s
+    cruise = vehicle.cruise_speed_m_s
+    tell = "; the clock or the positions are scaled, or it was flown otherwise than planned"
+    for what, sustained, wanted, most in (
+        (
+            "flies",
+            float(np.percentile(level[under_way], 95.0)) if under_way.any() else 0.0,
+            cruise,
+            1.25 * cruise + 2.0,
+        ),
+        ("climbs", float(vertical.max()), vehicle.max_climb_m_s, 1.25 * vehicle.max_climb_m_s + 1.0),
+        ("descends", float(-vertical.min()), vehicle.max_descent_m_s, 1.25 * vehicle.max_descent_m_s + 1.0),
+    ):
+        if sustained > most:
+            return f"the vehicle {what} at {sustained:.1f} m/s for seconds, where {wanted:g} m/s are planned{tell}"
+    if planned is None or len(planned.waypoints_m) < 2:
+        return None
+    legs = np.diff(planned.waypoints_m, axis=0)
+    ways = np.hypot(legs[:, 0], legs[:, 1])
+    steep = np.maximum(legs[:, 2] / vehicle.max_climb_m_s, -legs[:, 2] / vehicle.max_descent_m_s)
+    pace = ways / np.maximum(np.maximum(ways / cruise, steep), 1e-9)
+    long_enough = ways >= 2.0 * _SUSTAINED_S * cruise
+    if not long_enough.any():
+        return None
+    expected, fastest = float(pace[long_enough].max()), float(level.max())
+    if fastest < _TOO_SLOW * expected:
+        return f"the vehicle never flies faster than {fastest:.1f} m/s, where {expected:.1f} m/s are planned{tell}"
+    return None
+
+
+Phase = Literal["route", "transit"]
+Unit = Literal["m", "m/s"]
+
+TOLERANCE = 1e-6
+"""A limit counts as kept within this much of its own unit: rounding is no violation."""
+
+_FENCE_STEP_M = 0.25
+_ON_THE_FENCE_M = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Phases:
+    """What each sample belongs to; every sample to exactly one.
+
+    Attributes:
+        route: (n,) between the first and the last planned waypoint.
+        column: (n,) take-off and landing, where clearance cannot be asked for.
+        junction: (n,) of the transit, straight above or below an end of the planned route: there the band of the route
+            applies where it is lower than the transit clearance.
+    """
+
+    route: BoolArray
+    column: BoolArray
+    junction: BoolArray
+
+    @property
+    def transit(self) -> BoolArray:
+        """(n,) the way there and the way home, junctions included."""
+        return ~self.route & ~self.column
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Figures:
+    """A value for each sample, and where along the track it was taken.
+
+    Attributes:
+        values: (n,).
+        at: (n,) place along the track: sample 7 and a quarter of the way to sample 8 is 7.25.
+    """
+
+    values: FloatArray
+    at: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Heights:
+    """Lowest and highest point above ground next to each sample: on the legs before and after it.
+
+    A leg between two phases counts for the sample of the phase that asks for less: column, then transit, then route.
+
+    Attributes:
+        lowest: metres above ground; NaN where the ground, there or on such a leg, is not known.
+        highest: likewise.
+    """
+
+    lowest: Figures
+    highest: Figures
+
+
+def track_heights(site: Site, enu_m: FloatArray, joined: BoolArray, phases: Phases) -> Heights:
+    """Heights above ground of an (n, 3) track, between samples too where ``joined`` (n - 1,) says so."""
+    here = site.ground.heights_agl_m(enu_m)
+    number = np.arange(len(enu_m), dtype=float)
+    lowest, highest, lowest_at, highest_at = here.copy(), here.copy(), number.copy(), number.copy()
+    ranges = site.ground.leg_height_ranges_m(enu_m)
+    laxity = np.where(phases.column, 2, np.where(phases.route, 0, 1))
+    of_leg = np.maximum(laxity[:-1], laxity[1:])
+    for side in (slice(None, -1), slice(1, None)):
+        counts = joined & (laxity[side] == of_leg)
+        # A height that is not known on the leg is not known next to the sample, whatever the leg on the other side says.
+        unknown = np.isnan(ranges[:, 0])
+        lower = counts & (unknown | (ranges[:, 0] < lowest[side]))
+        higher = counts & (unknown | (ranges[:, 2] > highest[side]))
+        lowest[side] = np.where(lower, ranges[:, 0], lowest[side])
+        highest[side] = np.where(higher, ranges[:, 2], highest[side])
+        lowest_at[side] = np.where(lower, number[:-1] + ranges[:, 1], lowest_at[side])
+        highest_at[side] = np.where(higher, number[:-1] + ranges[:, 3], highest_at[side])
+    return Heights(Figures(lowest, lowest_at), Figures(highest, highest_at))
+
+
+class ViolationFinder:
+    """Finds the stretches of a track on which a limit was not kept.
+
+    Args:
+        track: the flown track.
+        enu_m: (n, 3) its positions.
+    """
+
+    def __init__(self, track: Track, enu_m: FloatArray) -> None:
+        self._track, self._enu_m = track, enu_m
+
+    def above(
+        self, kind: ViolationKind, where: BoolArray, figures: Figures, limit: float, *, phase: Phase, unit: Unit = "m"
+    ) -> Iterator[Violation]:
+        """Stretches of the samples ``where`` (n,) with a value above the limit."""
+        for run in _runs(where & (figures.values > limit + TOLERANCE)):
+            worst = int(run[int(np.argmax(figures.values[run]))])
+            yield self._violation(kind, run, worst, figures, limit, float(figures.values[worst]) - limit, phase, unit)
+
+    def below(
+        self, kind: ViolationKind, where: BoolArray, figures: Figures, limit: float, *, phase: Phase
+    ) -> Iterator[Violation]:
+        """Stretches of the samples ``where`` (n,) with a value below the limit."""
+        for run in _runs(where & (figures.values < limit - TOLERANCE)):
+            worst = int(run[int(np.argmin(figures.values[run]))])
+            yield self._violation(kind, run, worst, figures, limit, limit - float(figures.values[worst]), phase, "m")
+
+    def _violation(
+        self,
+        kind: ViolationKind,
+        run: NDArray[np.int64],
+        worst: int,
+        figures: Figures,
+        limit: float,
+        excess: float,
+        phase: Phase,
+        unit: Unit,
+    ) -> Violation:
+        track = self._track
+        at = float(figures.at[worst])
+        before = min(int(at), len(track) - 1)
+        after, share = min(before + 1, len(track) - 1), at - before
+
+        def read(values: FloatArray) -> FloatArray:
+            return np.asarray(values[before] + share * (values[after] - values[before]))
+
+        lat_deg, lon_deg, _ = read(track.geodetic)
+        east_m, north_m, _ = read(self._enu_m)
+        return Violation(
+            kind=kind, start_s=float(track.time_s[run[0]]), end_s=float(track.time_s[run[-1]]),
+            worst_s=float(read(track.time_s)), worst=float(figures.values[worst]), limit=float(limit), excess=float(excess),
+            unit=unit, lat_deg=float(lat_deg), lon_deg=float(lon_deg), east_m=float(east_m), north_m=float(north_m),
+            phase=phase,
+        )  # fmt: skip
+
+
+def find_violations(
+    site: Site, track: Track, enu_m: FloatArray, heights: Heights, phases: Phases, joined: BoolArray
+) -> list[Violation]:
+    """Every stretch of the track on which a limit of height or place was not kept, in order of time.
+
+    Where the ground is not known no height is judged here; the verdict says so apart.
+
+    Args:
+        site: the scenario on its ground.
+        track: the flown track.
+        enu_m: (n, 3) its positions.
+        heights: above ground.
+        phases: of the samples.
+        joined: (n - 1,) whether a straight line was flown between two samples.
+    """
+    limits = site.scenario.limits
+    route, transit = phases.route, phases.transit
+    low, high = heights.lowest, heights.highest
+    numbers = np.arange(len(track), dtype=float)
+    # Along a straight line height above sea level is linear: it is worst at a sample.
+    sea = Figures(track.geodetic[:, 2], numbers)
+    outside = Figures(_outside_fence_m(site, enu_m, joined), numbers)
+    lacking = _lacking_clearance(site, enu_m, joined)
+    find = ViolationFinder(track, enu_m)
+    found = [
+        *find.below("below-band", route, low, limits.min_height_agl_m + site.ground_error_m, phase="route"),
+        *find.above("above-band", route, high, limits.max_height_agl_m - site.ground_error_m, phase="route"),
+        *find.below("clearance", transit & ~phases.junction, low, limits.transit_clearance_m, phase="transit"),
+        *find.below(
+            "clearance", transit & phases.junction, low, min(limits.transit_clearance_m, limits.min_height_agl_m),
+            phase="transit",
+        ),
+        *find.above("above-transit-height", ~route, high, site.scenario.transit_ceiling_agl_m, phase="transit"),
+        *find.above("fence", route, outside, 0.0, phase="route"),
+        *find.above("fence", ~route, outside, 0.0, phase="transit"),
+        *find.above("obstacle", route, lacking, 0.0, phase="route"),
+        *find.above("obstacle", ~route, lacking, 0.0, phase="transit"),
+    ]  # fmt: skip
+    if limits.min_alt_amsl_m is not None:
+        found += find.below("below-sea-level-limit", route, sea, limits.min_alt_amsl_m, phase="route")
+    if limits.max_alt_amsl_m is not None:
+        found += find.above("above-sea-level-limit", route, sea, limits.max_alt_amsl_m, phase="route")
+        found += find.above("above-sea-level-limit", ~route, sea, limits.max_alt_amsl_m, phase="transit")
+    return sorted(found, key=lambda violation: violation.start_s)
+
+
+def _lacking_clearance(site: Site, enu_m: FloatArray, joined: BoolArray) -> Figures:
+    """Metres of clearance from obstacles that each sample of an (n, 3) track lacks, there or on a leg next to it."""
+    breaches = waypoint_breaches(site.ground, enu_m, site.scenario.obstacles)
+    lacking, at = breaches[:, 1].copy(), np.arange(len(enu_m), dtype=float)
+    legs = leg_breaches(site.ground, enu_m, site.scenario.obstacles)
+    for k in np.flatnonzero(joined & (legs[:, 1] > 0.0)):
+        for sample in (k, k + 1):
+            if legs[k, 1] > lacking[sample]:
+                lacking[sample], at[sample] = legs[k, 1], k + legs[k, 2]
+    return Figures(lacking, at)
+
+
+def _outside_fence_m(site: Site, enu_m: FloatArray, joined: BoolArray) -> FloatArray:
+    """(n,) how far each sample, or a leg from it whose ends are both inside, lies outside the fence; 0 inside."""
+    distance = np.asarray(shapely.distance(site.fence, shapely.points(enu_m[:, :2])), float).copy()
+    if len(enu_m) < 2 or site.fence.equals(site.fence.convex_hull):
+        return distance
+    # Only out of a fence with bays can a straight line lead from inside to inside.
+    lines = np.asarray(shapely.linestrings(np.stack([enu_m[:-1, :2], enu_m[1:, :2]], axis=1)))
+    ends_inside = (distance[:-1] == 0.0) & (distance[1:] == 0.0)
+    across = np.flatnonzero(joined & ends_inside & ~shapely.covers(site.fence, lines))
+    for k in across:
+        parts = shapely.get_coordinates(shapely.segmentize(lines[k].difference(site.fence), _FENCE_STEP_M))
+        furthest = float(np.max(shapely.distance(site.fence, shapely.points(parts)), initial=0.0))
+        if furthest > _ON_THE_FENCE_M:
+            distance[k : k + 2] = np.maximum(distance[k : k + 2], furthest)
+    return distance
+
+
+def _runs(mask: BoolArray) -> Iterator[NDArray[np.int64]]:
+    chosen = np.flatnonzero(mask)
+    if chosen.size:
+        yield from np.split(chosen, np.flatnonzero(np.diff(chosen) > 1) + 1)

@@ -1,0 +1,1 @@
+"""Tracks from the logs of other software: one format a file."""

@@ -1,0 +1,73 @@
+"""ArduPilot's dataflash logs (``.bin``), by pymavlink's reader."""
+
+import contextlib
+import io
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uavcover.errors import TrackError
+from uavcover.judging.track_logs.assembly import LoggedRows
+
+_MAGIC = b"\xa3\x95"
+_FIX_3D = 3
+
+
+def read_dataflash(path: Path) -> LoggedRows:
+    """Positions (POS: the estimator's; where there is none GPS, its first instance) and attitudes (ATT).
+
+    Raises:
+        TrackError: not such a log, or without positions.
+    """
+    if path.read_bytes()[:2] != _MAGIC:
+        raise TrackError(f"{path}: is no dataflash log of ArduPilot; it does not begin with its two marks a3 95")
+    # Importing pymavlink takes a moment that other kinds of logs need not wait for.
+    from pymavlink import DFReader
+
+    estimated: list[tuple[float, ...]] = []
+    measured: list[tuple[float, ...]] = []
+    attitudes: list[tuple[float, ...]] = []
+    complaints = io.StringIO()
+    # The reader tells of damaged places, a line for each byte (its compiled index on stderr itself, out of reach here).
+    with contextlib.redirect_stderr(complaints), contextlib.redirect_stdout(complaints):
+        try:
+            with _opened(DFReader.DFReader_binary, path) as reader:
+                while (message := reader.recv_match(type=["POS", "GPS", "ATT"])) is not None:
+                    kind = message.get_type()
+                    if kind == "POS":
+                        estimated.append(_row(message, "Lat", "Lng", "Alt"))
+                    elif kind == "ATT":
+                        attitudes.append(_row(message, "Roll", "Pitch", "Yaw"))
+                    elif getattr(message, "I", 0) == 0 and message.Status >= _FIX_3D:
+                        measured.append(_row(message, "Lat", "Lng", "Alt"))
+        except (AttributeError, ValueError, IndexError, KeyError, TypeError, struct.error) as error:
+            raise TrackError(f"{path}: a damaged dataflash log ({type(error).__name__}: {error})") from error
+    warnings = []
+    if complaints.getvalue():
+        warnings.append(f"{path}: parts of the log are damaged and were left out")
+    if not estimated and measured:
+        warnings.append(f"{path}: has no POS messages; the positions of its first GPS are taken")
+    positions = estimated or measured
+    if not positions:
+        raise TrackError(f"{path}: has no POS and no GPS messages; log them with bit 1 and 2 of LOG_BITMASK")
+    return LoggedRows(np.array(positions), np.array(attitudes).reshape(-1, 4), tuple(warnings))
+
+
+@contextlib.contextmanager
+def _opened(kind: Any, path: Path) -> Iterator[Any]:
+    """A reader that closes its file also when it cannot be made: it reads all of the log while it is."""
+    reader = kind.__new__(kind)
+    try:
+        reader.__init__(str(path), zero_time_base=False)
+        yield reader
+    finally:
+        for file in (getattr(reader, "data_map", None), getattr(reader, "filehandle", None)):
+            if file is not None:
+                file.close()
+
+
+def _row(message: Any, *names: str) -> tuple[float, ...]:
+    return (message.TimeUS * 1e-6, *(float(getattr(message, name)) for name in names))

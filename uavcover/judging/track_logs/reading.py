@@ -1,0 +1,38 @@
+"""A log of other software, by its ending."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from uavcover.errors import TrackError
+from uavcover.judging.track_logs.assembly import LoggedRows, assemble_track
+from uavcover.judging.track_logs.dataflash import read_dataflash
+from uavcover.judging.track_logs.gpx import read_gpx
+from uavcover.judging.track_logs.telemetry import read_telemetry
+from uavcover.judging.track_logs.ulog import read_ulog
+from uavcover.model.track import ReadTrack
+from uavcover.scenario.frames import LocalFrame
+
+READERS: dict[str, Callable[[Path], LoggedRows]] = {
+    ".bin": read_dataflash,
+    ".tlog": read_telemetry,
+    ".ulg": read_ulog,
+    ".gpx": read_gpx,
+}
+
+
+def read_foreign_log(path: Path, frame: LocalFrame) -> ReadTrack:
+    """The track of a log with one of the endings of READERS (large or small letters), in the local frame.
+
+    Raises:
+        TrackError: another ending, a file that cannot be read, is no such log or has no positions.
+    """
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise TrackError(
+            f"{path}: {path.suffix or 'no ending'} is no log that can be read; known: {', '.join(READERS)}"
+        )
+    try:
+        rows = reader(path)
+    except OSError as error:
+        raise TrackError(f"{path}: cannot be read: {error.strerror}") from None
+    return assemble_track(path, rows, frame)

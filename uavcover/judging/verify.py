@@ -1,0 +1,292 @@
+"""The verdict on a flight: one track, or several that count together.
+
+Two records of one flight are no two flights: their observations must not count twice.
+
+A vehicle that flies a mission again is metres away from where it was at the same time of its first flight. Two records of
+one flight agree to centimetres all the way, whatever their clocks and rates are.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.judging.deciding import cell_statistics, coverage_by_time, decide, judged_requirements
+from uavcover.judging.flown_coverage import FlownCoverage, joined_looks, joining_shifts_s, tally_looks
+from uavcover.judging.gaps import GapRegion, find_gaps
+from uavcover.judging.judged_track import JudgedTrack, judge_track, largest, track_positions_m
+from uavcover.judging.phases import PlannedRoute
+from uavcover.model.track import Track
+from uavcover.model.verdict import VerificationReport
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
+
+FloatArray = NDArray[np.float64]
+
+AGREE_M = 0.3
+"""Logs of one flight differ by the rounding of their positions and by what is between two samples."""
+ENOUGH_FRACTION = 0.9
+"""So much of the time that both records cover has to agree."""
+LEAST_S = 20.0
+LEAST_SHARE = 0.25
+"""Of the time in which the shorter record moves: less may be one leg that both flew at the same speed."""
+
+_STEP_S = 0.5
+_MOVES_M_S = 1.0
+_PROBES = 40
+_CANDIDATES = 5
+_BIN_S = 0.5
+_MAX_GAP_S = 2.5
+_NEAR_S = 1.0
+"""Less than what separates two passes: where one record ends, the other one's pass goes on."""
+
+
+@dataclass(frozen=True, slots=True)
+class SameFlight:
+    """How two records of one flight agree.
+
+    Attributes:
+        duration_s: for how long, while they move.
+        shift_s: added to the second one's times.
+        median_m: half of their positions are not further apart.
+    """
+
+    duration_s: float
+    shift_s: float
+    median_m: float
+
+
+def same_flight(one_s: FloatArray, one_m: FloatArray, other_s: FloatArray, other_m: FloatArray) -> SameFlight | None:
+    """How two tracks agree if they are records of one flight; None if they are not.
+
+    Args:
+        one_s: (n,) increasing times of the first.
+        one_m: (n, 3) its ENU positions.
+        other_s: (k,) increasing times of the second, on a clock of its own.
+        other_m: (k, 3) its ENU positions.
+    """
+    if len(one_s) < 2 or len(other_s) < 2:
+        return None
+    one, other = _Moving.of(one_s, one_m), _Moving.of(other_s, other_m)
+    least_s = max(LEAST_S, LEAST_SHARE * _STEP_S * min(len(one.times_s), len(other.times_s)))
+    for shift_s in [0.0, *_likely_shifts_s(one, other)]:
+        times_s = other.times_s + shift_s
+        both = _observed_at(one_s, times_s)
+        duration_s = _STEP_S * float(both.sum())
+        if duration_s < least_s:
+            continue
+        apart_m = np.linalg.norm(_at(one_s, one_m, times_s[both]) - other.places_m[both], axis=1)
+        if (apart_m <= AGREE_M).mean() >= ENOUGH_FRACTION:
+            return SameFlight(duration_s, shift_s, float(np.median(apart_m)))
+    return None
+
+
+def has_near(times_s: FloatArray, asked_s: FloatArray) -> NDArray[np.bool_]:
+    """(k,) whether one of (n,) increasing times is near each of (k,) others."""
+    if times_s.size == 0:
+        return np.zeros(asked_s.shape, dtype=bool)
+    after = np.searchsorted(times_s, asked_s)
+    before_s, after_s = times_s[np.maximum(after - 1, 0)], times_s[np.minimum(after, times_s.size - 1)]
+    return np.asarray(np.minimum(np.abs(asked_s - before_s), np.abs(after_s - asked_s)) <= _NEAR_S)
+
+
+def _observed_at(time_s: FloatArray, times_s: FloatArray) -> NDArray[np.bool_]:
+    """Which of (k,) times lie between two of (n,) samples that are not far apart."""
+    after = np.clip(np.searchsorted(time_s, times_s), 1, len(time_s) - 1)
+    inside = (times_s >= time_s[0]) & (times_s <= time_s[-1])
+    return np.asarray(inside & (time_s[after] - time_s[after - 1] <= _MAX_GAP_S))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Moving:
+    """Places of a track at even times at which it moves over ground."""
+
+    times_s: FloatArray
+    places_m: FloatArray
+    velocities_m_s: FloatArray
+
+    @classmethod
+    def of(cls, time_s: FloatArray, enu_m: FloatArray) -> "_Moving":
+        times_s = np.arange(time_s[0], time_s[-1], _STEP_S)
+        times_s = times_s[_observed_at(time_s, times_s) & _observed_at(time_s, times_s + _STEP_S)]
+        places_m = _at(time_s, enu_m, times_s)
+        velocities_m_s = (_at(time_s, enu_m, times_s + _STEP_S) - places_m) / _STEP_S
+        moves = np.hypot(velocities_m_s[:, 0], velocities_m_s[:, 1]) > _MOVES_M_S
+        return cls(times_s[moves], places_m[moves], velocities_m_s[moves])
+
+
+def _at(time_s: FloatArray, enu_m: FloatArray, times_s: FloatArray) -> FloatArray:
+    return np.column_stack([np.interp(times_s, time_s, axis) for axis in enu_m.T])
+
+
+def _likely_shifts_s(one: _Moving, other: _Moving) -> list[float]:
+    """Shifts of the second clock that bring most of some of its places to the first one's at the same time."""
+    if not (len(one.times_s) and len(other.times_s)):
+        return []
+    found: list[FloatArray] = []
+    for probe in np.unique(np.linspace(0, len(other.times_s) - 1, _PROBES).astype(int)):
+        off_m = other.places_m[probe] - one.places_m
+        # Where along each half second of the first one it comes nearest.
+        speed2 = (one.velocities_m_s**2).sum(axis=1)
+        along_s = np.clip((off_m * one.velocities_m_s).sum(axis=1) / speed2, 0.0, _STEP_S)
+        near = np.linalg.norm(off_m - along_s[:, None] * one.velocities_m_s, axis=1) <= AGREE_M
+        found.append((one.times_s + along_s - other.times_s[probe])[near])
+    shifts_s = np.concatenate(found)
+    if not shifts_s.size:
+        return []
+    _, inverse, votes = np.unique(np.round(shifts_s / _BIN_S), return_inverse=True, return_counts=True)
+    best = np.argsort(-votes, kind="stable")[:_CANDIDATES]
+    return [float(np.median(shifts_s[inverse == k])) for k in best]
+
+
+__all__ = ["FlownTrack", "Verdict", "flown_coverage", "track_positions_m", "verify_flight", "verify_track"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlownTrack:
+    """A track and the plan it followed.
+
+    Attributes:
+        track: what was flown.
+        planned: what was planned for it, if anything.
+    """
+
+    track: Track
+    planned: PlannedRoute | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdict:
+    """Everything that verification found out.
+
+    Attributes:
+        coverage: the cells that were judged.
+        report: the verdict in figures.
+        flown: what was seen, cell by cell.
+        gaps: what was not seen, with the cells.
+        shifts_s: what was added to the vehicle times of each track so that all run on one clock, as those of ``flown`` and of
+            the report's ``coverage_by_time`` do.
+    """
+
+    coverage: CoverageMap
+    report: VerificationReport
+    flown: FlownCoverage
+    gaps: tuple[GapRegion, ...]
+    shifts_s: tuple[float, ...]
+
+
+def flown_coverage(coverage: CoverageMap, track: Track, planned: PlannedRoute | None) -> FlownCoverage:
+    """What a track saw between its first and last planned waypoint, by the sensor of the scenario.
+
+    Raises:
+        TrackError: the sensor looks from waypoints only, and there is no plan that says where they are.
+    """
+    site = coverage.site
+    return tally_looks(coverage, judge_track(site, track, planned).looks(site))
+
+
+def verify_track(site: Site, coverage: CoverageMap, track: Track, planned: PlannedRoute | None) -> VerificationReport:
+    """The verdict on one track; see :func:`verify_flight`."""
+    return verify_flight(site, coverage, [FlownTrack(track, planned)]).report
+
+
+def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack]) -> Verdict:
+    """Coverage and safety of what was flown, from the tracks alone; the plans are only compared with.
+
+    Several tracks, of several sorties or vehicles, count as one flight: what any of them saw was seen, and each has to keep
+    the limits. What two records of one flight both observed counts once.
+
+    Args:
+        site: the scenario on its ground.
+        coverage: on the cells that results are judged on.
+        tracks: at least one, the first with the plan whose coverage was promised.
+
+    Raises:
+        TrackError: a track is empty, or has a position that is no place on Earth.
+    """
+    judged = [judge_track(site, flown.track, flown.planned) for flown in tracks]
+    records = _records_of_one_flight(judged)
+    # A pause longer than what separates two passes: the tracks' looks are passes of their own.
+    pause_s = 2.0 * site.scenario.requirements.max_gap_s
+    same_clock = {record.second: (record.first, record.same.shift_s) for record in records}
+    shifts_s = joining_shifts_s([flown.track.time_s for flown in tracks], pause_s=pause_s, same_clock=same_clock)
+    parts = [track.looks(site) for track in judged]
+    for record in records:
+        first, looks = parts[record.first], parts[record.second]
+        told = has_near(first.times_s[first.known], looks.times_s + record.same.shift_s)
+        parts[record.second] = looks.where(~told)
+    together = joined_looks(parts, shifts_s)
+    flown = tally_looks(coverage, together)
+    gaps = tuple(find_gaps(coverage, flown))
+    decision = decide(coverage, flown, judged, unknown_attitude_looks=int((~together.known).sum()))
+    report = VerificationReport(
+        coverage_fraction=coverage.share(flown.seen),
+        coverage_of_coverable=coverage.share_of_coverable(flown.seen),
+        surely_covered_fraction=coverage.share(flown.surely_seen),
+        surely_covered_of_coverable=coverage.share_of_coverable(flown.surely_seen),
+        possibly_covered_fraction=coverage.share(flown.possibly_seen),
+        planned_coverage_fraction=None if tracks[0].planned is None else tracks[0].planned.coverage_fraction,
+        min_height_agl_m=_smallest([j.heights.lowest.values[j.phases.route] for j in judged]),
+        max_height_agl_m=_largest([j.heights.highest.values[j.phases.route] for j in judged]),
+        min_transit_clearance_m=_smallest([j.heights.lowest.values[j.phases.transit] for j in judged]),
+        max_transit_height_agl_m=_largest([j.heights.highest.values[~j.phases.route] for j in judged]),
+        violations=tuple(
+            replace(violation, track=number) for number, j in enumerate(judged) for violation in j.violations
+        ),
+        max_deviation_m=_largest([j.deviations_m for j in judged if j.deviations_m is not None]),
+        max_ground_speed_m_s=_largest([j.speeds_m_s[j.phases.route] for j in judged]),
+        gaps=tuple(region.gap for region in gaps),
+        cells=cell_statistics(coverage, flown),
+        coverage_by_time=coverage_by_time(coverage, flown, together.times_s),
+        samples=sum(len(flown.track) for flown in tracks),
+        unknown_attitude_looks=int((~together.known).sum()),
+        unobserved=decision.unobserved,
+        unobserved_s=sum(stretch.duration_s for stretch in decision.unobserved if stretch.in_flight),
+        unobserved_m=sum(stretch.length_m for stretch in decision.unobserved if stretch.in_flight),
+        unobserved_route_fraction=decision.unobserved_route_fraction,
+        verdict=decision.verdict,
+        passed=decision.verdict == "passed",
+        reasons=decision.reasons,
+        doubts=decision.doubts,
+        findings=(*decision.findings, *map(str, records)),
+        requirements=judged_requirements(site.scenario),
+    )
+    return Verdict(coverage, report, flown, gaps, shifts_s)
+
+
+@dataclass(frozen=True, slots=True)
+class _Records:
+    """Two tracks, by their places in the list, that are records of one flight."""
+
+    first: int
+    second: int
+    same: SameFlight
+
+    def __str__(self) -> str:
+        """What was found, for people."""
+        return (
+            f"tracks {self.first + 1} and {self.second + 1} are records of one flight: they agree within "
+            f"{self.same.median_m:.2f} m (median) for {self.same.duration_s:.0f} s; what both observed counts once"
+        )
+
+
+def _records_of_one_flight(judged: Sequence[JudgedTrack]) -> list[_Records]:
+    """For each track the first one before it that is a record of the same flight."""
+    records = []
+    for second, other in enumerate(judged):
+        for first, one in enumerate(judged[:second]):
+            same = same_flight(one.track.time_s, one.enu_m, other.track.time_s, other.enu_m)
+            if same is not None:
+                records.append(_Records(first, second, same))
+                break
+    return records
+
+
+def _smallest(parts: Sequence[FloatArray]) -> float | None:
+    known = largest(-np.concatenate(parts))
+    return None if known is None else -known
+
+
+def _largest(parts: Sequence[FloatArray]) -> float | None:
+    return largest(np.concatenate(parts) if parts else None)

@@ -1,0 +1,149 @@
+"""How every kernel is compiled, what it may take and keep, and where its machine code is cached.
+
+Where the machine code of kernels is kept between runs, so that it is never older than any of their sources.
+
+Numba's own cache looks at the file that a function stands in, and not at the files of the kernels it calls, which are compiled
+into it. Here one folder holds the machine code of one state of *all* kernel sources, of numba and of numpy; another state has
+another folder. The folder is beside the sources, or in the user's cache where that cannot be written to, or in
+``NUMBA_CACHE_DIR`` where that is set; with none of them kernels are compiled anew in every run.
+
+The compiler settings of every kernel, in one place.
+
+No fastmath: no-data is NaN, and NaN must stay NaN. ``nogil`` lets threads evaluate routes side by side; the machine code is kept
+between runs (:mod:`uavcover.kernels.jit`). ``NUMBA_DISABLE_JIT=1`` turns all of it off, for debugging and for measuring test
+coverage.
+"""
+
+import contextlib
+import functools
+import hashlib
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import llvmlite
+import numba
+import numpy as np
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.misc.appdirs import AppDirs
+
+SETTINGS: Any = numba.config
+"""Of numba, from its environment variables."""
+
+_FOLDER = "kernels-"
+_KEPT = 3
+"""States of the sources whose machine code stays: this one and the latest others, for who goes to and fro between two."""
+
+
+def keep_compiled(dispatcher: Any) -> None:
+    """Let a compiled function load its machine code from where it is kept, and keep it there, where there is a place for it."""
+    if folder() is not None:
+        # What numba's own ``cache=True`` does, with another class of cache.
+        dispatcher._cache = _KernelCache(dispatcher.py_func)  # type: ignore[no-untyped-call]
+
+
+@functools.cache
+def folder() -> Path | None:
+    """The folder of this state of the sources, made if need be and older ones removed; none when no place can be written to."""
+    sources = Path(__file__).parent
+    name = _FOLDER + _key(sources)
+    of_user = AppDirs(appname="uavcover", appauthor=False).user_cache_dir  # type: ignore[no-untyped-call]
+    places = [sources / "__pycache__", Path(of_user)]
+    if SETTINGS.CACHE_DIR:
+        places.insert(0, Path(SETTINGS.CACHE_DIR))
+    for place in places:
+        with contextlib.suppress(OSError):
+            new = not (place / name).is_dir()
+            (place / name).mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(
+                dir=place / name
+            ).close()  # also makes the folder younger than those that are not used
+            if new:
+                _remove_old(place)
+            return place / name
+    return None
+
+
+def _key(sources: Path) -> str:
+    """What machine code depends on and numba does not look at itself (it does at the processor and the version of Python)."""
+    state = hashlib.sha256()
+    settings = (SETTINGS.OPT, SETTINGS.BOUNDSCHECK)
+    state.update(repr((numba.__version__, llvmlite.__version__, np.__version__, settings)).encode())
+    for source in sorted(sources.glob("*.py")):
+        content = source.read_bytes()
+        state.update(f"{source.name} {len(content)}\n".encode() + content)
+    return state.hexdigest()[:20]
+
+
+def _remove_old(place: Path) -> None:
+    ages = {path: path.stat().st_mtime_ns for path in place.glob(f"{_FOLDER}*") if path.is_dir()}
+    for path in sorted(ages, key=lambda path: ages[path], reverse=True)[_KEPT:]:
+        shutil.rmtree(path, ignore_errors=True)
+    if place.name == "__pycache__":
+        for path in place.glob("*.nb[ic]"):  # numba's own cache, which is not used any more
+            path.unlink(missing_ok=True)
+
+
+class _Locator:
+    """Tells numba where a kernel's machine code is, and what it is for."""
+
+    def __init__(self, function: Callable[..., object], file: str, place: Path) -> None:
+        self._py_file = file  # named so in numba's warnings
+        self._line = function.__code__.co_firstlineno
+        self._place = place
+
+    @classmethod
+    def from_function(cls, function: Callable[..., object], file: str) -> "_Locator | None":
+        place = folder()
+        return None if place is None else cls(function, file, place)
+
+    def ensure_cache_path(self) -> None:
+        self._place.mkdir(parents=True, exist_ok=True)
+
+    def get_cache_path(self) -> str:
+        return str(self._place)
+
+    def get_source_stamp(self) -> str:
+        return self._place.name
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+
+class _KernelCacheFiles(CompileResultCacheImpl):
+    _locator_classes = [_Locator]  # type: ignore[list-item]  # noqa: RUF012 - as the base class has it
+
+
+class _KernelCache(FunctionCache):
+    """Numba's cache of one function, in our folder: what cannot be read is compiled again, errors of writing are ignored."""
+
+    _impl_class = _KernelCacheFiles
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            found = super()._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        except OSError:
+            return None
+        except Exception:  # a broken pickle raises nearly anything
+            self.flush()  # type: ignore[no-untyped-call]
+            return None
+        # Two processes that save at the same moment may give two files of machine code one name.
+        return found if found is None or found.signature.args == tuple(sig) else None
+
+    @contextlib.contextmanager
+    def _guard_against_spurious_io_errors(self) -> Iterator[None]:
+        with contextlib.suppress(OSError):
+            yield
+
+
+_F = TypeVar("_F", bound=Callable[..., object])
+
+
+def kernel(function: _F) -> _F:
+    """Compile ``function`` to machine code on its first call."""
+    compiled = numba.njit(nogil=True, fastmath=False)(function)
+    if not SETTINGS.DISABLE_JIT:
+        keep_compiled(compiled)
+    return cast(_F, compiled)

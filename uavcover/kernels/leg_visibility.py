@@ -1,0 +1,260 @@
+"""The cells that a stretch of a route sees, as a list: what a local search adds and takes away again.
+
+A span is a leg whose sensor looks at regular samples along it, or a single place (both ends the same). The set of places from
+which a cell is in view is convex for every sensor here (a ball, a disc, a cone or a pyramid above the cell; a level vehicle keeps
+its heading along a leg), so the samples of a leg that see a cell are neighbours: their range is solved in closed form, and
+only inside it are samples tried. Along a straight leg each side plane of a pyramid is linear.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.kernels.coverage import Cells, nothing_between
+from uavcover.kernels.jit import kernel
+from uavcover.kernels.sight import CONE, DISC, FRUSTUM, Aim, Sight, horizontal_reach, in_round_view, in_view, level_aim
+from uavcover.kernels.surface import Surface, has_node_cell
+
+_ROUNDING = 1e-7
+
+
+@kernel
+def samples_of_leg(length: float, spacing: float) -> int:
+    """In how many equal pieces a leg is cut by its samples, as in ``sample_path``; 0 for a place."""
+    return max(1, math.ceil(length / spacing - 1e-9)) if length > 0.0 else 0
+
+
+@kernel
+def list_cells(
+    surface: Surface,
+    sight: Sight,
+    cells: Cells,
+    p: tuple[float, float, float],
+    q: tuple[float, float, float],
+    spacing: float,
+    out: NDArray[np.int32],
+) -> int:
+    """Write the numbers of the cells that are seen from the span p-q into ``out``; returns how many.
+
+    Args:
+        surface: the ground.
+        sight: the sensor.
+        cells: of the area.
+        p: east, north, up of one end, metres, finite.
+        q: of the other end; the same for a single place.
+        spacing: largest distance between samples, metres.
+        out: (stride,) is written from its beginning.
+
+    Returns:
+        The number of cells, or -1 when there are more than ``out`` holds.
+    """
+    de, dn, du = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    pieces = samples_of_leg(math.sqrt(de * de + dn * dn + du * du), spacing)
+    rows, columns = cells.lattice.shape
+    reach = horizontal_reach(sight) + cells.scatter_m + 1e-6 * cells.size_m
+    south, north = min(p[1], q[1]) - reach, max(p[1], q[1]) + reach
+    first_row = max(0, math.ceil((south - cells.north0_m) / cells.size_m))
+    last_row = min(rows - 1, math.floor((north - cells.north0_m) / cells.size_m))
+    horizontal2 = de * de + dn * dn
+    per_length2 = 1.0 / horizontal2 if horizontal2 > 0.0 else 0.0
+    picture = sight.kind == FRUSTUM
+    tan = sight.tan_half_fov
+    # How fast the radius of a cone on the ground grows along the leg; where it grows slower than the leg moves on, a cell
+    # beside the leg is seen from somewhere on its straight line when radius^2 >= distance^2 (1 - growth^2) at the nearest place.
+    growth2 = tan * tan * du * du * per_length2
+    narrows = sight.kind == CONE and horizontal2 > 0.0 and growth2 < 1.0
+    # A ray inside a cone or a picture that is steeper than the ground ever is needs no test, unless an obstacle stands near its
+    # cell.
+    widest = tan if sight.kind == CONE else _widest_tangent(sight) if picture else math.inf
+    always_clear = surface.steepest * widest <= 1.0
+    if always_clear and not (has_node_cell(surface, p[0], p[1], p[2]) and has_node_cell(surface, q[0], q[1], q[2])):
+        always_clear = False
+    piece = 1.0 / max(pieces, 1)
+    count = 0
+    for i in range(first_row, last_row + 1):
+        row_north = cells.north0_m + i * cells.size_m
+        # The part of the leg within reach of this row of cells, 0..1.
+        begin, end = 0.0, 1.0
+        if dn != 0.0:
+            t0, t1 = (row_north - reach - p[1]) / dn, (row_north + reach - p[1]) / dn
+            begin, end = max(0.0, min(t0, t1)), min(1.0, max(t0, t1))
+        east0, east1 = p[0] + begin * de, p[0] + end * de
+        half = reach
+        if dn == 0.0:
+            half = math.sqrt(max(0.0, reach * reach - (row_north - p[1]) ** 2))
+        first = max(0, math.ceil((min(east0, east1) - half - cells.east0_m) / cells.size_m))
+        last = min(columns - 1, math.floor((max(east0, east1) + half - cells.east0_m) / cells.size_m))
+        for j in range(first, last + 1):
+            cell = cells.lattice[i, j]
+            if cell < 0:
+                continue
+            # From the cell to the beginning of the leg, and the nearest that the leg comes on the map.
+            ae, an = p[0] - cells.centre_m[cell, 0], p[1] - cells.centre_m[cell, 1]
+            along = -(ae * de + an * dn) * per_length2
+            nearest = min(1.0, max(0.0, along))
+            if (ae + nearest * de) ** 2 + (an + nearest * dn) ** 2 > reach * reach:
+                continue
+            if narrows:
+                radius = (p[2] - cells.centre_m[cell, 2] + along * du) * tan
+                beside2 = (ae + along * de) ** 2 + (an + along * dn) ** 2
+                if radius <= 0.0 or beside2 * (1.0 - growth2) > radius * radius * (1.0 + _ROUNDING):
+                    continue
+            seen = False
+            if not picture:
+                likely = math.floor(nearest * pieces + 0.5)
+                t = likely * piece
+                e, n, u = ae + t * de, an + t * dn, p[2] - cells.centre_m[cell, 2] + t * du
+                # In view first, here and in place: it decides for most cells, and a call with the ground costs as much again.
+                seen = in_round_view(
+                    sight, e, n, u, cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2]
+                )
+            clear = always_clear and cells.horizon[cell] * widest <= 1.0
+            if not (seen and clear) and (seen or pieces > 0 or picture):
+                seen = leg_sees_cell(surface, sight, cells, cell, p, de, dn, du, pieces, clear)
+            if seen:
+                if count == out.size:
+                    return -1
+                out[count] = cell
+                count += 1
+    return count
+
+
+@kernel
+def leg_sees_cell(
+    surface: Surface,
+    sight: Sight,
+    cells: Cells,
+    cell: int,
+    p: tuple[float, float, float],
+    de: float,
+    dn: float,
+    du: float,
+    pieces: int,
+    always_clear: bool,
+) -> bool:
+    """Whether any sample of the leg from p by (de, dn, du), cut in ``pieces``, sees the cell."""
+    ce, cn, cu = cells.centre_m[cell, 0], cells.centre_m[cell, 1], cells.centre_m[cell, 2]
+    ae, an, au = p[0] - ce, p[1] - cn, p[2] - cu
+    first, last = 0, pieces
+    if pieces > 1:
+        rise2 = 0.0 if sight.kind == DISC else 1.0
+        low, high = _inside(
+            de * de + dn * dn + rise2 * du * du,
+            ae * de + an * dn + rise2 * au * du,
+            ae * ae + an * an + rise2 * au * au - sight.reach_m * sight.reach_m,
+        )
+        if sight.kind == CONE:
+            tan2 = sight.tan_half_fov * sight.tan_half_fov
+            cone_low, cone_high = _inside(
+                de * de + dn * dn - tan2 * du * du,
+                ae * de + an * dn - tan2 * au * du,
+                ae * ae + an * an - tan2 * au * au,
+            )
+            low, high = max(low, cone_low), min(high, cone_high)
+        elif sight.kind == FRUSTUM:
+            low, high = _inside_picture(sight, level_aim(sight, de, dn), low, high, ae, an, au, de, dn, du)
+        if low > high:
+            return False
+        first = max(0, math.ceil(low * pieces - _ROUNDING * pieces))
+        last = min(pieces, math.floor(high * pieces + _ROUNDING * pieces))
+    # From the nearest sample outward: its ray is the steepest.
+    horizontal2 = de * de + dn * dn
+    nearest = math.floor(-(ae * de + an * dn) / horizontal2 * pieces + 0.5) if horizontal2 > 0.0 else first
+    middle = min(last, max(first, nearest))
+    for away in range(last - first + 1):
+        for k in (middle - away, middle + away):
+            if first <= k <= last and _sample_sees(
+                surface, sight, cells, cell, ae, an, au, de, dn, du, k / max(pieces, 1), always_clear
+            ):
+                return True
+            if away == 0:
+                break
+    return False
+
+
+@kernel
+def _sample_sees(
+    surface: Surface,
+    sight: Sight,
+    cells: Cells,
+    cell: int,
+    ae: float,
+    an: float,
+    au: float,
+    de: float,
+    dn: float,
+    du: float,
+    t: float,
+    always_clear: bool,
+) -> bool:
+    """Whether the cell is seen from its own centre plus (ae, an, au) plus t (de, dn, du)."""
+    e, n, u = ae + t * de, an + t * dn, au + t * du
+    ne, nn, nu = cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2]
+    if sight.kind == FRUSTUM:
+        seen = in_view(sight, level_aim(sight, de, dn), e, n, u, ne, nn, nu)
+    else:
+        seen = in_round_view(sight, e, n, u, ne, nn, nu)
+    if not seen:
+        return False
+    if always_clear:
+        return True
+    ce, cn, cu = cells.centre_m[cell, 0], cells.centre_m[cell, 1], cells.centre_m[cell, 2]
+    return nothing_between(surface, sight, cells.horizon[cell], ce + e, cn + n, cu + u, ce, cn, cu)
+
+
+@kernel
+def _inside(a: float, b: float, c: float) -> tuple[float, float]:
+    """Where in 0..1 a t^2 + 2 b t + c <= 0, when that is one interval (a > 0); all of 0..1 when it may be another shape."""
+    if a <= 0.0:
+        return 0.0, 1.0
+    root2 = b * b - a * c
+    if root2 < -_ROUNDING * b * b:
+        return 1.0, 0.0
+    root = math.sqrt(max(0.0, root2))
+    return max(0.0, (-b - root) / a - _ROUNDING), min(1.0, (-b + root) / a + _ROUNDING)
+
+
+@kernel
+def _inside_picture(
+    sight: Sight, aim: Aim, low: float, high: float, ae: float, an: float, au: float, de: float, dn: float, du: float
+) -> tuple[float, float]:
+    """The part of low..high, 0..1 of a leg, on which a cell is between the four side planes of the picture.
+
+    The sensor is at (ae, an, au) + t (de, dn, du) from the cell. Empty (low above high) where the camera's turn is not known.
+    """
+    depth = -(ae * aim.axis_e + an * aim.axis_n + au * aim.axis_u)
+    deeper = -(de * aim.axis_e + dn * aim.axis_n + du * aim.axis_u)
+    across = ae * aim.right_e + an * aim.right_n + au * aim.right_u
+    wider = de * aim.right_e + dn * aim.right_n + du * aim.right_u
+    along = ae * aim.top_e + an * aim.top_n + au * aim.top_u
+    longer = de * aim.top_e + dn * aim.top_n + du * aim.top_u
+    if not math.isfinite(depth):
+        return 1.0, 0.0
+    ta, tl = sight.tan_half_fov, sight.tan_half_along
+    low, high = _not_negative(low, high, ta * depth - across, ta * deeper - wider)
+    low, high = _not_negative(low, high, ta * depth + across, ta * deeper + wider)
+    low, high = _not_negative(low, high, tl * depth - along, tl * deeper - longer)
+    return _not_negative(low, high, tl * depth + along, tl * deeper + longer)
+
+
+@kernel
+def _not_negative(low: float, high: float, at_0: float, change: float) -> tuple[float, float]:
+    """The part of low..high where at_0 + t change >= 0, a hair wider: the samples decide."""
+    slack = _ROUNDING * (abs(at_0) + abs(change))
+    if change > 0.0:
+        return max(low, -(at_0 + slack) / change), high
+    if change < 0.0:
+        return low, min(high, -(at_0 + slack) / change)
+    return (low, high) if at_0 + slack >= 0.0 else (1.0, 0.0)
+
+
+@kernel
+def _widest_tangent(sight: Sight) -> float:
+    """Tangent of the largest angle between the vertical and a ray that the sensor of a level vehicle sees."""
+    reach = horizontal_reach(sight)
+    return (
+        reach / math.sqrt(max(0.0, sight.reach_m * sight.reach_m - reach * reach))
+        if reach < sight.reach_m
+        else math.inf
+    )

@@ -1,0 +1,364 @@
+"""How often, how closely and how surely each cell was seen from a flown track, and why the others were not.
+
+Every look is counted, unlike in :mod:`uavcover.kernels.coverage`, which asks for the first one only. Rows of the lattice are
+independent of each other, so threads can share them out without ever touching the same cell.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.kernels.coverage import GRAZING_M, Cells, near_another
+from uavcover.kernels.jit import kernel
+from uavcover.kernels.obstacles import keeps_clear
+from uavcover.kernels.sight import (
+    CONE,
+    DISC,
+    FRUSTUM,
+    MIDPOINT,
+    OCCLUDED,
+    RAY,
+    SEEN,
+    SPHERE,
+    LocalSlopes,
+    Sight,
+    ground_sample_m,
+    steepest_between,
+    view,
+)  # fmt: skip
+from uavcover.kernels.surface import Surface, height_above, height_range_between
+
+
+class Camera(NamedTuple):
+    """What a tally needs beside the sensor's sight.
+
+    Attributes:
+        focal_px: focal length in pixels; NaN when it is not known.
+        pass_gap_s: a cell that was out of sight for longer than this is passed anew.
+        offset_m: the eye may be anywhere within this distance of where it was measured, relative to the ground.
+        horizontal_m: the horizontal part of that.
+        lift_m: raised or lowered by this, the ray to the measured eye bounds the rays to all of these places.
+        looks: a cell counts when it was seen by so many looks that are ``apart_m`` from each other.
+        apart_m: 0 when every pass is a look of its own.
+        turn_rad: the camera may be turned anyhow within this angle of how it was measured.
+    """
+
+    focal_px: float
+    pass_gap_s: float
+    offset_m: float
+    horizontal_m: float
+    lift_m: float
+    turn_rad: float
+    looks: int = 1
+    apart_m: float = 0.0
+
+
+class Tally(NamedTuple):
+    """What is known of each of (n,) cells.
+
+    Attributes:
+        passes: int32, how often it came into sight.
+        first: int64, number of the look by which it was seen as often as it has to be, -1: none.
+        last_s: time of the last look that saw it, NaN: none.
+        nearest_m: shortest distance from which it was seen, infinite: never.
+        ground_sample_m: smallest ground sample distance with which it was seen, infinite: never, or not known.
+        cos_incidence: cosine of the smallest incidence angle under which it was seen, -1: never.
+        outcome: uint8, the furthest that any look got: NOT_IN_RANGE, TOO_OBLIQUE, TOO_COARSE, OCCLUDED, SEEN.
+        sure: int32, how many looks that count saw it whatever the errors were, no more than it has to be.
+        possible: int32, how many may have seen it, the errors being as they may, no more than it has to be.
+        places: (3, n, looks, 3) from where the looks were made that count: as measured, surely, possibly.
+    """
+
+    passes: NDArray[np.int32]
+    first: NDArray[np.int64]
+    last_s: NDArray[np.float64]
+    nearest_m: NDArray[np.float64]
+    ground_sample_m: NDArray[np.float64]
+    cos_incidence: NDArray[np.float64]
+    outcome: NDArray[np.uint8]
+    sure: NDArray[np.int32]
+    possible: NDArray[np.int32]
+    places: NDArray[np.float64]
+
+
+def empty_tally(count: int, looks: int = 1) -> Tally:
+    """Of ``count`` cells that nothing has looked at yet, and that have to be seen by so many looks."""
+    return Tally(
+        passes=np.zeros(count, dtype=np.int32),
+        first=np.full(count, -1, dtype=np.int64),
+        last_s=np.full(count, np.nan),
+        nearest_m=np.full(count, np.inf),
+        ground_sample_m=np.full(count, np.inf),
+        cos_incidence=np.full(count, -1.0),
+        outcome=np.zeros(count, dtype=np.uint8),
+        sure=np.zeros(count, dtype=np.int32),
+        possible=np.zeros(count, dtype=np.int32),
+        places=np.zeros((3, count if looks > 1 else 0, looks, 3)),
+    )
+
+
+@kernel
+def tally_rows(
+    surface: Surface,
+    slopes: LocalSlopes,
+    sight: Sight,
+    camera: Camera,
+    cells: Cells,
+    eyes: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    tops: NDArray[np.float64],
+    times_s: NDArray[np.float64],
+    first_row: int,
+    row_step: int,
+    tally: Tally,
+) -> None:
+    """Add (k, 3) looks to ``tally``, for the cells in rows first_row, first_row + row_step, ... of the lattice.
+
+    Args:
+        surface: the ground.
+        slopes: its bounds.
+        sight: the sensor.
+        camera: what else is to be known of it.
+        cells: of the area.
+        eyes: (k, 3) where the sensor was; a place that is not finite sees nothing.
+        axes: (k, 3) unit vectors along which a camera looked.
+        tops: (k, 3) unit vectors at right angles to them: the top of its picture; NaN where it is not known.
+        times_s: (k,) increasing.
+        first_row: of the lattice.
+        row_step: of the lattice.
+        tally: is added to.
+    """
+    rows, columns = cells.lattice.shape
+    centre, normal = cells.centre_m, cells.normal
+    exact = camera.offset_m == 0.0 and camera.turn_rad == 0.0
+    farthest = sight.reach_m + camera.offset_m
+    for k in range(eyes.shape[0]):
+        ee, en, eu = eyes[k, 0], eyes[k, 1], eyes[k, 2]
+        if not math.isfinite(ee + en + eu):
+            continue
+        ae, an, au = axes[k, 0], axes[k, 1], axes[k, 2]
+        te, tn, tu = tops[k, 0], tops[k, 1], tops[k, 2]
+        re, rn, ru = an * tu - au * tn, au * te - ae * tu, ae * tn - an * te
+        reach = _reach_over_ground_m(sight, au) if exact else farthest
+        # A little wider against rounding: the tests below decide.
+        reach += cells.scatter_m + 1e-6 * cells.size_m
+        lowest = max(0, math.ceil((en - reach - cells.north0_m) / cells.size_m))
+        highest = min(rows - 1, math.floor((en + reach - cells.north0_m) / cells.size_m))
+        for i in range(lowest + (first_row - lowest) % row_step, highest + 1, row_step):
+            to_row = cells.north0_m + i * cells.size_m - en
+            half = math.sqrt(max(0.0, reach * reach - to_row * to_row))
+            west = max(0, math.ceil((ee - half - cells.east0_m) / cells.size_m))
+            east = min(columns - 1, math.floor((ee + half - cells.east0_m) / cells.size_m))
+            for j in range(west, east + 1):
+                cell = cells.lattice[i, j]
+                if cell < 0:
+                    continue
+                ce, cn, cu = centre[cell, 0], centre[cell, 1], centre[cell, 2]
+                de, dn, du = ee - ce, en - cn, eu - cu
+                horizontal2 = de * de + dn * dn
+                distance2 = horizontal2 + du * du
+                if sight.kind != DISC and distance2 > farthest * farthest:
+                    continue
+                depth = -(de * ae + dn * an + du * au)
+                across = de * re + dn * rn + du * ru
+                along = de * te + dn * tn + du * tu
+                facing = de * normal[cell, 0] + dn * normal[cell, 1] + du * normal[cell, 2]
+                outcome = view(sight, horizontal2, distance2, depth, across, along, facing)
+                if outcome == OCCLUDED and _unhidden(
+                    surface, slopes, sight, cells.horizon[cell], 0.0, ee, en, eu, ce, cn, cu
+                ):
+                    outcome = SEEN
+                    _note(sight, camera, k, times_s[k], cell, (ee, en, eu), math.sqrt(distance2), depth, facing, tally)
+                if outcome > tally.outcome[cell]:
+                    tally.outcome[cell] = outcome
+                if exact:
+                    continue
+                horizon, beside, lift = cells.horizon[cell], camera.horizontal_m, camera.lift_m
+                eye = (ee, en, eu)
+                if (
+                    outcome == SEEN
+                    and tally.sure[cell] < camera.looks
+                    and _sure_in_view(sight, camera, horizontal2, distance2, depth, across, along, facing)
+                    and _unhidden(surface, slopes, sight, horizon, beside, ee, en, eu - lift, ce, cn, cu)
+                ):
+                    tally.sure[cell] += _is_new(camera, tally, 1, cell, tally.sure[cell], 2.0 * camera.offset_m, eye)
+                # From a place a little aside an obstacle may not be in the way.
+                if tally.possible[cell] < camera.looks and (
+                    outcome == SEEN
+                    or (
+                        _possible_in_view(sight, camera, horizontal2, distance2, depth, across, along, facing)
+                        and _unhidden(surface, slopes, sight, horizon, -beside, ee, en, eu + lift, ce, cn, cu)
+                    )
+                ):
+                    # Each of the looks that are apart is near another one that is counted here: half the distance misses none.
+                    nearer = -0.5 * camera.apart_m - camera.offset_m
+                    tally.possible[cell] += _is_new(camera, tally, 2, cell, tally.possible[cell], nearer, eye)
+
+
+@kernel
+def _is_new(
+    camera: Camera, tally: Tally, which: int, cell: int, times: int, further_m: float, eye: tuple[float, float, float]
+) -> int:
+    """1 when a look is ``apart_m`` and ``further_m`` from all that count for a cell, and its place is noted; 0 else."""
+    if camera.looks == 1:
+        return 1
+    places = tally.places[which]
+    # Below 0 any two looks may have been far enough from each other.
+    apart_m = max(0.0, camera.apart_m + further_m)
+    if near_another(places, cell, min(times, camera.looks), apart_m, eye[0], eye[1], eye[2]):
+        return 0
+    if times < camera.looks:
+        for axis in range(3):
+            places[cell, times, axis] = eye[axis]
+    return 1
+
+
+@kernel
+def _unhidden(
+    surface: Surface,
+    slopes: LocalSlopes,
+    sight: Sight,
+    horizon: float,
+    beside: float,
+    ee: float,
+    en: float,
+    eu: float,
+    ce: float,
+    cn: float,
+    cu: float,
+) -> bool:
+    """Whether nothing stands between an eye and a cell; most rays leave the cell more steeply than any ground around it.
+
+    Obstacles stand in the way when the ray comes within ``beside`` of them; below 0 they never do.
+    """
+    if sight.line_of_sight == RAY:
+        if (
+            beside >= 0.0
+            and not eu - cu >= horizon * (math.hypot(ee - ce, en - cn) + beside)
+            and not keeps_clear(surface.obstacles, ee, en, eu, ce, cn, cu, beside, 0.0)
+        ):
+            return False
+        if eu - cu >= steepest_between(surface, slopes, ee, en, ce, cn) * math.hypot(ee - ce, en - cn):
+            return True
+        return bool(height_range_between(surface, ee, en, eu, ce, cn, cu, -GRAZING_M)[0] >= -GRAZING_M)
+    if sight.line_of_sight == MIDPOINT:
+        return bool(height_above(surface, 0.5 * (ee + ce), 0.5 * (en + cn), 0.5 * (eu + cu)) >= 0.0)
+    return True
+
+
+@kernel
+def _note(
+    sight: Sight,
+    camera: Camera,
+    number: int,
+    time_s: float,
+    cell: int,
+    eye: tuple[float, float, float],
+    distance: float,
+    depth: float,
+    facing: float,
+    tally: Tally,
+) -> None:
+    """Note that a look saw a cell."""
+    # "not <=" counts the first look, too, whose last time is NaN.
+    if not time_s - tally.last_s[cell] <= camera.pass_gap_s:
+        tally.passes[cell] += _is_new(camera, tally, 0, cell, tally.passes[cell], 0.0, eye)
+    if tally.first[cell] < 0 and tally.passes[cell] >= camera.looks:
+        tally.first[cell] = number
+    tally.last_s[cell] = time_s
+    tally.nearest_m[cell] = min(tally.nearest_m[cell], distance)
+    tally.cos_incidence[cell] = max(tally.cos_incidence[cell], facing / distance if distance > 0.0 else 1.0)
+    if (sight.kind == CONE or sight.kind == FRUSTUM) and depth > 0.0 and facing > 0.0:
+        sample = ground_sample_m(camera.focal_px, depth, facing)
+        if sample < tally.ground_sample_m[cell]:
+            tally.ground_sample_m[cell] = sample
+
+
+@kernel
+def _reach_over_ground_m(sight: Sight, axis_up: float) -> float:
+    """No cell farther away than this over ground is in view."""
+    if sight.kind != CONE and sight.kind != FRUSTUM:
+        return sight.reach_m
+    # To the corner of a picture; a round view has no other direction than its half angle.
+    half = math.atan(math.hypot(sight.tan_half_fov, sight.tan_half_along))
+    widest = half + math.acos(min(1.0, max(-1.0, -axis_up)))
+    return sight.reach_m * math.sin(min(widest, 0.5 * math.pi))
+
+
+@kernel
+def _sure_in_view(
+    sight: Sight,
+    camera: Camera,
+    horizontal2: float,
+    distance2: float,
+    depth: float,
+    across: float,
+    along: float,
+    facing: float,
+) -> bool:
+    """Whether a cell is in view from every place within ``offset_m`` and with every turn within ``turn_rad``.
+
+    Seen from the cell, the eye moves by at most asin(offset / distance), so all angles keep that much from their limits.
+    """
+    if sight.kind == DISC:
+        return math.sqrt(horizontal2) + camera.horizontal_m <= sight.reach_m
+    distance = math.sqrt(distance2)
+    if distance <= camera.offset_m or distance + camera.offset_m > sight.reach_m:
+        return False
+    if sight.kind == SPHERE:
+        return True
+    swing = math.asin(camera.offset_m / distance)
+    if _inside_by_rad(sight, distance, depth, across, along) < swing + camera.turn_rad:
+        return False
+    if _angle_rad(facing, distance) + swing > math.acos(sight.cos_max_incidence):
+        return False
+    deepest = (distance + camera.offset_m) * math.cos(max(0.0, _angle_rad(depth, distance) - swing - camera.turn_rad))
+    return sight.sample_focal_m == math.inf or deepest**3 <= sight.sample_focal_m**2 * (facing - camera.offset_m)
+
+
+@kernel
+def _possible_in_view(
+    sight: Sight,
+    camera: Camera,
+    horizontal2: float,
+    distance2: float,
+    depth: float,
+    across: float,
+    along: float,
+    facing: float,
+) -> bool:
+    """Whether a cell may be in view from some place within ``offset_m`` and with some turn within ``turn_rad``."""
+    if sight.kind == DISC:
+        return math.sqrt(horizontal2) - camera.horizontal_m <= sight.reach_m
+    distance = math.sqrt(distance2)
+    if distance - camera.offset_m > sight.reach_m:
+        return False
+    if sight.kind == SPHERE or distance <= camera.offset_m:
+        return True
+    swing = math.asin(camera.offset_m / distance)
+    if not _inside_by_rad(sight, distance, depth, across, along) >= -swing - camera.turn_rad:
+        return False
+    if _angle_rad(facing, distance) - swing > math.acos(sight.cos_max_incidence):
+        return False
+    off_axis = min(0.5 * math.pi, _angle_rad(depth, distance) + swing + camera.turn_rad)
+    shallowest = (distance - camera.offset_m) * math.cos(off_axis)
+    return sight.sample_focal_m == math.inf or shallowest**3 <= sight.sample_focal_m**2 * (facing + camera.offset_m)
+
+
+@kernel
+def _angle_rad(part: float, whole: float) -> float:
+    """The angle whose cosine is ``part / whole``."""
+    return math.acos(min(1.0, max(-1.0, part / whole)))
+
+
+@kernel
+def _inside_by_rad(sight: Sight, distance: float, depth: float, across: float, along: float) -> float:
+    """By what angle a ray is inside the field of view, negative outside: for a picture the smallest to one of its side planes."""
+    if sight.kind == CONE:
+        return math.atan(sight.tan_half_fov) - _angle_rad(depth, distance)
+    ta, tl = sight.tan_half_fov, sight.tan_half_along
+    side = (ta * depth - abs(across)) / math.sqrt(1.0 + ta * ta)
+    end = (tl * depth - abs(along)) / math.sqrt(1.0 + tl * tl)
+    return 0.5 * math.pi - _angle_rad(min(side, end), distance)

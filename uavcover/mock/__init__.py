@@ -1,0 +1,1 @@
+"""A mock vehicle that speaks MAVLink and flies without an autopilot."""

@@ -1,0 +1,188 @@
+"""How the mock vehicle starts up, flies and transfers; by autopilot, as data.
+
+How the mock vehicle flies unless a mission says otherwise.
+
+How the mock vehicle starts up, what it tells unasked, and in which time its transfers wait; by autopilot, as data.
+
+``OBSERVED`` is what two simulated vehicles did (ArduCopter 4.7.0-dev and PX4 v1.17.0); ``QUICK`` is the same vehicle for
+those who do not want to wait for it: ready in two seconds, talking from the start, patient on the link's clock.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from types import MappingProxyType
+
+from mission_io.model.enums import AutopilotId
+from mission_io.wire import messages as m
+from uavcover.mock.guidance import Speeds
+from uavcover.model.vehicle import Vehicle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """How the vehicle flies unless a mission says otherwise.
+
+    Attributes:
+        cruise_m_s: ground speed.
+        climb_m_s: upward speed.
+        descent_m_s: downward speed.
+        land_m_s: downward speed of the last metres.
+        acceptance_radius_m: a waypoint without a radius of its own counts as reached within this distance.
+        return_height_m: height above home that the vehicle returns at.
+    """
+
+    cruise_m_s: float = 10.0
+    climb_m_s: float = 4.0
+    descent_m_s: float = 3.0
+    land_m_s: float = 0.7
+    acceptance_radius_m: float = 2.0
+    return_height_m: float = 30.0
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name}: {getattr(self, name)} must be above 0")
+
+    @classmethod
+    def for_vehicle(cls, vehicle: Vehicle) -> "Settings":
+        """The settings of the vehicle that a scenario plans with."""
+        return cls(
+            cruise_m_s=vehicle.cruise_speed_m_s,
+            climb_m_s=vehicle.max_climb_m_s,
+            descent_m_s=vehicle.max_descent_m_s,
+            acceptance_radius_m=vehicle.acceptance_radius_m,
+            return_height_m=vehicle.return_height_m,
+        )
+
+    @property
+    def speeds(self) -> Speeds:
+        """The three speeds."""
+        return Speeds(self.cruise_m_s, self.climb_m_s, self.descent_m_s)
+
+
+_CRITICAL, _WARNING, _INFO = 2, 4, 6
+
+
+class TransferClock(Enum):
+    """In which time mission transfers wait and give up."""
+
+    LINK = "seconds of the link, however fast the vehicle's time runs"
+    VEHICLE = "vehicle time, as simulated autopilots do"
+
+
+class TerrainSource(Enum):
+    """Where the vehicle knows the ground from, for heights above terrain."""
+
+    KNOWN = "it has the ground on its memory card"
+    GROUND_STATION = "it asks with TERRAIN_REQUEST and has what was answered"
+
+
+@dataclass(frozen=True, slots=True)
+class StartText:
+    """A line for the pilot while it starts up.
+
+    Attributes:
+        at_s: when, in seconds since it was switched on.
+        severity: 0 is an emergency, 7 is debug.
+        text: the line.
+    """
+
+    at_s: float
+    severity: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Behaviour:
+    """One way to behave.
+
+    Attributes:
+        fix_s: satellite fix, in seconds since it was switched on.
+        checks_pass_s: home is known and the pre-arm bit is good.
+        ready_s: arming works.
+        start_texts: what it says on the way there.
+        streams_s: what it tells unasked, each with its interval in seconds.
+        transfer_clock: in which time transfers wait.
+        terrain: where it knows the ground from.
+        stale_read_back: share of the uploads after which the previous list is still given out for a moment.
+    """
+
+    fix_s: float
+    checks_pass_s: float
+    ready_s: float
+    start_texts: tuple[StartText, ...]
+    streams_s: Mapping[type[m.Message], float]
+    transfer_clock: TransferClock
+    terrain: TerrainSource
+    stale_read_back: float = 0.0
+
+
+_EVERYTHING: Mapping[type[m.Message], float] = MappingProxyType(
+    {
+        m.Heartbeat: 1.0,
+        m.GlobalPositionInt: 0.1,
+        m.Attitude: 0.1,
+        m.MissionCurrent: 1.0,
+        m.SysStatus: 1.0,
+        m.GpsRawInt: 1.0,
+        m.EkfStatusReport: 1.0,
+        m.ExtendedSysState: 1.0,
+        m.SystemTime: 1.0,
+        m.HomePosition: 5.0,
+        m.BatteryStatus: 2.0,
+        m.VfrHud: 1.0,
+    }
+)
+_ONLY_HEARTBEATS: Mapping[type[m.Message], float] = MappingProxyType({m.Heartbeat: 1.0})
+
+
+def quick(ready_s: float = 2.0) -> Behaviour:
+    """A vehicle that is ready after ``ready_s`` seconds and passes its own checks half-way there."""
+    return Behaviour(
+        fix_s=0.5 * ready_s,
+        checks_pass_s=0.5 * ready_s,
+        ready_s=ready_s,
+        start_texts=(),
+        streams_s=_EVERYTHING,
+        transfer_clock=TransferClock.LINK,
+        terrain=TerrainSource.KNOWN,
+    )
+
+
+OBSERVED: Mapping[int, Behaviour] = MappingProxyType(
+    {
+        AutopilotId.ARDUPILOT: Behaviour(
+            fix_s=8.0,
+            checks_pass_s=23.0,
+            ready_s=41.0,
+            start_texts=(
+                StartText(0.5, _INFO, "Initialising ArduPilot"),
+                StartText(2.0, _CRITICAL, "PreArm: GPS 1: Bad fix"),
+                StartText(3.0, _INFO, "EKF3 IMU0 initialised"),
+                StartText(6.0, _INFO, "EKF3 IMU0 tilt alignment complete"),
+                StartText(8.0, _INFO, "GPS 1: detected u-blox"),
+                StartText(23.0, _INFO, "EKF3 IMU0 origin set"),
+                StartText(32.0, _CRITICAL, "PreArm: Need Position Estimate"),
+                StartText(41.0, _INFO, "EKF3 IMU0 is using GPS"),
+            ),
+            streams_s=_ONLY_HEARTBEATS,
+            transfer_clock=TransferClock.VEHICLE,
+            terrain=TerrainSource.GROUND_STATION,
+        ),
+        AutopilotId.PX4: Behaviour(
+            fix_s=1.0,
+            checks_pass_s=3.0,
+            ready_s=3.4,
+            start_texts=(
+                StartText(1.0, _WARNING, "Preflight Fail: ekf2 missing data"),
+                StartText(3.4, _INFO, "Ready for takeoff!"),
+            ),
+            streams_s=_EVERYTHING,
+            transfer_clock=TransferClock.VEHICLE,
+            terrain=TerrainSource.KNOWN,
+            stale_read_back=1.0 / 60.0,
+        ),
+    }
+)
+"""By MAV_AUTOPILOT number."""

@@ -1,0 +1,263 @@
+"""What the mock vehicle has to do, as simple steps: climb, go to, come down, wait; made from mission items or modes."""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+from mission_io.model.items import Command, MissionItem, SpeedType
+from uavcover.mock.behaviour import Settings
+from uavcover.mock.dynamics import Airframe, Vector
+from uavcover.mock.guidance import Speeds, Stop, passing_speeds, velocity_along, velocity_to
+
+_SLOW_LANDING_BELOW_M = 10.0
+_SETTLED_M = 0.5
+_CIRCLE_RADIUS_M = 10.0
+"""Of a loiter that names none: ArduPilot's CIRCLE_RADIUS."""
+_CIRCLE_LEG_M = 10.0
+
+
+class Mover(Protocol):
+    """What moves: where it believes to be, how fast it goes, what it can do."""
+
+    @property
+    def airframe(self) -> Airframe:
+        """What it can do."""
+
+    @property
+    def position_m(self) -> Vector:
+        """East, north, up."""
+
+    @property
+    def velocity_m_s(self) -> Vector:
+        """Over ground."""
+
+
+class StepKind(Enum):
+    """One simple thing to do."""
+
+    CLIMB = "straight up to a height"
+    GO = "along a straight line to a point"
+    LEVEL = "at the present height to above a point"
+    DESCEND = "straight down to the ground"
+    WAIT = "stay for a while"
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step.
+
+    Attributes:
+        seq: the mission item it belongs to; None for what a mode does.
+        kind: what to do.
+        speeds: how fast.
+        point_m: where to; None for here.
+        radius_m: acceptance radius.
+        wait_s: how long to wait.
+    """
+
+    seq: int | None
+    kind: StepKind
+    speeds: Speeds
+    point_m: Vector | None = None
+    radius_m: float = _SETTLED_M
+    wait_s: float = 0.0
+
+
+def return_steps(seq: int | None, settings: Settings, speeds: Speeds, *, home_m: Vector) -> list[Step]:
+    """Climb to the return height, go home in a straight line, land: an autopilot's own way home."""
+    above_home = (home_m[0], home_m[1], home_m[2] + settings.return_height_m)
+    return [
+        Step(seq, StepKind.CLIMB, speeds, above_home),
+        Step(seq, StepKind.LEVEL, speeds, above_home),
+        Step(seq, StepKind.DESCEND, speeds),
+    ]
+
+
+def mission_steps(
+    items: Sequence[MissionItem],
+    first_seq: int,
+    *,
+    place: Callable[[MissionItem], Vector],
+    settings: Settings,
+    speeds: Speeds,
+    home_m: Vector = (0.0, 0.0, 0.0),
+) -> list[Step]:
+    """The steps of a mission from item ``first_seq`` on, starting with ``speeds``.
+
+    Args:
+        items: as they are on the wire.
+        first_seq: where to begin.
+        place: position of an item in the vehicle's frame, east, north, up in metres.
+        settings: the vehicle's.
+        speeds: as they are now; the mission's speed changes apply from where they stand.
+        home_m: where home is, in the vehicle's frame.
+    """
+    steps: list[Step] = []
+    for seq in range(first_seq, len(items)):
+        item = items[seq]
+        match item.command:
+            case Command.NAV_TAKEOFF:
+                steps.append(Step(seq, StepKind.CLIMB, speeds, place(item), 1.0))
+            case Command.NAV_WAYPOINT | Command.NAV_LOITER_TIME:
+                own = item.params[1] if item.command == Command.NAV_WAYPOINT else 0.0
+                radius = own if math.isfinite(own) and own > 0.0 else settings.acceptance_radius_m
+                steps.append(Step(seq, StepKind.GO, speeds, place(item), radius))
+                if item.params[0] > 0.0:
+                    steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=item.params[0]))
+            case Command.NAV_LOITER_UNLIM:
+                steps.append(Step(seq, StepKind.GO, speeds, place(item), settings.acceptance_radius_m))
+                steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=math.inf))
+            case Command.NAV_LOITER_TURNS:
+                steps.extend(_turns(seq, item, place(item), settings, speeds))
+            case Command.NAV_LAND:
+                somewhere = item.has_position and (item.lat_deg, item.lon_deg) != (0.0, 0.0)
+                steps.append(Step(seq, StepKind.LEVEL, speeds, place(item) if somewhere else None))
+                steps.append(Step(seq, StepKind.DESCEND, speeds))
+            case Command.NAV_RETURN_TO_LAUNCH:
+                steps.extend(return_steps(seq, settings, speeds, home_m=home_m))
+            case Command.NAV_DELAY:
+                steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=max(0.0, item.params[0])))
+            case Command.DO_CHANGE_SPEED:
+                speeds = changed_speeds(speeds, item.params)
+    return steps
+
+
+def _turns(seq: int, item: MissionItem, center: Vector, settings: Settings, speeds: Speeds) -> list[Step]:
+    """Circles around a place, begun in the north: clockwise, or the other way with a negative radius."""
+    turns, radius_m = item.params[0], item.params[2]
+    if not (math.isfinite(radius_m) and radius_m != 0.0):
+        radius_m = _CIRCLE_RADIUS_M
+    sense, radius_m = math.copysign(1.0, radius_m), abs(radius_m)
+    corners = max(12, math.ceil(math.tau * radius_m / _CIRCLE_LEG_M))
+    accept_m = min(settings.acceptance_radius_m, 0.25 * radius_m)
+    steps: list[Step] = []
+    for n in range(round(max(0.0, turns) * corners) + 1):
+        angle = sense * math.tau * n / corners
+        point = (center[0] + radius_m * math.sin(angle), center[1] + radius_m * math.cos(angle), center[2])
+        steps.append(Step(seq, StepKind.GO, speeds, point, accept_m))
+    return steps
+
+
+def changed_speeds(speeds: Speeds, params: Sequence[float]) -> Speeds:
+    """The speeds after a DO_CHANGE_SPEED; a speed that is not above zero leaves them as they are."""
+    kind, speed = params[0], params[1]
+    if not speed > 0.0:
+        return speeds
+    if kind == SpeedType.CLIMB.value:
+        return Speeds(speeds.cruise_m_s, speed, speeds.descent_m_s)
+    if kind == SpeedType.DESCENT.value:
+        return Speeds(speeds.cruise_m_s, speeds.climb_m_s, speed)
+    return Speeds(speed, speeds.climb_m_s, speeds.descent_m_s)
+
+
+class Itinerary:
+    """Steps being done one after the other.
+
+    Attributes:
+        completed: the items whose last step was done since they were taken out.
+        stuck: whether it never goes on to the next step, whatever is reached.
+    """
+
+    def __init__(self, steps: Iterable[Step], body: Mover, now: float, *, land_m_s: float = 0.7) -> None:
+        self._steps, self._index = tuple(steps), 0
+        self._body, self._airframe, self._land_m_s = body, body.airframe, land_m_s
+        self.completed: list[int] = []
+        self.stuck = False
+        self._leg_start: Vector = body.position_m
+        self._target: Vector = halting_point(body)
+        self._passing: list[float] = []
+        self._until = 0.0
+        self._begin(now)
+
+    @property
+    def step(self) -> Step | None:
+        """What is being done; None when everything is done and the vehicle stays where it is."""
+        return self._steps[self._index] if self._index < len(self._steps) else None
+
+    @property
+    def landing(self) -> bool:
+        """Whether the vehicle is coming straight down to land."""
+        return self.step is not None and self.step.kind is StepKind.DESCEND
+
+    def wanted_velocity(self, now: float, ground_up_m: float) -> Vector:
+        """The velocity to want now, moving on to the next step where one is done; east, north, up in m/s."""
+        while (step := self.step) is not None and self._done(step, now):
+            self._next(now)
+        position = self._body.position_m
+        if step is None or step.kind is StepKind.WAIT:
+            return velocity_to(position, self._target, speeds=self._hold_speeds(), airframe=self._airframe)
+        if step.kind is StepKind.DESCEND:
+            above = position[2] - ground_up_m
+            down = step.speeds.descent_m_s if above > _SLOW_LANDING_BELOW_M else self._land_m_s
+            at = (self._target[0], self._target[1], position[2])
+            east, north, _ = velocity_to(position, at, speeds=step.speeds, airframe=self._airframe)
+            return (east, north, -down)
+        passing = self._passing[0] if self._passing else 0.0
+        stop = Stop(self._target, step.radius_m, passing == 0.0)
+        return velocity_along(
+            position, self._leg_start, stop, passing_m_s=passing, speeds=step.speeds, airframe=self._airframe
+        )
+
+    def _hold_speeds(self) -> Speeds:
+        frame = self._airframe
+        return Speeds(frame.max_speed_m_s, frame.max_climb_m_s, frame.max_descent_m_s)
+
+    def _done(self, step: Step, now: float) -> bool:
+        if self.stuck:
+            return False
+        if step.kind is StepKind.WAIT:
+            return now >= self._until
+        if step.kind is StepKind.DESCEND:
+            return False  # the ground ends it
+        if step.kind is StepKind.CLIMB:
+            return self._body.position_m[2] >= self._target[2] - step.radius_m
+        return math.dist(self._body.position_m, self._target) <= step.radius_m
+
+    def _next(self, now: float) -> None:
+        done = self._steps[self._index]
+        self._index += 1
+        follower = self.step
+        if done.seq is not None and (follower is None or follower.seq != done.seq):
+            self.completed.append(done.seq)
+        self._begin(now)
+
+    def _begin(self, now: float) -> None:
+        """Take up the present step: a leg starts where the last one was meant to end."""
+        step = self.step
+        if step is None:
+            return
+        here = self._target if self._index else self._body.position_m
+        self._leg_start = here
+        if step.kind is StepKind.WAIT:
+            self._until = now + step.wait_s
+        elif step.kind is StepKind.CLIMB and step.point_m is not None:
+            self._target = (here[0], here[1], max(step.point_m[2], here[2]))
+        elif step.kind is StepKind.LEVEL:
+            east, north, _ = step.point_m if step.point_m is not None else here
+            self._target = (east, north, here[2])
+        elif step.kind is StepKind.GO and step.point_m is not None:
+            self._target = step.point_m
+        if step.kind is StepKind.GO:
+            self._passing = self._passing[1:] or self._chain(here)
+        else:
+            self._passing = []
+
+    def _chain(self, here: Vector) -> list[float]:
+        """Passing speeds of the waypoints that follow each other without a wait."""
+        stops: list[Stop] = []
+        for step in self._steps[self._index :]:
+            if step.kind is not StepKind.GO or step.point_m is None:
+                break
+            stops.append(Stop(step.point_m, step.radius_m, must_halt=False))
+        return passing_speeds(here, stops, self._airframe)
+
+
+def halting_point(body: Mover) -> Vector:
+    """Where a vehicle that starts to brake now comes to rest."""
+    frame = body.airframe
+    (x, y, z), (vx, vy, vz) = body.position_m, body.velocity_m_s
+    level = math.hypot(vx, vy) / (1.2 * frame.max_acceleration_m_s2)
+    upright = abs(vz) / (1.2 * frame.max_vertical_acceleration_m_s2)
+    return (x + vx * level, y + vy * level, z + vz * upright)

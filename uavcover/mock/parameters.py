@@ -1,0 +1,150 @@
+"""The parameters that the mock vehicle has: names, types and units of its autopilot, and what they are bound to."""
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+from mission_io.model.enums import AutopilotId
+from mission_io.wire.messages import ParamValue
+from uavcover.mock.behaviour import Settings
+
+_REAL, _INT = 9, 6
+"""MAV_PARAM_TYPE numbers: a 32-bit float and a 32-bit integer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter.
+
+    Attributes:
+        default: its value unless it is set.
+        attribute: the attribute of ``Settings`` that it shows; empty for a value of its own.
+        per_unit: units of the parameter in one of the attribute.
+        whole: whether it is an integer.
+    """
+
+    default: float = 0.0
+    attribute: str = ""
+    per_unit: float = 1.0
+    whole: bool = False
+
+
+def _bound(attribute: str, per_unit: float = 1.0) -> Parameter:
+    return Parameter(0.0, attribute, per_unit)
+
+
+def _whole(default: float) -> Parameter:
+    return Parameter(default, whole=True)
+
+
+PARAMETERS: Mapping[int, Mapping[str, Parameter]] = MappingProxyType(
+    {
+        AutopilotId.ARDUPILOT: {
+            "WPNAV_SPEED": _bound("cruise_m_s", 100.0),
+            "WPNAV_SPEED_UP": _bound("climb_m_s", 100.0),
+            "WPNAV_SPEED_DN": _bound("descent_m_s", 100.0),
+            "WPNAV_ACCEL": Parameter(250.0),
+            "LAND_SPEED": _bound("land_m_s", 100.0),
+            "WPNAV_RADIUS": _bound("acceptance_radius_m", 100.0),
+            "RTL_ALT": _bound("return_height_m", 100.0),
+            "BATT_FS_LOW_ACT": _whole(0),  # 0 none, 1 land, 2 return
+            "BATT_FS_CRT_ACT": _whole(0),
+            "BATT_LOW_MAH": Parameter(0.0),  # 0: no threshold
+            "BATT_CRT_MAH": Parameter(0.0),
+            "FENCE_ENABLE": _whole(0),
+            "FENCE_ACTION": _whole(1),  # 0 report, 1 return, 2 land, 4 brake
+            "FENCE_ALT_MAX": Parameter(100.0),
+            "FENCE_RADIUS": Parameter(300.0),
+            "FENCE_TYPE": _whole(7),  # 1 height, 2 circle around home, 4 polygons and circles
+            "FS_GCS_ENABLE": _whole(0),  # 0 none, 1 return, 5 land
+            "FS_GCS_TIMEOUT": Parameter(5.0),
+            "FRAME_CLASS": _whole(1),
+            "FRAME_TYPE": _whole(1),
+            "SYSID_THISMAV": _whole(1),
+            "TERRAIN_ENABLE": _whole(1),
+            "TERRAIN_SPACING": _whole(100),
+        },
+        AutopilotId.PX4: {
+            "MPC_XY_CRUISE": _bound("cruise_m_s"),
+            "MPC_Z_V_AUTO_UP": _bound("climb_m_s"),
+            "MPC_Z_V_AUTO_DN": _bound("descent_m_s"),
+            "MPC_ACC_HOR": Parameter(3.0),
+            "MPC_LAND_SPEED": _bound("land_m_s"),
+            "NAV_ACC_RAD": _bound("acceptance_radius_m"),
+            "RTL_RETURN_ALT": _bound("return_height_m"),
+            "BAT_CRIT_THR": Parameter(0.07),
+            "BAT_EMERGEN_THR": Parameter(0.05),
+            "BAT_LOW_THR": Parameter(0.15),
+            "COM_DL_LOSS_T": _whole(10),
+            "COM_LOW_BAT_ACT": _whole(0),  # 0 warn, 2 land, 3 return, land when nearly empty
+            "GF_ACTION": _whole(2),  # 0 none, 1 warn, 2 hold, 3 return, 5 land
+            "GF_MAX_HOR_DIST": Parameter(0.0),  # 0: no limit
+            "GF_MAX_VER_DIST": Parameter(0.0),
+            "MAV_SYS_ID": _whole(1),
+            "MIS_TAKEOFF_ALT": Parameter(2.5),
+            "NAV_DLL_ACT": _whole(0),  # 0 none, 1 hold, 2 return, 3 land
+            "SYS_AUTOSTART": _whole(10040),
+        },
+    }
+)
+"""By MAV_AUTOPILOT number and name. Names and defaults are those of the autopilots; all here have an effect, or say what
+ground stations look for when they connect."""
+
+
+class Parameters:
+    """The values of one vehicle.
+
+    Attributes:
+        settings: what the parameters that are bound to it show.
+    """
+
+    def __init__(self, mav_autopilot: int, settings: Settings) -> None:
+        self.settings = settings
+        self._known = PARAMETERS[mav_autopilot]
+        self._names = list(self._known)
+        self._bytewise = mav_autopilot == AutopilotId.PX4
+        self._values = {name: row.default for name, row in self._known.items() if not row.attribute}
+
+    def __getitem__(self, name: str) -> float:
+        """The value of a parameter in its own unit."""
+        row = self._known[name]
+        if row.attribute:
+            return float(getattr(self.settings, row.attribute)) * row.per_unit
+        return self._values[name]
+
+    def name_of(self, name: str, index: int) -> str | None:
+        """The parameter that is asked for by index, or else by name; None for one that does not exist."""
+        if 0 <= index < len(self._names):
+            return self._names[index]
+        return name if name in self._known else None
+
+    def message(self, name: str) -> ParamValue:
+        """What a vehicle tells of a parameter: PX4 sends an integer's bits, ArduPilot its value."""
+        row, value = self._known[name], self[name]
+        if row.whole and self._bytewise:
+            value = float(struct.unpack("<f", struct.pack("<i", int(value)))[0])
+        return ParamValue(name, value, _INT if row.whole else _REAL, len(self._names), self._names.index(name))
+
+    def messages(self) -> list[ParamValue]:
+        """All of them, in order."""
+        return [self.message(name) for name in self._names]
+
+    def set(self, name: str, wire_value: float) -> None:
+        """Set a parameter as it is on the wire; a value that makes no sense changes nothing, as on real vehicles."""
+        row = self._known[name]
+        value = wire_value
+        if row.whole and self._bytewise:
+            value = float(struct.unpack("<i", struct.pack("<f", wire_value))[0])
+        self.put(name, value)
+
+    def put(self, name: str, value: float) -> None:
+        """Set a parameter to a number in its own unit; a value that makes no sense changes nothing."""
+        row = self._known[name]
+        if not row.attribute:
+            self._values[name] = float(round(value)) if row.whole else value
+            return
+        try:
+            self.settings = replace(self.settings, **{row.attribute: value / row.per_unit})
+        except ValueError:
+            return

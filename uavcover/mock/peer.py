@@ -1,0 +1,182 @@
+"""The mock vehicle as bytes: a codec, a clock ratio, its pace, and which ground station gets which message.
+
+How far a vehicle that flies faster than real time may run ahead of the ground stations that listen to it.
+
+The mock vehicle as bytes: a codec, a clock ratio, and the rule which ground station gets which message.
+"""
+
+from collections.abc import Iterable
+from typing import Final, Generic, TypeVar
+
+from mission_io.protocol.exchange import Address
+from mission_io.wire.codec import Codec
+from mission_io.wire.messages import Message, TimeSync
+from uavcover.mock.vehicle import MockVehicle
+
+PlaceT = TypeVar("PlaceT")
+
+_ASK_EVERY_S: Final = 0.5
+"""Vehicle time between two questions."""
+_AHEAD_S: Final = 5.0
+"""Vehicle time of messages that may be on their way: far less than the buffer of a socket holds."""
+_ASK_AGAIN_S: Final = 0.05
+_PATIENCE_S: Final = 1.0
+"""A ground station that has left a question unanswered for so long, in real time, is not waited for."""
+
+
+class Pacing(Generic[PlaceT]):
+    """Asks the time with TIMESYNC, behind all that was sent before: the answer tells how far a ground station has read.
+
+    A real vehicle sends what a ground station can take in; at a hundred times real time a busy machine would lose messages that
+    no real link loses. Ground stations that never answer are not waited for, and neither are those that have stopped.
+    """
+
+    def __init__(self) -> None:
+        self._asked_s = 0.0
+        self._asked_at = 0.0
+        self._read_s: dict[PlaceT, float] = {}
+        self._waits_since: float | None = None
+
+    def question(self, vehicle_s: float, now: float) -> TimeSync | None:
+        """What to send at a vehicle time, and at ``now`` on the link's clock; None when nothing is to be asked."""
+        due = vehicle_s - self._asked_s >= _ASK_EVERY_S
+        again = self._waits_since is not None and now - self._asked_at >= _ASK_AGAIN_S
+        if not (due or again):
+            return None
+        self._asked_s, self._asked_at = vehicle_s, now
+        return TimeSync(answered_ns=0, asked_ns=round(vehicle_s * 1e9))
+
+    def take(self, place: PlaceT, answer: TimeSync) -> None:
+        """Take a ground station's answer to a question of this vehicle's; its own questions are none."""
+        if answer.answered_ns == 0 or not 0 < answer.asked_ns <= round(self._asked_s * 1e9):
+            return
+        self._read_s[place] = max(self._read_s.get(place, 0.0), answer.asked_ns / 1e9)
+
+    def waits(self, vehicle_s: float, now: float) -> bool:
+        """Whether the vehicle's time has to stand still, for a ground station that has not read what it was sent."""
+        behind = [place for place, read_s in self._read_s.items() if vehicle_s - read_s > _AHEAD_S]
+        if not behind:
+            self._waits_since = None
+            return False
+        if self._waits_since is None:
+            self._waits_since = now
+        if now - self._waits_since <= _PATIENCE_S:
+            return True
+        for place in behind:
+            del self._read_s[place]
+        self._waits_since = None
+        return False
+
+
+_MOST_PLACES = 16
+_DATAGRAM_BYTES = 1200
+_TICK_S = 0.1
+
+
+class MockPeer(Generic[PlaceT]):
+    """A mock vehicle that datagrams go to and come from; a ``Place`` is where a ground station's datagrams come from.
+
+    Answers go to the ground station they are for, everything else to all that have spoken. Messages that are ready at
+    the same time share a datagram, or a vehicle at a hundred times real time would swamp its listeners' buffers.
+
+    Args:
+        vehicle: the vehicle.
+        speed: vehicle seconds per second of the link's clock.
+        origin_s: the link's time at which the vehicle is switched on.
+        paced: whether the vehicle's time waits for ground stations that do not keep up with it.
+    """
+
+    def __init__(self, vehicle: MockVehicle, *, speed: float = 1.0, origin_s: float = 0.0, paced: bool = False) -> None:
+        self.vehicle = vehicle
+        self.speed = speed
+        self._pacing: Pacing[PlaceT] | None = Pacing() if paced else None
+        self._codec = Codec(system_id=vehicle.address.system_id, component_id=vehicle.address.component_id)
+        self._link_s, self._vehicle_s = origin_s, 0.0
+        self._places: dict[PlaceT, None] = {}
+        self._place_of: dict[Address, PlaceT] = {}
+
+    def greet(self, place: PlaceT) -> None:
+        """Count a place as one that has spoken."""
+        self._places[place] = None
+
+    def receive_from(self, place: PlaceT, data: bytes, now: float) -> None:
+        """Take a datagram that arrived from a place at ``now`` on the link's clock."""
+        vehicle_now = self._vehicle_time(now)
+        for received in self._codec.decode(data):
+            if isinstance(received.message, TimeSync) and self._pacing is not None:
+                self._pacing.take(place, received.message)
+            self._places.pop(place, None)
+            self._places[place] = None
+            self._place_of[Address(received.system_id, received.component_id)] = place
+            self.vehicle.receive(received, vehicle_now)
+        while len(self._places) > _MOST_PLACES:
+            oldest = next(iter(self._places))
+            del self._places[oldest]
+
+    def datagrams(self, now: float) -> list[tuple[PlaceT, bytes]]:
+        """Everything to be sent by ``now``, with where to."""
+        self.vehicle.advance(self._vehicle_time(now))
+        waiting: dict[PlaceT, list[bytes]] = {}
+        messages = list(self.vehicle.outgoing())
+        if self._pacing is not None and (question := self._pacing.question(self._vehicle_s, now)) is not None:
+            messages.append(question)
+        for message in messages:
+            places = self._places_for(message)
+            if places:
+                data = self._codec.encode(message)
+                for place in places:
+                    waiting.setdefault(place, []).append(data)
+        return [(place, datagram) for place, parts in waiting.items() for datagram in _joined(parts)]
+
+    def hold_time(self, now: float) -> None:
+        """Let the link's clock run to ``now`` while the vehicle's stands still."""
+        self._link_s = max(self._link_s, now)
+
+    def _vehicle_time(self, now: float) -> float:
+        if self._pacing is not None and self._pacing.waits(self._vehicle_s, now):
+            self.hold_time(now)
+        elapsed = max(0.0, now - self._link_s)
+        self._link_s += elapsed
+        self._vehicle_s += elapsed * self.speed
+        return self._vehicle_s
+
+    def _places_for(self, message: Message) -> Iterable[PlaceT]:
+        system = getattr(message, "target_system", 0)
+        if system == 0:
+            return list(self._places)
+        place = self._place_of.get(Address(system, getattr(message, "target_component", 0)))
+        return list(self._places) if place is None else [place]
+
+
+class InMemoryPeer(MockPeer[None]):
+    """The other end of a ``mission_io.links.simulated.SimulatedLink``: one ground station, on a clock that is simulated."""
+
+    def __init__(self, vehicle: MockVehicle, *, speed: float = 1.0) -> None:
+        super().__init__(vehicle, speed=speed)
+        self._next_tick_s = 0.0
+
+    def receive_datagram(self, data: bytes, now: float) -> None:
+        """Take a datagram that arrived at ``now``."""
+        self.receive_from(None, data, now)
+
+    def datagrams_to_send(self, now: float) -> list[bytes]:
+        """What the vehicle wants to send at ``now``."""
+        if now >= self._next_tick_s:
+            self._next_tick_s = now + _TICK_S / self.speed
+        return [data for _, data in self.datagrams(now)]
+
+    def next_timer(self) -> float:
+        """When it wants to be asked again although nothing arrives."""
+        return self._next_tick_s
+
+
+def _joined(parts: list[bytes]) -> list[bytes]:
+    """The same bytes in as few datagrams as fit the size."""
+    result: list[bytes] = []
+    current = b""
+    for part in parts:
+        if current and len(current) + len(part) > _DATAGRAM_BYTES:
+            result.append(current)
+            current = b""
+        current += part
+    return [*result, current] if current else result

@@ -1,0 +1,206 @@
+"""What the mock vehicle believes of its place, and its own log of where it really is.
+
+What the vehicle believes of its place: the truth with a slowly wandering error, and a drift while there is no fix.
+
+The mock's own log of where it really is, beside what it believes and tells: for tests, and for judging a track.
+"""
+
+import csv
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from uavcover.errors import InputError
+from uavcover.mock.dynamics import Airframe, PointMass, Vector
+
+_RECEIVER_S = 0.2
+"""The satellite receiver tells a position five times a second."""
+_RECOVERY_S = 2.0
+"""With a fix again, what was believed wrongly is forgotten with this time constant."""
+_DRIFT_M_S = 0.6
+"""Without a fix the believed place runs away this fast, in a direction of the seed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GpsError:
+    """How far the satellite receiver is off.
+
+    Attributes:
+        horizontal_m: standard deviation of the error, east and north each.
+        vertical_m: standard deviation of the error in height.
+        time_s: correlation time of both: the error wanders, it does not jump.
+        latency_s: how old a position is when the receiver tells it.
+    """
+
+    horizontal_m: float = 0.0
+    vertical_m: float = 0.0
+    time_s: float = 30.0
+    latency_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("horizontal_m", "vertical_m", "latency_s"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name}: {getattr(self, name)} must not be negative")
+        if not self.time_s > 0.0:
+            raise ValueError(f"time_s: {self.time_s} must be above 0")
+
+
+class Positioning:
+    """The believed state that the vehicle steers by; it has what an ``Itinerary`` needs of a body.
+
+    Attributes:
+        position_m: the believed position, east, north, up.
+        velocity_m_s: over ground, believed to be as it is.
+        receiver_m: the position that the satellite receiver told last, as old as its latency.
+        lost: whether there is no fix.
+    """
+
+    def __init__(self, point: PointMass, error: GpsError, *, rng: np.random.Generator) -> None:
+        self.lost = False
+        self._point, self._rng = point, rng
+        self._error_m: Vector = (0.0, 0.0, 0.0)
+        self._wander_m: Vector = (0.0, 0.0, 0.0)
+        self._keep = math.exp(-point.step_s / error.time_s)
+        share = math.sqrt(1.0 - self._keep**2)
+        self._scales = (error.horizontal_m * share, error.horizontal_m * share, error.vertical_m * share)
+        self._exact = error.horizontal_m == 0.0 and error.vertical_m == 0.0
+        if not self._exact:  # a receiver that is on since long: the error has its spread from the start
+            first = self._rng.standard_normal(3)
+            spread = (error.horizontal_m, error.horizontal_m, error.vertical_m)
+            self._wander_m = tuple(float(a) * b for a, b in zip(first, spread, strict=True))  # type: ignore[assignment]
+        self._noise: list[list[float]] = []
+        self._drift_m_s: Vector = (0.0, 0.0, 0.0)
+        self._receiver_due = 0
+        self._receiver_every = max(1, round(_RECEIVER_S / point.step_s))
+        self._told: deque[Vector] = deque(maxlen=round(error.latency_s / _RECEIVER_S) + 1)
+        self.position_m = self.receiver_m = _sum(point.position_m, self._wander_m)
+
+    @property
+    def airframe(self) -> Airframe:
+        """What the vehicle can do."""
+        return self._point.airframe
+
+    @property
+    def velocity_m_s(self) -> Vector:
+        """Over ground."""
+        return self._point.velocity_m_s
+
+    @property
+    def error_m(self) -> Vector:
+        """Believed position less the true one."""
+        x, y, z = self._point.position_m
+        return (self.position_m[0] - x, self.position_m[1] - y, self.position_m[2] - z)
+
+    def lose_fix(self) -> None:
+        """There are no satellites any more."""
+        angle = float(self._rng.uniform(0.0, math.tau))
+        self._drift_m_s = (_DRIFT_M_S * math.sin(angle), _DRIFT_M_S * math.cos(angle), 0.0)
+        self.lost = True
+
+    def find_fix(self) -> None:
+        """The satellites are back."""
+        self.lost = False
+
+    def step(self) -> None:
+        """Look where the vehicle is after one more step."""
+        if not self._exact:
+            self._wander()
+        dt = self._point.step_s
+        if self.lost:
+            self._error_m = _sum(self._error_m, tuple(d * dt for d in self._drift_m_s))  # type: ignore[arg-type]
+        elif self._error_m != (0.0, 0.0, 0.0):
+            keep = math.exp(-dt / _RECOVERY_S)
+            x, y, _ = self._error_m
+            self._error_m = (x * keep, y * keep, 0.0) if math.hypot(x, y) > 1e-3 else (0.0, 0.0, 0.0)
+        true = self._point.position_m
+        if self._exact and self._error_m == (0.0, 0.0, 0.0):
+            self.position_m = true
+        else:
+            self.position_m = _sum(_sum(true, self._wander_m), self._error_m)
+        self._receiver_due -= 1
+        if self._receiver_due <= 0:
+            self._receiver_due = self._receiver_every
+            if not self.lost:
+                self._told.append(_sum(true, self._wander_m))
+                self.receiver_m = self._told[0]
+
+    def _wander(self) -> None:
+        if not self._noise:
+            self._noise = self._rng.standard_normal((512, 3)).tolist()
+        noise, keep, scales, (x, y, z) = self._noise.pop(), self._keep, self._scales, self._wander_m
+        self._wander_m = (
+            keep * x + scales[0] * noise[0],
+            keep * y + scales[1] * noise[1],
+            keep * z + scales[2] * noise[2],
+        )
+
+
+def _sum(a: Vector, b: Vector) -> Vector:
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+@dataclass(frozen=True, slots=True)
+class TruthSample:
+    """The true and the believed position at the moment a position was told.
+
+    Attributes:
+        time_s: vehicle time since it was switched on, as in the position that was told.
+        lat_deg: true latitude.
+        lon_deg: true longitude.
+        alt_amsl_m: true height above mean sea level.
+        east_error_m: believed position less the true one.
+        north_error_m: the same.
+        up_error_m: the same.
+        roll_deg: right side down is positive.
+        pitch_deg: nose up is positive.
+        yaw_deg: clockwise from north.
+    """
+
+    time_s: float
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+    east_error_m: float
+    north_error_m: float
+    up_error_m: float
+    roll_deg: float
+    pitch_deg: float
+    yaw_deg: float
+
+
+OnTruth = Callable[[TruthSample], None]
+"""Takes each sample."""
+
+
+class TruthFile:
+    """Writes samples to a CSV file as they come; a context manager.
+
+    Raises:
+        InputError: the file cannot be made.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self._file = path.open("w", newline="", encoding="utf-8", buffering=1)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+        self._rows = csv.writer(self._file, lineterminator="\n")
+        self._rows.writerow(field.name for field in fields(TruthSample))
+
+    def __call__(self, sample: TruthSample) -> None:
+        """Write one sample."""
+        self._rows.writerow([repr(value) for value in astuple(sample)])
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()

@@ -1,0 +1,227 @@
+"""The mock vehicle on a port: as a process of its own (``run``), or in a thread behind the URL ``mock:``."""
+
+import logging
+import signal
+import threading
+import time
+from collections.abc import Callable
+from random import Random
+from types import FrameType
+from typing import Self
+
+from mission_io.links.opening import Link, LinkUrl, UdpLink, parse_link_url, register_endpoint
+from uavcover.errors import InputError
+from uavcover.mock.peer import MockPeer
+from uavcover.mock.ports import Place, Port, TcpPort, UdpPort
+from uavcover.mock.vehicle import MockVehicle
+
+_log = logging.getLogger(__name__)
+
+_TICK_S = 0.01
+_LONGEST_TICK_S = 0.1
+"""After a longer pause (a busy machine) the vehicle's time is held back, not caught up with in one burst."""
+
+
+class MockServer:
+    """Serves one vehicle on one port in real time times ``speed``; a context manager that lets go of the port.
+
+    Args:
+        vehicle: the vehicle, made with the same ``speed``.
+        host: address to bind.
+        port: port to bind; 0 is any free one, see ``port``.
+        kind: UDP, or TCP.
+        speed: vehicle seconds per second.
+        loss: share of the datagrams that get lost, each way.
+        rng: decides which.
+        greet: a place that is told about the vehicle before it has spoken, or none.
+
+    Raises:
+        VehicleError: the port cannot be bound.
+    """
+
+    def __init__(
+        self,
+        vehicle: MockVehicle,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        kind: Callable[[str, int], Port] = UdpPort,
+        speed: float = 1.0,
+        loss: float = 0.0,
+        rng: Random | None = None,
+        greet: Place | None = None,
+    ) -> None:
+        if not speed > 0.0:
+            raise InputError(f"speed: {speed} must be above 0")
+        if not 0.0 <= loss < 1.0:
+            raise InputError(f"loss: {loss} is not from 0 to below 1")
+        self._port = kind(host, port)
+        self._loss, self._rng = loss, rng if rng is not None else Random(0)
+        self._now = time.monotonic()
+        self._peer: MockPeer[Place] = MockPeer(vehicle, speed=speed, origin_s=self._now, paced=speed > 1.0)
+        if greet is not None:
+            self._peer.greet(greet)
+        self._said_slow = False
+
+    @property
+    def port(self) -> int:
+        """The port that was bound."""
+        return self._port.number
+
+    def serve(self, stopped: Callable[[], bool]) -> None:
+        """Fly and answer until ``stopped`` says so."""
+        while not stopped():
+            self._port.wait(_TICK_S)
+            now = time.monotonic()
+            if now - self._now > _LONGEST_TICK_S:
+                self._peer.hold_time(now - _LONGEST_TICK_S)
+                if not self._said_slow:
+                    self._said_slow = True
+                    _log.info("the machine is too busy for this speed; the vehicle's time runs slower")
+            self._now = now
+            for place in self._port.newcomers():
+                self._peer.greet(place)
+            for place, data in self._port.take():
+                if not self._lost():
+                    self._peer.receive_from(place, data, now)
+            for place, datagram in self._peer.datagrams(now):
+                if not self._lost():
+                    self._port.send(place, datagram)
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self._port.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _lost(self) -> bool:
+        return self._loss > 0.0 and self._rng.random() < self._loss
+
+
+def run(
+    url: str,
+    vehicle: MockVehicle,
+    *,
+    speed: float = 1.0,
+    loss: float = 0.0,
+    seed: int = 0,
+    on_bound: Callable[[int], None] | None = None,
+    ended: Callable[[], bool] = lambda: False,
+) -> None:
+    """Be a vehicle until SIGTERM or SIGINT, or until ``ended`` says so. To be called in the main thread of its process.
+
+    Args:
+        url: ``udpin://HOST:PORT`` answers whoever speaks to it, port 0 is any; ``udpout://HOST:PORT`` also speaks first;
+            ``tcpin://HOST:PORT`` talks to whoever connects.
+        vehicle: the vehicle, made with the same ``speed``.
+        speed: vehicle seconds per second.
+        loss: share of the datagrams that get lost, each way.
+        seed: of the loss.
+        on_bound: called with the port once it is bound.
+        ended: asked a hundred times a second.
+
+    Raises:
+        InputError: a URL that is none of these, or a speed or loss out of range.
+        VehicleError: the port cannot be bound.
+        mission_io.errors.MisuseError: a URL that is not understood.
+    """
+    place = parse_link_url(url)
+    if place.scheme not in ("udpin", "udpout", "tcpin"):
+        raise InputError(f"{url!r}: the mock vehicle does not listen there; use udpin://HOST:PORT or tcpin://HOST:PORT")
+    stop = threading.Event()
+
+    def end(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        stop.set()
+
+    inward = place.scheme != "udpout"
+    server = MockServer(
+        vehicle,
+        host=place.host if inward else "0.0.0.0" if place.host not in ("127.0.0.1", "localhost") else "127.0.0.1",
+        port=place.port if inward else 0,
+        kind=TcpPort if place.scheme == "tcpin" else UdpPort,
+        speed=speed,
+        loss=loss,
+        rng=Random(seed),
+        greet=None if inward else (place.host, place.port),
+    )
+    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        with server:
+            if on_bound is not None:
+                on_bound(server.port)
+            server.serve(lambda: stop.is_set() or ended())
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class BackgroundMock:
+    """A mock vehicle in a thread of this process, on a free port of 127.0.0.1; a context manager that ends it."""
+
+    def __init__(self, vehicle: MockVehicle, *, speed: float = 1.0, loss: float = 0.0, seed: int = 0) -> None:
+        self._server = MockServer(vehicle, speed=speed, loss=loss, rng=Random(seed))
+        self._stop = threading.Event()
+        self.port = self._server.port
+        self._thread = threading.Thread(
+            target=self._server.serve, args=(self._stop.is_set,), name="mock vehicle", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread and let go of the port; closing twice is fine."""
+        self._stop.set()
+        self._thread.join()
+        self._server.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def start_in_background(
+    vehicle: MockVehicle, *, speed: float = 1.0, loss: float = 0.0, seed: int = 0
+) -> BackgroundMock:
+    """Start a mock vehicle in a thread; its ``port`` is to be spoken to on 127.0.0.1."""
+    return BackgroundMock(vehicle, speed=speed, loss=loss, seed=seed)
+
+
+class _MockLink(UdpLink):
+    """A UDP link to a mock vehicle of its own, which ends with it."""
+
+    _background: BackgroundMock | None = None
+
+    @classmethod
+    def starting(cls, background: BackgroundMock) -> Self:
+        """A link to a vehicle that was just started."""
+        link = cls.connecting("127.0.0.1", background.port)
+        link._background = background
+        return link
+
+    def close(self) -> None:
+        """Let go of the port and end the vehicle."""
+        super().close()
+        if self._background is not None:
+            self._background.close()
+
+
+def register_mock(make_vehicle: Callable[[], MockVehicle], *, speed: float = 1.0, loss: float = 0.0) -> None:
+    """Make ``mock:`` a URL: each link that is opened to it starts a vehicle of its own.
+
+    Args:
+        make_vehicle: makes the vehicle, with the same ``speed``.
+        speed: vehicle seconds per second.
+        loss: share of the datagrams that get lost, each way.
+    """
+
+    def open_mock(url: LinkUrl) -> Link:
+        del url
+        return _MockLink.starting(start_in_background(make_vehicle(), speed=speed, loss=loss))
+
+    register_endpoint("mock", open_mock)

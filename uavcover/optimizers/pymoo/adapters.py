@@ -1,0 +1,229 @@
+"""Algorithms of pymoo behind our ask and tell: NSGA-II, MOEA/D, and any other by a subclass of three lines.
+
+The one line that everything which needs pymoo says when it is not there.
+
+Weight vectors that split a problem of several objectives into many of one.
+
+Algorithms of pymoo behind our ask and tell: NSGA-II and MOEA/D, and any other by a subclass of three lines.
+
+pymoo is imported when such an algorithm is built, not before. The other direction, our algorithms in
+``pymoo.optimize.minimize``, is `uavcover.optimizers.pymoo.algorithm`.
+"""
+
+import pickle
+from abc import abstractmethod
+from itertools import combinations
+from math import comb
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from uavcover.errors import OptimizerError
+from uavcover.optimizers.archive import Archive
+from uavcover.optimizers.ask_tell import AskTellOptimizer
+from uavcover.optimizers.interface import FloatArray, ParetoSet, Solutions
+from uavcover.optimizers.pymoo.state import pickled
+
+
+def pymoo_missing(what: str, reason: ImportError) -> OptimizerError:
+    """The error to raise when ``what`` cannot import pymoo.
+
+    >>> print(pymoo_missing("NSGA2", ImportError("No module named 'pymoo'")))
+    NSGA2 needs pymoo (No module named 'pymoo'): install the extra, pip install 'uavcover[bench]'
+    """
+    return OptimizerError(f"{what} needs pymoo ({reason}): install the extra, pip install 'uavcover[bench]'")
+
+
+def spread_weights(n: int, m: int) -> FloatArray:
+    """Weight vectors ``(n, m)`` spread over the simplex, for any n: rows sum to 1, the corners come first.
+
+    Two objectives: evenly spaced. More: from a Das-Dennis lattice of at least 20 n points (n <= 20 n always leaves a choice)
+    the corners, then always the point farthest from all chosen ones.
+
+    >>> spread_weights(3, 2).tolist()
+    [[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]]
+    """
+    if m == 1:
+        return np.ones((n, 1))
+    if m == 2:
+        share = np.linspace(1.0, 0.0, n)
+        return np.column_stack([share, 1.0 - share])
+    divisions = 1
+    while comb(divisions + m - 1, m - 1) < 20 * n:
+        divisions += 1
+    # stars and bars: the gaps between m - 1 bars are the parts of a sum
+    bars = np.array(list(combinations(range(divisions + m - 1), m - 1)))
+    ends = np.column_stack([np.full(len(bars), -1), bars, np.full(len(bars), divisions + m - 1)])
+    lattice = (np.diff(ends, axis=1) - 1) / divisions
+    chosen = np.flatnonzero(lattice.max(axis=1) == 1.0)[:n].tolist()
+    nearest = np.min([np.linalg.norm(lattice - lattice[i], axis=1) for i in chosen], axis=0)
+    while len(chosen) < n:
+        chosen.append(int(np.argmax(nearest)))
+        nearest = np.minimum(nearest, np.linalg.norm(lattice - lattice[chosen[-1]], axis=1))
+    picked: FloatArray = lattice[chosen]
+    return picked
+
+
+class PymooOptimizer(AskTellOptimizer):
+    """A pymoo algorithm that proposes one population per round; arguments as `AskTellOptimizer`.
+
+    A subclass builds the algorithm:
+
+        class SmsEmoa(PymooOptimizer):
+            def _build(self):
+                return SMSEMOA(pop_size=self._population_size)
+
+    The result is our external archive, unless a subclass says otherwise. Should pymoo propose fewer candidates than the
+    population has (it gives up when it only finds duplicates), uniform samples fill the round.
+
+    The saved state holds the pymoo algorithm pickled, as bytes: load only states that you trust. If what you build cannot be
+    pickled (it holds a lambda), saving raises an OptimizerError, and nothing else is affected.
+    """
+
+    knows_constraints: ClassVar[bool] = True  # False: pymoo's algorithm refuses them and gets the total violation only
+
+    _algorithm: Any = None
+    _pending: Any = None  # the pymoo population asked last
+    _pickled: npt.NDArray[np.uint8] | None = None  # the state, until something moves
+
+    @abstractmethod
+    def _build(self) -> Any:
+        """The pymoo algorithm, for ``self._population_size`` candidates per round."""
+
+    def _sample(self, rng: np.random.Generator) -> FloatArray:
+        self._algorithm = self._set_up()
+        return self._proposed(rng)
+
+    def _move(self, rng: np.random.Generator) -> FloatArray:
+        return self._proposed(rng)
+
+    def _set_up(self) -> Any:
+        try:
+            from pymoo.core.problem import Problem
+            from pymoo.core.termination import NoTermination
+        except ImportError as error:
+            raise pymoo_missing(type(self).__name__, error) from error
+        problem = Problem(
+            n_var=self._box.n_variables,
+            n_obj=self._n_objectives,
+            n_ieq_constr=self._n_constraints if self.knows_constraints else 0,
+            xl=self._box.lower.copy(),
+            xu=self._box.upper.copy(),
+        )
+        # the seed is replaced by our own stream before anything is drawn
+        return self._build().setup(problem, termination=NoTermination(), seed=0, output=None)
+
+    def _proposed(self, rng: np.random.Generator) -> FloatArray:
+        from pymoo.core.population import Population
+
+        n, algorithm = self._population_size, self._algorithm
+        algorithm.random_state = rng
+        offered = algorithm.infill()
+        if offered is None:
+            offered = Population.empty()
+        if len(offered) > n:
+            raise OptimizerError(
+                f"{type(algorithm).__name__} proposed {len(offered)} candidates for a population of {n}: "
+                "build it with as many offspring as the population has"
+            )
+        if len(offered) < n:
+            offered = Population.merge(offered, Population.new("X", self._box.uniform(n - len(offered), rng)))
+        self._pending, self._pickled = offered, None
+        x: FloatArray = np.array(offered.get("X"), dtype=np.float64)
+        return x
+
+    def _learn(self, told: Solutions) -> None:
+        pending = self._pending
+        pending.set("X", told.x.copy())  # a known start may stand in the place of a sample
+        pending.set("F", told.objectives.copy())
+        if self.knows_constraints:
+            pending.set("G", told.violations.copy())
+        else:
+            pending.set("total_violation", told.total_violation.copy())
+        for individual in pending:
+            individual.evaluated.update(("F", "G", "H"))
+        self._algorithm.random_state = self._rngs["moves"]
+        self._algorithm.advance(infills=pending)
+        self._pending = self._pickled = None
+
+    def _memory(self) -> dict[str, npt.NDArray[Any]]:
+        if self._algorithm is None:
+            return {}
+        if self._pickled is None:
+            algorithm, stream = self._algorithm, self._algorithm.random_state
+            algorithm.random_state = None  # the streams are saved with all others
+            try:
+                self._pickled = np.frombuffer(pickled((algorithm, self._pending)), np.uint8)
+            except (pickle.PicklingError, AttributeError, TypeError) as error:
+                raise OptimizerError(
+                    f"state: {type(algorithm).__name__} of pymoo cannot be pickled ({error}): run it in one go"
+                ) from error
+            finally:
+                algorithm.random_state = stream
+        return {"pickled": self._pickled}
+
+    def _recall(self, memory: dict[str, npt.NDArray[Any]]) -> None:
+        if "pickled" in memory:
+            self._algorithm, self._pending = pickle.loads(memory["pickled"].tobytes())
+            self._pickled = memory["pickled"]
+
+
+class NSGA2(PymooOptimizer):
+    """pymoo's NSGA-II (Deb et al. 2002) with the probabilities of Table 2.
+
+    As published it has no archive: the result is the best front of its population.
+    """
+
+    crossover_probability: ClassVar[float] = 0.8  # Pc, Table 2
+    mutation_probability: ClassVar[float] = 0.1  # Pr, Table 2: of each variable
+
+    def _build(self) -> Any:
+        from pymoo.algorithms.moo import nsga2
+        from pymoo.operators.crossover.sbx import SBX
+        from pymoo.operators.mutation.pm import PM
+
+        return nsga2.NSGA2(
+            pop_size=self._population_size,
+            crossover=SBX(prob=self.crossover_probability, eta=15),
+            mutation=PM(prob=1.0, prob_var=self.mutation_probability, eta=20),
+        )
+
+    def pareto_set(self) -> ParetoSet:
+        """See `Optimizer.pareto_set`: the best front of the population, at most ``archive_size`` of it."""
+        if self._iteration == 0:
+            return super().pareto_set()
+        alive = Solutions(*self._algorithm.pop.get("X", "F", "G"))
+        nothing = Solutions.none(self._box.n_variables, self._n_objectives, self._n_constraints)
+        return Archive(nothing, self._archive.capacity).with_told(alive).pareto_set()
+
+
+class MOEAD(PymooOptimizer):
+    """pymoo's MOEA/D (Zhang and Li 2007), generation by generation, with the parameters of Table 2.
+
+    pymoo has no n_r and no constraints: the replacement is ours, see `uavcover.optimizers.pymoo.moead`. The objectives are
+    compared as they are: bring them to comparable scale.
+    """
+
+    smallest_population: ClassVar[int] = 2
+    knows_constraints: ClassVar[bool] = False
+    neighbourhood_share: ClassVar[float] = 0.1  # T, Table 2
+    replaced_share: ClassVar[float] = 0.01  # n_r, Table 2
+    neighbour_mating_probability: ClassVar[float] = 0.9  # delta, Table 2
+    distribution_index: ClassVar[int] = 30  # eta, Table 2
+
+    def _build(self) -> Any:
+        from pymoo.operators.crossover.sbx import SBX
+        from pymoo.operators.mutation.pm import PM
+
+        from uavcover.optimizers.pymoo.moead import GenerationalMOEAD
+
+        n = self._population_size
+        return GenerationalMOEAD(
+            spread_weights(n, self._n_objectives),
+            n_replaced=max(1, round(self.replaced_share * n)),
+            n_neighbors=max(2, round(self.neighbourhood_share * n)),
+            prob_neighbor_mating=self.neighbour_mating_probability,
+            crossover=SBX(prob=1.0, eta=self.distribution_index),
+            mutation=PM(prob_var=None, eta=self.distribution_index),
+        )

@@ -1,0 +1,1 @@
+"""Optimizers that the paper's method is compared with."""

@@ -1,0 +1,103 @@
+"""DBO: the dung beetle optimizer for one objective, from which MODBO and IMODBO come.
+
+Equations are numbered as in Xue and Shen, "Dung beetle optimizer: a new meta-heuristic algorithm for global optimization",
+The Journal of Supercomputing 79, 2023. The moves are the ones that MODBO uses, so each line names both numbers.
+"""
+
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from uavcover.optimizers.ask_tell import AskTellOptimizer
+from uavcover.optimizers.dung_beetle_moves import Area, area_around, breeder, roller, small_beetle, thief
+from uavcover.optimizers.imodbo import group_sizes
+from uavcover.optimizers.interface import FloatArray, IntArray, Solutions
+
+
+class DBO(AskTellOptimizer):
+    """Rollers, breeders, small beetles and thieves for a single objective; arguments as `AskTellOptimizer`.
+
+    As in the original, a beetle stays in its group, moves from the best place it has ever been at, and eggs stay inside the
+    oviposition area. Parameters are the original's: k = 0.1, b = 0.3, S = 0.5.
+    """
+
+    smallest_population: ClassVar[int] = 4  # one beetle in each group
+    most_objectives: ClassVar[int | None] = 1
+    deflection: ClassVar[float] = 0.1  # k
+    step: ClassVar[float] = 0.3  # b
+    theft_constant: ClassVar[float] = 0.5  # S
+
+    _own_best: Solutions  # of each beetle
+    _previous: FloatArray  # (n, d): where that was one round earlier, x(t-1)
+    _current_best: FloatArray  # (d,): X*, of the round told last
+    _current_worst: FloatArray  # (d,): X^w, of the round told last
+
+    def _sample(self, rng: np.random.Generator) -> FloatArray:
+        return self._box.uniform(self._population_size, rng)
+
+    def _move(self, rng: np.random.Generator) -> FloatArray:
+        x, here, worst = self._own_best.x, self._current_best, self._current_worst
+        ever = self._archive.solutions.x[0]  # X^b
+        rollers, breeders, smalls, thieves = _groups(self._population_size)
+
+        rolled = roller(
+            x[rollers], self._previous[rollers], _each(worst, rollers), k=self.deflection, b=self.step, rng=rng
+        )  # Eq. 1, 2 (9, 10, 11)
+
+        area = self._area_around(_each(here, breeders))  # Eq. 3 (12, 13)
+        laid = breeder(x[breeders], _each(here, breeders), area, rng=rng)  # Eq. 4 (14)
+        bred = np.clip(laid, area.lower, area.upper)  # Algorithm 2 of the original: eggs stay in the area
+
+        area = self._area_around(_each(ever, smalls))  # Eq. 5 (15, 16)
+        walked = small_beetle(x[smalls], area, rng=rng)  # Eq. 6 (17)
+
+        stolen = thief(
+            x[thieves], _each(here, thieves), _each(ever, thieves), s=self.theft_constant, rng=rng
+        )  # Eq. 7 (18)
+        return np.concatenate([rolled, bred, walked, stolen])
+
+    def _area_around(self, centre: FloatArray) -> Area:
+        return area_around(centre, self._box.lower, self._box.upper, t=self._iteration, t_max=self._max_iterations)
+
+    def _learn(self, told: Solutions) -> None:
+        order = np.lexsort((told.objectives[:, 0], told.total_violation))  # feasibility rules
+        self._current_best, self._current_worst = told.x[order[0]], told.x[order[-1]]
+        if self._iteration == 0:
+            self._own_best, self._previous = told, told.x
+            return
+        old = self._own_best
+        same = told.total_violation == old.total_violation
+        better = np.where(
+            same, told.objectives[:, 0] < old.objectives[:, 0], told.total_violation < old.total_violation
+        )
+        self._previous = old.x
+        n = self._population_size
+        self._own_best = old.followed_by(told).rows(np.where(better, n + np.arange(n), np.arange(n)))
+
+    def _memory(self) -> dict[str, npt.NDArray[Any]]:
+        if self._iteration == 0:
+            return {}
+        return {
+            "x": self._own_best.x,
+            "objectives": self._own_best.objectives,
+            "violations": self._own_best.violations,
+            "previous": self._previous,
+            "current_best": self._current_best,
+            "current_worst": self._current_worst,
+        }
+
+    def _recall(self, memory: dict[str, npt.NDArray[Any]]) -> None:
+        self._own_best = Solutions(memory["x"], memory["objectives"], memory["violations"])
+        self._previous = memory["previous"]
+        self._current_best, self._current_worst = memory["current_best"], memory["current_worst"]
+
+
+def _groups(population_size: int) -> list[IntArray]:
+    """Row numbers of the rollers, breeders, small beetles and thieves."""
+    return np.split(np.arange(population_size), np.cumsum(group_sizes(population_size))[:-1])
+
+
+def _each(position: FloatArray, members: IntArray) -> FloatArray:
+    """The same ``(d,)`` position for each member: ``(g, d)``."""
+    return np.broadcast_to(position, (len(members), len(position)))

@@ -1,0 +1,1 @@
+"""Constructed routes that a search begins with and is compared with."""

@@ -1,0 +1,147 @@
+"""Adaptive swaths: lines that bend with the terrain, and lines of few waypoints.
+
+Lines that bend with the terrain: side by side they see strips with the same gap or overlap everywhere.
+
+Straight lines at equal distances waste what hills give: a strip is wider over a ridge and on a slope, narrower in a valley. A
+tenth of a swath of bending evens that out and costs next to no length.
+
+Lines of few waypoints: flown lower, legs may leave their height by more, and the terrain needs fewer of them.
+
+A leg that leaves the best height by 2 m follows every hill; one that may leave a lower height by 20 m crosses a valley in one
+go, and sees a strip that is a seventh narrower. What that costs in length it saves several times over in mission items.
+"""
+
+import math
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.kernels.sight import CONE, SPHERE
+from uavcover.kernels.swaths import balance_lines
+from uavcover.model.route import Route
+from uavcover.planning.baselines.boustrophedon import best_height_agl_m
+from uavcover.planning.baselines.swaths import (
+    SwathLayout,
+    area_edges,
+    extents_between,
+    fly_layout,
+    line_extents,
+    regular_layout,
+    to_lines_frame,
+    width_across_m,
+)
+from uavcover.planning.terrain_following import lay_over_terrain
+from uavcover.scenario.site import Site
+from uavcover.sensing.sensors import reach_at_height_m, sight_of
+
+FloatArray = NDArray[np.float64]
+
+_STATION_SHARE = 0.25
+"""Distance of stations along the lines, as a share of the sensor's reach."""
+_ROUNDS = 16
+_SMOOTHING = 10
+_INSETS = (0.8, 0.9, 0.96, 1.0)
+_TOLERANCE_SHARE = 0.0025
+"""How far legs may leave the best height, as a share of the band: a strip is as wide as its sensor is high."""
+_STRAIGHT_SHARE = 0.01
+"""A line may be laid straight where it leaves its bends by no more than this share of the reach."""
+
+
+def can_be_balanced(site: Site) -> bool:
+    """Whether the sensor is one whose strip :mod:`uavcover.kernels.swaths` can measure."""
+    return site.scenario.sensor.sensing == "along-path" and sight_of(site.scenario.sensor).kind in (CONE, SPHERE)
+
+
+def balanced_lines(site: Site, angle_rad: float) -> list[Route]:
+    """Routes of balanced lines in a direction and across it, with the numbers of lines around what the area has room for."""
+    limits = site.scenario.limits
+    low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
+    tolerance = _TOLERANCE_SHARE * (high - low)
+    height = best_height_agl_m(site, tolerance_m=tolerance)
+    swath = 2.0 * max(reach_at_height_m(site.scenario.sensor, height), site.scenario.area.cell_size_m)
+    routes = []
+    for angle in (angle_rad, angle_rad + 0.5 * math.pi):
+        lines = width_across_m(site, angle) / swath
+        for number in range(max(1, math.floor(lines) - 1), math.ceil(lines) + 2):
+            for inset in _INSETS:
+                layout = regular_layout(
+                    angle_rad=angle, lines=number, height_agl_m=height, inset=inset, tolerance_m=tolerance
+                )
+                routes.append(fly_balanced(site, layout))
+    return routes
+
+
+def fly_balanced(site: Site, layout: SwathLayout, *, straight_m: float | None = None) -> Route:
+    """The route of a layout with its lines bent, laid over the terrain.
+
+    Args:
+        site: with a sensor for which :func:`can_be_balanced` holds.
+        layout: as for :func:`uavcover.planning.baselines.swaths.fly_layout`.
+        straight_m: how far lines may leave their bends on the map to have fewer of them; by default a hundredth of the
+            sensor's reach.
+    """
+    angle = layout.angle_rad
+    borders, west, east = line_extents(site, layout)
+    flown = west <= east
+    borders, west, east, heights = borders[flown], west[flown], east[flown], layout.heights_agl_m[flown]
+    reach = max(reach_at_height_m(site.scenario.sensor, float(np.mean(heights))), site.scenario.area.cell_size_m)
+    count = max(3, math.ceil((east.max() - west.min()) / (_STATION_SHARE * reach)))
+    along = np.linspace(west.min(), east.max(), count)
+    step = along[1] - along[0]
+    # Strips across the lines, one around each station: between where the area begins and ends.
+    edges = np.concatenate([along[:1], 0.5 * (along[1:] + along[:-1]), along[-1:]])
+    low, high = extents_between(area_edges(site, angle)[:, [1, 0, 3, 2]], edges).T
+    there = (along >= west[:, None] - step) & (along <= east[:, None] + step) & (low <= high)
+    across = balance_lines(
+        site.ground.surface, sight_of(site.scenario.sensor), angle, along, np.ascontiguousarray(low),
+        np.ascontiguousarray(high), heights, np.repeat(borders[:, None], count, axis=1), there, _ROUNDS, _SMOOTHING,
+    )  # fmt: skip
+    straight = _STRAIGHT_SHARE * reach if straight_m is None else straight_m
+    polyline: list[FloatArray] = []
+    for k in range(len(borders)):
+        inset = min(layout.inset * reach, max(0.0, 0.5 * (east[k] - west[k]) - 0.5))
+        inner = along[(along > west[k] + inset) & (along < east[k] - inset)]
+        places = np.concatenate([[west[k] + inset], inner, [east[k] - inset]])
+        line = shapely.LineString(np.column_stack([places, np.interp(places, along, across[k])]))
+        corners = shapely.get_coordinates(line.simplify(straight))
+        polyline.append(corners if (k + layout.start) % 2 == 0 else corners[::-1])
+    wanted = np.repeat(heights, [len(line) for line in polyline])
+    points = np.vstack(polyline)
+    if layout.start & 2:
+        points, wanted = points[::-1], wanted[::-1]
+    return Route(lay_over_terrain(site, points @ to_lines_frame(angle), wanted, tolerance_m=layout.tolerance_m))
+
+
+BENT = (1 / 16, 1 / 8, 3 / 16)
+STRAIGHT = (3 / 16, 1 / 4, 3 / 8, 1 / 2)
+"""How far legs may leave their height, as shares of the band: of lines that bend, and of straight ones."""
+
+_BEND = 0.8
+"""How far bent lines may be laid straight on the map, as a share of how far they may leave their height."""
+
+_LINES = {True: (1.0, 1.08), False: (1.0, 1.08, 1.2)}
+"""Numbers of lines that bend, or that do not, as shares of the width of the area over that of a swath of flat ground."""
+
+_INSET = 0.5
+
+
+def simple_lines(site: Site, angle_rad: float) -> list[Route]:
+    """Routes of lines in a direction, from many waypoints to few, with several numbers of lines each."""
+    limits = site.scenario.limits
+    band_m = limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m
+    kinds = [(share, True) for share in BENT if can_be_balanced(site)] + [(share, False) for share in STRAIGHT]
+    routes = []
+    for share, bent in kinds:
+        tolerance_m = share * band_m
+        height_m = best_height_agl_m(site, tolerance_m=tolerance_m)
+        swath_m = 2.0 * max(reach_at_height_m(site.scenario.sensor, height_m), site.scenario.area.cell_size_m)
+        wanted = width_across_m(site, angle_rad) / swath_m
+        for lines in sorted({math.ceil(more * wanted) for more in _LINES[bent]}):
+            layout = regular_layout(
+                angle_rad=angle_rad, lines=lines, height_agl_m=height_m, inset=_INSET, tolerance_m=tolerance_m
+            )
+            routes.append(
+                fly_balanced(site, layout, straight_m=_BEND * tolerance_m) if bent else fly_layout(site, layout)
+            )
+    return routes

@@ -1,0 +1,198 @@
+"""Boustrophedon routes, plain and tuned: what any planner must be compared with.
+
+The boustrophedon of a sensor that looks from waypoints: rows of nodes, flown back and forth.
+
+Routes that any planner must be compared with, and the plain and the tuned boustrophedon among them.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.model.route import Route
+from uavcover.planning.baselines.swaths import (
+    SwathLayout,
+    fly_layout,
+    long_side_angle_rad,
+    regular_layout,
+    width_across_m,
+)
+from uavcover.planning.encodings import allowed_band_m
+from uavcover.planning.terrain_following import finite_heights, lay_over_terrain
+from uavcover.routes.objectives import Evaluation, evaluate_routes
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import reach_at_height_m
+
+
+@dataclass(frozen=True, slots=True)
+class NodeRows:
+    """A regular lattice of nodes over the box around the area, in rows from south to north.
+
+    Attributes:
+        rows: how many.
+        columns: nodes of a row.
+        stagger: by how much of the distance between nodes every other row is shifted: 0, or 0.5 for a triangular lattice.
+        height_share: of the allowed height band at each node, 0..1.
+    """
+
+    rows: int
+    columns: int
+    stagger: float
+    height_share: float
+
+
+def fly_rows(site: Site, layout: NodeRows) -> Route:
+    """The route over a lattice; nodes outside the fence are left out."""
+    west, south, east, north = site.area.bounds
+    dx, dy = (east - west) / layout.columns, (north - south) / layout.rows
+    places = []
+    for row in range(layout.rows):
+        shift = layout.stagger * (0.5 if row % 2 else -0.5)
+        x = west + dx * (np.arange(layout.columns) + 0.5 + shift)
+        y = np.full(layout.columns, south + dy * (row + 0.5))
+        places.append(np.column_stack([x, y])[:: -1 if row % 2 else 1])
+    nodes = np.vstack(places)
+    low, high = allowed_band_m(site, nodes)
+    points = finite_heights(np.column_stack([nodes, low + layout.height_share * (high - low)]))
+    if site.scenario.limits.applies_to == "legs" and len(points) > 1:
+        points = lay_over_terrain(site, points[:, :2], site.ground.heights_agl_m(points), tolerance_m=0.0)
+    return Route(points)
+
+
+def plain_rows(site: Site) -> NodeRows:
+    """Squares that the sensor sees whole from their middle, side by side, from the middle of the height band."""
+    limits = site.scenario.limits
+    height = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
+    side = math.sqrt(2.0) * max(reach_at_height_m(site.scenario.sensor, height), site.scenario.area.cell_size_m)
+    west, south, east, north = site.area.bounds
+    rows, columns = (max(1, math.ceil(width / side - 1e-9)) for width in (north - south, east - west))
+    return NodeRows(rows, columns, 0.0, 0.5)
+
+
+def scanned_rows(site: Site, *, most_nodes: int) -> Iterator[NodeRows]:
+    """Every lattice of at most so many nodes, rectangular and triangular, at five heights, rows not much longer than high."""
+    west, south, east, north = site.area.bounds
+    aspect = (east - west) / (north - south)
+    for rows in range(1, most_nodes + 1):
+        for columns in range(1, most_nodes // rows + 1):
+            if 0.5 <= columns / (rows * aspect) <= 2.0:
+                for stagger in (0.0, 0.5):
+                    for height_share in (0.0, 0.25, 0.5, 0.75, 1.0):
+                        yield NodeRows(rows, columns, stagger, height_share)
+
+
+TUNED = "boustrophedon-tuned"
+PLAIN_TOLERANCE_M = 10.0
+_TUNED_ANGLES = 6
+_TUNED_INSETS = (0.0, 0.5)
+_TUNED_LINES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.35, 1.5, 1.75)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Baseline:
+    """A route by a known method.
+
+    Attributes:
+        name: the method.
+        route: its waypoints.
+        layout: the lines it is made of, if it is made of lines.
+        objectives: (3,) values on the planner's cells.
+        violation: total violation of the hard limits.
+    """
+
+    name: str
+    route: Route
+    layout: SwathLayout | None
+    objectives: np.ndarray[tuple[int], np.dtype[np.float64]]
+    violation: float
+
+
+def best_height_agl_m(site: Site, *, tolerance_m: float = PLAIN_TOLERANCE_M) -> float:
+    """Height from which the sensor sees the widest strip of flat ground.
+
+    It stays inside the planner's band by the tolerance of the straight legs: a leg that may leave its height both ways
+    needs far fewer waypoints than one that is pressed against the ceiling.
+    """
+    limits = site.scenario.limits
+    low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
+    inner = min(tolerance_m, 0.5 * (high - low))
+    heights = np.linspace(low + inner, high - inner, 41)
+    reach = [reach_at_height_m(site.scenario.sensor, float(height)) for height in heights]
+    return float(heights[int(np.argmax(reach))])
+
+
+def plain_boustrophedon(site: Site) -> SwathLayout:
+    """Lines along the long side, strips of flat ground side by side without overlap, from the height that sees widest."""
+    angle = long_side_angle_rad(site)
+    height = best_height_agl_m(site)
+    return regular_layout(
+        angle_rad=angle,
+        lines=_lines(site, angle, height, 1.0),
+        height_agl_m=height,
+        inset=0.0,
+        tolerance_m=PLAIN_TOLERANCE_M,
+    )
+
+
+def boustrophedons(
+    coverage: CoverageMap, executor: Executor | None = None, should_stop: Callable[[], bool] = lambda: False
+) -> list[Baseline]:
+    """The plain boustrophedon and a scan over direction, height, spacing and inset; the plain one first.
+
+    Args:
+        coverage: on the planner's cells.
+        executor: evaluates routes side by side.
+        should_stop: asked between batches; the plain one is always there.
+    """
+    site = coverage.site
+    found = _evaluate(coverage, "boustrophedon", [plain_boustrophedon(site)], executor)
+    for batch in _scan(site):
+        if should_stop():
+            break
+        found += _evaluate(coverage, TUNED, batch, executor)
+    return found
+
+
+def _scan(site: Site) -> Iterator[list[SwathLayout]]:
+    base = long_side_angle_rad(site)
+    limits = site.scenario.limits
+    best = best_height_agl_m(site)
+    middle = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
+    heights = sorted({best, 0.5 * (best + middle)}, reverse=True)
+    for k in range(_TUNED_ANGLES):
+        angle = base + k * math.pi / _TUNED_ANGLES
+        layouts: dict[tuple[int, float, float], SwathLayout] = {}
+        for height in heights:
+            for factor in _TUNED_LINES:
+                for inset in _TUNED_INSETS:
+                    lines = _lines(site, angle, height, factor)
+                    layouts[lines, height, inset] = regular_layout(
+                        angle_rad=angle, lines=lines, height_agl_m=height, inset=inset, tolerance_m=PLAIN_TOLERANCE_M
+                    )
+        yield list(layouts.values())
+
+
+def _lines(site: Site, angle_rad: float, height_agl_m: float, factor: float) -> int:
+    strip = 2.0 * max(reach_at_height_m(site.scenario.sensor, height_agl_m), site.scenario.area.cell_size_m)
+    return max(1, math.ceil(factor * width_across_m(site, angle_rad) / strip - 1e-9))
+
+
+def _evaluate(
+    coverage: CoverageMap, name: str, layouts: list[SwathLayout], executor: Executor | None
+) -> list[Baseline]:
+    found = evaluated(coverage, name, [fly_layout(coverage.site, layout) for layout in layouts], executor)
+    return [dataclasses.replace(each, layout=layout) for each, layout in zip(found, layouts, strict=True)]
+
+
+def evaluated(coverage: CoverageMap, name: str, routes: Sequence[Route], executor: Executor | None) -> list[Baseline]:
+    """Routes that a known method made, with their values."""
+    values: Evaluation = evaluate_routes(coverage, routes, executor)
+    return [
+        Baseline(name, route, None, values.objectives[i], float(values.violations[i].sum()))
+        for i, route in enumerate(routes)
+    ]

@@ -1,0 +1,154 @@
+"""Constructed routes that the search begins with and its result is compared with, by name."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from itertools import islice
+
+import numpy as np
+
+from uavcover.model.route import Route
+from uavcover.model.scenario import InitialRoute, PlannerSettings
+from uavcover.planning.baselines.boustrophedon import (
+    PLAIN_TOLERANCE_M,
+    TUNED,
+    Baseline,
+    best_height_agl_m,
+    boustrophedons,
+    evaluated,
+    fly_rows,
+    plain_rows,
+    scanned_rows,
+)
+from uavcover.planning.set_cover.candidates import (
+    Candidates,
+    Reduced,
+    finest_lattice_candidates,
+    level_candidates,
+    reduce,
+)
+from uavcover.planning.set_cover.solvers import (
+    CoverProgram,
+    SolverEffort,
+    cut_down,
+    greedy_cover,
+    searched_cover,
+    tour_route,
+)
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import reach_at_height_m
+
+_SPACING_CELLS = 0.25
+_MOST_PLACES = 60_000
+"""Of the lattice where sensing is at waypoints: the finer, the fewer waypoints see all (docs/results/bounds.md)."""
+
+_SPACING_REACHES = 0.4
+"""Of the lattice where sensing is along the path, which sees more than its waypoints do."""
+
+_STEPS = 20_000
+_ROWS_AT_ONCE = 50
+_STREAM = 2
+
+
+def constructed_routes(
+    coverage: CoverageMap,
+    settings: PlannerSettings,
+    *,
+    asked: float | None,
+    solver: SolverEffort,
+    executor: Executor | None,
+    should_stop: Callable[[], bool],
+) -> list[Baseline]:
+    """The routes that ``settings.initial`` names, the plain boustrophedon first.
+
+    Lines in swaths are always there where these are the encoding: it is counted from the best of them.
+
+    Args:
+        coverage: on the planner's cells.
+        settings: which, and the seed.
+        asked: share of what can be covered that the selection rule asks for, if it does.
+        solver: how long the exact set cover may take.
+        executor: evaluates routes side by side.
+        should_stop: asked before each; the first is always made.
+    """
+    names = initial_names(coverage, settings)
+    found: list[Baseline] = []
+    if "boustrophedon" in names:
+        make = boustrophedons if settings.encoding == "swaths" else _rows(settings)
+        found += make(coverage, executor, should_stop)
+    covers: list[InitialRoute] = [name for name in names if name != "boustrophedon"]
+    if not covers or (found and should_stop()):
+        return found
+    candidates = _candidates(coverage)
+    reduced = reduce(candidates)
+    for name in covers:
+        if found and should_stop():
+            break
+        route = _cover_route(coverage, candidates, reduced, name, settings, 1.0 if asked is None else asked, solver)
+        if route is not None:
+            found += evaluated(coverage, name, [route], executor)
+    return found
+
+
+def _rows(
+    settings: PlannerSettings,
+) -> Callable[[CoverageMap, Executor | None, Callable[[], bool]], list[Baseline]]:
+    """The boustrophedon of free waypoints: rows of nodes, the plain ones first, then all that the encoding has room for."""
+
+    def make(coverage: CoverageMap, executor: Executor | None, should_stop: Callable[[], bool]) -> list[Baseline]:
+        site = coverage.site
+        found = evaluated(coverage, "boustrophedon", [fly_rows(site, plain_rows(site))], executor)
+        scan = scanned_rows(site, most_nodes=settings.max_waypoints)
+        while (batch := [fly_rows(site, rows) for rows in islice(scan, _ROWS_AT_ONCE)]) and not should_stop():
+            found += evaluated(coverage, TUNED, batch, executor)
+        return found
+
+    return make
+
+
+def initial_names(coverage: CoverageMap, settings: PlannerSettings) -> Sequence[InitialRoute]:
+    """What ``settings.initial`` names, or what is usual: lines for swaths, a set cover where the order of waypoints is free."""
+    if settings.initial is not None:
+        lines: tuple[InitialRoute, ...] = ("boustrophedon",) if settings.encoding == "swaths" else ()
+        return tuple(dict.fromkeys((*lines, *settings.initial)))
+    if settings.encoding == "swaths":
+        return ("boustrophedon",)
+    scenario = coverage.site.scenario
+    free_order = scenario.sensor.sensing == "at-waypoints" and scenario.limits.applies_to == "waypoints"
+    return ("set-cover",) if free_order and settings.algorithm in {"memetic", "local-search"} else ()
+
+
+def _candidates(coverage: CoverageMap) -> Candidates:
+    site = coverage.site
+    if site.scenario.sensor.sensing == "at-waypoints":
+        spacing_m = _SPACING_CELLS * coverage.grid.cells.size_m
+        return finest_lattice_candidates(coverage, spacing_m=spacing_m, most=_MOST_PLACES)
+    height_agl_m = best_height_agl_m(site)
+    reach_m = max(reach_at_height_m(site.scenario.sensor, height_agl_m), coverage.grid.cells.size_m)
+    return level_candidates(coverage, spacing_m=_SPACING_REACHES * reach_m, height_agl_m=height_agl_m)
+
+
+def _cover_route(
+    coverage: CoverageMap,
+    candidates: Candidates,
+    reduced: Reduced,
+    name: InitialRoute,
+    settings: PlannerSettings,
+    asked: float,
+    solver: SolverEffort,
+) -> Route | None:
+    """The route of one set cover; none when the solver found none in its time, or no place sees anything."""
+    match name:
+        case "greedy-set-cover":
+            chosen = greedy_cover(reduced, asked)
+        case "set-cover":
+            chosen = searched_cover(reduced, steps=_STEPS, rng=np.random.default_rng([settings.seed, _STREAM]))
+        case _:
+            exact = CoverProgram(reduced).fewest_places(min(asked, reduced.reachable), solver).chosen
+            if exact is None:
+                return None
+            chosen = exact
+    if settings.encoding == "waypoints":
+        chosen = cut_down(candidates, chosen, settings.max_waypoints)
+    if chosen.size == 0:
+        return None
+    return tour_route(coverage.site, candidates.places_m[chosen], tolerance_m=PLAIN_TOLERANCE_M)

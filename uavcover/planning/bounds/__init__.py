@@ -1,1 +1,0 @@
-"""What no plan of a scenario can beat, proved."""

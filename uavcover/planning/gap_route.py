@@ -1,0 +1,388 @@
+"""The route that closes the gaps of a flight.
+
+The cells that are still to be seen, as kernels take them.
+
+Few places from which all of the missing cells are seen: a greedy set cover over a grid of allowed places.
+
+The route that closes the gaps: viewpoints in a short order, laid over the terrain, and pruned by what it sees on its way.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.errors import InfeasibleError
+from uavcover.kernels import coverage as kernels
+from uavcover.kernels.coverage import Cells
+from uavcover.kernels.sight import CONE, FRUSTUM, Sight
+from uavcover.kernels.tours import order_between_ends
+from uavcover.model.route import Route
+from uavcover.planning.baselines.boustrophedon import best_height_agl_m
+from uavcover.planning.terrain_following import lay_over_terrain
+from uavcover.routes.leg_checks import measure_violations
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
+from uavcover.sensing.sensors import reach_at_height_m, turns_with_legs
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissingCells:
+    """Part of the cells of a map, with numbers of their own.
+
+    Attributes:
+        coverage: the whole map.
+        cells: the part, cut out of the lattice.
+        weight_m2: (m,) ground area of each.
+    """
+
+    coverage: CoverageMap
+    cells: Cells
+    weight_m2: FloatArray
+
+    @classmethod
+    def of(cls, coverage: CoverageMap, missing: BoolArray) -> "MissingCells":
+        """Those marked in ``missing`` (cells,), at least one."""
+        whole = coverage.grid.cells
+        chosen = np.zeros(whole.lattice.shape, dtype=bool)
+        inside = whole.lattice >= 0
+        chosen[inside] = missing[whole.lattice[inside]]
+        rows, columns = np.flatnonzero(chosen.any(axis=1)), np.flatnonzero(chosen.any(axis=0))
+        cut = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+        numbers = whole.lattice[cut][chosen[cut]]
+        lattice = np.full(chosen[cut].shape, -1, dtype=np.int32)
+        lattice[chosen[cut]] = np.arange(numbers.size, dtype=np.int32)
+        cells = Cells(
+            whole.east0_m + whole.size_m * int(columns[0]), whole.north0_m + whole.size_m * int(rows[0]), whole.size_m,
+            lattice, np.ascontiguousarray(whole.centre_m[numbers]), np.ascontiguousarray(whole.normal[numbers]),
+            np.ascontiguousarray(whole.horizon[numbers]),
+        )  # fmt: skip
+        return cls(coverage, cells, coverage.grid.weight_m2[numbers])
+
+    def seen_by(self, looks: LevelLooks, sight: Sight) -> BoolArray:
+        """(m,) whether each is seen by any of the looks."""
+        surface = self.coverage.site.ground.surface
+        return kernels.seen_from_points(surface, sight, self.cells, looks.places_m, looks.headings)
+
+    def seen_on(self, route_m: FloatArray, sight: Sight) -> BoolArray:
+        """(m,) whether each is seen on an (n, 3) ENU route, by the sensing rule of the scenario."""
+        return self.seen_by(self.coverage.looks(route_m), sight)
+
+
+_SPACING_REACHES = 0.4
+"""Candidates stand this many reaches apart."""
+_AROUND_REACHES = (0.0, 0.35, 0.7, 0.95)
+_AROUND_DIRECTIONS = 12
+_AROUND_SHARES = (0.5, 0.0, 1.0)
+_HEADINGS = 8
+
+
+def grid_places(site: Site, missing: MissingCells) -> FloatArray:
+    """(k, 3) places in a grid over the missing cells and their surroundings, at the height that sees widest.
+
+    The last column is the height above ground.
+    """
+    height = best_height_agl_m(site)
+    reach = max(reach_at_height_m(site.scenario.sensor, height), site.scenario.area.cell_size_m)
+    step = _SPACING_REACHES * reach
+    centres = missing.cells.centre_m[:, :2]
+    low, high = centres.min(axis=0) - reach, centres.max(axis=0) + reach
+    east, north = np.meshgrid(
+        *(low[axis] + (np.arange(math.ceil((high[axis] - low[axis]) / step)) + 0.5) * step for axis in (0, 1))
+    )
+    places = np.column_stack([east.ravel(), north.ravel()])
+    # Importing scipy.spatial takes a while, which other commands need not wait for.
+    from scipy.spatial import cKDTree
+
+    near = np.isfinite(cKDTree(centres).query(places, distance_upper_bound=reach)[0])
+    places = places[near & inside_fence(site, places)]
+    return np.column_stack([places, np.full(len(places), height)])
+
+
+def places_around(site: Site, cells_m: FloatArray) -> FloatArray:
+    """(k, 3) places above and around (m, 3) cells at several heights of the band; the last column is above ground."""
+    limits = site.scenario.limits
+    low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
+    found = []
+    for share in _AROUND_SHARES:
+        height = low + share * (high - low)
+        reach = reach_at_height_m(site.scenario.sensor, height)
+        for radius in _AROUND_REACHES:
+            for angle in np.arange(_AROUND_DIRECTIONS if radius else 1) * (2.0 * math.pi / _AROUND_DIRECTIONS):
+                by = radius * reach * np.array([math.cos(angle), math.sin(angle)])
+                found.append(np.column_stack([cells_m[:, :2] + by, np.full(len(cells_m), height)]))
+    places = np.vstack(found)
+    return places[inside_fence(site, places[:, :2])]
+
+
+def inside_fence(site: Site, places_m: FloatArray) -> BoolArray:
+    """(k,) whether each of (k, 2) places is inside the fence by the vehicle's acceptance radius, over known ground."""
+    inner = site.fence.buffer(-site.scenario.vehicle.acceptance_radius_m)
+    inside = shapely.contains_xy(inner, places_m[:, 0], places_m[:, 1])
+    return np.asarray(inside & np.isfinite(site.ground.heights_m(places_m)), dtype=bool)
+
+
+def cover(site: Site, missing: MissingCells, places_agl_m: FloatArray, sight: Sight, wanted: BoolArray) -> FloatArray:
+    """Some of (k, 3) places that together see of the ``wanted`` (m,) cells what all of them see.
+
+    Always the one that sees the most ground not yet seen (greedy set cover: at most ln(m) + 1 times as many as needed).
+
+    Returns:
+        (j, 3) places with their heights above ground, in the order of choice.
+    """
+    from scipy import sparse
+
+    ups = site.ground.ups_m(places_agl_m[:, :2], places_agl_m[:, 2])
+    eyes = np.column_stack([places_agl_m[:, :2], ups])
+    columns = [np.flatnonzero(missing.seen_by(_any_way(eye, sight), sight) & wanted) for eye in eyes]
+    ends = np.concatenate([[0], np.cumsum([len(part) for part in columns])])
+    cells = np.concatenate(columns) if columns else np.empty(0, dtype=np.int64)
+    hits = sparse.csr_array((np.ones(len(cells)), cells, ends), shape=(len(columns), len(wanted)))
+    left = np.where(wanted, missing.weight_m2, 0.0)
+    chosen: list[int] = []
+    while len(chosen) < len(columns):
+        gain = hits @ left
+        best = int(np.argmax(gain))
+        if gain[best] <= 0.0:
+            break
+        chosen.append(best)
+        left[columns[best]] = 0.0
+    return places_agl_m[np.array(chosen, dtype=np.int64)]
+
+
+def _any_way(place_m: FloatArray, sight: Sight) -> LevelLooks:
+    """Looks from a (3,) ENU place: in several directions where it matters which way the vehicle comes.
+
+    What such a place shows is too much then; the route that is laid through it decides.
+    """
+    if not turns_with_legs(sight):
+        return LevelLooks.towards_north(place_m)
+    return LevelLooks.by_yaw(np.tile(place_m, (_HEADINGS, 1)), 360.0 / _HEADINGS * np.arange(_HEADINGS, dtype=float))
+
+
+_TOLERANCE_M = 10.0
+_ROUNDS = 4
+"""How often viewpoints are added for what the laid route still does not see."""
+_PULLS = (1.0, 0.5, 0.2)
+"""A corner is tried this far on the way to the middle of its neighbours, ..."""
+_STEPS_M = (25.0, 8.0)
+_DIRECTIONS = 8
+"""... and this far away in each of so many directions."""
+_LEAST_GAIN_M = 0.5
+"""A move that saves less is not worth its evaluation."""
+_MARGIN = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClosingRoute:
+    """A route for the gaps.
+
+    Attributes:
+        route: the waypoints.
+        wanted_m2: ground area that was to be seen.
+        seen_m2: what the route sees of it.
+    """
+
+    route: Route
+    wanted_m2: float
+    seen_m2: float
+
+
+def plan_closing_route(
+    coverage: CoverageMap, missing: BoolArray, *, start_m: FloatArray, end_m: FloatArray, needed_m2: float | None = None
+) -> ClosingRoute:
+    """A short route from a start to an end that sees the missing cells.
+
+    The sensor is taken a little narrower than it is, by the vehicle's acceptance radius, so that what is planned is also seen
+    when waypoints are rounded; where that leaves cells out, the sensor as it is gets its say.
+
+    Args:
+        coverage: on the cells that results are judged on.
+        missing: (cells,) what is to be seen; cells that no allowed place sees are left out of it by the caller.
+        start_m: (3,) ENU, where the vehicle comes from: home, or where it is.
+        end_m: (3,) ENU, where it goes to afterwards.
+        needed_m2: ground area of the missing cells that is enough, the costliest parts left out; default: all that can be seen.
+
+    Raises:
+        InfeasibleError: nothing is missing, or no allowed route sees any of it.
+    """
+    if not missing.any():
+        raise InfeasibleError("there are no gaps to close: everything that can be seen was seen")
+    site = coverage.site
+    builder = _Builder(site, MissingCells.of(coverage, missing), start_m, end_m)
+    builder.add_viewpoints()
+    if needed_m2 is not None:
+        builder.drop_costly(needed_m2)
+    builder.shorten()
+    return builder.result()
+
+
+class _Builder:
+    """A route as corners on the map with wanted heights, and what it sees."""
+
+    def __init__(self, site: Site, missing: MissingCells, start_m: FloatArray, end_m: FloatArray) -> None:
+        self.site, self.missing = site, missing
+        self.start_m, self.end_m = start_m, end_m
+        self.corners = np.empty((0, 3))
+        self.sight = missing.coverage.sight
+        self.narrow = _narrower(site, self.sight)
+        self.views = np.zeros((2, len(missing.weight_m2)), dtype=bool)
+
+    @property
+    def seen(self) -> BoolArray:
+        """(m,) what is seen by the sensor as it is."""
+        return np.asarray(self.views[1])
+
+    def add_viewpoints(self) -> None:
+        """Corners until the laid route sees all that can be seen, the narrow sensor first."""
+        wanted = np.ones(len(self.missing.weight_m2), dtype=bool)
+        grid = grid_places(self.site, self.missing)
+        self._take(np.vstack([self.corners, cover(self.site, self.missing, grid, self.narrow, wanted)]))
+        for _ in range(_ROUNDS):
+            if self.seen.all():
+                return
+            around = places_around(self.site, self._some_unseen())
+            more = cover(self.site, self.missing, around, self.sight, ~self.seen)
+            if len(more) == 0:
+                return
+            before = self.seen.sum()
+            self._take(np.vstack([self.corners, more]))
+            if self.seen.sum() <= before:
+                return
+
+    def drop_costly(self, needed_m2: float) -> None:
+        """Leave out the corners that save the most way for the ground they show, while enough is seen."""
+        while len(self.corners) > 1:
+            now_m2 = self._area_m2(self.seen)
+            best, best_score = None, 0.0
+            for k, saved in enumerate(self._savings()):
+                if saved <= 0.0:
+                    continue
+                # Another order lays other legs over the terrain: what is judged is what will be flown.
+                fewer = self._ordered(np.delete(self.corners, k, axis=0))
+                views = self._views_with(fewer)
+                left_m2 = self._area_m2(views[1])
+                if left_m2 < needed_m2:
+                    continue
+                score = saved / max(now_m2 - left_m2, self.missing.coverage.grid.cells.size_m**2)
+                if score > best_score:
+                    best, best_score = (fewer, views), score
+            if best is None:
+                return
+            self.corners, self.views = best
+
+    def shorten(self) -> None:
+        """Leave out and pull in corners while nothing is lost that is seen now, by the narrow sensor and as it is."""
+        keep = self.views
+        improved = True
+        while improved:
+            improved = False
+            for k in np.argsort(-self._savings(), kind="stable"):
+                if k < len(self.corners) and len(self.corners) > 1:
+                    improved |= self._try(np.delete(self.corners, k, axis=0), keep)
+            for k in range(len(self.corners)):
+                for move in self._moves(k):
+                    corners = self.corners.copy()
+                    corners[k, :2] += move
+                    if inside_fence(self.site, corners[k : k + 1, :2])[0] and self._try(corners, keep):
+                        improved = True
+                        break
+
+    def result(self) -> ClosingRoute:
+        """The route, laid over the terrain.
+
+        Raises:
+            InfeasibleError: it sees nothing.
+        """
+        if not self.seen.any():
+            raise InfeasibleError("no allowed place sees any of the gaps; they stay open")
+        return ClosingRoute(
+            Route(self._laid(self.corners)), self._area_m2(np.ones_like(self.seen)), self._area_m2(self.seen)
+        )
+
+    def _moves(self, k: int) -> FloatArray:
+        """(j, 2) moves of a corner that may make the way shorter."""
+        around = self._with_ends()[[k, k + 2], :2]
+        pulls = np.multiply.outer(_PULLS, around.mean(axis=0) - self.corners[k, :2])
+        angles = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
+        steps = np.multiply.outer(_STEPS_M, np.column_stack([np.cos(angles), np.sin(angles)]))
+        return np.vstack([pulls, steps.reshape(-1, 2)])
+
+    def _try(self, corners: FloatArray, keep: BoolArray) -> bool:
+        """Take other corners if they make the way shorter, lose nothing of ``keep`` and break no limit anew.
+
+        Fewer corners only need not to make it longer.
+        """
+        corners = self._ordered(corners)
+        gain_m = self._length_m(self.corners) - self._length_m(corners)
+        if not gain_m > (-_MARGIN if len(corners) < len(self.corners) else _LEAST_GAIN_M):
+            return False
+        views = self._views_with(corners)
+        if (keep & ~views).any() or self._violation(corners) > self._violation(self.corners) + _MARGIN:
+            return False
+        self.corners, self.views = corners, views
+        return True
+
+    def _take(self, corners: FloatArray) -> None:
+        self.corners = self._ordered(corners)
+        self.views = self._views_with(self.corners)
+
+    def _ordered(self, corners: FloatArray) -> FloatArray:
+        """The corners in a short order between start and end."""
+        places = np.vstack([self.start_m[:2], corners[:, :2], self.end_m[:2]])
+        distance = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))
+        return corners[order_between_ends(np.ascontiguousarray(distance))[1:-1] - 1]
+
+    def _with_ends(self) -> FloatArray:
+        return np.vstack([[*self.start_m[:2], 0.0], self.corners, [*self.end_m[:2], 0.0]])
+
+    def _savings(self) -> FloatArray:
+        """(n,) way that is saved when a corner is left out."""
+        places = self._with_ends()[:, :2]
+        legs = np.hypot(*np.diff(places, axis=0).T)
+        return np.asarray(legs[:-1] + legs[1:] - np.hypot(*(places[2:] - places[:-2]).T))
+
+    def _length_m(self, corners: FloatArray) -> float:
+        places = np.vstack([self.start_m[:2], corners[:, :2], self.end_m[:2]])
+        return float(np.hypot(*np.diff(places, axis=0).T).sum())
+
+    def _laid(self, corners: FloatArray) -> FloatArray:
+        if len(corners) == 1:
+            up = self.site.ground.ups_m(corners[:, :2], corners[:, 2])
+            return np.column_stack([corners[:, :2], up])
+        return lay_over_terrain(self.site, corners[:, :2], corners[:, 2], tolerance_m=_TOLERANCE_M)
+
+    def _views_with(self, corners: FloatArray) -> BoolArray:
+        """(2, m) what the laid route sees: with the narrow sensor, and with the sensor as it is."""
+        laid = self._laid(corners)
+        return np.stack([self.missing.seen_on(laid, sight) for sight in (self.narrow, self.sight)])
+
+    def _violation(self, corners: FloatArray) -> float:
+        return measure_violations(self.site, self._laid(corners), margin_m=0.0).total
+
+    def _some_unseen(self) -> FloatArray:
+        """Some hundred of the cells that are not seen yet, evenly picked."""
+        numbers = np.flatnonzero(~self.seen)
+        return self.missing.cells.centre_m[numbers[:: max(1, len(numbers) // 200)]]
+
+    def _area_m2(self, seen: BoolArray) -> float:
+        return float(self.missing.weight_m2[seen].sum())
+
+
+def _narrower(site: Site, sight: Sight) -> Sight:
+    """The sensor with its edge drawn in by the vehicle's acceptance radius at the middle of the band."""
+    limits, radius = site.scenario.limits, site.scenario.vehicle.acceptance_radius_m
+    reach = max(sight.reach_m - radius, 0.5 * sight.reach_m)
+    if sight.kind not in {CONE, FRUSTUM}:
+        return sight._replace(reach_m=reach)
+    less = radius / (0.5 * (limits.min_height_agl_m + limits.max_height_agl_m))
+    return sight._replace(
+        reach_m=reach,
+        tan_half_fov=max(sight.tan_half_fov - less, 0.5 * sight.tan_half_fov),
+        tan_half_along=max(sight.tan_half_along - less, 0.5 * sight.tan_half_along),
+    )

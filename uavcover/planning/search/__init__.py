@@ -1,0 +1,1 @@
+"""Searches: optimizers over encodings, and local searches over routes."""

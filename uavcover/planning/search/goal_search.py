@@ -1,0 +1,254 @@
+"""Local search for the shortest route that reaches a coverage, and for routes of few waypoints.
+
+Local search for the shortest route that reaches a coverage.
+
+Local search for routes of few waypoints: each next price of a waypoint is dearer, and the way may get longer for it.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.kernels.annealing import Prices
+from uavcover.model.route import Route
+from uavcover.planning.search.local_search import CHAINS, Chain, Work
+from uavcover.planning.search.route_problem import LocalTask, draft_of
+
+LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
+"""Goals that are searched for besides the one that is asked for, so that there is something to choose from."""
+
+SAFETY = 0.0003
+"""Share of the coverage by which a route is to reach more than its goal on the finest cells: other cells see less."""
+
+_MAIN_STAGES = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
+"""Shares of the work for the goal that is asked for after which it is corrected; after the first both chains take the better."""
+_STAGES = (0.5, 0.85, 1.0)
+_MAIN_SHARE = 0.7
+_COVERAGE_PRICE = 2.0
+_COVERAGE_PRICE_FREE = 1.5
+"""Of all coverage, in lengths of the route; where the order is free: of a cell of average weight, in radii of the sensor.
+Along a path a share more costs one to two such shares of the length; at a price far above that no single change may lose a
+cell, and nothing can be traded."""
+_DEARER = 1.6
+_START_PRICE = 3.0
+"""Missing coverage is cheaper in a beginning: fewer lines are hard to come by, gaps between lines are closed."""
+_WAYPOINT_PRICE = 0.002
+"""Share of the sensor's radius: a waypoint more holds a leg nearer to the height that sees widest, or makes a tour shorter."""
+_DEAR_WAYPOINTS = 3.0
+"""Lengths that the price of a route's waypoints counts as where they are dear: else coverage would be given for one less."""
+_LARGEST_STEP = 0.4
+_HOTTEST = 0.05
+_HOTTEST_FREE = 0.2
+"""Where the order is free."""
+_HOTTEST_OF_WAYPOINT = 0.01
+"""And this share of the price of a waypoint, wherever it has one."""
+_COLDEST = 5e-4
+"""Temperatures as shares of the sensor's radius: a bend costs the same on a short route and on a long one."""
+_QUENCH = 0.2
+"""Share of the work for a tour that is spent cold, on what there is: a search that is stopped early has that."""
+_QUENCHED = 5.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """A route to begin with, that keeps the limits.
+
+    Attributes:
+        route: its waypoints.
+        seen: share of what can be covered that it sees on the planner's cells.
+    """
+
+    route: Route
+    seen: float
+
+
+def search_goals(
+    work: Work,
+    starts: Sequence[Start],
+    *,
+    asked: float | None,
+    capacity: int,
+    until: float,
+    judged_coverage: Callable[[Route], float],
+    found: Callable[[Route], None],
+) -> list[Start]:
+    """Shortest routes for the goals of the ladder, or above all for the one that is asked for.
+
+    Args:
+        work: what is looked at, and how much may be done.
+        starts: one at least.
+        asked: share of what can be covered that the selection rule asks for, if it does.
+        capacity: most waypoints.
+        until: share of all the work, 0..1, after which this search ends.
+        judged_coverage: of a route, on the cells it is judged on: the goal on the planner's cells is corrected by it.
+        found: told every route worth judging.
+
+    Returns:
+        The beginnings, and what the stages ended with.
+    """
+    begin = work.pace.fraction
+    goals = [goal for goal in LADDER if asked is None or abs(goal - asked) > 0.002]
+    main = 0.0 if asked is None else _MAIN_SHARE
+    known = list(starts)
+    if asked is not None:
+        end = begin + main * (until - begin)
+        known += search_goal(work, known, asked, capacity, (begin, end), _MAIN_STAGES, judged_coverage, found)
+    each = (1.0 - main) * (until - begin) / len(goals)
+    # From the highest: what reaches more is a good beginning for what may see less.
+    for number, goal in enumerate(reversed(goals)):
+        at = begin + main * (until - begin) + number * each
+        known += search_goal(work, known, goal, capacity, (at, at + each), _STAGES, judged_coverage, found)
+    return known
+
+
+def search_goal(
+    work: Work,
+    starts: Sequence[Start],
+    goal: float,
+    capacity: int,
+    share: tuple[float, float],
+    stages: Sequence[float],
+    judged_coverage: Callable[[Route], float],
+    found: Callable[[Route], None],
+    *,
+    waypoint_price: float | None = None,
+) -> list[Start]:
+    """One goal, in stages: after each the goal is corrected, after the first both chains go on from the better one.
+
+    Args:
+        work: what is looked at, and how much may be done.
+        starts: one at least.
+        goal: share of what can be covered.
+        capacity: most waypoints.
+        share: of all the work, 0..1, where this search begins and ends.
+        stages: shares of this search's work after which the goal is corrected, the last is 1.
+        judged_coverage: of a route, on the cells it is judged on.
+        found: told every route worth judging.
+        waypoint_price: in radii of the sensor; beginnings are ranked by it too. By default next to nothing.
+
+    Returns:
+        What the stages ended with: beginnings for other goals.
+    """
+    begin, end = share
+    aim = min(1.0, goal + SAFETY)
+    waypoint_m = (_WAYPOINT_PRICE if waypoint_price is None else waypoint_price) * work.task.reach_m
+    ranked_by_m = 0.0 if waypoint_price is None else waypoint_m
+    ranked = sorted(starts, key=lambda start: _merit(work.task, start, goal, ranked_by_m))
+    if work.stopped or work.pace.fraction >= end:
+        return []
+    chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m) for k in range(CHAINS)]
+    for chain in chains:
+        aim = _corrected(goal, chain.seen, judged_coverage(chain.route))
+        chain.prices = chain.prices._replace(goal=aim)
+    hottest, coldest = chains[0].hottest, chains[0].coldest
+    if work.task.free_order:
+        for chain in chains:
+            chain.hottest = _QUENCHED * coldest
+        work.run(chains, until=begin + _QUENCH * (end - begin))
+        for chain in chains:
+            found(chain.route)
+    price = max(chain.prices.coverage for chain in chains)
+    out: list[Start] = []
+    reached = False
+    warm = 0.0
+    for stage in stages:
+        for k, chain in enumerate(chains):
+            # The second of two chains from the same beginning is cooler: from a good one heat only leads away.
+            cooler = 0.3**k if out else 1.0
+            chain.hottest = max(coldest, cooler * hottest * (coldest / hottest) ** warm)
+            chain.coldest = max(coldest, cooler * hottest * (coldest / hottest) ** stage)
+        more = work.run(chains, until=begin + stage * (end - begin))
+        best = min(chains, key=lambda chain: chain.energy)
+        judged = judged_coverage(best.route)
+        out.append(Start(best.route, best.seen))
+        if judged >= goal or not more or stage == stages[-1]:
+            reached = reached or judged >= goal
+            if judged >= goal or not reached:
+                found(best.route)
+        if not more or work.stopped:
+            break
+        aim = _corrected(goal, best.seen, judged)
+        if warm == 0.0:
+            chains = [_chain(work, best.route, aim, capacity, waypoint_m) for _ in chains]
+        # Where coverage is dearer than its price, the price rises until the goal is worth reaching.
+        price *= 1.0 if judged >= goal else _DEARER
+        for chain in chains:
+            chain.prices = chain.prices._replace(coverage=price, goal=aim)
+        warm = stage
+    return out
+
+
+def _corrected(goal: float, seen: float, judged: float) -> float:
+    """The goal on the search's cells, by what a route sees there and what it is judged to see."""
+    return min(1.0, max(0.0, seen + goal + SAFETY - judged))
+
+
+def _merit(task: LocalTask, start: Start, goal: float, waypoint_m: float) -> tuple[bool, float]:
+    """Smallest for the best beginning; where the order is free, what reaches the goal is better than all that does not."""
+    missing = max(0.0, goal - start.seen)
+    with_waypoints = 1.0 + waypoint_m * len(start.route) / max(start.route.length_m, task.reach_m)
+    return task.free_order and missing > 0.0, task.cost(start.route) * with_waypoints * (1.0 + _START_PRICE * missing)
+
+
+def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: float) -> Chain:
+    length_m = max(route.length_m, work.task.reach_m)
+    free = work.task.free_order
+    cells = np.count_nonzero(work.task.numbers.weight)
+    fewest = 1 if work.task.free_order else 2
+    draft = draft_of(work.task, route, capacity=capacity)
+    return Chain(
+        task=work.task,
+        draft=draft,
+        prices=Prices(
+            work.task.metres_per_cost(route),
+            waypoint_m,
+            _COVERAGE_PRICE_FREE * work.task.reach_m * cells
+            if free
+            else _COVERAGE_PRICE * (length_m + _DEAR_WAYPOINTS * waypoint_m * len(route)),
+            goal,
+        ),
+        hottest=(_HOTTEST_FREE if free else _HOTTEST) * work.task.reach_m + _HOTTEST_OF_WAYPOINT * waypoint_m,
+        coldest=_COLDEST * work.task.reach_m,
+        step_m=_LARGEST_STEP * work.task.reach_m,
+        fewest=fewest,
+        most=max(capacity, fewest),
+    )
+
+
+PRICES = (0.3, 1.0, 3.0)
+"""Of a waypoint, in radii of the sensor."""
+
+_WAYPOINT_STAGES = (0.4, 0.8, 1.0)
+
+
+def search_waypoints(
+    work: Work,
+    starts: Sequence[Start],
+    *,
+    goal: float,
+    capacity: int,
+    until: float,
+    judged_coverage: Callable[[Route], float],
+    found: Callable[[Route], None],
+) -> list[Start]:
+    """Routes that reach a goal with ever fewer waypoints.
+
+    Args:
+        work: what is looked at, and how much may be done.
+        starts: one at least; long ones of few waypoints are good for the higher prices.
+        goal: share of what can be covered.
+        capacity: most waypoints.
+        until: share of all the work, 0..1, after which this search ends.
+        judged_coverage: of a route, on the cells it is judged on.
+        found: told every route worth judging.
+    """
+    begin = work.pace.fraction
+    each = (until - begin) / len(PRICES)
+    known = list(starts)
+    for number, price in enumerate(PRICES):
+        share = (begin + number * each, begin + (number + 1) * each)
+        known += search_goal(
+            work, known, goal, capacity, share, _WAYPOINT_STAGES, judged_coverage, found, waypoint_price=price
+        )  # fmt: skip
+    return known

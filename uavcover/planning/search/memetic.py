@@ -1,0 +1,226 @@
+"""The local search of the memetic planner: what the optimizer and the baselines found is improved, change by change."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.kernels.tours import short_tour
+from uavcover.model.route import Route
+from uavcover.model.scenario import PlannerSettings
+from uavcover.planning.baselines.boustrophedon import best_height_agl_m
+from uavcover.planning.front import Candidate
+from uavcover.planning.search.goal_search import Start, search_goals, search_waypoints
+from uavcover.planning.search.local_search import (
+    CHAINS,
+    PROPOSALS_PER_EVALUATION,
+    Chain,
+    Pace,
+    PaceByClock,
+    PaceByNumber,
+    Work,
+)
+from uavcover.planning.search.optimizer_search import Effort, Progress
+from uavcover.planning.search.route_problem import LocalTask, local_task
+from uavcover.planning.search.tour_with_neighbourhoods import search_free_order
+from uavcover.planning.selection import Rule
+from uavcover.scenario.site import Site
+from uavcover.sensing.cells import make_scattered_cells
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import reach_at_height_m
+
+MARGIN_CELLS = 0.45
+"""The planner's sensor sees this share of a planning cell less far than the real one, where other cells judge."""
+
+SCATTERED_MARGIN_CELLS = 0.1
+"""Likewise on scattered cells, which a route passes at all distances, so that it can hardly live off their centres."""
+
+_WAYPOINTS_SHARE = 0.15
+"""Share of the local search that goes over prices of waypoints, where legs see or are limited."""
+
+_FLOWN = 0.98
+"""The coverage that it goes for when the rule asks for none."""
+
+_MOST_FINEST_CELLS = 2_000_000
+
+_PATH_CAPACITY = 3
+_SPARE_WAYPOINTS = 100
+_LOCAL_SEARCH_STREAM = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Improved:
+    """What the local search gave.
+
+    Attributes:
+        routes: worth judging.
+        evaluations: its work, PROPOSALS_PER_EVALUATION proposals each.
+        interrupted: whether the user ended it.
+    """
+
+    routes: tuple[Route, ...]
+    evaluations: int
+    interrupted: bool
+
+
+def improve(
+    coverage: CoverageMap,
+    judging: CoverageMap,
+    candidates: Sequence[Candidate],
+    *,
+    settings: PlannerSettings,
+    rule: Rule,
+    effort: Effort,
+    started: float,
+    evaluations_done: int,
+    executor: Executor | None,
+    should_stop: Callable[[], bool],
+    on_progress: Callable[[Progress], None],
+    look: Callable[[Callable[[], Sequence[Route]]], None] = lambda _: None,
+) -> Improved:
+    """Improve routes by local search.
+
+    Args:
+        coverage: on the planner's cells.
+        judging: on the cells by which routes are judged.
+        candidates: found so far; those that break a limit are no beginning.
+        settings: encoding, capacity and seed.
+        rule: by which one route will be chosen: most of the work goes where it chooses.
+        effort: when to stop; evaluations that are done already count.
+        started: when planning began, by the effort's clock.
+        evaluations_done: by the optimizer.
+        executor: runs the chains side by side.
+        should_stop: asked between batches.
+        on_progress: told after every batch.
+        look: may look at what has been found, between batches.
+    """
+    site = coverage.site
+    left = max(0, effort.evaluations - evaluations_done) if effort.budget_s is None else 1
+    starts = _starts(coverage, candidates, settings)
+    if not starts or left == 0 or effort.is_over(started):
+        return Improved((), 0, interrupted=False)
+    if site.scenario.sensor.sensing == "along-path":
+        scattered = CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m, cut=make_scattered_cells)
+        task = _task(site, scattered, margin_cells=SCATTERED_MARGIN_CELLS)
+        judges = [judging, *_finer(site, judging)]
+    else:
+        task = _task(site, coverage, margin_cells=0.0 if judging is coverage else MARGIN_CELLS)
+        judges = [judging]
+    pace: Pace
+    if effort.budget_s is None:
+        pace = PaceByNumber(left * PROPOSALS_PER_EVALUATION)
+    else:
+        pace = PaceByClock(effort.now, started + effort.budget_s)
+    kept: list[Route] = []
+
+    def found(route: Route) -> None:
+        kept.append(_shortened(task, route))
+
+    show = _progress(coverage, starts, pace, effort, evaluations_done, rule, on_progress)
+    seeds = np.random.SeedSequence([settings.seed, _LOCAL_SEARCH_STREAM]).spawn(CHAINS)
+    work = Work(
+        task,
+        pace,
+        [np.random.default_rng(seed) for seed in seeds],
+        executor,
+        should_stop,
+        lambda chains: between(chains),
+    )
+
+    def between(chains: Sequence[Chain]) -> None:
+        show(work, chains)
+        look(lambda: [*kept, *(_shortened(task, chain.route) for chain in chains)])
+
+    def judged_coverage(route: Route) -> float:
+        return min(cells.share_of_coverable(cells.seen(route.waypoints_m)) for cells in judges)
+
+    asked = rule.required_coverage
+    capacity = _capacity(task, settings, starts)
+    if task.free_order:
+        search_free_order(work, starts, asked=asked, capacity=capacity, judged_coverage=judged_coverage, found=found)
+    else:
+        known = search_goals(
+            work, starts, asked=asked, capacity=capacity, until=1.0 - _WAYPOINTS_SHARE,
+            judged_coverage=judged_coverage, found=found,
+        )  # fmt: skip
+        search_waypoints(
+            work, known, goal=_FLOWN if asked is None else asked, capacity=capacity, until=1.0,
+            judged_coverage=lambda route: judging.share_of_coverable(judging.seen(route.waypoints_m)), found=found,
+        )  # fmt: skip
+    return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
+
+
+def _finer(site: Site, judging: CoverageMap) -> list[CoverageMap]:
+    """Finer cells by which goals are corrected beside those that judge, where that is not too much to keep."""
+    if site.scenario.limits.applies_to == "waypoints" or judging.grid.count * 4 > _MOST_FINEST_CELLS:
+        return []
+    return [CoverageMap(site, cell_size_m=0.5 * site.scenario.area.cell_size_m)]
+
+
+def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: PlannerSettings) -> list[Start]:
+    """The routes that keep the limits, and what they see of what can be covered."""
+    legs = coverage.site.scenario.limits.applies_to == "legs"
+    # Over terrain there are waypoints between the nodes of the encoding, which its capacity does not count.
+    longest = settings.max_waypoints if settings.encoding == "waypoints" and not legs else None
+    fewest = 2 if legs else 1
+    coverable = max(coverage.share(coverage.coverable), 1e-12)
+    return [
+        Start(each.route[0], min(1.0, -float(each.objectives[0]) / coverable))
+        for each in known
+        if each.violation <= 0.0 and len(each.route[0]) >= fewest and (longest is None or len(each.route[0]) <= longest)
+    ]
+
+
+def _task(site: Site, coverage: CoverageMap, *, margin_cells: float) -> LocalTask:
+    cell_m = coverage.grid.cells.size_m
+    margin_m = margin_cells * cell_m
+    reach_m = max(reach_at_height_m(site.scenario.sensor, best_height_agl_m(site)), cell_m)
+    return local_task(coverage, margin_m=margin_m, reach_m=reach_m)
+
+
+def _capacity(task: LocalTask, settings: PlannerSettings, starts: Sequence[Start]) -> int:
+    if settings.encoding == "waypoints" and task.free_order:
+        return settings.max_waypoints
+    return _PATH_CAPACITY * max(len(start.route) for start in starts) + _SPARE_WAYPOINTS
+
+
+def _shortened(task: LocalTask, route: Route) -> Route:
+    """Where the order is free: as a short tour, begun at the end that is nearer to the origin."""
+    if not task.free_order or len(route) < 2:
+        return route
+    points = route.waypoints_m
+    order = short_tour(points)
+    first, last = points[order[0]], points[order[-1]]
+    if np.linalg.norm(last) < np.linalg.norm(first):
+        order = order[::-1]
+    return Route(points[order])
+
+
+def _progress(
+    coverage: CoverageMap,
+    starts: Sequence[Start],
+    pace: Pace,
+    effort: Effort,
+    evaluations_done: int,
+    rule: Rule,
+    on_progress: Callable[[Progress], None],
+) -> Callable[[Work, Sequence[Chain]], None]:
+    """What tells ``on_progress`` after a batch."""
+    coverable = coverage.share(coverage.coverable)
+    asked = rule.required_coverage
+    best = [max(start.seen for start in starts) * coverable]
+    shortest = [] if asked is None else [start.route.length_m for start in starts if start.seen >= asked]
+
+    def show(work: Work, chains: Sequence[Chain]) -> None:
+        evaluations = evaluations_done + work.proposals // PROPOSALS_PER_EVALUATION
+        best[0] = max(best[0], *(chain.seen * coverable for chain in chains))
+        if asked is not None:
+            shortest.extend(chain.task.cost(chain.route) for chain in chains if chain.seen >= asked)
+            shortest[:] = [min(shortest)] if shortest else []
+        total = effort.evaluations
+        if effort.budget_s is not None:
+            total = max(evaluations, round(evaluations / max(pace.fraction, 1e-3)))
+        on_progress(Progress(evaluations, total, best[0], shortest[0] if shortest else None))
+
+    return show

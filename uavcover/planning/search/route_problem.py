@@ -1,0 +1,181 @@
+"""What the local search works on: a site's numbers for its kernels, and a route laid out for changes."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.kernels.nadir_visibility import cone_cells
+from uavcover.kernels.route_state import ALONG_PATH, AT_WAYPOINTS, Draft, Room, Task, empty_draft, recount
+from uavcover.kernels.sight import CONE, FRUSTUM, Sight, horizontal_reach
+from uavcover.kernels.way_cost import LENGTH, route_cost
+from uavcover.model.route import Route
+from uavcover.routes.way_cost import way_cost_of
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import look_spacing_m
+
+FloatArray = NDArray[np.float64]
+
+_MOST_WAYPOINTS = 60_000
+"""A cell is counted in 16 bits."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalTask:
+    """The kernels' view of a site.
+
+    Attributes:
+        numbers: for :mod:`uavcover.kernels.annealing`.
+        reach_m: how far the sensor sees on the map from the middle of the allowed band.
+        stride: most numbers that the runs of a span may have.
+    """
+
+    numbers: Task
+    reach_m: float
+    stride: int
+
+    def cost(self, route: Route) -> float:
+        """What a route costs beside its waypoints and what it does not see: its length, or what the planner's objective says."""
+        return float(route_cost(self.numbers.surface, self.numbers.way, route.waypoints_m))
+
+    def metres_per_cost(self, route: Route) -> float:
+        """Brings costs to metres of path, by a route that has both; 1 where the cost is the length."""
+        way = self.numbers.way
+        if way.unit == LENGTH and way.deviation_price == 0.0:
+            return 1.0
+        cost = self.cost(route)
+        return route.length_m / cost if cost > 0.0 and route.length_m > 0.0 else 1.0
+
+    @property
+    def free_order(self) -> bool:
+        """Whether waypoints may be visited in any order: nothing is seen and nothing is limited between them."""
+        return self.numbers.sensing == AT_WAYPOINTS and self.numbers.room.legs == 0
+
+
+def local_task(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> LocalTask:
+    """A site as the kernels take it; only cells that can be covered at all count.
+
+    Args:
+        coverage: the cells to count on.
+        margin_m: the sensor sees this much less far on the map, so that a route does not live off the very places of the
+            cells' centres.
+        reach_m: horizontal radius that the sensor sees from a usual height.
+    """
+    site = coverage.site
+    scenario = site.scenario
+    cells = coverage.grid.cells
+    square = np.empty(coverage.grid.count, dtype=np.int32)
+    places = np.flatnonzero(cells.lattice >= 0)
+    square[cells.lattice.ravel()[places]] = places
+    counted = np.where(coverage.coverable, coverage.grid.weight_m2, 0.0)
+    weight = np.zeros(cells.lattice.size)
+    weight[square] = counted / max(float(counted.sum()), 1e-300)
+    for array in (square, weight):
+        array.flags.writeable = False
+    sight = narrowed(coverage.sight, margin_m=margin_m, reach_m=reach_m)
+    sensing = ALONG_PATH if scenario.sensor.sensing == "along-path" else AT_WAYPOINTS
+    numbers = Task(
+        site.ground.surface,
+        sight,
+        cells,
+        cone_cells(site.ground.surface, sight, cells),
+        square,
+        weight,
+        look_spacing_m(scenario),
+        sensing,
+        _room(site),
+        way_cost_of(site),
+        scenario.requirements.looks,
+        scenario.requirements.look_distance_m or 0.0,
+    )
+    across = 2.0 * horizontal_reach(sight) / cells.size_m + 2.0
+    # A place may see every other cell of what is in reach; of a leg of up to eight radii a row has few runs. Longer ones are cut.
+    stride = max(int(0.25 * math.pi * across * across), 0 if sensing == AT_WAYPOINTS else int(40.0 * across)) + 8
+    return LocalTask(numbers, reach_m, stride)
+
+
+def narrowed(sight: Sight, *, margin_m: float, reach_m: float) -> Sight:
+    """A sensor that sees ``margin_m`` less far on the map, for a camera from where it sees ``reach_m`` to the side.
+
+    A picture loses the same angle at its bottom and its top as at its sides: the ground there is as near, or farther away.
+    """
+    share = max(0.1, 1.0 - margin_m / max(reach_m, 1e-9))
+    if sight.kind == FRUSTUM:
+        along = max(0.1 * sight.tan_half_along, sight.tan_half_along - (1.0 - share) * sight.tan_half_fov)
+        return sight._replace(tan_half_fov=sight.tan_half_fov * share, tan_half_along=along)
+    if sight.kind == CONE:
+        return sight._replace(tan_half_fov=sight.tan_half_fov * share)
+    return sight._replace(reach_m=sight.reach_m * share)
+
+
+def _room(site: Site) -> Room:
+    limits = site.scenario.limits
+    fence = np.ascontiguousarray(shapely.get_coordinates(shapely.get_exterior_ring(site.fence))[:-1], dtype=float)
+    # Height above sea level less up: smallest at the origin, largest at the far corners, where the Earth has curved away.
+    places = np.column_stack([np.vstack([fence, [[0.0, 0.0]]]), np.zeros(len(fence) + 1)])
+    sea = site.alts_amsl_m(places)
+    lowest = -math.inf if limits.min_alt_amsl_m is None else limits.min_alt_amsl_m - float(sea.min())
+    highest = math.inf if limits.max_alt_amsl_m is None else limits.max_alt_amsl_m - float(sea.max())
+    return Room(
+        lowest_agl_m=limits.min_height_agl_m + limits.height_margin_m,
+        highest_agl_m=limits.max_height_agl_m - limits.height_margin_m,
+        lowest_up_m=lowest,
+        highest_up_m=highest,
+        max_slope=math.tan(math.radians(limits.max_climb_angle_deg)),
+        legs=1 if limits.applies_to == "legs" else 0,
+        fence_m=fence,
+        beside_m=site.scenario.obstacles.clearance_beside_m,
+        above_m=site.scenario.obstacles.clearance_above_m,
+    )
+
+
+def draft_of(task: LocalTask, route: Route, *, capacity: int) -> Draft:
+    """A route laid out for changes and counted; legs that see more cells than a list holds are cut in equal parts.
+
+    Args:
+        task: what is looked at.
+        route: one waypoint at least.
+        capacity: most waypoints that it may grow to; more when the route has more already.
+    """
+    points = _apart(np.array(route.waypoints_m), task.numbers.apart_m)
+    while True:
+        draft = _empty(task, points, capacity)
+        if recount(task.numbers, draft):
+            return draft
+        points = _halved(points)
+
+
+def _empty(task: LocalTask, points: FloatArray, capacity: int) -> Draft:
+    cells = task.numbers.cells
+    draft = empty_draft(
+        capacity=min(max(capacity, len(points)), _MOST_WAYPOINTS),
+        stride=task.stride,
+        squares=cells.lattice.size,
+        cells=len(cells.centre_m),
+        columns=cells.lattice.shape[1],
+    )
+    draft.size[0] = len(points)
+    draft.route[: len(points)] = points
+    return draft
+
+
+def _apart(points: FloatArray, apart_m: float) -> FloatArray:
+    """The points without those that are nearer than ``apart_m`` to one before."""
+    if apart_m == 0.0:
+        return points
+    kept: list[FloatArray] = []
+    for point in points:
+        if all(np.linalg.norm(point - other) >= apart_m for other in kept):
+            kept.append(point)
+    return np.array(kept)
+
+
+def _halved(points: FloatArray) -> FloatArray:
+    """(2 n - 1, 3) points with the middle of every leg between them."""
+    out = np.empty((2 * len(points) - 1, 3))
+    out[::2] = points
+    out[1::2] = 0.5 * (points[1:] + points[:-1])
+    return out

@@ -1,0 +1,238 @@
+"""Local search where waypoints may be visited in any order: a tour with neighbourhoods.
+
+Local search for the most coverage with every number of waypoints, where they may be visited in any order.
+
+Local search where waypoints may be visited in any order: shortest tours that see enough, and every number of waypoints.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.kernels.annealing import Prices
+from uavcover.kernels.route_state import recount, seen_alone
+from uavcover.model.route import Route
+from uavcover.planning.search.goal_search import Start, search_goals
+from uavcover.planning.search.local_search import CHAINS, Chain, Work
+from uavcover.planning.search.route_problem import draft_of
+
+FULL = 1.0 - 1e-9
+"""Share of what can be seen from which on all is."""
+
+_ATTEMPTS = 0.25
+"""Share of a squeeze that one number of waypoints gets at a time."""
+
+_MOST_THINNED = 100
+"""So many routes are kept at most while one is thinned: every one is laid out as a short tour."""
+
+_HOTTEST_CELLS = 1.2
+_COLDEST_CELLS = 0.012
+_LENGTH_PRICES = (0.04, 1.0)
+"""Price of a sensor's radius of way, in cells: first where coverage is all that counts, then where the way counts too."""
+_WAYPOINT_PRICE_CELLS = 1.2
+
+
+@dataclass(frozen=True, slots=True)
+class _Stage:
+    """How chains anneal: heats of the chains, prices of a waypoint and of a radius of way in cells."""
+
+    heats: tuple[float, float]
+    waypoint: float
+    ways: tuple[float, float]
+
+
+_SPREAD = _Stage((1.0, 0.6), _WAYPOINT_PRICE_CELLS, (_LENGTH_PRICES[0], _LENGTH_PRICES[0]))
+_SQUEEZE = _Stage((0.5, 0.2), 0.0, (_LENGTH_PRICES[0], _LENGTH_PRICES[0]))
+_SWEEP = _Stage((0.4, 0.4), 0.0, _LENGTH_PRICES)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fewest:
+    """How far the search for few waypoints has come.
+
+    Attributes:
+        best: the chain to go on with.
+        whole: that sees all with the fewest waypoints; while nothing does: what saw most at the beginning.
+        full: whether all has been seen by as few as in ``best``, or by one more: no more come in then.
+    """
+
+    best: Chain
+    whole: Start
+    full: bool
+
+
+def spread(
+    work: Work, starts: Sequence[Start], *, capacity: int, until: float, found: Callable[[Route], None]
+) -> Fewest:
+    """A waypoint has a price, so as many come in as are worth it.
+
+    Args:
+        work: what is looked at, and how much may be done; ``work.task.free_order`` holds.
+        starts: one at least.
+        capacity: most waypoints.
+        until: share of all the work, 0..1, after which this ends.
+        found: told every route worth judging.
+    """
+    ranked = sorted(starts, key=lambda start: (-start.seen, len(start.route)))
+    chains = _chains(work, [ranked[k % len(ranked)].route for k in range(CHAINS)], _SPREAD, capacity=capacity)
+    work.run(chains, until=until)
+    best = _better(chains, found)
+    whole = ranked[0] if ranked[0].seen >= FULL else Start(best.route, best.seen)
+    return Fewest(best, whole, full=False)
+
+
+def squeeze(work: Work, fewest: Fewest, *, capacity: int, until: float, found: Callable[[Route], None]) -> Fewest:
+    """Until all is seen, one waypoint more; while it is, one less; then the same number again.
+
+    Args:
+        work: as of :func:`spread`.
+        fewest: how far it has come.
+        capacity: most waypoints.
+        until: share of all the work, 0..1, after which this ends.
+        found: told every route worth judging.
+    """
+    best, whole, full = fewest.best, fewest.whole, fewest.full
+    attempt = _ATTEMPTS * (until - work.pace.fraction)
+    more = True
+    while more and work.pace.fraction < until:
+        fewer = best.seen >= FULL and len(best.route) > 1
+        full = full or fewer
+        route = _without_least(work, best) if fewer else best.route
+        more_room = None if full else min(len(route) + 1, capacity)
+        chains = _chains(work, [route] * CHAINS, _SQUEEZE, capacity=more_room)
+        more = work.run(chains, until=min(work.pace.fraction + attempt, until))
+        tried = _better(chains, found)
+        if tried.seen >= FULL and (whole.seen < FULL or len(tried.route) <= len(whole.route)):
+            whole = Start(tried.route, tried.seen)
+        # From fewer waypoints there is no way back, also when they do not see all: what saw all is found already.
+        if fewer or tried.energy <= best.energy:
+            best = tried
+    return Fewest(best, whole, full)
+
+
+def sweep(work: Work, fewest: Fewest, *, until: float, found: Callable[[Route], None]) -> None:
+    """Down to one waypoint: without annealing from what sees all, then annealed, for coverage alone and with the way in mind.
+
+    Args:
+        work: as of :func:`spread`.
+        fewest: what the search for few waypoints has found.
+        until: share of all the work, 0..1, after which this ends.
+        found: told every route worth judging.
+    """
+    thin(work, fewest.whole.route, found)
+    chains = [fewest.best] * CHAINS
+    more = not work.stopped and work.pace.fraction < until
+    while more and max(len(chain.route) for chain in chains) > 1:
+        routes = [_without_least(work, chain) if len(chain.route) > 1 else chain.route for chain in chains]
+        chains = _chains(work, routes, _SWEEP)
+        now = work.pace.fraction
+        more = work.run(chains, until=now + (until - now) / max(map(len, routes)))
+        _better(chains, found)
+
+
+def thin(work: Work, route: Route, found: Callable[[Route], None]) -> None:
+    """Down to one waypoint without annealing: where there is no time for the sweep yet, this is what has most coverage."""
+    apart = math.ceil(len(route) / _MOST_THINNED)
+    while len(route) > 1:
+        chain, _ = _chains(work, [route] * CHAINS, _SWEEP)
+        route = _without_least(work, chain)
+        if len(route) % apart == 0:
+            found(route)
+
+
+def _better(chains: Sequence[Chain], found: Callable[[Route], None]) -> Chain:
+    for chain in chains:
+        found(chain.route)
+    return min(chains, key=lambda chain: chain.energy)
+
+
+def _chains(work: Work, routes: Sequence[Route], stage: _Stage, *, capacity: int | None = None) -> list[Chain]:
+    """A chain for each route, in a stage's way; with as many waypoints as it has, unless there is a capacity."""
+    # Energies in units of one cell's share of the coverage.
+    cells = max(1, int(np.count_nonzero(work.task.numbers.weight)))
+    return [
+        Chain(
+            task=work.task,
+            draft=draft_of(work.task, route, capacity=capacity or len(route)),
+            prices=Prices(
+                way * work.task.metres_per_cost(route) / work.task.reach_m, stage.waypoint, float(cells), 1.0
+            ),
+            hottest=heat * _HOTTEST_CELLS,
+            coldest=_COLDEST_CELLS,
+            step_m=work.task.reach_m,
+            fewest=len(route) if capacity is None else 1,
+            most=len(route) if capacity is None else capacity,
+        )
+        for route, heat, way in zip(routes, stage.heats, stage.ways, strict=True)
+    ]
+
+
+def _without_least(work: Work, chain: Chain) -> Route:
+    """The chain's route without the waypoint that sees least by itself."""
+    draft = chain.draft
+    recount(work.task.numbers, draft)
+    alone = [seen_alone(work.task.numbers, draft, k) for k in range(int(draft.size[0]))]
+    return Route(np.delete(chain.route.waypoints_m, int(np.argmin(alone)), axis=0))
+
+
+_TOURS = 0.4
+"""Share of the work for shortest tours, once something sees as much as they are to see."""
+
+_TOUR_SPREAD, _TOUR_SQUEEZE = 0.35, 0.85
+"""Shares of what is left for numbers of waypoints, after which its parts end."""
+_LONG_SPREAD, _FIRST_SQUEEZE, _LATE_TOURS = 0.65, 0.75, 0.9
+"""The same while nothing sees enough: one long annealing with as many waypoints as there may be, and tours when it was enough."""
+
+
+def search_free_order(
+    work: Work,
+    starts: Sequence[Start],
+    *,
+    asked: float | None,
+    capacity: int,
+    judged_coverage: Callable[[Route], float],
+    found: Callable[[Route], None],
+) -> None:
+    """Shortest tours for what is asked for, or all, and the most coverage with every number of waypoints.
+
+    A tour of the fewest waypoints is not the shortest: with more of them it cuts corners and turns back earlier (the travelling
+    salesman who need only come close). Tours come first when something sees enough already, so that a search which is stopped
+    early has a good one; else when few waypoints have been found that do.
+
+    Args:
+        work: what is looked at, and how much may be done; ``work.task.free_order`` holds.
+        starts: one at least.
+        asked: share of what can be covered that the selection rule asks for; None: as much as there is.
+        capacity: most waypoints.
+        judged_coverage: of a route, on the cells it is judged on.
+        found: told every route worth judging.
+    """
+    goal = FULL if asked is None else asked
+
+    def tours(known: Sequence[Start], until: float) -> None:
+        search_goals(
+            work, known, asked=goal, capacity=capacity, until=until, judged_coverage=judged_coverage, found=found
+        )
+
+    most = min(starts, key=lambda start: (-start.seen, len(start.route)))
+    thin(work, most.route, found)
+    begin = work.pace.fraction
+    toured = asked is not None or any(start.seen >= goal for start in starts)
+    if toured:
+        tours(starts, begin + _TOURS * (1.0 - begin))
+        begin = work.pace.fraction
+
+    def at(share: float) -> float:
+        return begin + share * (1.0 - begin)
+
+    if work.stopped or begin >= 1.0:
+        return
+    fewest = spread(work, starts, capacity=capacity, until=at(_TOUR_SPREAD if toured else _LONG_SPREAD), found=found)
+    if not toured:
+        fewest = squeeze(work, fewest, capacity=capacity, until=at(_FIRST_SQUEEZE), found=found)
+        if fewest.whole.seen >= goal:
+            tours([*starts, fewest.whole], at(_LATE_TOURS))
+    fewest = squeeze(work, fewest, capacity=capacity, until=at(_TOUR_SQUEEZE if toured else _LATE_TOURS), found=found)
+    sweep(work, fewest, until=1.0, found=found)

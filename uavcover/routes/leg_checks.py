@@ -1,0 +1,315 @@
+"""How every leg of a route stands to the hard limits, at its full length.
+
+Planning sums these figures up as constraint violations; the mission compiler refuses a route by them. Verification does
+not use them: it judges the flown track by itself.
+"""
+
+import dataclasses
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.scenario.obstacle_prisms import leg_breaches, waypoint_breaches
+from uavcover.scenario.site import Site
+
+FloatArray = NDArray[np.float64]
+
+CLIMB_TOLERANCE_DEG = 1e-6
+HEIGHT_TOLERANCE_M = 1e-6
+_ON_THE_FENCE_M = 1e-6
+_FENCE_LOCK = threading.Lock()
+"""A prepared polygon, as other modules may have made of the fence, builds its indices on first use, unsafely with threads."""
+
+
+ProblemKind = Literal[
+    "no elevation data",
+    "too low",
+    "too high",
+    "below sea-level limit",
+    "above sea-level limit",
+    "climb",
+    "fence",
+    "obstacle",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class LegProblem:
+    """A leg, or a waypoint by itself, that breaks a limit.
+
+    Attributes:
+        leg: number of the waypoint at its end, counted from 0; leg k goes from waypoint k - 1 to k.
+        kind: which limit.
+        value: what the leg has where it is worst; for the fence, metres outside of it; for an obstacle, metres that are lacking
+            aside or in height, whichever is less.
+        limit: what is allowed.
+        unit: of both.
+        east_m: where it is worst.
+        north_m: where it is worst.
+        waypoint_alone: whether only the waypoint was looked at, not the leg that leads to it.
+        name: of the obstacle.
+    """
+
+    leg: int
+    kind: ProblemKind
+    value: float
+    limit: float
+    unit: str
+    east_m: float
+    north_m: float
+    waypoint_alone: bool = False
+    name: str = ""
+
+    def __str__(self) -> str:
+        what = f"waypoint {self.leg}" if self.waypoint_alone else f"leg to waypoint {self.leg}"
+        where = f"at {self.east_m:.0f} m east, {self.north_m:.0f} m north"
+        if self.kind == "no elevation data":
+            return f"{what}: no elevation data {where}"
+        if self.kind == "fence":
+            return f"{what}: {self.value:.1f} m outside the fence {where}"
+        if self.kind == "obstacle":
+            return f"{what}: {self.value:.1f} m too near to obstacle {self.name!r} {where}"
+        amounts = f"{self.value:.1f} {self.unit} against {self.limit:.1f} {self.unit}"
+        return f"{what}: {self.kind}, {amounts} {where}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Violations:
+    """How much of each hard limit a route breaks; all zero when it keeps them.
+
+    Attributes:
+        below_m: metres below the lower limit of height above ground, summed over the legs.
+        above_m: metres above the upper limit, likewise.
+        sea_level_m: metres outside the sea-level limits, summed over the waypoints.
+        climb_deg: degrees steeper than the limit, summed over the legs.
+        fence_m: metres of the route outside the fence.
+        obstacle_m: metres of clearance from obstacles that are lacking, summed over the legs.
+        no_data_legs: legs without elevation data.
+    """
+
+    below_m: float
+    above_m: float
+    sea_level_m: float
+    climb_deg: float
+    fence_m: float
+    obstacle_m: float
+    no_data_legs: int
+
+    @property
+    def total(self) -> float:
+        """One number, 0 when every limit holds: metres and degrees added up, 1000 for a leg without data."""
+        metres = self.below_m + self.above_m + self.sea_level_m + self.fence_m + self.obstacle_m
+        return metres + self.climb_deg + 1000.0 * self.no_data_legs
+
+
+def measure_violations(site: Site, route_m: FloatArray, *, margin_m: float) -> Violations:
+    """How much an (n, 3) ENU route breaks the limits of the sensing route.
+
+    Args:
+        site: the scenario on its ground.
+        route_m: waypoints in flying order.
+        margin_m: how far inside both ends of the height band the route must stay.
+    """
+    limits = site.scenario.limits
+    figures = _leg_figures(site, route_m)
+    known = np.isfinite(figures[:, 0])
+    low, high = limits.min_height_agl_m + margin_m, limits.max_height_agl_m - margin_m
+    tolerance_m = HEIGHT_TOLERANCE_M + site.ground.cut_error_m
+    below = np.maximum(0.0, low - tolerance_m - figures[known, 0])
+    above = np.maximum(0.0, figures[known, 2] - high - tolerance_m)
+    sea = 0.0
+    if limits.min_alt_amsl_m is not None or limits.max_alt_amsl_m is not None:
+        alts = site.alts_amsl_m(route_m)
+        if limits.min_alt_amsl_m is not None:
+            sea += float(np.maximum(0.0, limits.min_alt_amsl_m - HEIGHT_TOLERANCE_M - alts).sum())
+        if limits.max_alt_amsl_m is not None:
+            sea += float(np.maximum(0.0, alts - limits.max_alt_amsl_m - HEIGHT_TOLERANCE_M).sum())
+    climb = 0.0
+    if limits.applies_to == "legs":
+        climb = float(
+            np.maximum(0.0, climb_angles_deg(route_m) - limits.max_climb_angle_deg - CLIMB_TOLERANCE_DEG).sum()
+        )
+    return Violations(
+        below_m=float(below.sum()),
+        above_m=float(above.sum()),
+        sea_level_m=sea,
+        climb_deg=climb,
+        fence_m=_length_outside_fence_m(site, route_m),
+        obstacle_m=float(_breaches(site, route_m)[:, 1].sum()),
+        no_data_legs=int((~known).sum()),
+    )
+
+
+def find_problems(
+    site: Site, route_m: FloatArray, *, lowest_agl_m: float, highest_agl_m: float | None
+) -> list[LegProblem]:
+    """Every leg of an (n, 3) ENU route that breaks a limit, in flying order, whatever the limits apply to.
+
+    A route of one waypoint has no leg; its waypoint is looked at instead.
+
+    Args:
+        site: the scenario on its ground.
+        route_m: waypoints in flying order.
+        lowest_agl_m: lowest height above ground.
+        highest_agl_m: largest height above ground, or none.
+    """
+    if len(route_m) == 1:
+        return find_waypoint_problems(site, route_m, lowest_agl_m=lowest_agl_m, highest_agl_m=highest_agl_m)
+    limits = site.scenario.limits
+    problems: list[LegProblem] = []
+    ranges = site.ground.leg_height_ranges_m(route_m)
+    alts = site.alts_amsl_m(route_m)
+    angles = climb_angles_deg(route_m)
+    breaches = leg_breaches(site.ground, route_m, site.scenario.obstacles)
+    for leg, row in enumerate(ranges, start=1):
+        a, b = route_m[leg - 1], route_m[leg]
+        problems += _obstacle_problems(site, leg, (a, b), breaches[leg - 1])
+        problems += _height_problems(site, leg, (a, b), row, alts[leg - 1 : leg + 1], lowest_agl_m, highest_agl_m)
+        if angles[leg - 1] > limits.max_climb_angle_deg + CLIMB_TOLERANCE_DEG:
+            angle = float(angles[leg - 1])
+            problems.append(
+                LegProblem(leg, "climb", angle, limits.max_climb_angle_deg, "degrees", float(b[0]), float(b[1]))
+            )
+        outside, at = _furthest_outside_fence(site, a, b)
+        if outside > 0.0:
+            problems.append(LegProblem(leg, "fence", outside, 0.0, "m", float(at[0]), float(at[1])))
+    return problems
+
+
+def find_waypoint_problems(
+    site: Site, route_m: FloatArray, *, lowest_agl_m: float, highest_agl_m: float | None
+) -> list[LegProblem]:
+    """Every waypoint of an (n, 3) ENU route that breaks a limit by itself; the legs between are not looked at.
+
+    Args:
+        site: the scenario on its ground.
+        route_m: waypoints in flying order.
+        lowest_agl_m: lowest height above ground.
+        highest_agl_m: largest height above ground, or none.
+    """
+    problems: list[LegProblem] = []
+    rows = _waypoint_figures(site, route_m)
+    alts = site.alts_amsl_m(route_m)
+    breaches = waypoint_breaches(site.ground, route_m, site.scenario.obstacles)
+    for k, (point, row) in enumerate(zip(route_m, rows, strict=True)):
+        problems += _obstacle_problems(site, k, (point, point), breaches[k])
+        problems += _height_problems(site, k, (point, point), row, alts[[k, k]], lowest_agl_m, highest_agl_m)
+        outside, _ = _furthest_outside_fence(site, point, point)
+        if outside > 0.0:
+            problems.append(LegProblem(k, "fence", outside, 0.0, "m", float(point[0]), float(point[1])))
+    return [dataclasses.replace(problem, waypoint_alone=True) for problem in problems]
+
+
+def _height_problems(
+    site: Site,
+    leg: int,
+    ends_m: tuple[FloatArray, FloatArray],
+    heights: FloatArray,
+    alts_amsl_m: FloatArray,
+    lowest_agl_m: float,
+    highest_agl_m: float | None,
+) -> Iterator[LegProblem]:
+    """What is wrong with the heights of a leg between two (3,) ends; ``heights`` is its row of figures."""
+    limits = site.scenario.limits
+    a, b = ends_m
+
+    def problem(kind: ProblemKind, value: float, limit: float, unit: str, t: float) -> LegProblem:
+        place = a + t * (b - a)
+        return LegProblem(leg, kind, float(value), limit, unit, float(place[0]), float(place[1]))
+
+    low, low_at, high, high_at = heights
+    if not np.isfinite(low):
+        yield problem("no elevation data", 0.0, 0.0, "", 0.5)
+        return
+    tolerance_m = HEIGHT_TOLERANCE_M + site.ground.cut_error_m
+    if low < lowest_agl_m - tolerance_m:
+        yield problem("too low", low, lowest_agl_m, "m above ground", low_at)
+    if highest_agl_m is not None and high > highest_agl_m + tolerance_m:
+        yield problem("too high", high, highest_agl_m, "m above ground", high_at)
+    # Height above sea level is linear along a leg, so it is worst at an end.
+    lowest, highest = float(np.min(alts_amsl_m)), float(np.max(alts_amsl_m))
+    if limits.min_alt_amsl_m is not None and lowest < limits.min_alt_amsl_m - HEIGHT_TOLERANCE_M:
+        at = float(np.argmin(alts_amsl_m))
+        yield problem("below sea-level limit", lowest, limits.min_alt_amsl_m, "m AMSL", at)
+    if limits.max_alt_amsl_m is not None and highest > limits.max_alt_amsl_m + HEIGHT_TOLERANCE_M:
+        at = float(np.argmax(alts_amsl_m))
+        yield problem("above sea-level limit", highest, limits.max_alt_amsl_m, "m AMSL", at)
+
+
+def _obstacle_problems(
+    site: Site, leg: int, ends_m: tuple[FloatArray, FloatArray], breach: FloatArray
+) -> Iterator[LegProblem]:
+    """What is wrong with a leg between two (3,) ends among obstacles; ``breach`` is its row of figures."""
+    number, lacking, t = breach
+    if lacking > 0.0:
+        place = ends_m[0] + t * (ends_m[1] - ends_m[0])
+        name = site.prisms[int(number)].footprint.name
+        yield LegProblem(leg, "obstacle", float(lacking), 0.0, "m", float(place[0]), float(place[1]), name=name)
+
+
+def _breaches(site: Site, route_m: FloatArray) -> FloatArray:
+    """Rows as of :func:`leg_breaches`, for the legs or for the waypoints alone, as the limits apply."""
+    if site.scenario.limits.applies_to == "legs" and len(route_m) > 1:
+        return leg_breaches(site.ground, route_m, site.scenario.obstacles)
+    return waypoint_breaches(site.ground, route_m, site.scenario.obstacles)
+
+
+def climb_angles_deg(route_m: FloatArray) -> FloatArray:
+    """(n - 1,) angle of each leg of an (n, 3) route to the horizontal, 0..90 degrees, up or down."""
+    steps = np.diff(route_m, axis=0)
+    return np.degrees(np.arctan2(np.abs(steps[:, 2]), np.hypot(steps[:, 0], steps[:, 1])))
+
+
+def _leg_figures(site: Site, route_m: FloatArray) -> FloatArray:
+    """Rows as of :meth:`Ground.leg_height_ranges_m`, for the legs or for the waypoints alone, as the limits apply."""
+    if site.scenario.limits.applies_to == "legs" and len(route_m) > 1:
+        return site.ground.leg_height_ranges_m(route_m)
+    return _waypoint_figures(site, route_m)
+
+
+def _waypoint_figures(site: Site, route_m: FloatArray) -> FloatArray:
+    heights = site.ground.heights_agl_m(route_m)
+    return np.column_stack([heights, np.zeros_like(heights), heights, np.zeros_like(heights)])
+
+
+def route_height_range_m(site: Site, route_m: FloatArray) -> tuple[float, float]:
+    """Lowest and largest height above ground of an (n, 3) ENU route, on legs or waypoints as the limits apply."""
+    figures = _leg_figures(site, route_m)
+    return float(np.min(figures[:, 0])), float(np.max(figures[:, 2]))
+
+
+def _length_outside_fence_m(site: Site, route_m: FloatArray) -> float:
+    places = route_m[:, :2]
+    if site.scenario.limits.applies_to == "waypoints" or len(places) < 2:
+        return float(shapely.distance(site.fence, shapely.points(places)).sum())
+    outside = _outside_fence(site, shapely.LineString(places))
+    return 0.0 if outside is None else float(shapely.length(outside))
+
+
+def _furthest_outside_fence(site: Site, a: FloatArray, b: FloatArray) -> tuple[float, FloatArray]:
+    """How far the straight line between two (3,) points leaves the fence, metres, and where (2,)."""
+    if np.array_equal(a[:2], b[:2]):
+        return float(site.fence.distance(shapely.Point(a[:2]))), a[:2]
+    outside = _outside_fence(site, shapely.LineString([a[:2], b[:2]]))
+    if outside is None:
+        return 0.0, b[:2]
+    # Corners of the parts outside and points between them: right away from a straight fence, near enough in its bays.
+    places = shapely.get_coordinates(shapely.segmentize(outside, max(float(shapely.length(outside)) / 64.0, 1e-3)))
+    distances = np.atleast_1d(shapely.distance(site.fence, shapely.points(places)))
+    worst = int(np.argmax(distances))
+    return float(distances[worst]), places[worst]
+
+
+def _outside_fence(site: Site, line: shapely.LineString) -> shapely.Geometry | None:
+    """The parts of a line outside the fence; none when it is inside. Rounding of a leg along the fence is no violation."""
+    with _FENCE_LOCK:
+        inside = site.fence.covers(line)
+    if inside:
+        return None
+    outside = line.difference(site.fence.buffer(_ON_THE_FENCE_M))
+    return None if outside.is_empty else outside

@@ -1,0 +1,69 @@
+"""What a route is worth: the objectives of Eq. 8 and its hard limits."""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.kernels import route as kernels
+from uavcover.kernels.way_cost import flight_time, route_cost
+from uavcover.model.route import Route, RouteMetrics
+from uavcover.routes.leg_checks import measure_violations, route_height_range_m
+from uavcover.routes.way_cost import pace_of, way_cost_of
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
+
+FloatArray = NDArray[np.float64]
+
+OBJECTIVES = ("minus_coverage", "waypoint_count", "cost")
+"""Names of the objectives, all minimised: -f1, f2, f3 of Eq. 8; the cost is the path's length, or what ``planner.objective``
+says."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Values of many routes.
+
+    Attributes:
+        objectives: (n, 3) in the order of OBJECTIVES.
+        violations: (n, 1) total violation, 0 when the hard limits hold.
+    """
+
+    objectives: FloatArray
+    violations: FloatArray
+
+
+def evaluate_routes(coverage: CoverageMap, routes: Sequence[Route], executor: Executor | None = None) -> Evaluation:
+    """Objectives and violations of routes; every route by itself, so threads cannot change the result."""
+    way = way_cost_of(coverage.site)
+
+    def one(route: Route) -> tuple[float, float, float, float]:
+        points = route.waypoints_m
+        share = coverage.share(coverage.seen(points))
+        violation = measure_violations(
+            coverage.site, points, margin_m=coverage.site.scenario.limits.height_margin_m
+        ).total
+        return -share, float(len(route)), float(route_cost(coverage.site.ground.surface, way, points)), violation
+
+    rows = np.array(list(executor.map(one, routes) if executor is not None else map(one, routes))).reshape(-1, 4)
+    return Evaluation(objectives=rows[:, :3], violations=rows[:, 3:])
+
+
+def judge(coverage: CoverageMap, route: Route) -> RouteMetrics:
+    """Everything that is reported of a route, on the cells of ``coverage``."""
+    site: Site = coverage.site
+    points = route.waypoints_m
+    seen = coverage.seen(points)
+    lowest, highest = route_height_range_m(site, points)
+    return RouteMetrics(
+        coverage_fraction=coverage.share(seen),
+        coverage_of_coverable=coverage.share_of_coverable(seen),
+        waypoint_count=len(route),
+        path_length_m=float(kernels.path_length(points)),
+        flight_time_s=float(flight_time(pace_of(site), points)),
+        min_height_agl_m=lowest,
+        max_height_agl_m=highest,
+        cost=float(route_cost(site.ground.surface, way_cost_of(site), points)),
+    )

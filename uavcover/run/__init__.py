@@ -1,0 +1,1 @@
+"""Run folders, and the workflows that commands, scripts and the Python API share."""

@@ -1,0 +1,316 @@
+"""The JSON and CSV documents of a run folder, from the objects they describe and back.
+
+Reading ``pareto.csv``.
+"""
+
+import csv
+import dataclasses
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.errors import InputError
+from uavcover.model.route import Bound, Plan, Question, Route, RouteMember
+from uavcover.model.verdict import VerificationReport
+from uavcover.run.folder import SCHEMA_VERSION
+from uavcover.scenario.site import Site
+
+FloatArray = NDArray[np.float64]
+
+PARETO_COLUMNS = (
+    "index",
+    "coverage_fraction",
+    "coverage_of_coverable",
+    "waypoint_count",
+    "path_length_m",
+    "flight_time_s",
+    "min_height_agl_m",
+    "max_height_agl_m",
+    "violation",
+    "made_by",
+    "chosen",
+)
+
+ROUTE_COLUMNS = ("index", "waypoint", "east_m", "north_m", "up_m")
+"""Of ``pareto_routes.csv``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedDocument:
+    """What later stages need of a ``plan.json``.
+
+    Attributes:
+        route: the chosen route.
+        coverage_fraction: planned share of the area.
+        coverage_of_coverable: planned share of what can be seen.
+        rule_met: whether the selection rule was met.
+    """
+
+    route: Route
+    coverage_fraction: float
+    coverage_of_coverable: float
+    rule_met: bool
+
+
+def plan_document(
+    site: Site,
+    plan: Plan,
+    *,
+    seed: int,
+    bounds: dict[str, Any],
+    sorties: Sequence[dict[str, Any]] = (),
+    baselines: Sequence[dict[str, Any]] | None = None,
+) -> dict[str, Any]:
+    """``plan.json``: equal for equal seed and evaluations in everything but ``wall_s``.
+
+    Args:
+        site: the scenario on its ground.
+        plan: what was planned.
+        seed: of every random number.
+        bounds: what no plan can beat.
+        sorties: what is said of each flight when there are several.
+        baselines: as an older ``plan.json`` of the same set has them; default: the plan's.
+    """
+    frame = site.frame
+    origin = None
+    if frame is not None:
+        origin = {"lat_deg": frame.lat_deg, "lon_deg": frame.lon_deg, "alt_amsl_m": frame.alt_amsl_m}
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "name": site.scenario.name,
+        "seed": seed,
+        "algorithm": plan.algorithm,
+        "made_by": plan.chosen.origin,
+        "evaluations": plan.evaluations,
+        "interrupted": plan.interrupted,
+        "wall_s": plan.wall_s,
+        "origin": origin,
+        "select": plan.rule,
+        "rule_met": plan.rule_met,
+        "waypoints": _waypoints(site, plan.chosen.route.waypoints_m),
+        "metrics": dataclasses.asdict(plan.chosen.metrics),
+        "sorties": list(sorties),
+        "bounds": bounds,
+        "baselines": [
+            {"name": b.origin, "violation": b.violation, **dataclasses.asdict(b.metrics)} for b in plan.baselines
+        ]
+        if baselines is None
+        else list(baselines),
+    }
+
+
+def bound_document(bound: Bound) -> dict[str, Any]:
+    """One entry of ``bounds``, under the name of its question."""
+    asked: dict[str, float] = {"for_coverage_of_coverable": bound.asked}
+    if bound.question == "most_coverage":
+        asked = {"with_waypoints": int(bound.asked)}
+    limit = "at_most" if bound.question == "most_coverage" else "at_least"
+    return {
+        **asked, limit: bound.limit, "found": bound.found, "gap": bound.gap,
+        "proved_on": bound.proved_on, "method": bound.method,
+    }  # fmt: skip
+
+
+def bound_in_words(question: str, entry: dict[str, Any]) -> str:
+    """What an entry of ``bounds`` says, in one line.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        found, gap = entry["found"], entry["gap"]
+        if question == "most_coverage":
+            what = f"most coverage with {entry['with_waypoints']} waypoints: at most {_percent(entry['at_most'])}"
+            found_text = None if found is None else _percent(found)
+        else:
+            name, unit = ("fewest waypoints", "") if question == "fewest_waypoints" else ("shortest path", " m")
+            what = f"{name} for {_percent(entry['for_coverage_of_coverable'])}: at least {entry['at_least']:.0f}{unit}"
+            found_text = None if found is None else f"{found:.0f}{unit}"
+        text = f"{what}, found {found_text or 'none'}"
+        gap_text = "" if gap is None else f", gap {_percent(gap)}"
+        return f"{text}{gap_text}; proved for {entry['proved_on']}, by {entry['method']}"
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"plan.json: bounds.{question} is no bound ({type(error).__name__}: {error})") from error
+
+
+def bounds_in_words(bounds: dict[str, Any]) -> list[str]:
+    """The proved bounds of a plan, a line each."""
+    return [bound_in_words(name, bounds[name]) for name in get_args(Question) if name in bounds]
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2f} %"
+
+
+def _waypoints(site: Site, points_m: FloatArray) -> list[dict[str, float | None]]:
+    heights = site.ground.heights_agl_m(points_m)
+    geodetic: list[tuple[float | None, float | None, float | None]] = [(None, None, None)] * len(points_m)
+    if site.frame is not None:
+        geodetic = [tuple(map(float, row)) for row in zip(*site.frame.geodetic_from_enu(points_m), strict=True)]  # type: ignore[misc]
+    return [
+        {
+            "east_m": float(e), "north_m": float(n), "up_m": float(u),
+            "lat_deg": lat, "lon_deg": lon, "alt_amsl_m": alt, "height_agl_m": float(h),
+        }
+        for (e, n, u), (lat, lon, alt), h in zip(points_m, geodetic, heights, strict=True)
+    ]  # fmt: skip
+
+
+def read_plan_document(document: dict[str, Any], *, source: str) -> PlannedDocument:
+    """What later stages need of a plan.
+
+    Raises:
+        InputError: a key is missing or has the wrong kind; says which.
+    """
+    version = document.get("schema_version")
+    if version != SCHEMA_VERSION:
+        raise InputError(
+            f"{source}: schema_version {version} cannot be read by this version, which knows {SCHEMA_VERSION}"
+        )
+    try:
+        points = np.array([[w["east_m"], w["north_m"], w["up_m"]] for w in document["waypoints"]], dtype=float)
+        metrics = document["metrics"]
+        planned = PlannedDocument(
+            Route(points.reshape(-1, 3)),
+            float(metrics["coverage_fraction"]),
+            float(metrics["coverage_of_coverable"]),
+            bool(document["rule_met"]),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{source}: is not a plan ({type(error).__name__}: {error}); make it again with: uavcover plan"
+        ) from error
+    if not np.isfinite(points).all():
+        raise InputError(
+            f"{source}: a waypoint has a coordinate that is not a number; make it again with: uavcover plan"
+        )
+    return planned
+
+
+def pareto_csv(plan: Plan) -> str:
+    """``pareto.csv``: one row a member, numbers unrounded."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(PARETO_COLUMNS)
+    for index, member in enumerate(plan.members):
+        writer.writerow([index, *_pareto_values(member), int(member is plan.chosen)])
+    return out.getvalue()
+
+
+def _pareto_values(member: RouteMember) -> list[Any]:
+    m = member.metrics
+    return [
+        repr(m.coverage_fraction), repr(m.coverage_of_coverable), m.waypoint_count, repr(m.path_length_m),
+        repr(m.flight_time_s), repr(m.min_height_agl_m), repr(m.max_height_agl_m), repr(member.violation), member.origin,
+    ]  # fmt: skip
+
+
+def pareto_routes_csv(plan: Plan) -> str:
+    """``pareto_routes.csv``: the waypoints of every member in flying order, numbers unrounded."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(ROUTE_COLUMNS)
+    for index, member in enumerate(plan.members):
+        for number, point in enumerate(member.route.waypoints_m.tolist()):
+            writer.writerow([index, number, *map(repr, point)])
+    return out.getvalue()
+
+
+def read_pareto_routes(text: str, *, source: str) -> list[Route]:
+    """The routes of a Pareto set, by their index.
+
+    Raises:
+        InputError: a column is missing, a number is none, or the rows are not in their order; says in which line.
+    """
+    routes: list[list[list[float]]] = []
+    rows = csv.DictReader(io.StringIO(text))
+    if tuple(rows.fieldnames or ()) != ROUTE_COLUMNS:
+        raise InputError(
+            f"{source}: line 1: the columns are not {', '.join(ROUTE_COLUMNS)}; make it again with: uavcover plan"
+        )
+    for line, row in enumerate(rows, start=2):
+        try:
+            index, number = int(row["index"]), int(row["waypoint"])
+            point = [float(row[name]) for name in ROUTE_COLUMNS[2:]]
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{source}: line {line}: {error}; make it again with: uavcover plan") from error
+        if number == 0:
+            routes.append([])
+        if not (index == len(routes) - 1 and number == len(routes[-1]) and np.isfinite(point).all()):
+            raise InputError(f"{source}: line {line}: is not the next waypoint; make it again with: uavcover plan")
+        routes[-1].append(point)
+    return [Route(np.array(points)) for points in routes]
+
+
+def verification_document(report: VerificationReport, *, source: str) -> dict[str, Any]:
+    """``verification.json``."""
+    return {"schema_version": SCHEMA_VERSION, "track": source, **dataclasses.asdict(report)}
+
+
+@dataclass(frozen=True, slots=True)
+class ParetoRow:
+    """A member of the Pareto set as its file has it.
+
+    Attributes:
+        index: its number, for ``select RUN index:N``.
+        coverage_of_coverable: share of what can be seen, 0..1.
+        waypoint_count: how many waypoints.
+        path_length_m: length of the open path in three dimensions.
+        flight_time_s: at cruise speed.
+        violation: of the hard limits, 0 when they hold.
+        made_by: the algorithm or baseline that found it.
+        chosen: whether it is the one in ``plan.json``.
+    """
+
+    index: int
+    coverage_of_coverable: float
+    waypoint_count: int
+    path_length_m: float
+    flight_time_s: float
+    violation: float
+    made_by: str
+    chosen: bool
+
+
+def read_pareto(path: Path) -> tuple[ParetoRow, ...]:
+    """The members in the order of the file.
+
+    Raises:
+        InputError: the file cannot be read, or a row is not one of a Pareto set; says which.
+    """
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = csv.DictReader(file)
+            missing = set(PARETO_COLUMNS) - set(rows.fieldnames or ())
+            if missing:
+                raise InputError(f"{path}: has no column {sorted(missing)[0]!r}; make it again with: uavcover plan")
+            return tuple(_row(row, where=f"{path}, line {rows.line_num}") for row in rows)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read ({error}); make it again with: uavcover plan") from error
+
+
+def _row(row: dict[str, str], *, where: str) -> ParetoRow:
+    try:
+        member = ParetoRow(
+            index=int(row["index"]),
+            coverage_of_coverable=float(row["coverage_of_coverable"]),
+            waypoint_count=int(row["waypoint_count"]),
+            path_length_m=float(row["path_length_m"]),
+            flight_time_s=float(row["flight_time_s"]),
+            violation=float(row["violation"]),
+            made_by=str(row["made_by"]),
+            chosen=row["chosen"] == "1",
+        )
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{where}: is no member of a Pareto set ({error}); make it again with: uavcover plan"
+        ) from error
+    if not (math.isfinite(member.coverage_of_coverable) and math.isfinite(member.path_length_m)):
+        raise InputError(f"{where}: a figure is not a finite number; make it again with: uavcover plan")
+    return member

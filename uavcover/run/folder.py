@@ -1,0 +1,226 @@
+"""The run folder: names of its files, and writing them so that nothing is lost or half there."""
+
+import contextlib
+import json
+import math
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from uavcover.errors import InputError, OutputError
+from uavcover.run.file_group import change_together, is_unsettled, settle, write_file, writing
+
+SCHEMA_VERSION = 1
+
+
+class RunFolder:
+    """A folder with everything about one run; see docs/files.md.
+
+    Attributes:
+        path: where it is.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    def file(self, name: str) -> Path:
+        """Path of one of its files."""
+        return self.path / name
+
+    def sorties(self) -> list["RunFolder"]:
+        """Its folders ``sortie-1``, ``sortie-2``, ..., each a run folder of its own; none when it is one flight."""
+        self.settle()
+        found: list[RunFolder] = []
+        while (folder := RunFolder(self.path / f"sortie-{len(found) + 1}")).file("plan.json").is_file():
+            found.append(folder)
+        return found
+
+    def flight(self, sortie: int | None) -> "RunFolder":
+        """The folder of one flight: this one, or that of a sortie.
+
+        Raises:
+            InputError: it has sorties and none was named, or not this one.
+        """
+        sorties = self.sorties()
+        if not sorties and sortie is None:
+            return self
+        if not sorties:
+            raise InputError(f"{self.path}: is one flight and has no sorties; leave --sortie out")
+        if sortie is None or not 1 <= sortie <= len(sorties):
+            named = "" if sortie is None else f", not sortie {sortie}"
+            raise InputError(
+                f"{self.path}: is flown as {len(sorties)} sorties{named}; say which: --sortie 1 to {len(sorties)}"
+            )
+        return sorties[sortie - 1]
+
+    def existing(self, name: str, *, made_by: str) -> Path:
+        """Path of a file that must be there.
+
+        Raises:
+            InputError: it is not; says which command makes it.
+        """
+        self.settle()
+        path = self.file(name)
+        if not self.path.is_dir():
+            raise InputError(f"{self.path}: no such run folder; it is made by: uavcover plan")
+        if not path.is_file():
+            raise InputError(f"{self.path}: has no {name}; it is made by: {made_by}")
+        return path
+
+    @contextlib.contextmanager
+    def reserved(self, names: Iterable[str], *, force: bool) -> Iterator[None]:
+        """Make the folder, keep other processes of uavcover out of it, and see that the files can be written.
+
+        A folder that was made here and is still empty after an error is removed again.
+
+        Raises:
+            OutputError: a file is there already and ``force`` was not said, the folder cannot be made or written to,
+                or another process has reserved it.
+        """
+        made = not self.path.exists()
+        with writing(self.path):
+            self.path.mkdir(parents=True, exist_ok=True)
+        try:
+            with self._locked():
+                settle(self.path)
+                there = [name for name in names if self.file(name).exists()]
+                if there and not force:
+                    raise OutputError(
+                        f"{self.path}: {', '.join(there)} would be overwritten; use --force, or another folder"
+                    )
+                with writing(self.path), tempfile.TemporaryFile(dir=self.path):
+                    pass  # a folder that cannot be written to is better known before an hour of planning than after
+                yield
+        except BaseException:
+            if made:
+                with contextlib.suppress(OSError):
+                    self.path.rmdir()
+            raise
+
+    @contextlib.contextmanager
+    def _locked(self) -> Iterator[None]:
+        try:
+            import fcntl
+        except ImportError:  # Windows: two planners in one folder are not noticed there
+            yield
+            return
+        with writing(self.path):
+            handle = os.open(self.path, os.O_RDONLY)
+        try:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise OutputError(
+                    f"{self.path}: another uavcover is working in this folder; wait for it, or use another folder"
+                ) from None
+            except OSError:
+                pass  # a file system without locks
+            yield
+        finally:
+            os.close(handle)
+
+    def write_text(self, name: str, text: str) -> Path:
+        """Write a file whole or not at all.
+
+        Raises:
+            OutputError: it cannot be written; the file that was there before is untouched.
+        """
+        self.write_together({name: text})
+        return self.file(name)
+
+    def write_bytes(self, name: str, content: bytes) -> Path:
+        """Write a binary file whole or not at all.
+
+        Raises:
+            OutputError: it cannot be written; the file that was there before is untouched.
+        """
+        write_file(self.file(name), content)
+        return self.file(name)
+
+    def write_json(self, name: str, document: dict[str, Any]) -> Path:
+        """Write a JSON file whole or not at all; numbers unrounded, NaN as null."""
+        return self.write_text(name, json_text(document))
+
+    def write_together(
+        self, files: Mapping[str, str | bytes], *, stale: Iterable[str] = (), moved: Mapping[str, str] | None = None
+    ) -> None:
+        """Write several files that belong together, and take away those that belonged to what was there before.
+
+        Args:
+            files: their contents by their names.
+            stale: files that are removed.
+            moved: files and folders that get another name.
+
+        Raises:
+            OutputError: one cannot be written; then everything is as it was.
+        """
+        contents = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
+        change_together(self.path, contents, removed=stale, moved=moved)
+
+    def remove(self, names: Iterable[str]) -> None:
+        """Remove files, where they are there.
+
+        Raises:
+            OutputError: one cannot be removed; then all are there.
+        """
+        change_together(self.path, {}, removed=names)
+
+    def settle(self) -> None:
+        """Finish what another process was writing when it was killed, here or in the run folder that this one lies in.
+
+        Raises:
+            OutputError: it cannot be finished, or somebody is writing at this moment.
+        """
+        for folder in (self.path.resolve().parent, self.path):
+            if is_unsettled(folder):
+                with RunFolder(folder)._locked():
+                    settle(folder)
+
+    def read_json(self, name: str, *, made_by: str) -> dict[str, Any]:
+        """Read a JSON file of the folder.
+
+        Raises:
+            InputError: it is missing, or not JSON.
+        """
+        path = self.existing(name, made_by=made_by)
+        try:
+            document = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError) as error:
+            raise InputError(f"{path}: cannot be read as JSON ({error}); make it again with: {made_by}") from error
+        if not isinstance(document, dict):
+            raise InputError(f"{path}: is not a JSON object; make it again with: {made_by}")
+        return document
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all.
+
+    Raises:
+        OutputError: it cannot be written; the file that was there before is untouched.
+    """
+    write_file(path, text.encode())
+
+
+def json_text(document: dict[str, Any]) -> str:
+    """JSON for people and programs: two spaces, numbers unrounded, NaN and infinity as null."""
+    return json.dumps(_without_nan(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def json_line(document: dict[str, Any]) -> str:
+    """The same on one line, without its end."""
+    return json.dumps(_without_nan(document), ensure_ascii=False, allow_nan=False)
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {str(key): _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(item) for item in value]
+    return value

@@ -1,0 +1,68 @@
+"""Rasters of the local frame as GeoTIFF, by rasterio."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import rasterio
+from numpy.typing import NDArray
+from pyproj import CRS, Transformer
+from rasterio.io import MemoryFile
+
+from uavcover.scenario.frames import LocalFrame
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Band:
+    """One layer.
+
+    Attributes:
+        name: description of the band.
+        unit: of its values, or what they stand for.
+        values: (rows, columns), rows going north, NaN where there is none.
+    """
+
+    name: str
+    unit: str
+    values: FloatArray
+
+
+def geotiff(
+    frame: LocalFrame, bands: Sequence[Band], *, east0_m: float, north0_m: float, up_m: float, step_m: float
+) -> bytes:
+    """A GeoTIFF (float32, NaN is no data) of square cells in the local frame, north up.
+
+    It is in the azimuthal equidistant projection about the frame's origin. That map lies on the ellipsoid and the frame does
+    not: its axes are fitted through three corners of the raster at the height of the ground, which leaves millimetres to
+    centimetres over ten kilometres.
+
+    Args:
+        frame: the local frame.
+        bands: of equal shape, at least one.
+        east0_m: east of the centre of column 0.
+        north0_m: north of the centre of row 0.
+        up_m: height of the ground in the frame, for the fit.
+        step_m: side of a cell.
+    """
+    rows, columns = bands[0].values.shape
+    crs = CRS.from_proj4(f"+proj=aeqd +lat_0={frame.lat_deg!r} +lon_0={frame.lon_deg!r} +datum=WGS84 +units=m")
+    west, south = east0_m - 0.5 * step_m, north0_m - 0.5 * step_m
+    east, north = west + columns * step_m, south + rows * step_m
+    lat, lon, _ = frame.geodetic_from_enu(np.array([[west, north, up_m], [east, north, up_m], [west, south, up_m]]))
+    x, y = Transformer.from_crs(crs.geodetic_crs, crs, always_xy=True).transform(lon, lat)
+    transform = rasterio.Affine(
+        (x[1] - x[0]) / columns, (x[2] - x[0]) / rows, x[0], (y[1] - y[0]) / columns, (y[2] - y[0]) / rows, y[0]
+    )
+    with MemoryFile() as memory:
+        with memory.open(
+            driver="GTiff", width=columns, height=rows, count=len(bands), dtype="float32", nodata=math.nan,
+            crs=rasterio.crs.CRS.from_wkt(crs.to_wkt("WKT1_GDAL")), transform=transform, compress="deflate", predictor=3,
+        ) as raster:  # fmt: skip
+            for number, band in enumerate(bands, start=1):
+                raster.write(band.values[::-1].astype(np.float32), number)
+                raster.set_band_description(number, band.name)
+                raster.update_tags(number, unit=band.unit)
+        return bytes(memory.read())

@@ -1,0 +1,339 @@
+"""What a verdict is bound to: the bytes of every file that was judged, held against what ``run.json`` recorded of them.
+
+Hashes are of bytes: a scenario written in another way is another scenario, even where it means the same. Who forges ``run.json``
+consistently is not found out here, but by the judgement of the track.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from uavcover.errors import InputError, ScenarioError
+from uavcover.model.scenario import RasterTerrain, Scenario
+from uavcover.run import files
+from uavcover.run.folder import SCHEMA_VERSION, RunFolder
+from uavcover.run.provenance import Record, obstacles_sha256, read_record, run_document, sha256_of, version
+from uavcover.run.resume import TRACK, continues, flown_tracks
+from uavcover.scenario.elevation_file import source_sha256
+from uavcover.scenario.scenario_file import load_scenario, terrain_path
+
+WHATS = ("scenario", "terrain", "obstacles", "plan", "mission", "track", "version", "record")
+"""What can have changed, in the words of ``--accept-changed``; ``record`` is what says how it was: run.json itself."""
+EVERYTHING = "all"
+_SHOWN_DIGITS = 12
+_STILL_FLYING = ("flying", "interrupted")
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Something that is not as it was when it was recorded.
+
+    Attributes:
+        what: one of ``WHATS``.
+        file: which file, by its path in the run folder where it is inside.
+        was: its hash, or version, as recorded; none where it was not there, or is not recorded.
+        now: as it is; none where it is not there.
+        why: what is wrong, when no two hashes say it.
+    """
+
+    what: str
+    file: str
+    was: str | None = None
+    now: str | None = None
+    why: str = ""
+
+    def __str__(self) -> str:
+        if self.why:
+            return self.why
+        was, now = (None if value is None else value[:_SHOWN_DIGITS] for value in (self.was, self.now))
+        if was is None:
+            return f"{self.file} was not there, and is {now} now"
+        return f"{self.file} was {was}, and is {'gone' if now is None else f'{now} now'}"
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedInputs:
+    """The inputs of a verdict.
+
+    Attributes:
+        hashes: ``inputs`` of ``verification.json``.
+        changes: what is not as it was recorded.
+        unsealed: tracks of the run of which no end is recorded, as of a flight that was killed.
+    """
+
+    hashes: dict[str, Any]
+    changes: tuple[Change, ...]
+    unsealed: tuple[str, ...]
+
+
+def inspect_inputs(run: RunFolder, logs: Sequence[Path]) -> JudgedInputs:
+    """The hashes of everything that a verdict on these logs rests on, and what of it changed.
+
+    Args:
+        run: with a scenario.
+        logs: the judged tracks; none before a flight.
+
+    Raises:
+        InputError: a file cannot be read, or is missing.
+    """
+    path = run.existing("scenario.toml", made_by="uavcover plan")
+    finding = _Finding(run)
+    record = read_record(run)
+    finding.add_record(run, record)
+    finding.add_files(run, record)
+    folders = {log.parent.resolve(): RunFolder(log.parent) for log in logs}
+    for place, folder in folders.items():
+        if place != run.path.resolve() and any(folder.file(name).exists() for name in ("plan.json", "run.json")):
+            finding.add_followed(folder, record)
+    finding.add_tracks(logs)
+    scenario_sha256 = sha256_of(path)
+    terrain_sha256 = obstacles = None
+    try:
+        scenario = load_scenario(path)
+    except ScenarioError:
+        if not any(change.what == "scenario" for change in finding.changes):
+            raise
+    else:
+        terrain_sha256, obstacles = _terrain_sha256(scenario), obstacles_sha256(scenario.obstacles)
+        finding.add_surroundings(scenario, record, terrain_sha256, obstacles)
+    hashes = {
+        "version": version(),
+        "schema_version": SCHEMA_VERSION,
+        "scenario": scenario_sha256,
+        "terrain": terrain_sha256,
+        "obstacles": obstacles,
+        "plan": sha256_of(run.file("plan.json")),
+        "plans_followed": {finding.name(f.file("plan.json")): sha256_of(f.file("plan.json")) for f in folders.values()},
+        "track": {finding.name(log): sha256_of(log) for log in logs},
+    }
+    return JudgedInputs(hashes, tuple(finding.changes), tuple(finding.unsealed))
+
+
+def check_accepted(accepted: Sequence[str]) -> None:
+    """Refuse a word that names nothing that can have changed.
+
+    Raises:
+        InputError: it does not.
+    """
+    for word in accepted:
+        if word not in (*WHATS, EVERYTHING):
+            raise InputError(f"--accept-changed: {word!r} is none of {', '.join((*WHATS, EVERYTHING))}")
+
+
+def refuse_changes(run: RunFolder, inputs: JudgedInputs, accepted: Sequence[str]) -> None:
+    """Refuse to judge what changed since it was recorded.
+
+    Raises:
+        InputError: something changed that is not accepted; one line with all of it.
+    """
+    check_accepted(accepted)
+    if EVERYTHING in accepted:
+        return
+    refused = [change for change in inputs.changes if change.what not in accepted]
+    if refused:
+        words = " ".join(f"--accept-changed {what}" for what in WHATS if any(c.what == what for c in refused))
+        raise InputError(
+            f"{run}: not judged, because since planning and flight {'; '.join(map(str, refused))}. Put back what was there, or "
+            f"judge it all the same, which the verdict will say, with: {words}"
+        )
+
+
+def same_inputs(document: dict[str, Any], inputs: JudgedInputs) -> bool:
+    """Whether a ``verification.json`` judged what is there now."""
+    return bool(document.get("inputs") == inputs.hashes)
+
+
+def accepted_in(document: dict[str, Any]) -> set[Change]:
+    """The changes that a ``verification.json`` says were accepted."""
+    entries = document.get("accepted_changes", [])
+    return {
+        Change(entry["what"], entry["file"], entry["was"], entry["now"], entry["why"])
+        for entry in (entries if isinstance(entries, list) else [])
+        if isinstance(entry, dict) and {"what", "file", "was", "now", "why"} <= set(entry)
+    }
+
+
+def unsealed_in_words(name: str) -> str:
+    """What is said of a track of which no end is recorded."""
+    return (
+        f"{name}: run.json has no end of its flight, as of one that was killed, so nothing tells whether it was changed"
+    )
+
+
+def _terrain_sha256(scenario: Scenario) -> str | None:
+    terrain = scenario.terrain
+    if not isinstance(terrain, RasterTerrain):
+        return None
+    try:
+        return source_sha256(terrain_path(terrain))
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise InputError(f"{terrain_path(terrain)}: cannot be read ({error.strerror})") from error
+
+
+@dataclass(slots=True)
+class _Finding:
+    """Collects what changed."""
+
+    run: RunFolder
+    changes: list[Change] = field(default_factory=list)
+    unsealed: list[str] = field(default_factory=list)
+
+    def name(self, path: Path) -> str:
+        """A path inside the run folder, or the name alone: no path of this machine."""
+        inside = path.resolve().is_relative_to(self.run.path.resolve())
+        return path.resolve().relative_to(self.run.path.resolve()).as_posix() if inside else path.name
+
+    def add_record(self, folder: RunFolder, record: Record) -> None:
+        """What is wrong with the record, and the version that planned."""
+        where = self.name(folder.file("run.json"))
+        self.changes += [Change("record", where, why=f"{where}: {fault}") for fault in record.faults]
+        if record.version is not None and record.version != version():
+            now = version()
+            self.changes.append(
+                Change("version", where, record.version, now, f"uavcover was {record.version}, and is {now} now")
+            )
+
+    def add_files(self, folder: RunFolder, record: Record) -> None:
+        """The files of a plan."""
+        if record.inputs is None:
+            return
+        for what, names in (
+            ("scenario", ["scenario.toml"]), ("plan", ["plan.json"]), ("mission", list(files.MISSION_FILES)),
+        ):  # fmt: skip
+            for name in names:
+                self.add_if_changed(what, folder.file(name), record.files.get(name))
+
+    def add_followed(self, folder: RunFolder, of_run: Record) -> None:
+        """The plan beside a log, such as that of a sortie, and that it is one for the same scenario."""
+        record = read_record(folder)
+        self.add_record(folder, record)
+        self.add_files(folder, record)
+        if record.inputs is not None and of_run.inputs is not None:
+            was, now = of_run.inputs.get("scenario"), record.inputs.get("scenario")
+            if was != now:
+                where = self.name(folder.file("plan.json"))
+                self.changes.append(Change("plan", where, was, now, f"{where} was planned for another scenario"))
+
+    def add_surroundings(self, scenario: Scenario, record: Record, terrain: str | None, obstacles: str | None) -> None:
+        """Elevation data and obstacles."""
+        if record.inputs is None:
+            return
+        kind = scenario.terrain
+        name = terrain_path(kind).name if isinstance(kind, RasterTerrain) else "terrain"
+        for what, file, now in (("terrain", name, terrain), ("obstacles", "obstacles of scenario.toml", obstacles)):
+            was = record.inputs.get(what)
+            if was != now:
+                self.changes.append(Change(what, file, was, now))
+
+    def add_tracks(self, logs: Sequence[Path]) -> None:
+        """The judged logs; and tracks that were flown and are not judged because they are gone."""
+        for log in logs:
+            folder = RunFolder(log.parent)
+            if not folder.file("run.json").exists() and log.name != TRACK:
+                continue
+            known = read_record(folder).files
+            if known.get(log.name) is not None:
+                self.add_if_changed("track", log, known[log.name])
+            elif log.name in files.FLIGHT_FILES and self.is_of_a_run(folder):
+                self.add_unsealed(folder, log)
+        for folder, name in _flown_of(self.run):
+            if not folder.file(name).exists():
+                self.add_if_changed("track", folder.file(name), read_record(folder).files.get(name))
+        self.add_broken_continuations(logs)
+
+    def is_of_a_run(self, folder: RunFolder) -> bool:
+        """Whether a folder is the run or one inside it, or has a plan of its own."""
+        inside = folder.path.resolve().is_relative_to(self.run.path.resolve())
+        return inside or folder.file("plan.json").exists()
+
+    def add_unsealed(self, folder: RunFolder, log: Path) -> None:
+        """A track without a record of its end: of a flight that was killed, unless run.json knows how it ended."""
+        flight = run_document(folder).get("flight")
+        ending = flight.get("ending") if isinstance(flight, dict) else None
+        if ending is None or ending in _STILL_FLYING:
+            self.unsealed.append(self.name(log))
+            return
+        self.changes.append(
+            Change("record", self.name(log), None, sha256_of(log), f"{self.name(log)} has no hash in run.json")
+        )
+
+    def add_broken_continuations(self, logs: Sequence[Path]) -> None:
+        """A flight that goes on with another track than the one that is there."""
+        for log in logs:
+            if log.name != TRACK:
+                continue
+            for folder, before in _continuations_of(RunFolder(log.parent)):
+                if not continues(folder, before):
+                    why = f"{self.name(folder.path)} goes on with another {self.name(before.file(TRACK))} than the one there"
+                    self.changes.append(Change("track", self.name(before.file(TRACK)), why=why))
+
+    def add_if_changed(self, what: str, path: Path, was: str | None) -> None:
+        """A file whose hash is not the recorded one."""
+        now = sha256_of(path)
+        change = Change(what, self.name(path), was, now)
+        if was != now and change not in self.changes:
+            self.changes.append(change)
+
+
+def _flown_of(run: RunFolder) -> Iterator[tuple[RunFolder, str]]:
+    """The tracks that are recorded in a run and in its sorties."""
+    for folder in (run, *run.sorties()):
+        for name, was in read_record(folder).files.items():
+            if was is not None and Path(name).name == TRACK:
+                yield folder, name
+
+
+def _continuations_of(run: RunFolder) -> Iterator[tuple[RunFolder, RunFolder]]:
+    """The folders of flights that resumed a run, each with the folder of the flight before it."""
+    before = run
+    number = 1
+    while (folder := RunFolder(run.file(f"resumed-{number}"))).file(TRACK).is_file():
+        yield folder, before
+        before, number = folder, number + 1
+
+
+def judged_logs(run: RunFolder, logs: Sequence[Path]) -> list[Path]:
+    """The logs that were named, or the run's own tracks.
+
+    Raises:
+        InputError: none was named, and nothing was flown.
+    """
+    return list(logs) or flown_tracks(run)
+
+
+def logs_of_the_verdict(run: RunFolder) -> list[Path]:
+    """The logs that the verdict in a run folder judged; none where it judged the run's own tracks, or where there is no verdict.
+
+    A log that lies elsewhere is known by its name and its hash alone: it is looked for beside the run and where the command runs.
+
+    Raises:
+        InputError: one is not there, or is another one by now; it is to be named.
+    """
+    if not run.file("verification.json").is_file():
+        return []
+    judged = run.read_json("verification.json", made_by="uavcover verify").get("inputs")
+    tracks = judged.get("track") if isinstance(judged, dict) else None
+    if not isinstance(tracks, dict) or not tracks:
+        return []
+    own = {run.file(name).resolve() for name in tracks}
+    if was_flown(run) and own <= {path.resolve() for path in flown_tracks(run)}:
+        return []
+    return [_log_named(run, name, sha256) for name, sha256 in tracks.items()]
+
+
+def _log_named(run: RunFolder, name: str, sha256: object) -> Path:
+    places = [run.file(name), run.path.resolve().parent / name, Path(name)]
+    found = next((place for place in places if place.is_file() and sha256_of(place) == sha256), None)
+    if found is None:
+        raise InputError(
+            f"{run}: its verdict is on {name}, which is not here or has changed; name the log: --log PATH/{name}"
+        )
+    return found
+
+
+def was_flown(run: RunFolder) -> bool:
+    """Whether there is a track in a run or in one of its sorties."""
+    return any(folder.file(TRACK).is_file() for folder in (run, *run.sorties()))

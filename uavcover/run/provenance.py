@@ -1,0 +1,173 @@
+"""Which command read and wrote what in a run folder, with SHA-256: the list ``provenance`` of ``run.json``.
+
+Entries are only ever added. Each holds the hash of the one before it, so that one which was changed or taken out is noticed. What
+holds for a file is said by the last entry that wrote it; a plan begins anew.
+"""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from uavcover.errors import InputError
+from uavcover.model.obstacles import Obstacles
+from uavcover.run.folder import SCHEMA_VERSION, RunFolder
+
+RUN_FILE = "run.json"
+_LIST = "provenance"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Record:
+    """What ``run.json`` says of the files of its folder.
+
+    Attributes:
+        inputs: hashes of what was planned from, by name (``scenario``, ``terrain``, ``obstacles``), null where there was none;
+            none when no plan is recorded.
+        files: hash of every file that was written since the plan, by its path in the folder; null where it was removed.
+        version: of the uavcover that planned.
+        faults: what is wrong with the record itself.
+    """
+
+    inputs: Mapping[str, str | None] | None
+    files: Mapping[str, str | None]
+    version: str | None
+    faults: tuple[str, ...]
+
+
+def sha256_of(path: Path) -> str | None:
+    """Hash of a file's bytes; none where there is no such file.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def sha256_of_content(content: str | bytes) -> str:
+    """Hash of a file with this content."""
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
+
+
+def obstacles_sha256(obstacles: Obstacles) -> str | None:
+    """Hash of obstacles as they are understood, whatever file they came from; none without any."""
+    if not obstacles.prisms:
+        return None
+    return sha256_of_content(json.dumps(dataclasses.asdict(obstacles), sort_keys=True))
+
+
+def version() -> str:
+    """Of uavcover."""
+    try:
+        return metadata.version("uavcover")
+    except metadata.PackageNotFoundError:  # run from a source folder that is not installed
+        return "not installed"
+
+
+def with_entry(document: Mapping[str, Any], did: str, *, command: Sequence[str], **more: Any) -> dict[str, Any]:
+    """A ``run.json`` with one entry more.
+
+    Args:
+        document: as it was.
+        did: which step it was.
+        command: how it was asked for.
+        more: what it read and wrote.
+    """
+    entries = _entries(document)
+    entry = {
+        "did": did,
+        "command": list(command),
+        "uavcover": version(),
+        "at": datetime.now(UTC).isoformat(timespec="seconds"),
+        **more,
+        "previous_sha256": _sha256_of_entry(entries[-1]) if entries else None,
+    }
+    return {**document, _LIST: [*entries, entry]}
+
+
+def note_files(run: RunFolder, did: str, names: Sequence[str], *, command: Sequence[str], **more: Any) -> None:
+    """Add an entry for files that were written, or removed when they are not there any more; ``more`` goes into it.
+
+    Raises:
+        InputError: ``run.json`` or a file cannot be read.
+        OutputError: ``run.json`` cannot be written.
+    """
+    wrote = {name: sha256_of(run.file(name)) for name in names}
+    document = run_document(run)
+    run.write_json(RUN_FILE, with_entry(document, did, command=command, wrote=wrote, **more))
+
+
+def run_document(run: RunFolder) -> dict[str, Any]:
+    """``run.json`` as it is, or the beginning of one.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    if not run.file(RUN_FILE).exists():
+        return {"schema_version": SCHEMA_VERSION}
+    return run.read_json(RUN_FILE, made_by="uavcover plan")
+
+
+def read_record(run: RunFolder) -> Record:
+    """What ``run.json`` says of its folder's files; an empty record where there is none.
+
+    Raises:
+        InputError: it is there and cannot be read.
+    """
+    if not run.file(RUN_FILE).exists():
+        return Record(None, {}, None, (f"{RUN_FILE} is missing",))
+    document = run.read_json(RUN_FILE, made_by="uavcover plan")
+    entries = _entries(document)
+    faults = list(_broken_links(entries))
+    planned = [k for k, entry in enumerate(entries) if isinstance(entry.get("inputs"), dict)]
+    if not planned:
+        return Record(None, _files(entries), None, (*faults, f"{RUN_FILE} has no record of a plan"))
+    plan = entries[planned[-1]]
+    if document.get("inputs") != plan["inputs"]:
+        faults.append(f"inputs of {RUN_FILE} are not those of its own record")
+    inputs = {name: _hash_in(value) for name, value in plan["inputs"].items()}
+    return Record(inputs, _files(entries[planned[-1] :]), str(plan.get("uavcover")), tuple(faults))
+
+
+def _entries(document: Mapping[str, Any]) -> list[dict[str, Any]]:
+    entries = document.get(_LIST, [])
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise InputError(f"{RUN_FILE}: {_LIST} is not a list of entries; restore the file, or plan again")
+    return entries
+
+
+def _broken_links(entries: Sequence[dict[str, Any]]) -> list[str]:
+    before: list[str | None] = [None, *map(_sha256_of_entry, entries[:-1])]
+    return [
+        f"entry {k} of {RUN_FILE} ({entry.get('did')}) does not follow the one before it"
+        for k, (entry, expected) in enumerate(zip(entries, before, strict=False), start=1)
+        if entry.get("previous_sha256") != expected
+    ]
+
+
+def _sha256_of_entry(entry: Mapping[str, Any]) -> str:
+    return sha256_of_content(json.dumps(entry, sort_keys=True, ensure_ascii=False))
+
+
+def _files(entries: Sequence[dict[str, Any]]) -> dict[str, str | None]:
+    files: dict[str, str | None] = {}
+    for entry in entries:
+        wrote = entry.get("wrote")
+        files |= {str(name): _hash_in(value) for name, value in (wrote if isinstance(wrote, dict) else {}).items()}
+    return files
+
+
+def _hash_in(value: Any) -> str | None:
+    found = value.get("sha256") if isinstance(value, dict) else value
+    return str(found) if found else None

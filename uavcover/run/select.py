@@ -1,0 +1,84 @@
+"""Another route of a Pareto set that is in a run folder already."""
+
+from collections.abc import Sequence
+
+from uavcover.errors import InfeasibleError, InputError
+from uavcover.model.route import Plan, RouteMember
+from uavcover.model.vehicle import AutopilotName
+from uavcover.planning.selection import parse_rule, select
+from uavcover.routes.leg_checks import measure_violations
+from uavcover.routes.objectives import judge
+from uavcover.routes.sorties import Sortie
+from uavcover.run import pipeline
+from uavcover.run.documents import read_pareto, read_pareto_routes
+from uavcover.run.folder import RunFolder
+from uavcover.scenario.site import Site
+
+_ROUTES = "pareto_routes.csv"
+
+
+def read_members(run: RunFolder, site: Site) -> list[RouteMember]:
+    """The Pareto set of a run folder, judged anew on the cells of the area.
+
+    Raises:
+        InputError: a file is missing or broken; says which command makes it.
+    """
+    path = run.existing(_ROUTES, made_by="uavcover plan")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); make it again with: uavcover plan") from error
+    routes = read_pareto_routes(text, source=str(path))
+    makers = [entry.made_by for entry in read_pareto(run.existing("pareto.csv", made_by="uavcover plan"))]
+    if len(makers) != len(routes):
+        raise InputError(
+            f"{path}: has {len(routes)} routes, and pareto.csv has {len(makers)}; make them again with: uavcover plan"
+        )
+    judged = pipeline.judging_map(site)
+    return [
+        RouteMember(route, judge(judged, route), measure_violations(site, route.waypoints_m, margin_m=0.0).total, maker)
+        for route, maker in zip(routes, makers, strict=True)
+    ]
+
+
+def choose(
+    run: RunFolder, site: Site, rule_text: str, *, autopilot: AutopilotName, command: Sequence[str]
+) -> tuple[Plan, tuple[Sortie, ...], RunFolder | None]:
+    """Choose another member by a rule, and write ``plan.json``, ``pareto.csv`` and the mission files for it.
+
+    What belonged to the route before goes with it; one that was flown is kept in a folder of its own.
+
+    Returns:
+        The plan, its flights (none for a scenario that has no place on Earth), and where the route before is kept.
+
+    Raises:
+        InputError: the rule is none, or a file of the run is missing or broken.
+        InfeasibleError: the route has no checked mission; nothing is written.
+    """
+    rule = parse_rule(rule_text)
+    members = read_members(run, site)
+    document = run.read_json("plan.json", made_by="uavcover plan")
+    choice = select(members, rule)
+    chosen = members[choice.index]
+    try:
+        result = Plan(
+            chosen=chosen, members=tuple(members), baselines=(), rule=rule.text, rule_met=choice.met,
+            algorithm=str(document["algorithm"]), evaluations=int(document["evaluations"]),
+            wall_s=float(document["wall_s"]), interrupted=bool(document["interrupted"]),
+        )  # fmt: skip
+        seed, bounds, baselines = int(document["seed"]), dict(document["bounds"]), list(document["baselines"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{run.file('plan.json')}: is not a plan ({type(error).__name__}: {error}); make it again with: uavcover plan"
+        ) from error
+    flights: tuple[Sortie, ...] = ()
+    if site.frame is not None and site.home_m is not None:
+        try:
+            flights = pipeline.compile_flights(site, chosen.route, autopilot=autopilot)
+        except InfeasibleError as error:
+            raise InfeasibleError(f"member {choice.index}: {error}; {run} is as it was") from error
+    older = pipeline.save_plan(
+        run, site, result, compiled=flights[0].compiled if len(flights) == 1 else None, autopilot=autopilot, seed=seed,
+        command=command, sorties=flights if len(flights) > 1 else (), proved=bounds, baselines=baselines,
+    )  # fmt: skip
+    return result, flights, older

@@ -1,0 +1,379 @@
+"""Elevation files, by rasterio: any format and any CRS. The pixels that are read stay what they are."""
+
+import dataclasses
+import hashlib
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rasterio
+import rasterio.errors
+from numpy.typing import NDArray
+from pyproj import CRS, Transformer
+from pyproj.exceptions import ProjError
+from rasterio.windows import Window
+
+from uavcover.errors import TerrainError
+from uavcover.kernels.grid import GridFrame, places_on_grid
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.ground import Ground, grid_ground, ground_of_nodes
+from uavcover.scenario.pixel_frame import STRAIGHT_WITHIN_M, Bounds, finish_frame, fit_frame, node_ups_m
+
+FloatArray = NDArray[np.float64]
+
+LOWEST_PLAUSIBLE_M, HIGHEST_PLAUSIBLE_M = -500.0, 9000.0
+MAX_NODES = 40_000_000
+MAX_ERROR_M = 0.1
+"""The ground may differ from its file's own surface by no more than this."""
+_BLOCKS, _PIXELS_OF_BLOCK, _PLACES_OF_BLOCK = 60, 40.0, 400
+_ABOVE_M = 120.0
+_SEA_LEVEL_DATUMS = {"EGM96": ("egm96", "5773"), "EGM2008": ("egm2008", "3855")}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Raster:
+    """An open file and what was checked of it; ``full_turn`` is 360 degrees in the unit of its longitudes, 0 without them."""
+
+    path: Path
+    dataset: Any
+    to_source: Transformer
+    vertical_datum: str
+    full_turn: float
+
+    def pixels_at(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
+        """(n, 2) column and row, whole numbers at the pixels' centres, of geodetic places less than half the Earth apart."""
+        x, y = self.to_source.transform(lon_deg, lat_deg)
+        x, y = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
+        if self.full_turn > 0.0 and x.size:
+            # Longitudes jump somewhere; here they go on from the first place, and that is in the file if it can be.
+            x = x[0] + np.mod(x - x[0] + 0.5 * self.full_turn, self.full_turn) - 0.5 * self.full_turn
+            x += self.full_turn * np.round((float(np.mean(_corners(self.dataset)[0])) - x[0]) / self.full_turn)
+        inverse = ~self.dataset.transform
+        column = inverse.a * x + inverse.b * y + inverse.c - 0.5
+        return np.column_stack([column, inverse.d * x + inverse.e * y + inverse.f - 0.5])
+
+    def places_of(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Latitudes (n,) and longitudes (n,) of (n, 2) columns and rows: the inverse of :meth:`pixels_at`."""
+        transform, (column, row) = self.dataset.transform, pixels.T + 0.5
+        x = transform.a * column + transform.b * row + transform.c
+        y = transform.d * column + transform.e * row + transform.f
+        lon, lat = self.to_source.transform(x, y, direction="INVERSE")
+        return np.asarray(lat, float), np.asarray(lon, float)
+
+    def sample_m(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
+        """Heights (n,) at geodetic places, bilinear between pixel centres; NaN where a pixel has no data."""
+        column, row = self.pixels_at(lat_deg, lon_deg).T
+        inside = (column >= 0.0) & (row >= 0.0) & (column <= self.dataset.width - 1) & (row <= self.dataset.height - 1)
+        out = np.full(column.shape, np.nan)
+        if not inside.any():
+            return out
+        column, row = column[inside], row[inside]
+        first_column, first_row = int(column.min()), int(row.min())
+        window = Window(
+            first_column, first_row,
+            min(self.dataset.width, int(column.max()) + 2) - first_column,
+            min(self.dataset.height, int(row.max()) + 2) - first_row,
+        )  # fmt: skip
+        pixels = self.read(window)
+        column, row = column - first_column, row - first_row
+        j = np.minimum(column.astype(int), max(pixels.shape[1] - 2, 0))
+        i = np.minimum(row.astype(int), max(pixels.shape[0] - 2, 0))
+        u, v = column - j, row - i
+        j1, i1 = np.minimum(j + 1, pixels.shape[1] - 1), np.minimum(i + 1, pixels.shape[0] - 1)
+        upper = pixels[i, j] + u * (pixels[i, j1] - pixels[i, j])
+        lower = pixels[i1, j] + u * (pixels[i1, j1] - pixels[i1, j])
+        out[inside] = upper + v * (lower - upper)
+        return out
+
+    def read(self, window: Window) -> FloatArray:
+        """(rows, columns) heights above sea level, NaN where there is no data."""
+        with _readable(self.path):
+            masked = self.dataset.read(1, window=window, masked=True)
+        scaled = masked.astype(float) * self.dataset.scales[0] + self.dataset.offsets[0]
+        pixels = np.asarray(scaled.filled(np.nan), dtype=float)
+        pixels[~np.isfinite(pixels)] = np.nan
+        wrong = (pixels < LOWEST_PLAUSIBLE_M) | (pixels > HIGHEST_PLAUSIBLE_M)
+        if wrong.any():
+            row, column = np.argwhere(wrong)[0] + (window.row_off, window.col_off)
+            raise TerrainError(
+                f"{self.path}: a height of {pixels[wrong][0]:g} m in row {row}, column {column}; if that value "
+                "marks missing data, declare it as the no-data value of the file (gdal_edit.py -a_nodata)"
+            )
+        return pixels
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (rasterio.errors.RasterioError, OSError) as error:
+        reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        raise TerrainError(f"{path}: cannot be read as elevation data ({reason})") from error
+
+
+@contextmanager
+def _open(path: Path, vertical_datum: str) -> Iterator[_Raster]:
+    if not path.is_file():
+        raise TerrainError(f"{path}: no such file (terrain.file is relative to the scenario file)")
+    if path.stat().st_size == 0:
+        raise TerrainError(f"{path}: the file is empty")
+    if vertical_datum not in _SEA_LEVEL_DATUMS:
+        raise TerrainError(
+            f"terrain.vertical_datum: heights above the {vertical_datum} are not heights above sea level, which "
+            "autopilots want; convert the file first (for example gdalwarp with -t_srs EPSG:4326+5773)"
+        )
+    with _readable(path), rasterio.open(path) as dataset:
+        if dataset.crs is None:
+            raise TerrainError(
+                f"{path}: has no coordinate reference system; assign the right one (gdal_edit.py -a_srs)"
+            )
+        try:
+            crs = CRS.from_wkt(dataset.crs.to_wkt())
+            horizontal = crs.sub_crs_list[0] if crs.is_compound else crs
+            # Without a ballpark: a datum that cannot be reached exactly would be off by up to hundreds of metres, unsaid.
+            to_source = Transformer.from_crs(4326, horizontal, always_xy=True, allow_ballpark=False)
+        except ProjError as error:
+            reason = str(error).strip().splitlines()[0]
+            raise TerrainError(
+                f"{path}: positions cannot be brought to its coordinate reference system ({reason}); assign or convert to a "
+                "known one (gdalwarp -t_srs EPSG:4326)"
+            ) from error
+        _check_vertical(path, crs, vertical_datum, dataset.units[0])
+        _check_pixel_size(path, horizontal, dataset)
+        turn = 2.0 * math.pi / horizontal.axis_info[0].unit_conversion_factor if horizontal.is_geographic else 0.0
+        yield _Raster(path, dataset, to_source, vertical_datum, turn)
+
+
+def _check_vertical(path: Path, crs: CRS, vertical_datum: str, unit: str | None) -> None:
+    if unit and unit.lower() not in {"m", "metre", "meter", "metres", "meters"}:
+        raise TerrainError(f"{path}: heights are in {unit!r}; convert them to metres first")
+    if crs.is_compound:
+        vertical = crs.sub_crs_list[1]
+        words = f"{vertical.name} {vertical.to_authority()}".lower()
+        if not any(word in words for word in _SEA_LEVEL_DATUMS[vertical_datum]):
+            raise _contradiction(path, vertical_datum, vertical.name)
+        axis = vertical.axis_info[0]
+        if axis.unit_conversion_factor != 1.0:
+            raise TerrainError(f"{path}: heights are in {axis.unit_name!r}; convert them to metres first")
+    elif len(crs.axis_info) == 3:
+        raise _contradiction(path, vertical_datum, f"heights above the ellipsoid of {crs.name}")
+
+
+def _contradiction(path: Path, vertical_datum: str, found: str) -> TerrainError:
+    return TerrainError(
+        f"terrain.vertical_datum: the scenario says {vertical_datum}, the file says {found} ({path}); correct the scenario, "
+        "or convert the file (gdalwarp with -t_srs EPSG:4326+5773 for EGM96, EPSG:4326+3855 for EGM2008)"
+    )
+
+
+def _check_pixel_size(path: Path, crs: CRS, dataset: Any) -> None:
+    # A south-up file has a negative height.
+    width, height = (abs(side) for side in dataset.res)
+    top = float(np.abs(_corners(dataset)[1]).max())
+    if crs.is_projected and min(width, height) * crs.axis_info[0].unit_conversion_factor < 0.01:
+        raise TerrainError(
+            f"{path}: pixels of {width:g} x {height:g} in a projected system ({crs.name}): these look like degrees taken "
+            "for metres; assign the right coordinate reference system (gdal_edit.py -a_srs EPSG:4326)"
+        )
+    if crs.is_geographic and (top > 90.5 or width > 10.0):
+        raise TerrainError(
+            f"{path}: reaches latitude {top:g} with pixels of {width:g} degrees: these look like metres taken for "
+            "degrees; assign the right coordinate reference system (gdal_edit.py -a_srs)"
+        )
+
+
+def read_height_amsl_m(path: Path, vertical_datum: str, *, lat_deg: float, lon_deg: float) -> float:
+    """Height above sea level of one place in an elevation file, bilinear between its pixels.
+
+    Raises:
+        TerrainError: the file cannot be used, or has no data there.
+    """
+    with _open(path, vertical_datum) as raster:
+        height = float(raster.sample_m(np.array([lat_deg]), np.array([lon_deg]))[0])
+        if not np.isfinite(height):
+            raise TerrainError(f"{path}: no elevation at {lat_deg}, {lon_deg} ({_extent(raster)})")
+        return height
+
+
+def read_ground(
+    path: Path,
+    vertical_datum: str,
+    *,
+    frame: LocalFrame,
+    bounds_m: Bounds,
+    grid_step_m: float | None,
+) -> Ground:
+    """Elevation data as a ground in the local frame.
+
+    Its nodes are the pixels of the file, so it is the file's own bilinear surface; by how much it is not is measured and kept
+    with it. With ``grid_step_m`` the nodes lie on a square grid instead, each with the height that the file has there.
+
+    Args:
+        path: a file that rasterio reads.
+        vertical_datum: EGM96 or EGM2008; anything else is refused.
+        frame: the local frame.
+        bounds_m: west, south, east, north that the ground must reach; where the file does not, there is no data.
+        grid_step_m: spacing of a square grid; none: the file's own pixels.
+
+    Raises:
+        TerrainError: the file cannot be used, has too many pixels there, or lies in the local frame in a way that cannot be
+            followed to ``MAX_ERROR_M``.
+    """
+    with _open(path, vertical_datum) as raster:
+        if grid_step_m is None:
+            ground = _ground_of_pixels(raster, frame, bounds_m)
+        else:
+            ground = _resampled_ground(raster, frame, bounds_m, grid_step_m)
+        error_m = measure_error_m(ground, raster, frame, bounds_m)
+    if grid_step_m is None and error_m > MAX_ERROR_M:
+        raise TerrainError(
+            f"{path}: laid into the local frame, its heights are wrong by up to {error_m:.2f} m, {MAX_ERROR_M:g} m are allowed; "
+            "take a smaller area, or convert the file to a projection for this place (gdalwarp -t_srs, the UTM zone)"
+        )
+    return dataclasses.replace(ground, error_m=error_m)
+
+
+def _ground_of_pixels(raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> Ground:
+    """The pixels that the bounds need, as nodes."""
+    try:
+        rough = fit_frame(raster.pixels_at, frame, bounds_m, level_up_m=0.0)
+    except TerrainError as error:
+        raise TerrainError(f"{raster.path}: {error} ({_extent(raster)})") from error
+    first, last = _pixels_needed(raster, frame, rough, bounds_m)
+    columns, rows = (last - first).tolist()
+    if columns * rows > MAX_NODES:
+        raise TerrainError(
+            f"{raster.path}: {columns} x {rows} pixels under the scenario's area are more than {MAX_NODES:,}; take a smaller "
+            "area, or coarser data (gdalwarp -tr)"
+        )
+    if min(columns, rows) >= 2:
+        up = raster.read(Window(first[0], first[1], columns, rows))
+        up = node_ups_m(lambda pixels: raster.places_of(pixels + first), frame, up)
+    else:
+        first, up = np.zeros(2, dtype=np.int64), np.full((2, 2), np.nan)
+    grid, known = rough, np.isfinite(up)
+    if known.any():
+        level_up_m = 0.5 * float(np.nanmin(up) + np.nanmax(up))
+        grid = fit_frame(lambda lat, lon: raster.pixels_at(lat, lon) - first, frame, bounds_m, level_up_m=level_up_m)
+        grid = finish_frame(grid, up)
+    return ground_of_nodes(
+        up, grid, step_m=1.0 / max(grid.per_column, grid.per_row) if known.any() else math.inf,
+        source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum, sha256=source_sha256(raster.path),
+        cut_error_m=2.0 * STRAIGHT_WITHIN_M,
+    )  # fmt: skip
+
+
+def _pixels_needed(
+    raster: _Raster, frame: LocalFrame, grid: GridFrame, bounds_m: Bounds
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First column and row, and those behind the last, of the part of the file that lies inside the bounds at any height."""
+    west, south, east, north = bounds_m
+    ups = np.array([LOWEST_PLAUSIBLE_M, HIGHEST_PLAUSIBLE_M]) - frame.alt_amsl_m
+    rim = np.linspace(0.0, 1.0, 33)
+    places = np.array([
+        (west + s * (east - west), south + t * (north - south), up)
+        for up in ups for s in rim for t in rim if s in (0.0, 1.0) or t in (0.0, 1.0)
+    ])  # fmt: skip
+    pixels = places_on_grid(grid, places)
+    size = np.array([raster.dataset.width, raster.dataset.height])
+    first = np.clip(np.floor(pixels.min(axis=0)) - 1, 0, size)
+    last = np.clip(np.ceil(pixels.max(axis=0)) + 2, 0, size)
+    return first.astype(np.int64), np.maximum(first, last).astype(np.int64)
+
+
+def _resampled_ground(raster: _Raster, frame: LocalFrame, bounds_m: Bounds, step: float) -> Ground:
+    """A square grid: each node takes the height of the file at the place whose ENU east and north are the node's."""
+    west, south, east, north = bounds_m
+    wide, high = (east - west) / step + 3.0, (north - south) / step + 3.0
+    if wide * high > MAX_NODES:
+        raise TerrainError(
+            f"terrain.grid_step_m: {wide:.0f} x {high:.0f} nodes of {step:g} m are more than {MAX_NODES:,}; "
+            "set a larger step (in metres) or a smaller area"
+        )
+    columns = np.arange(np.floor(west / step) - 1, np.ceil(east / step) + 2)
+    rows = np.arange(np.floor(south / step) - 1, np.ceil(north / step) + 2)
+    e, n = np.meshgrid(columns * step, rows * step)
+    up = np.zeros(e.size)
+    # East and north of a place depend a little on its height, by height difference times distance over the Earth's
+    # radius. Each round makes the rest smaller by about distance / radius.
+    for _ in range(3):
+        known = np.where(np.isfinite(up), up, 0.0)
+        lat, lon, _alt = frame.geodetic_from_enu(np.column_stack([e.ravel(), n.ravel(), known]))
+        up = frame.enu_from_geodetic(lat, lon, raster.sample_m(lat, lon))[:, 2]
+    return grid_ground(
+        np.where(np.isfinite(up), up, np.nan).reshape(e.shape),
+        east0_m=float(columns[0] * step), north0_m=float(rows[0] * step), step_m=step,
+        source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum, sha256=source_sha256(raster.path),
+    )  # fmt: skip
+
+
+def measure_error_m(ground: Ground, raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> float:
+    """Largest difference found between a ground and the bilinear surface of its file.
+
+    Places of the file, on the ground and above it, are brought to the local frame by pyproj and their height above ground is
+    asked for there: seeded random places of random blocks of pixels, half of them beside node lines, where the surface bends.
+    """
+    rng = np.random.default_rng(20_261_114)
+    west, south, east, north = bounds_m
+    worst = 0.0
+    for _ in range(_BLOCKS):
+        centre = [[rng.uniform(west, east), rng.uniform(south, north), 0.0]]
+        lat, lon, _alt = frame.geodetic_from_enu(centre)
+        middle = raster.pixels_at(lat, lon)
+        if not np.isfinite(middle).all():
+            continue
+        pixels = middle + rng.uniform(-0.5, 0.5, (_PLACES_OF_BLOCK, 2)) * _PIXELS_OF_BLOCK
+        beside = rng.random(_PLACES_OF_BLOCK) < 0.5
+        pixels[beside] = np.round(pixels[beside]) + rng.normal(0.0, 0.01, (int(beside.sum()), 2))
+        lat, lon = raster.places_of(pixels)
+        alt = raster.sample_m(lat, lon)
+        agl = rng.choice([0.0, _ABOVE_M], _PLACES_OF_BLOCK)
+        places = frame.enu_from_geodetic(lat, lon, alt + agl)
+        e, n = places[:, 0], places[:, 1]
+        inside = np.isfinite(alt) & (e >= west) & (e <= east) & (n >= south) & (n <= north)
+        difference = np.abs(ground.heights_agl_m(places[inside]) - agl[inside])
+        worst = max(worst, float(np.max(difference, initial=0.0, where=np.isfinite(difference))))
+    return worst
+
+
+def _corners(dataset: Any) -> tuple[FloatArray, FloatArray]:
+    """The four outer corners (4,), (4,) of a file in its own coordinates, also when it is rotated or south-up."""
+    transform = dataset.transform
+    columns = np.array([0.0, dataset.width, 0.0, dataset.width])
+    rows = np.array([0.0, 0.0, dataset.height, dataset.height])
+    return (
+        transform.a * columns + transform.b * rows + transform.c,
+        transform.d * columns + transform.e * rows + transform.f,
+    )
+
+
+def _extent(raster: _Raster) -> str:
+    lon, lat = raster.to_source.transform(*_corners(raster.dataset), direction="INVERSE")
+    return f"data from {min(lat):.4f}, {min(lon):.4f} to {max(lat):.4f}, {max(lon):.4f}"
+
+
+def source_sha256(path: Path) -> str:
+    """Hash of elevation data: of the file, or of the names and hashes of all files that GDAL reads for it.
+
+    A world file or an ``.aux.xml`` beside it moves or scales the heights, and a virtual raster has them in other files.
+
+    Raises:
+        OSError: the file, or one that it needs, cannot be read.
+    """
+    try:
+        with rasterio.open(path) as dataset:
+            files = sorted({Path(name) for name in dataset.files if Path(name).is_file()} | {path})
+    except rasterio.errors.RasterioError:
+        files = [path]
+    if files == [path]:
+        return _sha256(path)
+    names = [f"{file.name} {_sha256(file)}\n" for file in files]
+    return hashlib.sha256("".join(names).encode()).hexdigest()
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,154 @@
+"""The ground of a scenario: one surface in the local frame, which every module asks."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uavcover.errors import TerrainError
+from uavcover.kernels import surface as kernels
+from uavcover.kernels.grid import GridFrame, square_frame, steepest_of_finite, steepest_slope
+from uavcover.kernels.obstacles import roofs_m
+from uavcover.kernels.surface import GRID, SINE_COSINE, Surface
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """A height surface with its provenance.
+
+    Attributes:
+        surface: the numbers, for kernels.
+        source: where it came from, for people.
+        vertical_datum: what its heights referred to at the source.
+        sha256: hash of the source file, empty for a computed surface.
+        error_m: largest difference that was found between the surface and the file's own bilinear surface, metres; 0 for a
+            surface that is computed.
+        cut_error_m: heights above ground along a leg, and along the parts that it is cut into, differ by no more than this.
+    """
+
+    surface: Surface
+    source: str
+    vertical_datum: str
+    sha256: str = ""
+    error_m: float = 0.0
+    cut_error_m: float = 0.0
+
+    def heights_m(self, east_north_m: ArrayLike) -> FloatArray:
+        """Up coordinates (n,) of the ground at (n, 2) places, metres; NaN where there is no data."""
+        en = np.atleast_2d(np.asarray(east_north_m, float))
+        return kernels.heights(self.surface, np.ascontiguousarray(en[:, 0]), np.ascontiguousarray(en[:, 1]))
+
+    def heights_agl_m(self, places_m: ArrayLike) -> FloatArray:
+        """Heights above ground (n,) of (n, 3) ENU places, along their plumb lines, metres; NaN where there is no data."""
+        return kernels.heights_above(self.surface, np.ascontiguousarray(np.atleast_2d(np.asarray(places_m, float))))
+
+    def ups_m(self, east_north_m: ArrayLike, height_agl_m: ArrayLike) -> FloatArray:
+        """Up coordinates (n,) of what is at (n, 2) places with heights above ground (n,), metres; NaN where there is no data.
+
+        The inverse of :meth:`heights_agl_m`. Heights are measured along the plumb line, so this is not quite the ground's up
+        and the height: centimetres, some kilometres from the origin.
+        """
+        en = np.atleast_2d(np.asarray(east_north_m, float))
+        heights = np.broadcast_to(np.asarray(height_agl_m, float), len(en))
+        east, north = (np.ascontiguousarray(axis) for axis in en.T)
+        return kernels.ups_above(self.surface, east, north, np.ascontiguousarray(heights))
+
+    def lean_error_m(self, climb_m: float) -> float:
+        """By how much a height above ground may change, beside the climb itself, straight above or below a place."""
+        if self.surface.kind != GRID or self.surface.grid.lean == 0.0:
+            return 0.0
+        return climb_m * self.surface.grid.lean * steepest_of_finite(self.surface.up_m, self.surface.grid)
+
+    def gradients(self, east_north_m: ArrayLike) -> FloatArray:
+        """Slopes (n, 2) of the ground towards east and north at (n, 2) places, dimensionless."""
+        en = np.atleast_2d(np.asarray(east_north_m, float))
+        return kernels.gradients(self.surface, np.ascontiguousarray(en[:, 0]), np.ascontiguousarray(en[:, 1]))
+
+    def roofs_m(self, east_north_m: ArrayLike) -> FloatArray:
+        """Up coordinates (n,) of the highest obstacle over each of (n, 2) places; -inf where none stands."""
+        en = np.atleast_2d(np.asarray(east_north_m, float))
+        return roofs_m(self.surface.obstacles, np.ascontiguousarray(en[:, 0]), np.ascontiguousarray(en[:, 1]))
+
+    def leg_height_ranges_m(self, route_m: ArrayLike) -> FloatArray:
+        """Lowest and highest point above ground of every leg of an (n, 3) ENU route, at full length.
+
+        Returns:
+            (n - 1, 4) smallest height, its parameter along the leg 0..1, largest height, its parameter. Rows of NaN where
+            a leg leaves the data. Exact to ``cut_error_m`` for grids; see :mod:`uavcover.kernels.surface` for the analytic
+            surface.
+        """
+        route = np.ascontiguousarray(np.atleast_2d(np.asarray(route_m, float)))
+        return kernels.leg_height_ranges(self.surface, route)
+
+
+def sine_cosine_ground(scale_m: float) -> Ground:
+    """The paper's surface, Eq. 26, with ``scale_m`` metres to its unit."""
+    empty = np.zeros((1, 1))
+    # Read-only like the nodes of a grid: kernels are compiled once for both.
+    empty.flags.writeable = False
+    frame = square_frame(east0_m=0.0, north0_m=0.0, step_m=1.0)
+    return Ground(Surface(SINE_COSINE, scale_m, empty, 1.0, frame), "sine-cosine (paper, Eq. 26)", "local")
+
+
+def grid_ground(
+    up_m: FloatArray,
+    *,
+    east0_m: float,
+    north0_m: float,
+    step_m: float,
+    source: str,
+    vertical_datum: str,
+    sha256: str = "",
+) -> Ground:
+    """A ground from heights at the nodes of a square grid along east and north; heights above it are along the up axis.
+
+    Args:
+        up_m: (rows, columns) heights, rows going north, NaN for no-data.
+        east0_m: east of the first column.
+        north0_m: north of the first row.
+        step_m: spacing of the nodes.
+        source: for people.
+        vertical_datum: of the source.
+        sha256: of the source.
+
+    Raises:
+        TerrainError: fewer than 2 x 2 nodes.
+    """
+    frame = square_frame(east0_m=float(east0_m), north0_m=float(north0_m), step_m=float(step_m))
+    return ground_of_nodes(
+        up_m, frame, step_m=float(step_m), source=source, vertical_datum=vertical_datum, sha256=sha256
+    )
+
+
+def ground_of_nodes(
+    up_m: FloatArray,
+    frame: GridFrame,
+    *,
+    step_m: float,
+    source: str,
+    vertical_datum: str,
+    sha256: str = "",
+    cut_error_m: float = 0.0,
+) -> Ground:
+    """A ground from heights at nodes wherever they are.
+
+    Args:
+        up_m: (rows, columns) up coordinates, NaN for no-data.
+        frame: where the nodes are.
+        step_m: their smallest spacing.
+        source: for people.
+        vertical_datum: of the source.
+        sha256: of the source.
+        cut_error_m: of the ground.
+
+    Raises:
+        TerrainError: fewer than 2 x 2 nodes.
+    """
+    nodes = np.array(up_m, dtype=float, order="C")
+    if nodes.ndim != 2 or min(nodes.shape) < 2:
+        raise TerrainError(f"{source}: a grid needs at least 2 x 2 nodes, this one has {nodes.shape}")
+    nodes.flags.writeable = False
+    surface = Surface(GRID, step_m, nodes, steepest_slope(nodes, frame), frame)
+    return Ground(surface, source, vertical_datum, sha256, cut_error_m=cut_error_m)

@@ -1,0 +1,151 @@
+"""Obstacles on a ground as prisms with flat tops, and the clearance of straight lines from them.
+
+Obstacles on a ground: footprints with heights become prisms with flat tops.
+
+How straight lines stand to the obstacles on a ground, at their full length.
+"""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.errors import TerrainError
+from uavcover.kernels import obstacle_breach as kernels
+from uavcover.kernels.obstacles import make_obstacles
+from uavcover.kernels.surface import GRID
+from uavcover.model.obstacles import Obstacles
+from uavcover.scenario.ground import Ground
+from uavcover.scenario.pixel_frame import nodes_inside_m
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """What stands somewhere, before the ground is known.
+
+    Attributes:
+        name: for people.
+        polygon: on the map, (east, north) metres, courtyards cut out.
+        height_m: of the flat top above the highest ground under the footprint.
+    """
+
+    name: str
+    polygon: shapely.Polygon
+    height_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prism:
+    """An obstacle in the local frame.
+
+    Attributes:
+        footprint: what stands there.
+        top_m: up coordinate of its flat top.
+    """
+
+    footprint: Footprint
+    top_m: float
+
+
+def stand_on(
+    ground: Ground, footprints: Sequence[Footprint], *, largest_clearance_m: float
+) -> tuple[Ground, tuple[Prism, ...]]:
+    """A ground with obstacles on it, and what they are; numbers of the kernels are places in the tuple.
+
+    Args:
+        ground: without obstacles.
+        footprints: of the obstacles.
+        largest_clearance_m: that will be asked for beside them.
+
+    Raises:
+        TerrainError: the ground under a footprint is not known.
+    """
+    prisms = tuple(Prism(f, _highest_ground_m(ground, f) + f.height_m) for f in footprints)
+    edges = [_edges_m(f.polygon) for f in footprints]
+    obstacles = make_obstacles(
+        np.vstack([np.empty((0, 4)), *edges]),
+        np.concatenate([[0], np.cumsum([len(part) for part in edges])]).astype(np.int64),
+        np.array([prism.top_m for prism in prisms]),
+        grown_m=largest_clearance_m,
+    )
+    return dataclasses.replace(ground, surface=ground.surface._replace(obstacles=obstacles)), prisms
+
+
+def _edges_m(polygon: shapely.Polygon) -> FloatArray:
+    """(m, 4) east and north of both ends of the edges, courtyards included."""
+    rings = [np.asarray(ring.coords)[:, :2] for ring in (polygon.exterior, *polygon.interiors)]
+    return np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in rings])
+
+
+def _highest_ground_m(ground: Ground, footprint: Footprint) -> float:
+    """Up coordinate of the highest ground under a footprint, exactly.
+
+    Inside a bilinear cell there is no peak: the ground is highest at a node or on an edge of the footprint.
+    """
+    edges = _edges_m(footprint.polygon)
+    # Level lines along the edges: where they are lowest above ground, the ground is highest. They lie at the height of the
+    # corners, so that plumb lines from them to the ground are short.
+    ends = np.empty((2 * len(edges), 3))
+    ends[0::2, :2], ends[1::2, :2] = edges[:, :2], edges[:, 2:]
+    ends[:, 2] = np.max(ground.heights_m(ends[:, :2]))
+    on_edges = ends[0, 2] - ground.leg_height_ranges_m(ends)[0::2, 0]
+    peaks = _peaks(ground, footprint.polygon.bounds)
+    inside = ground.heights_m(peaks[shapely.contains_xy(footprint.polygon, peaks[:, 0], peaks[:, 1])])
+    if not (np.isfinite(on_edges).all() and np.isfinite(inside).all()):
+        east, north = footprint.polygon.representative_point().coords[0]
+        raise TerrainError(
+            f"obstacle {footprint.name!r}: no elevation under all of its footprint at {east:.0f} m east, {north:.0f} m north "
+            f"of the origin ({ground.source}); remove it, or give elevation data that reaches there"
+        )
+    return float(max(on_edges.max(), inside.max(initial=-math.inf)))
+
+
+def _peaks(ground: Ground, bounds_m: tuple[float, float, float, float]) -> FloatArray:
+    """(k, 2) places between west, south, east, north where the ground may have a peak."""
+    west, south, east, north = bounds_m
+    surface = ground.surface
+    if surface.kind == GRID:
+        return nodes_inside_m(surface.grid, surface.up_m, bounds_m)[:, :2]
+    # sin(y / s) cos(x / s) is 1 only where both factors are 1 or -1.
+    easts = _steps(west, east, math.pi * surface.step_m)
+    quarter = 0.5 * math.pi * surface.step_m
+    norths = _steps(south - quarter, north - quarter, math.pi * surface.step_m) + quarter
+    return np.array(list(itertools.product(easts, norths)), dtype=float).reshape(-1, 2)
+
+
+def _steps(first: float, last: float, step: float) -> FloatArray:
+    """Whole multiples of a step from first to last."""
+    return np.asarray(np.arange(math.ceil(first / step), math.floor(last / step) + 1) * step, dtype=np.float64)
+
+
+def leg_breaches(ground: Ground, route_m: FloatArray, limits: Obstacles) -> FloatArray:
+    """What the legs of an (n, 3) ENU route lack of the clearances from obstacles.
+
+    Args:
+        ground: with its obstacles.
+        route_m: waypoints in flying order.
+        limits: the clearances.
+
+    Returns:
+        (n - 1, 3) number of the obstacle, -1 for none; metres that are lacking where it is worst, aside or in height, whichever
+        is less; the parameter 0..1 along the leg there.
+    """
+    route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
+    return _breaches(ground, route[:-1], route[1:], limits)
+
+
+def waypoint_breaches(ground: Ground, places_m: FloatArray, limits: Obstacles) -> FloatArray:
+    """(n, 3) the same for (n, 3) ENU places alone."""
+    places = np.ascontiguousarray(places_m, dtype=float).reshape(-1, 3)
+    return _breaches(ground, places, places, limits)
+
+
+def _breaches(ground: Ground, begins: FloatArray, ends: FloatArray, limits: Obstacles) -> FloatArray:
+    return kernels.breaches(ground.surface.obstacles, begins, ends, limits.clearance_beside_m, limits.clearance_above_m)

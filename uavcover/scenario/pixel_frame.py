@@ -1,0 +1,152 @@
+"""Lays the pixels of an elevation file into the local frame as they are: the nodes of the ground are the pixels' centres."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebpts1, chebvander
+from numpy.typing import NDArray
+
+from uavcover.errors import TerrainError
+from uavcover.kernels.grid import GridFrame, growth_on_grid, places_on_grid, steepest_of_finite
+from uavcover.scenario.frames import LocalFrame
+
+FloatArray = NDArray[np.float64]
+Bounds = tuple[float, float, float, float]
+
+ToPixels = Callable[[FloatArray, FloatArray], FloatArray]
+"""(n, 2) column and row, whole at pixels' centres, of latitudes (n,) and longitudes (n,)."""
+
+FromPixels = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""Latitudes (n,) and longitudes (n,) of (n, 2) columns and rows."""
+
+STRAIGHT_WITHIN_M = 5e-4
+"""So much a height above ground may be off because a piece of a line is taken as straight on the grid."""
+
+_LATTICE = 13
+_WIDER = 1.5
+"""Columns and rows are fitted this much farther than the ground is asked for: a turned raster has its corners there."""
+_LONGEST_PIECE_M = 1_000.0
+_CURVE_LENGTH_M = 1_000.0
+_SAFE = 1.001
+"""On figures that are largest values over a lattice of places."""
+_EARTH_RADIUS_M = 6_371_000.0
+_UP_DEGREE = 5
+"""Of the polynomials that bring heights above sea level to up coordinates, along columns and along rows."""
+
+
+def fit_frame(to_pixels: ToPixels, frame: LocalFrame, bounds_m: Bounds, *, level_up_m: float) -> GridFrame:
+    """Fit columns and rows of a raster to the local frame.
+
+    What depends on the heights of the nodes (pieces, leeway) is left open: :func:`finish_frame` adds it.
+
+    Args:
+        to_pixels: exact columns and rows.
+        frame: the local frame.
+        bounds_m: west, south, east, north of what will be asked for.
+        level_up_m: up coordinate at which the fit is made; plumb lines lead there.
+
+    Raises:
+        TerrainError: the raster's coordinate system does not reach there.
+    """
+    west, south, east, north = bounds_m
+    middle = np.array([0.5 * (west + east), 0.5 * (south + north)])
+    scale = 0.5 * max(east - west, north - south, 1.0) * _WIDER
+    across = chebpts1(_LATTICE)
+    unit = np.column_stack([axis.ravel() for axis in np.meshgrid(across, across)])
+    lat, lon, _ = frame.geodetic_from_enu(np.column_stack([middle + scale * unit, np.full(len(unit), level_up_m)]))
+    pixels = to_pixels(lat, lon)
+    if not np.isfinite(pixels).all():
+        raise TerrainError("its coordinate system does not reach all of the scenario's area")
+    terms = np.ascontiguousarray(np.linalg.lstsq(_cubic(unit), pixels, rcond=None)[0].T)
+    terms.flags.writeable = False
+    lean_per_m = 1.0 / (_EARTH_RADIUS_M + frame.alt_amsl_m)
+    lean = lean_per_m * float(np.hypot(*(np.abs(middle) + scale)))
+    return GridFrame(
+        float(middle[0]), float(middle[1]), scale, terms, level_up_m, lean_per_m, lean, 0.0, 0.0, 0.0, math.inf, 0.0
+    )
+
+
+def _cubic(xy: FloatArray) -> FloatArray:
+    """(n, 10) terms of :data:`uavcover.kernels.grid.TERMS` at (n, 2) places."""
+    x, y = xy.T
+    return np.column_stack([np.ones(len(xy)), x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3])
+
+
+def finish_frame(grid: GridFrame, up_m: FloatArray) -> GridFrame:
+    """Add what bounds slopes and pieces over these (rows, columns) nodes."""
+    lowest, highest = float(np.nanmin(up_m)), float(np.nanmax(up_m))
+    axis = grid.scale_m * np.linspace(-1.0, 1.0, 9)
+    lattice = np.array([
+        (grid.east0_m + e, grid.north0_m + n, up) for e in axis for n in axis for up in (lowest, highest)
+    ])  # fmt: skip
+    growths = np.array([growth_on_grid(grid, *place) for place in lattice])
+    columns, rows = growths[:, 0, :2], growths[:, 1, :2]
+    per_column, per_row = (np.hypot(*part.T) for part in (columns, rows))
+    skew = float(np.max(np.abs((columns * rows).sum(axis=1)) / (per_column * per_row))) * _SAFE
+    grid = grid._replace(
+        per_column=float(per_column.max()) * _SAFE, per_row=float(per_row.max()) * _SAFE, skew=min(1.0, skew + 1e-6)
+    )
+    bend = _bend_per_m(grid, lattice, growths) * _SAFE
+    steepest = steepest_of_finite(up_m, grid)
+    piece_m = _LONGEST_PIECE_M
+    if bend * steepest > 0.0:
+        piece_m = min(piece_m, math.sqrt(8.0 * STRAIGHT_WITHIN_M / (bend * steepest)))
+    # A line as long as the fitted square is wide deviates by its curvature, and the ground by its lean.
+    aside_m = bend * (2.0 * math.sqrt(2.0) * grid.scale_m) ** 2 / 8.0 + grid.lean * (highest - lowest)
+    return grid._replace(piece_m=piece_m, leeway=aside_m * max(grid.per_column, grid.per_row))
+
+
+def _bend_per_m(grid: GridFrame, lattice_m: FloatArray, growths: FloatArray) -> float:
+    """How sharply straight lines are bent on the grid at most, in metres on the map: 1 / radius of the bend."""
+    angles = np.arange(12) * math.pi / 12.0
+    level = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(12)])
+    steep = np.vstack([level * (1.0, 1.0, 0.0) * math.sqrt(0.5) + (0.0, 0.0, s * math.sqrt(0.5)) for s in (-1.0, 1.0)])
+    worst = 0.0
+    for direction in np.vstack([level, steep]):
+        half = 0.5 * _CURVE_LENGTH_M * direction
+        before, here, after = (places_on_grid(grid, lattice_m + shift) for shift in (-half, np.zeros(3), half))
+        aside = np.linalg.solve(growths[:, :, :2], (here - 0.5 * (before + after))[:, :, None])[:, :, 0]
+        worst = max(worst, float(np.hypot(*aside.T).max()))
+    return 8.0 * worst / _CURVE_LENGTH_M**2
+
+
+def node_ups_m(from_pixels: FromPixels, frame: LocalFrame, heights_amsl_m: FloatArray) -> FloatArray:
+    """Up coordinates (rows, columns) of nodes with these heights above sea level.
+
+    On a place's plumb line up is linear in the height. What is left is smooth over columns and rows: polynomials through a
+    few places of it, where pyproj at each of 30 million nodes would take a minute.
+    """
+    rows, columns = heights_amsl_m.shape
+    points = chebpts1(2 * _UP_DEGREE)
+    grid_c, grid_r = np.meshgrid(0.5 * (points + 1.0) * (columns - 1), 0.5 * (points + 1.0) * (rows - 1))
+    lat, lon = from_pixels(np.column_stack([grid_c.ravel(), grid_r.ravel()]))
+    sea = frame.enu_from_geodetic(lat, lon, 0.0)[:, 2]
+    per_metre = (frame.enu_from_geodetic(lat, lon, 1_000.0)[:, 2] - sea) / 1_000.0
+    inverse = np.linalg.pinv(chebvander(points, _UP_DEGREE))
+    along, across = (chebvander(np.linspace(-1.0, 1.0, size), _UP_DEGREE) for size in (rows, columns))
+    ups = along @ (inverse @ per_metre.reshape(grid_c.shape) @ inverse.T) @ across.T
+    ups *= heights_amsl_m
+    ups += along @ (inverse @ sea.reshape(grid_c.shape) @ inverse.T) @ across.T
+    return np.asarray(ups)
+
+
+def nodes_inside_m(grid: GridFrame, up_m: FloatArray, bounds_m: Bounds) -> FloatArray:
+    """(k, 3) ENU places of the nodes between west, south, east, north; NaN ups where there is no data."""
+    west, south, east, north = bounds_m
+    corners = np.array([(e, n, grid.level_up_m) for e in (west, east) for n in (south, north)])
+    box = places_on_grid(grid, corners)
+    first = np.maximum(np.floor(box.min(axis=0) - grid.leeway).astype(int), 0)
+    last = np.minimum(np.ceil(box.max(axis=0) + grid.leeway).astype(int) + 1, up_m.shape[::-1])
+    columns, rows = np.arange(first[0], last[0]), np.arange(first[1], last[1])
+    wanted = np.array([axis.ravel() for axis in np.meshgrid(columns, rows)], dtype=float).T.reshape(-1, 2)
+    ups = up_m[rows[:, None], columns].reshape(-1)
+    places = np.column_stack([np.tile(corners[:, :2].mean(axis=0), (len(wanted), 1)), ups])
+    places[:, 2] = np.where(np.isfinite(ups), ups, grid.level_up_m)
+    # Newton's method: columns and rows are nearly linear in east and north.
+    inverse = np.linalg.inv(growth_on_grid(grid, *corners.mean(axis=0))[:, :2])
+    for _ in range(12):
+        places[:, :2] += (wanted - places_on_grid(grid, places)) @ inverse.T
+    places[:, 2] = ups
+    e, n = places[:, 0], places[:, 1]
+    return places[(e >= west) & (e <= east) & (n >= south) & (n <= north)]

@@ -1,0 +1,334 @@
+"""Scenario files: TOML to :class:`~uavcover.model.scenario.Scenario` and back. The only module that knows pydantic."""
+
+import dataclasses
+import difflib
+import json
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+import shapely
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
+
+from uavcover.errors import ScenarioError
+from uavcover.model.area import Area, Ring
+from uavcover.model.limits import FlightLimits
+from uavcover.model.obstacles import Obstacles
+from uavcover.model.scenario import RasterTerrain, Scenario
+from uavcover.scenario.obstacle_file import polygons_of, read_geojson, read_obstacles
+
+_BUNDLED = "bundled:"
+_MOST_MISTAKES = 5
+"""An error line names no more obstacles than this."""
+_SCENARIO = TypeAdapter(Scenario)
+_AREA = TypeAdapter(Area)
+
+
+def bundled_scenarios() -> tuple[str, ...]:
+    """Names of the scenarios that come with the package."""
+    folder = resources.files("uavcover") / "scenarios"
+    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+
+
+def load_scenario(name_or_path: str | Path) -> Scenario:
+    """Read a scenario: a TOML file, or the name of a bundled one.
+
+    What comes back stands alone: a GeoJSON area is read in, and the terrain file's path is absolute.
+
+    Raises:
+        ScenarioError: one line with the path of every key that is wrong.
+    """
+    path = Path(name_or_path)
+    bundled = bundled_scenarios()
+    if str(name_or_path) in bundled and not path.is_file():
+        path = Path(str(resources.files("uavcover") / "scenarios" / f"{name_or_path}.toml"))
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(
+            f"{name_or_path}: neither a readable scenario file ({error.__class__.__name__}) nor a bundled scenario "
+            f"({', '.join(bundled)})"
+        ) from error
+    return parse_scenario(text, source=str(name_or_path), folder=path.resolve().parent)
+
+
+def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
+    """A scenario from TOML text.
+
+    Args:
+        text: the TOML.
+        source: names the text in errors.
+        folder: where relative paths in it start from.
+
+    Raises:
+        ScenarioError: one line with the path of every key that is wrong.
+    """
+    try:
+        raw = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ScenarioError(f"{source}: not valid TOML: {error}") from error
+    # By way of JSON: there the validator takes a list for a tuple and a table for a dataclass, and is strict otherwise.
+    document = json.dumps(raw, default=str)
+    mistakes: list[str] = []
+    try:
+        scenario = _SCENARIO.validate_json(document, strict=True)
+    except ValidationError as error:
+        mistakes += _mistakes(error.errors(include_url=False), raw)
+        if not any(mistake.startswith("area") for mistake in mistakes):
+            # The rest is wrong already; say in the same breath what is wrong with the shape of the area.
+            mistakes += _shape_mistakes(_AREA.validate_json(json.dumps(raw["area"], default=str), strict=True), folder)
+        raise ScenarioError(f"{source}: {'; '.join(mistakes)}") from error
+    mistakes += _shape_mistakes(scenario.area, folder) + _fence_mistakes(scenario.limits)
+    mistakes += _obstacle_mistakes(scenario, folder)
+    if mistakes:
+        raise ScenarioError(f"{source}: {'; '.join(mistakes)}")
+    return dataclasses.replace(
+        scenario,
+        area=_inline_geojson(scenario.area, folder),
+        terrain=_absolute_file(scenario.terrain, folder),
+        obstacles=_inline_obstacles(scenario.obstacles, folder),
+    )
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """TOML of a scenario with every default written out; reading it gives the same scenario."""
+    lines: list[str] = []
+    _dump_table(dataclasses.asdict(scenario), (), lines)
+    return "\n".join(lines).strip() + "\n"
+
+
+def terrain_path(terrain: RasterTerrain) -> Path:
+    """The elevation file of a loaded scenario."""
+    if terrain.file.startswith(_BUNDLED):
+        return _data_file(terrain.file, Path())
+    return Path(terrain.file)
+
+
+def _data_file(name: str, folder: Path) -> Path:
+    """A file that a scenario names: of the package, or relative to a folder."""
+    if name.startswith(_BUNDLED):
+        return Path(str(resources.files("uavcover") / "data" / name.removeprefix(_BUNDLED)))
+    return folder / name
+
+
+def _mistakes(errors: list[ErrorDetails], raw: dict[str, Any]) -> list[str]:
+    """One line for each thing that is wrong, each once, with the path of its key as the user wrote it."""
+    found: list[str] = []
+    for details in errors:
+        keys = list(details["loc"])
+        classes = _section_classes(keys[0]) if keys else []
+        if len(classes) > 1 and len(keys) > 1:
+            # A section of several kinds is tried as each of them; only what its own kind says is of interest.
+            section = raw[str(keys[0])]
+            by_kind = {get_args(get_type_hints(cls)["kind"])[0]: cls.__name__ for cls in classes}
+            kind = section.get("kind") if isinstance(section, dict) else None
+            if not isinstance(kind, str) or kind not in by_kind:
+                names = " or ".join(repr(name) for name in by_kind)
+                if not isinstance(section, dict):
+                    message = f"{keys[0]}: must be a table with a kind ({names}), not {_shown(section)}"
+                elif "kind" in section:
+                    message = f"{keys[0]}.kind: must be {names}, not {_shown(kind)}"
+                else:
+                    message = f"{keys[0]}.kind: is missing; give {names}"
+            elif keys[1] == by_kind[kind]:
+                message = _mistake(details, [keys[0], *keys[2:]], [cls for cls in classes if cls.__name__ == keys[1]])
+            else:
+                continue
+        else:
+            message = _mistake(details, keys, classes or [Scenario])
+        if message not in found:
+            found.append(message)
+    return found
+
+
+def _mistake(details: ErrorDetails, keys: list[str | int], classes: list[type]) -> str:
+    path = ".".join(str(key) for key in keys)
+    given = _shown(details["input"])
+    match details["type"]:
+        case "unexpected_keyword_argument":
+            return f"{path}: unknown key{_suggestion(str(keys[-1]), classes[0] if len(keys) > 1 else Scenario)}"
+        case "missing" | "missing_argument" if isinstance(keys[-1], int):
+            return f"{path}: is missing; a corner is a pair of numbers"
+        case "missing" | "missing_argument":
+            return f"{path}: is missing"
+        case "float_type" | "finite_number":
+            return f"{path}: must be a finite number, not {given} (the unit is the one in the name of the key)"
+        case "int_type" | "int_from_float":
+            return f"{path}: must be a whole number, not {given}"
+        case "string_type":
+            return f"{path}: must be text in quotes, not {given}"
+        case "literal_error":
+            return f"{path}: must be {details['ctx']['expected']}, not {given}"
+        case "tuple_type":
+            return f"{path}: must be a list, not {given}"
+        case "too_long":
+            return f"{path}: a corner is a pair of numbers, not {given}"
+        case "dataclass_type":
+            return f"{path}: must be a table, not {given}"
+        case "value_error":
+            # Rules start with the key they speak of, seen from their own section.
+            message = details["msg"].removeprefix("Value error, ")
+            key = message.split(":")[0]
+            own = any(key == field.name for cls in classes for field in dataclasses.fields(cls))
+            return f"{path}.{message}" if path and own else f"{path}: {message}" if path else message
+    return f"{path}: {details['msg']}"
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _section_classes(section: str | int) -> list[type]:
+    """The dataclasses that a section of the file can be."""
+    hint = get_type_hints(Scenario).get(str(section))
+    return [part for part in (hint, *get_args(hint)) if isinstance(part, type) and dataclasses.is_dataclass(part)]
+
+
+def _suggestion(key: str, cls: type) -> str:
+    here = [field.name for field in dataclasses.fields(cls)]
+    if cls is not Scenario and key in {field.name for field in dataclasses.fields(Scenario)}:
+        return " (it belongs above the first [section])"
+    for section in dataclasses.fields(Scenario):
+        if any(key == field.name for other in _section_classes(section.name) for field in dataclasses.fields(other)):
+            another = cls in _section_classes(section.name)
+            return f" (of another kind of {section.name})" if another else f" (it belongs in [{section.name}])"
+    close = difflib.get_close_matches(key, here, n=1)
+    return f" (did you mean {close[0]}?)" if close else f" (known: {', '.join(here)})"
+
+
+def _inline_geojson(area: Area, folder: Path) -> Area:
+    """The area with the rings of its GeoJSON file in place of the file.
+
+    Raises:
+        ScenarioError: the file cannot be used.
+    """
+    if area.geojson is None:
+        return area
+    path = folder / area.geojson
+    document = read_geojson(path, key="area.geojson")
+    try:
+        polygons = [rings for rings, _ in polygons_of(document)]
+        if len(polygons) != 1:
+            raise ScenarioError(f"area.geojson: {path} has {len(polygons)} polygons; exactly one is needed")
+        rings = tuple(tuple((float(p[0]), float(p[1])) for p in ring) for ring in polygons[0])
+        return dataclasses.replace(area, geojson=None, polygon_lon_lat_deg=rings[0], holes_lon_lat_deg=rings[1:])
+    except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
+        raise ScenarioError(f"area.geojson: {path}: not a GeoJSON polygon ({error})") from error
+
+
+def _inline_obstacles(obstacles: Obstacles, folder: Path) -> Obstacles:
+    """The obstacles with those of their file among them in place of the file.
+
+    Raises:
+        ScenarioError: the file cannot be used.
+    """
+    if obstacles.file is None:
+        return obstacles
+    read = read_obstacles(_data_file(obstacles.file, folder))
+    return dataclasses.replace(obstacles, file=None, prisms=(*obstacles.prisms, *read))
+
+
+def _obstacle_mistakes(scenario: Scenario, folder: Path) -> list[str]:
+    """What is wrong with the footprints of the obstacles."""
+    found: list[str] = []
+    try:
+        prisms = _inline_obstacles(scenario.obstacles, folder).prisms
+    except ScenarioError as error:
+        return [str(error)]
+    for number, prism in enumerate(prisms):
+        where = f"obstacles.prisms.{number} ({prism.name or 'no name'})"
+        if prism.rings_lon_lat_deg and not scenario.area.is_geographic and scenario.origin is None:
+            found.append(f"{where}: longitudes and latitudes need an [origin]; give rings_east_north_m")
+        outer, *courts = [
+            _valid_ring(ring, where, found) for ring in prism.rings_lon_lat_deg or prism.rings_east_north_m
+        ]
+        if outer is not None and any(court is not None and not outer.covers(court) for court in courts):
+            found.append(f"{where}: a courtyard reaches outside the footprint")
+    return found[:_MOST_MISTAKES]
+
+
+def _absolute_file(terrain: Any, folder: Path) -> Any:
+    if not isinstance(terrain, RasterTerrain) or terrain.file.startswith(_BUNDLED):
+        return terrain
+    return dataclasses.replace(terrain, file=str((folder / terrain.file).resolve()))
+
+
+def _shape_mistakes(area: Area, folder: Path) -> list[str]:
+    """What is wrong with the rings of an area."""
+    geojson = area.geojson is not None
+    try:
+        area = _inline_geojson(area, folder)
+    except ScenarioError as error:
+        return [str(error)]
+    kind = "lon_lat_deg" if area.polygon_lon_lat_deg is not None else "east_north_m"
+    outer_key = "area.geojson" if geojson else f"area.polygon_{kind}"
+    found: list[str] = []
+    outer = _valid_ring(area.polygon_lon_lat_deg or area.polygon_east_north_m or (), outer_key, found)
+    left = outer
+    for number, ring in enumerate(area.holes_lon_lat_deg or area.holes_east_north_m):
+        key = f"area.geojson: hole {number}" if geojson else f"area.holes_{kind}.{number}"
+        hole = _valid_ring(ring, key, found)
+        if hole is None or outer is None:
+            continue
+        if not outer.covers(hole):
+            found.append(f"{key}: the hole reaches outside the polygon")
+        left = left.difference(hole)
+    if not found and not left.area > 0.0:
+        found.append(f"{outer_key}: nothing is left of the area inside its holes")
+    return found
+
+
+def _fence_mistakes(limits: FlightLimits) -> list[str]:
+    found: list[str] = []
+    for key in ("fence_lon_lat_deg", "fence_east_north_m"):
+        ring = getattr(limits, key)
+        if ring is not None:
+            _valid_ring(ring, f"limits.{key}", found)
+    return found
+
+
+def _valid_ring(ring: Ring, where: str, found: list[str]) -> Any:
+    """The polygon of a ring; none when it is not one, and ``found`` then has a line more."""
+    if len({*ring}) < 3:
+        found.append(f"{where}: a ring needs at least 3 different corners, this one has {len({*ring})}")
+        return None
+    polygon = shapely.Polygon(ring)
+    if not polygon.is_valid:
+        found.append(f"{where}: {shapely.is_valid_reason(polygon)}; a ring must not cross or touch itself")
+        return None
+    return polygon
+
+
+def _dump_table(table: dict[str, Any], path: tuple[str, ...], lines: list[str], *, opening: str = "[{}]") -> None:
+    if path:
+        lines.append("\n" + opening.format(".".join(path)))
+    rows = {key: value for key, value in table.items() if _is_rows(value)}
+    lines.extend(
+        f"{key} = {_toml(value)}"
+        for key, value in table.items()
+        if value is not None and key not in rows and not isinstance(value, dict)
+    )
+    for key, value in table.items():
+        if isinstance(value, dict):
+            _dump_table(value, (*path, key), lines)
+    for key, value in rows.items():
+        for row in value:
+            _dump_table(row, (*path, key), lines, opening="[[{}]]")
+
+
+def _is_rows(value: Any) -> bool:
+    return isinstance(value, tuple) and bool(value) and all(isinstance(row, dict) for row in value)
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, str):
+        # A JSON string is a TOML string, but for one character that TOML wants escaped.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return "[" + ", ".join(_toml(item) for item in value) + "]"

@@ -1,0 +1,268 @@
+"""A scenario on its ground: everything in the local frame, ready for planning, flying and judging."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.errors import ScenarioError, TerrainError
+from uavcover.model.area import Ring
+from uavcover.model.scenario import RasterTerrain, Scenario, SineCosineTerrain, Uncertainty
+from uavcover.scenario.elevation_file import MAX_ERROR_M, read_ground, read_height_amsl_m
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.ground import Ground, sine_cosine_ground
+from uavcover.scenario.obstacle_prisms import Footprint, Prism, stand_on
+
+FloatArray = NDArray[np.float64]
+
+MAX_REACH_M = 100_000.0
+"""Farther from the origin than this, a place in a scenario is a mistake."""
+
+TERRAIN_MARGIN_M = 100.0
+"""The terrain is read this far beyond everything that is flown over or looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A scenario in its local frame.
+
+    Attributes:
+        scenario: as it was understood.
+        frame: the local frame; none for a scenario that has no place on Earth.
+        ground: the height surface.
+        area: what is to be seen, holes cut out, (east, north) metres.
+        fence: what must not be left, (east, north) metres.
+        home_m: (3,) take-off place on the ground, ENU metres; none without a home.
+        prisms: the obstacles that stand on the ground, in the numbers of its kernels.
+    """
+
+    scenario: Scenario
+    frame: LocalFrame | None
+    ground: Ground
+    area: shapely.Polygon | shapely.MultiPolygon
+    fence: shapely.Polygon
+    home_m: FloatArray | None
+    prisms: tuple[Prism, ...] = ()
+
+    @property
+    def alt_amsl_offset_m(self) -> float:
+        """Added to an up coordinate at the origin it gives height above sea level; 0 without a place on Earth."""
+        return 0.0 if self.frame is None else self.frame.alt_amsl_m
+
+    @property
+    def ground_error_m(self) -> float:
+        """What every height above ground may be wrong by: of a resampled ground; 0 where it is the file's to ``MAX_ERROR_M``."""
+        return self.ground.error_m if self.ground.error_m > MAX_ERROR_M else 0.0
+
+    @property
+    def vertical_uncertainty_m(self) -> float:
+        """Largest error of a height above ground in a verdict: as stated, and the ground's own.
+
+        With nothing stated what was measured is taken as exact, and so is a ground that is the file's to ``MAX_ERROR_M``.
+        """
+        stated = self.scenario.uncertainty
+        if stated == Uncertainty():
+            return self.ground_error_m
+        return stated.vertical_m + self.ground.error_m
+
+    def alts_amsl_m(self, enu_m: FloatArray) -> FloatArray:
+        """Heights above sea level (n,) of (n, 3) ENU positions; without a place on Earth, up itself."""
+        points = np.atleast_2d(enu_m)
+        return points[:, 2] if self.frame is None else self.frame.geodetic_from_enu(points)[2]
+
+    def ground_alt_amsl_m(self, lat_deg: float, lon_deg: float) -> float | None:
+        """Height of the ground above sea level; None where it is not known, and for a site without a place on Earth."""
+        if self.frame is None:
+            return None
+        place = self.frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)
+        place[:, 2] = self.ground.heights_m(place[:, :2])
+        alt_amsl_m = float(self.alts_amsl_m(place)[0])
+        return alt_amsl_m if math.isfinite(alt_amsl_m) else None
+
+
+def build_site(scenario: Scenario, *, terrain_file: Path | None = None) -> Site:
+    """Bring a scenario into its local frame and read its terrain.
+
+    Args:
+        scenario: as loaded.
+        terrain_file: path of the elevation file, for raster terrain.
+
+    Raises:
+        TerrainError: the elevation data cannot be used, or does not reach.
+        ScenarioError: places do not fit together.
+    """
+    frame = _frame(scenario, terrain_file)
+    area = _area(scenario, frame)
+    home_en = _home_en(scenario, frame)
+    fence = _fence(scenario, frame, area, home_en)
+    if frame is not None:
+        _check_near(scenario, area, fence, home_en)
+    if home_en is not None and not fence.covers(shapely.Point(home_en)):
+        raise ScenarioError("home: the take-off place is outside limits.fence; move one of the two")
+    footprints = _footprints(scenario, frame, shapely.union_all([area, fence]))
+    bounds = shapely.union_all([area, fence, *(footprint.polygon for footprint in footprints)]).bounds
+    ground = _ground(scenario, frame, bounds, terrain_file)
+    prisms: tuple[Prism, ...] = ()
+    if footprints:
+        clearance_m = max(scenario.obstacles.clearance_beside_m, scenario.uncertainty.position_m)
+        ground, prisms = stand_on(ground, footprints, largest_clearance_m=clearance_m)
+    if home_en is not None:
+        _check_home_is_clear(scenario, home_en, footprints)
+    home = None
+    if home_en is not None:
+        home_up = float(ground.heights_m(home_en)[0])
+        if not np.isfinite(home_up):
+            raise TerrainError(f"home: no elevation at the take-off place ({ground.source})")
+        home = np.array([home_en[0], home_en[1], home_up])
+        home.flags.writeable = False
+    return Site(scenario=scenario, frame=frame, ground=ground, area=area, fence=fence, home_m=home, prisms=prisms)
+
+
+def _frame(scenario: Scenario, terrain_file: Path | None) -> LocalFrame | None:
+    if scenario.origin is not None:
+        return LocalFrame(scenario.origin.lat_deg, scenario.origin.lon_deg, scenario.origin.alt_amsl_m)
+    home = scenario.home
+    if not scenario.area.is_geographic or home is None or home.lat_deg is None or home.lon_deg is None:
+        return None
+    if not isinstance(scenario.terrain, RasterTerrain) or terrain_file is None:
+        raise ScenarioError("terrain: a geographic area needs raster terrain")
+    alt = _read_home_height(terrain_file, scenario.terrain.vertical_datum, home.lat_deg, home.lon_deg)
+    return LocalFrame(home.lat_deg, home.lon_deg, alt)
+
+
+def _read_home_height(terrain_file: Path, vertical_datum: str, lat_deg: float, lon_deg: float) -> float:
+    try:
+        return read_height_amsl_m(terrain_file, vertical_datum, lat_deg=lat_deg, lon_deg=lon_deg)
+    except TerrainError as error:
+        if "no elevation at" in str(error):
+            raise TerrainError(f"home: {error}; are latitude and longitude swapped?") from error
+        raise
+
+
+def _area(scenario: Scenario, frame: LocalFrame | None) -> shapely.Polygon | shapely.MultiPolygon:
+    area = scenario.area
+    outer = _polygon(area.polygon_lon_lat_deg, area.polygon_east_north_m, frame)
+    holes = [_polygon(ring, None, frame) for ring in area.holes_lon_lat_deg]
+    holes += [_polygon(None, ring, frame) for ring in area.holes_east_north_m]
+    left = outer.difference(shapely.union_all(holes))
+    if left.is_empty or not isinstance(left, shapely.Polygon | shapely.MultiPolygon):
+        raise ScenarioError("area: nothing is left of the polygon inside its holes")
+    return left
+
+
+def _check_near(
+    scenario: Scenario,
+    area: shapely.Polygon | shapely.MultiPolygon,
+    fence: shapely.Polygon,
+    home_en: FloatArray | None,
+) -> None:
+    """Refuse places that cannot be meant: degrees in the wrong order, or map coordinates taken for local ones."""
+    area_key = "polygon_lon_lat_deg" if scenario.area.is_geographic else "polygon_east_north_m"
+    fence_key = "fence_margin_m"
+    if scenario.limits.fence_lon_lat_deg is not None:
+        fence_key = "fence_lon_lat_deg"
+    elif scenario.limits.fence_east_north_m is not None:
+        fence_key = "fence_east_north_m"
+    home = [] if home_en is None else [("home", shapely.Point(home_en))]
+    for key, place in [*home, (f"area.{area_key}", area), (f"limits.{fence_key}", fence)]:
+        reach_m = float(np.abs(shapely.bounds(place)).max())
+        if not reach_m <= MAX_REACH_M:
+            raise ScenarioError(
+                f"{key}: lies {reach_m / 1000.0:.0f} km from the origin of the local frame, more than "
+                f"{MAX_REACH_M / 1000.0:.0f} km (longitude and latitude swapped, or map coordinates taken for local ones?)"
+            )
+
+
+def _polygon(lon_lat_deg: Ring | None, east_north_m: Ring | None, frame: LocalFrame | None) -> shapely.Polygon:
+    if east_north_m is not None:
+        return shapely.Polygon(east_north_m)
+    if lon_lat_deg is None or frame is None:
+        raise ScenarioError("area: a polygon in degrees needs a home or an origin")
+    ring = np.asarray(lon_lat_deg, float)
+    return shapely.Polygon(frame.enu_from_geodetic(ring[:, 1], ring[:, 0], frame.alt_amsl_m)[:, :2])
+
+
+def _home_en(scenario: Scenario, frame: LocalFrame | None) -> FloatArray | None:
+    home = scenario.home
+    if home is None:
+        return None
+    if home.east_m is not None and home.north_m is not None:
+        return np.array([home.east_m, home.north_m])
+    if frame is None or home.lat_deg is None or home.lon_deg is None:
+        raise ScenarioError("home: lat_deg and lon_deg need an origin")
+    return np.asarray(frame.enu_from_geodetic(home.lat_deg, home.lon_deg, frame.alt_amsl_m)[0, :2])
+
+
+def _footprints(scenario: Scenario, frame: LocalFrame | None, places: shapely.Geometry) -> list[Footprint]:
+    """The obstacles that stand in area or fence, or near enough to matter there."""
+    found = []
+    for number, prism in enumerate(scenario.obstacles.prisms):
+        rings = [_polygon(ring, None, frame).exterior for ring in prism.rings_lon_lat_deg]
+        rings += [shapely.LinearRing(ring) for ring in prism.rings_east_north_m]
+        polygon = shapely.Polygon(rings[0], rings[1:])
+        if polygon.distance(places) <= TERRAIN_MARGIN_M:
+            found.append(Footprint(prism.name or str(number), polygon, prism.height_m))
+    return found
+
+
+def _check_home_is_clear(scenario: Scenario, home_en: FloatArray, footprints: list[Footprint]) -> None:
+    clearance_m = scenario.obstacles.clearance_beside_m
+    for footprint in footprints:
+        distance_m = footprint.polygon.distance(shapely.Point(home_en))
+        if distance_m < clearance_m:
+            raise ScenarioError(
+                f"home: {distance_m:.1f} m from obstacle {footprint.name!r}, obstacles.clearance_beside_m is {clearance_m:g} m; "
+                "move the take-off place"
+            )
+
+
+def _fence(
+    scenario: Scenario, frame: LocalFrame | None, area: shapely.Geometry, home_en: FloatArray | None
+) -> shapely.Polygon:
+    limits = scenario.limits
+    if limits.fence_lon_lat_deg is not None or limits.fence_east_north_m is not None:
+        if limits.fence_lon_lat_deg is not None and frame is None:
+            raise ScenarioError("limits.fence_lon_lat_deg: needs a place on Earth; give fence_east_north_m")
+        fence = _polygon(limits.fence_lon_lat_deg, limits.fence_east_north_m, frame)
+        if not fence.is_valid:
+            key = "fence_lon_lat_deg" if limits.fence_lon_lat_deg is not None else "fence_east_north_m"
+            raise ScenarioError(
+                f"limits.{key}: {shapely.is_valid_reason(fence)}; a ring must not cross or touch itself"
+            )
+        return fence
+    places = [area] if home_en is None else [area, shapely.Point(home_en)]
+    grown = shapely.union_all(places).convex_hull.buffer(limits.fence_margin_m, join_style="mitre")
+    # Few vertices: a fence is uploaded item by item. Simplifying outwards would need more; the hull has few already.
+    return grown if isinstance(grown, shapely.Polygon) else shapely.Polygon(grown.exterior)
+
+
+def _ground(
+    scenario: Scenario,
+    frame: LocalFrame | None,
+    bounds_m: tuple[float, float, float, float],
+    terrain_file: Path | None,
+) -> Ground:
+    terrain = scenario.terrain
+    if isinstance(terrain, SineCosineTerrain):
+        return sine_cosine_ground(terrain.scale_m)
+    if frame is None or terrain_file is None:
+        raise ScenarioError("terrain: raster terrain needs a place on Earth")
+    west, south, east, north = bounds_m
+    ground = read_ground(
+        terrain_file, terrain.vertical_datum, frame=frame,
+        bounds_m=(
+            west - TERRAIN_MARGIN_M, south - TERRAIN_MARGIN_M, east + TERRAIN_MARGIN_M, north + TERRAIN_MARGIN_M
+        ),
+        grid_step_m=terrain.grid_step_m,
+    )  # fmt: skip
+    margin_m = scenario.limits.height_margin_m
+    if ground.error_m > max(MAX_ERROR_M, margin_m):
+        raise ScenarioError(
+            f"terrain.grid_step_m: a grid of {terrain.grid_step_m:g} m differs from the file's ground by up to "
+            f"{ground.error_m:.1f} m, and limits.height_margin_m is {margin_m:g} m: leave grid_step_m out, which takes the "
+            f"file's own pixels, or set height_margin_m to at least {ground.error_m + 0.05:.1f}"
+        )
+    return ground

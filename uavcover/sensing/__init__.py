@@ -1,0 +1,1 @@
+"""Who sees what: cells of the area, sensors, coverage maps."""

@@ -1,0 +1,126 @@
+"""The area cut into cells."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.errors import ScenarioError, TerrainError
+from uavcover.kernels.coverage import Cells
+from uavcover.kernels.obstacles import horizons
+from uavcover.scenario.site import Site
+from uavcover.sensing.sensors import farthest_m
+
+MAX_CELLS = 4_000_000
+
+_ROW_STEP = 0.5 * (math.sqrt(5.0) - 1.0)
+_COLUMN_STEP = math.sqrt(2.0) - 1.0
+"""Two different ones: with the same, many places would lie in line at 45 degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class CellGrid:
+    """The cells of an area, for kernels and for people.
+
+    Attributes:
+        cells: lattice, centres and normals.
+        weight_m2: (n,) area of the ground in each cell: side^2 sqrt(1 + zx^2 + zy^2), slopes at the centre (LIMITS, Eq. 1); of
+            the roof, where an obstacle stands.
+    """
+
+    cells: Cells
+    weight_m2: NDArray[np.float64]
+
+    @property
+    def count(self) -> int:
+        """How many cells there are."""
+        return int(self.weight_m2.size)
+
+    def share(self, seen: NDArray[np.bool_]) -> float:
+        """Share of the ground's area in the cells marked in ``seen`` (n,), 0..1 (Eq. 1)."""
+        return float(self.weight_m2[seen].sum() / self.weight_m2.sum())
+
+
+def make_cells(site: Site, cell_size_m: float) -> CellGrid:
+    """Cut the area of a site into square cells. A cell belongs to the area when its centre lies in it.
+
+    Raises:
+        ScenarioError: no cell, or too many.
+        TerrainError: the area reaches outside the elevation data, or into a part without data.
+    """
+    return _cut(site, cell_size_m, scatter=0.0)
+
+
+def make_scattered_cells(site: Site, cell_size_m: float) -> CellGrid:
+    """Likewise, every cell seen by a place in it that is another one from row to row and from column to column.
+
+    Between two columns of centres there is room for a strip that nobody sees, as wide as a cell; what is searched for on such
+    cells finds it. Here each row is moved along itself, and each column, by the golden ratio's share of a cell more than the
+    one before, so that a line in any direction passes centres at all distances.
+    """
+    return _cut(site, cell_size_m, scatter=1.0)
+
+
+def _cut(site: Site, cell_size_m: float, *, scatter: float) -> CellGrid:
+    """The cells; their centres are moved by up to half of ``scatter`` cells each way."""
+    west, south, east, north = site.area.bounds
+    columns = max(1, int(np.ceil((east - west) / cell_size_m - 1e-9)))
+    rows = max(1, int(np.ceil((north - south) / cell_size_m - 1e-9)))
+    if rows * columns > MAX_CELLS:
+        raise ScenarioError(
+            f"area.cell_size_m: {cell_size_m:g} m cuts {east - west:.0f} x {north - south:.0f} m into {rows * columns:,} "
+            f"cells, more than {MAX_CELLS:,}; use larger cells (metres, not degrees)"
+        )
+    e = west + (np.arange(columns) + 0.5) * cell_size_m
+    n = south + (np.arange(rows) + 0.5) * cell_size_m
+    grid_e, grid_n = np.meshgrid(e, n)
+    grid_e = grid_e + scatter * cell_size_m * _spread(rows, _ROW_STEP)[:, None]
+    grid_n = grid_n + scatter * cell_size_m * _spread(columns, _COLUMN_STEP)
+    inside = shapely.contains_xy(site.area, grid_e, grid_n)
+    if not inside.any():
+        raise ScenarioError(f"area.cell_size_m: no centre of a cell of {cell_size_m:g} m lies in the area")
+    index = np.full(inside.shape, -1, dtype=np.int32)
+    index[inside] = np.arange(int(inside.sum()), dtype=np.int32)
+    places = np.column_stack([grid_e[inside], grid_n[inside]])
+    up = site.ground.heights_m(places)
+    slopes = site.ground.gradients(places)
+    if not (np.isfinite(up).all() and np.isfinite(slopes).all()):
+        raise TerrainError(_missing(site, places, ~np.isfinite(up)))
+    # Under an obstacle nothing can be seen: there the cell is a part of its flat roof.
+    roof = site.ground.roofs_m(places)
+    up = np.maximum(up, roof)
+    slopes[np.isfinite(roof)] = 0.0
+    steepness = np.sqrt(1.0 + (slopes**2).sum(axis=1))
+    centre = np.column_stack([places, up])
+    normal = np.column_stack([-slopes, np.ones(len(places))]) / steepness[:, None]
+    weight = cell_size_m**2 * steepness
+    scatter_m = scatter * cell_size_m * math.sqrt(0.5)
+    horizon = horizons(
+        site.ground.surface.obstacles, index, centre, float(e[0]), float(n[0]), float(cell_size_m),
+        farthest_m(site.scenario.sensor) + scatter_m,
+    )  # fmt: skip
+    for array in (index, centre, normal, horizon, weight):
+        array.flags.writeable = False
+    cells = Cells(float(e[0]), float(n[0]), float(cell_size_m), index, centre, normal, horizon, scatter_m)
+    return CellGrid(cells, weight)
+
+
+def _spread(count: int, step: float) -> NDArray[np.float64]:
+    """(count,) numbers -0.5..0.5, each ``step`` of the whole behind the one before: with an irrational step evenly spread."""
+    shares: NDArray[np.float64] = (np.arange(count, dtype=np.float64) + 0.5) * step
+    return np.asarray(shares % 1.0 - 0.5, dtype=np.float64)
+
+
+def _missing(site: Site, places: NDArray[np.float64], missing: NDArray[np.bool_]) -> str:
+    first = places[missing][:1]
+    where = f"{first[0, 0]:.0f} m east, {first[0, 1]:.0f} m north of the origin"
+    if site.frame is not None:
+        lat, lon, _ = site.frame.geodetic_from_enu(np.column_stack([first, [[0.0]]]))
+        where = f"latitude {lat[0]:.5f}, longitude {lon[0]:.5f}"
+    share = 100.0 * missing.mean()
+    return (
+        f"area: no elevation in {share:.1f} % of its cells, first at {where} ({site.ground.source}); the area reaches "
+        "outside the data, or the data has a gap there"
+    )

@@ -1,0 +1,241 @@
+"""Coverage of routes and tracks, and what can be covered at all.
+
+Looks of a sensor on a level vehicle: from where, and which way the vehicle heads there.
+
+Places around a cell from which it might be seen, tried to find out what can be seen at all.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.kernels import coverage as kernels
+from uavcover.kernels.sight import Sight
+from uavcover.model.scenario import Scenario
+from uavcover.model.sensor import FrameCamera
+from uavcover.scenario.obstacle_prisms import waypoint_breaches
+from uavcover.scenario.site import Site
+from uavcover.sensing.cells import CellGrid, make_cells
+from uavcover.sensing.sensors import flat_picture, look_spacing_m, reach_at_height_m, sight_of, turns_with_legs
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelLooks:
+    """Looks in flying order.
+
+    Attributes:
+        places_m: (k, 3) ENU.
+        headings: (k, 2) east and north, of any length; (0, 0) where the vehicle heads nowhere.
+    """
+
+    places_m: FloatArray
+    headings: FloatArray
+
+    def __len__(self) -> int:
+        return int(self.places_m.shape[0])
+
+    @classmethod
+    def towards_north(cls, places_m: FloatArray) -> "LevelLooks":
+        """From (k, 3) ENU places, heading north: for sensors that see the same whatever the heading."""
+        places = np.ascontiguousarray(places_m, dtype=float).reshape(-1, 3)
+        return cls(places, np.tile([0.0, 1.0], (len(places), 1)))
+
+    @classmethod
+    def by_yaw(cls, places_m: FloatArray, yaw_deg: FloatArray) -> "LevelLooks":
+        """From (k, 3) ENU places, heading as (k,) yaws say, clockwise from north; where one is not known, nowhere."""
+        places = np.ascontiguousarray(places_m, dtype=float).reshape(-1, 3)
+        yaw = np.radians(yaw_deg)
+        return cls(places, np.nan_to_num(np.column_stack([np.sin(yaw), np.cos(yaw)])))
+
+
+_DIRECTIONS = 12
+_RADII = (0.35, 0.7, 0.95)
+_BAND_SHARES = (0.5, 0.0, 1.0)
+_AHEAD = (0.5, 0.05, 0.95)
+_ACROSS = (0.0, -0.9, 0.9)
+
+
+@dataclass(frozen=True, slots=True)
+class TrialPlace:
+    """A place seen from the cell, and how a level vehicle heads there.
+
+    Attributes:
+        east_m: from the cell.
+        north_m: from the cell.
+        band_share: share 0..1 of the allowed heights above that spot.
+        heading_e: east part of the heading.
+        heading_n: north part.
+    """
+
+    east_m: float
+    north_m: float
+    band_share: float
+    heading_e: float
+    heading_n: float
+
+
+def trial_places(scenario: Scenario) -> Iterator[TrialPlace]:
+    """The places that are tried for every cell, the likeliest first.
+
+    Right above and 36 around, each at three heights of the band. For a frame camera instead those from which flat ground at the
+    cell would lie in the middle, near the corners and near the middles of the sides of the picture, for twelve headings or the
+    one that the scenario says.
+    """
+    limits, sensor = scenario.limits, scenario.sensor
+    low, high = limits.min_height_agl_m, limits.max_height_agl_m
+    if isinstance(sensor, FrameCamera):
+        yield from _by_picture(sensor, low, high)
+        return
+    reach = max(reach_at_height_m(sensor, low + share * (high - low)) for share in _BAND_SHARES)
+    offsets = [(0.0, 0.0)] + [(reach * r * math.cos(a), reach * r * math.sin(a)) for r in _RADII for a in _angles_rad()]
+    for (east, north), share in itertools.product(offsets, _BAND_SHARES):
+        yield TrialPlace(east, north, share, 0.0, 1.0)
+
+
+def _by_picture(sensor: FrameCamera, low_m: float, high_m: float) -> Iterator[TrialPlace]:
+    stated = sensor.heading_deg
+    headings = _angles_rad() if stated is None else [math.radians(90.0 - stated)]
+    for ahead, across, share in itertools.product(_AHEAD, _ACROSS, _BAND_SHARES):
+        picture = flat_picture(sensor, low_m + share * (high_m - low_m))
+        if picture is None:
+            continue
+        forward = picture.near_m + ahead * (picture.far_m - picture.near_m)
+        for angle in headings:
+            he, hn = math.cos(angle), math.sin(angle)
+            # The cell is ``forward`` ahead of the place and ``across`` to the right of it.
+            right = across * picture.half_width_m
+            yield TrialPlace(-forward * he - right * hn, -forward * hn + right * he, share, he, hn)
+
+
+def _angles_rad() -> list[float]:
+    return [float(a) for a in np.arange(_DIRECTIONS) * (2.0 * math.pi / _DIRECTIONS)]
+
+
+BoolArray = NDArray[np.bool_]
+
+
+class CoverageMap:
+    """Answers which cells of a site are seen, for one cell size.
+
+    Attributes:
+        site: the scenario on its ground.
+        grid: its cells.
+        sight: its sensor.
+    """
+
+    def __init__(self, site: Site, *, cell_size_m: float, cut: Callable[[Site, float], CellGrid] = make_cells) -> None:
+        self.site = site
+        self.grid: CellGrid = cut(site, cell_size_m)
+        self.sight: Sight = sight_of(site.scenario.sensor)
+
+    def looks(self, route_m: FloatArray) -> LevelLooks:
+        """From where a sensor on an (n, 3) ENU route looks: its waypoints, or samples along its legs.
+
+        A camera that turns with the legs looks twice from a waypoint between two legs: along the one and along the other.
+        """
+        route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
+        if self.site.scenario.sensor.sensing == "at-waypoints":
+            return LevelLooks.towards_north(route)
+        spacing_m = look_spacing_m(self.site.scenario)
+        if not turns_with_legs(self.sight):
+            return LevelLooks.towards_north(kernels.sample_path(route, spacing_m))
+        legs = [kernels.sample_path(np.ascontiguousarray(route[k : k + 2]), spacing_m) for k in range(len(route) - 1)]
+        headings = [np.tile(leg[-1, :2] - leg[0, :2], (len(leg), 1)) for leg in legs]
+        if not legs:
+            return LevelLooks(route, np.zeros((len(route), 2)))
+        return LevelLooks(np.vstack(legs), np.vstack(headings))
+
+    def seen(self, route_m: FloatArray) -> BoolArray:
+        """(cells,) whether each cell is seen from an (n, 3) ENU route, by the sensing rule of the scenario."""
+        return self.seen_by(self.looks(route_m))
+
+    def seen_by(self, looks: LevelLooks) -> BoolArray:
+        """(cells,) whether each cell is seen by any of the looks, or by as many as the scenario wants."""
+        return self.first_seen(looks) >= 0
+
+    def first_seen(self, looks: LevelLooks) -> NDArray[np.int64]:
+        """(cells,) number of the look with which each cell is seen as often as the scenario wants, -1 where it never is."""
+        surface, wanted = self.site.ground.surface, self.site.scenario.requirements
+        if wanted.look_distance_m is not None:
+            return kernels.seen_often(
+                surface,
+                self.sight,
+                self.grid.cells,
+                looks.places_m,
+                looks.headings,
+                wanted.looks,
+                wanted.look_distance_m,
+            )
+        return kernels.first_seen(surface, self.sight, self.grid.cells, looks.places_m, looks.headings)
+
+    def share(self, seen: BoolArray) -> float:
+        """Share of the area, 0..1, weighted by the ground's surface."""
+        return self.grid.share(seen)
+
+    def share_of_coverable(self, seen: BoolArray) -> float:
+        """Share of what can be seen at all from inside the limits, 0..1; 0 when nothing can."""
+        coverable = float(self.grid.weight_m2[self.coverable].sum())
+        return float(self.grid.weight_m2[seen & self.coverable].sum()) / coverable if coverable > 0.0 else 0.0
+
+    @cached_property
+    def coverable(self) -> BoolArray:
+        """(cells,) whether a cell can be seen from some allowed place.
+
+        Every cell is tried from several places around it (:func:`uavcover.sensing.coverage_map.trial_places`), all inside the
+        fence, the height band and the sea-level limits and clear of obstacles. A cell that is found is coverable for certain;
+        one that is not found might still be seen from a place that was not tried, so the set is a lower bound.
+        """
+        wanted = self.site.scenario.requirements
+        apart_m = wanted.look_distance_m or 0.0
+        times = np.zeros(self.grid.count, dtype=np.int64)
+        counted = np.full((self.grid.count, wanted.looks, 3), np.inf)
+        for place in trial_places(self.site.scenario):
+            todo = np.flatnonzero(times < wanted.looks)
+            if todo.size == 0:
+                break
+            centres = self.grid.cells.centre_m[todo, :2]
+            eyes = self._allowed_places(centres + np.array([place.east_m, place.north_m]), place.band_share)
+            looks = LevelLooks(eyes, np.tile([place.heading_e, place.heading_n], (todo.size, 1)))
+            if apart_m > 0.0:
+                near = (np.linalg.norm(counted[todo] - eyes[:, None], axis=2) < apart_m).any(axis=1)
+                eyes[near] = np.nan
+            new = todo[sees_each(self, looks, todo, self.sight)]
+            counted[new, times[new]] = eyes[np.isin(todo, new)]
+            times[new] += 1
+        return np.asarray(times == wanted.looks, dtype=bool)
+
+    def _allowed_places(self, east_north_m: FloatArray, share: float) -> FloatArray:
+        """(k, 3) places at a share 0..1 of the allowed band above (k, 2) spots; NaN where nothing is allowed."""
+        limits = self.site.scenario.limits
+        ground = self.site.ground.heights_m(east_north_m)
+        low = self.site.ground.ups_m(east_north_m, limits.min_height_agl_m)
+        high = self.site.ground.ups_m(east_north_m, limits.max_height_agl_m)
+        # Sea level seen from the local frame: up minus height above sea level, at the place itself.
+        sea = ground - self.site.alts_amsl_m(np.column_stack([east_north_m, ground]))
+        if limits.min_alt_amsl_m is not None:
+            low = np.maximum(low, limits.min_alt_amsl_m + sea)
+        if limits.max_alt_amsl_m is not None:
+            high = np.minimum(high, limits.max_alt_amsl_m + sea)
+        inside = shapely.intersects_xy(self.site.fence, east_north_m[:, 0], east_north_m[:, 1])
+        up = np.where((low <= high) & inside, low + share * (high - low), np.nan)
+        places = np.column_stack([east_north_m, up])
+        too_near = waypoint_breaches(self.site.ground, places, self.site.scenario.obstacles)[:, 1] > 0.0
+        places[too_near, 2] = np.nan
+        return places
+
+
+def sees_each(coverage: CoverageMap, looks: LevelLooks, cell_numbers: NDArray[np.int64], sight: Sight) -> BoolArray:
+    """(k,) whether each of k looks of a sensor sees the cell of the same row; False where a place is NaN."""
+    cells = coverage.grid.cells
+    return kernels.sees_each(
+        coverage.site.ground.surface, sight, np.ascontiguousarray(looks.places_m), looks.headings,
+        cells.centre_m[cell_numbers], cells.normal[cell_numbers],
+    )  # fmt: skip

@@ -1,1 +1,0 @@
-"""Flown tracks from the logs of other software: dataflash, telemetry, ULog, GPX."""

@@ -1,0 +1,1 @@
+"""One vehicle: ready, armed, followed, recorded, brought home."""

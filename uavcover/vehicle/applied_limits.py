@@ -1,0 +1,178 @@
+"""Before arming: the table of limits is told; what the plan needs is set, and put back at the end.
+
+Parameters of a vehicle, several at once, as plain numbers: PX4 sends the bits of its integers as if they were floats.
+
+Before arming: the table of limits is told; what the plan needs is set, if the user wants that, and put back at the end.
+"""
+
+import struct
+from collections.abc import Collection, Iterable, Mapping
+
+from mission_io.errors import MissionIoError, VehicleSilentError
+from mission_io.model.enums import AutopilotId
+from mission_io.wire import messages as m
+from mission_io.wire.messages import ParamRequestRead, ParamValue
+from uavcover.vehicle.flight_plan import FlightPlan
+from uavcover.vehicle.limit_table import Limit, Weight, limit_table, parameter_groups
+from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
+from uavcover.vehicle.precautions import Precautions
+from uavcover.vehicle.session import Conversation
+
+_ANSWER_S = 3.0
+_AGAIN_S = 0.7
+_WHOLE_TYPES = range(1, 9)
+"""MAV_PARAM_TYPE: integers of 8 to 64 bits."""
+
+
+def read_parameters(conversation: Conversation, groups: Iterable[Collection[str]]) -> dict[str, ParamValue]:
+    """Ask for all at once; of each group of names for the same thing one answer is enough.
+
+    A vehicle is silent about a parameter that it does not have, so what is not here may also be lost on a bad link: it is asked
+    for again until three seconds have gone.
+    """
+    client, found = conversation.client, dict[str, ParamValue]()
+    wanted = [list(names) for names in groups]
+    until_s = client.clock.now() + _ANSWER_S
+    again_s = client.clock.now()
+    while (left := [names for names in wanted if not found.keys() & names]) and client.clock.now() < until_s:
+        if client.clock.now() >= again_s:
+            again_s = client.clock.now() + _AGAIN_S
+            to = client.vehicle
+            for name in (name for names in left for name in names):
+                client.send(ParamRequestRead(to.system_id, to.component_id, name))
+        for received in client.poll(0.1):
+            vehicle = client.vehicle
+            ours = (received.system_id, received.component_id) == (vehicle.system_id, vehicle.component_id)
+            if ours and isinstance(received.message, ParamValue):
+                found[received.message.name] = received.message
+    return found
+
+
+def numbers(values: Mapping[str, ParamValue], *, px4: bool) -> dict[str, float]:
+    """What the values are, in their own units."""
+    return {name: _decoded(value, px4=px4) for name, value in values.items()}
+
+
+def set_parameter(conversation: Conversation, name: str, number: float) -> None:
+    """Set a parameter to a number in its own unit, whatever its type, and see that it is so.
+
+    Raises:
+        VehicleSilentError: it does not exist, or nobody answers.
+        mission_io.errors.MisuseError: the vehicle limits or refuses it.
+    """
+    client = conversation.client
+    known = read_parameters(conversation, [[name]]).get(name)
+    if known is None:
+        raise VehicleSilentError(f"no answer about {name}")
+    wire = number
+    if known.param_type in _WHOLE_TYPES:
+        wire = float(round(number))
+        if _is_px4(conversation):
+            wire = float(struct.unpack("<f", struct.pack("<i", round(number)))[0])
+    client.set_parameter(name, wire, param_type=known.param_type, timeout_s=_ANSWER_S)
+
+
+def _decoded(value: ParamValue, *, px4: bool) -> float:
+    if px4 and value.param_type in _WHOLE_TYPES:
+        return float(struct.unpack("<i", struct.pack("<f", value.value))[0])
+    return value.value
+
+
+def _is_px4(conversation: Conversation) -> bool:
+    return conversation.client.vehicle.mav_autopilot == AutopilotId.PX4
+
+
+class AppliedLimits:
+    """The limits of one flight, and what of the vehicle's parameters was changed for it.
+
+    Args:
+        conversation: with the vehicle.
+        precautions: whether to change anything, whom to ask, and where old values are kept.
+
+    Attributes:
+        rows: the table as it was told last.
+    """
+
+    def __init__(self, conversation: Conversation, precautions: Precautions) -> None:
+        self._conversation, self._precautions = conversation, precautions
+        self._before: dict[str, float] = {}
+        self.rows: tuple[Limit, ...] = ()
+
+    def put_back_older(self) -> None:
+        """Put back what a flight that was killed has left changed."""
+        if self._precautions.left_changed:
+            self._before = dict(self._precautions.left_changed)
+            self._conversation.tell(EventKind.STAGE, "an earlier flight left parameters changed; they are put back")
+            self.put_back()
+
+    def check(self, plan: FlightPlan) -> None:
+        """Tell the table, and change what the plan needs if the user agrees.
+
+        Raises:
+            FlightFaultError: the vehicle would not fly the plan to its end.
+        """
+        self._read(plan)
+        changes = {row.parameter: row for row in self.rows if row.wanted is not None}
+        if self._precautions.apply_limits and changes:
+            self._apply(changes)
+            self._read(plan)
+        for row in self.rows:
+            if row.weight is Weight.WARNING:
+                self._conversation.tell(EventKind.WARNING, row.sentence)
+        refused = next((row for row in self.rows if row.weight is Weight.REFUSED), None)
+        if refused is not None:
+            advice = "set it, or say --apply-limits" if refused.wanted is not None else "plan a shorter flight"
+            raise FlightFaultError(Ending.NOT_ARMED, f"{refused.sentence}; not armed: {advice}")
+
+    def put_back(self) -> None:
+        """Put the old values back; what cannot be is told, and stays kept for the next time."""
+        conversation = self._conversation
+        if not self._before:
+            return
+        vehicle = conversation.client.vehicle
+        left: dict[str, float] = {}
+        why = ""
+        for name, number in self._before.items():
+            if vehicle.armed and conversation.monitor.on_ground is not True:
+                left[name], why = number, "it is in the air, and the rest of its flight needs them"
+                continue
+            try:
+                set_parameter(conversation, name, number)
+            except MissionIoError as error:
+                left[name], why = number, str(error)
+        self._before = left
+        self._precautions.keep(left)
+        if left:
+            text = ", ".join(f"{name} was {number:g}" for name, number in left.items())
+            conversation.tell(EventKind.WARNING, f"left changed on the vehicle ({why}): {text}", alarm=True)
+        else:
+            conversation.tell(EventKind.STAGE, "the vehicle's old parameters are back")
+
+    def _read(self, plan: FlightPlan) -> None:
+        conversation = self._conversation
+        px4 = conversation.client.vehicle.mav_autopilot == AutopilotId.PX4
+        values = numbers(read_parameters(conversation, parameter_groups(px4=px4)), px4=px4)
+        home = conversation.monitor.latest(m.HomePosition)
+        self.rows = limit_table(values, plan, px4=px4, home_alt_amsl_m=None if home is None else home.alt_amsl_m)
+        if plan.needs is not None:
+            conversation.tell(EventKind.STAGE, "limits: planned | vehicle | matters because")
+            for row in self.rows:
+                conversation.tell(EventKind.STAGE, row.line)
+
+    def _apply(self, changes: Mapping[str, Limit]) -> None:
+        conversation = self._conversation
+        px4 = conversation.client.vehicle.mav_autopilot == AutopilotId.PX4
+        old = numbers(read_parameters(conversation, [[name] for name in changes]), px4=px4)
+        wanted = {name: row.wanted for name, row in changes.items() if row.wanted is not None and name in old}
+        text = ", ".join(f"{name} {old[name]:g} -> {number:g}" for name, number in wanted.items())
+        if not self._precautions.agree(f"set for this flight, and back at its end: {text}"):
+            conversation.tell(EventKind.WARNING, f"not changed: {text}")
+            return
+        self._before = {name: old[name] for name in wanted}
+        self._precautions.keep(self._before)
+        for name, number in wanted.items():
+            try:
+                set_parameter(conversation, name, number)
+            except MissionIoError as error:
+                conversation.tell(EventKind.WARNING, f"{name} could not be set: {error}")
+        conversation.tell(EventKind.STAGE, f"set for this flight: {text}")

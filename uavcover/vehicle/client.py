@@ -1,0 +1,85 @@
+"""What following and controlling a vehicle need of a client, so that there can be more than one kind of it."""
+
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
+from mission_io.autopilots.lists import Content
+from mission_io.client.connection import VehicleInfo
+from mission_io.client.read_back import Verification
+from mission_io.clock import Clock
+from mission_io.model.items import MissionItem, MissionType
+from mission_io.wire.messages import CommandAck, Message, ParamValue, Received
+
+MessageT = TypeVar("MessageT", bound=Message)
+
+
+class VehicleClient(Protocol):
+    """A ground station's end of the conversation with one vehicle; ``mission_io.client.client.Client`` is one.
+
+    Everything that it hears goes to the :class:`~uavcover.vehicle.monitor.Monitor` as messages of
+    ``mission_io.wire.messages``, whoever waits for it. Errors are ``mission_io.errors``.
+    """
+
+    @property
+    def clock(self) -> Clock:
+        """What silence is measured with."""
+        ...
+
+    @property
+    def vehicle(self) -> VehicleInfo:
+        """The vehicle as of its latest heartbeat."""
+        ...
+
+    @property
+    def heartbeat_age_s(self) -> float:
+        """Seconds since that heartbeat."""
+        ...
+
+    @property
+    def impostor(self) -> VehicleInfo | None:
+        """What a heartbeat with our vehicle's ids told of another vehicle; None while all is well."""
+        ...
+
+    def wait_for_vehicle(self, timeout_s: float = 10.0) -> VehicleInfo:
+        """Wait for an autopilot's heartbeat: of the vehicle that was found before, if one was."""
+        ...
+
+    def poll(self, timeout_s: float) -> list[Received]:
+        """Listen for at most so long."""
+        ...
+
+    def send(self, message: Message) -> None:
+        """Send one message, once."""
+        ...
+
+    def command(self, command: int, *params: float, timeout_s: float = ...) -> CommandAck:
+        """Send a command until it is answered."""
+        ...
+
+    def set_mode(self, custom_mode: int, *, timeout_s: float = ...) -> None:
+        """Change the flight mode and see it in the heartbeat."""
+        ...
+
+    def request_message_interval(self, kind: type[Message], interval_s: float, *, timeout_s: float = ...) -> CommandAck:
+        """Ask for a kind of message each ``interval_s`` seconds."""
+        ...
+
+    def request_message(self, kind: type[MessageT], *, timeout_s: float = ...) -> MessageT:
+        """Ask for one message of a kind and wait for it."""
+        ...
+
+    def read_parameter(self, name: str, *, timeout_s: float = ...) -> ParamValue:
+        """Read a parameter by its name."""
+        ...
+
+    def set_parameter(self, name: str, value: float, *, param_type: int = ..., timeout_s: float = ...) -> ParamValue:
+        """Set a parameter, as it is on the wire, and see that it is so."""
+        ...
+
+    def download(self, mission_type: MissionType, *, stop: Callable[[], bool] | None = ...) -> tuple[MissionItem, ...]:
+        """One of the vehicle's lists, as it is on the wire; ``stop`` is asked all the time whether to cancel."""
+        ...
+
+    def upload_and_verify(self, content: Content, *, in_flight: bool = ...) -> Verification:
+        """Upload, read back, compare."""
+        ...

@@ -1,0 +1,157 @@
+"""What a flight needs to know of the plan, and how patient it is."""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
+from uavcover.errors import InputError
+from uavcover.kernels.way_cost import Pace
+from uavcover.scenario.frames import LocalFrame
+from uavcover.vehicle.ground_contact import GroundAt
+
+if TYPE_CHECKING:
+    from uavcover.vehicle.surroundings import Surroundings
+
+FloatArray = NDArray[np.float64]
+
+_PLACES = (Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND, Command.NAV_LOITER_TIME)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanNeeds:
+    """What a plan counts on of the vehicle's settings.
+
+    Attributes:
+        pace: how fast it gets along.
+        return_height_m: above home, checked for a straight return.
+        fence: whether it has a fence that is to be in force.
+        endurance_s: longest flight; None where there is no limit.
+    """
+
+    pace: Pace
+    return_height_m: float
+    fence: bool
+    endurance_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightPlan:
+    """The mission that the vehicle is to hold, and where it belongs.
+
+    Attributes:
+        mission: the mission as it was uploaded; the vehicle's is compared with it before arming.
+        first_waypoint_item: index in ``mission.items`` of the first planned waypoint.
+        waypoint_count: how many planned waypoints follow each other from there, an item each.
+        frame: the scenario's local frame, for the track.
+        home: where the mission was planned to start.
+        ground_alt_amsl_m: height of the terrain at ``home``, or none when there is no terrain.
+        ground_at: height of the terrain anywhere, or none when there is no terrain.
+        max_home_error_m: largest distance of the vehicle's home from the planned one, over ground and in height.
+        passed_before: how many planned waypoints were passed before the flight, where it goes on with a mission.
+        acceptance_radius_m: a planned waypoint that the vehicle came so near to was passed.
+        max_climb_m_s: upward speed that the plan counts on; none when it does not say.
+        max_descent_m_s: downward speed that the plan counts on.
+        needs: what else the plan counts on, for the table before arming; None is not to make one.
+        surroundings: ground, fence and height band, to judge positions in flight; None is not to.
+    """
+
+    mission: Mission
+    first_waypoint_item: int
+    waypoint_count: int
+    frame: LocalFrame
+    home: GeoPoint
+    ground_alt_amsl_m: float | None = None
+    ground_at: GroundAt | None = None
+    max_home_error_m: float = 10.0
+    passed_before: int = 0
+    acceptance_radius_m: float = 3.0
+    max_climb_m_s: float | None = None
+    max_descent_m_s: float | None = None
+    surroundings: "Surroundings | None" = None
+    needs: "PlanNeeds | None" = None
+
+    def waypoints_m(self) -> FloatArray:
+        """(n, 3) ENU, the planned waypoints, as their items say."""
+        end = self.first_waypoint_item + self.waypoint_count
+        places = [self._place_m(item) for item in self.mission.items[self.first_waypoint_item : end]]
+        return np.array(places, dtype=float).reshape(-1, 3)
+
+    def legs_m(self) -> dict[int, FloatArray]:
+        """The leg that leads to each item, by its index: (2, 3) ENU; none for the first place and for commands."""
+        legs: dict[int, FloatArray] = {}
+        before: FloatArray | None = None
+        for index, item in enumerate(self.mission.items):
+            if item.command not in _PLACES or (item.lat_deg, item.lon_deg) == (0.0, 0.0):
+                continue
+            here = self._place_m(item)
+            if before is not None:
+                legs[index] = np.vstack([before, here])
+            before = here
+        return legs
+
+    def _place_m(self, item: MissionItem) -> FloatArray:
+        alt_amsl_m = item.alt_m + (self.home.alt_amsl_m if item.frame is Frame.ABOVE_HOME else 0.0)
+        place_m: FloatArray = self.frame.enu_from_geodetic(item.lat_deg, item.lon_deg, alt_amsl_m)[0]
+        return place_m
+
+    def index_of(self, seq: int, autopilot: Autopilot) -> int:
+        """Index in ``mission.items`` of item ``seq`` on the wire."""
+        return seq - (1 if autopilot.home_in_item_0 else 0)
+
+    def waypoint_of(self, seq: int, autopilot: Autopilot) -> int:
+        """Number of the planned waypoint that item ``seq`` on the wire is; -1 for the other items."""
+        number = self.index_of(seq, autopilot) - self.first_waypoint_item
+        return number if 0 <= number < self.waypoint_count else -1
+
+    def is_past_waypoints(self, seq: int, autopilot: Autopilot) -> bool:
+        """Whether item ``seq`` on the wire comes after the last planned waypoint."""
+        return self.index_of(seq, autopilot) >= self.first_waypoint_item + self.waypoint_count
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Patience:
+    """How long to wait for what, in seconds of vehicle time unless it says otherwise.
+
+    Attributes:
+        deadman_s: without any message, or without a position, after which that is told; on the link's clock.
+        heartbeat_s: without a heartbeat, while other messages come, after which that is told; on the link's clock.
+        link_lost_s: without a heartbeat, or without any message, after which the vehicle is given up; on the link's clock.
+        ready_s: until the vehicle can be armed; ArduPilot needs about 41 s.
+        arm_s: for how long a refused arming is tried again.
+        start_s: from the start command until it leaves the ground.
+        halt_s: until it has come to rest after it was told to hold.
+        stuck_s: without getting on.
+        elsewhere_s: without moving in a mode that somebody else chose, after which following ends; by default it never does, and
+            the record goes on until the vehicle is on the ground.
+        held_s: without moving where it was told to hold because of an alarm, after which it is left holding.
+        rate_s: over which the telemetry's rates are measured.
+        disarm_s: from landing until it disarms itself.
+        watchdog: on the link's clock, this many times as long as each of the above is always the end.
+    """
+
+    deadman_s: float = 3.0
+    heartbeat_s: float = 5.0
+    link_lost_s: float = 30.0
+    ready_s: float = 120.0
+    arm_s: float = 10.0
+    start_s: float = 30.0
+    halt_s: float = 20.0
+    stuck_s: float = 60.0
+    elsewhere_s: float = math.inf
+    held_s: float = 180.0
+    rate_s: float = 2.0
+    disarm_s: float = 30.0
+    watchdog: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            endless = name == "elsewhere_s" and getattr(self, name) == math.inf
+            if not (0.0 < getattr(self, name) < math.inf or endless):
+                raise InputError(f"{name}: {getattr(self, name):g} is not a number above 0")
+        if self.link_lost_s < self.deadman_s:
+            raise InputError(f"link_lost_s: {self.link_lost_s:g} s is shorter than deadman_s, {self.deadman_s:g} s")

@@ -1,0 +1,185 @@
+"""Whether the vehicle stands on the ground, and whether it fell: its own word, its height and its motion together.
+
+A landed state alone proves nothing: ArduCopter says ON_GROUND at once when it is disarmed in the air, and falls.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mission_io.model.enums import LandedState
+from mission_io.wire import messages as m
+
+GroundAt = Callable[[float, float], float | None]
+"""Height of the ground above sea level (metres) at a latitude and longitude (degrees); None where it is not known."""
+
+_SETTLE_S = 1.0
+"""For so long word and motion have to agree."""
+_STILL_SINK_M_S, _STILL_SPEED_M_S, _STILL_HEIGHT_M = 0.5, 1.0, 1.5
+_MOVES_SINK_M_S, _MOVES_SPEED_M_S = 1.5, 2.5
+_NEAR_M = 5.0
+"""Near the ground: what barometer, satellites and terrain data are off together."""
+_FALLS_M_S = 2.5
+"""Who sinks so fast without motors falls; autopilots land with less than 1 m/s."""
+_FALL_GAINS_M_S2, _FAST_M_S = 4.0, 5.0
+"""A fall begins with far more than any controller accelerates with; at its end the air holds it."""
+_FALLEN_M = 3.0
+_BEFORE_S = 1.5
+"""A heartbeat may tell so late that the motors stopped."""
+_OLD_S = 2.0
+_KEEP_S = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A moment of the flight: vehicle time, height above home and above the ground, sink rate, speed over ground."""
+
+    time_s: float
+    above_home_m: float
+    above_ground_m: float | None
+    sink_m_s: float
+    speed_m_s: float
+
+    @property
+    def height_m(self) -> float:
+        return self.above_home_m if self.above_ground_m is None else self.above_ground_m
+
+
+@dataclass(frozen=True, slots=True)
+class Fall:
+    """A vehicle that came down without motors.
+
+    Attributes:
+        height_m: from where.
+        above: above what: the ground, or home where the ground is not known.
+        sink_m_s: how fast it was seen to sink.
+    """
+
+    height_m: float
+    above: str
+    sink_m_s: float
+
+    def __str__(self) -> str:
+        """For people."""
+        return f"{max(0.0, self.height_m):.0f} m above {self.above}, and sank at {self.sink_m_s:.1f} m/s"
+
+
+class GroundContact:
+    """Collects what tells about the ground. All times are the vehicle's."""
+
+    def __init__(self) -> None:
+        self._places: deque[_Place] = deque()
+        self._said: bool | None = None
+        self._said_since_s = 0.0
+        self._said_count = 0
+        self._ground_at: GroundAt | None = None
+        self._home_ground_alt_amsl_m = 0.0
+
+    def know_ground(self, ground_at: GroundAt | None, *, home_alt_amsl_m: float) -> None:
+        """From here on count heights above the ground.
+
+        Args:
+            ground_at: height of the ground; None when it is not known.
+            home_alt_amsl_m: height of the ground at home, by the same terrain.
+        """
+        self._ground_at, self._home_ground_alt_amsl_m = ground_at, home_alt_amsl_m
+
+    def forget(self) -> None:
+        """Forget what was said and where it was, as after a restart; the ground is still known."""
+        self._places.clear()
+        self._said, self._said_count = None, 0
+
+    def take_position(self, here: m.GlobalPositionInt) -> None:
+        """Take a position of the vehicle."""
+        if self._places and here.time_boot_s <= self._places[-1].time_s:
+            return
+        ground_m = None if self._ground_at is None else self._ground_at(here.lat_deg, here.lon_deg)
+        above_m = here.alt_above_home_m
+        self._places.append(
+            _Place(
+                here.time_boot_s,
+                above_m,
+                None if ground_m is None else above_m + self._home_ground_alt_amsl_m - ground_m,
+                here.velocity_down_m_s,
+                (here.velocity_north_m_s**2 + here.velocity_east_m_s**2) ** 0.5,
+            )
+        )
+        while self._places[-1].time_s - self._places[0].time_s > _KEEP_S:
+            self._places.popleft()
+
+    def take_word(self, state: int, time_s: float | None) -> None:
+        """Take the vehicle's own word (MAV_LANDED_STATE)."""
+        said = None if state == LandedState.UNDEFINED else state == LandedState.ON_GROUND
+        if said is not self._said:
+            self._said, self._said_since_s, self._said_count = said, time_s or 0.0, 0
+        self._said_count += 1
+
+    @property
+    def says_landed(self) -> bool | None:
+        """The vehicle's own word; None when it does not say."""
+        return self._said
+
+    def on_ground(self, now_s: float | None) -> bool | None:
+        """Whether it stands on the ground at ``now_s``.
+
+        True only when its word, its height and its motion have agreed for a while; False when it says that it flies, or moves as
+        on the ground nobody does; None when it does not say, or when its word, alone, is not borne out: by a height of more
+        than a few metres above the ground (above home, where the ground is not known), or for want of positions.
+        """
+        if self._said is not True:
+            return self._said
+        recent = self._since(now_s, _SETTLE_S)
+        if len(recent) < 2 or now_s is None:
+            return None
+        if all(abs(p.sink_m_s) > _MOVES_SINK_M_S or p.speed_m_s > _MOVES_SPEED_M_S for p in recent[-2:]):
+            return False
+        settled = self._said_count > 1 and now_s - self._said_since_s >= _SETTLE_S
+        return True if settled and self._is_still(recent) and abs(recent[-1].height_m) <= _NEAR_M else None
+
+    def fall(self, since_s: float | None, now_s: float | None) -> Fall | None:
+        """Whether a vehicle without motors since about ``since_s`` has fallen or falls; None when it has not.
+
+        What counts is that it sank faster than any autopilot lands, that it lost height, or that nothing was heard of it since it
+        was above the ground. Ground that is higher or lower than home is none of these.
+        """
+        if since_s is None or not self._places:
+            return None
+        after = [p for p in self._places if p.time_s >= since_s - _BEFORE_S] or [self._places[-1]]
+        sink_m_s = max(p.sink_m_s for p in after)
+        highest = max(after, key=lambda p: p.height_m)
+        lost_m = highest.above_home_m - after[-1].above_home_m
+        sinks = sum(p.sink_m_s > _FALLS_M_S for p in after) > 1
+        lost = now_s is not None and now_s - after[-1].time_s > _OLD_S and after[-1].height_m > _NEAR_M
+        if not (sinks or lost or (lost_m > _FALLEN_M and sink_m_s > _STILL_SINK_M_S)):
+            return None
+        begin = _begin_of_fall(list(self._places), len(after)) if sinks else highest
+        return Fall(begin.height_m, "home" if begin.above_ground_m is None else "the ground", sink_m_s)
+
+    def is_still(self, now_s: float | None) -> bool:
+        """Whether it has neither sunk nor moved for a while."""
+        recent = self._since(now_s, _SETTLE_S)
+        return len(recent) > 1 and self._is_still(recent)
+
+    def _since(self, now_s: float | None, window_s: float) -> list[_Place]:
+        """What was told in the last while, at least the latest two; nothing when that is old."""
+        if now_s is None or not self._places or now_s - self._places[-1].time_s > _OLD_S:
+            return []
+        recent = [p for p in self._places if p.time_s >= now_s - window_s]
+        return recent if len(recent) > 1 else list(self._places)[-2:]
+
+    @staticmethod
+    def _is_still(places: list[_Place]) -> bool:
+        quiet = all(abs(p.sink_m_s) <= _STILL_SINK_M_S and p.speed_m_s <= _STILL_SPEED_M_S for p in places)
+        return quiet and abs(places[-1].above_home_m - places[0].above_home_m) <= _STILL_HEIGHT_M
+
+
+def _begin_of_fall(places: list[_Place], latest: int) -> _Place:
+    """Where the fall began that came to the largest sink rate of the ``latest`` places: nothing in flight gains speed so fast."""
+    number = max(range(len(places) - latest, len(places)), key=lambda index: places[index].sink_m_s)
+    while number > 0:
+        before, here = places[number - 1], places[number]
+        gained_m_s2 = (here.sink_m_s - before.sink_m_s) / (here.time_s - before.time_s)
+        if gained_m_s2 < _FALL_GAINS_M_S2 and here.sink_m_s < _FAST_M_S:
+            break
+        number -= 1
+    return places[number]

@@ -1,0 +1,321 @@
+"""Whether a vehicle still flies the mission that was planned, in the mode it was told to fly.
+
+Reading the mission back while it is flown, without getting in the way of the flight.
+
+Notices that the vehicle left the mode in which it was told to fly, and finds out why.
+
+Whether a vehicle in its mission still flies the mission that was planned, where it was planned.
+"""
+
+import math
+from collections.abc import Callable, Collection
+
+from mission_io.autopilots.autopilot import wire_items
+from mission_io.autopilots.comparison import compare_items, fault_text
+from mission_io.errors import FormatError, MissionIoError, TransferCancelledError
+from mission_io.model.items import MissionType
+from mission_io.wire import messages as m
+from uavcover.vehicle.flight_plan import FlightPlan
+from uavcover.vehicle.modes import Mode, custom_mode
+from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
+from uavcover.vehicle.progress import Progress
+from uavcover.vehicle.session import Conversation, Timer
+
+_EVERY_S = 60.0
+"""Vehicle time between two readings that nothing has asked for."""
+_BUSY_SHARE = 0.1
+"""Readings that nothing has asked for take no more of the link's time than this."""
+_LONGEST_S = 120.0
+_AGAIN_S = 5.0
+_LOOK_S = 0.1
+
+
+class MissionReading:
+    """Compares the mission that the vehicle holds with the planned one: when there is a sign of a change, and every minute.
+
+    Positions that arrive meanwhile are recorded as ever, and what has to be looked at all the time is looked at. The user's
+    stop or pause ends a reading at once. One that fails is tried again, later each time.
+
+    Args:
+        conversation: with the vehicle.
+        plan: what it is to fly.
+        meanwhile: what else has to be done all the time.
+    """
+
+    def __init__(self, conversation: Conversation, plan: FlightPlan, meanwhile: Callable[[], None]) -> None:
+        self._conversation, self._meanwhile = conversation, meanwhile
+        self._wanted = wire_items(plan.mission, conversation.autopilot)
+        self._every = Timer(conversation, _EVERY_S)
+        self._asked = False
+        self._failures = 0
+        self._not_before_s = self._rest_until_s = 0.0
+
+    def ask(self) -> None:
+        """There is a sign of a change: read as soon as may be."""
+        self._asked = True
+
+    @property
+    def due(self) -> bool:
+        """Whether it is time to read."""
+        now = self._conversation.client.clock.now()
+        return now >= self._not_before_s and (self._asked or (self._every.over and now >= self._rest_until_s))
+
+    def difference(self) -> str | None:
+        """The largest difference from the planned mission; None when there is none, or when it could not be read.
+
+        Raises:
+            FlightFaultError: the vehicle is gone, or it restarted.
+        """
+        conversation, began_s = self._conversation, self._conversation.client.clock.now()
+        stops, pause = conversation.stop(), conversation.pause()
+        self._asked = False
+
+        looked_s = began_s
+
+        def stop() -> bool:
+            nonlocal looked_s
+            now = conversation.client.clock.now()
+            if now - looked_s < _LOOK_S:  # asked after every message; a busy vehicle sends thousands
+                return False
+            looked_s = now
+            conversation.attend()
+            self._meanwhile()
+            wanted_else = conversation.stop() != stops or conversation.pause() != pause
+            return wanted_else or now - began_s > _LONGEST_S
+
+        try:
+            held = conversation.client.download(MissionType.MISSION, stop=stop)
+        except FormatError as error:
+            held = None
+            difference = f"it holds what no plan has: {error}"
+        except TransferCancelledError:
+            if conversation.client.clock.now() - began_s > _LONGEST_S:
+                self._note_failure(f"not read in {_LONGEST_S:g} s")
+            self._asked = True
+            return None
+        except MissionIoError as error:
+            self._note_failure(str(error))
+            return None
+        now = conversation.client.clock.now()
+        if self._failures:
+            conversation.tell(EventKind.WARNING, "the mission has been read back again")
+        self._failures = 0
+        self._rest_until_s = now + (now - began_s) / _BUSY_SHARE
+        self._not_before_s = now + max(1.0, now - began_s)
+        self._every.restart()
+        if held is None:
+            return difference
+        return fault_text(compare_items(self._wanted, held, conversation.autopilot))
+
+    def _note_failure(self, why: str) -> None:
+        """Try again later; told the first time."""
+        if not self._failures:
+            self._conversation.tell(
+                EventKind.WARNING, f"the mission could not be read back in flight: {why}; tried again"
+            )
+        self._not_before_s = self._conversation.client.clock.now() + _AGAIN_S * 2.0 ** min(self._failures, 4)
+        self._failures += 1
+        self._asked = True
+
+
+_SETTLE_S = 2.0
+"""The heartbeat with the new mode may come before the words that say why."""
+_CAUSE_WITHIN_S = 10.0
+
+
+class Takeover:
+    """Whether somebody else, a pilot or a failsafe, has the vehicle now.
+
+    Args:
+        conversation: with the vehicle.
+
+    Attributes:
+        cause: why; None while the vehicle does what it was told, or has changed only a moment ago.
+    """
+
+    def __init__(self, conversation: Conversation) -> None:
+        self._conversation = conversation
+        self._left: Timer | None = None
+        self.cause: Ending | None = None
+
+    @property
+    def begun(self) -> bool:
+        """Whether the vehicle is in another mode than it was told."""
+        return self._left is not None
+
+    def update(self, expected: Collection[Mode]) -> None:
+        """Look at the mode; ``expected`` are those it was told."""
+        conversation = self._conversation
+        numbers = [custom_mode(conversation.autopilot, mode) for mode in expected]
+        if self._left is not None and conversation.monitor.ground.says_landed:
+            self.settle()  # PX4 goes back to the mode it was told once it has landed: that ends no takeover
+        elif conversation.client.vehicle.custom_mode in numbers:
+            if self.cause is not None:
+                conversation.watch.close(self.cause, f"the vehicle is back in {conversation.mode_name}")
+            self._left = self.cause = None
+        elif self._left is None:
+            self._left = Timer(conversation, _SETTLE_S)
+        elif self._left.over:
+            self.settle()
+
+    def settle(self) -> None:
+        """Find the cause now, if the vehicle has left its mode."""
+        if self._left is None or self.cause is not None:
+            return
+        conversation = self._conversation
+        found = conversation.watch.recent_cause(within_s=_CAUSE_WITHIN_S)
+        if found is None:
+            self.cause, why = Ending.PILOT_TOOK_OVER, "somebody else took over"
+        else:
+            self.cause, why = found
+        text = f"the vehicle changed to {conversation.mode_name}: {why}"
+        if conversation.watch.is_open(self.cause):
+            conversation.tell(EventKind.WARNING, text)
+        conversation.watch.open(self.cause, text)
+
+
+_DOUBT_S = 3.0
+_OFF_DOUBT_S = 1.0
+_OFF_ROUTE_RADII = 10.0
+_LEANS_DEG = 15.0
+
+
+class MissionGuard:
+    """Notices that another ground station changed the mission or the item that is flown, and that the vehicle drifts away.
+
+    The mission is read back and compared every minute, and at each sign of a change: the vehicle's word for it, another mission
+    id or number of items, an upload that somebody else was thanked for, waypoints that are left out, going back. So it is far
+    off the planned leg, which else is the wind's doing when the vehicle leans hard against it.
+
+    Args:
+        conversation: with the vehicle.
+        plan: what it is to fly.
+        progress: along it.
+        meanwhile: what has to be done all the time, also while the mission is being read.
+    """
+
+    def __init__(
+        self, conversation: Conversation, plan: FlightPlan, progress: Progress, meanwhile: Callable[[], None]
+    ) -> None:
+        self._conversation, self._plan, self._progress = conversation, plan, progress
+        self._reading = MissionReading(conversation, plan, meanwhile)
+        self._found: str | None = None
+        self._mission_id = 0
+        self._words, self._uploads = conversation.watch.mission_words, conversation.monitor.uploads_taken
+        self._total: int | None = None
+        self._farthest = -1
+        self._doubt: Timer | None = None
+        self._off_route: Timer | None = None
+
+    def look(self) -> None:
+        """Look for signs; called while the vehicle is in its mission and in the air."""
+        if not self._conversation.watch.is_open(Ending.MISSION_CHANGED):
+            self._look_at_total()
+            self._look_at_item()
+            self._look_at_place()
+        self._look_for_words()
+        if self._reading.due:
+            self._read_back()
+
+    def look_once_more(self) -> None:
+        """After the landing: a change of the last minute is one, too. A vehicle that is switched off by then is not asked."""
+        if self._conversation.watch.is_open(Ending.MISSION_CHANGED):
+            return
+        try:
+            self._read_back()
+        except FlightFaultError as error:
+            self._conversation.tell(EventKind.WARNING, f"the mission was not read back after the landing: {error}")
+
+    def _look_at_total(self) -> None:
+        current = self._conversation.monitor.latest(m.MissionCurrent)
+        if current is None or current.total is None:
+            return
+        if self._total is None:
+            self._total = current.total
+        if current.total != self._total:
+            self._changed(
+                f"the vehicle holds {current.total} items instead of {self._total}: somebody else changed the mission"
+            )
+            self._reading.ask()
+
+    def _look_for_words(self) -> None:
+        """What says that the mission was changed, and not how."""
+        current, words = self._conversation.monitor.latest(m.MissionCurrent), self._conversation.watch.mission_words
+        mission_id = 0 if current is None else current.mission_id
+        uploads = self._conversation.monitor.uploads_taken
+        other_id = mission_id not in (0, self._mission_id) and self._mission_id != 0
+        if other_id or words != self._words or uploads != self._uploads:
+            self._reading.ask()
+        self._mission_id, self._words, self._uploads = mission_id or self._mission_id, words, uploads
+
+    def _look_at_item(self) -> None:
+        sign = self._wrong_item()
+        if sign is None:
+            self._doubt = None
+        elif self._doubt is None:
+            self._doubt = Timer(self._conversation, _DOUBT_S)
+        elif self._doubt.over:
+            self._doubt = None
+            self._changed(f"{sign}: somebody else set the item that is flown, or changed the mission")
+            self._reading.ask()
+
+    def _wrong_item(self) -> str | None:
+        current = self._conversation.monitor.latest(m.MissionCurrent)
+        number, progress = self._progress.heading_for, self._progress
+        if current is None:
+            return None
+        self._farthest = max(self._farthest, number)
+        past = self._plan.is_past_waypoints(current.seq, self._conversation.autopilot) and not progress.all_reached
+        if number > progress.reached_count + 1 or (past and progress.reached_count < self._plan.waypoint_count - 1):
+            return f"the vehicle goes to item {current.seq} and leaves out waypoint {progress.reached_count}"
+        if 0 <= number < self._farthest:
+            return f"the vehicle goes back to waypoint {number} from {self._farthest}"
+        return None
+
+    def _look_at_place(self) -> None:
+        conversation, off_m = self._conversation, self._progress.off_leg_m
+        watch = conversation.watch
+        if off_m <= _OFF_ROUTE_RADII * self._plan.acceptance_radius_m:
+            self._off_route = None
+            for kind in (Ending.OFF_ROUTE, Ending.WIND_ABOVE_LIMITS):
+                watch.measure(kind, None, "", "the vehicle is back near its planned leg")
+        elif self._off_route is None:
+            self._off_route = Timer(conversation, _OFF_DOUBT_S)
+        elif self._off_route.over:
+            text = f"the vehicle is {off_m:.0f} m off the planned leg to item {conversation.monitor.current_seq}"
+            windy, astray = watch.is_open(Ending.WIND_ABOVE_LIMITS), watch.is_open(Ending.OFF_ROUTE)
+            if not (windy or astray):
+                self._read_back(text)
+                if watch.is_open(Ending.MISSION_CHANGED):
+                    return
+            lean_deg = self._lean_deg()
+            cause = watch.recent_cause(within_s=60.0)
+            warned = cause is not None and cause[0] is Ending.WIND_ABOVE_LIMITS
+            if windy or (not astray and (lean_deg > _LEANS_DEG or warned)):
+                watch.open(
+                    Ending.WIND_ABOVE_LIMITS,
+                    f"{text} and leans by {lean_deg:.0f} degrees: the wind is above what it can fly against",
+                    off_m,
+                )
+            else:
+                watch.open(Ending.OFF_ROUTE, f"{text}, although it holds the planned mission", off_m)
+
+    def _lean_deg(self) -> float:
+        attitude = self._conversation.monitor.latest(m.Attitude)
+        if attitude is None:
+            return 0.0
+        return math.degrees(math.acos(math.cos(attitude.roll_rad) * math.cos(attitude.pitch_rad)))
+
+    def _changed(self, text: str) -> None:
+        self._conversation.watch.open(Ending.MISSION_CHANGED, text)
+
+    def _read_back(self, sign: str = "") -> None:
+        """Read the mission, and tell how it differs from the planned one, once for each difference."""
+        difference, watch = self._reading.difference(), self._conversation.watch
+        if difference is not None and difference != self._found:
+            self._found = difference
+            if watch.is_open(Ending.MISSION_CHANGED):
+                self._conversation.tell(EventKind.WARNING, f"of its mission {difference}", alarm=True)
+            else:
+                place = f"{sign}: " if sign else ""
+                self._changed(f"{place}somebody else changed the mission in flight: {difference}")

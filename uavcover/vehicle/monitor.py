@@ -1,0 +1,309 @@
+"""What the vehicle has said so far, and the vehicle's time.
+
+Lines for the pilot as they were meant: long ones come in pieces of 50 letters, some with a tab at the end.
+
+The vehicle's time, from the stamps of its messages: a wrong one is left out, several that agree are believed.
+
+What the vehicle has said so far, whoever was waiting for it.
+"""
+
+import math
+from collections import Counter, deque
+from collections.abc import Callable
+from itertools import pairwise
+from typing import TypeVar
+
+from mission_io.client.client import Client
+from mission_io.links.opening import Link, open_link
+from mission_io.model.enums import MissionResult, MissionState
+from mission_io.model.items import MissionType
+from mission_io.protocol.exchange import Address, Timing
+from mission_io.wire import messages as m
+from mission_io.wire.messages import StatusText
+from uavcover.vehicle.ground_contact import GroundContact
+
+_PIECE_LETTERS = 50
+
+
+class TextAssembler:
+    """Puts pieces of text together; a line of which a piece was lost is given as far as it came."""
+
+    def __init__(self) -> None:
+        self._open: StatusText | None = None
+        self._next_chunk = 0
+
+    def take(self, piece: StatusText) -> list[StatusText]:
+        """The lines that are whole now, none to two: what was begun before ends when another line begins."""
+        whole = []
+        goes_on = self._open is not None and (piece.text_id, piece.chunk) == (self._open.text_id, self._next_chunk)
+        if self._open is not None and not goes_on:
+            whole.append(_tidy(self._open))
+            self._open = None
+        begun = "" if self._open is None else self._open.text
+        line = StatusText(piece.severity, begun + piece.text, piece.text_id)
+        if piece.text_id == 0 or len(piece.text) < _PIECE_LETTERS:
+            self._open = None
+            return [*whole, _tidy(line)]
+        self._open, self._next_chunk = line, piece.chunk + 1
+        return whole
+
+
+def _tidy(line: StatusText) -> StatusText:
+    """Without the tab by which PX4 marks a line that it tells as an event too."""
+    return StatusText(line.severity, line.text.strip())
+
+
+_LATE_S = 5.0
+"""Messages may come late by so much; a restart sets the time back further."""
+_STEP_S = 0.5
+"""A stamp that is ahead by more is doubted: positions come at least five times a second."""
+_LONGEST_STEP_S = 4.0
+"""Where messages are rare the step is learnt, up to this: less than what counts as late, so that no error reads as a restart."""
+_FASTEST = 100.0
+"""Vehicle seconds per second of the link's clock, at most."""
+_AGREE, _AGREE_RARE = 3, 5
+"""So many stamps in a row that fit each other are believed although they do not fit what was before; more where they are rare."""
+
+
+class VehicleClock:
+    """Judges stamps one by one.
+
+    Attributes:
+        time_s: the latest time, seconds since the vehicle was switched on; None while nothing is known.
+        restarted: whether the time has gone back: the vehicle was switched off and on.
+        proven: how many stamps right before the latest one were doubted, and are believed now that it agrees with them.
+    """
+
+    def __init__(self) -> None:
+        self.time_s: float | None = None
+        self.restarted = False
+        self.proven = 0
+        self._step_s = _STEP_S
+        self._doubted: list[tuple[float, float]] = []
+
+    def begin(self) -> None:
+        """Forget everything, as before a new flight."""
+        self.time_s, self.restarted, self._step_s = None, False, _STEP_S
+        self.proven = 0
+        self._doubted.clear()
+
+    @property
+    def doubted(self) -> int:
+        """How many stamps in a row wait for others that agree with them."""
+        return len(self._doubted)
+
+    def take(self, stamp_s: float, now: float) -> bool:
+        """Whether a stamp that arrived at ``now`` on the link's clock is believed.
+
+        A stamp that fits neither the time nor the doubted ones before it is left out. After a silence, and after a restart, the
+        first two are doubted: the third one that agrees proves them.
+        """
+        self.proven = 0
+        if not (math.isfinite(stamp_s) and stamp_s >= 0.0):
+            return False
+        if self.time_s is not None and -_LATE_S <= stamp_s - self.time_s <= self._step_s:
+            self._doubted.clear()
+            self.time_s = max(self.time_s, stamp_s)
+            return True
+        if self._doubted and not self._agrees(stamp_s, now):
+            self._doubted.clear()
+        self._doubted.append((stamp_s, now))
+        stamps = [stamp for stamp, _ in self._doubted]
+        longest_s = max((after - before for before, after in pairwise(stamps)), default=0.0)
+        if len(stamps) < (_AGREE if longest_s <= _STEP_S else _AGREE_RARE) or stamp_s <= stamps[0]:
+            return False
+        self._step_s = min(_LONGEST_STEP_S, max(self._step_s, 1.5 * longest_s))
+        self.restarted |= self.time_s is not None and stamp_s < self.time_s
+        self.time_s = stamp_s
+        self.proven = len(self._doubted) - 1
+        self._doubted.clear()
+        return True
+
+    def _agrees(self, stamp_s: float, now: float) -> bool:
+        """Whether a stamp fits the doubted ones: close to the last, or, where messages are rare, as far on as that was."""
+        before_s, then = self._doubted[-1]
+        gap_s = stamp_s - before_s
+        if abs(gap_s) <= _STEP_S:
+            return True
+        if not 0.0 < gap_s <= _FASTEST * (now - then):
+            return False
+        return len(self._doubted) < 2 or 0.5 <= gap_s / max(before_s - self._doubted[-2][0], 1e-3) <= 2.0
+
+
+MessageT = TypeVar("MessageT", bound=m.Message)
+
+
+_DOUBT_S = 1.0
+"""So long positions whose stamps are doubted count as coming; on the link's clock."""
+
+
+class Monitor:
+    """Listens to everything that arrives, also while a command or a transfer is going on.
+
+    It is given to the client when that is made: ``Client(link, listener=monitor)``, or see :func:`open_vehicle`.
+
+    Attributes:
+        on_position: called with each position of the vehicle.
+        texts: lines for the pilot that nobody has taken yet.
+        other_texts: lines of other components of its system, each with the component's number.
+        ground: what tells whether it stands on the ground.
+        position_at_s: when the latest position arrived, on the link's clock.
+        heard_at_s: when anything of the vehicle arrived last, on the link's clock; infinitely long ago before the first.
+        counts: how many messages of each kind arrived.
+        reached: the highest mission item that the vehicle said it reached.
+        uploads_taken: how often it thanked somebody for a mission, us or another ground station.
+    """
+
+    def __init__(self) -> None:
+        self.on_position: Callable[[m.GlobalPositionInt], None] | None = None
+        self.texts: deque[m.StatusText] = deque(maxlen=1000)
+        self.other_texts: deque[tuple[int, m.StatusText]] = deque(maxlen=100)
+        self.ground = GroundContact()
+        self.position_at_s: float | None = None
+        self.heard_at_s = -math.inf
+        self.counts: Counter[type[m.Message]] = Counter()
+        self.reached = -1
+        self.uploads_taken = 0
+        self._assembler = TextAssembler()
+        self._other_assemblers: dict[int, TextAssembler] = {}
+        self._time = VehicleClock()
+        self._doubted_since_s: float | None = None
+        self._doubted: list[m.Message] = []
+        self._vehicle: Address | None = None
+        self._latest: dict[type, m.Message] = {}
+
+    def listen_to(self, vehicle: Address) -> None:
+        """Look only at this autopilot from here on, and forget what was heard of another one.
+
+        Other components of its system (a companion computer, a gimbal) do not speak for the vehicle, whatever they say.
+        """
+        if self._vehicle != vehicle:
+            self._latest.clear()
+            self.ground.forget()
+            self._time.begin()
+            self._doubted.clear()
+        self._vehicle = vehicle
+
+    @property
+    def time_s(self) -> float | None:
+        """The vehicle's latest time, seconds since it was switched on; None while it is not known."""
+        return self._time.time_s
+
+    @property
+    def restarted(self) -> bool:
+        """Whether the vehicle's time went back: it was switched off and on."""
+        return self._time.restarted
+
+    def begin(self) -> None:
+        """Begin a flight: what was said of an older one, and the vehicle's time then, count no more."""
+        self._time.begin()
+        self._doubted.clear()
+        self.reached = -1
+        self.forget(m.MissionCurrent)
+
+    def latest(self, kind: type[MessageT]) -> MessageT | None:
+        """The latest message of a kind."""
+        message = self._latest.get(kind)
+        return message if isinstance(message, kind) else None
+
+    def forget(self, kind: type[m.Message]) -> None:
+        """Wait for a fresh message of a kind: the latest one speaks of something that is over."""
+        self._latest.pop(kind, None)
+
+    def silence_s(self, now: float) -> float:
+        """How long nothing of the vehicle arrived, at ``now`` on the link's clock."""
+        return now - self.heard_at_s
+
+    @property
+    def current_seq(self) -> int:
+        """The mission item that is being flown to; -1 while it is not known."""
+        current = self.latest(m.MissionCurrent)
+        return -1 if current is None else current.seq
+
+    @property
+    def mission_complete(self) -> bool:
+        """Whether the vehicle says that its mission is done."""
+        current = self.latest(m.MissionCurrent)
+        return current is not None and current.state == MissionState.COMPLETE
+
+    @property
+    def on_ground(self) -> bool | None:
+        """Whether the vehicle stands on the ground, by its word, height and motion; see :class:`GroundContact`."""
+        return self.ground.on_ground(self.time_s)
+
+    def __call__(self, received: m.Received, now: float) -> None:
+        """Take a message that arrived at ``now`` on the link's clock."""
+        if self._vehicle is None or received.system_id != self._vehicle.system_id:
+            return
+        if received.component_id != self._vehicle.component_id:
+            self._take_other(received)
+            return
+        message = received.message
+        self.heard_at_s = now
+        if not isinstance(message, m.GlobalPositionInt | m.Attitude | m.SystemTime):
+            self._take(message, now)
+        elif self._believes(message.time_boot_s, now):
+            # What this message proves came before it, and nothing of it is lost.
+            for earlier in [*self._doubted[len(self._doubted) - self._time.proven :], message]:
+                self._take(earlier, now)
+            self._doubted.clear()
+        else:
+            self._doubt(message, now)
+
+    def _take(self, message: m.Message, now: float) -> None:
+        """Take a message of the vehicle that is believed."""
+        if isinstance(message, m.GlobalPositionInt):
+            self._doubted_since_s = None
+        self.counts[type(message)] += 1
+        self._latest[type(message)] = message
+        match message:
+            case m.GlobalPositionInt():
+                self.position_at_s = now
+                self.ground.take_position(message)
+                if self.on_position is not None:
+                    self.on_position(message)
+            case m.MissionAck(result=MissionResult.ACCEPTED, mission_type=MissionType.MISSION):
+                self.uploads_taken += 1
+            case m.ExtendedSysState():
+                self.ground.take_word(message.landed_state, self.time_s)
+            case m.MissionItemReached():
+                self.reached = max(self.reached, message.seq)
+            case m.StatusText():
+                self.texts.extend(self._assembler.take(message))
+
+    def _believes(self, stamp_s: float, now: float) -> bool:
+        """Whether a message's time stamp is believed; what was said before a restart is over."""
+        restarted = self._time.restarted
+        believed = self._time.take(stamp_s, now)
+        if self._time.restarted and not restarted:
+            self._latest.clear()
+            self.ground.forget()
+        return believed
+
+    def _doubt(self, message: m.Message, now: float) -> None:
+        """Keep a message until its stamp is proven; a position counts as come meanwhile, for a moment."""
+        self._doubted = [*self._doubted, message][-self._time.doubted :] if self._time.doubted else []
+        if not isinstance(message, m.GlobalPositionInt):
+            return
+        if self._doubted_since_s is None:
+            self._doubted_since_s = now
+        if now - self._doubted_since_s <= _DOUBT_S:
+            self.position_at_s = now
+
+    def _take_other(self, received: m.Received) -> None:
+        """What another component of the vehicle's system says is shown to the pilot, and decides nothing."""
+        said = received.message
+        if isinstance(said, m.StatusText):
+            assembler = self._other_assemblers.setdefault(received.component_id, TextAssembler())
+            self.other_texts.extend((received.component_id, text) for text in assembler.take(said))
+
+
+def open_vehicle(link: Link | str, *, timing: Timing | None = None) -> tuple[Client, Monitor]:
+    """A client on a link or a link's URL, with a monitor that hears everything it hears.
+
+    Raises:
+        mission_io.errors.MisuseError: a URL that is not understood.
+        mission_io.errors.LinkError: the link cannot be opened.
+    """
+    monitor = Monitor()
+    return Client(open_link(link) if isinstance(link, str) else link, timing=timing, listener=monitor), monitor

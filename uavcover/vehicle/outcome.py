@@ -1,0 +1,169 @@
+"""What is told while a flight goes on, and how it ended.
+
+What is told while a flight goes on.
+
+How a flight ended: one name for each way, good or bad, and what happened on the way.
+"""
+
+from dataclasses import asdict, dataclass
+from enum import Enum
+from typing import Any
+
+from uavcover.errors import VehicleError
+
+
+class EventKind(Enum):
+    """What an event is about."""
+
+    STAGE = "the flight goes on to its next stage"
+    WAYPOINT = "the vehicle flies to the next planned waypoint"
+    TEXT = "the vehicle says something"
+    WARNING = "something is not as it should be, and the flight goes on"
+    STOP = "the user wants to end the flight"
+
+
+@dataclass(frozen=True, slots=True)
+class FlightEvent:
+    """Something that happened.
+
+    Attributes:
+        kind: what it is about.
+        text: one line for people.
+        time_s: vehicle time; None before the vehicle told its time.
+        waypoint: number of the planned waypoint that is flown to, for progress; None for other events.
+        alarm: whether something is wrong now, so that it should be heard too.
+    """
+
+    kind: EventKind
+    text: str
+    time_s: float | None = None
+    waypoint: int | None = None
+    alarm: bool = False
+
+
+class Ending(Enum):
+    """How a flight ended; the names are those of ``run.json`` and ``--json``, in small letters."""
+
+    LANDED = "flown to the end, landed and disarmed"
+    RETURNED = "stopped by the user, flown home along checked legs, landed and disarmed"
+    LEFT_HOLDING = "stopped by the user and left holding, armed and in the air"
+    NOT_FLOWN = "stopped by the user before it left the ground; disarmed"
+
+    NOT_ARMED = "not armed: the vehicle is not what was planned for"
+    NOT_READY = "not armed: the vehicle did not get ready"
+    ARMING_REFUSED = "the vehicle refused to arm"
+    NOT_STARTED = "the vehicle did not leave the ground"
+
+    LINK_LOST = "the link to the vehicle was lost"
+    HEARTBEAT_LOST = "the autopilot's heartbeat was lost, although other messages came"
+    POSITION_LOST = "the vehicle did not tell its position any more"
+    GPS_LOST = "the vehicle lost its satellite fix or its position estimate"
+    BATTERY_FAILSAFE = "the battery was low, and the vehicle did what it does then"
+    BATTERY_LOW = "the battery was low"
+    WIND_ABOVE_LIMITS = "the wind was above the vehicle's limits"
+    OFF_ROUTE = "the vehicle left the planned route, although it holds the planned mission"
+    FENCE_BREACHED = "the vehicle left its fence"
+    BAND_LEFT = "the vehicle left the height band of its route"
+    GROUND_UNKNOWN = "the vehicle flew over ground without data"
+    FAILSAFE = "the vehicle took another failsafe"
+    PILOT_TOOK_OVER = "somebody else changed the flight mode"
+    MISSION_CHANGED = "somebody else changed the mission, or the item that is flown"
+    RESTARTED = "the vehicle's autopilot restarted"
+    STUCK = "the vehicle did not get on"
+    CRASHED = "the vehicle crashed: it says so, or it was disarmed in the air and fell"
+    ENDED_EARLY = "the vehicle landed before the last planned waypoint"
+    STAYED_ARMED = "the vehicle landed and did not disarm"
+    FAILED = "the vehicle did not do what it was told"
+
+    @property
+    def key(self) -> str:
+        """Its name in documents."""
+        return self.name.lower()
+
+    @property
+    def good(self) -> bool:
+        """Whether the flight went as it was planned, or as the user wished."""
+        return self in (Ending.LANDED, Ending.RETURNED, Ending.LEFT_HOLDING, Ending.NOT_FLOWN)
+
+
+@dataclass(frozen=True, slots=True)
+class Incident:
+    """Something that went wrong in flight.
+
+    Attributes:
+        kind: what, by the name of the ending that it leads to when it lasts.
+        text: what was told.
+        begin_s: vehicle time; None before the vehicle told its time.
+        end_s: when it was over; None when it lasted to the end.
+    """
+
+    kind: Ending
+    text: str
+    begin_s: float | None
+    end_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FlightOutcome:
+    """How a flight ended.
+
+    Attributes:
+        ending: how.
+        waypoints_reached: how many planned waypoints were reached, one after the other.
+        sample_count: how many samples were recorded.
+        duration_s: vehicle time from the first sample to the last.
+        simulated_by: what simulates the vehicle; None for one that may be real.
+        incidents: what went wrong, also what was ridden out.
+        limits: the table of what the plan counts on and what the vehicle was set to; empty for a flight that had none.
+        vehicle_now: what the vehicle did when it was heard last, for people.
+    """
+
+    ending: Ending
+    waypoints_reached: int
+    sample_count: int
+    duration_s: float
+    simulated_by: str | None
+    incidents: tuple[Incident, ...] = ()
+    vehicle_now: str = ""
+    limits: tuple[dict[str, Any], ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """For ``run.json`` and ``--json``."""
+        return {
+            "ending": self.ending.key,
+            "waypoints_reached": self.waypoints_reached,
+            "samples": self.sample_count,
+            "duration_s": self.duration_s,
+            "simulated_by": self.simulated_by,
+            "vehicle_now": self.vehicle_now,
+            "incidents": [{**asdict(incident), "kind": incident.kind.key} for incident in self.incidents],
+            **({"limits": list(self.limits)} if self.limits else {}),
+        }
+
+
+class FlightFaultError(VehicleError):
+    """Something that ends following the vehicle.
+
+    Attributes:
+        ending: the name of it.
+    """
+
+    def __init__(self, ending: Ending, text: str) -> None:
+        self.ending = ending
+        super().__init__(text)
+
+
+class FlightFailedError(VehicleError):
+    """A flight that did not end as it should.
+
+    Attributes:
+        outcome: how it ended.
+    """
+
+    def __init__(self, text: str, outcome: FlightOutcome) -> None:
+        self.outcome = outcome
+        super().__init__(text)
+
+    def details(self) -> dict[str, Any]:
+        """The outcome, for programs."""
+        return self.outcome.as_json()

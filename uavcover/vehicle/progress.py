@@ -1,0 +1,106 @@
+"""How far along the planned waypoints a vehicle is."""
+
+import math
+
+import numpy as np
+
+from mission_io.wire import messages as m
+from uavcover.vehicle.break_off import FloatArray, Passage
+from uavcover.vehicle.flight_plan import FlightPlan
+from uavcover.vehicle.outcome import Ending, EventKind
+from uavcover.vehicle.session import Conversation
+
+_UNSEEN_S = 1.0
+_TRUST_S = 5.0
+
+
+class Progress:
+    """How far along the planned waypoints the vehicle is: by MISSION_CURRENT, MISSION_ITEM_REACHED and position together.
+
+    What the vehicle says is not taken for more than it is: a jump over waypoints passes none of them, unless nobody could look
+    because nothing was heard.
+
+    Attributes:
+        heading_for: number of the planned waypoint being flown to; -1 before the first and after the last.
+    """
+
+    def __init__(self, conversation: Conversation, plan: FlightPlan) -> None:
+        self._conversation, self._plan = conversation, plan
+        self._passage = Passage(plan.waypoints_m(), radius_m=plan.acceptance_radius_m)
+        self._passage.believe(plan.passed_before)
+        self._legs_m = plan.legs_m()
+        self._seen_s = -math.inf
+        self._trust_until_s = -math.inf
+        self.heading_for = -1
+
+    @property
+    def reached_count(self) -> int:
+        """How many planned waypoints were passed, one after the other."""
+        return self._passage.reached
+
+    @property
+    def all_reached(self) -> bool:
+        """Whether the last planned waypoint was passed."""
+        return self._passage.complete
+
+    @property
+    def off_leg_m(self) -> float:
+        """Distance from the leg that is flown, the ways there and home too; 0 where there is none."""
+        seq, here = self._conversation.monitor.current_seq, self.place_m
+        leg = self._legs_m.get(self._plan.index_of(seq, self._conversation.autopilot))
+        return 0.0 if here is None or leg is None else _distance_m(here, leg)
+
+    def update(self) -> None:
+        """Look at what the vehicle says, and tell when it goes on to another waypoint."""
+        monitor, autopilot, plan = self._conversation.monitor, self._conversation.autopilot, self._plan
+        here, passage = self.place_m, self._passage
+        if monitor.current_seq < 0 or here is None or self._conversation.watch.is_open(Ending.MISSION_CHANGED):
+            return
+        self._look_for_silence()
+        number = plan.waypoint_of(monitor.current_seq, autopilot)
+        was_last = passage.number == plan.waypoint_count - 1
+        passage.take(number, here)
+        told = plan.waypoint_of(monitor.reached, autopilot)
+        if told == passage.reached and number in (told, told + 1, -1):
+            passage.believe(told + 1)
+        trusted = self._seen_s <= self._trust_until_s
+        if trusted and number > passage.reached:
+            passage.believe(number)
+        past = plan.is_past_waypoints(monitor.current_seq, autopilot)
+        complete = number == plan.waypoint_count - 1 == passage.reached and monitor.mission_complete
+        if complete or (past and (was_last or trusted)):
+            passage.believe(plan.waypoint_count)
+        if number == self.heading_for:
+            return
+        self.heading_for = number
+        if number >= 0:
+            text = f"to waypoint {number} of {plan.waypoint_count}"
+            self._conversation.tell(EventKind.WAYPOINT, text, waypoint=number)
+        elif self.all_reached:
+            self._conversation.tell(EventKind.STAGE, "all planned waypoints flown; on the way home")
+
+    @property
+    def place_m(self) -> FloatArray | None:
+        """(3,) ENU, where the vehicle was when that was told last; None before the first time."""
+        here = self._conversation.monitor.latest(m.GlobalPositionInt)
+        if here is None:
+            return None
+        place_m: FloatArray = self._plan.frame.enu_from_geodetic(here.lat_deg, here.lon_deg, here.alt_amsl_m)[0]
+        return place_m
+
+    def _look_for_silence(self) -> None:
+        """After positions were missing, believe for a moment which waypoint the vehicle says it flies to."""
+        here = self._conversation.monitor.latest(m.GlobalPositionInt)
+        if here is None:
+            return
+        if math.isfinite(self._seen_s) and here.time_boot_s - self._seen_s > _UNSEEN_S:
+            self._trust_until_s = here.time_boot_s + _TRUST_S
+        self._seen_s = here.time_boot_s
+
+
+def _distance_m(here: FloatArray, leg: FloatArray) -> float:
+    """Distance of a (3,) place from a (2, 3) leg."""
+    along = leg[1] - leg[0]
+    length_2 = float(along @ along)
+    share = 0.0 if length_2 == 0.0 else min(1.0, max(0.0, float((here - leg[0]) @ along) / length_2))
+    return float(np.linalg.norm(here - leg[0] - share * along))

@@ -1,0 +1,96 @@
+"""After the user's stop: hold, then fly home along checked legs; after a second one, leave it holding."""
+
+import math
+from collections.abc import Callable
+
+from mission_io.errors import MissionIoError
+from mission_io.model.items import Mission
+from mission_io.wire import messages as m
+from uavcover.errors import UavcoverError
+from uavcover.vehicle.follow import follow_home
+from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
+from uavcover.vehicle.session import Conversation, Stopped
+from uavcover.vehicle.start import first_seq, hold_mode, is_flying, set_current_item, set_mode, start_mission
+
+_AT_REST_M_S = 0.3
+_ASKED = "second stop"
+
+PlanReturn = Callable[[float, float, float], Mission]
+"""From latitude, longitude (degrees) and height above sea level (metres), a mission home whose legs were checked."""
+
+
+def hold(conversation: Conversation, text: str = "stop: the vehicle is told to hold") -> None:
+    """Tell ``text``, make the vehicle stay where it is, and wait until it has come to rest.
+
+    Raises:
+        FlightFaultError: it is gone, or does not come to rest.
+        mission_io.errors.CommandRefusedError: it does not want to hold.
+    """
+    conversation.tell(EventKind.STOP, text)
+    conversation.insist(lambda: set_mode(conversation, hold_mode(conversation)))
+    conversation.wait(
+        lambda: _speed_m_s(conversation) <= _AT_REST_M_S,
+        patience_s=conversation.patience.halt_s,
+        what=lambda: f"the vehicle, in {conversation.mode_name}, does not come to rest",
+    )
+    conversation.tell(EventKind.STOP, "the vehicle holds its place")
+
+
+def return_home(
+    conversation: Conversation, plan_return: PlanReturn, *, stops: int = 1, longest_wait_s: float = 0.0
+) -> bool:
+    """Hold, fly home along checked legs, land; one more stop of the user than ``stops`` leaves the vehicle holding.
+
+    Returns:
+        Whether the vehicle landed; False when it was left holding, which was told.
+
+    Raises:
+        FlightFaultError: the vehicle is gone, or does something else.
+    """
+    conversation.paused = False
+    hold(conversation)
+    if conversation.stop() > stops:
+        return _leave(conversation, _ASKED)
+    here = conversation.monitor.latest(m.GlobalPositionInt)
+    if here is None:
+        raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not tell where it is; it was left holding")
+    try:
+        mission = plan_return(here.lat_deg, here.lon_deg, here.alt_amsl_m)
+    except (UavcoverError, MissionIoError) as error:
+        return _leave(conversation, f"no checked way home from here: {error}")
+    conversation.tell(EventKind.STOP, "the way home is being sent")
+    try:
+        checked = conversation.insist(lambda: conversation.client.upload_and_verify(mission, in_flight=True))
+    except MissionIoError as error:
+        return _leave(conversation, f"the way home could not be sent: {error}")
+    if not checked.passed:
+        return _leave(conversation, "the way home was read back changed")
+    if conversation.stop() > stops:
+        return _leave(conversation, _ASKED)
+    conversation.insist(lambda: set_current_item(conversation, first_seq(conversation)))
+    conversation.monitor.forget(m.MissionCurrent)
+    conversation.insist(lambda: start_mission(conversation))
+    conversation.tell(EventKind.STOP, "flying home along checked legs")
+    try:
+        follow_home(conversation, stops_before=stops, longest_wait_s=longest_wait_s)
+    except Stopped:
+        if not is_flying(conversation):
+            return True
+        hold(conversation)
+        return _leave(conversation, _ASKED)
+    return True
+
+
+def _leave(conversation: Conversation, why: str) -> bool:
+    conversation.tell(
+        EventKind.STOP,
+        f"{why}: the vehicle is left holding in {conversation.mode_name}, armed and in the air; take over from here",
+    )
+    return False
+
+
+def _speed_m_s(conversation: Conversation) -> float:
+    position = conversation.monitor.latest(m.GlobalPositionInt)
+    if position is None:
+        return math.inf
+    return math.hypot(position.velocity_north_m_s, position.velocity_east_m_s, position.velocity_down_m_s)

@@ -1,0 +1,229 @@
+"""The running conversation with one vehicle: waiting with patience, passing on what it says, noticing that it is gone."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import TypeVar
+
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.errors import MisuseError, VehicleSilentError
+from mission_io.model.enums import MissionState
+from mission_io.wire import messages as m
+from uavcover.vehicle.client import VehicleClient
+from uavcover.vehicle.flight_plan import Patience
+from uavcover.vehicle.modes import Mode, custom_mode, mode_from_custom
+from uavcover.vehicle.monitor import Monitor
+from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightFaultError
+from uavcover.vehicle.precautions import OnBreach
+from uavcover.vehicle.watch import Watch
+
+ResultT = TypeVar("ResultT")
+
+_POLL_S = 0.1
+_WARNING_SEVERITY = 4
+
+
+class Stopped(Exception):  # noqa: N818 - the user's wish is no error
+    """The flight is to end, by the user's wish or because of a breach.
+
+    Attributes:
+        cause: the breach; None when the user asked.
+    """
+
+    def __init__(self, cause: Ending | None = None) -> None:
+        self.cause = cause
+        super().__init__()
+
+
+class Conversation:
+    """What the stages of a flight share.
+
+    Args:
+        client: talks to the vehicle.
+        monitor: hears what the client hears.
+        patience: how long to wait for what.
+        on_event: is told what happens.
+        stop: how often the user has asked to stop.
+        pause: whether the user wants the vehicle to wait where it is.
+
+    Attributes:
+        watch: notices what goes wrong.
+        on_breach: what to do on a breach.
+        paused: whether the vehicle was told to wait on its way, and has not gone on since.
+    """
+
+    def __init__(
+        self,
+        client: VehicleClient,
+        monitor: Monitor,
+        *,
+        patience: Patience,
+        on_event: Callable[[FlightEvent], None],
+        stop: Callable[[], int],
+        pause: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self.client, self.monitor, self.patience = client, monitor, patience
+        self.stop = stop
+        self.pause = pause
+        self.paused = False
+        self.on_breach = OnBreach.TELL
+        self._on_event = on_event
+        self._recent_complaints: deque[str] = deque(maxlen=3)
+        self.watch = Watch(
+            client, monitor, patience, self.tell, lambda text: self.tell(EventKind.WARNING, text, alarm=True)
+        )
+
+    @property
+    def autopilot(self) -> Autopilot:
+        """The vehicle's autopilot."""
+        return self.client.vehicle.autopilot
+
+    @property
+    def complaints(self) -> str:
+        """The vehicle's latest warnings as the end of a sentence; empty when there were none."""
+        return f"; it says: {' | '.join(self._recent_complaints)}" if self._recent_complaints else ""
+
+    @property
+    def obeys(self) -> bool:
+        """Whether the vehicle is in its mission, or paused by us; MISSION_CURRENT tells sooner than the heartbeat."""
+        if self.paused:
+            return True
+        current = self.monitor.latest(m.MissionCurrent)
+        left = current is not None and current.state == MissionState.PAUSED
+        in_mission = self.client.vehicle.custom_mode == custom_mode(self.autopilot, Mode.MISSION)
+        return in_mission and not left
+
+    @property
+    def mode_name(self) -> str:
+        """The vehicle's flight mode, for people."""
+        number = self.client.vehicle.custom_mode
+        mode = mode_from_custom(self.autopilot, number)
+        return f"mode {number}" if mode is None else f"{mode.value} mode"
+
+    @property
+    def silence_s(self) -> float:
+        """How long nothing of the vehicle was heard."""
+        return self.monitor.silence_s(self.client.clock.now())
+
+    @property
+    def vehicle_now(self) -> str:
+        """What the vehicle does, or did when it was heard last, for people."""
+        monitor = self.monitor
+        try:
+            vehicle = self.client.vehicle
+        except MisuseError:
+            return "not heard"
+        unproved = "on the ground by its own word" if monitor.ground.says_landed else "somewhere"
+        where = {True: "on the ground", False: "in the air", None: unproved}[monitor.on_ground]
+        parts = [where, "armed" if vehicle.armed else "disarmed", f"in {self.mode_name}"]
+        here = monitor.latest(m.GlobalPositionInt)
+        if here is not None:
+            old = self.client.clock.now() - (monitor.position_at_s or 0.0) > self.patience.deadman_s + self.silence_s
+            place = f"{here.lat_deg:.6f}, {here.lon_deg:.6f}, {here.alt_above_home_m:.0f} m above home"
+            parts.append(f"last known at {place}" if old else f"at {place}")
+        heard = f" (heard {self.silence_s:.0f} s ago)" if self.silence_s > self.patience.deadman_s else ""
+        return ", ".join(parts) + heard
+
+    def tell(self, kind: EventKind, text: str, *, waypoint: int | None = None, alarm: bool = False) -> None:
+        """Pass on an event."""
+        self._on_event(FlightEvent(kind, text, self.monitor.time_s, waypoint, alarm))
+
+    def pump(self) -> None:
+        """Listen for a moment, and pass on what the vehicle says.
+
+        Raises:
+            FlightFaultError: it is gone, or it restarted.
+        """
+        self.client.poll(_POLL_S)
+        self.attend()
+
+    def attend(self) -> None:
+        """Pass on what was heard, and look at what can go wrong; also while a transfer is going on.
+
+        Raises:
+            FlightFaultError: the vehicle is gone, or it restarted.
+        """
+        while self.monitor.texts:
+            said = self.monitor.texts.popleft()
+            if said.severity <= _WARNING_SEVERITY:
+                self._recent_complaints.append(said.text)
+            self.watch.take_text(said)
+            self.tell(EventKind.TEXT, said.text)
+        while self.monitor.other_texts:
+            component, said = self.monitor.other_texts.popleft()
+            self.tell(EventKind.TEXT, f"component {component}: {said.text}")
+        self.watch.look()
+
+    def listen(self, seconds: float) -> None:
+        """Hear what the vehicle says for so long on the link's clock, whatever goes wrong."""
+        until_s = self.client.clock.now() + seconds
+        while self.client.clock.now() < until_s:
+            self.client.poll(_POLL_S)
+
+    def insist(self, act: Callable[[], ResultT]) -> ResultT:
+        """Do something that the vehicle has to answer; when it does not, again until the link counts as lost.
+
+        Raises:
+            FlightFaultError: the vehicle is gone.
+            mission_io.errors.MissionIoError: whatever ``act`` raises but silence; silence too, when other messages come.
+        """
+        began_s = self.client.clock.now()
+        while True:
+            try:
+                return act()
+            except VehicleSilentError:
+                if self.client.clock.now() - began_s > self.patience.link_lost_s:
+                    raise
+                self.pump()
+
+    def wait(
+        self,
+        done: Callable[[], bool],
+        *,
+        patience_s: float,
+        what: Callable[[], str],
+        stops_before: int | None = None,
+        ending: Ending = Ending.FAILED,
+    ) -> None:
+        """Listen until ``done``.
+
+        Args:
+            done: looks at the monitor.
+            patience_s: longest time to wait, vehicle time where the vehicle tells it.
+            what: what does not happen, for the error.
+            stops_before: how many stops of the user are known already; None is not to look.
+            ending: the name of it when it took too long.
+
+        Raises:
+            FlightFaultError: it took too long, or the vehicle is gone.
+            Stopped: the user asked once more.
+        """
+        timer = Timer(self, patience_s)
+        while not done():
+            if stops_before is not None and self.stop() > stops_before:
+                raise Stopped
+            if timer.over:
+                raise FlightFaultError(ending, f"{what()} within {patience_s:g} s{self.complaints}")
+            self.pump()
+
+
+class Timer:
+    """Runs in vehicle time where that is known, with the link's clock as the watchdog behind it."""
+
+    def __init__(self, conversation: Conversation, patience_s: float) -> None:
+        self._conversation, self._patience_s = conversation, patience_s
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin again."""
+        self._vehicle_s = self._conversation.monitor.time_s
+        self._link_s = self._conversation.client.clock.now()
+
+    @property
+    def over(self) -> bool:
+        """Whether the time has passed."""
+        link_elapsed_s = self._conversation.client.clock.now() - self._link_s
+        now_s = self._conversation.monitor.time_s
+        if now_s is None or self._vehicle_s is None:
+            return link_elapsed_s > self._patience_s
+        watchdog_s = self._patience_s * self._conversation.patience.watchdog
+        return now_s - self._vehicle_s > self._patience_s or link_elapsed_s > watchdog_s

@@ -1,0 +1,346 @@
+"""What can go wrong in flight: silence, position, battery, wind, fence; and when it is told.
+
+When something that goes wrong is told: at once, when it has doubled, every half a minute, and when it is over.
+
+Looks all the time at what can go wrong with a vehicle in flight: silence, position, satellites, battery, wind, fence.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Enum
+
+from mission_io.model.enums import AutopilotId, EkfFlag
+from mission_io.wire import messages as m
+from uavcover.vehicle.client import VehicleClient
+from uavcover.vehicle.flight_plan import Patience
+from uavcover.vehicle.monitor import Monitor
+from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError, Incident
+
+REPEAT_S = 30.0
+"""No longer without a word while it lasts."""
+
+
+class Told(Enum):
+    """Why an alarm is told now."""
+
+    BEGUN = "it has begun"
+    DOUBLED = "it is twice as much as when that was told last"
+    LASTS = "it lasts"
+    ENDED = "it is over"
+
+
+class Alarm:
+    """One thing that can go wrong, by how much, and when that is to be told. Knows no clock: time is an argument.
+
+    What is over for less than ``settle_s`` is not over: an amount that swings about its limit is one alarm and not a hundred.
+
+    Args:
+        settle_s: how long it has to be away before it counts as over.
+        repeat_s: how often it is told while it lasts.
+
+    Attributes:
+        largest: the largest amount since it began.
+    """
+
+    def __init__(self, *, settle_s: float = 0.0, repeat_s: float = REPEAT_S) -> None:
+        self._settle_s, self._repeat_s = settle_s, repeat_s
+        self._told_at_s: float | None = None
+        self._told_amount = 0.0
+        self._away_since_s: float | None = None
+        self.largest = 0.0
+
+    @property
+    def sounding(self) -> bool:
+        """Whether it has begun and is not over."""
+        return self._told_at_s is not None
+
+    def measure(self, amount: float | None, now: float) -> Told | None:
+        """Take what was measured at ``now`` (seconds), None for nothing wrong; returns why to tell it, None for silence."""
+        if self._told_at_s is None:
+            if amount is None:
+                return None
+            self._told_amount = self.largest = amount
+            return self._tell(Told.BEGUN, now)
+        if amount is None:
+            if self._away_since_s is None:
+                self._away_since_s = now
+            if now - self._away_since_s < self._settle_s:
+                return None
+            self._told_at_s = self._away_since_s = None
+            return Told.ENDED
+        self._away_since_s = None
+        self.largest = max(self.largest, amount)
+        if amount >= 2.0 * self._told_amount and amount > self._told_amount:
+            self._told_amount = amount
+            return self._tell(Told.DOUBLED, now)
+        if now - self._told_at_s >= self._repeat_s:
+            return self._tell(Told.LASTS, now)
+        return None
+
+    def _tell(self, told: Told, now: float) -> Told:
+        self._told_at_s, self._away_since_s = now, None
+        return told
+
+
+_FIX_3D = 3
+_WARNING_SEVERITY = 4
+
+_WORDS: tuple[tuple[Ending, tuple[str, ...]], ...] = (
+    (Ending.CRASHED, ("crash",)),
+    (Ending.BATTERY_FAILSAFE, ("battery",)),
+    (Ending.WIND_ABOVE_LIMITS, ("wind",)),
+    (Ending.FENCE_BREACHED, ("fence", "geofence")),
+    (Ending.GPS_LOST, ("gps", "gnss", "ekf", "position estimate", "global position", "position lost")),
+    (Ending.LINK_LOST, ("gcs", "data link", "datalink", "ground station")),
+    (Ending.FAILSAFE, ("failsafe",)),
+)
+"""What the words of a warning are about; the first that fits."""
+
+
+def cause_in(text: str) -> Ending | None:
+    """What a warning of the vehicle is about; None when nothing is known by its words."""
+    words = text.lower()
+    return next((cause for cause, known in _WORDS if any(word in words for word in known)), None)
+
+
+_OTHER_MISSION = ("changed", "received", "updated", "uploaded", "new")
+"""Words beside "mission" or "flight plan" that speak of another one."""
+
+_SILENCE = frozenset({Ending.LINK_LOST, Ending.HEARTBEAT_LOST, Ending.POSITION_LOST})
+_SETTLE_S = 2.0
+_LOW_BATTERY_PERCENT = 15
+
+
+@dataclass(slots=True)
+class _Going:
+    """Something that goes wrong now: which incident it is, when to tell it, and what was told of it last."""
+
+    number: int
+    alarm: Alarm
+    text: str = ""
+    amount: float | None = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Said:
+    """A warning of the vehicle that tells a cause."""
+
+    cause: Ending
+    text: str
+    at_s: float
+
+
+class Watch:
+    """Notices what goes wrong and when it is over, and tells both.
+
+    Args:
+        client: hears the vehicle.
+        monitor: hears what the client hears.
+        patience: how long silence may be.
+        tell: takes what is to be told.
+        sound: takes what is to be heard, too.
+
+    Attributes:
+        incidents: all that went wrong so far, in the order in which it began.
+        mission_words: how many lines of the vehicle spoke of another mission.
+    """
+
+    def __init__(
+        self,
+        client: VehicleClient,
+        monitor: Monitor,
+        patience: Patience,
+        tell: Callable[[EventKind, str], None],
+        sound: Callable[[str], None],
+    ) -> None:
+        self._client, self._monitor, self._patience = client, monitor, patience
+        self._tell, self._sound = tell, sound
+        self._open: dict[Ending, _Going] = {}
+        self._begun: list[Ending] = []
+        self._said: list[_Said] = []
+        self._in_flight = False
+        self._heard_again_at_s = client.clock.now()
+        self.incidents: list[Incident] = []
+        self.mission_words = 0
+
+    def take_off(self) -> None:
+        """From here on a lost fix counts too: on the ground it was waited for."""
+        self._in_flight = True
+
+    def take_text(self, said: m.StatusText) -> None:
+        """Take note of a warning of the vehicle."""
+        words = said.text.lower()
+        about = "mission" in words or "flight plan" in words
+        self.mission_words += about and any(word in words for word in _OTHER_MISSION)
+        cause = cause_in(said.text) if said.severity <= _WARNING_SEVERITY else None
+        if cause is not None:
+            self._said.append(_Said(cause, said.text, self._client.clock.now()))
+
+    def is_open(self, kind: Ending) -> bool:
+        """Whether something goes wrong now."""
+        return kind in self._open
+
+    def text_of(self, kind: Ending) -> str:
+        """What was told of the latest incident of a kind; what its name means when there was none."""
+        return next((i.text for i in reversed(self.incidents) if i.kind is kind), kind.value)
+
+    def take_begun(self) -> list[Ending]:
+        """What began to go wrong since the last call."""
+        begun, self._begun = self._begun, []
+        return begun
+
+    def open(self, kind: Ending, text: str, amount: float = 0.0) -> None:
+        """Something goes wrong, by an amount in a unit of its own: told at once, when it has doubled, and while it lasts."""
+        going = self._open.get(kind)
+        if going is None:
+            going = self._open[kind] = _Going(len(self.incidents), Alarm(settle_s=_SETTLE_S))
+            self.incidents.append(Incident(kind, text, self._monitor.time_s))
+            self._begun.append(kind)
+        elif amount > going.alarm.largest:
+            self.incidents[going.number] = replace(self.incidents[going.number], text=text)
+        going.text, going.amount = text, amount
+        self._measure(kind, going, amount)
+
+    def measure(self, kind: Ending, amount: float | None, text: str, over: str) -> None:
+        """Like ``open``, and with None the end of it, told as ``over``, once it has stayed away for a moment."""
+        going = self._open.get(kind)
+        if amount is not None:
+            self.open(kind, text, amount)
+        elif going is not None:
+            going.amount = None
+            if self._measure(kind, going, None) is Told.ENDED:
+                self.close(kind, over)
+
+    def close(self, kind: Ending, text: str) -> None:
+        """Tell that it is over, if it was there."""
+        going = self._open.pop(kind, None)
+        if going is None:
+            return
+        self.incidents[going.number] = replace(self.incidents[going.number], end_s=self._monitor.time_s)
+        self._tell(EventKind.WARNING, text)
+
+    def _measure(self, kind: Ending, going: "_Going", amount: float | None) -> Told | None:
+        now, vehicle_s = self._client.clock.now(), self._monitor.time_s
+        if kind not in _SILENCE and vehicle_s is not None:  # the vehicle's own time stands still while nothing is heard
+            now = vehicle_s
+        told = going.alarm.measure(amount, now)
+        if told in (Told.BEGUN, Told.DOUBLED):
+            self._sound(going.text)
+        elif told is Told.LASTS:
+            self._sound(f"still: {going.text}")
+        return told
+
+    def recent_cause(self, *, within_s: float) -> tuple[Ending, str] | None:
+        """What the vehicle most likely reacts to if it does something by itself now: what it said, or what went wrong.
+
+        Args:
+            within_s: how long ago that may be, in seconds of the link's clock for what it said.
+        """
+        now = self._client.clock.now()
+        recent = [said for said in self._said if now - said.at_s <= within_s]
+        for cause, _ in _WORDS:
+            for said in recent:
+                if said.cause is cause:
+                    return cause, f"it says: {said.text}"
+        for kind in (Ending.BATTERY_FAILSAFE, Ending.GPS_LOST, Ending.WIND_ABOVE_LIMITS, Ending.LINK_LOST):
+            for incident in reversed(self.incidents):
+                if incident.kind is kind and (incident.end_s is None or self._age_s(incident.end_s) <= within_s):
+                    return kind, incident.text
+        return None
+
+    def look(self) -> None:
+        """Look at everything once.
+
+        Raises:
+            FlightFaultError: the vehicle is gone, or it restarted.
+        """
+        now = self._client.clock.now()
+        silence_s = self._monitor.silence_s(now)
+        self._look_at_silence(silence_s)
+        if self._monitor.restarted:
+            text = f"vehicle {self._client.vehicle.system_id} restarted: its clock began anew"
+            self.open(Ending.RESTARTED, text)
+            raise FlightFaultError(Ending.RESTARTED, text)
+        if silence_s <= self._patience.deadman_s:
+            self._look_at_heartbeat(now)
+            self._look_at_positions(now)
+        if self._in_flight:
+            self._look_at_fix()
+            self._look_at_battery()
+        for kind, going in self._open.items():
+            if going.amount is not None:
+                self._measure(kind, going, going.amount)
+
+    def _age_s(self, time_s: float) -> float:
+        return 0.0 if self._monitor.time_s is None else self._monitor.time_s - time_s
+
+    def _look_at_silence(self, silence_s: float) -> None:
+        vehicle = self._client.vehicle.system_id
+        if silence_s > self._patience.link_lost_s:
+            text = f"link lost: nothing from vehicle {vehicle} for {silence_s:.1f} s"
+            self.open(Ending.LINK_LOST, text)
+            raise FlightFaultError(Ending.LINK_LOST, f"{text}; look for it, and at the link")
+        if silence_s > self._patience.deadman_s:
+            self.open(
+                Ending.LINK_LOST,
+                f"nothing from vehicle {vehicle} for {silence_s:.1f} s; waiting for it up to {self._patience.link_lost_s:g} s",
+                silence_s,
+            )
+        elif self.is_open(Ending.LINK_LOST):
+            self._heard_again_at_s = self._client.clock.now()
+            self.close(Ending.LINK_LOST, f"vehicle {vehicle} is heard again")
+
+    def _look_at_heartbeat(self, now: float) -> None:
+        """A heartbeat that stays away while other messages come: following goes on by these."""
+        age_s = min(self._client.heartbeat_age_s, now - self._heard_again_at_s)
+        vehicle = self._client.vehicle.system_id
+        if age_s > self._patience.heartbeat_s:
+            self.open(
+                Ending.HEARTBEAT_LOST,
+                f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages come; its mode, and "
+                "whether it is armed, are not known",
+                age_s,
+            )
+        elif self.is_open(Ending.HEARTBEAT_LOST):
+            self.close(Ending.HEARTBEAT_LOST, f"the heartbeat of vehicle {vehicle} is back")
+
+    def _look_at_positions(self, now: float) -> None:
+        heard_at = self._monitor.position_at_s
+        if heard_at is None:
+            return
+        if now - heard_at > self._patience.deadman_s:
+            self.open(
+                Ending.POSITION_LOST,
+                f"no position for {now - heard_at:.1f} s, although other messages of the vehicle come",
+                now - heard_at,
+            )
+        elif self.is_open(Ending.POSITION_LOST):
+            self.close(Ending.POSITION_LOST, "positions come again")
+
+    def _look_at_fix(self) -> None:
+        gps = self._monitor.latest(m.GpsRawInt)
+        lacks = []
+        if gps is not None and gps.fix_type < _FIX_3D:
+            lacks.append(f"satellite fix (GPS fix type {gps.fix_type})")
+        ekf = self._monitor.latest(m.EkfStatusReport)
+        if self._client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT and ekf is not None and not has_position(ekf):
+            lacks.append("position estimate (EKF)")
+        if lacks:
+            self.open(Ending.GPS_LOST, f"the vehicle has lost its {' and its '.join(lacks)}")
+        else:
+            self.close(Ending.GPS_LOST, "the vehicle has its position again")
+
+    def _look_at_battery(self) -> None:
+        """A battery that is low; it doubles when half of what was left then is gone."""
+        status = self._monitor.latest(m.SysStatus)
+        left = None if status is None else status.battery_remaining_percent
+        if left is None or left < 0:
+            return
+        low = left <= _LOW_BATTERY_PERCENT
+        text = f"the battery has {left} % left"
+        self.measure(Ending.BATTERY_LOW, 100.0 / max(left, 1) if low else None, text, f"{text} again")
+
+
+def has_position(ekf: m.EkfStatusReport) -> bool:
+    """Whether ArduPilot's filter knows where the vehicle is."""
+    return bool(ekf.flags & EkfFlag.POSITION_HORIZONTAL_ABSOLUTE) and not ekf.flags & EkfFlag.CONSTANT_POSITION
