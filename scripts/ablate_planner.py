@@ -25,8 +25,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.tours import short_tour
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
@@ -41,8 +41,6 @@ from uavcover.routes.leg_checks import measure_violations
 from uavcover.run import pipeline
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-
-FloatArray = NDArray[np.float64]
 
 CASES = (
     ("paper-r1", "max-coverage", 40, ("local-search", "memetic", "anew", "feedback", "recombined")),

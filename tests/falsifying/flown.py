@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.track import AGE_COLUMN, COLUMNS
 from uavcover.run import pipeline
 from uavcover.run.folder import RunFolder
@@ -15,9 +16,6 @@ from uavcover.run.judge import read_planned_route
 from uavcover.run.resume import flown_tracks
 from uavcover.scenario.site import Site
 from uavcover.vehicle.track_file import read_track
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

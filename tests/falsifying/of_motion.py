@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.falsifying.flown import Change, FloatArray, Flown
+from tests.falsifying.flown import Change, Flown
 from tests.falsifying.of_place import any_way
 from tests.falsifying.of_time import thinned
 from tests.falsifying.way import Way, family
+from uavcover.kernels.arrays import FloatArray
 
 
 def along(f: Flown, path_m: FloatArray, number: np.ndarray, *, speed_m_s: float, step_s: float) -> Flown:

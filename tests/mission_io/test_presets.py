@@ -127,5 +127,6 @@ class Forgetful(list):  # type: ignore[type-arg]
 
 
 NOT_THE_CLIENT = [
-    tracemalloc.Filter(False, f"*/{name}.py") for name in ("wire/mission_items", "storage", "autopilot", "codec", "items")
+    tracemalloc.Filter(False, f"*/{name}.py")
+    for name in ("wire/mission_items", "storage", "autopilot", "codec", "items")
 ]

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
 
-FloatArray = NDArray[np.float64]
+from uavcover.kernels.arrays import FloatArray
+
 Outcome = Literal["win", "tie", "loss"]
 
 SIGNIFICANCE = 0.05

@@ -17,15 +17,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.judging.motion_windows import Windows
 from uavcover.judging.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 MOST_UNEXPLAINED_M_S2 = 2.0
 """Root mean square over a flight. Simulated autopilots come to 0.8, mock flights in gusts, off by metres, to 1.1."""

@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.judging.ends import Continuation, continuations
 from uavcover.judging.flown_coverage import FlownCoverage, possibly_seen
@@ -28,12 +27,11 @@ from uavcover.judging.unobserved import (
     way_before_m,
     ways_between_m,
 )
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.scenario import Scenario
 from uavcover.model.verdict import CellStatistics, CoverageMoment, Unobserved, VerdictName
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-
-FloatArray = NDArray[np.float64]
 
 _MOMENTS = 200
 """Coverage over time is told at this many moments, evenly spread over the looks' time."""
@@ -72,8 +70,6 @@ def coverage_by_time(coverage: CoverageMap, flown: FlownCoverage, times_s: Float
     shares = so_far[np.searchsorted(flown.first_seen_s[order], moments, side="right")]
     return tuple(CoverageMoment(float(t), float(share)) for t, share in zip(moments, shares, strict=True))
 
-
-BoolArray = NDArray[np.bool_]
 
 MAX_UNOBSERVED_WAYS_FRACTION = 0.2
 """Of the time on the ways there and home; on the route it is much less, by the scenario."""

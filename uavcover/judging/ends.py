@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.judging.possible_motion import MAX_JUMP_M, MotionLimits
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.scenario import Scenario
-
-FloatArray = NDArray[np.float64]
 
 STILL_S = 2.0
 """A vehicle on the ground stands still for so long."""

@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 from uavcover.judging.observations import Looks
 from uavcover.judging.possible_motion import MAX_LEAN_DEG
 from uavcover.kernels import observation_counting as kernels
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import Camera, Tally
 from uavcover.kernels.sight import LocalSlopes, local_slopes
 from uavcover.model.sensor import Camera as CameraSensor
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import focal_px
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 WORKERS = 2
 """Threads that share out the rows of the lattice; the result does not depend on it."""

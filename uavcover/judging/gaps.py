@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from uavcover.errors import InputError
 from uavcover.judging.flown_coverage import FlownCoverage
+from uavcover.kernels.arrays import BoolArray
 from uavcover.kernels.sight import NOT_IN_RANGE, OCCLUDED, SEEN, TOO_COARSE, TOO_OBLIQUE
 from uavcover.model.verdict import Gap, GapReason
 from uavcover.scenario.frames import LocalFrame
 from uavcover.sensing.coverage_map import CoverageMap
-
-BoolArray = NDArray[np.bool_]
 
 REASONS: tuple[GapReason, ...] = (
     "never-in-range",

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.errors import TrackError
 from uavcover.judging.attitude import known_attitude
@@ -25,12 +24,10 @@ from uavcover.judging.safety import (
     track_heights,
 )
 from uavcover.judging.unobserved import place_of, unobserved_stretches
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.track import Track
 from uavcover.model.verdict import Unobserved, Violation
 from uavcover.scenario.site import Site
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 MAX_CONTRADICTION_M = 1.0
 """Largest difference between a track's local columns and its latitudes and longitudes."""

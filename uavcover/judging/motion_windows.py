@@ -4,11 +4,8 @@ from dataclasses import dataclass
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 
 NOISE_MEDIANS = 6.0
 """The allowance, in medians of the second differences: random errors of a million samples stay below it."""

@@ -7,12 +7,10 @@ from numpy.typing import NDArray
 
 from uavcover.errors import TrackError
 from uavcover.judging.phases import PlannedRoute, observed_stretches
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.track import Track
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import camera_turn, look_spacing_m, trigger_distance_m
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 REACHED_RADII = 2.0
 """A planned waypoint counts as reached within this many acceptance radii."""

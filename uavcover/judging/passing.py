@@ -4,13 +4,9 @@ from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 LATENESS_S = 5.0
 """A vehicle may tell so late that it goes on to the next waypoint: the message comes once a second, and may be lost."""

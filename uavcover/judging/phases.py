@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.judging.passing import Passing
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.track import Track
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

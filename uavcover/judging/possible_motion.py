@@ -13,14 +13,10 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.judging.motion_windows import ROUNDING_S, Windows
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.vehicle import Vehicle, Wind
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 SPEED_WINDOWS_S = (0.2, 1.0, 3.0)
 ACCELERATION_WINDOWS_S = (0.2, 0.5, 1.0, 2.0)

@@ -14,15 +14,13 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.judging.phases import PlannedRoute, observed_stretches
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.route import distances_to_polyline
 from uavcover.model.track import Track
 from uavcover.model.vehicle import Vehicle
 from uavcover.model.verdict import Violation, ViolationKind
 from uavcover.scenario.obstacle_prisms import leg_breaches, waypoint_breaches
 from uavcover.scenario.site import Site
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 SPEED_WINDOW_S = 1.0
 """Speed is the way over ground flown in a second: between two samples alone the rounding of a log's times counts too much."""

@@ -3,18 +3,14 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.judging.passing import Passing
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.possible_motion import MAX_JUMP_M, Motion
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
 from uavcover.model.verdict import Unobserved, UnobservedReason
 from uavcover.scenario.site import Site
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 
 def place_of(site: Site, enu_m: FloatArray) -> str:

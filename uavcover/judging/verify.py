@@ -17,12 +17,11 @@ from uavcover.judging.flown_coverage import FlownCoverage, joined_looks, joining
 from uavcover.judging.gaps import GapRegion, find_gaps
 from uavcover.judging.judged_track import JudgedTrack, judge_track, largest, track_positions_m
 from uavcover.judging.phases import PlannedRoute
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-
-FloatArray = NDArray[np.float64]
 
 AGREE_M = 0.3
 """Logs of one flight differ by the rounding of their positions and by what is between two samples."""

@@ -6,13 +6,9 @@ decides. With all totals zero this is plain Pareto dominance.
 """
 
 import numpy as np
-import numpy.typing as npt
 
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.jit import kernel
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @kernel

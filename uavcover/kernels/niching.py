@@ -4,13 +4,9 @@
 """
 
 import numpy as np
-import numpy.typing as npt
 
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.jit import kernel
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @kernel

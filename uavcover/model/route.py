@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from uavcover.kernels.arrays import FloatArray
 
 PART_OF = "part of "
 """Begins the origin of a route that is a stretch of another."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from uavcover.kernels.arrays import FloatArray
 
 COLUMNS = (
     "time_s",

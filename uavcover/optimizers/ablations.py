@@ -16,8 +16,8 @@ from types import MappingProxyType
 from typing import ClassVar, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.dominance import non_dominated_ranks
 from uavcover.optimizers.dung_beetle_moves import (
     Area,
@@ -28,7 +28,7 @@ from uavcover.optimizers.dung_beetle_moves import (
 )
 from uavcover.optimizers.imodbo import IMODBO, MODBO, DungBeetleOptimizer, Swarm
 from uavcover.optimizers.imodbo_niching import ImodboNiching
-from uavcover.optimizers.interface import FloatArray, IntArray, Solutions
+from uavcover.optimizers.interface import Solutions
 from uavcover.optimizers.niching import NichePool
 
 
@@ -73,9 +73,6 @@ class ImodboMinusSineCosine(IMODBO):
 
     def _walk_small_beetles(self, x: FloatArray, area: Area, rng: np.random.Generator) -> FloatArray:
         return small_beetle(x, area, rng=rng)  # Eq. 17
-
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 class _OwnBest(DungBeetleOptimizer):

@@ -5,8 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.dominance import crowding_distance, first_occurrences, least_crowded, non_dominated_mask
-from uavcover.optimizers.interface import FloatArray, ParetoSet, Solutions
+from uavcover.optimizers.interface import ParetoSet, Solutions
 
 
 @dataclass(frozen=True, eq=False)

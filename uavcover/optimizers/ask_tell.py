@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from uavcover.errors import OptimizerError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers.archive import Archive
-from uavcover.optimizers.interface import FloatArray, Optimizer, ParetoSet, Solutions, State, finite_array, read_only
+from uavcover.optimizers.interface import Optimizer, ParetoSet, Solutions, State, finite_array, read_only
 
 
 @dataclass(frozen=True, slots=True, eq=False)

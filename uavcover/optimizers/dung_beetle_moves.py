@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uavcover.optimizers.interface import FloatArray
+from uavcover.kernels.arrays import FloatArray
 
 ROLLING_PROBABILITY = 0.9  # else the roller meets an obstacle and dances
 STRAIGHT_PROBABILITY = 0.9  # alpha = +1, else -1

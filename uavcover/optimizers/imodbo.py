@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
+from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.optimizers.ask_tell import AskTellOptimizer
 from uavcover.optimizers.dung_beetle_moves import (
     Area,
@@ -29,7 +30,7 @@ from uavcover.optimizers.dung_beetle_moves import (
     small_beetle,
     thief,
 )
-from uavcover.optimizers.interface import FloatArray, IntArray, Solutions, survivors
+from uavcover.optimizers.interface import Solutions, survivors
 
 # Percentages: rollers, breeders, small beetles, thieves; from the 6, 6, 7 and 11 of 30 of the single-objective DBO.
 GROUP_SHARES: Final = (20, 20, 25, 35)

@@ -5,9 +5,10 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.optimizers.dung_beetle_moves import breeder, roller, thief
 from uavcover.optimizers.imodbo import IMODBO
-from uavcover.optimizers.interface import FloatArray, IntArray, ParetoSet, Solutions, State
+from uavcover.optimizers.interface import ParetoSet, Solutions, State
 from uavcover.optimizers.niching import NichePool, neighbours, representatives, smoothed
 
 

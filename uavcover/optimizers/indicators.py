@@ -5,7 +5,8 @@ import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from uavcover.errors import OptimizerError
-from uavcover.optimizers.interface import FloatArray, finite_array
+from uavcover.kernels.arrays import FloatArray
+from uavcover.optimizers.interface import finite_array
 
 
 def hypervolume(objectives: npt.ArrayLike, reference: npt.ArrayLike) -> float:

@@ -14,10 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from uavcover.errors import OptimizerError
+from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.dominance import least_crowded, non_dominated_ranks
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 State = dict[str, object]
 
 

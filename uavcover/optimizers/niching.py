@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
+from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.niching import dominated_near, last_apart, niche_survivors, spread_out, two_space_medoids
-from uavcover.optimizers.interface import FloatArray, IntArray, Solutions
+from uavcover.optimizers.interface import Solutions
 
 _NEIGHBOURS = 8  # for the local stretch of the map from x to f
 _SPACING_GROWTH, _SPACING_DECAY = 1.15, 0.97

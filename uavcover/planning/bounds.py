@@ -14,8 +14,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.sight import CONE, farthest_looks, highest_in_squares, horizontal_reach
 from uavcover.kernels.surface import GRID
 from uavcover.model.route import Bound, Plan, RouteMember
@@ -24,8 +24,6 @@ from uavcover.planning.set_cover.candidates import finest_lattice_candidates, re
 from uavcover.planning.set_cover.solvers import CoverProgram, SolverEffort
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import whatever_heading
-
-FloatArray = NDArray[np.float64]
 
 _MOST_SQUARES_ACROSS = 4_000
 

@@ -9,16 +9,14 @@ import math
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.errors import InputError
 from uavcover.kernels import route as kernels
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import Route
 from uavcover.planning.baselines.swaths import SwathLayout, fly_layout
 from uavcover.planning.terrain_following import finite_heights, lay_over_terrain
 from uavcover.scenario.site import Site
-
-FloatArray = NDArray[np.float64]
 
 
 class WaypointEncoding:

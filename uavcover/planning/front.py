@@ -15,8 +15,8 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.dominance import least_crowded, non_dominated_mask
 from uavcover.kernels.way_cost import route_cost
 from uavcover.model.route import PART_OF, Route, RouteMember
@@ -124,8 +124,6 @@ def _is_band(problem: LegProblem) -> bool:
 def _seriousness(problem: LegProblem) -> float:
     return np.inf if problem.kind == "no elevation data" else abs(problem.value - problem.limit)
 
-
-FloatArray = NDArray[np.float64]
 
 SHARES = tuple(k / 25 for k in range(1, 25))
 """What the parts see at least, as shares of what the whole route sees."""

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from uavcover.errors import InfeasibleError
 from uavcover.kernels import coverage as kernels
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.coverage import Cells
 from uavcover.kernels.sight import CONE, FRUSTUM, Sight
 from uavcover.kernels.tours import order_between_ends
@@ -26,9 +26,6 @@ from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
 from uavcover.sensing.sensors import reach_at_height_m, turns_with_legs
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

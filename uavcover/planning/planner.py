@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.errors import InfeasibleError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.dominance import least_crowded, non_dominated_mask
 from uavcover.kernels.way_cost import route_cost
 from uavcover.model.route import Plan, Route
@@ -39,7 +39,6 @@ from uavcover.sensing.coverage_map import CoverageMap
 
 __all__ = ["Effort", "Progress", "plan_routes"]
 
-FloatArray = NDArray[np.float64]
 
 CONSTRUCTED_SHARE = 0.25
 """At most this share of the first population is constructed routes; the rest is sampled by the optimizer itself."""

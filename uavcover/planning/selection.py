@@ -5,12 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.errors import InputError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import RouteMember
-
-FloatArray = NDArray[np.float64]
 
 PAPER_WEIGHTS = (0.6, 0.2, 0.2)
 

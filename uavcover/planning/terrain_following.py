@@ -10,14 +10,12 @@ from functools import lru_cache
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.ops import nearest_points, substring
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.route import follow_terrain
 from uavcover.scenario.obstacle_prisms import Prism
 from uavcover.scenario.site import Site
-
-FloatArray = NDArray[np.float64]
 
 _MARGIN_M = 0.05
 """For rounding."""

@@ -8,13 +8,12 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import COLUMNS, Track
 from uavcover.recording import layout
 from uavcover.recording.layout import any_value_columns, any_values, log_static, time_column
 from uavcover.recording.tiles import coverage_tiles, shown_from_s, tick_times_s
 from uavcover.sensing.coverage_map import CoverageMap
-
-FloatArray = NDArray[np.float64]
 
 LINK_WINDOW_S = 5.0
 """Losses of the link are counted over this long."""

@@ -13,15 +13,13 @@ import rerun as rr
 import shapely
 from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import ByteArray, FloatArray
 from uavcover.model.route import Route
 from uavcover.recording import layout
 from uavcover.recording.layout import log_static, ui_points
 from uavcover.scenario.ground import Ground
 from uavcover.scenario.relief import relief_grid
 from uavcover.scenario.site import Site
-
-FloatArray = NDArray[np.float64]
-ByteArray = NDArray[np.uint8]
 
 MAX_NODES_PER_SIDE = 180
 """Of the mesh: more would not be seen, and would fill the file."""

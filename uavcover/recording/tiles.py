@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.recording.layout import NOT_COVERABLE_RGB, SEEN_RGB, UNSEEN_RGB
 from uavcover.recording.scene import extent_m, scene_bounds_m
 from uavcover.scenario.relief import hillshade, shaded
 from uavcover.sensing.coverage_map import CoverageMap
-
-FloatArray = NDArray[np.float64]
 
 TICK_S = 1.0
 """Vehicle time between updates: a cell turns at the first tick not before it was seen, so never early and at most this late."""

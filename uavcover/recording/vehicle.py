@@ -13,6 +13,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.sight import CONE, DISC, FRUSTUM
 from uavcover.model.sensor import Camera, FrameCamera
 from uavcover.model.track import Track
@@ -22,8 +23,6 @@ from uavcover.recording.scene import extent_m, scene_bounds_m
 from uavcover.recording.tiles import lift_m
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import CameraTurn, camera_turn
-
-FloatArray = NDArray[np.float64]
 
 _DIRECTIONS = 48
 _STEPS = 40

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from uavcover.kernels.arrays import FloatArray
 
 WIDTH, HEIGHT = 760.0, 270.0
 LEFT, RIGHT, TOP, BOTTOM = 62.0, 14.0, 12.0, 44.0

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.verify import Verdict, track_positions_m
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import Track
 from uavcover.run import judge, pipeline
 from uavcover.run.documents import ParetoRow, PlannedDocument, read_pareto, read_plan_document
@@ -17,8 +17,6 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.judged_inputs import judged_logs, was_flown
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

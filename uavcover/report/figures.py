@@ -8,15 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
-from numpy.typing import NDArray
 
 from uavcover.errors import OutputError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.report.content import ReportContent
 from uavcover.report.map_data import bounds_m
 from uavcover.run.documents import ParetoRow
 from uavcover.scenario.relief import relief_grid
-
-FloatArray = NDArray[np.float64]
 
 FIGURE_NAMES = ("side-view.png", "top-view.png")
 

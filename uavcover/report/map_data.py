@@ -20,6 +20,7 @@ from PIL import Image
 
 from uavcover.judging.gaps import REASONS, reason_codes
 from uavcover.judging.verify import Verdict
+from uavcover.kernels.arrays import ByteArray, FloatArray
 from uavcover.report.content import Flight, ReportContent
 from uavcover.report.plots import flight_style
 from uavcover.scenario.ground import Ground
@@ -28,8 +29,6 @@ from uavcover.scenario.relief import relief_grid
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 
-FloatArray = NDArray[np.float64]
-ByteArray = NDArray[np.uint8]
 Bounds = tuple[float, float, float, float]
 Rgb = tuple[int, int, int]
 

@@ -4,10 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.judging.verify import Verdict
+from uavcover.kernels.arrays import FloatArray
 from uavcover.report.charts import Chart, Key, Plot
 from uavcover.report.content import Flight, ReportContent
-
-FloatArray = NDArray[np.float64]
 
 _ALONG_STEPS = 1200
 

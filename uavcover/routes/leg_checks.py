@@ -12,12 +12,10 @@ from typing import Literal
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.obstacle_prisms import leg_breaches, waypoint_breaches
 from uavcover.scenario.site import Site
-
-FloatArray = NDArray[np.float64]
 
 CLIMB_TOLERANCE_DEG = 1e-6
 HEIGHT_TOLERANCE_M = 1e-6

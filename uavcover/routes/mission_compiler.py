@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from mission_io.autopilots import autopilot as autopilots
 from mission_io.autopilots.checks import check_for_autopilot
@@ -28,6 +27,7 @@ from mission_io.model.items import (
     waypoint,
 )
 from uavcover.errors import InfeasibleError, InputError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.coverage import sample_path
 from uavcover.kernels.obstacle_breach import tops_near_m
 from uavcover.kernels.route import follow_terrain
@@ -40,8 +40,6 @@ from uavcover.routes.way_cost import pace_of
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m
-
-FloatArray = NDArray[np.float64]
 
 AUTOPILOTS = {"ardupilot": autopilots.ARDUPILOT, "px4": autopilots.PX4}
 

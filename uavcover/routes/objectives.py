@@ -5,17 +5,15 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.kernels import route as kernels
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.way_cost import flight_time, route_cost
 from uavcover.model.route import Route, RouteMetrics
 from uavcover.routes.leg_checks import measure_violations, route_height_range_m
 from uavcover.routes.way_cost import pace_of, way_cost_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-
-FloatArray = NDArray[np.float64]
 
 OBJECTIVES = ("minus_coverage", "waypoint_count", "cost")
 """Names of the objectives, all minimised: -f1, f2, f3 of Eq. 8; the cost is the path's length, or what ``planner.objective``

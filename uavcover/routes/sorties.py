@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.errors import InfeasibleError
+from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.way_cost import Pace, leg_times, turn_times
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
@@ -21,9 +21,6 @@ from uavcover.routes.mission_compiler import (
 )
 from uavcover.routes.way_cost import pace_of
 from uavcover.scenario.site import Site
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _ROUNDS = 200
 """How often a split is made anew without what the compiler refused of the one before."""

@@ -13,15 +13,13 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.errors import InputError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import Bound, Plan, Question, Route, RouteMember
 from uavcover.model.verdict import VerificationReport
 from uavcover.run.folder import SCHEMA_VERSION
 from uavcover.scenario.site import Site
-
-FloatArray = NDArray[np.float64]
 
 PARETO_COLUMNS = (
     "index",

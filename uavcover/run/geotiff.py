@@ -6,13 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import rasterio
-from numpy.typing import NDArray
 from pyproj import CRS, Transformer
 from rasterio.io import MemoryFile
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.frames import LocalFrame
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,6 +16,7 @@ from uavcover.judging.gaps import REASONS, gaps_geojson, reason_codes
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.track_logs.reading import READERS, read_foreign_log
 from uavcover.judging.verify import FlownTrack, Verdict, verify_flight
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.track import ReadTrack, Track
 from uavcover.planning.gap_route import ClosingRoute, plan_closing_route
@@ -33,8 +34,6 @@ from uavcover.run.resume import TRACK
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.vehicle.track_file import read_track_with_warnings
-
-FloatArray = NDArray[np.float64]
 
 GAP_FOLDER = "gaps"
 """The run folder, inside that of the flight, of the mission that closes its gaps."""

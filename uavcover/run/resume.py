@@ -6,9 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from uavcover.errors import InputError
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.track import Track
@@ -20,8 +17,6 @@ from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
 from uavcover.vehicle.break_off import BreakOff, find_break_off, route_left
 from uavcover.vehicle.track_file import read_track
-
-FloatArray = NDArray[np.float64]
 
 TRACK = "track.csv"
 _FOLDER = "resumed"

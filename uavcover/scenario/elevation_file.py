@@ -17,12 +17,11 @@ from pyproj.exceptions import ProjError
 from rasterio.windows import Window
 
 from uavcover.errors import TerrainError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.grid import GridFrame, places_on_grid
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground, grid_ground, ground_of_nodes
 from uavcover.scenario.pixel_frame import STRAIGHT_WITHIN_M, Bounds, finish_frame, fit_frame, node_ups_m
-
-FloatArray = NDArray[np.float64]
 
 LOWEST_PLAUSIBLE_M, HIGHEST_PLAUSIBLE_M = -500.0, 9000.0
 MAX_NODES = 40_000_000

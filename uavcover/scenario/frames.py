@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pyproj import Transformer
 
 from uavcover.errors import InputError
-
-FloatArray = NDArray[np.float64]
+from uavcover.kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -3,15 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from uavcover.errors import TerrainError
 from uavcover.kernels import surface as kernels
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.grid import GridFrame, square_frame, steepest_of_finite, steepest_slope
 from uavcover.kernels.obstacles import roofs_m
 from uavcover.kernels.surface import GRID, SINE_COSINE, Surface
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

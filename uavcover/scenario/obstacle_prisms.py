@@ -13,17 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from uavcover.errors import TerrainError
 from uavcover.kernels import obstacle_breach as kernels
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.obstacles import make_obstacles
 from uavcover.kernels.surface import GRID
 from uavcover.model.obstacles import Obstacles
 from uavcover.scenario.ground import Ground
 from uavcover.scenario.pixel_frame import nodes_inside_m
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

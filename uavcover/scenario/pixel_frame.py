@@ -5,13 +5,12 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebpts1, chebvander
-from numpy.typing import NDArray
 
 from uavcover.errors import TerrainError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.grid import GridFrame, growth_on_grid, places_on_grid, steepest_of_finite
 from uavcover.scenario.frames import LocalFrame
 
-FloatArray = NDArray[np.float64]
 Bounds = tuple[float, float, float, float]
 
 ToPixels = Callable[[FloatArray, FloatArray], FloatArray]

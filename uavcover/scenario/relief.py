@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import ByteArray, FloatArray
 from uavcover.kernels.surface import GRID
 from uavcover.scenario.ground import Ground
-
-FloatArray = NDArray[np.float64]
-ByteArray = NDArray[np.uint8]
 
 _LIGHT_AZIMUTH_DEG = 315.0
 _LIGHT_ELEVATION_DEG = 45.0

@@ -6,17 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from uavcover.errors import ScenarioError, TerrainError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.area import Ring
 from uavcover.model.scenario import RasterTerrain, Scenario, SineCosineTerrain, Uncertainty
 from uavcover.scenario.elevation_file import MAX_ERROR_M, read_ground, read_height_amsl_m
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground, sine_cosine_ground
 from uavcover.scenario.obstacle_prisms import Footprint, Prism, stand_on
-
-FloatArray = NDArray[np.float64]
 
 MAX_REACH_M = 100_000.0
 """Farther from the origin than this, a place in a scenario is a mistake."""

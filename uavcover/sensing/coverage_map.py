@@ -16,6 +16,7 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.kernels import coverage as kernels
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.sight import Sight
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import FrameCamera
@@ -23,8 +24,6 @@ from uavcover.scenario.obstacle_prisms import waypoint_breaches
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import CellGrid, make_cells
 from uavcover.sensing.sensors import flat_picture, look_spacing_m, reach_at_height_m, sight_of, turns_with_legs
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,9 +116,6 @@ def _by_picture(sensor: FrameCamera, low_m: float, high_m: float) -> Iterator[Tr
 
 def _angles_rad() -> list[float]:
     return [float(a) for a in np.arange(_DIRECTIONS) * (2.0 * math.pi / _DIRECTIONS)]
-
-
-BoolArray = NDArray[np.bool_]
 
 
 class CoverageMap:

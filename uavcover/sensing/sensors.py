@@ -9,9 +9,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.errors import ScenarioError
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.sight import CONE, DISC, FRUSTUM, MIDPOINT, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight, horizontal_reach
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import Camera, DiscSensor, FrameCamera, NadirCamera, Sensor, SphereSensor
@@ -185,10 +185,6 @@ def look_spacing_m(scenario: Scenario) -> float:
     """Largest distance between two looks along the path: between two pictures, where these are taken by distance."""
     distance = trigger_distance_m(scenario)
     return scenario.sensor.sample_spacing_m if distance is None else distance
-
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import Track
-
-FloatArray = NDArray[np.float64]
 
 _NEAR_RADII = 1.25
 """The vehicle goes on as soon as it is inside the radius, and what it tells of its place are samples of that."""

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
 from uavcover.errors import InputError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.way_cost import Pace
 from uavcover.scenario.frames import LocalFrame
 from uavcover.vehicle.ground_contact import GroundAt
@@ -17,7 +17,6 @@ from uavcover.vehicle.ground_contact import GroundAt
 if TYPE_CHECKING:
     from uavcover.vehicle.surroundings import Surroundings
 
-FloatArray = NDArray[np.float64]
 
 _PLACES = (Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND, Command.NAV_LOITER_TIME)
 

@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from mission_io.wire import messages as m
-from uavcover.vehicle.break_off import FloatArray, Passage
+from uavcover.kernels.arrays import FloatArray
+from uavcover.vehicle.break_off import Passage
 from uavcover.vehicle.flight_plan import FlightPlan
 from uavcover.vehicle.outcome import Ending, EventKind
 from uavcover.vehicle.session import Conversation

@@ -16,8 +16,8 @@ from typing import Any, Final, cast
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.sight import MIDPOINT, RAY
 from uavcover.model.route import RouteMember
 from uavcover.optimizers.indicators import hypervolume
@@ -62,9 +62,6 @@ CASES: Final = MappingProxyType(
 )
 """The cases by scenario, in the order in which they are run."""
 
-
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
 
 _SAME_PLACE = 1e-6
 

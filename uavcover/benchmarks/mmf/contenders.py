@@ -7,14 +7,12 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.benchmarks.mmf.problems import MmfProblem
+from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers import ALGORITHMS, DBO
 from uavcover.optimizers.ask_tell import AskTellOptimizer
 from uavcover.optimizers.pymoo.adapters import spread_weights
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

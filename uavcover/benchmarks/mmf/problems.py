@@ -11,9 +11,9 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from uavcover.kernels.arrays import FloatArray
+
 Function = Callable[[FloatArray], FloatArray]
 
 _PI: Final = np.pi

@@ -5,9 +5,10 @@ This module imports pymoo; `uavcover.benchmarks.mmf.problems` itself does not.
 
 from typing import Any
 
-from uavcover.benchmarks.mmf.problems import PROBLEMS, FloatArray
+from uavcover.benchmarks.mmf.problems import PROBLEMS
 from uavcover.benchmarks.mmf.reference_sets import reference_sets
 from uavcover.errors import InputError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers.pymoo.adapters import pymoo_missing
 
 try:

@@ -4,11 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.benchmarks.mmf.problems import MMF16_SETS, PROBLEMS, mmf7_set, two_peaks
+from uavcover.kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 _PI = np.pi
 
 

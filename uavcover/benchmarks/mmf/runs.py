@@ -14,15 +14,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.benchmarks.mmf.contenders import CONTENDERS, Budget, solve
 from uavcover.benchmarks.mmf.problems import PROBLEMS
 from uavcover.benchmarks.runs import completed
 from uavcover.errors import InputError, OutputError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.run.folder import RunFolder, json_text, write_text
-
-FloatArray = NDArray[np.float64]
 
 _SETTINGS = "settings.json"
 

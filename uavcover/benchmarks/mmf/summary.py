@@ -14,12 +14,13 @@ from types import MappingProxyType
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from uavcover.benchmarks.mmf.problems import PROBLEMS
 from uavcover.benchmarks.mmf.reference_sets import reference_sets
 from uavcover.benchmarks.mmf.runs import MmfFolder
 from uavcover.errors import OptimizerError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers.indicators import hypervolume, inverted_generational_distance
 
 CONSTANT_VARIABLES = {"MMF10": (1,), "MMF11": (1,), "MMF12": (1,), "MMF14": (2,), "MMF15": (2,)}
@@ -67,8 +68,6 @@ def pareto_sets_proximity(reference_set: ArrayLike, solutions: ArrayLike, *, ign
         return 0.0
     return rate / distance if distance > 0.0 else math.inf
 
-
-FloatArray = NDArray[np.float64]
 
 METRICS: Final = MappingProxyType[str, Literal["less", "more"]](
     {"IGD": "less", "IGDx": "less", "CR": "more", "PSP": "more", "HV": "more"}

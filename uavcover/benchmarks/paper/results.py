@@ -20,17 +20,16 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.benchmarks.mmf.tables import markdown
 from uavcover.benchmarks.paper.readings import READINGS, TABLE_5, TABLE_6, Figures, Reading
 from uavcover.benchmarks.paper.runs import ALGORITHMS, PaperResult, paper_runs, read_result
 from uavcover.benchmarks.runs import KeptRuns
+from uavcover.kernels.arrays import FloatArray
 from uavcover.planning.selection import PAPER_WEIGHTS
 from uavcover.run.folder import write_text
 from uavcover.sensing.coverage_map import CoverageMap
 
-FloatArray = NDArray[np.float64]
 Results = Mapping[tuple[str, str], Sequence[PaperResult]]
 """The results of the runs by reading and algorithm, in the order of their numbers."""
 

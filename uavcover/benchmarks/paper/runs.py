@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.benchmarks.paper.readings import READINGS, Figures
 from uavcover.benchmarks.runs import KeptRuns, completed
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import RouteMember
 from uavcover.model.scenario import PlannerAlgorithm
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.selection import PAPER_WEIGHTS
-
-FloatArray = NDArray[np.float64]
 
 ALGORITHMS: tuple[PlannerAlgorithm, ...] = ("modbo", "imodbo")
 RULE = "weighted:" + ",".join(map(str, PAPER_WEIGHTS))

@@ -4,13 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.errors import TrackError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import ReadTrack, Track
 from uavcover.scenario.frames import LocalFrame
-
-FloatArray = NDArray[np.float64]
 
 MAX_ATTITUDE_GAP_S = 1.0
 """A position gets its attitude from the two rows around it when these are at most this far apart in time."""

@@ -5,12 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.errors import TrackError
 from uavcover.judging.track_logs.assembly import LoggedRows
-
-FloatArray = NDArray[np.float64]
+from uavcover.kernels.arrays import FloatArray
 
 _MAGIC = b"ULog\x01\x12\x35"
 

@@ -20,9 +20,10 @@ import numpy as np
 import numpy.typing as npt
 
 from uavcover.errors import OptimizerError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers.archive import Archive
 from uavcover.optimizers.ask_tell import AskTellOptimizer
-from uavcover.optimizers.interface import FloatArray, ParetoSet, Solutions
+from uavcover.optimizers.interface import ParetoSet, Solutions
 from uavcover.optimizers.pymoo.state import pickled
 
 

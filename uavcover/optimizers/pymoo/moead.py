@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from pymoo.algorithms.moo.moead import ParallelMOEAD
 
-from uavcover.optimizers.interface import FloatArray
+from uavcover.kernels.arrays import FloatArray
 
 
 class GenerationalMOEAD(ParallelMOEAD):  # type: ignore[misc]

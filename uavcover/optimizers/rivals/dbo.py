@@ -9,10 +9,11 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.optimizers.ask_tell import AskTellOptimizer
 from uavcover.optimizers.dung_beetle_moves import Area, area_around, breeder, roller, small_beetle, thief
 from uavcover.optimizers.imodbo import group_sizes
-from uavcover.optimizers.interface import FloatArray, IntArray, Solutions
+from uavcover.optimizers.interface import Solutions
 
 
 class DBO(AskTellOptimizer):

@@ -17,9 +17,10 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.optimizers.archive import Archive
 from uavcover.optimizers.ask_tell import AskTellOptimizer
-from uavcover.optimizers.interface import FloatArray, IntArray, Solutions
+from uavcover.optimizers.interface import Solutions
 
 
 def cells(objectives: FloatArray, *, n_grid: int, inflation: float) -> IntArray:

@@ -10,9 +10,10 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.dominance import crowding_distance
 from uavcover.optimizers.ask_tell import AskTellOptimizer
-from uavcover.optimizers.interface import FloatArray, IntArray, Solutions, survivors
+from uavcover.optimizers.interface import Solutions, survivors
 
 
 def produce(x: FloatArray, place: IntArray, *, threshold: float, t_max: int, rng: np.random.Generator) -> FloatArray:

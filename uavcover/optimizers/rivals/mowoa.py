@@ -9,8 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers.ask_tell import AskTellOptimizer
-from uavcover.optimizers.interface import FloatArray, Solutions
+from uavcover.optimizers.interface import Solutions
 
 
 def swim(

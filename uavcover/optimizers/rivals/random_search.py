@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers.ask_tell import AskTellOptimizer
-from uavcover.optimizers.interface import FloatArray
 
 
 class RandomSearch(AskTellOptimizer):

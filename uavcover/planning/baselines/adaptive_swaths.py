@@ -15,8 +15,8 @@ import math
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.sight import CONE, SPHERE
 from uavcover.kernels.swaths import balance_lines
 from uavcover.model.route import Route
@@ -34,8 +34,6 @@ from uavcover.planning.baselines.swaths import (
 from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import reach_at_height_m, sight_of
-
-FloatArray = NDArray[np.float64]
 
 _STATION_SHARE = 0.25
 """Distance of stations along the lines, as a share of the sensor's reach."""

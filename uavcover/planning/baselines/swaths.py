@@ -5,14 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import Route
 from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import reach_at_height_m
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

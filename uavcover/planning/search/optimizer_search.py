@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import Route
 from uavcover.optimizers.interface import Optimizer
 from uavcover.routes.objectives import evaluate_routes
 from uavcover.sensing.coverage_map import CoverageMap
-
-FloatArray = NDArray[np.float64]
 
 _TIMED_ROUTES = 8
 _SHORTEST_EVALUATION_S = 1e-5

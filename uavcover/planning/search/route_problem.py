@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.nadir_visibility import cone_cells
 from uavcover.kernels.route_state import ALONG_PATH, AT_WAYPOINTS, Draft, Room, Task, empty_draft, recount
 from uavcover.kernels.sight import CONE, FRUSTUM, Sight, horizontal_reach
@@ -16,8 +16,6 @@ from uavcover.routes.way_cost import way_cost_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import look_spacing_m
-
-FloatArray = NDArray[np.float64]
 
 _MOST_WAYPOINTS = 60_000
 """A cell is counted in 16 bits."""

@@ -13,13 +13,12 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.kernels import set_cover as kernels
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.sight import horizontal_reach
 from uavcover.planning.encodings import allowed_band_m
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelLooks, sees_each
 from uavcover.sensing.sensors import whatever_heading
-
-FloatArray = NDArray[np.float64]
 
 _PLACES_AT_ONCE = 2_000
 _ROUNDING_M = 1e-9

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels import set_cover as kernels
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.set_cover import search_cover
 from uavcover.kernels.tours import short_tour
 from uavcover.model.route import Route
@@ -24,7 +25,6 @@ from uavcover.scenario.site import Site
 if TYPE_CHECKING:
     from scipy.optimize._milp import _OptionsMILP
 
-FloatArray = NDArray[np.float64]
 
 _INTEGRAL = 1e-6
 """How far a bound may be below a whole number that it means: the tolerance of HiGHS."""
