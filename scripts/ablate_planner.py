@@ -22,6 +22,7 @@ import platform
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -38,8 +39,7 @@ from uavcover.planning.search.memetic import improve
 from uavcover.planning.search.optimizer_search import rounds_of, search
 from uavcover.planning.selection import parse_rule
 from uavcover.routes.leg_checks import measure_violations
-from uavcover.run import pipeline
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap
 
 CASES = (
@@ -188,7 +188,7 @@ def _rising(points: FloatArray, across: FloatArray) -> FloatArray:
 
 def run_case(scenario: str, rule: str, most: int, variant: str, seed: int, budget_s: float) -> Row:
     """One run as a row."""
-    site = pipeline.load_site(scenario)
+    site = load_site(scenario)
     settings = dataclasses.replace(site.scenario.planner, seed=seed, **({"max_waypoints": most} if most else {}))
     coarse = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
     fine = coarse if rule == "max-coverage" else CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m)
@@ -217,7 +217,7 @@ def run_case(scenario: str, rule: str, most: int, variant: str, seed: int, budge
         chosen = min(enough or members, key=lambda m: m.metrics.path_length_m)
     ratio = min(map(bench.merit, fed)) / first_best if fed else math.nan
     values = (
-        scenario, variant, seed, budget_s, pipeline.metadata.version("uavcover"), datetime.date.today().isoformat(),
+        scenario, variant, seed, budget_s, metadata.version("uavcover"), datetime.date.today().isoformat(),
         chosen.metrics.coverage_of_coverable, chosen.metrics.waypoint_count, chosen.metrics.path_length_m, len(fed),
         "" if math.isnan(ratio) else ratio,
     )  # fmt: skip
@@ -283,7 +283,7 @@ def main() -> None:
         "# What could make IMODBO contribute to the local search",
         "",
         f"Command: `.venv/bin/python scripts/ablate_planner.py --seeds {arguments.seeds} --budget {arguments.budget:g}`, "
-        f"{datetime.date.today().isoformat()}, uavcover {pipeline.metadata.version('uavcover')}, Python "
+        f"{datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, Python "
         f"{platform.python_version()}.",
         "One thread, equal processor time for all but judging. Lengths in metres (jacksboro) or the paper's units. Every run is",
         "a row of the .csv; there `best_fed` is the best of what came between the halves against the best before it (merit:",

@@ -18,7 +18,7 @@ from uavcover.kernels.route import path_length
 from uavcover.kernels.tours import short_tour
 from uavcover.planning.set_cover.candidates import Candidates, Reduced, lattice_candidates, reduce
 from uavcover.planning.set_cover.solvers import CoverProgram, SolverEffort, greedy_cover, searched_cover
-from uavcover.run import pipeline
+from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap
 
 SCENARIOS = ("paper-R2", "paper-r1", "paper-planar")
@@ -43,7 +43,7 @@ def lkh_length(points: np.ndarray) -> float | None:
 
 def rows_of(name: str, spacing_m: float, time_s: float) -> list[dict[str, object]]:
     """What is found and proved on one lattice."""
-    site = pipeline.load_site(name)
+    site = load_site(name)
     coverage = CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m)
     began = time.monotonic()
     candidates = lattice_candidates(coverage, spacing_m=spacing_m)

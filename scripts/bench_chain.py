@@ -18,6 +18,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ from uavcover.mock.server import start_in_background
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
-from uavcover.run import pipeline
+from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -53,7 +54,7 @@ def best_s(call: Callable[[], object], repeat: int) -> float:
 
 def coverage_rows() -> list[Row]:
     """Coverage evaluations a second, kernel and naive twin on the same looks."""
-    site = pipeline.load_site("jacksboro")
+    site = load_site("jacksboro")
     coverage = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
     looks = coverage.looks(fly_layout(site, plain_boustrophedon(site)).waypoints_m)
     coverage.seen_by(looks)
@@ -185,7 +186,7 @@ def main() -> None:
             "# The chain, measured",
             "",
             f"Command: `.venv/bin/python scripts/bench_chain.py -o {out}`, {datetime.date.today().isoformat()}, "
-            f"uavcover {pipeline.metadata.version('uavcover')}, Python {platform.python_version()}, numpy {np.__version__}, "
+            f"uavcover {metadata.version('uavcover')}, Python {platform.python_version()}, numpy {np.__version__}, "
             f"{os.cpu_count()} cores ({platform.machine()}), shared with other work.",
             "",
         ]

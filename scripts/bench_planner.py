@@ -37,9 +37,8 @@ from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad
 from uavcover.planning.search.local_search import CHAINS, Chain, PaceByClock, Work
 from uavcover.planning.search.route_problem import LocalTask, draft_of, local_task
 from uavcover.routes.objectives import evaluate_routes
-from uavcover.run import pipeline
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.cells import make_scattered_cells
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import reach_at_height_m
@@ -205,7 +204,7 @@ def proposals_in(chains: list[Chain], executor: Executor | None) -> int:
 
 def measure_two_cores(name: str) -> Row:
     """Proposals of the same chains on one thread and on two, turn by turn."""
-    site = pipeline.load_site(name)
+    site = load_site(name)
     coverage = searched_map(site, searched_cell_m(site))
     rates: list[tuple[float, float]] = []
     serial_s = 0.0
@@ -231,7 +230,7 @@ def cases() -> dict[str, Cases]:
     """What there is to measure: parts, cases, and what measures each."""
 
     def cost(name: str, scenario: str | Scenario, cell_m: float | None) -> Row:
-        site = pipeline.load_site(scenario)
+        site = load_site(scenario)
         return measure_cost(name, site, searched_cell_m(site) if cell_m is None else cell_m)
 
     costs: Cases = {S1: partial(cost, S1, S1, None)}

@@ -11,11 +11,13 @@ import csv
 import datetime
 import platform
 import statistics
+from importlib import metadata
 from pathlib import Path
 
 from uavcover.model.route import RouteMember
 from uavcover.planning.selection import parse_rule, select
-from uavcover.run import pipeline
+from uavcover.run.plan import plan as plan_site
+from uavcover.scenario.site import load_site
 
 CASES = (
     ("jacksboro", "coverage>=0.98", 2000),
@@ -35,8 +37,8 @@ Row = dict[str, str]
 
 def run_case(scenario: str, rule: str, evaluations: int, algorithm: str, seed: int) -> Row:
     """One run as a row."""
-    site = pipeline.load_site(scenario)
-    plan = pipeline.plan(site, seed=seed, evaluations=evaluations, algorithm=algorithm, select=rule, workers=1)
+    site = load_site(scenario)
+    plan = plan_site(site, seed=seed, evaluations=evaluations, algorithm=algorithm, select=rule, workers=1)
     chosen, most = plan.chosen.metrics, plan.members[select(plan.members, parse_rule("max-coverage")).index].metrics
     plain = [b.metrics for b in plan.baselines if b.origin == "boustrophedon"]
     tuned = _shortest([b for b in plan.baselines if b.origin != "boustrophedon"], rule)
@@ -109,7 +111,7 @@ def main() -> None:
         "# What the planner reaches",
         "",
         f"Command: `.venv/bin/python scripts/bench_planning.py -o {arguments.out} --seeds {arguments.seeds}`, ",
-        f"{datetime.date.today().isoformat()}, uavcover {pipeline.metadata.version('uavcover')}, Python "
+        f"{datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, Python "
         f"{platform.python_version()}.",
         "Mean ± standard deviation over the seeds; lengths in metres (jacksboro) or the paper's units. Every run is a row of the",
         ".csv beside this page.",

@@ -15,6 +15,7 @@ import os
 import platform
 import statistics
 import time
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.planning.encodings import WaypointEncoding
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.search.route_problem import draft_of, local_task
-from uavcover.run import pipeline
+from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import reach_at_height_m
 
@@ -49,7 +50,7 @@ Row = dict[str, str]
 
 def run_case(scenario: str, rule: str, most: int, algorithm: str, seed: int, budget_s: float) -> Row:
     """One run as a row."""
-    site = pipeline.load_site(scenario)
+    site = load_site(scenario)
     changes = {"algorithm": algorithm, "seed": seed} | ({"max_waypoints": most} if most else {})
     settings = dataclasses.replace(site.scenario.planner, **changes)
     effort = Effort(settings.evaluations, budget_s, time.process_time)
@@ -60,7 +61,7 @@ def run_case(scenario: str, rule: str, most: int, algorithm: str, seed: int, bud
     asked = float(rule.removeprefix("coverage>=")) if rule.startswith("coverage>=") else 1.0 - 1e-9
     reached = [b.metrics.path_length_m for b in plan.baselines if b.metrics.coverage_of_coverable >= asked]
     values = (
-        scenario, rule, most, budget_s, algorithm, seed, pipeline.metadata.version("uavcover"),
+        scenario, rule, most, budget_s, algorithm, seed, metadata.version("uavcover"),
         datetime.date.today().isoformat(), plan.evaluations, plan.chosen.origin, chosen.coverage_of_coverable,
         HoldOut(site).coverage_of_coverable(plan.chosen.route.waypoints_m) if scenario == "jacksboro" else "",
         plan.chosen.violation, chosen.waypoint_count, chosen.path_length_m,
@@ -72,7 +73,7 @@ def run_case(scenario: str, rule: str, most: int, algorithm: str, seed: int, bud
 
 def measure_speed(scenario: str, proposals: int) -> tuple[float, float]:
     """Proposals a second of processor time, and how many of them one full count of the cells costs."""
-    site = pipeline.load_site(scenario)
+    site = load_site(scenario)
     coverage = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
     reach_m = reach_at_height_m(site.scenario.sensor, best_height_agl_m(site))
     task = local_task(coverage, margin_m=0.0, reach_m=reach_m)
@@ -170,7 +171,7 @@ def main() -> None:
         "# What optimizer and local search contribute",
         "",
         f"Command: `.venv/bin/python scripts/bench_planning_limit.py --seeds SEEDS --only SCENARIO:MOST` as in the table, "
-        f"{datetime.date.today().isoformat()}, uavcover {pipeline.metadata.version('uavcover')}, Python "
+        f"{datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, Python "
         f"{platform.python_version()}.",
         "One thread, equal processor time; the budget holds for baselines, optimizer and local search. Means over the",
         "seeds, in brackets the worst. Lengths in metres (jacksboro) or the paper's units. Every run is a row of the .csv; those",

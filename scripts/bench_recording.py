@@ -19,9 +19,9 @@ from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.recording import describe_recording, read_recorded_track, write_recording
 from uavcover.recording.viewer import loading_time_s
-from uavcover.run import pipeline
 from uavcover.scenario.scenario_file import load_scenario
-from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.scenario.site import load_site
+from uavcover.sensing.coverage_map import CoverageMap, judging_map
 
 RATE_HZ = 10.0
 CASES = ((10.0, 600.0), (5.0, 1200.0), (4.0, 3600.0), (2.0, 600.0), (2.0, 3600.0))
@@ -66,8 +66,8 @@ def measure(cell_size_m: float, flight_s: float, folder: Path) -> dict[str, obje
     """One case."""
     scenario = load_scenario("jacksboro")
     scenario = dataclasses.replace(scenario, area=dataclasses.replace(scenario.area, cell_size_m=cell_size_m))
-    site = pipeline.load_site(scenario)
-    coverage = pipeline.judging_map(site)
+    site = load_site(scenario)
+    coverage = judging_map(site)
     track = hour_of_flight(coverage, flight_s)
     flown = flown_coverage(coverage, track, None)
     path = folder / "flight.rrd"

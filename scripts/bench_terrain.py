@@ -19,10 +19,10 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
 from uavcover.kernels.grid import steepest_of_finite  # noqa: E402
-from uavcover.run.pipeline import load_site  # noqa: E402
 from uavcover.scenario.elevation_file import read_ground  # noqa: E402
 from uavcover.scenario.frames import LocalFrame  # noqa: E402
 from uavcover.scenario.scenario_file import load_scenario, terrain_path  # noqa: E402
+from uavcover.scenario.site import load_site  # noqa: E402
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass, fields
+from importlib import metadata
 from pathlib import Path
 
 from mission_io.client.client import Client
@@ -30,7 +31,6 @@ from mission_io.links.opening import UdpLink
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, takeoff, waypoint
 from mission_io.wire import messages as m
 from uavcover.routes.mission_compiler import AUTOPILOTS
-from uavcover.run import pipeline
 from uavcover.vehicle.modes import Mode, custom_mode
 
 HOME = GeoPoint(36.3, -84.2, 400.0)
@@ -203,7 +203,7 @@ def save(out: Path, rows: list[Row], *, seconds: float, autopilot: str) -> None:
         "# Many mock vehicles at once, measured",
         "",
         f"Command: `.venv/bin/python scripts/bench_vehicles.py -o {out}`, {datetime.date.today().isoformat()}, "
-        f"uavcover {pipeline.metadata.version('uavcover')}, Python {platform.python_version()}, {os.cpu_count()} cores "
+        f"uavcover {metadata.version('uavcover')}, Python {platform.python_version()}, {os.cpu_count()} cores "
         f"({platform.machine()}), shared with other work (load average {os.getloadavg()[2]:.0f}). {autopilot} in wind with "
         f"gusts, {seconds:g} s of real time each; what is measured is said at the top of the script.",
         "",

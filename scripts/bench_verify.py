@@ -20,6 +20,7 @@ import sys
 import tempfile
 import time
 from dataclasses import replace
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +29,8 @@ import rasterio
 from rasterio.transform import from_origin
 
 from uavcover.model.track import Track, TrackSample
-from uavcover.run import judge, pipeline
-from uavcover.scenario.site import Site
+from uavcover.run import judge
+from uavcover.scenario.site import Site, load_site
 from uavcover.vehicle.track_file import TrackWriter
 
 LAT_DEG, LON_DEG = 46.6, 11.7
@@ -116,7 +117,7 @@ def measure(
         SCENARIO.format(side=SIDE_M, cell=cell_m, lat=LAT_DEG, lon=LON_DEG, fov=fov_deg)
         + ("[uncertainty]\nposition_m = 2.0\nterrain_m = 3.0\nattitude_deg = 1.0\n" if unsure else "")
     )
-    site = pipeline.load_site(folder / "scenario.toml")
+    site = load_site(folder / "scenario.toml")
     track = fly_lines(site, samples)
     few = replace_samples(track, 50)
     judge.judge_tracks(site, [(few, None)])  # compiles what is not in the cache
@@ -184,7 +185,7 @@ def save(out: Path, rows: list[tuple[str, ...]]) -> None:
         "# Verification, measured",
         "",
         f"Command: `.venv/bin/python scripts/bench_verify.py -o {out}`, {datetime.date.today().isoformat()}, "
-        f"uavcover {pipeline.metadata.version('uavcover')}, Python {platform.python_version()}, numpy {np.__version__}, "
+        f"uavcover {metadata.version('uavcover')}, Python {platform.python_version()}, numpy {np.__version__}, "
         f"{os.cpu_count()} cores ({platform.machine()}), shared with other work (load average {os.getloadavg()[2]:.0f}). "
         "One hour of flight (43 km) each; what is measured is said at the top of the script.",
         "",

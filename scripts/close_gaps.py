@@ -15,6 +15,7 @@ import datetime
 import os
 import platform
 from dataclasses import dataclass, replace
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +24,12 @@ from uavcover.errors import VehicleError
 from uavcover.judging.phases import PlannedRoute
 from uavcover.model.track import Track, TrackSample
 from uavcover.routes.mission_compiler import CompiledMission
-from uavcover.run import judge, pipeline
+from uavcover.run import judge
+from uavcover.run.mission import compile_plan
+from uavcover.run.plan import plan as plan_site
 from uavcover.run.session import Orders, connect, fly
-from uavcover.scenario.site import Site
+from uavcover.run.upload import upload
+from uavcover.scenario.site import Site, load_site
 
 SCENARIO, EVALUATIONS, MISSING_SHARE, SPEED, TRIES = "jacksboro", 300, 0.2, 60.0, 4
 COLUMNS = (
@@ -65,7 +69,7 @@ def flown_once(site: Site, compiled: CompiledMission) -> Track:
     """One flight."""
     samples: list[TrackSample] = []
     with connect("mock:", site, mock_speed=SPEED) as vehicle:
-        pipeline.upload(vehicle.client, compiled)
+        upload(vehicle.client, compiled)
         fly(vehicle, site, compiled, Orders(on_sample=samples.append))
     rows = np.array(
         [
@@ -141,9 +145,9 @@ def main() -> None:
     parser.add_argument("-o", "--out", type=Path, help="Markdown file to write; a .csv goes beside it")
     parser.add_argument("--seeds", type=int, default=10)
     arguments = parser.parse_args()
-    site = pipeline.load_site(SCENARIO)
-    plan = pipeline.plan(site, seed=1, evaluations=EVALUATIONS)
-    compiled = pipeline.compile_plan(site, plan.chosen.route)
+    site = load_site(SCENARIO)
+    plan = plan_site(site, seed=1, evaluations=EVALUATIONS)
+    compiled = compile_plan(site, plan.chosen.route)
     first_m = length_m(compiled)
     metrics = plan.chosen.metrics
     planned = PlannedRoute(plan.chosen.route.waypoints_m, metrics.coverage_fraction)
@@ -175,7 +179,7 @@ def main() -> None:
             "# Closing gaps, measured",
             "",
             f"Command: `.venv/bin/python scripts/close_gaps.py -o {arguments.out}`, {datetime.date.today().isoformat()}, "
-            f"uavcover {pipeline.metadata.version('uavcover')}, Python {platform.python_version()}, numpy {np.__version__}, "
+            f"uavcover {metadata.version('uavcover')}, Python {platform.python_version()}, numpy {np.__version__}, "
             f"{os.cpu_count()} cores ({platform.machine()}). Scenario {SCENARIO}, {EVALUATIONS} evaluations; what is done is "
             "said at the top of the script.",
             "",

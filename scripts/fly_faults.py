@@ -27,6 +27,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, fields
+from importlib import metadata
 from pathlib import Path
 from random import Random
 
@@ -46,11 +47,14 @@ from uavcover.planning.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.routes.objectives import judge
-from uavcover.run import pipeline
 from uavcover.run.folder import RunFolder
+from uavcover.run.mission import compile_plan
+from uavcover.run.plan_files import read_planned, save_plan
 from uavcover.run.resume import find_unfinished, save_rest
 from uavcover.run.session import Connected, Orders, fly, fly_on, is_in_the_air, require_home
-from uavcover.scenario.site import Site
+from uavcover.run.upload import upload
+from uavcover.scenario.site import Site, load_site
+from uavcover.sensing.coverage_map import judging_map
 from uavcover.vehicle.flight_plan import Patience
 from uavcover.vehicle.fly import FlightOutcome
 from uavcover.vehicle.monitor import open_vehicle
@@ -208,11 +212,11 @@ class Field:
             begin_s, lasts_s = drawn.pause_s or (0.0, 0.0)
             return begin_s <= vehicle.powered_s < begin_s + lasts_s
 
-        route = pipeline.read_planned(self._run)[1].route
-        compiled = pipeline.compile_plan(self._site, route, autopilot=drawn.autopilot)
+        route = read_planned(self._run)[1].route
+        compiled = compile_plan(self._site, route, autopilot=drawn.autopilot)
 
         def begin(station: Connected, orders: Orders) -> FlightOutcome:
-            pipeline.upload(station.client, compiled)
+            upload(station.client, compiled)
             return fly(station, self._site, compiled, orders)
 
         return self._recorded(
@@ -246,12 +250,12 @@ class Field:
         unfinished = find_unfinished(self._run, self._site)
         unfinished.folder.path.mkdir(exist_ok=True)
         save_rest(unfinished, self._site, command=["fly_faults"])
-        compiled = pipeline.compile_plan(self._site, unfinished.route, autopilot=self._drawn.autopilot)
+        compiled = compile_plan(self._site, unfinished.route, autopilot=self._drawn.autopilot)
 
         def begin(station: Connected, orders: Orders) -> FlightOutcome:
             if is_in_the_air(station):
                 return fly_on(station, self._site, unfinished, orders)
-            pipeline.upload(station.client, compiled)
+            upload(station.client, compiled)
             return fly(station, self._site, compiled, orders)
 
         return self._recorded(unfinished.folder, begin)[0]
@@ -304,14 +308,14 @@ def save_lines(site: Site, run: RunFolder) -> None:
     layout = regular_layout(angle_rad=0.0, lines=LINES, height_agl_m=HEIGHT_AGL_M, inset=0.1, tolerance_m=10.0)
     route = fly_layout(site, layout)
     violation = measure_violations(site, route.waypoints_m, margin_m=0.0).total
-    member = RouteMember(route, judge(pipeline.judging_map(site), route), violation, "lines")
+    member = RouteMember(route, judge(judging_map(site), route), violation, "lines")
     plan = Plan(
         chosen=member, members=(member,), baselines=(), rule="none", rule_met=True, algorithm="lines", evaluations=0,
         wall_s=0.0,
     )  # fmt: skip
     run.path.mkdir(parents=True)
-    compiled = pipeline.compile_plan(site, route)
-    pipeline.save_plan(run, site, plan, compiled=compiled, autopilot="ardupilot", seed=0, command=["fly_faults"])
+    compiled = compile_plan(site, route)
+    save_plan(run, site, plan, compiled=compiled, autopilot="ardupilot", seed=0, command=["fly_faults"])
 
 
 def measure(site: Site, run: RunFolder, flight: int, seed: int) -> Row:
@@ -319,7 +323,7 @@ def measure(site: Site, run: RunFolder, flight: int, seed: int) -> Row:
     drawn = draw(flight, seed)
     field = Field(site, run, drawn, flight)
     ending, outcome, arrived, recorded = field.first_flight()
-    total = len(pipeline.read_planned(run)[1].route)
+    total = len(read_planned(run)[1].route)
     user = [f"stop@{s:g}s" for s in drawn.stops_s]
     user += [] if drawn.pause_s is None else [f"pause:{drawn.pause_s[1]:g}@{drawn.pause_s[0]:g}s"]
     return Row(
@@ -397,7 +401,7 @@ def write_page(out: Path, rows: Sequence[Row], words: str, *, flights: int, seed
         "# Flights with random faults, measured",
         "",
         f"Command: `.venv/bin/python scripts/fly_faults.py --flights {flights} --seed {seed}`, "
-        f"{datetime.date.today().isoformat()}, uavcover {pipeline.metadata.version('uavcover')}, Python "
+        f"{datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, Python "
         f"{platform.python_version()}, {os.cpu_count()} cores ({platform.machine()}). What is done is said at the top of the "
         "script; what the faults are, in `uavcover mock-vehicle --help`.",
         "",
@@ -424,7 +428,7 @@ def main() -> int:
     parser.add_argument("--flights", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    site = pipeline.load_site(SCENARIO)
+    site = load_site(SCENARIO)
     rows = [row for row in kept_rows(arguments.out) if row.flight < arguments.flights]
     there = {row.flight for row in rows}
     before = Open.now()

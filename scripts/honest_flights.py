@@ -32,6 +32,8 @@ import numpy as np
 if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
+from importlib import metadata
+
 from mission_io.wire import messages as m
 from tests.falsify import command
 from tests.falsifying.flown import read_flown
@@ -41,7 +43,6 @@ from uavcover.mock.dynamics import Wind
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.positioning import GpsError
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.run import pipeline
 from uavcover.run.folder import RunFolder
 from uavcover.run.resume import find_unfinished, save_rest
 from uavcover.scenario.site import Site
@@ -323,7 +324,7 @@ def write(out: Path, rows: Sequence[Row], *, flights: int, seed: int) -> None:
         "# Honest flights, judged",
         "",
         f"Command: `.venv/bin/python scripts/honest_flights.py --flights {flights} --seed {seed}`, "
-        f"{datetime.date.today().isoformat()}, uavcover {pipeline.metadata.version('uavcover')}, Python "
+        f"{datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, Python "
         f"{platform.python_version()}, {os.cpu_count()} cores ({platform.machine()}). What is flown is said at the "
         "top of the script.",
         "",

@@ -29,6 +29,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass, fields
+from importlib import metadata
 from pathlib import Path
 from typing import Self
 
@@ -38,7 +39,6 @@ from pymavlink.dialects.v20 import ardupilotmega
 from uavcover.errors import UavcoverError
 from uavcover.model.track import ReadTrack
 from uavcover.recording.reader import read_recorded_track_with_warnings
-from uavcover.run import pipeline
 from uavcover.vehicle.track_file import read_track_with_warnings
 
 SCENARIO, EVALUATIONS = "jacksboro", 40
@@ -264,8 +264,8 @@ def write_results(out: Path, rows: Sequence[Killed], *, kills: int, seed: int, s
         "# Killed flights, measured",
         "",
         f"Command: `.venv/bin/python scripts/kill_fly.py --kills {kills} --seed {seed} --speed {speed:g}`, "
-        f"{datetime.date.today().isoformat()}, uavcover {pipeline.metadata.version('uavcover')}, Python "
-        f"{platform.python_version()}, rerun-sdk {pipeline.metadata.version('rerun-sdk')}, {os.cpu_count()} cores "
+        f"{datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, Python "
+        f"{platform.python_version()}, rerun-sdk {metadata.version('rerun-sdk')}, {os.cpu_count()} cores "
         f"({platform.machine()}). Scenario {SCENARIO}, {EVALUATIONS} evaluations; what is done is said at the top of the script.",
         "",
         summary(rows),

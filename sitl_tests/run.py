@@ -19,8 +19,8 @@ from sitl_tests.simulators import ardupilot, mock, px4
 from sitl_tests.simulators.files import sha256
 from sitl_tests.simulators.running import Start, StartRequest
 from uavcover.errors import UavcoverError
-from uavcover.run import pipeline
 from uavcover.run.session import require_home
+from uavcover.scenario.site import load_site
 
 FAILED = "failed"
 EVENTS = "events.txt"
@@ -109,7 +109,7 @@ def _found(work: Callable[[], FoundT]) -> FoundT | Finding:
 @cache
 def home() -> GeoPoint:
     """The demo's home: the lowest ground of its area, because simulators without terrain are flat at home's height."""
-    return require_home(pipeline.load_site(SCENARIO))
+    return require_home(load_site(SCENARIO))
 
 
 def _starter(cell: Cell) -> Start:

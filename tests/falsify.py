@@ -37,12 +37,13 @@ if __name__ == "__main__":
     # In place of this folder, whose packages have names of others ("coverage").
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
+from importlib import metadata
+
 from tests.falsifying.every_way import every_way
 from tests.falsifying.flown import Flown, flights_in, read_flown
 from tests.falsifying.way import FAMILIES, Way
 from uavcover.cli.ending import run_app
 from uavcover.cli.main import app
-from uavcover.run import pipeline
 
 FOLDER, LOG = "run folder", "foreign log"
 LEFT_BEHIND = ("flight.rrd", "report.html", "pareto_routes.csv", "upload.json")
@@ -248,7 +249,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             ways = "" if chosen.ways is None else f" --ways {chosen.ways}"
             words = (
                 f"Command: `.venv/bin/python tests/falsify.py RUN ... --seed {chosen.seed}{ways}`, "
-                f"{datetime.date.today().isoformat()}, uavcover {pipeline.metadata.version('uavcover')}, {os.cpu_count()} cores. "
+                f"{datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, {os.cpu_count()} cores. "
                 "What is done is said at the top of the command, what each way is in `tests/falsifying`."
             )
             chosen.out.write_text(table(rows, words), encoding="utf-8")

@@ -13,7 +13,8 @@ from sitl_tests.meddler import Meddler
 from sitl_tests.missions import route_mission
 from sitl_tests.relay import Relay
 from uavcover.errors import VehicleError
-from uavcover.run import pipeline, session
+from uavcover.run import session
+from uavcover.scenario.site import load_site
 from uavcover.vehicle.fly import fly
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightFailedError
 
@@ -30,7 +31,7 @@ def foreign_type(case: Case) -> Finding:
     before = _state(case)
     with Relay(case.vehicle.url, seed=case.seed) as relay:
         try:
-            with session.connect(relay.url, pipeline.load_site(SCENARIO), timeout_s=60.0):
+            with session.connect(relay.url, load_site(SCENARIO), timeout_s=60.0):
                 raise CheckFailedError("`plan-upload` would go on with it")
         except VehicleError as error:
             said = str(error)

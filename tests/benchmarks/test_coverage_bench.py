@@ -54,8 +54,8 @@ from uavcover.planning.baselines.boustrophedon import (
     scanned_rows,
 )
 from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout
-from uavcover.run.pipeline import load_site
 from uavcover.scenario.scenario_file import bundled_scenarios
+from uavcover.scenario.site import load_site
 
 PLANAR = CASES["paper-planar"]
 

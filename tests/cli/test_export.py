@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Cli
-from uavcover.run.pipeline import EXPORT_FORMATS
+from uavcover.run.mission import EXPORT_FORMATS
 
 
 @pytest.mark.parametrize("file_format", EXPORT_FORMATS)

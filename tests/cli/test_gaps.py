@@ -11,14 +11,16 @@ from pymavlink import mavwp
 from rasterio.warp import transform
 
 from tests.cli.conftest import Cli, files
-from uavcover.run import pipeline
 from uavcover.run.folder import RunFolder
+from uavcover.run.mission import compile_plan
+from uavcover.run.plan_files import read_planned
+from uavcover.run.provenance import seal_flight
 from uavcover.sensing.coverage_map import CoverageMap
 
 
 def sealed(run: Path) -> None:
     """Record the track as one that ended so."""
-    pipeline.seal_flight(RunFolder(run), samples=0, command=[])
+    seal_flight(RunFolder(run), samples=0, command=[])
 
 
 def without_legs(run: Path, first: int, last: int) -> None:
@@ -46,7 +48,7 @@ def test_a_gap_mission_is_flown_and_both_tracks_reach_the_plan(cli: Cli, torn: P
     planned = before["planned_coverage_fraction"]
     answer = cli("gaps", torn, "--target", planned, "--json")
     assert answer.code == 0
-    first_m = np.linalg.norm(np.diff(pipeline.compile_plan(*route_of(torn)).path_m, axis=0), axis=1).sum()
+    first_m = np.linalg.norm(np.diff(compile_plan(*route_of(torn)).path_m, axis=0), axis=1).sum()
     assert answer.document["path_length_m"] < 0.5 * first_m
     assert answer.document["coverage_after"] >= planned
     assert (torn / "gap_mission.waypoints").read_bytes() == (torn / "gaps" / "mission.waypoints").read_bytes()
@@ -64,7 +66,7 @@ def test_a_gap_mission_is_flown_and_both_tracks_reach_the_plan(cli: Cli, torn: P
 
 
 def route_of(run: Path):  # type: ignore[no-untyped-def]
-    site, planned = pipeline.read_planned(RunFolder(run))
+    site, planned = read_planned(RunFolder(run))
     return site, planned.route
 
 

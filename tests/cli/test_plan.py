@@ -14,7 +14,7 @@ from uavcover.cli.console import Console
 from uavcover.cli.planning import PlanRequest, plan_into, progress_in_words, room_in_words
 from uavcover.model.route import RouteMetrics
 from uavcover.planning.planner import Progress
-from uavcover.run import pipeline
+from uavcover.scenario.site import load_site
 
 PLANNED = {
     "scenario.toml", "run.json", "pareto.csv", "pareto_routes.csv", "plan.json",
@@ -235,7 +235,7 @@ def test_progress_tells_coverage_length_and_gap(shortest_m: float | None, least_
     ("lowest_m", "highest_m", "room"), [(40.0, 100.0, "0.0"), (60.0, 118.5, "1.5"), (48.0, 112.0, None)]
 )
 def test_a_route_at_the_ends_of_its_height_band_is_told(lowest_m: float, highest_m: float, room: str | None) -> None:
-    limits = pipeline.load_site("ridge-obstacles").scenario.limits
+    limits = load_site("ridge-obstacles").scenario.limits
     metrics = RouteMetrics(0.99, 0.99, 100, 7000.0, 700.0, lowest_m, highest_m, 7000.0)
     words = room_in_words(limits, metrics)
     if room is None:

@@ -3,8 +3,9 @@ import json
 from pathlib import Path
 
 from tests.cli.conftest import Cli
-from uavcover.run import pipeline
 from uavcover.run.folder import RunFolder
+from uavcover.run.mission import compile_plan, export_text
+from uavcover.run.plan_files import read_planned
 
 
 def set_of(run: Path) -> list[dict[str, str]]:
@@ -30,9 +31,9 @@ def test_another_member_and_back_again(cli: Cli, planned: Path) -> None:
     assert {name: after[name] for name in same} == {name: before[name] for name in same}
     assert [row["index"] for row in set_of(planned) if row["chosen"] == "1"] == [longest["index"]]
     assert (planned / "mission.waypoints").read_text() != kept["mission.waypoints"]
-    site, document = pipeline.read_planned(RunFolder(planned))
-    compiled = pipeline.compile_plan(site, document.route)
-    assert (planned / "mission.waypoints").read_text() == pipeline.export_text(
+    site, document = read_planned(RunFolder(planned))
+    compiled = compile_plan(site, document.route)
+    assert (planned / "mission.waypoints").read_text() == export_text(
         compiled, "waypoints", autopilot="ardupilot", name=site.scenario.name
     )
     assert cli("select", planned, before["select"]).code == 0

@@ -14,8 +14,8 @@ from mission_io.model.items import GeoPoint, MissionType
 from tests.cli.conftest import Cli
 from uavcover.mock.server import MockServer
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.run import pipeline
 from uavcover.run.folder import RunFolder
+from uavcover.run.plan_files import read_planned
 from uavcover.run.session import require_home
 
 FOREIGN = ["plane", "vtol", "helicopter", "rover", "boat", "submarine", "airship"]
@@ -48,7 +48,7 @@ def run(planned: Path) -> Path:
 
 
 def home_of(run: Path) -> GeoPoint:
-    return require_home(pipeline.read_planned(RunFolder(run))[0])
+    return require_home(read_planned(RunFolder(run))[0])
 
 
 def arguments_of(name: str, run: Path, url: str) -> list[object]:

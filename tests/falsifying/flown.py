@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.track import AGE_COLUMN, COLUMNS
-from uavcover.run import pipeline
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import read_planned_route
 from uavcover.run.resume import flown_tracks
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, load_site
 from uavcover.vehicle.track_file import read_track
 
 
@@ -129,7 +128,7 @@ def read_flown(run: Path, flight: Path = Path()) -> Flown:
         uavcover.errors.InputError: it has no scenario, plan or track that can be read.
     """
     folder = RunFolder(run / flight)
-    site = pipeline.load_site(folder.existing("scenario.toml", made_by="uavcover plan"))
+    site = load_site(folder.existing("scenario.toml", made_by="uavcover plan"))
     planned = read_planned_route(folder)
     track = read_track(folder.existing("track.csv", made_by="uavcover fly"))
     return Flown(

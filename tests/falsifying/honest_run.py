@@ -26,13 +26,16 @@ from uavcover.planning.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.routes.objectives import judge
-from uavcover.run import pipeline
 from uavcover.run.folder import RunFolder
 from uavcover.run.geotiff import Band, geotiff
+from uavcover.run.mission import compile_flights, compile_plan
+from uavcover.run.plan_files import read_planned, save_plan
 from uavcover.run.resume import find_unfinished, save_rest
 from uavcover.run.session import Connected, Orders, fly, require_home
+from uavcover.run.upload import upload
 from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, load_site
+from uavcover.sensing.coverage_map import judging_map
 from uavcover.vehicle.fly import FlightOutcome
 from uavcover.vehicle.monitor import open_vehicle
 
@@ -151,7 +154,7 @@ def make_site(folder: Path, base: Base) -> Site:
         name=base.name, frame=FRAME, sensor=base.sensor, limits=base.limits, vehicle=base.vehicle, more=base.more
     )
     (folder / "scenario.toml").write_text(text)
-    return pipeline.load_site(folder / "scenario.toml")
+    return load_site(folder / "scenario.toml")
 
 
 def lines_over(site: Site, *, lines: int, height_agl_m: float) -> Plan:
@@ -159,7 +162,7 @@ def lines_over(site: Site, *, lines: int, height_agl_m: float) -> Plan:
     layout = regular_layout(angle_rad=0.0, lines=lines, height_agl_m=height_agl_m, inset=0.0, tolerance_m=10.0)
     route = fly_layout(site, layout)
     violation = measure_violations(site, route.waypoints_m, margin_m=0.0).total
-    member = RouteMember(route, judge(pipeline.judging_map(site), route), violation, "lines")
+    member = RouteMember(route, judge(judging_map(site), route), violation, "lines")
     return Plan(
         chosen=member, members=(member,), baselines=(), rule="none", rule_met=True, algorithm="lines", evaluations=0,
         wall_s=0.0,
@@ -170,9 +173,9 @@ def save_lines(run: RunFolder, site: Site, base: Base) -> None:
     """Plan parallel lines, as sorties where endurance asks for it, and save them as ``uavcover plan`` does."""
     plan = lines_over(site, lines=base.lines, height_agl_m=base.height_agl_m)
     run.path.mkdir(parents=True, exist_ok=True)
-    sorties = pipeline.compile_flights(site, plan.chosen.route, autopilot=base.autopilot)
+    sorties = compile_flights(site, plan.chosen.route, autopilot=base.autopilot)
     single = sorties[0].compiled if len(sorties) == 1 else None
-    pipeline.save_plan(
+    save_plan(
         run, site, plan, compiled=single, autopilot=base.autopilot, seed=0, command=["plan"],
         sorties=() if single is not None else sorties,
     )  # fmt: skip
@@ -233,11 +236,11 @@ class Field:
         Raises:
             uavcover.vehicle.outcome.FlightFailedError: it did not end as it should.
         """
-        route = pipeline.read_planned(run)[1].route
+        route = read_planned(run)[1].route
 
         def begin(station: Connected, orders: Orders) -> FlightOutcome:
-            compiled = pipeline.compile_plan(self.site, route, autopilot=self.autopilot)
-            pipeline.upload(station.client, compiled)
+            compiled = compile_plan(self.site, route, autopilot=self.autopilot)
+            upload(station.client, compiled)
             return fly(station, self.site, compiled, orders)
 
         return self.recorded(run, route, begin, stop=stop, pause=pause)

@@ -16,8 +16,9 @@ from uavcover.model.route import Route
 from uavcover.model.track import Track, TrackSample
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.mission_compiler import AUTOPILOTS
-from uavcover.run import pipeline
+from uavcover.run.mission import compile_plan
 from uavcover.run.session import Connected, Orders, fly, home_of
+from uavcover.run.upload import upload
 from uavcover.scenario.site import Site
 from uavcover.vehicle.monitor import open_vehicle
 
@@ -54,8 +55,8 @@ def flown_by_the_mock(
     client, monitor = open_vehicle(link)
     monitor.listen_to(client.wait_for_vehicle().address)
     station = Connected(client, monitor, autopilot)
-    compiled = pipeline.compile_plan(site, route, autopilot=autopilot)
-    pipeline.upload(client, compiled)
+    compiled = compile_plan(site, route, autopilot=autopilot)
+    upload(client, compiled)
     samples: list[TrackSample] = []
     fly(station, site, compiled, Orders(on_sample=samples.append, on_event=lambda _: None, stop=lambda: 0))
     return track_of_samples(samples)

@@ -12,9 +12,9 @@ from uavcover.model.sensor import SphereSensor
 from uavcover.planning.bounds import are_quick, farthest_looks_m, least_path_length_m, waypoint_bounds
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.set_cover.solvers import SolverEffort
-from uavcover.run import pipeline
 from uavcover.run.documents import bounds_in_words
-from uavcover.sensing.coverage_map import CoverageMap, LevelLooks, sees_each
+from uavcover.run.plan import bounds as bounds_of
+from uavcover.sensing.coverage_map import CoverageMap, LevelLooks, judging_map, sees_each
 
 
 def planned(site, rule):
@@ -47,7 +47,7 @@ def test_no_allowed_place_sees_a_cell_from_further_away(seed):
 
 def test_a_planned_path_is_not_shorter_than_its_bound():
     site = make_site(hills)
-    bounds = pipeline.bounds(site, planned(site, "coverage>=0.9"))
+    bounds = bounds_of(site, planned(site, "coverage>=0.9"))
     entry = bounds["shortest_path_m"]
     assert 0.0 < entry["at_least"] <= entry["found"]
     assert entry["gap"] == pytest.approx(entry["found"] / entry["at_least"] - 1.0)
@@ -67,7 +67,7 @@ def dome():
 
 def test_branch_and_bound_is_at_least_as_tight_as_the_relaxation(dome):
     plan = planned(dome, "coverage>=1.0")
-    coverage = pipeline.judging_map(dome)
+    coverage = judging_map(dome)
     assert are_quick(coverage)
     relaxed = waypoint_bounds(coverage, plan, SolverEffort(nodes=0))
     proved = waypoint_bounds(coverage, plan, SolverEffort(time_s=20.0))

@@ -14,8 +14,7 @@ from uavcover.model.scenario import InitialRoute
 from uavcover.model.sensor import DiscSensor
 from uavcover.planning.planner import Effort, Progress, plan_routes
 from uavcover.planning.search.route_problem import draft_of, local_task
-from uavcover.run.pipeline import load_site
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap
 
 RADIUS_M = 60.0

@@ -18,8 +18,7 @@ from uavcover.planning.planner import Effort, Progress, plan_routes
 from uavcover.planning.search.local_search import CHAINS, PaceByClock, PaceByNumber
 from uavcover.planning.search.route_problem import draft_of, local_task, narrowed
 from uavcover.routes.leg_checks import measure_violations
-from uavcover.run.pipeline import load_site
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap
 
 LIMITS = {"height_margin_m": 5.0}

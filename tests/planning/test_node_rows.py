@@ -10,7 +10,7 @@ from uavcover.model.sensor import DiscSensor, SphereSensor
 from uavcover.planning.baselines.boustrophedon import NodeRows, fly_rows, plain_rows, scanned_rows
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.routes.leg_checks import measure_violations
-from uavcover.run.pipeline import load_site
+from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap
 
 DISC = DiscSensor(kind="disc", radius_m=50.0, sensing="at-waypoints")

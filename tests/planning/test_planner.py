@@ -16,8 +16,7 @@ from uavcover.planning.planner import Effort, Progress, plan_routes
 from uavcover.planning.search.optimizer_search import rounds_of
 from uavcover.routes.leg_checks import find_problems, measure_violations
 from uavcover.routes.objectives import judge
-from uavcover.run.pipeline import load_site
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap
 
 

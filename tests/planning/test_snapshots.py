@@ -11,8 +11,7 @@ from uavcover.optimizers import ALGORITHMS
 from uavcover.planning.front import Snapshots
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.search.optimizer_search import _spread
-from uavcover.run.pipeline import load_site
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, load_site
 
 
 class Ticks:

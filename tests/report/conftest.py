@@ -11,11 +11,11 @@ from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
 from uavcover.model.track import Track, TrackSample
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.page import render_report
-from uavcover.run import pipeline
 from uavcover.run.folder import RunFolder
+from uavcover.run.plan_files import save_plan
 from uavcover.run.resume import find_unfinished, save_rest
 from uavcover.scenario.scenario_file import load_scenario
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, load_site
 from uavcover.vehicle.track_file import TrackWriter
 
 HOSTILE = '</script><img src=x onerror="window.hacked=1"><!--{{ 7*7 }}&amp;\''
@@ -25,7 +25,7 @@ HOSTILE = '</script><img src=x onerror="window.hacked=1"><!--{{ 7*7 }}&amp;\''
 def coarse(name: str, cell_size_m: float, **changes: object) -> Site:
     scenario = load_scenario(name)
     area = dataclasses.replace(scenario.area, cell_size_m=cell_size_m)
-    return pipeline.load_site(dataclasses.replace(scenario, area=area, **changes))  # type: ignore[arg-type]
+    return load_site(dataclasses.replace(scenario, area=area, **changes))  # type: ignore[arg-type]
 
 
 def lines_over(site: Site, *, spacing_m: float, count: int) -> Route:
@@ -50,7 +50,7 @@ def write_run(folder: Path, site: Site, route: Route, *, flown: bool, name: str 
     chosen = RouteMember(route, metrics, 0.0, name)
     other = RouteMember(route, dataclasses.replace(metrics, path_length_m=2.0 * route.length_m), 0.0, name)
     plan = Plan(chosen, (chosen, other), (other,), "coverage>=0.4", True, "imodbo", 40, 1.5)
-    pipeline.save_plan(run, site, plan, compiled=None, autopilot="ardupilot", seed=3, command=["uavcover", "plan"])
+    save_plan(run, site, plan, compiled=None, autopilot="ardupilot", seed=3, command=["uavcover", "plan"])
     if flown:
         write_track(run.file("track.csv"), fly(site, route.waypoints_m, speed_m_s=10.0, rate_hz=5.0))
     return run

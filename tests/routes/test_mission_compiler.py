@@ -24,7 +24,7 @@ from uavcover.routes.mission_compiler import (
     compile_return,
     transit,
 )
-from uavcover.run.pipeline import export_text
+from uavcover.run.mission import export_text
 from uavcover.scenario.site import Site
 
 HOME = (-100.0, 50.0)

@@ -22,11 +22,13 @@ from uavcover.routes.mission_compiler import compile_mission
 from uavcover.routes.objectives import judge
 from uavcover.routes.sorties import Sortie, compile_sorties
 from uavcover.run import judge as after_flight
-from uavcover.run import pipeline
 from uavcover.run.folder import RunFolder
+from uavcover.run.mission import compile_flights
+from uavcover.run.plan_files import read_planned, save_plan
 from uavcover.run.resume import flown_tracks
 from uavcover.scenario.scenario_file import load_scenario
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, load_site
+from uavcover.sensing.coverage_map import judging_map
 
 SPHERE = SphereSensor(kind="sphere", range_m=150.0, sensing="at-waypoints")
 
@@ -197,15 +199,15 @@ def saved(folder: Path, endurance_s: float) -> tuple[RunFolder, tuple[Sortie, ..
     """A plan of three lines over the demo's ground in a run folder, flown by a vehicle with this endurance."""
     scenario = load_scenario("jacksboro")
     vehicle = dataclasses.replace(scenario.vehicle, endurance_s=endurance_s)
-    site = pipeline.load_site(dataclasses.replace(scenario, vehicle=vehicle))
+    site = load_site(dataclasses.replace(scenario, vehicle=vehicle))
     corners = [[-900, 50], [-500, 50], [-100, 50], [-100, 250], [-500, 250], [-900, 250]]
     route = Route(lay_over_terrain(site, np.array(corners, float), np.full(len(corners), 80.0), tolerance_m=8.0))
-    member = RouteMember(route, judge(pipeline.judging_map(site), route), 0.0, "test")
+    member = RouteMember(route, judge(judging_map(site), route), 0.0, "test")
     plan = Plan(member, (member,), (), "knee", True, "test", 1, 0.0)
-    flights = pipeline.compile_flights(site, route)
+    flights = compile_flights(site, route)
     single = flights[0].compiled if len(flights) == 1 else None
     folder.mkdir(exist_ok=True)
-    pipeline.save_plan(
+    save_plan(
         RunFolder(folder), site, plan, compiled=single, autopilot="ardupilot", seed=1, command=["test"],
         sorties=() if single else flights,
     )  # fmt: skip
@@ -222,7 +224,7 @@ def test_each_sortie_is_a_run_folder_and_all_count_together(tmp_path: Path) -> N
     assert [row["flight_time_s"] for row in document["sorties"]] == [s.compiled.flight_time_s for s in sorties]
     tracks = []
     for folder, sortie in zip(run.sorties(), sorties, strict=True):
-        site, planned = pipeline.read_planned(folder)
+        site, planned = read_planned(folder)
         assert (planned.route.waypoints_m == sortie.route.waypoints_m).all()
         assert len(folder.file("mission.waypoints").read_text().splitlines()) == len(sortie.compiled.mission.items) + 2
         path = sortie.compiled.path_m

@@ -7,15 +7,14 @@ import pytest
 
 from uavcover.errors import InputError
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
-from uavcover.run import pipeline
 from uavcover.run.documents import PARETO_COLUMNS, pareto_csv, plan_document, read_plan_document
 from uavcover.run.folder import json_text
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, load_site
 
 
 @pytest.fixture(scope="module")
 def site() -> Site:
-    return pipeline.load_site("jacksboro")
+    return load_site("jacksboro")
 
 
 def member(coverage: float) -> RouteMember:
@@ -58,7 +57,7 @@ def test_waypoints_agree_with_themselves(site: Site) -> None:
 
 
 def test_without_a_place_on_earth() -> None:
-    document = plan_document(pipeline.load_site("paper-R2"), make_plan(), seed=1, bounds={})
+    document = plan_document(load_site("paper-R2"), make_plan(), seed=1, bounds={})
     assert document["origin"] is None
     assert document["waypoints"][0]["lat_deg"] is None
 

@@ -16,13 +16,15 @@ from uavcover.errors import InputError
 from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
 from uavcover.model.scenario import RasterTerrain
-from uavcover.run import files, judged_inputs, pipeline
+from uavcover.run import files, judged_inputs
 from uavcover.run.folder import RunFolder
 from uavcover.run.judged_inputs import WHATS, JudgedInputs, inspect_inputs, judged_logs, refuse_changes
-from uavcover.run.provenance import note_files, read_record
+from uavcover.run.mission import compile_plan
+from uavcover.run.plan_files import save_plan
+from uavcover.run.provenance import note_files, note_in_run, read_record, seal_flight
 from uavcover.run.resume import find_unfinished, save_rest
 from uavcover.scenario.scenario_file import dump_scenario, terrain_path
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, load_site
 
 BOX = Obstacle(height_m=5.0, rings_east_north_m=(((300.0, -300.0), (309.0, -300.0), (309.0, -291.0)),))
 COMMAND = ["uavcover", "test"]
@@ -44,15 +46,15 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     track = fly(site, route.waypoints_m, speed_m_s=10.0, rate_hz=5.0)
     end = len(track) // 3
     write_track(run.file("track.csv"), cut(track, slice(0, end)))
-    pipeline.note_in_run(run, "flight", {"ending": "link_lost"})
-    pipeline.seal_flight(run, samples=end, command=COMMAND)
+    note_in_run(run, "flight", {"ending": "link_lost"})
+    seal_flight(run, samples=end, command=COMMAND)
     rest = find_unfinished(run, site)
     rest.folder.path.mkdir()
     save_rest(rest, site, command=COMMAND)
     onward = fly(site, rest.route.waypoints_m, speed_m_s=10.0, rate_hz=5.0)
     later = dataclasses.replace(onward, time_s=onward.time_s + float(track.time_s[end]) + 60.0)
     write_track(rest.folder.file("track.csv"), later)
-    pipeline.seal_flight(rest.folder, samples=len(later), command=COMMAND)
+    seal_flight(rest.folder, samples=len(later), command=COMMAND)
     note_files(run, "fly --resume", ["resumed-1/track.csv"], command=COMMAND)
     return folder
 
@@ -61,8 +63,8 @@ def save(run: RunFolder, site: Site, route: Route) -> RunFolder | None:
     metrics = RouteMetrics(0.5, 0.5, len(route), route.length_m, route.length_m / 10.0, 60.0, 100.0, route.length_m)
     chosen = RouteMember(route, metrics, 0.0, "boustrophedon")
     plan = Plan(chosen, (chosen,), (), "coverage>=0.4", True, "imodbo", 40, 1.5)
-    compiled = pipeline.compile_plan(site, route)
-    return pipeline.save_plan(run, site, plan, compiled=compiled, autopilot="ardupilot", seed=3, command=COMMAND)
+    compiled = compile_plan(site, route)
+    return save_plan(run, site, plan, compiled=compiled, autopilot="ardupilot", seed=3, command=COMMAND)
 
 
 @pytest.fixture
@@ -186,7 +188,7 @@ def test_touched_is_not_changed(run: RunFolder, name: str) -> None:
     ],
 )
 def test_what_loosens_a_scenario(run: RunFolder, section: str, changes: dict[str, object], whats: set[str]) -> None:
-    site = pipeline.load_site(run.file("scenario.toml"))
+    site = load_site(run.file("scenario.toml"))
     part = dataclasses.replace(getattr(site.scenario, section), **changes)
     run.write_text("scenario.toml", dump_scenario(dataclasses.replace(site.scenario, **{section: part})))
     assert {change.what for change in inspected(run).changes} == whats
@@ -284,7 +286,7 @@ def test_another_word(run: RunFolder) -> None:
 
 def test_the_record_is_never_replaced(run: RunFolder) -> None:
     before = json.loads(run.file("run.json").read_text())["provenance"]
-    site = pipeline.load_site(run.file("scenario.toml"))
+    site = load_site(run.file("scenario.toml"))
     tracks = {name: run.file(name).read_bytes() for name in ("track.csv", "resumed-1/track.csv")}
     older = save(run, site, lines_over(site, spacing_m=150.0, count=2))
     assert older is not None
@@ -302,7 +304,7 @@ def test_the_record_is_never_replaced(run: RunFolder) -> None:
 
 
 def test_a_plan_that_was_not_flown_leaves_nothing_behind(run: RunFolder) -> None:
-    site = pipeline.load_site(run.file("scenario.toml"))
+    site = load_site(run.file("scenario.toml"))
     shutil.rmtree(run.file("resumed-1"))
     run.file("track.csv").unlink()
     for name in ("gaps", "sortie-2"):

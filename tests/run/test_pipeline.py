@@ -7,9 +7,13 @@ from mission_io.errors import VehicleSilentError
 from uavcover.cli.console import Console
 from uavcover.cli.planning import PlanRequest, plan_into
 from uavcover.errors import InputError
-from uavcover.run import pipeline
 from uavcover.run.folder import RunFolder
+from uavcover.run.mission import compile_plan, export_text
+from uavcover.run.plan import bounds as bounds_of
+from uavcover.run.plan import least_length_m, plan
+from uavcover.run.plan_files import read_planned
 from uavcover.run.session import connect, home_of, require_home
+from uavcover.scenario.site import load_site
 
 PAGE = Path(__file__).parents[2] / "docs" / "python_api.md"
 
@@ -32,41 +36,41 @@ def test_a_saved_plan_reads_back(tmp_path: Path) -> None:
         scenario="jacksboro", folder=tmp_path / "run", command=["test"], force=False, evaluations=40, seed=5
     )
     outcome = plan_into(request, Console(verbosity=-1), check_site=require_home)
-    site, document = pipeline.read_planned(RunFolder(tmp_path / "run"))
+    site, document = read_planned(RunFolder(tmp_path / "run"))
     chosen = outcome.plan.chosen
     assert (document.route.waypoints_m == chosen.route.waypoints_m).all()
     assert document.coverage_fraction == chosen.metrics.coverage_fraction
     assert document.coverage_of_coverable == chosen.metrics.coverage_of_coverable
     assert document.rule_met == outcome.plan.rule_met
     assert home_of(site) == home_of(outcome.site)
-    assert pipeline.compile_plan(site, document.route).mission == outcome.compiled.mission  # type: ignore[union-attr]
+    assert compile_plan(site, document.route).mission == outcome.compiled.mission  # type: ignore[union-attr]
 
 
 def test_bounds_are_what_nothing_beats() -> None:
-    bounds = pipeline.bounds(pipeline.load_site("jacksboro"))
+    bounds = bounds_of(load_site("jacksboro"))
     assert 0.9 < bounds["coverable_fraction"] <= 1.0
     assert bounds["length_reference_m"] > 1000.0
-    assert "length_reference_m" not in pipeline.bounds(pipeline.load_site("paper-R2"))
+    assert "length_reference_m" not in bounds_of(load_site("paper-R2"))
 
 
 def test_the_least_length_is_the_bound_of_the_plan() -> None:
-    site = pipeline.load_site("jacksboro")
-    least_m = pipeline.least_length_m(site, "coverage>=0.98")
+    site = load_site("jacksboro")
+    least_m = least_length_m(site, "coverage>=0.98")
     assert least_m is not None
-    assert 3000.0 < least_m < pipeline.bounds(site)["length_reference_m"]
-    assert pipeline.least_length_m(site, "knee") is None
-    assert pipeline.least_length_m(pipeline.load_site("paper-R2"), "coverage>=0.98") is None
+    assert 3000.0 < least_m < bounds_of(site)["length_reference_m"]
+    assert least_length_m(site, "knee") is None
+    assert least_length_m(load_site("paper-R2"), "coverage>=0.98") is None
 
 
 @pytest.mark.parametrize("changes", [{"budget_s": 0.0}, {"workers": 0}, {"evaluations": -1}, {"algorithm": "beetle"}])
 def test_arguments_out_of_range(changes: dict[str, object]) -> None:
-    site = pipeline.load_site("paper-R2")
+    site = load_site("paper-R2")
     with pytest.raises(InputError, match=re.escape(next(iter(changes)).removesuffix("_s"))):
-        pipeline.plan(site, **changes)  # type: ignore[arg-type]
+        plan(site, **changes)  # type: ignore[arg-type]
 
 
 def test_no_place_on_earth_no_home() -> None:
-    site = pipeline.load_site("paper-R2")
+    site = load_site("paper-R2")
     assert home_of(site) is None
     with pytest.raises(InputError, match="no place on Earth"):
         require_home(site)
@@ -79,4 +83,4 @@ def test_nobody_there() -> None:
 
 def test_format_that_is_not_known() -> None:
     with pytest.raises(InputError, match="waypoints, plan, kml"):
-        pipeline.export_text(None, "shp", autopilot="px4", name="x")  # type: ignore[arg-type]
+        export_text(None, "shp", autopilot="px4", name="x")  # type: ignore[arg-type]

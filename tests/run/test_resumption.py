@@ -16,7 +16,7 @@ from uavcover.mock.behaviour import Settings
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.model.route import Plan, RouteMember
+from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import AutopilotName
 from uavcover.model.verdict import VerificationReport
@@ -25,11 +25,14 @@ from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.routes.objectives import judge
 from uavcover.run import judge as after_flight
-from uavcover.run import pipeline
 from uavcover.run.folder import RunFolder
+from uavcover.run.mission import compile_plan
+from uavcover.run.plan_files import save_plan
 from uavcover.run.resume import find_unfinished, flights_of, flown_tracks, save_rest, took_off_s
 from uavcover.run.session import Connected, Orders, fly, fly_from_the_air, fly_on, home_of, is_in_the_air
+from uavcover.run.upload import upload
 from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import judging_map
 from uavcover.vehicle.fly import Ending, FlightOutcome
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.monitor import open_vehicle
@@ -54,14 +57,12 @@ def planned(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Path:
     layout = regular_layout(angle_rad=0.0, lines=3, height_agl_m=80.0, inset=0.0, tolerance_m=10.0)
     route = fly_layout(site, layout)
     violation = measure_violations(site, route.waypoints_m, margin_m=0.0).total
-    member = RouteMember(route, judge(pipeline.judging_map(site), route), violation, "lines")
+    member = RouteMember(route, judge(judging_map(site), route), violation, "lines")
     plan = Plan(
         chosen=member, members=(member,), baselines=(), rule="none", rule_met=True, algorithm="lines", evaluations=0,
         wall_s=0.0,
     )  # fmt: skip
-    pipeline.save_plan(
-        run, site, plan, compiled=pipeline.compile_plan(site, route), autopilot="ardupilot", seed=0, command=["test"]
-    )
+    save_plan(run, site, plan, compiled=compile_plan(site, route), autopilot="ardupilot", seed=0, command=["test"])
     return run.path
 
 
@@ -95,8 +96,8 @@ class Field:
         station = self.connected()
         planned = after_flight.read_planned_route(self.run)
         assert planned is not None
-        compiled = pipeline.compile_plan(self.site, pipeline.Route(planned.waypoints_m), autopilot=self.autopilot)
-        pipeline.upload(station.client, compiled)
+        compiled = compile_plan(self.site, Route(planned.waypoints_m), autopilot=self.autopilot)
+        upload(station.client, compiled)
         return self.recorded(
             self.run, lambda orders: fly(station, self.site, compiled, orders), stop=stop, killed_after=killed_after
         )
@@ -113,8 +114,8 @@ class Field:
                 lambda orders: fly_on(station, self.site, unfinished, orders),
                 killed_after=killed_after,
             )
-        compiled = pipeline.compile_plan(self.site, unfinished.route, autopilot=self.autopilot)
-        pipeline.upload(station.client, compiled)
+        compiled = compile_plan(self.site, unfinished.route, autopilot=self.autopilot)
+        upload(station.client, compiled)
         return self.recorded(
             unfinished.folder, lambda orders: fly(station, self.site, compiled, orders), killed_after=killed_after
         )

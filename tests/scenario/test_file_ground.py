@@ -13,11 +13,11 @@ from tests.scenario.dem_files import largest_difference_m, write_dem
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.kernels.grid import square_frame, steepest_of_finite
 from uavcover.kernels.surface import GRID, Surface, height_above, up_above
-from uavcover.run.pipeline import load_site
 from uavcover.scenario.elevation_file import MAX_ERROR_M, read_ground
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.pixel_frame import STRAIGHT_WITHIN_M
 from uavcover.scenario.scenario_file import load_scenario, terrain_path
+from uavcover.scenario.site import load_site
 
 ALT_M = 550.0
 

@@ -10,9 +10,9 @@ import shapely
 
 from uavcover.errors import ScenarioError
 from uavcover.model.obstacles import Obstacle, Obstacles
-from uavcover.run.pipeline import load_site
 from uavcover.scenario.obstacle_file import box_corners_m, read_obstacles
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario, parse_scenario
+from uavcover.scenario.site import load_site
 from uavcover.sensing.cells import make_cells
 
 BOX = ((0.0, 0.0), (10.0, 0.0), (10.0, 20.0), (0.0, 20.0))

@@ -19,8 +19,8 @@ from uavcover.cli.reporting import write_report
 from uavcover.cli.uploading import upload_run
 from uavcover.cli.verifying import verify_run
 from uavcover.errors import InputError, VehicleError
-from uavcover.run import pipeline
 from uavcover.run.folder import RunFolder
+from uavcover.run.provenance import add_stage
 from uavcover.run.session import require_home
 from uavcover.vehicle.fly import Ending
 
@@ -85,7 +85,7 @@ def demonstrate(
 
 
 def _stage(run: RunFolder, name: str, started_s: float) -> None:
-    pipeline.add_stage(run, name, time.monotonic() - started_s)
+    add_stage(run, name, time.monotonic() - started_s)
 
 
 def _say_end(console: Console, run: RunFolder, plan: dict[str, Any], verdict: dict[str, Any], wall_s: float) -> None:

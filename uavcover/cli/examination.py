@@ -65,12 +65,12 @@ def _packages(try_imports: bool) -> Iterator[Finding]:
 
 def _data() -> Iterator[Finding]:
     from uavcover.errors import UavcoverError
-    from uavcover.run import pipeline
     from uavcover.scenario.scenario_file import bundled_scenarios
+    from uavcover.scenario.site import load_site
 
     for name in bundled_scenarios():
         try:
-            site = pipeline.load_site(name)
+            site = load_site(name)
             yield Finding(f"scenario {name}", True, True, site.scenario.description)
         except UavcoverError as error:
             yield Finding(f"scenario {name}", False, True, str(error))

@@ -22,16 +22,17 @@ def export(
     """Write one mission file for other software."""
     from uavcover.cli.console import Console
     from uavcover.errors import InputError, OutputError
-    from uavcover.run import pipeline
     from uavcover.run.folder import RunFolder, write_text
+    from uavcover.run.mission import EXPORT_FORMATS, compile_plan, export_text
+    from uavcover.run.plan_files import read_planned
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
-    if file_format not in pipeline.EXPORT_FORMATS:
-        raise InputError(f"--format: {file_format!r} is not one of {', '.join(pipeline.EXPORT_FORMATS)}")
-    site, planned = pipeline.read_planned(RunFolder(run).flight(sortie))
+    if file_format not in EXPORT_FORMATS:
+        raise InputError(f"--format: {file_format!r} is not one of {', '.join(EXPORT_FORMATS)}")
+    site, planned = read_planned(RunFolder(run).flight(sortie))
     name = options.autopilot_name(autopilot, site.scenario.vehicle.autopilot)
-    compiled = pipeline.compile_plan(site, planned.route, autopilot=name)
-    text = pipeline.export_text(compiled, file_format, autopilot=name, name=site.scenario.name)
+    compiled = compile_plan(site, planned.route, autopilot=name)
+    text = export_text(compiled, file_format, autopilot=name, name=site.scenario.name)
     if out.exists() and not force:
         raise OutputError(f"{out}: would be overwritten; use --force, or another name")
     write_text(out, text)

@@ -10,12 +10,13 @@ from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
 from uavcover.recording import flight as recorded
 from uavcover.recording.live import LiveRecording
-from uavcover.run import files, flight_status, pipeline
+from uavcover.run import files, flight_status
 from uavcover.run.file_group import writing
 from uavcover.run.folder import RunFolder
 from uavcover.run.provenance import note_files
 from uavcover.run.session import Connected
 from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import judging_map
 from uavcover.vehicle.outcome import EventKind, FlightEvent
 from uavcover.vehicle.track_file import SpaceReserve, TrackWriter
 
@@ -30,7 +31,7 @@ def live_recording(run: RunFolder, site: Site, route: Route, *, viewer_url: str 
     if sys.platform == "win32":
         return None
     return LiveRecording(
-        run.file(_GROWING), site=site, coverage=pipeline.judging_map(site), planned=route, viewer_url=viewer_url
+        run.file(_GROWING), site=site, coverage=judging_map(site), planned=route, viewer_url=viewer_url
     )
 
 

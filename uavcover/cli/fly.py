@@ -58,8 +58,8 @@ def fly(
     from uavcover.cli.ending import INTERRUPTED
     from uavcover.cli.flying import ENDED_BY_USER, fly_run
     from uavcover.cli.precautions import precautions_for
-    from uavcover.run import pipeline
     from uavcover.run.folder import RunFolder
+    from uavcover.run.plan_files import read_planned
     from uavcover.vehicle.flight_plan import Patience
 
     client_name = options.client_name(client, link="default", signed=signing_key is not None)
@@ -86,7 +86,7 @@ def fly(
         )  # fmt: skip
         console.result(document)
         return INTERRUPTED if resumed is not None and resumed.ending in ENDED_BY_USER else 0
-    site, planned = pipeline.read_planned(folder)
+    site, planned = read_planned(folder)
     # A vehicle that begins with this process holds nothing yet.
     outcome, document = fly_run(
         folder, site, planned.route, to, console,

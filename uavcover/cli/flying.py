@@ -14,11 +14,14 @@ from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.verify import flown_coverage
 from uavcover.model.route import Route
 from uavcover.recording.writer import write_recording
-from uavcover.run import files, flight_status, pipeline
+from uavcover.run import files, flight_status
 from uavcover.run.folder import RunFolder
-from uavcover.run.provenance import note_files
+from uavcover.run.mission import compile_plan
+from uavcover.run.provenance import note_files, seal_flight
 from uavcover.run.session import ClientName, Connected, Orders, check_home, connect, fly, require_home
+from uavcover.run.upload import upload
 from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import judging_map
 from uavcover.vehicle.flight_plan import Patience
 from uavcover.vehicle.fly import Ending, FlightOutcome
 from uavcover.vehicle.outcome import FlightFailedError
@@ -46,7 +49,7 @@ def fly_run(
         FlightFailedError: the flight did not end as it should; the run folder has all the same what was recorded.
     """
     require_home(site)
-    pipeline.compile_plan(site, route)  # a bad leg is known before anybody is asked
+    compile_plan(site, route)  # a bad leg is known before anybody is asked
     if run.file("track.csv").exists() and not force:
         raise OutputError(f"{run}: holds the track of a flight; go on with it by --resume, or replace it by --force")
     with (
@@ -56,10 +59,10 @@ def fly_run(
             system_id=system_id, component_id=component_id,
         ) as vehicle,
     ):  # fmt: skip
-        compiled = pipeline.compile_plan(site, route, autopilot=vehicle.autopilot)
+        compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
         if upload_first:
             check_home(vehicle, site, compiled)
-            pipeline.upload(vehicle.client, compiled)
+            upload(vehicle.client, compiled)
         return record_flight(
             run, site, route, console, vehicle, lambda orders: fly(vehicle, site, compiled, orders),
             confirmed=confirmed, force=force, viewer_url=viewer_url, patience=patience, precautions=precautions,
@@ -129,7 +132,7 @@ def _seal(run: RunFolder, log: FlightLog, console: Console) -> None:
     if not log.sample_count:
         return
     try:
-        pipeline.seal_flight(run, samples=log.sample_count, command=sys.argv)
+        seal_flight(run, samples=log.sample_count, command=sys.argv)
     except UavcoverError as error:
         console.warn(f"{error}; verify will ask for --accept-changed record")
 
@@ -160,7 +163,7 @@ def _write_recording(run: RunFolder, site: Site, route: Route, log: FlightLog, c
     started = time.monotonic()
     with console.progress("recording"):
         track = read_track(run.file("track.csv"))
-        coverage = pipeline.judging_map(site)
+        coverage = judging_map(site)
         flown = flown_coverage(coverage, track, PlannedRoute(route.waypoints_m, 0.0))
         write_recording(
             run.file("flight.rrd"), site=site, coverage=coverage, planned=route, track=track,

@@ -80,8 +80,8 @@ def mock_vehicle(
     from uavcover.mock.vehicle import MockVehicle
     from uavcover.model.vehicle import AutopilotName
     from uavcover.routes.mission_compiler import AUTOPILOTS
-    from uavcover.run import pipeline
     from uavcover.run.session import home_of
+    from uavcover.scenario.site import load_site
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     mav_type = parse_type(vehicle_type)
@@ -100,7 +100,7 @@ def mock_vehicle(
         place, settings, battery = GeoPoint(lat, lon, alt), Settings(), BatteryData()
         default: AutopilotName = "ardupilot"
     else:
-        site = pipeline.load_site(scenario)
+        site = load_site(scenario)
         at_home = home_of(site)
         if at_home is None:
             raise InputError(f"scenario {scenario}: has no place on Earth or no home; give --home LAT,LON,ALT_AMSL")

@@ -40,8 +40,8 @@ def plan_upload(
     from uavcover.cli.planning import PlanRequest, plan_into
     from uavcover.cli.uploading import upload_run
     from uavcover.errors import InputError
-    from uavcover.run import pipeline
     from uavcover.run.folder import RunFolder
+    from uavcover.run.plan_files import read_planned
     from uavcover.run.session import require_home
 
     client_name = options.client_name(client, link=link, signed=signing_key is not None)
@@ -55,7 +55,7 @@ def plan_upload(
                 f"{source}: is a run folder and has its plan already; {', '.join(unused)} would do nothing"
             )
         folder = RunFolder(source).flight(sortie)
-        site, planned = pipeline.read_planned(folder)
+        site, planned = read_planned(folder)
     else:
         folder = RunFolder(run if run is not None else Path(source).stem)
         request = PlanRequest(
@@ -68,7 +68,7 @@ def plan_upload(
             console.result(outcome.document)
             return outcome.exit_code
         folder = folder.flight(sortie)
-        site, planned = pipeline.read_planned(folder)
+        site, planned = read_planned(folder)
     route = planned.route
     document = upload_run(
         folder,

@@ -17,10 +17,15 @@ from uavcover.planning.planner import Progress
 from uavcover.planning.selection import parse_rule, select
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie
-from uavcover.run import files, pipeline
+from uavcover.run import files
 from uavcover.run.documents import bounds_in_words
 from uavcover.run.folder import RunFolder
-from uavcover.scenario.site import Site
+from uavcover.run.mission import compile_flights
+from uavcover.run.plan import bounds as bounds_of
+from uavcover.run.plan import least_length_m
+from uavcover.run.plan import plan as plan_site
+from uavcover.run.plan_files import save_plan
+from uavcover.scenario.site import Site, load_site
 
 _FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
 
@@ -94,7 +99,7 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
     """
     if request.select is not None:
         parse_rule(request.select)
-    site = pipeline.load_site(request.scenario)
+    site = load_site(request.scenario)
     check_site(site)
     name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
     run = RunFolder(request.folder)
@@ -110,14 +115,14 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
         refused = None
         if site.frame is not None and site.home_m is not None:
             try:
-                flights = pipeline.compile_flights(site, result.chosen.route, autopilot=name)
+                flights = compile_flights(site, result.chosen.route, autopilot=name)
             except InfeasibleError as error:
                 refused = error
         seed = site.scenario.planner.seed if request.seed is None else request.seed
         compiled = flights[0].compiled if len(flights) == 1 else None
         sorties = flights if len(flights) > 1 else ()
         bounds = _bounds(site, request, result, console)
-        older = pipeline.save_plan(
+        older = save_plan(
             run, site, result, compiled=compiled, autopilot=name, seed=seed, command=request.command, sorties=sorties,
             proved=bounds,
         )  # fmt: skip
@@ -151,12 +156,12 @@ def plan_into(request: PlanRequest, console: Console, *, check_site: Callable[[S
 def _search(site: Site, request: PlanRequest, stops: Interrupts, bar: Bar) -> Plan:
     unit = "s" if site.scenario.planner.objective == "flight-time" else "m"
     bar.update(0, note="baselines first")
-    least_m = pipeline.least_length_m(site, request.select or site.scenario.select)
+    least_m = least_length_m(site, request.select or site.scenario.select)
 
     def show(progress: Progress) -> None:
         bar.update(progress.evaluations, total=progress.total, note=progress_in_words(progress, unit, least_m))
 
-    return pipeline.plan(
+    return plan_site(
         site, seed=request.seed, evaluations=request.evaluations, budget_s=request.budget_s, algorithm=request.algorithm,
         max_waypoints=request.max_waypoints, select=request.select, workers=request.workers,
         should_stop=stops.any, on_progress=show,
@@ -182,12 +187,12 @@ def progress_in_words(progress: Progress, unit: str, least: float | None) -> str
 def _bounds(site: Site, request: PlanRequest, result: Plan, console: Console) -> dict[str, Any]:
     """What was asked for; without being asked what is quick, and under a time budget only what takes no solver."""
     if result.interrupted:
-        return pipeline.bounds(site)
+        return bounds_of(site)
     unasked_s = None if request.budget_s is None else 0.0
     if request.bounds_s is None:
-        return pipeline.bounds(site, result, time_s=unasked_s)
+        return bounds_of(site, result, time_s=unasked_s)
     console.say(f"proving bounds for up to {request.bounds_s:g} s")
-    return pipeline.bounds(site, result, time_s=request.bounds_s)
+    return bounds_of(site, result, time_s=request.bounds_s)
 
 
 def _say_plan(console: Console, run: RunFolder, result: Plan, bounds: dict[str, Any], wall_s: float) -> None:

@@ -7,8 +7,9 @@ from mission_io import SigningKey
 from uavcover.cli.console import Console
 from uavcover.cli.flying import record_flight
 from uavcover.errors import InputError
-from uavcover.run import pipeline
 from uavcover.run.folder import RunFolder
+from uavcover.run.mission import compile_plan
+from uavcover.run.plan_files import read_planned
 from uavcover.run.provenance import note_files
 from uavcover.run.resume import TRACK, Unfinished, find_unfinished, save_rest, took_off_s
 from uavcover.run.session import (
@@ -21,6 +22,7 @@ from uavcover.run.session import (
     is_in_the_air,
     require_home,
 )
+from uavcover.run.upload import upload, upload_document
 from uavcover.vehicle.flight_plan import Patience
 from uavcover.vehicle.fly import FlightOutcome
 from uavcover.vehicle.precautions import USUAL, Precautions
@@ -47,7 +49,7 @@ def resume_run(
         FlightFailedError: the flight did not end as it should.
     """
     with run.reserved((), force=True):
-        site, planned = pipeline.read_planned(run)
+        site, planned = read_planned(run)
         require_home(site)
         if not run.file(TRACK).exists():
             with connect(
@@ -79,10 +81,10 @@ def resume_run(
                     console.say("the vehicle is in the air: it goes on from where it is")
                     begin = lambda orders: fly_on(vehicle, site, unfinished, orders)  # noqa: E731
                 else:
-                    compiled = pipeline.compile_plan(site, route, autopilot=vehicle.autopilot)
+                    compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
                     check_home(vehicle, site, compiled)
-                    results = pipeline.upload(vehicle.client, compiled)
-                    folder.write_json("upload.json", pipeline.upload_document(site, compiled, url, results))
+                    results = upload(vehicle.client, compiled)
+                    folder.write_json("upload.json", upload_document(site, compiled, url, results))
                     note_files(folder, "upload", ["upload.json"], command=command)
                     begin = lambda orders: fly(vehicle, site, compiled, orders)  # noqa: E731
                 try:

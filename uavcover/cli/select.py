@@ -39,14 +39,15 @@ def select(
     from uavcover.cli.console import Console
     from uavcover.cli.planning import figures_in_words, say_missions, say_older
     from uavcover.planning.selection import parse_rule
-    from uavcover.run import files, pipeline
+    from uavcover.run import files
     from uavcover.run.folder import RunFolder
+    from uavcover.run.plan_files import read_planned
     from uavcover.run.select import choose
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     parse_rule(rule)
     folder = RunFolder(run)
-    site, _ = pipeline.read_planned(folder)
+    site, _ = read_planned(folder)
     name = options.autopilot_name(autopilot, site.scenario.vehicle.autopilot)
     with folder.reserved(files.flown_in(folder), force=force):
         plan, flights, older = choose(folder, site, rule, autopilot=name, command=sys.argv)

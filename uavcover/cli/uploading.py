@@ -13,10 +13,11 @@ from mission_io.errors import TransferError, TransferInterrupted
 from mission_io.links.presets import link_preset
 from uavcover.cli.console import Console
 from uavcover.model.route import Route
-from uavcover.run import pipeline
 from uavcover.run.folder import RunFolder
+from uavcover.run.mission import compile_plan
 from uavcover.run.provenance import note_files
 from uavcover.run.session import ClientName, check_home, connect, require_home
+from uavcover.run.upload import upload, upload_document
 from uavcover.scenario.site import Site
 
 UPLOAD_FILE = "upload.json"
@@ -44,7 +45,7 @@ def upload_run(
     """
     timing = link_preset(link).timing
     require_home(site)
-    pipeline.compile_plan(site, route)  # a bad leg is known before anybody is asked
+    compile_plan(site, route)  # a bad leg is known before anybody is asked
     with (
         run.reserved((), force=True),
         connect(
@@ -53,17 +54,17 @@ def upload_run(
         ) as vehicle,
     ):  # fmt: skip
         console.say(f"vehicle {vehicle.client.vehicle.system_id} at {url}: {vehicle.client.vehicle.described}")
-        compiled = pipeline.compile_plan(site, route, autopilot=vehicle.autopilot)
+        compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
         check_home(vehicle, site, compiled)
         run.remove([UPLOAD_FILE])
         with telling_what_is_held(console), console.progress("uploading") as bar:
-            results = pipeline.upload(
+            results = upload(
                 vehicle.client,
                 compiled,
                 progress=lambda name, done, total: bar.update(done, total=total, note=name),
                 in_flight=in_flight,
             )
-        document = pipeline.upload_document(site, compiled, url, results)
+        document = upload_document(site, compiled, url, results)
         run.write_json(UPLOAD_FILE, document)
         note_files(run, "upload", [UPLOAD_FILE], command=sys.argv)
     for result in results:

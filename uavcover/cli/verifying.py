@@ -10,7 +10,7 @@ from uavcover.judging.verify import Verdict
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.report.requirements import requirement_rows
-from uavcover.run import files, judge, pipeline
+from uavcover.run import files, judge
 from uavcover.run.folder import RunFolder
 from uavcover.run.judged_inputs import (
     JudgedInputs,
@@ -20,7 +20,7 @@ from uavcover.run.judged_inputs import (
     refuse_changes,
     unsealed_in_words,
 )
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, load_site
 
 _SHOWN_VIOLATIONS = 5
 _SHOWN_STRETCHES = 3
@@ -58,7 +58,7 @@ def judge_run(
     paths = judged_logs(run, logs)
     inputs = inspect_inputs(run, paths)
     refuse_changes(run, inputs, accepted)
-    site = pipeline.load_site(path)
+    site = load_site(path)
     for number, sortie in enumerate(run.sorties(), start=1):
         if not logs and not sortie.file("track.csv").is_file():
             console.warn(f"sortie {number} was not flown yet: fly it with --sortie {number}")

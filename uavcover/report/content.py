@@ -11,12 +11,12 @@ from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.verify import Verdict, track_positions_m
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import Track
-from uavcover.run import judge, pipeline
+from uavcover.run import judge
 from uavcover.run.documents import ParetoRow, PlannedDocument, read_pareto, read_plan_document
 from uavcover.run.folder import RunFolder
 from uavcover.run.judged_inputs import judged_logs, was_flown
-from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.scenario.site import Site, load_site
+from uavcover.sensing.coverage_map import CoverageMap, judging_map
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +88,7 @@ def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = (
         InputError: a file is missing or broken.
         TrackError: a track cannot be judged.
     """
-    site = pipeline.load_site(run.existing("scenario.toml", made_by="uavcover plan"))
+    site = load_site(run.existing("scenario.toml", made_by="uavcover plan"))
     plan = run.read_json("plan.json", made_by="uavcover plan")
     paths = judged_logs(run, logs) if logs or was_flown(run) else []
     read = [judge.read_log(path, site) for path in paths]
@@ -100,7 +100,7 @@ def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = (
     pareto = run.file("pareto.csv")
     return ReportContent(
         site=site,
-        coverage=pipeline.judging_map(site) if verdict is None else verdict.coverage,
+        coverage=judging_map(site) if verdict is None else verdict.coverage,
         plan=plan,
         planned=read_plan_document(plan, source=str(run.file("plan.json"))),
         members=read_pareto(pareto) if pareto.is_file() else (),

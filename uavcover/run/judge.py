@@ -15,24 +15,30 @@ from uavcover.judging.flown_coverage import FlownCoverage
 from uavcover.judging.gaps import REASONS, gaps_geojson, reason_codes
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.track_logs.reading import READERS, read_foreign_log
-from uavcover.judging.verify import FlownTrack, Verdict, verify_flight
+from uavcover.judging.verify import FlownTrack, Verdict, verify_flight, verify_track
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.track import ReadTrack, Track
+from uavcover.model.verdict import VerificationReport
 from uavcover.planning.gap_route import ClosingRoute, plan_closing_route
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.mission_compiler import CompiledMission, compile_continuation
 from uavcover.routes.objectives import judge
 from uavcover.run import files as run_files
-from uavcover.run import flight_status, pipeline
-from uavcover.run.documents import read_plan_document, verification_document
+from uavcover.run import flight_status
+from uavcover.run.documents import (
+    read_plan_document,
+    verification_document,
+)
 from uavcover.run.folder import RunFolder, json_text
 from uavcover.run.geotiff import Band, geotiff
 from uavcover.run.judged_inputs import JudgedInputs
+from uavcover.run.mission import compile_plan, mission_texts
+from uavcover.run.plan_files import save_plan
 from uavcover.run.provenance import note_files
 from uavcover.run.resume import TRACK
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.coverage_map import CoverageMap, judging_map
 from uavcover.vehicle.track_file import read_track_with_warnings
 
 GAP_FOLDER = "gaps"
@@ -113,7 +119,7 @@ def planned_for(log: Path, run: RunFolder) -> PlannedRoute | None:
 
 def judge_tracks(site: Site, tracks: Sequence[tuple[Track, PlannedRoute | None]]) -> Verdict:
     """The verdict on one or several tracks as one flight, each with the plan it followed, on the cells of the area."""
-    return verify_flight(site, pipeline.judging_map(site), [FlownTrack(track, planned) for track, planned in tracks])
+    return verify_flight(site, judging_map(site), [FlownTrack(track, planned) for track, planned in tracks])
 
 
 def save_verdict(
@@ -261,7 +267,7 @@ def plan_gap_mission(
         needed_m2 = lacking * float(coverage.grid.weight_m2[coverage.coverable].sum())
     start_m = site.home_m if in_the_air is None else _last_place_m(site, in_the_air)
     closing = plan_closing_route(coverage, missing, start_m=start_m, end_m=site.home_m, needed_m2=needed_m2)
-    compiled = pipeline.compile_plan(site, closing.route)
+    compiled = compile_plan(site, closing.route)
     continuation = None if in_the_air is None else _continuation(site, closing.route, in_the_air)
     route = closing.route
     margin_m = site.scenario.limits.height_margin_m
@@ -321,11 +327,16 @@ def save_gap_mission(
     folder = RunFolder(run.file(GAP_FOLDER))
     autopilot = site.scenario.vehicle.autopilot
     with folder.reserved((*run_files.PLAN_FILES, *run_files.OF_A_PLAN), force=force):
-        pipeline.save_plan(
+        save_plan(
             folder, site, mission.plan, compiled=mission.compiled, autopilot=autopilot,
             seed=site.scenario.planner.seed, command=command,
         )  # fmt: skip
-    texts = pipeline.mission_texts(mission.wanted, autopilot=autopilot, name=site.scenario.name)
+    texts = mission_texts(mission.wanted, autopilot=autopilot, name=site.scenario.name)
     run.write_text("gap_mission.waypoints", texts["mission.waypoints"])
     note_files(run, "gaps", ["gap_mission.waypoints"], command=command)
     return folder
+
+
+def verify(site: Site, track: Track, planned: PlannedRoute | None = None) -> VerificationReport:
+    """Coverage and safety of what was flown, on the cells of the area; see :mod:`uavcover.judging`."""
+    return verify_track(site, judging_map(site), track, planned)

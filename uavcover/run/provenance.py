@@ -16,6 +16,7 @@ from typing import Any
 
 from uavcover.errors import InputError
 from uavcover.model.obstacles import Obstacles
+from uavcover.run.files import FLIGHT_FILES
 from uavcover.run.folder import SCHEMA_VERSION, RunFolder
 
 RUN_FILE = "run.json"
@@ -171,3 +172,25 @@ def _files(entries: Sequence[dict[str, Any]]) -> dict[str, str | None]:
 def _hash_in(value: Any) -> str | None:
     found = value.get("sha256") if isinstance(value, dict) else value
     return str(found) if found else None
+
+
+def seal_flight(run: RunFolder, *, samples: int, command: Sequence[str]) -> None:
+    """Record the hashes of the track and of what was recorded beside it when a flight has ended: later changes are noticed.
+
+    Raises:
+        InputError, OutputError: ``run.json`` cannot be read or written.
+    """
+    there = [name for name in FLIGHT_FILES if run.file(name).exists()]
+    note_files(run, "fly", there, command=command, samples=samples)
+
+
+def add_stage(run: RunFolder, name: str, wall_s: float) -> None:
+    """Note in ``run.json`` how long a stage took."""
+    stages = run.read_json("run.json", made_by="uavcover plan").get("stages")
+    note_in_run(run, "stages", {**(stages if isinstance(stages, dict) else {}), name: {"wall_s": wall_s}})
+
+
+def note_in_run(run: RunFolder, key: str, value: dict[str, Any]) -> None:
+    """Put something into ``run.json``, in place of what was there under that key."""
+    document = run.read_json("run.json", made_by="uavcover plan")
+    run.write_json("run.json", {**document, key: value})

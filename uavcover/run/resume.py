@@ -11,10 +11,13 @@ from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.track import Track
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.objectives import judge
-from uavcover.run import pipeline
 from uavcover.run.documents import PlannedDocument, read_plan_document
 from uavcover.run.folder import RunFolder
+from uavcover.run.mission import compile_plan
+from uavcover.run.plan_files import save_plan
+from uavcover.run.provenance import note_in_run
 from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import judging_map
 from uavcover.vehicle.break_off import BreakOff, find_break_off, route_left
 from uavcover.vehicle.track_file import read_track
 
@@ -117,18 +120,18 @@ def save_rest(unfinished: Unfinished, site: Site, *, command: Sequence[str]) -> 
     """
     started = time.monotonic()
     route = unfinished.route
-    compiled = pipeline.compile_plan(site, route)
+    compiled = compile_plan(site, route)
     violations = measure_violations(site, route.waypoints_m, margin_m=site.scenario.limits.height_margin_m)
-    member = RouteMember(route, judge(pipeline.judging_map(site), route), violations.total, "resumed")
+    member = RouteMember(route, judge(judging_map(site), route), violations.total, "resumed")
     plan = Plan(
         chosen=member, members=(member,), baselines=(), rule="resumed", rule_met=True, algorithm="resumed",
         evaluations=0, wall_s=time.monotonic() - started,
     )  # fmt: skip
-    pipeline.save_plan(
+    save_plan(
         unfinished.folder, site, plan, compiled=compiled, autopilot=site.scenario.vehicle.autopilot,
         seed=site.scenario.planner.seed, command=command,
     )  # fmt: skip
-    pipeline.note_in_run(unfinished.folder, _LINK, {"track_sha256": _sha256(unfinished.flown.file(TRACK))})
+    note_in_run(unfinished.folder, _LINK, {"track_sha256": _sha256(unfinished.flown.file(TRACK))})
 
 
 def continues(folder: RunFolder, before: RunFolder) -> bool:

@@ -9,10 +9,12 @@ from uavcover.planning.selection import parse_rule, select
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.objectives import judge
 from uavcover.routes.sorties import Sortie
-from uavcover.run import pipeline
 from uavcover.run.documents import read_pareto, read_pareto_routes
 from uavcover.run.folder import RunFolder
+from uavcover.run.mission import compile_flights
+from uavcover.run.plan_files import save_plan
 from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import judging_map
 
 _ROUTES = "pareto_routes.csv"
 
@@ -34,7 +36,7 @@ def read_members(run: RunFolder, site: Site) -> list[RouteMember]:
         raise InputError(
             f"{path}: has {len(routes)} routes, and pareto.csv has {len(makers)}; make them again with: uavcover plan"
         )
-    judged = pipeline.judging_map(site)
+    judged = judging_map(site)
     return [
         RouteMember(route, judge(judged, route), measure_violations(site, route.waypoints_m, margin_m=0.0).total, maker)
         for route, maker in zip(routes, makers, strict=True)
@@ -74,10 +76,10 @@ def choose(
     flights: tuple[Sortie, ...] = ()
     if site.frame is not None and site.home_m is not None:
         try:
-            flights = pipeline.compile_flights(site, chosen.route, autopilot=autopilot)
+            flights = compile_flights(site, chosen.route, autopilot=autopilot)
         except InfeasibleError as error:
             raise InfeasibleError(f"member {choice.index}: {error}; {run} is as it was") from error
-    older = pipeline.save_plan(
+    older = save_plan(
         run, site, result, compiled=flights[0].compiled if len(flights) == 1 else None, autopilot=autopilot, seed=seed,
         command=command, sorties=flights if len(flights) > 1 else (), proved=bounds, baselines=baselines,
     )  # fmt: skip

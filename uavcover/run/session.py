@@ -28,7 +28,7 @@ from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compile_continuation, compile_return
 from uavcover.routes.way_cost import pace_of
-from uavcover.run import pipeline
+from uavcover.run.mission import compile_plan
 from uavcover.run.resume import Unfinished
 from uavcover.scenario.site import Site
 from uavcover.vehicle.break_off import along_leg_m
@@ -373,7 +373,7 @@ def _held_onward(
         or find_problems(site, way, lowest_agl_m=limits.min_height_agl_m, highest_agl_m=limits.max_height_agl_m)
     ):
         return None
-    compiled = pipeline.compile_plan(site, unfinished.planned.route, autopilot=vehicle.autopilot)
+    compiled = compile_plan(site, unfinished.planned.route, autopilot=vehicle.autopilot)
     autopilot = AUTOPILOTS[vehicle.autopilot]
     held = vehicle.client.download(MissionType.MISSION)
     if fault_text(compare_items(wire_items(compiled.mission, autopilot), held, autopilot)) is not None:

@@ -10,11 +10,17 @@ import shapely
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.area import Ring
-from uavcover.model.scenario import RasterTerrain, Scenario, SineCosineTerrain, Uncertainty
+from uavcover.model.scenario import (
+    RasterTerrain,
+    Scenario,
+    SineCosineTerrain,
+    Uncertainty,
+)
 from uavcover.scenario.elevation_file import MAX_ERROR_M, read_ground, read_height_amsl_m
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground, sine_cosine_ground
 from uavcover.scenario.obstacle_prisms import Footprint, Prism, stand_on
+from uavcover.scenario.scenario_file import load_scenario, terrain_path
 
 MAX_REACH_M = 100_000.0
 """Farther from the origin than this, a place in a scenario is a mistake."""
@@ -264,3 +270,14 @@ def _ground(
             f"file's own pixels, or set height_margin_m to at least {ground.error_m + 0.05:.1f}"
         )
     return ground
+
+
+def load_site(scenario: str | Path | Scenario) -> Site:
+    """A scenario (a file, the name of a bundled one, or loaded already) on its ground.
+
+    Raises:
+        ScenarioError, TerrainError: it cannot be understood, or its elevation data cannot be used.
+    """
+    loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    terrain = loaded.terrain
+    return build_site(loaded, terrain_file=terrain_path(terrain) if isinstance(terrain, RasterTerrain) else None)

@@ -235,3 +235,8 @@ def sees_each(coverage: CoverageMap, looks: LevelLooks, cell_numbers: NDArray[np
         coverage.site.ground.surface, sight, np.ascontiguousarray(looks.places_m), looks.headings,
         cells.centre_m[cell_numbers], cells.normal[cell_numbers],
     )  # fmt: skip
+
+
+def judging_map(site: Site) -> CoverageMap:
+    """The cells that results are judged on."""
+    return CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m)

@@ -9,7 +9,7 @@ from uavcover.benchmarks.coverage.contenders import CONSTRUCTIONS, PLANNERS, Fou
 from uavcover.benchmarks.coverage.judging import CASES, Judge, moment_document
 from uavcover.benchmarks.runs import KeptRuns, completed
 from uavcover.planning.planner import Effort, plan_routes
-from uavcover.run.pipeline import load_site
+from uavcover.scenario.site import load_site
 
 ONCE = "once"
 """The effort of a baseline that needs no budget."""

@@ -11,8 +11,7 @@ from types import MappingProxyType
 from typing import Final
 
 from uavcover.model.sensor import LineOfSight, SphereSensor
-from uavcover.run.pipeline import load_site
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, load_site
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,64 @@
+"""From a planned route to missions, and to the files of other software."""
+
+from mission_io.formats import csv as csv_format
+from mission_io.formats import geojson, kml, wpl
+from mission_io.formats import plan as plan_format
+from uavcover.errors import InputError
+from uavcover.model.route import Route
+from uavcover.model.vehicle import AutopilotName
+from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compile_mission
+from uavcover.routes.sorties import Sortie, compile_sorties
+from uavcover.scenario.site import Site
+
+EXPORT_FORMATS = ("waypoints", "plan", "kml", "geojson", "csv")
+
+
+def compile_plan(site: Site, route: Route, *, autopilot: AutopilotName | None = None) -> CompiledMission:
+    """The mission of a planned route, every leg checked; see :func:`uavcover.routes.mission_compiler.compile_mission`."""
+    return compile_mission(site, route, autopilot=autopilot or site.scenario.vehicle.autopilot)
+
+
+def compile_flights(site: Site, route: Route, *, autopilot: AutopilotName | None = None) -> tuple[Sortie, ...]:
+    """The missions of a planned route: one, or several where endurance or items ask for it (`uavcover.routes.sorties`)."""
+    return compile_sorties(site, route, autopilot=autopilot or site.scenario.vehicle.autopilot)
+
+
+def mission_texts(compiled: CompiledMission, *, autopilot: AutopilotName, name: str) -> dict[str, str]:
+    """The texts of MISSION_FILES by their names."""
+    home = compiled.mission.home
+    if home is None:
+        raise InputError("the mission has no home")
+    return {
+        "mission.waypoints": wpl.write_mission(compiled.mission),
+        "fence.waypoints": wpl.write_fence(compiled.fence, home),
+        "rally.waypoints": wpl.write_rally(compiled.rally, home),
+        "mission.plan": export_text(compiled, "plan", autopilot=autopilot, name=name),
+        "mission.kml": export_text(compiled, "kml", autopilot=autopilot, name=name),
+    }
+
+
+def export_text(compiled: CompiledMission, file_format: str, *, autopilot: AutopilotName, name: str) -> str:
+    """A compiled mission in one of EXPORT_FORMATS.
+
+    Raises:
+        InputError: another format.
+    """
+    match file_format:
+        case "waypoints":
+            return wpl.write_mission(compiled.mission)
+        case "plan":
+            return plan_format.write(
+                plan_format.PlanFile(
+                    mission=compiled.mission,
+                    fence=compiled.fence,
+                    rally=compiled.rally,
+                    mav_autopilot=AUTOPILOTS[autopilot].mav_autopilot,
+                )
+            )
+        case "kml":
+            return kml.write_mission(compiled.mission, name=name)
+        case "geojson":
+            return geojson.write_mission(compiled.mission, name=name)
+        case "csv":
+            return csv_format.write_mission(compiled.mission)
+    raise InputError(f"format {file_format!r} is not one of {', '.join(EXPORT_FORMATS)}")

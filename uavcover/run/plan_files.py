@@ -1,0 +1,170 @@
+"""The files of a plan in a run folder: written together, and read back."""
+
+import dataclasses
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import metadata
+from typing import Any
+
+from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.model.vehicle import AutopilotName
+from uavcover.routes.leg_checks import measure_violations
+from uavcover.routes.mission_compiler import CompiledMission
+from uavcover.routes.objectives import judge
+from uavcover.routes.sorties import Sortie
+from uavcover.run.documents import (
+    PlannedDocument,
+    pareto_csv,
+    pareto_routes_csv,
+    plan_document,
+    read_plan_document,
+)
+from uavcover.run.files import moves_of_an_older_plan, remove_empty_folders, stale_files
+from uavcover.run.folder import SCHEMA_VERSION, RunFolder, json_text
+from uavcover.run.mission import mission_texts
+from uavcover.run.plan import bounds
+from uavcover.run.provenance import obstacles_sha256, run_document, sha256_of_content, version, with_entry
+from uavcover.scenario.scenario_file import dump_scenario
+from uavcover.scenario.site import Site, load_site
+from uavcover.sensing.coverage_map import CoverageMap, judging_map
+
+
+def save_plan(
+    run: RunFolder,
+    site: Site,
+    result: Plan,
+    *,
+    compiled: CompiledMission | None,
+    autopilot: AutopilotName,
+    seed: int,
+    command: Sequence[str],
+    sorties: Sequence[Sortie] = (),
+    proved: dict[str, Any] | None = None,
+    baselines: Sequence[dict[str, Any]] | None = None,
+) -> RunFolder | None:
+    """Write the scenario, the Pareto set, the chosen route and its mission files, all or none.
+
+    What belonged to an older plan in the same folder goes with it: its mission, upload, sorties and gap mission are removed; a
+    plan that was flown is moved, whole, into a folder ``older-N``.
+
+    Args:
+        run: the folder.
+        site: the scenario on its ground.
+        result: the plan.
+        compiled: its mission, none when there is none or several.
+        autopilot: for whom the mission files are.
+        seed: of every random number.
+        command: how it was asked for.
+        sorties: its flights when there are several; each gets a run folder of its own inside this one.
+        proved: its :func:`bounds`; default: what there is of them without a plan.
+        baselines: as ``plan.json`` of the same Pareto set has them already; default: the plan's.
+
+    Returns:
+        where the older plan and its flight are now; none when there was no flight.
+    """
+    scenario = dump_scenario(site.scenario)
+    limits = bounds(site) if proved is None else proved
+    texts = {"scenario.toml": scenario, **_set_texts(result)}
+    if compiled is not None:
+        texts |= mission_texts(compiled, autopilot=autopilot, name=site.scenario.name)
+    rows = [_sortie_row(number, sortie) for number, sortie in enumerate(sorties, start=1)]
+    document = plan_document(site, result, seed=seed, bounds=limits, sorties=rows, baselines=baselines)
+    texts["plan.json"] = json_text(document)
+    about = _run_document(site, scenario, seed=seed, command=command, plan_wall_s=result.wall_s)
+    judged = judging_map(site) if sorties else None
+    of_any_plan = {name: limit for name, limit in limits.items() if not isinstance(limit, dict)}
+    for row, sortie in zip(rows, sorties, strict=True):
+        if judged is None:
+            break
+        plan = _plan_of_sortie(judged, result, sortie)
+        own = {"scenario.toml": scenario, **_set_texts(plan)}
+        own |= mission_texts(sortie.compiled, autopilot=autopilot, name=f"{site.scenario.name}, sortie {row['number']}")
+        own["plan.json"] = json_text(plan_document(site, plan, seed=seed, bounds=of_any_plan))
+        own["run.json"] = _recorded(RunFolder(run.file(row["folder"])), about, own)
+        texts |= {f"{row['folder']}/{name}": text for name, text in own.items()}
+    moved = moves_of_an_older_plan(run)
+    texts["run.json"] = _recorded(run, about, texts, moved=moved)
+    run.write_together(texts, stale=() if moved else stale_files(run, texts), moved=moved)
+    remove_empty_folders(run)
+    return RunFolder(run.file(next(iter(moved.values()))).parent) if moved else None
+
+
+def _recorded(
+    run: RunFolder, about: dict[str, Any], texts: Mapping[str, str], *, moved: Mapping[str, str] | None = None
+) -> str:
+    """``run.json`` of a new plan: what it read, wrote and moved comes after what is recorded of older ones."""
+    older = run_document(run).get("provenance", [])
+    wrote = {name: sha256_of_content(text) for name, text in texts.items()}
+    document = with_entry(
+        {**about, "provenance": older}, "plan",
+        command=about["command"], inputs=about["inputs"], wrote=wrote, moved=dict(moved or {}),
+    )  # fmt: skip
+    return json_text(document)
+
+
+def _set_texts(result: Plan) -> dict[str, str]:
+    return {"pareto.csv": pareto_csv(result), "pareto_routes.csv": pareto_routes_csv(result)}
+
+
+def _sortie_row(number: int, sortie: Sortie) -> dict[str, Any]:
+    return {
+        "number": number,
+        "folder": f"sortie-{number}",
+        "first_waypoint": sortie.first,
+        "last_waypoint": sortie.last,
+        "flight_time_s": sortie.compiled.flight_time_s,
+        "route_length_m": sortie.route.length_m,
+        "path_length_m": Route(sortie.compiled.path_m).length_m,
+        "mission_items": len(sortie.compiled.mission.items),
+    }
+
+
+def _plan_of_sortie(judged: CoverageMap, whole: Plan, sortie: Sortie) -> Plan:
+    """A plan with the part of the chosen route that a sortie flies, judged by itself."""
+    route = sortie.route
+    violation = measure_violations(judged.site, route.waypoints_m, margin_m=0.0).total
+    member = RouteMember(route, judge(judged, route), violation, whole.chosen.origin)
+    return dataclasses.replace(whole, chosen=member, members=(member,), baselines=())
+
+
+def read_planned(run: RunFolder) -> tuple[Site, PlannedDocument]:
+    """Site and chosen route of a run folder.
+
+    Raises:
+        InputError: a file is missing or broken; says which command makes it.
+    """
+    site = load_site(run.existing("scenario.toml", made_by="uavcover plan"))
+    document = run.read_json("plan.json", made_by="uavcover plan")
+    return site, read_plan_document(document, source=str(run.file("plan.json")))
+
+
+def _run_document(
+    site: Site, scenario: str, *, seed: int, command: Sequence[str], plan_wall_s: float
+) -> dict[str, Any]:
+    packages = ("numpy", "scipy", "numba", "pyproj", "rasterio", "shapely", "pymavlink", "rerun-sdk")
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "command": list(command),
+        "seed": seed,
+        "python": platform.python_version(),
+        "platform": sys.platform,
+        "packages": {"uavcover": version(), **{name: _version(name) for name in packages}},
+        "inputs": {
+            "scenario": {"sha256": sha256_of_content(scenario)},
+            "terrain": {
+                "source": site.ground.source,
+                "sha256": site.ground.sha256 or None,
+                "largest_error_m": site.ground.error_m,
+            },
+            "obstacles": {"sha256": obstacles_sha256(site.scenario.obstacles)},
+        },
+        "stages": {"plan": {"wall_s": plan_wall_s}},
+    }
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:  # run from a source folder that is not installed
+        return None
