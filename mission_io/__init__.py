@@ -16,10 +16,10 @@ from mission_io.autopilots.autopilot import (
 )
 from mission_io.autopilots.checks import Problem, check_for_autopilot
 from mission_io.autopilots.comparison import Difference, compare_items
-from mission_io.autopilots.lists import Content, content_of, items_of, mission_type_of
+from mission_io.autopilots.lists import MissionList, items_of, mission_list_of, mission_type_of
 from mission_io.client.client import Client
 from mission_io.client.connection import VehicleInfo
-from mission_io.client.read_back import Verification
+from mission_io.client.read_back import ReadBack
 from mission_io.errors import (
     AmbiguousVehicleError,
     CommandRefusedError,
@@ -73,7 +73,6 @@ __all__ = [
     "Client",
     "Command",
     "CommandRefusedError",
-    "Content",
     "Difference",
     "Fence",
     "FenceCircle",
@@ -91,11 +90,13 @@ __all__ = [
     "Mission",
     "MissionIoError",
     "MissionItem",
+    "MissionList",
     "MissionServer",
     "MissionType",
     "MisuseError",
     "Problem",
     "RallyPoints",
+    "ReadBack",
     "SigningKey",
     "SpeedType",
     "Timing",
@@ -106,13 +107,11 @@ __all__ = [
     "UdpLink",
     "VehicleInfo",
     "VehicleSilentError",
-    "Verification",
     "action_of",
     "autopilot_for",
     "change_speed",
     "check_for_autopilot",
     "compare_items",
-    "content_of",
     "delay",
     "item_of",
     "items_of",
@@ -121,6 +120,7 @@ __all__ = [
     "look_ahead",
     "look_at",
     "mission_from_wire",
+    "mission_list_of",
     "mission_type_of",
     "open_link",
     "register_endpoint",

@@ -32,7 +32,7 @@ from uavcover.mock.vehicle import MockVehicle
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.scenario.site import load_site
-from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -56,11 +56,11 @@ def coverage_rows() -> list[Row]:
     """Coverage evaluations a second, kernel and naive twin on the same looks."""
     site = load_site("jacksboro")
     coverage = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
-    looks = coverage.looks(fly_layout(site, plain_boustrophedon(site)).waypoints_m)
+    looks = coverage.observations(fly_layout(site, plain_boustrophedon(site)).waypoints_m)
     coverage.seen_by(looks)
     fast_s = best_s(lambda: coverage.seen_by(looks), 20)
     every = max(1, len(looks) // 3)
-    few = LevelLooks(looks.places_m[::every].copy(), looks.headings[::every].copy())
+    few = LevelObservations(looks.places_m[::every].copy(), looks.headings[::every].copy())
     naive_s = best_s(
         lambda: naive_first_seen(site.ground.surface, coverage.sight, coverage.grid.cells, few.places_m, few.headings),
         1,

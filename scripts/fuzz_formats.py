@@ -36,7 +36,7 @@ else:
 with _watched:
     from mission_io.errors import FormatError
     from mission_io.formats import csv, geojson, kml, plan, poly, wpl
-    from mission_io.formats.drawings import Area, fence_from_areas
+    from mission_io.formats.drawings import DrawnArea, fence_from_areas
     from mission_io.formats.text import text_from_bytes
     from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
     from mission_io.model.diff import apply, diff
@@ -171,7 +171,7 @@ def seeds(target: str) -> list[bytes]:
                 f"<kml><MultiGeometry>{linear}<Point><coordinates>1,2</coordinates></Point></MultiGeometry></kml>"],
         "geojson": [json.dumps({"type": "FeatureCollection", "features": [feature]}),
                     json.dumps({"type": "GeometryCollection", "geometries": [shape, {"type": "Point", "coordinates": [1, 2]}]})],
-        "poly": [poly.write_area(Area(ring))],
+        "poly": [poly.write_area(DrawnArea(ring))],
         "fen": [poly.write_fence(fence)],
     }  # fmt: skip
     return [text.encode() for text in texts[target]]

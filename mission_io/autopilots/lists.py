@@ -14,17 +14,17 @@ from mission_io.model.areas import (
 )
 from mission_io.model.items import Mission, MissionItem, MissionType
 
-Content: TypeAlias = Mission | Fence | RallyPoints
+MissionList: TypeAlias = Mission | Fence | RallyPoints
 
 
-def mission_type_of(content: Content) -> MissionType:
+def mission_type_of(content: MissionList) -> MissionType:
     """Which of a vehicle's lists some content belongs into."""
     if isinstance(content, Mission):
         return MissionType.MISSION
     return MissionType.FENCE if isinstance(content, Fence) else MissionType.RALLY
 
 
-def items_of(content: Content, autopilot: Autopilot) -> tuple[MissionItem, ...]:
+def items_of(content: MissionList, autopilot: Autopilot) -> tuple[MissionItem, ...]:
     """The items of some content as they are sent to an autopilot.
 
     Raises:
@@ -35,7 +35,7 @@ def items_of(content: Content, autopilot: Autopilot) -> tuple[MissionItem, ...]:
     return items_from_fence(content) if isinstance(content, Fence) else items_from_rally(content)
 
 
-def content_of(mission_type: MissionType, items: Sequence[MissionItem], autopilot: Autopilot) -> Content:
+def mission_list_of(mission_type: MissionType, items: Sequence[MissionItem], autopilot: Autopilot) -> MissionList:
     """What an autopilot's item list stands for; the inverse of ``items_of``.
 
     Raises:

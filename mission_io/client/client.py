@@ -7,11 +7,11 @@ from typing import TypedDict, TypeVar
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.autopilots.checks import check_for_autopilot
 from mission_io.autopilots.comparison import Difference, compare_items
-from mission_io.autopilots.lists import Content, content_of, items_of, mission_type_of
+from mission_io.autopilots.lists import MissionList, items_of, mission_list_of, mission_type_of
 from mission_io.client import commands, transfer_outcome
 from mission_io.client.connection import Connection
 from mission_io.client.peers import two_in_one
-from mission_io.client.read_back import Verification
+from mission_io.client.read_back import ReadBack
 from mission_io.client.transfer_outcome import (
     PROVEN_BY_READING,
     description,
@@ -184,13 +184,13 @@ class Client(Connection):
 
     def upload_and_verify(
         self,
-        content: Content,
+        content: MissionList,
         *,
         progress: Progress | None = None,
         stop: Stop | None = None,
         in_flight: bool = False,
         autopilot: Autopilot | None = None,
-    ) -> Verification:
+    ) -> ReadBack:
         """Check, upload, read back and compare a mission, a fence or rally points.
 
         A vehicle is asked for its own limit when a mission is longer than its autopilot was seen to take.
@@ -222,15 +222,15 @@ class Client(Connection):
             raise MisuseError(f"the {list_name(mission_type)} was not sent: {problems[0]}{more}")
         self.upload(mission_type, items, progress=progress, stop=stop, in_flight=in_flight)
         received, differences = self._read_back(mission_type, items, autopilot)
-        return Verification(mission_type, autopilot.name, items, received, differences)
+        return ReadBack(mission_type, autopilot.name, items, received, differences)
 
     def ask_item_limit(self, *, timeout_s: float = _ITEM_LIMIT_S) -> int | None:
         """How many mission items the vehicle takes, home included; None when it does not tell within ``timeout_s``."""
         return transfer_outcome.ask_item_limit(self, self.vehicle.autopilot, timeout_s=timeout_s)
 
-    def download_content(self, mission_type: MissionType, *, progress: Progress | None = None) -> Content:
+    def download_list(self, mission_type: MissionType, *, progress: Progress | None = None) -> MissionList:
         """One of the vehicle's lists as the Mission, Fence or RallyPoints it stands for; errors as ``download``."""
-        return content_of(mission_type, self.download(mission_type, progress=progress), self.vehicle.autopilot)
+        return mission_list_of(mission_type, self.download(mission_type, progress=progress), self.vehicle.autopilot)
 
     # Commands, modes, parameters: see mission_io.client.commands.
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
-from mission_io.client.peers import Choice, Neighbours, VehicleInfo, two_in_one, vehicle_of
+from mission_io.client.peers import Peers, VehicleChoice, VehicleInfo, two_in_one, vehicle_of
 from mission_io.clock import Clock, SystemClock, UnixClock
 from mission_io.errors import MisuseError, VehicleSilentError
 from mission_io.links.opening import Link, PeerLink, StreamLink
@@ -40,7 +40,7 @@ class Connection:
             seconds: for logs.
 
     Attributes:
-        neighbours: Who else is on the link: vehicles, and others that use our ids.
+        peers: Who else is on the link: vehicles, and others that use our ids.
         impostor: What a heartbeat with our vehicle's ids told of another vehicle (autopilot or type); None while all is well.
             Such heartbeats do not count as our vehicle's.
     """
@@ -58,7 +58,7 @@ class Connection:
         self.clock = clock if clock is not None else link.clock
         self.codec = Codec(system_id=system_id, component_id=component_id)
         self.local = Address(system_id, component_id)
-        self.neighbours = Neighbours(self.local)
+        self.peers = Peers(self.local)
         self._for_others = 0
         self._listener = listener
         self._vehicle: VehicleInfo | None = None
@@ -176,7 +176,7 @@ class Connection:
         elif isinstance(self.link, PeerLink):
             self.link.let_go()
         deadline = self.clock.now() + timeout_s
-        choice = Choice(system_id=system_id, component_id=component_id)
+        choice = VehicleChoice(system_id=system_id, component_id=component_id)
         self._vehicle = self.impostor = None
         self.codec.version = 2
         latest: dict[Address, Received] = {}
@@ -301,7 +301,7 @@ class Connection:
         now = self.clock.now()
         ours: list[Received] = []
         for received in self.codec.decode(data):
-            beat = self.neighbours.take(received)
+            beat = self.peers.take(received)
             if self._vehicle is not None and _sender(received) == self._vehicle.address:
                 self._agree_on_version(received)
                 if beat is not None and self._vehicle.may_become(beat):
@@ -327,7 +327,7 @@ class Connection:
         """Speak the newest version that the vehicle speaks."""
         if received.mavlink_version >= 2:
             self.codec.version = 2
-        elif self.neighbours.speaks_only_1(_sender(received)):
+        elif self.peers.speaks_only_1(_sender(received)):
             self.codec.version = 1
 
 

@@ -76,7 +76,7 @@ class VehicleInfo:
         return self.vehicle_type in (later.vehicle_type, VehicleClass.GENERIC)
 
 
-class Neighbours:
+class Peers:
     """Everybody whose messages arrive here; says in the log, once for each, what a pilot should know.
 
     Args:
@@ -164,7 +164,7 @@ LISTEN_S: Final = 1.2
 """After the first vehicle others are listened for so long: heartbeats come once a second."""
 
 
-class Choice:
+class VehicleChoice:
     """Collects the vehicles that are heard, and chooses the one that was asked for.
 
     Args:

@@ -10,7 +10,7 @@ from mission_io.model.items import MissionItem, MissionType
 
 
 @dataclass(frozen=True, slots=True)
-class Verification:
+class ReadBack:
     """The result of ``Client.upload_and_verify``.
 
     Attributes:

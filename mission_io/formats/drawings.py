@@ -14,7 +14,7 @@ from mission_io.model.items import Command, Frame, Mission, MissionItem
 
 
 @dataclass(frozen=True, slots=True)
-class Area:
+class DrawnArea:
     """A polygon, possibly with holes. Its rings are not closed: no vertex is repeated."""
 
     exterior: tuple[LatLon, ...]
@@ -23,7 +23,7 @@ class Area:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class DrawnLine:
     """A line through places."""
 
     points: tuple[LatLon, ...]
@@ -49,13 +49,13 @@ class Drawing:
         repairs: What had to be repaired or was left out to read it, one line each.
     """
 
-    areas: tuple[Area, ...] = ()
-    lines: tuple[Line, ...] = ()
+    areas: tuple[DrawnArea, ...] = ()
+    lines: tuple[DrawnLine, ...] = ()
     spots: tuple[Spot, ...] = ()
     repairs: tuple[str, ...] = ()
 
 
-def fence_from_areas(areas: Iterable[Area]) -> Fence:
+def fence_from_areas(areas: Iterable[DrawnArea]) -> Fence:
     """A fence to stay inside of the areas and out of their holes.
 
     Autopilots want to be inside *every* inclusion polygon, so only one area makes sense for most of them.

@@ -5,7 +5,7 @@ import math
 from typing import Any
 
 from mission_io.errors import FormatError
-from mission_io.formats.drawings import Area, Drawing, Line, RoutePoint, Spot, alt_amsl_m, open_ring, route_of
+from mission_io.formats.drawings import Drawing, DrawnArea, DrawnLine, RoutePoint, Spot, alt_amsl_m, open_ring, route_of
 from mission_io.formats.json_node import Node, parse_json
 from mission_io.formats.text import clean_text, place_problem
 from mission_io.model.areas import LatLon
@@ -59,8 +59,8 @@ def read_drawing(text: str) -> Drawing:
             only one of RFC 7946) and coordinates that are no places.
     """
     clean = clean_text(text)
-    areas: list[Area] = []
-    lines: list[Line] = []
+    areas: list[DrawnArea] = []
+    lines: list[DrawnLine] = []
     spots: list[Spot] = []
     repairs = list(clean.repairs)
     todo = [(parse_json(clean.text, "document"), "")]
@@ -83,9 +83,9 @@ def read_drawing(text: str) -> Drawing:
                 if not rings:
                     repairs.append(f"{polygon.where}: left out an empty polygon")
                     continue
-                areas.append(Area(rings[0], tuple(rings[1:]), name))
+                areas.append(DrawnArea(rings[0], tuple(rings[1:]), name))
         elif kind in ("LineString", "MultiLineString"):
-            lines += [Line(tuple(_places(line)), name) for line in _one_or_many(node, kind)]
+            lines += [DrawnLine(tuple(_places(line)), name) for line in _one_or_many(node, kind)]
         elif kind in ("Point", "MultiPoint"):
             spots += [Spot(_place(point), name) for point in _one_or_many(node, kind)]
         else:

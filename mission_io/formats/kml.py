@@ -6,7 +6,7 @@ from xml.parsers import expat
 from xml.sax.saxutils import escape
 
 from mission_io.errors import FormatError
-from mission_io.formats.drawings import Area, Drawing, Line, RoutePoint, Spot, alt_amsl_m, open_ring, route_of
+from mission_io.formats.drawings import Drawing, DrawnArea, DrawnLine, RoutePoint, Spot, alt_amsl_m, open_ring, route_of
 from mission_io.formats.text import clean_text, degrees_text, finite_number, place_problem, plain_decimal
 from mission_io.model.areas import LatLon
 from mission_io.model.items import Mission
@@ -95,8 +95,8 @@ class _DrawingReader:
         self._points: list[LatLon] = []
         self._exterior: tuple[LatLon, ...] | None = None
         self._holes: list[tuple[LatLon, ...]] = []
-        self._areas: list[Area] = []
-        self._lines: list[Line] = []
+        self._areas: list[DrawnArea] = []
+        self._lines: list[DrawnLine] = []
         self._spots: list[Spot] = []
 
     def start(self, tag: str, _: dict[str, str]) -> None:
@@ -130,13 +130,13 @@ class _DrawingReader:
         elif name == "Point":
             self._spots.append(Spot(self._points[0], self._name))
         elif name == "LineString":
-            self._lines.append(Line(tuple(self._points), self._name))
+            self._lines.append(DrawnLine(tuple(self._points), self._name))
         elif name == "LinearRing":
             self._end_ring(parent)
         elif name == "Polygon":
             if self._exterior is None:
                 raise FormatError("a polygon without an outer boundary", where=self._where())
-            self._areas.append(Area(self._exterior, tuple(self._holes), self._name))
+            self._areas.append(DrawnArea(self._exterior, tuple(self._holes), self._name))
             self._exterior = None
 
     def refuse_document_type(self, *_: object) -> None:
@@ -154,7 +154,7 @@ class _DrawingReader:
         elif boundary == "outerBoundaryIs":
             raise FormatError("a second outer boundary", where=self._where(), advice="make it a polygon of its own")
         else:
-            self._areas.append(Area(ring, (), self._name))
+            self._areas.append(DrawnArea(ring, (), self._name))
 
     def _places(self, text: str) -> list[LatLon]:
         where = self._where()

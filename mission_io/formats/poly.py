@@ -8,7 +8,7 @@ import re
 from dataclasses import dataclass
 
 from mission_io.errors import FormatError
-from mission_io.formats.drawings import Area, open_ring
+from mission_io.formats.drawings import DrawnArea, open_ring
 from mission_io.formats.text import clean_text, degrees_text, finite_number, place_problem
 from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon
 from mission_io.model.items import Frame
@@ -21,7 +21,7 @@ _SEPARATORS = re.compile(r"[ \t,;]+")
 class PolyFile:
     """What a ``.poly`` file holds, and what had to be repaired to read it."""
 
-    area: Area
+    area: DrawnArea
     repairs: tuple[str, ...]
 
 
@@ -45,7 +45,7 @@ def read_area(text: str) -> PolyFile:
     """
     places, repairs = _places(text)
     ring = open_ring(places, "the area", repairs)
-    return PolyFile(Area(ring), tuple(repairs))
+    return PolyFile(DrawnArea(ring), tuple(repairs))
 
 
 def read_fence(text: str) -> FenFile:
@@ -62,7 +62,7 @@ def read_fence(text: str) -> FenFile:
     return FenFile(Fence((FencePolygon(ring),), (), return_point), tuple(repairs))
 
 
-def write_area(area: Area) -> str:
+def write_area(area: DrawnArea) -> str:
     """An area as a ``.poly`` file.
 
     Raises:

@@ -59,7 +59,7 @@ class Patience:
     doubtful: int = 0
     smallest_s: float = math.inf
 
-    def after(self, answer: "Answer") -> "Patience":
+    def after(self, answer: "AnswerDelay") -> "Patience":
         """With one more answer."""
         if answer.certain:
             known = None if self.is_bound else self.round_trip
@@ -72,7 +72,7 @@ class Patience:
         return Patience(self.round_trip, self.is_bound, doubtful, smallest_s)
 
 
-class Answer(NamedTuple):
+class AnswerDelay(NamedTuple):
     """How long an answer took since its question went out for the first time, and whether it went out only once."""
 
     since_first_s: float
@@ -94,12 +94,12 @@ class Departures:
         self._first.setdefault(question, now)
         self._last[question] = now
 
-    def answered(self, question: int, now: float) -> Answer | None:
+    def answered(self, question: int, now: float) -> AnswerDelay | None:
         """Forget a question; how long its answer took, None when it was not asked."""
         if question not in self._first:
             return None
         first, last = self._first.pop(question), self._last.pop(question)
-        return Answer(now - first, first == last)
+        return AnswerDelay(now - first, first == last)
 
     def forget_to(self, question: int) -> None:
         """Forget the questions up to this one: a later answer answered them, too."""

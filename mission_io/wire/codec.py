@@ -14,7 +14,7 @@ from mission_io.errors import MisuseError
 from mission_io.wire import messages as m
 from mission_io.wire.framing import SIGNED_FLAG, Framer, WireFrame, mavlink1_frame, mavlink2_frame
 from mission_io.wire.message_table import BY_CLASS, BY_ID, MessageRow
-from mission_io.wire.signing import Signing, Verdict
+from mission_io.wire.signing import SignatureCheck, Signing
 from mission_io.wire.statistics import LinkStatistics, SequenceCounter
 
 
@@ -122,8 +122,8 @@ class Codec:
             if frame.data in self._sent:
                 self._counts["echoes"] += 1
                 continue
-            verdict = Verdict.ACCEPTED if self.signing is None else self.signing.judge(frame)
-            if verdict is not Verdict.ACCEPTED:
+            verdict = SignatureCheck.ACCEPTED if self.signing is None else self.signing.judge(frame)
+            if verdict is not SignatureCheck.ACCEPTED:
                 self._counts[verdict.value] += 1
                 continue
             if frame.signature and self.signing is None:

@@ -233,7 +233,7 @@ class UnsavedTimestamps:
             self._timestamp = used
 
 
-class Verdict(Enum):
+class SignatureCheck(Enum):
     """Whether a frame may be believed."""
 
     ACCEPTED = "accepted"
@@ -278,21 +278,21 @@ class Signing:
         tail = bytes([self._link_id]) + self._used.to_bytes(6, "little")
         return tail + self._digest(frame + tail)
 
-    def judge(self, frame: WireFrame) -> Verdict:
+    def judge(self, frame: WireFrame) -> SignatureCheck:
         """Whether a frame may be believed; remembers its timestamp if so."""
         if not frame.signature:
-            return Verdict.ACCEPTED if frame.message_id in UNSIGNED_ALLOWED else Verdict.UNSIGNED
+            return SignatureCheck.ACCEPTED if frame.message_id in UNSIGNED_ALLOWED else SignatureCheck.UNSIGNED
         if not hmac.compare_digest(self._digest(frame.data[:-_DIGEST_SIZE]), frame.data[-_DIGEST_SIZE:]):
-            return Verdict.FORGED
+            return SignatureCheck.FORGED
         stream = (frame.system_id, frame.component_id, frame.signature[0])
         timestamp = int.from_bytes(frame.signature[1:7], "little")
         newest = self._heard.get(stream)
         oldest = max(self._used, self._now()) - NEW_STREAM_TICKS if newest is None else newest + 1
         if timestamp < oldest:
-            return Verdict.REPLAYED
+            return SignatureCheck.REPLAYED
         self._heard[stream] = timestamp
         self._used = max(self._used, timestamp)
-        return Verdict.ACCEPTED
+        return SignatureCheck.ACCEPTED
 
     def close(self) -> None:
         """Give back the timestamps that were reserved and not used."""

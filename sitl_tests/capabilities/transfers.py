@@ -1,7 +1,7 @@
 """Finding a vehicle, and giving it missions, fences and rally points; each is compared with a download of its own."""
 
 from mission_io.autopilots.comparison import compare_items
-from mission_io.autopilots.lists import Content, items_of, mission_type_of
+from mission_io.autopilots.lists import MissionList, items_of, mission_type_of
 from mission_io.links.simulated import Conditions
 from mission_io.wire import messages as m
 from sitl_tests.case import Case, Finding, Station, Stopwatch
@@ -71,7 +71,7 @@ def upload_under_loss(case: Case) -> Finding:
     return Finding(WORKS, f"{_MISSION_ITEMS} items and read-back in {took_s:.1f} s at {100 * _LOSS:g} % loss each way")
 
 
-def _round_trip(case: Case, content: Content) -> Finding:
+def _round_trip(case: Case, content: MissionList) -> Finding:
     with case.station() as station:
         checked = station.client.upload_and_verify(content)
         require(checked.passed, f"read back changed: {[d for d in checked.differences if not d.acceptable][:2]}")
@@ -82,7 +82,7 @@ def _round_trip(case: Case, content: Content) -> Finding:
     return Finding(WORKS, f"{len(checked.sent)} items, {by_design} fields change by design; cleared afterwards")
 
 
-def _require_held(case: Case, content: Content) -> None:
+def _require_held(case: Case, content: MissionList) -> None:
     autopilot = AUTOPILOTS[case.autopilot]
     sent = items_of(content, autopilot)
     held = case.held(mission_type_of(content))

@@ -36,7 +36,7 @@ def test_looks_ground_sample_and_incidence_of_cells_below_and_beside_the_track()
     focal_px = 4000 / (2.0 * math.tan(math.radians(35.0)))
     below, beside = at(verdict, 155.0, 105.0), at(verdict, 155.0, 145.0)
     flown = verdict.flown
-    assert flown.looks[below] == flown.looks[beside] == 1
+    assert flown.passes[below] == flown.passes[beside] == 1
     assert flown.ground_sample_m[below] == pytest.approx(80.0 / focal_px)
     assert flown.ground_sample_m[beside] == pytest.approx(80.0 / focal_px)
     assert flown.nearest_m[below] == pytest.approx(math.hypot(80.0, 5.0), rel=1e-3)
@@ -50,8 +50,8 @@ def test_looks_ground_sample_and_incidence_of_cells_below_and_beside_the_track()
 
 def test_flown_there_and_back_is_two_looks_but_one_near_the_turn() -> None:
     verdict = verdict_on(make_site(flat), THERE_AND_BACK)
-    assert verdict.flown.looks[at(verdict, 105.0, 105.0)] == 2
-    assert verdict.flown.looks[at(verdict, 295.0, 105.0)] == 1
+    assert verdict.flown.passes[at(verdict, 105.0, 105.0)] == 2
+    assert verdict.flown.passes[at(verdict, 295.0, 105.0)] == 1
     assert 0.3 < verdict.report.cells.seen_twice_fraction < verdict.report.coverage_fraction
 
 
@@ -252,7 +252,7 @@ def test_a_track_flown_twice_is_two_looks_and_names_the_track_of_each_violation(
     site = make_site(flat)
     low = LINE - [0.0, 0.0, 45.0]
     verdict = verdict_on(site, LINE, low)
-    assert verdict.flown.looks[at(verdict, 155.0, 105.0)] == 2
+    assert verdict.flown.passes[at(verdict, 155.0, 105.0)] == 2
     assert [(v.kind, v.track) for v in verdict.report.violations] == [("below-band", 1)]
     assert any(reason.startswith("track 2: 1 violations") for reason in verdict.report.reasons)
 

@@ -75,8 +75,8 @@ def test_what_two_records_of_one_flight_saw_counts_once(level: Flight, name: str
     alone, both = judged(level, level.track), judged(level, level.track, RECORDS[name](level))
     (finding,) = [line for line in both.report.findings if "records of one flight" in line]
     assert "tracks 1 and 2" in finding
-    assert both.flown.looks.max() == alone.flown.looks.max()
-    np.testing.assert_allclose(both.flown.looks.mean(), alone.flown.looks.mean(), rtol=0.02)
+    assert both.flown.passes.max() == alone.flown.passes.max()
+    np.testing.assert_allclose(both.flown.passes.mean(), alone.flown.passes.mean(), rtol=0.02)
     assert both.report.coverage_fraction == pytest.approx(alone.report.coverage_fraction, abs=0.001)
 
 
@@ -84,7 +84,7 @@ def test_what_two_records_of_one_flight_saw_counts_once(level: Flight, name: str
 def test_two_flights_are_two(level: Flight, name: str) -> None:
     alone, both = judged(level, level.track), judged(level, level.track, FLIGHTS[name](level))
     assert not [line for line in both.report.findings if "records of one flight" in line]
-    assert both.flown.looks.mean() > 1.8 * alone.flown.looks.mean()
+    assert both.flown.passes.mean() > 1.8 * alone.flown.passes.mean()
 
 
 def test_what_one_record_lacks_the_other_has(level: Flight) -> None:
@@ -93,7 +93,7 @@ def test_what_one_record_lacks_the_other_has(level: Flight) -> None:
     whole = changed(level.track, time_s=level.track.time_s + 12.5)
     both = judged(level, torn, whole)
     assert both.report.coverage_fraction == pytest.approx(level.planned.coverage_fraction, abs=0.005)
-    assert both.flown.looks.max() == judged(level, level.track).flown.looks.max()
+    assert both.flown.passes.max() == judged(level, level.track).flown.passes.max()
     assert (np.diff([moment.time_s for moment in both.report.coverage_by_time]) > 0.0).all()
 
 
@@ -102,14 +102,14 @@ def test_a_record_without_attitude_takes_nothing_from_one_with_it(level: Flight)
     assert judged(level, unknown).report.coverage_fraction == 0.0
     alone, both = judged(level, level.track), judged(level, unknown, level.track)
     assert both.report.coverage_fraction == alone.report.coverage_fraction
-    assert both.flown.looks.max() == alone.flown.looks.max()
+    assert both.flown.passes.max() == alone.flown.passes.max()
 
 
 def test_of_three_each_counts_once(level: Flight) -> None:
     alone = judged(level, level.track)
     three = judged(level, level.track, at_another_pace(level), RECORDS["by another clock"](level))
     assert [line[:16] for line in three.report.findings if "records of one" in line] == ["tracks 1 and 3 a"]
-    np.testing.assert_allclose(three.flown.looks.mean(), 2.0 * alone.flown.looks.mean(), rtol=0.1)
+    np.testing.assert_allclose(three.flown.passes.mean(), 2.0 * alone.flown.passes.mean(), rtol=0.1)
 
 
 def test_one_leg_that_both_flew_at_the_same_speed_is_no_record() -> None:

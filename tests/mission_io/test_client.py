@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, wire_items
-from mission_io.autopilots.lists import Content
+from mission_io.autopilots.lists import MissionList
 from mission_io.client.client import Client
 from mission_io.errors import (
     FormatError,
@@ -68,7 +68,7 @@ BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.na
 
 @BOTH
 @pytest.mark.parametrize("content", [MISSION, FENCE, RALLY], ids=["mission", "fence", "rally"])
-def test_upload_read_back_and_compare(autopilot: Autopilot, content: Content) -> None:
+def test_upload_read_back_and_compare(autopilot: Autopilot, content: MissionList) -> None:
     client = connected(VehiclePeer(autopilot))
     result = client.upload_and_verify(content)
     assert result.passed, result.differences
@@ -76,7 +76,7 @@ def test_upload_read_back_and_compare(autopilot: Autopilot, content: Content) ->
     assert document["passed"] is True
     assert len(document["sent"]) == len(document["received"])
     assert all(difference["why"] for difference in document["differences"])
-    back = client.download_content(result.mission_type)
+    back = client.download_list(result.mission_type)
     assert type(back) is type(content)
 
 

@@ -4,7 +4,7 @@ import math
 import pytest
 
 from mission_io.autopilots.autopilot import PX4
-from mission_io.autopilots.lists import content_of, items_of, mission_type_of
+from mission_io.autopilots.lists import items_of, mission_list_of, mission_type_of
 from mission_io.errors import CommandRefusedError, FormatError, MissionIoError, TransferSilentError
 from mission_io.model import items as i
 from mission_io.model.areas import (
@@ -78,7 +78,7 @@ def test_a_fence_survives_as_items() -> None:
 def test_rally_points_survive_as_items() -> None:
     rally = RallyPoints((FramedPoint(46.0, -7.0, 20.0), FramedPoint(46.1, -7.1, 900.0, Frame.AMSL)))
     assert rally_from_items(items_from_rally(rally)) == rally
-    assert content_of(MissionType.RALLY, items_of(rally, PX4), PX4) == rally
+    assert mission_list_of(MissionType.RALLY, items_of(rally, PX4), PX4) == rally
     assert mission_type_of(rally) is MissionType.RALLY
 
 

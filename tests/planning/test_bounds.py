@@ -14,7 +14,7 @@ from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.run.documents import bounds_in_words
 from uavcover.run.plan import bounds as bounds_of
-from uavcover.sensing.coverage_map import CoverageMap, LevelLooks, judging_map, sees_each
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, judging_map, sees_each
 
 
 def planned(site, rule):
@@ -38,7 +38,7 @@ def test_no_allowed_place_sees_a_cell_from_further_away(seed):
     cells = rng.integers(0, coverage.grid.count, 4000)
     places = coverage.grid.cells.centre_m[cells, :2] + rng.uniform(-130.0, 130.0, (4000, 2))
     up = coverage.site.ground.heights_m(places) + rng.uniform(40.0, 120.0, 4000)
-    looks = LevelLooks.towards_north(np.column_stack([places, up]))
+    looks = LevelObservations.towards_north(np.column_stack([places, up]))
     seen = sees_each(coverage, looks, cells, coverage.sight)
     distance = np.hypot(*(places - coverage.grid.cells.centre_m[cells, :2]).T)
     assert seen.sum() > 100

@@ -10,7 +10,7 @@ from uavcover.planning.gap_route import MissingCells, plan_closing_route
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import compile_mission
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 
 
 def missing_in(coverage: CoverageMap, *boxes: tuple[float, float, float, float]) -> np.ndarray:
@@ -128,7 +128,7 @@ def test_missing_cells_see_what_the_whole_map_sees() -> None:
     missing = missing_in(coverage, (50, 60, 220, 140))
     part = MissingCells.of(coverage, missing)
     places = np.array([[100.0, 100.0, 90.0], [180.0, 60.0, 85.0]])
-    looks = LevelLooks.towards_north(places)
+    looks = LevelObservations.towards_north(places)
     np.testing.assert_array_equal(
         part.seen_by(looks, coverage.sight),
         coverage.seen_by(looks)[missing],

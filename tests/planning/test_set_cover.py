@@ -20,7 +20,7 @@ from uavcover.planning.set_cover.candidates import (
 )
 from uavcover.planning.set_cover.solvers import CoverProgram, SolverEffort, cut_down, greedy_cover, searched_cover
 from uavcover.routes.leg_checks import measure_violations
-from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 
 ALL = SolverEffort(time_s=30.0)
 RELAXED = SolverEffort(nodes=0)
@@ -104,7 +104,9 @@ def test_the_lattice_lies_inside_the_limits_and_sees_what_the_map_says(dome):
     assert measure_violations(dome.site, places, margin_m=0.0).total == 0.0
     for k in (0, len(places) // 2, len(places) - 1):
         seen = candidates.cells[candidates.start[k] : candidates.start[k + 1]]
-        assert seen.tolist() == np.flatnonzero(dome.seen_by(LevelLooks.towards_north(places[k : k + 1]))).tolist()
+        assert (
+            seen.tolist() == np.flatnonzero(dome.seen_by(LevelObservations.towards_north(places[k : k + 1]))).tolist()
+        )
     assert candidates.weight.sum() == pytest.approx(1.0)
     assert candidates.in_words == f"lattice of 20 m, {len(places):,} places"
 

@@ -10,7 +10,7 @@ from uavcover.model.track import Track
 from uavcover.recording import FlightEvent, VehicleState
 from uavcover.scenario.scenario_file import load_scenario, terrain_path
 from uavcover.scenario.site import Site, build_site
-from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ def make_flight(
     middle_agl_m = 0.5 * (scenario.limits.min_height_agl_m + scenario.limits.max_height_agl_m)
     waypoints = np.column_stack([places, site.ground.heights_m(places) + middle_agl_m])
     track = fly(site, waypoints, speed_m_s=speed_m_s, rate_hz=rate_hz)
-    first = coverage.first_seen(LevelLooks.towards_north(track.enu_m))
+    first = coverage.first_seen(LevelObservations.towards_north(track.enu_m))
     return Flight(
         site=site,
         coverage=coverage,

@@ -19,7 +19,7 @@ from uavcover.model.track import Track, TrackSample
 from uavcover.recording import RecordingError, VehicleState, describe_recording, layout, read_recorded_track, viewer
 from uavcover.recording.live import LiveRecording
 from uavcover.recording.reader import read_recorded_track_with_warnings, whole_messages
-from uavcover.sensing.coverage_map import LevelLooks
+from uavcover.sensing.coverage_map import LevelObservations
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="there is no /dev/fd")
 
@@ -81,7 +81,7 @@ def test_cells_turn_as_a_level_camera_sees_them(flight: Flight, grown: Path) -> 
         green[cells[entity]] = ((rgba >> 16) & 255) > 2 * (rgba >> 24)
     route = flight.track.current_waypoint[:SAMPLES] >= 1
     np.testing.assert_array_equal(
-        green, flight.coverage.seen_by(LevelLooks.towards_north(flight.track.enu_m[:SAMPLES][route]))
+        green, flight.coverage.seen_by(LevelObservations.towards_north(flight.track.enu_m[:SAMPLES][route]))
     )
     assert green.sum() > 100
 

@@ -14,7 +14,7 @@ from uavcover.recording.tiles import coverage_tiles, lift_m, shown_from_s, tick_
 from uavcover.recording.vehicle import body_rotations, footprints_m
 from uavcover.scenario.ground import Ground, grid_ground
 from uavcover.scenario.relief import hillshade
-from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 
 DOWN = np.array([[0.0, 0.0, -1.0]])
 NORTH = np.array([[0.0, 1.0, 0.0]])
@@ -102,7 +102,7 @@ def test_footprint_is_empty_out_of_reach_and_below_ground(flight: Flight) -> Non
 def test_seen_cells_lie_in_the_footprint(flight: Flight) -> None:
     eye = flight.track.enu_m[300:301]
     (ring,) = footprints_m(flight.coverage, eye, DOWN, NORTH)
-    centres = flight.coverage.grid.cells.centre_m[flight.coverage.seen_by(LevelLooks.towards_north(eye))]
+    centres = flight.coverage.grid.cells.centre_m[flight.coverage.seen_by(LevelObservations.towards_north(eye))]
     # The outline is known to a 40th of the reach.
     outline = shapely.Polygon(ring[:, :2]).buffer(5.0)
     assert len(centres) > 10

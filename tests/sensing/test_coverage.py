@@ -145,10 +145,10 @@ def test_sensing_along_the_path_looks_between_the_waypoints_too():
     path = CoverageMap(
         grid_site(np.zeros((17, 17)), sensor=dataclasses.replace(disc, sensing="along-path")), cell_size_m=2.0
     )
-    assert ends.looks(route).places_m.tolist() == route.tolist()
-    assert len(path.looks(route)) == 11
+    assert ends.observations(route).places_m.tolist() == route.tolist()
+    assert len(path.observations(route)) == 11
     assert path.share(path.seen(route)) > 2 * ends.share(ends.seen(route))
-    first = path.first_seen(path.looks(route))
+    first = path.first_seen(path.observations(route))
     assert (first >= 0).tolist() == path.seen(route).tolist()
     assert first.max() <= 10
 

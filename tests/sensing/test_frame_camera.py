@@ -10,12 +10,12 @@ from tests.judging.flights import fly_along
 from tests.planning.sites import hills, make_site
 from tests.sensing.test_coverage import grid_site
 from uavcover.errors import ScenarioError
-from uavcover.judging.observations import looks_of
+from uavcover.judging.observations import observations_of
 from uavcover.judging.verify import flown_coverage
 from uavcover.kernels.coverage import seen_from_points
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.scenario.scenario_file import dump_scenario, parse_scenario
-from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 from uavcover.sensing.sensors import camera_turn, flat_picture, reach_at_height_m, whatever_heading
 
 FRAME = FrameCamera(kind="frame-camera", fov_across_deg=80.0, fov_along_deg=40.0, range_m=200.0)
@@ -98,7 +98,7 @@ def test_whatever_the_heading_no_more_is_seen_than_by_the_bound():
             coverage.site.ground.surface, whatever_heading(coverage.sight), coverage.grid.cells, place, np.zeros((1, 2))
         )
         for yaw in (0.0, 33.0, 145.0, 290.0):
-            seen = coverage.seen_by(LevelLooks.by_yaw(place, np.array([yaw])))
+            seen = coverage.seen_by(LevelObservations.by_yaw(place, np.array([yaw])))
             assert seen.any()
             assert not (seen & ~most).any()
 
@@ -128,7 +128,7 @@ def test_pictures_by_distance_are_the_looks_of_a_flight():
     sensor = dataclasses.replace(FRAME, trigger_distance_m=25.0)
     site = make_site(sensor=sensor)
     track = fly_along(site, np.array([[0.0, 50.0, 80.0], [110.0, 50.0, 80.0], [110.0, 150.0, 80.0]]))
-    places = looks_of(
+    places = observations_of(
         site, track, track.enu_m, np.ones(len(track), dtype=bool), np.ones(len(track) - 1, dtype=bool), None
     ).places_m
     steps = np.hypot(*np.diff(places[:, :2], axis=0).T)
@@ -189,4 +189,4 @@ def test_an_overlap_of_a_picture_that_shows_no_ground_is_refused():
     with pytest.raises(
         ScenarioError, match=r"^sensor.forward_overlap: from limits.min_height_agl_m = 40 m no flat ground"
     ):
-        CoverageMap(make_site(sensor=blind), cell_size_m=10.0).looks(np.zeros((2, 3)))
+        CoverageMap(make_site(sensor=blind), cell_size_m=10.0).observations(np.zeros((2, 3)))

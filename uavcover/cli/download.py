@@ -45,7 +45,7 @@ def download(
         console.progress("downloading") as bar,
     ):  # fmt: skip
         # A file needs home, which comes with the mission or from the vehicle.
-        lists = {t: vehicle.client.download_content(t, progress=bar.count) for t in dict.fromkeys(wanted)}
+        lists = {t: vehicle.client.download_list(t, progress=bar.count) for t in dict.fromkeys(wanted)}
         text, items = text_of(vehicle.client, lists, out, kind)
     write_text(out, text)
     console.say(f"written: {out} ({items} items)")

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from mission_io.autopilots.lists import Content
+from mission_io.autopilots.lists import MissionList
 from mission_io.client.client import Client
 from mission_io.errors import FormatError, MissionIoError
 from mission_io.formats import csv, plan, poly, wpl
@@ -22,7 +22,7 @@ _HOME_WARNING_M = 10.0
 _FENCE_COMMANDS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1)
 
 
-def read_contents(file: Path, kind: str | None) -> tuple[list[Content], tuple[str, ...]]:
+def read_contents(file: Path, kind: str | None) -> tuple[list[MissionList], tuple[str, ...]]:
     """The lists in a ``.waypoints``, ``.plan``, ``.csv`` or ``.fen`` file, and what is to be said about them.
 
     Said is, one line each, what had to be repaired to read the file and what is probably a mistake in it.
@@ -51,24 +51,24 @@ def read_contents(file: Path, kind: str | None) -> tuple[list[Content], tuple[st
     )
 
 
-def _read_plan(text: str, file: Path, kind: str | None) -> tuple[list[Content], tuple[str, ...]]:
+def _read_plan(text: str, file: Path, kind: str | None) -> tuple[list[MissionList], tuple[str, ...]]:
     document = plan.read(text)
     return _of_plan(document, file, kind), document.repairs
 
 
-def _read_waypoints(text: str, file: Path, kind: str | None) -> tuple[list[Content], tuple[str, ...]]:
+def _read_waypoints(text: str, file: Path, kind: str | None) -> tuple[list[MissionList], tuple[str, ...]]:
     read = wpl.read(text)
     return [_of_waypoints(read, file, kind)], read.repairs
 
 
-def _read_csv(text: str, file: Path, kind: str | None) -> tuple[list[Content], tuple[str, ...]]:
+def _read_csv(text: str, file: Path, kind: str | None) -> tuple[list[MissionList], tuple[str, ...]]:
     if kind not in {None, "mission"}:
         raise InputError(f"{file}: a .csv file holds a mission; leave --type {kind} away")
     read = csv.read_mission(text)
     return [read.mission], read.repairs
 
 
-def _read_fen(text: str, file: Path, kind: str | None) -> tuple[list[Content], tuple[str, ...]]:
+def _read_fen(text: str, file: Path, kind: str | None) -> tuple[list[MissionList], tuple[str, ...]]:
     if kind not in {None, "fence"}:
         raise InputError(f"{file}: a .fen file holds a fence; leave --type {kind} away")
     read = poly.read_fence(text)
@@ -80,12 +80,12 @@ _READERS = {".plan": _read_plan, ".csv": _read_csv, ".fen": _read_fen}
 _DRAWINGS = frozenset({".kml", ".geojson", ".json", ".poly"})
 
 
-def _of_plan(document: plan.PlanFile, file: Path, kind: str | None) -> list[Content]:
-    every: dict[str, Content] = {"mission": document.mission, "fence": document.fence, "rally": document.rally}
+def _of_plan(document: plan.PlanFile, file: Path, kind: str | None) -> list[MissionList]:
+    every: dict[str, MissionList] = {"mission": document.mission, "fence": document.fence, "rally": document.rally}
     if kind in every:
         return [every[kind]]
     held = [document.mission] if document.mission.items else []
-    rest: list[Content] = [
+    rest: list[MissionList] = [
         content
         for content, items in (
             (document.fence, items_from_fence(document.fence)),
@@ -102,7 +102,7 @@ def _of_plan(document: plan.PlanFile, file: Path, kind: str | None) -> list[Cont
     return [*held, *rest]
 
 
-def _of_waypoints(read: wpl.WplFile, file: Path, kind: str | None) -> Content:
+def _of_waypoints(read: wpl.WplFile, file: Path, kind: str | None) -> MissionList:
     if kind == "all":
         raise InputError(f"{file}: a .waypoints file holds one list; name it with --type mission, fence or rally")
     if kind is None:
@@ -112,7 +112,7 @@ def _of_waypoints(read: wpl.WplFile, file: Path, kind: str | None) -> Content:
     return read.fence() if kind == "fence" else read.rally() if kind == "rally" else read.mission()
 
 
-def home_of(contents: Sequence[Content]) -> GeoPoint | None:
+def home_of(contents: Sequence[MissionList]) -> GeoPoint | None:
     """The home of the mission among some lists, if there is one."""
     return next((content.home for content in contents if isinstance(content, Mission)), None)
 
@@ -148,7 +148,7 @@ def check_output(out: Path, kind: str, *, force: bool) -> None:
         raise OutputError(f"{out}: would be overwritten; use --force, or another name")
 
 
-def text_of(client: Client, lists: Mapping[MissionType, Content], out: Path, kind: str) -> tuple[str, int]:
+def text_of(client: Client, lists: Mapping[MissionType, MissionList], out: Path, kind: str) -> tuple[str, int]:
     """The text of a file with the downloaded lists, and how many items it has."""
     mission = lists[MissionType.MISSION]
     if not isinstance(mission, Mission):

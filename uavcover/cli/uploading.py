@@ -8,7 +8,7 @@ from typing import Any
 from mission_io import SigningKey
 from mission_io.autopilots.comparison import faults
 from mission_io.client.commands import name_of
-from mission_io.client.read_back import Verification
+from mission_io.client.read_back import ReadBack
 from mission_io.errors import TransferError, TransferInterrupted
 from mission_io.links.presets import link_preset
 from uavcover.cli.console import Console
@@ -104,7 +104,7 @@ def _say_items(error: TransferError, console: Console) -> None:
         console.warn(f"held now: {len(error.held_items) - _SHOWN_ITEMS} more; see: uavcover download")
 
 
-def say_comparison(console: Console, result: Verification) -> None:
+def say_comparison(console: Console, result: ReadBack) -> None:
     """Say what came back differently, and warn of what should not have."""
     name = result.mission_type.name.lower()
     if not result.differences:

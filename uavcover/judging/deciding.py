@@ -17,7 +17,7 @@ import numpy as np
 from uavcover.judging.ends import Continuation, continuations
 from uavcover.judging.flown_coverage import FlownCoverage, possibly_seen
 from uavcover.judging.judged_track import JudgedTrack
-from uavcover.judging.observations import level_looks
+from uavcover.judging.observations import level_observations
 from uavcover.judging.possible_motion import motion_limits
 from uavcover.judging.unobserved import (
     length_of_m,
@@ -34,11 +34,11 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 
 _MOMENTS = 200
-"""Coverage over time is told at this many moments, evenly spread over the looks' time."""
+"""Coverage over time is told at this many moments, evenly spread over the observations' time."""
 
 
 def cell_statistics(coverage: CoverageMap, flown: FlownCoverage) -> CellStatistics:
-    """Looks, ground sample distance and incidence of all cells."""
+    """Observations, ground sample distance and incidence of all cells."""
     seen = flown.seen
 
     def percentile(values: FloatArray, share: float) -> float | None:
@@ -48,9 +48,9 @@ def cell_statistics(coverage: CoverageMap, flown: FlownCoverage) -> CellStatisti
     return CellStatistics(
         count=coverage.grid.count,
         seen=int(seen.sum()),
-        looks_mean=float(flown.looks[seen].mean()) if seen.any() else None,
-        looks_max=int(flown.looks.max()),
-        seen_twice_fraction=coverage.share(flown.looks >= 2),
+        looks_mean=float(flown.passes[seen].mean()) if seen.any() else None,
+        looks_max=int(flown.passes.max()),
+        seen_twice_fraction=coverage.share(flown.passes >= 2),
         ground_sample_median_m=percentile(flown.ground_sample_m, 50.0),
         ground_sample_p95_m=percentile(flown.ground_sample_m, 95.0),
         incidence_median_deg=percentile(flown.incidence_deg, 50.0),
@@ -59,7 +59,7 @@ def cell_statistics(coverage: CoverageMap, flown: FlownCoverage) -> CellStatisti
 
 
 def coverage_by_time(coverage: CoverageMap, flown: FlownCoverage, times_s: FloatArray) -> tuple[CoverageMoment, ...]:
-    """How much had been seen at moments of the (k,) times of the looks."""
+    """How much had been seen at moments of the (k,) times of the observations."""
     if times_s.size == 0:
         return ()
     order = np.flatnonzero(flown.seen)
@@ -114,7 +114,7 @@ def decide(
         coverage: the cells.
         flown: what was seen of them.
         judged: each track by itself.
-        unknown_attitude_looks: how many looks have no known direction.
+        unknown_attitude_looks: how many observations have no known direction.
     """
     site = coverage.site
     requirements = site.scenario.requirements
@@ -166,7 +166,7 @@ def _judge_coverage(
         return
     perhaps = flown.possibly_by_attitude.copy()
     for way in ways_m:
-        perhaps |= possibly_seen(coverage, level_looks(coverage.site, way, 0.0))
+        perhaps |= possibly_seen(coverage, level_observations(coverage.site, way, 0.0))
     for found, what, asked in short:
         seen = flown.seen if what == "coverage" else flown.surely_seen
         at_most = coverage.share_of_coverable(seen | perhaps)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.judging.observations import Looks
+from uavcover.judging.observations import Observations
 from uavcover.judging.possible_motion import MAX_LEAN_DEG
 from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray
@@ -30,13 +30,13 @@ class FlownCoverage:
         surely_seen: whether it was seen whatever the errors of the scenario's [uncertainty] were; part of ``seen``.
         possibly_seen: whether it may have been seen, these errors being as they may, or the camera's direction where it is not
             known; ``seen`` is part of it.
-        possibly_by_attitude: whether it was not seen, but may have been by a look whose direction is not known.
+        possibly_by_attitude: whether it was not seen, but may have been by an observation whose direction is not known.
         first_seen_s: time at which it was first seen, NaN where it was not.
-        looks: separate passes that saw it.
+        passes: how many separate passes saw it.
         nearest_m: shortest distance from which it was seen, NaN where it was not.
         ground_sample_m: smallest ground sample distance with which it was seen, NaN where it was not or none is known.
         incidence_deg: smallest incidence angle under which it was seen, NaN where it was not.
-        outcome: the furthest that any look got, see :class:`uavcover.kernels.observation_counting.Tally`.
+        outcome: the furthest that any observation got, see :class:`uavcover.kernels.observation_counting.Tally`.
     """
 
     seen: BoolArray
@@ -44,29 +44,29 @@ class FlownCoverage:
     possibly_seen: BoolArray
     possibly_by_attitude: BoolArray
     first_seen_s: FloatArray
-    looks: NDArray[np.int32]
+    passes: NDArray[np.int32]
     nearest_m: FloatArray
     ground_sample_m: FloatArray
     incidence_deg: FloatArray
     outcome: NDArray[np.uint8]
 
 
-def tally_looks(coverage: CoverageMap, looks: Looks) -> FlownCoverage:
-    """Every look at every cell of a map.
+def count_observations(coverage: CoverageMap, observations: Observations) -> FlownCoverage:
+    """Count every observation of every cell of a map.
 
-    Looks whose direction is not known see nothing surely; what they may have seen is told apart.
+    Observations whose direction is not known see nothing surely; what they may have seen is told apart.
     """
     site = coverage.site
     slopes = local_slopes(site.ground.surface)
     camera = _camera(coverage, slopes)
-    certain = looks.where(looks.known)
+    certain = observations.where(observations.known)
     tally = _tallied(coverage, certain, slopes, camera)
     seen = tally.first >= 0
     when = np.full(seen.size, np.nan)
     when[seen] = certain.times_s[tally.first[seen]]
     exact = camera.offset_m == 0.0 and camera.turn_rad == 0.0
     possible = seen if exact else seen | (tally.possible >= camera.looks)
-    doubtful = looks.where(~looks.known)
+    doubtful = observations.where(~observations.known)
     by_attitude = possibly_seen(coverage, doubtful) if len(doubtful) else np.zeros(seen.size, dtype=bool)
     return FlownCoverage(
         seen=seen,
@@ -74,7 +74,7 @@ def tally_looks(coverage: CoverageMap, looks: Looks) -> FlownCoverage:
         possibly_seen=possible | by_attitude,
         possibly_by_attitude=by_attitude & ~seen,
         first_seen_s=when,
-        looks=tally.passes,
+        passes=tally.passes,
         nearest_m=_finite(tally.nearest_m),
         ground_sample_m=_finite(tally.ground_sample_m),
         # Rounding may leave a cosine of 1 a hair above it.
@@ -83,14 +83,14 @@ def tally_looks(coverage: CoverageMap, looks: Looks) -> FlownCoverage:
     )
 
 
-def possibly_seen(coverage: CoverageMap, looks: Looks) -> BoolArray:
-    """(cells,) what looks may have seen whose direction is not known: with a lean of up to MAX_LEAN_DEG either way."""
+def possibly_seen(coverage: CoverageMap, observations: Observations) -> BoolArray:
+    """(cells,) what observations may have seen whose direction is not known: with a lean of up to MAX_LEAN_DEG either way."""
     site = coverage.site
     slopes = local_slopes(site.ground.surface)
     camera = _camera(coverage, slopes)
     if isinstance(site.scenario.sensor, CameraSensor):
         camera = camera._replace(turn_rad=max(camera.turn_rad, float(np.radians(MAX_LEAN_DEG))))
-    tally = _tallied(coverage, looks, slopes, camera)
+    tally = _tallied(coverage, observations, slopes, camera)
     return np.asarray((tally.first >= 0) | (tally.possible > 0))
 
 
@@ -120,11 +120,11 @@ def joining_shifts_s(
     return tuple(shifts)
 
 
-def joined_looks(parts: Sequence[Looks], shifts_s: Sequence[float]) -> Looks:
-    """The looks of several tracks as one flight, in order of time, their times shifted by :func:`joining_shifts_s`."""
+def joined_observations(parts: Sequence[Observations], shifts_s: Sequence[float]) -> Observations:
+    """The observations of several tracks as one flight, in order of time, their times shifted by :func:`joining_shifts_s`."""
     times_s = np.concatenate([part.times_s + shift for part, shift in zip(parts, shifts_s, strict=True)])
     order = np.argsort(times_s, kind="stable")
-    return Looks(
+    return Observations(
         np.vstack([part.places_m for part in parts])[order],
         np.vstack([part.axes for part in parts])[order],
         np.vstack([part.tops for part in parts])[order],
@@ -133,13 +133,13 @@ def joined_looks(parts: Sequence[Looks], shifts_s: Sequence[float]) -> Looks:
     )
 
 
-def _tallied(coverage: CoverageMap, looks: Looks, slopes: LocalSlopes, camera: Camera) -> Tally:
+def _tallied(coverage: CoverageMap, observations: Observations, slopes: LocalSlopes, camera: Camera) -> Tally:
     tally: Tally = kernels.empty_tally(coverage.grid.count, camera.looks)
 
     def add(first_row: int) -> None:
         kernels.tally_rows(
-            coverage.site.ground.surface, slopes, coverage.sight, camera, coverage.grid.cells, looks.places_m, looks.axes,
-            looks.tops, looks.times_s, first_row, WORKERS, tally,
+            coverage.site.ground.surface, slopes, coverage.sight, camera, coverage.grid.cells,
+            observations.places_m, observations.axes, observations.tops, observations.times_s, first_row, WORKERS, tally,
         )  # fmt: skip
 
     with ThreadPoolExecutor(WORKERS) as executor:
@@ -156,7 +156,7 @@ def _camera(coverage: CoverageMap, slopes: LocalSlopes) -> Camera:
     lift = vertical + (horizontal * _steepest_known(slopes) if horizontal > 0.0 else 0.0)
     return Camera(
         focal_px=focal_px(sensor),
-        # Every waypoint is a look of its own, however soon it follows the one before.
+        # Every waypoint is an observation of its own, however soon it follows the one before.
         pass_gap_s=wanted.max_gap_s if sensor.sensing == "along-path" else -1.0,
         offset_m=float(np.hypot(horizontal, vertical)),
         horizontal_m=horizontal,

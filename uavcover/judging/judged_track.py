@@ -7,15 +7,15 @@ import numpy as np
 from uavcover.errors import TrackError
 from uavcover.judging.attitude import known_attitude
 from uavcover.judging.ends import TrackEnd, ground_tolerance_m, track_ends
-from uavcover.judging.observations import REACHED_RADII, Looks, looks_of
+from uavcover.judging.observations import REACHED_RADII, Observations, observations_of
 from uavcover.judging.passing import Passing, contradiction, passing, plan_doubt
 from uavcover.judging.phases import PlannedRoute, on_route
 from uavcover.judging.possible_motion import Motion, judge_motion, motion_limits
 from uavcover.judging.safety import (
     TOLERANCE,
-    Figures,
     Heights,
     Phases,
+    SampleValues,
     ViolationFinder,
     commanded_pace_doubt,
     deviations_m,
@@ -84,13 +84,13 @@ class JudgedTrack:
     findings: tuple[str, ...]
     attitude_problems: tuple[str, ...]
 
-    def looks(self, site: Site) -> Looks:
+    def observations(self, site: Site) -> Observations:
         """What its sensor looked at.
 
         Raises:
             TrackError: the sensor looks from waypoints only, and there is no plan that says where they are.
         """
-        return looks_of(site, self.track, self.enu_m, self.phases.route, self.joined, self.planned)
+        return observations_of(site, self.track, self.enu_m, self.phases.route, self.joined, self.planned)
 
 
 def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> JudgedTrack:
@@ -198,12 +198,12 @@ def _requirement_violations(
     found: list[Violation] = []
     if requirements.max_ground_speed_m_s is not None:
         found += find.above(
-            "ground-speed", phases.route, Figures(speeds_m_s, numbers), requirements.max_ground_speed_m_s,
+            "ground-speed", phases.route, SampleValues(speeds_m_s, numbers), requirements.max_ground_speed_m_s,
             phase="route", unit="m/s",
         )  # fmt: skip
     if requirements.max_deviation_m is not None and deviations is not None:
         found += find.above(
-            "deviation", phases.route, Figures(deviations, numbers), requirements.max_deviation_m, phase="route"
+            "deviation", phases.route, SampleValues(deviations, numbers), requirements.max_deviation_m, phase="route"
         )
     return found
 

@@ -10,15 +10,15 @@ from uavcover.judging.phases import PlannedRoute, observed_stretches
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.track import Track
 from uavcover.scenario.site import Site
-from uavcover.sensing.sensors import camera_turn, look_spacing_m, trigger_distance_m
+from uavcover.sensing.sensors import camera_turn, observation_spacing_m, trigger_distance_m
 
 REACHED_RADII = 2.0
 """A planned waypoint counts as reached within this many acceptance radii."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Looks:
-    """Looks of a sensor in order of time.
+class Observations:
+    """Observations of a sensor in order of time.
 
     Attributes:
         places_m: (k, 3) ENU.
@@ -37,17 +37,17 @@ class Looks:
     def __len__(self) -> int:
         return int(self.times_s.size)
 
-    def where(self, chosen: BoolArray) -> "Looks":
+    def where(self, chosen: BoolArray) -> "Observations":
         """Some of them."""
-        return Looks(
+        return Observations(
             self.places_m[chosen], self.axes[chosen], self.tops[chosen], self.times_s[chosen], self.known[chosen]
         )
 
 
-def looks_of(
+def observations_of(
     site: Site, track: Track, enu_m: FloatArray, route: BoolArray, joined: BoolArray, planned: PlannedRoute | None
-) -> Looks:
-    """The looks of a track on the planned route, by the sensing rule of the scenario.
+) -> Observations:
+    """The observations of a track on the planned route, by the sensing rule of the scenario.
 
     Along the path there is one at every sample, and between two samples as many as keep them ``sample_spacing_m`` apart; or, with
     pictures by distance, one at the beginning and wherever the vehicle has come that far from the last one, as autopilots
@@ -71,9 +71,9 @@ def looks_of(
     else:
         runs = observed_stretches(route, joined)
         if trigger_distance_m(site.scenario) is None:
-            parts = [_between(run, enu_m, look_spacing_m(site.scenario)) for run in runs]
+            parts = [_between(run, enu_m, observation_spacing_m(site.scenario)) for run in runs]
         else:
-            parts = [_pictures(run, enu_m, look_spacing_m(site.scenario)) for run in runs]
+            parts = [_pictures(run, enu_m, observation_spacing_m(site.scenario)) for run in runs]
         before = np.concatenate([part[0] for part in parts]) if parts else np.empty(0, dtype=np.int64)
         share = np.concatenate([part[1] for part in parts]) if parts else np.empty(0)
     if share.size == 0:
@@ -82,7 +82,7 @@ def looks_of(
 
     def read(values: FloatArray) -> FloatArray:
         t = share if values.ndim == 1 else share[:, None]
-        # Where a look is at a sample the next one has no say: it may be far away, or not a number.
+        # An observation at a sample ignores the next sample, which may be far away or NaN.
         return np.asarray(np.where(t == 0.0, values[before], values[before] + t * (values[after] - values[before])))
 
     attitude = np.column_stack([track.attitude_deg[:, :2], np.unwrap(track.attitude_deg[:, 2], period=360.0)])
@@ -90,12 +90,12 @@ def looks_of(
     attitude[:, 2] = np.where(np.isfinite(attitude[:, 2]), attitude[:, 2], track.attitude_deg[:, 2])
     course = enu_m[after] - enu_m[np.where(after > before, before, np.maximum(before - 1, 0))]
     turn = camera_turn(sensor, read(attitude), np.degrees(np.arctan2(course[:, 0], course[:, 1])))
-    return Looks(np.ascontiguousarray(read(enu_m)), turn.axes, turn.tops, read(track.time_s), turn.known)
+    return Observations(np.ascontiguousarray(read(enu_m)), turn.axes, turn.tops, read(track.time_s), turn.known)
 
 
-def level_looks(site: Site, path_m: FloatArray, time_s: float) -> Looks:
-    """Looks all along a path that was not observed, as if it had been flown level: what may have been seen from it."""
-    share = _between(np.arange(len(path_m)), path_m, look_spacing_m(site.scenario))
+def level_observations(site: Site, path_m: FloatArray, time_s: float) -> Observations:
+    """Possible observations along a path without samples, as if it had been flown level."""
+    share = _between(np.arange(len(path_m)), path_m, observation_spacing_m(site.scenario))
     before, part = share
     after = np.minimum(before + 1, len(path_m) - 1)
     places = path_m[before] + part[:, None] * (path_m[after] - path_m[before])
@@ -103,11 +103,11 @@ def level_looks(site: Site, path_m: FloatArray, time_s: float) -> Looks:
     unknown = np.full((len(places), 3), np.nan)
     turn = camera_turn(site.scenario.sensor, unknown, np.degrees(np.arctan2(course[:, 0], course[:, 1])))
     times = np.full(len(places), time_s)
-    return Looks(np.ascontiguousarray(places), turn.axes, turn.tops, times, np.zeros(len(places), dtype=bool))
+    return Observations(np.ascontiguousarray(places), turn.axes, turn.tops, times, np.zeros(len(places), dtype=bool))
 
 
 def _between(run: NDArray[np.int64], enu_m: FloatArray, spacing_m: float) -> tuple[NDArray[np.int64], FloatArray]:
-    """The sample before each look of a run of samples, and how far it is on the way to the next, 0..1."""
+    """The sample before each observation of a run of samples, and the fraction of the way to the next one, 0..1."""
     legs = np.linalg.norm(np.diff(enu_m[run], axis=0), axis=1)
     pieces = np.maximum(1, np.ceil(legs / spacing_m - 1e-9).astype(np.int64))
     leg = np.repeat(np.arange(len(legs)), pieces)

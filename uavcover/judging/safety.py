@@ -140,7 +140,7 @@ class Phases:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Figures:
+class SampleValues:
     """A value for each sample, and where along the track it was taken.
 
     Attributes:
@@ -163,8 +163,8 @@ class Heights:
         highest: likewise.
     """
 
-    lowest: Figures
-    highest: Figures
+    lowest: SampleValues
+    highest: SampleValues
 
 
 def track_heights(site: Site, enu_m: FloatArray, joined: BoolArray, phases: Phases) -> Heights:
@@ -185,7 +185,7 @@ def track_heights(site: Site, enu_m: FloatArray, joined: BoolArray, phases: Phas
         highest[side] = np.where(higher, ranges[:, 2], highest[side])
         lowest_at[side] = np.where(lower, number[:-1] + ranges[:, 1], lowest_at[side])
         highest_at[side] = np.where(higher, number[:-1] + ranges[:, 3], highest_at[side])
-    return Heights(Figures(lowest, lowest_at), Figures(highest, highest_at))
+    return Heights(SampleValues(lowest, lowest_at), SampleValues(highest, highest_at))
 
 
 class ViolationFinder:
@@ -200,7 +200,14 @@ class ViolationFinder:
         self._track, self._enu_m = track, enu_m
 
     def above(
-        self, kind: ViolationKind, where: BoolArray, figures: Figures, limit: float, *, phase: Phase, unit: Unit = "m"
+        self,
+        kind: ViolationKind,
+        where: BoolArray,
+        figures: SampleValues,
+        limit: float,
+        *,
+        phase: Phase,
+        unit: Unit = "m",
     ) -> Iterator[Violation]:
         """Stretches of the samples ``where`` (n,) with a value above the limit."""
         for run in _runs(where & (figures.values > limit + TOLERANCE)):
@@ -208,7 +215,7 @@ class ViolationFinder:
             yield self._violation(kind, run, worst, figures, limit, float(figures.values[worst]) - limit, phase, unit)
 
     def below(
-        self, kind: ViolationKind, where: BoolArray, figures: Figures, limit: float, *, phase: Phase
+        self, kind: ViolationKind, where: BoolArray, figures: SampleValues, limit: float, *, phase: Phase
     ) -> Iterator[Violation]:
         """Stretches of the samples ``where`` (n,) with a value below the limit."""
         for run in _runs(where & (figures.values < limit - TOLERANCE)):
@@ -220,7 +227,7 @@ class ViolationFinder:
         kind: ViolationKind,
         run: NDArray[np.int64],
         worst: int,
-        figures: Figures,
+        figures: SampleValues,
         limit: float,
         excess: float,
         phase: Phase,
@@ -264,8 +271,8 @@ def find_violations(
     low, high = heights.lowest, heights.highest
     numbers = np.arange(len(track), dtype=float)
     # Along a straight line height above sea level is linear: it is worst at a sample.
-    sea = Figures(track.geodetic[:, 2], numbers)
-    outside = Figures(_outside_fence_m(site, enu_m, joined), numbers)
+    sea = SampleValues(track.geodetic[:, 2], numbers)
+    outside = SampleValues(_outside_fence_m(site, enu_m, joined), numbers)
     lacking = _lacking_clearance(site, enu_m, joined)
     find = ViolationFinder(track, enu_m)
     found = [
@@ -290,7 +297,7 @@ def find_violations(
     return sorted(found, key=lambda violation: violation.start_s)
 
 
-def _lacking_clearance(site: Site, enu_m: FloatArray, joined: BoolArray) -> Figures:
+def _lacking_clearance(site: Site, enu_m: FloatArray, joined: BoolArray) -> SampleValues:
     """Metres of clearance from obstacles that each sample of an (n, 3) track lacks, there or on a leg next to it."""
     breaches = waypoint_breaches(site.ground, enu_m, site.scenario.obstacles)
     lacking, at = breaches[:, 1].copy(), np.arange(len(enu_m), dtype=float)
@@ -299,7 +306,7 @@ def _lacking_clearance(site: Site, enu_m: FloatArray, joined: BoolArray) -> Figu
         for sample in (k, k + 1):
             if legs[k, 1] > lacking[sample]:
                 lacking[sample], at[sample] = legs[k, 1], k + legs[k, 2]
-    return Figures(lacking, at)
+    return SampleValues(lacking, at)
 
 
 def _outside_fence_m(site: Site, enu_m: FloatArray, joined: BoolArray) -> FloatArray:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.judging.deciding import cell_statistics, coverage_by_time, decide, judged_requirements
-from uavcover.judging.flown_coverage import FlownCoverage, joined_looks, joining_shifts_s, tally_looks
+from uavcover.judging.flown_coverage import FlownCoverage, count_observations, joined_observations, joining_shifts_s
 from uavcover.judging.gaps import GapRegion, find_gaps
 from uavcover.judging.judged_track import JudgedTrack, judge_track, largest, track_positions_m
 from uavcover.judging.phases import PlannedRoute
@@ -182,7 +182,7 @@ def flown_coverage(coverage: CoverageMap, track: Track, planned: PlannedRoute | 
         TrackError: the sensor looks from waypoints only, and there is no plan that says where they are.
     """
     site = coverage.site
-    return tally_looks(coverage, judge_track(site, track, planned).looks(site))
+    return count_observations(coverage, judge_track(site, track, planned).observations(site))
 
 
 def verify_track(site: Site, coverage: CoverageMap, track: Track, planned: PlannedRoute | None) -> VerificationReport:
@@ -206,17 +206,17 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
     """
     judged = [judge_track(site, flown.track, flown.planned) for flown in tracks]
     records = _records_of_one_flight(judged)
-    # A pause longer than what separates two passes: the tracks' looks are passes of their own.
+    # A pause longer than what separates two passes: the tracks' observations are passes of their own.
     pause_s = 2.0 * site.scenario.requirements.max_gap_s
     same_clock = {record.second: (record.first, record.same.shift_s) for record in records}
     shifts_s = joining_shifts_s([flown.track.time_s for flown in tracks], pause_s=pause_s, same_clock=same_clock)
-    parts = [track.looks(site) for track in judged]
+    parts = [track.observations(site) for track in judged]
     for record in records:
-        first, looks = parts[record.first], parts[record.second]
-        told = has_near(first.times_s[first.known], looks.times_s + record.same.shift_s)
-        parts[record.second] = looks.where(~told)
-    together = joined_looks(parts, shifts_s)
-    flown = tally_looks(coverage, together)
+        first, observations = parts[record.first], parts[record.second]
+        told = has_near(first.times_s[first.known], observations.times_s + record.same.shift_s)
+        parts[record.second] = observations.where(~told)
+    together = joined_observations(parts, shifts_s)
+    flown = count_observations(coverage, together)
     gaps = tuple(find_gaps(coverage, flown))
     decision = decide(coverage, flown, judged, unknown_attitude_looks=int((~together.known).sum()))
     report = VerificationReport(

@@ -165,7 +165,7 @@ def gains_of(coverage: CoverageMap, route: Route) -> Gains:
     way_m = _way_m(route.waypoints_m)
     if len(route) == 1:
         return Gains(route, way_m, np.array([coverage.share(coverage.seen(route.waypoints_m))]))
-    looks = coverage.looks(route.waypoints_m)
+    looks = coverage.observations(route.waypoints_m)
     first = coverage.first_seen(looks)
     at_m = _way_m(looks.places_m)
     # A look between two legs is the first one's; the second look from the same place, of a camera that turns, the other's.

@@ -24,7 +24,7 @@ from uavcover.planning.baselines.boustrophedon import best_height_agl_m
 from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 from uavcover.sensing.sensors import reach_at_height_m, turns_with_legs
 
 
@@ -61,14 +61,14 @@ class MissingCells:
         )  # fmt: skip
         return cls(coverage, cells, coverage.grid.weight_m2[numbers])
 
-    def seen_by(self, looks: LevelLooks, sight: Sight) -> BoolArray:
+    def seen_by(self, looks: LevelObservations, sight: Sight) -> BoolArray:
         """(m,) whether each is seen by any of the looks."""
         surface = self.coverage.site.ground.surface
         return kernels.seen_from_points(surface, sight, self.cells, looks.places_m, looks.headings)
 
     def seen_on(self, route_m: FloatArray, sight: Sight) -> BoolArray:
         """(m,) whether each is seen on an (n, 3) ENU route, by the sensing rule of the scenario."""
-        return self.seen_by(self.coverage.looks(route_m), sight)
+        return self.seen_by(self.coverage.observations(route_m), sight)
 
 
 _SPACING_REACHES = 0.4
@@ -152,14 +152,16 @@ def cover(site: Site, missing: MissingCells, places_agl_m: FloatArray, sight: Si
     return places_agl_m[np.array(chosen, dtype=np.int64)]
 
 
-def _any_way(place_m: FloatArray, sight: Sight) -> LevelLooks:
+def _any_way(place_m: FloatArray, sight: Sight) -> LevelObservations:
     """Looks from a (3,) ENU place: in several directions where it matters which way the vehicle comes.
 
     What such a place shows is too much then; the route that is laid through it decides.
     """
     if not turns_with_legs(sight):
-        return LevelLooks.towards_north(place_m)
-    return LevelLooks.by_yaw(np.tile(place_m, (_HEADINGS, 1)), 360.0 / _HEADINGS * np.arange(_HEADINGS, dtype=float))
+        return LevelObservations.towards_north(place_m)
+    return LevelObservations.by_yaw(
+        np.tile(place_m, (_HEADINGS, 1)), 360.0 / _HEADINGS * np.arange(_HEADINGS, dtype=float)
+    )
 
 
 _TOLERANCE_M = 10.0

@@ -20,7 +20,7 @@ from uavcover.recording.scene import log_scene
 from uavcover.recording.tiles import coverage_tiles, lift_m
 from uavcover.recording.vehicle import draw_vehicle, send_vehicle
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, LevelLooks
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 
 PERIOD_S = 0.5
 """Between two writings: what is older than this, and a little, is in the file."""
@@ -201,7 +201,9 @@ class LiveRecording:
         route = new.current_waypoint >= 1
         if not route.any():
             return []
-        seen = self._seen | self._coverage.seen_by(LevelLooks.by_yaw(new.enu_m[route], new.attitude_deg[route, 2]))
+        seen = self._seen | self._coverage.seen_by(
+            LevelObservations.by_yaw(new.enu_m[route], new.attitude_deg[route, 2])
+        )
         changed = seen & ~self._seen
         self._seen = seen
         return [

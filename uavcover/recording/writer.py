@@ -51,7 +51,8 @@ def write_recording(
         planned: the planned sensing route, if there is one.
         track: what was flown.
         first_seen_s: (cells,) vehicle time at which each cell was seen first, NaN or infinite where it never was. With
-            ``first = coverage.first_seen(looks)`` of one look a sample: ``np.where(first >= 0, track.time_s[first], np.nan)``.
+            ``first = coverage.first_seen(observations)`` of one observation a sample:
+            ``np.where(first >= 0, track.time_s[first], np.nan)``.
         events: what happened, in any order.
         states: battery and link, in any order.
         name: of the run, shown in the viewer; default: the scenario's name.

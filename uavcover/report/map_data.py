@@ -109,9 +109,9 @@ def cell_layers(coverage: CoverageMap, verdict: Verdict) -> list[CellLayer]:
     flown = verdict.flown
     layers = [_coverage_layer(coverage, verdict), _gap_layer(coverage, verdict)]
     start_s = float(np.nanmin(flown.first_seen_s)) if flown.seen.any() else 0.0
-    looks = np.where(flown.looks > 0, flown.looks.astype(float), np.nan)
+    passes = np.where(flown.passes > 0, flown.passes.astype(float), np.nan)
     for key, title, values, colors, label in (
-        ("looks", "Passes that saw it", looks, "viridis", _label("{:.0f}")),
+        ("looks", "Passes that saw it", passes, "viridis", _label("{:.0f}")),
         ("first-seen", "When first seen", (flown.first_seen_s - start_s) / 60.0, "cividis", _label("{:.1f} min")),
         ("sample", "Ground sample distance", 100.0 * flown.ground_sample_m, "plasma_r", _label("{:.1f} cm")),
         ("incidence", "Incidence angle", flown.incidence_deg, "magma_r", _label("{:.0f}°")),

@@ -93,7 +93,7 @@ def coverage_over_time(content: ReportContent, verdict: Verdict) -> Chart:
     times = np.array([moment.time_s - start_s for moment in moments])
     seen = np.array([100.0 * moment.coverage_fraction for moment in moments])
     end = max(float(flights[-1].clock_s[-1]), float(times[-1]) if times.size else 0.0, 1.0)
-    # Nothing is seen before the first look, and nothing new after the last.
+    # Nothing is seen before the first observation, and nothing new after the last.
     before = [0.0, float(times[0])] if times.size else [0.0]
     times = np.concatenate([before, times, [end]])
     seen = np.concatenate([np.zeros(len(before)), seen, [100.0 * verdict.report.coverage_fraction]])

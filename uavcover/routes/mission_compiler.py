@@ -13,7 +13,7 @@ import shapely
 
 from mission_io.autopilots import autopilot as autopilots
 from mission_io.autopilots.checks import check_for_autopilot
-from mission_io.autopilots.lists import Content, items_of, mission_type_of
+from mission_io.autopilots.lists import MissionList, items_of, mission_type_of
 from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.items import (
     Frame,
@@ -432,7 +432,7 @@ def _check_transit(
     _refuse(what, problems)
 
 
-def _check_autopilot(content: Content, autopilot: autopilots.Autopilot, *, item_limit: int | None) -> None:
+def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, item_limit: int | None) -> None:
     """Refuse a list that the autopilot would not take or would understand otherwise."""
     items = items_of(content, autopilot)
     problems = check_for_autopilot(items, autopilot, mission_type_of(content))

@@ -164,7 +164,7 @@ def coverage_raster(coverage: CoverageMap, flown: FlownCoverage) -> bytes | None
     sureness = flown.seen.astype(float) + flown.possibly_seen + flown.surely_seen
     codes = ", ".join(f"{code} {reason}" for code, reason in enumerate(("seen", *REASONS)))
     layers: list[tuple[str, str, NDArray[Any]]] = [
-        ("looks", "separate passes that saw the cell", flown.looks),
+        ("looks", "separate passes that saw the cell", flown.passes),
         ("first_seen_s", "vehicle time in seconds", flown.first_seen_s),
         ("ground_sample_m", "smallest ground sample distance in metres", flown.ground_sample_m),
         ("incidence_deg", "smallest incidence angle in degrees", flown.incidence_deg),

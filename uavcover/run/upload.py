@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from mission_io.client.client import Client
-from mission_io.client.read_back import Verification
+from mission_io.client.read_back import ReadBack
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.run.folder import SCHEMA_VERSION
 from uavcover.scenario.site import Site
@@ -19,7 +19,7 @@ def upload(
     *,
     progress: Callable[[str, int, int], None] | None = None,
     in_flight: bool = False,
-) -> list[Verification]:
+) -> list[ReadBack]:
     """Upload mission, fence and rally points, read each back and compare.
 
     Args:
@@ -43,7 +43,7 @@ def _named(progress: Callable[[str, int, int], None] | None, name: str) -> Calla
     return None if progress is None else partial(progress, name)
 
 
-def upload_document(site: Site, compiled: CompiledMission, url: str, results: Sequence[Verification]) -> dict[str, Any]:
+def upload_document(site: Site, compiled: CompiledMission, url: str, results: Sequence[ReadBack]) -> dict[str, Any]:
     """``upload.json``: what was sent, what came back, every difference and why it is or is not acceptable."""
     limit = compiled.max_height_above_home_m + 10.0
     return {

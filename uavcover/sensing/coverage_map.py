@@ -1,6 +1,6 @@
 """Coverage of routes and tracks, and what can be covered at all.
 
-Looks of a sensor on a level vehicle: from where, and which way the vehicle heads there.
+Observations of a sensor on a level vehicle: from where, and which way the vehicle heads there.
 
 Places around a cell from which it might be seen, tried to find out what can be seen at all.
 """
@@ -23,12 +23,12 @@ from uavcover.model.sensor import FrameCamera
 from uavcover.scenario.obstacle_prisms import waypoint_breaches
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import CellGrid, make_cells
-from uavcover.sensing.sensors import flat_picture, look_spacing_m, reach_at_height_m, sight_of, turns_with_legs
+from uavcover.sensing.sensors import flat_picture, observation_spacing_m, reach_at_height_m, sight_of, turns_with_legs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LevelLooks:
-    """Looks in flying order.
+class LevelObservations:
+    """Observations in flying order.
 
     Attributes:
         places_m: (k, 3) ENU.
@@ -42,13 +42,13 @@ class LevelLooks:
         return int(self.places_m.shape[0])
 
     @classmethod
-    def towards_north(cls, places_m: FloatArray) -> "LevelLooks":
+    def towards_north(cls, places_m: FloatArray) -> "LevelObservations":
         """From (k, 3) ENU places, heading north: for sensors that see the same whatever the heading."""
         places = np.ascontiguousarray(places_m, dtype=float).reshape(-1, 3)
         return cls(places, np.tile([0.0, 1.0], (len(places), 1)))
 
     @classmethod
-    def by_yaw(cls, places_m: FloatArray, yaw_deg: FloatArray) -> "LevelLooks":
+    def by_yaw(cls, places_m: FloatArray, yaw_deg: FloatArray) -> "LevelObservations":
         """From (k, 3) ENU places, heading as (k,) yaws say, clockwise from north; where one is not known, nowhere."""
         places = np.ascontiguousarray(places_m, dtype=float).reshape(-1, 3)
         yaw = np.radians(yaw_deg)
@@ -132,45 +132,45 @@ class CoverageMap:
         self.grid: CellGrid = cut(site, cell_size_m)
         self.sight: Sight = sight_of(site.scenario.sensor)
 
-    def looks(self, route_m: FloatArray) -> LevelLooks:
+    def observations(self, route_m: FloatArray) -> LevelObservations:
         """From where a sensor on an (n, 3) ENU route looks: its waypoints, or samples along its legs.
 
         A camera that turns with the legs looks twice from a waypoint between two legs: along the one and along the other.
         """
         route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
         if self.site.scenario.sensor.sensing == "at-waypoints":
-            return LevelLooks.towards_north(route)
-        spacing_m = look_spacing_m(self.site.scenario)
+            return LevelObservations.towards_north(route)
+        spacing_m = observation_spacing_m(self.site.scenario)
         if not turns_with_legs(self.sight):
-            return LevelLooks.towards_north(kernels.sample_path(route, spacing_m))
+            return LevelObservations.towards_north(kernels.sample_path(route, spacing_m))
         legs = [kernels.sample_path(np.ascontiguousarray(route[k : k + 2]), spacing_m) for k in range(len(route) - 1)]
         headings = [np.tile(leg[-1, :2] - leg[0, :2], (len(leg), 1)) for leg in legs]
         if not legs:
-            return LevelLooks(route, np.zeros((len(route), 2)))
-        return LevelLooks(np.vstack(legs), np.vstack(headings))
+            return LevelObservations(route, np.zeros((len(route), 2)))
+        return LevelObservations(np.vstack(legs), np.vstack(headings))
 
     def seen(self, route_m: FloatArray) -> BoolArray:
         """(cells,) whether each cell is seen from an (n, 3) ENU route, by the sensing rule of the scenario."""
-        return self.seen_by(self.looks(route_m))
+        return self.seen_by(self.observations(route_m))
 
-    def seen_by(self, looks: LevelLooks) -> BoolArray:
-        """(cells,) whether each cell is seen by any of the looks, or by as many as the scenario wants."""
-        return self.first_seen(looks) >= 0
+    def seen_by(self, observations: LevelObservations) -> BoolArray:
+        """(cells,) whether each cell is seen by any of the observations, or by as many as the scenario wants."""
+        return self.first_seen(observations) >= 0
 
-    def first_seen(self, looks: LevelLooks) -> NDArray[np.int64]:
-        """(cells,) number of the look with which each cell is seen as often as the scenario wants, -1 where it never is."""
+    def first_seen(self, observations: LevelObservations) -> NDArray[np.int64]:
+        """(cells,) number of the observation that completes what the scenario wants of each cell, -1 where none does."""
         surface, wanted = self.site.ground.surface, self.site.scenario.requirements
         if wanted.look_distance_m is not None:
             return kernels.seen_often(
                 surface,
                 self.sight,
                 self.grid.cells,
-                looks.places_m,
-                looks.headings,
+                observations.places_m,
+                observations.headings,
                 wanted.looks,
                 wanted.look_distance_m,
             )
-        return kernels.first_seen(surface, self.sight, self.grid.cells, looks.places_m, looks.headings)
+        return kernels.first_seen(surface, self.sight, self.grid.cells, observations.places_m, observations.headings)
 
     def share(self, seen: BoolArray) -> float:
         """Share of the area, 0..1, weighted by the ground's surface."""
@@ -199,11 +199,11 @@ class CoverageMap:
                 break
             centres = self.grid.cells.centre_m[todo, :2]
             eyes = self._allowed_places(centres + np.array([place.east_m, place.north_m]), place.band_share)
-            looks = LevelLooks(eyes, np.tile([place.heading_e, place.heading_n], (todo.size, 1)))
+            observations = LevelObservations(eyes, np.tile([place.heading_e, place.heading_n], (todo.size, 1)))
             if apart_m > 0.0:
                 near = (np.linalg.norm(counted[todo] - eyes[:, None], axis=2) < apart_m).any(axis=1)
                 eyes[near] = np.nan
-            new = todo[sees_each(self, looks, todo, self.sight)]
+            new = todo[sees_each(self, observations, todo, self.sight)]
             counted[new, times[new]] = eyes[np.isin(todo, new)]
             times[new] += 1
         return np.asarray(times == wanted.looks, dtype=bool)
@@ -228,11 +228,13 @@ class CoverageMap:
         return places
 
 
-def sees_each(coverage: CoverageMap, looks: LevelLooks, cell_numbers: NDArray[np.int64], sight: Sight) -> BoolArray:
-    """(k,) whether each of k looks of a sensor sees the cell of the same row; False where a place is NaN."""
+def sees_each(
+    coverage: CoverageMap, observations: LevelObservations, cell_numbers: NDArray[np.int64], sight: Sight
+) -> BoolArray:
+    """(k,) whether each of k observations of a sensor sees the cell of the same row; False where a place is NaN."""
     cells = coverage.grid.cells
     return kernels.sees_each(
-        coverage.site.ground.surface, sight, np.ascontiguousarray(looks.places_m), looks.headings,
+        coverage.site.ground.surface, sight, np.ascontiguousarray(observations.places_m), observations.headings,
         cells.centre_m[cell_numbers], cells.normal[cell_numbers],
     )  # fmt: skip
 

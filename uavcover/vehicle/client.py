@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import Protocol, TypeVar
 
-from mission_io.autopilots.lists import Content
+from mission_io.autopilots.lists import MissionList
 from mission_io.client.connection import VehicleInfo
-from mission_io.client.read_back import Verification
+from mission_io.client.read_back import ReadBack
 from mission_io.clock import Clock
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.wire.messages import CommandAck, Message, ParamValue, Received
@@ -80,6 +80,6 @@ class VehicleClient(Protocol):
         """One of the vehicle's lists, as it is on the wire; ``stop`` is asked all the time whether to cancel."""
         ...
 
-    def upload_and_verify(self, content: Content, *, in_flight: bool = ...) -> Verification:
+    def upload_and_verify(self, content: MissionList, *, in_flight: bool = ...) -> ReadBack:
         """Upload, read back, compare."""
         ...

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission_io.formats import plan, poly, wpl
-from mission_io.formats.drawings import Area
+from mission_io.formats.drawings import DrawnArea
 from mission_io.model.areas import (
     Fence,
     FenceCircle,
@@ -59,6 +59,6 @@ def test_a_plan_holds_every_bit_of_heights_above_home(fence: Fence, rally: Rally
 @settings(derandomize=True, max_examples=100)
 @given(_RINGS, _PLACES)
 def test_poly_and_fen_hold_every_corner(ring: tuple[LatLon, ...], point: LatLon) -> None:
-    assert poly.read_area(poly.write_area(Area(ring))).area == Area(ring)
+    assert poly.read_area(poly.write_area(DrawnArea(ring))).area == DrawnArea(ring)
     fence = Fence((FencePolygon(ring),), (), FramedPoint(point.lat_deg, point.lon_deg, 0.0))
     assert poly.read_fence(poly.write_fence(fence)).fence == fence

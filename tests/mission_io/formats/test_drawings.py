@@ -10,12 +10,12 @@ from shapely.geometry import mapping
 
 from mission_io.errors import FormatError
 from mission_io.formats import geojson, kml, poly
-from mission_io.formats.drawings import Area, Drawing, Line, Spot, fence_from_areas
+from mission_io.formats.drawings import Drawing, DrawnArea, DrawnLine, Spot, fence_from_areas
 from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
 
 RING = (LatLon(33.1, -98.2), LatLon(33.3, -98.25), LatLon(33.35, -98.05), LatLon(33.12, -98.04))
 HOLE = (LatLon(33.2, -98.15), LatLon(33.21, -98.15), LatLon(33.21, -98.14))
-AREA = Area(RING, (HOLE,), "field <1>")
+AREA = DrawnArea(RING, (HOLE,), "field <1>")
 
 
 def pairs(ring: tuple[LatLon, ...]) -> str:
@@ -35,7 +35,7 @@ REST = (
     "<Placemark><name>way</name><LineString><coordinates>-98.2,33.1 -98.25,33.3,77</coordinates></LineString></Placemark>"
     "<Placemark><Point><coordinates>-98.2,33.1</coordinates></Point></Placemark>"
 )
-WHOLE = Drawing((AREA,), (Line(RING[:2], "way"),), (Spot(RING[0]),))
+WHOLE = Drawing((AREA,), (DrawnLine(RING[:2], "way"),), (Spot(RING[0]),))
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_kml_multigeometries_folders_and_bare_rings() -> None:
     text = kml_of(
         f"<Folder><name>f</name><Placemark><name>m</name><MultiGeometry>{ring}{ring}</MultiGeometry></Placemark></Folder>"
     )
-    assert kml.read_drawing(text).areas == (Area(HOLE, (), "m"),) * 2
+    assert kml.read_drawing(text).areas == (DrawnArea(HOLE, (), "m"),) * 2
 
 
 def geo(*geometries: dict[str, Any], name: str = "") -> str:
@@ -75,7 +75,7 @@ def test_geojson_as_shapely_writes_it() -> None:
         [line, point, shapely.MultiLineString([line, line]), shapely.MultiPoint([point])]
     )
     read = geojson.read_drawing(json.dumps(mapping(collection)))
-    assert read.lines == (Line(RING[:2]),) * 3
+    assert read.lines == (DrawnLine(RING[:2]),) * 3
     assert read.spots == (Spot(RING[0]),) * 2
 
 
@@ -158,9 +158,9 @@ FENCE = Fence((FencePolygon(RING),), (), FramedPoint(33.21, -98.12, 0.0))
 
 
 def test_poly_and_fen_files_survive_a_round_trip() -> None:
-    assert poly.read_area(poly.write_area(Area(RING))) == poly.PolyFile(Area(RING), ())
+    assert poly.read_area(poly.write_area(DrawnArea(RING))) == poly.PolyFile(DrawnArea(RING), ())
     assert poly.read_fence(poly.write_fence(FENCE)) == poly.FenFile(FENCE, ())
-    lines = poly.write_area(Area(RING)).splitlines()
+    lines = poly.write_area(DrawnArea(RING)).splitlines()
     assert lines[0].startswith("#")
     assert lines[1] == lines[-1] == "33.10000000 -98.20000000"
 
@@ -168,7 +168,7 @@ def test_poly_and_fen_files_survive_a_round_trip() -> None:
 def test_poly_files_of_mission_planner_are_read() -> None:
     theirs = "\ufeff#saved by Mission Planner 1.3.80\r\n33.1 -98.2\r\n33.3, -98.25\r\n33.35\t-98.05\r\n33.12 -98.04\r\n"
     read = poly.read_area(theirs)
-    assert read.area == Area(RING)
+    assert read.area == DrawnArea(RING)
     assert read.repairs == (
         "removed a byte order mark", "changed the line ends to LF", "line 3: changed the separators to spaces",
         "the area: the ring was not closed",

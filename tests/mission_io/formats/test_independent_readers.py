@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, home_item
 from mission_io.formats import plan, poly, wpl
-from mission_io.formats.drawings import Area
+from mission_io.formats.drawings import DrawnArea
 from mission_io.links.opening import UdpLink
 from mission_io.model.areas import Fence, items_from_fence, items_from_rally
 from mission_io.model.items import Frame, MissionItem
@@ -91,7 +91,7 @@ def test_mavproxy_reads_our_poly(tmp_path: Path) -> None:
     mp_util = pytest.importorskip("MAVProxy.modules.lib.mp_util", reason=MAVPROXY_IS_HERE)
     path = tmp_path / "area.poly"
     ring = FENCE.polygons[1].vertices
-    path.write_text(poly.write_area(Area(ring)), newline="")
+    path.write_text(poly.write_area(DrawnArea(ring)), newline="")
     corners = [(vertex.lat_deg, vertex.lon_deg) for vertex in ring]
     assert mp_util.polygon_load(str(path)) == [*corners, corners[0]]
 

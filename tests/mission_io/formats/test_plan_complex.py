@@ -273,7 +273,7 @@ def test_a_survey_is_uploaded_read_back_and_saved_again(autopilot: Autopilot) ->
     client = connected(VehiclePeer(autopilot))
     result = client.upload_and_verify(read.mission)
     assert result.passed, [difference for difference in result.differences if not difference.acceptable]
-    back = client.download_content(MissionType.MISSION)
+    back = client.download_list(MissionType.MISSION)
     assert isinstance(back, Mission)
     assert [item.command for item in back.items] == [22, 16, 206, 16, 16, 177]
     assert back.items[5].params[:2] == (5.0, 2.0)

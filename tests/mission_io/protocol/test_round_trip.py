@@ -7,7 +7,7 @@ from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions
 from mission_io.model.items import MissionType
 from mission_io.protocol.exchange import Timing
-from mission_io.protocol.round_trip import Answer, Departures, Patience, RoundTrip
+from mission_io.protocol.round_trip import AnswerDelay, Departures, Patience, RoundTrip
 from tests.mission_io.protocol.scripts import items
 from tests.mission_io.vehicle import VehiclePeer, connected
 
@@ -37,26 +37,28 @@ def test_steady_measurements_end_in_the_measurement() -> None:
 def test_doubtful_answers_become_a_bound_after_a_run_of_them() -> None:
     patience = Patience()
     for bound_s in (0.9, 0.7):
-        patience = patience.after(Answer(bound_s, certain=False))
+        patience = patience.after(AnswerDelay(bound_s, certain=False))
         assert patience.round_trip is None
-    patience = patience.after(Answer(0.8, certain=False))
+    patience = patience.after(AnswerDelay(0.8, certain=False))
     assert patience.round_trip is not None
     assert (patience.round_trip.smoothed_s, patience.is_bound) == (0.7, True)
     for _ in range(5):
-        patience = patience.after(Answer(0.6, certain=False))
+        patience = patience.after(AnswerDelay(0.6, certain=False))
     assert patience.round_trip == RoundTrip(0.6, 0.6 / 64.0), "a tighter bound"
-    assert patience.after(Answer(0.01, certain=True)).round_trip == RoundTrip.first(0.01), "a measurement replaces it"
+    assert patience.after(AnswerDelay(0.01, certain=True)).round_trip == RoundTrip.first(0.01), (
+        "a measurement replaces it"
+    )
 
 
 def test_a_link_that_became_slow_is_noticed_after_eight_doubtful_answers() -> None:
     patience = Patience(RoundTrip(0.002, 0.0))
     for _ in range(7):
-        patience = patience.after(Answer(0.6, certain=False))
+        patience = patience.after(AnswerDelay(0.6, certain=False))
     assert patience.round_trip == RoundTrip(0.002, 0.0)
-    patience = patience.after(Answer(0.6, certain=False))
+    patience = patience.after(AnswerDelay(0.6, certain=False))
     assert patience.round_trip is not None
     assert patience.round_trip.smoothed_s == 0.6
-    assert Patience(RoundTrip(0.002, 0.0), doubtful=7).after(Answer(0.002, certain=True)).doubtful == 0
+    assert Patience(RoundTrip(0.002, 0.0), doubtful=7).after(AnswerDelay(0.002, certain=True)).doubtful == 0
 
 
 def test_departures_forget_what_is_answered() -> None:
@@ -65,9 +67,9 @@ def test_departures_forget_what_is_answered() -> None:
         departures.sent(number, float(number))
     departures.sent(3, 7.0)
     assert departures.age_s(3, 8.0) == 1.0
-    assert departures.answered(3, 10.0) == Answer(7.0, certain=False)
+    assert departures.answered(3, 10.0) == AnswerDelay(7.0, certain=False)
     assert departures.answered(3, 10.0) is None
-    assert departures.answered(4, 10.0) == Answer(6.0, certain=True)
+    assert departures.answered(4, 10.0) == AnswerDelay(6.0, certain=True)
     departures.forget_to(1)
     assert [departures.age_s(number, 10.0) for number in range(5)] == [None, None, 8.0, None, None]
     departures.clear()

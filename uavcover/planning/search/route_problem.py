@@ -15,7 +15,7 @@ from uavcover.model.route import Route
 from uavcover.routes.way_cost import way_cost_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import look_spacing_m
+from uavcover.sensing.sensors import observation_spacing_m
 
 _MOST_WAYPOINTS = 60_000
 """A cell is counted in 16 bits."""
@@ -82,7 +82,7 @@ def local_task(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> Loc
         cone_cells(site.ground.surface, sight, cells),
         square,
         weight,
-        look_spacing_m(scenario),
+        observation_spacing_m(scenario),
         sensing,
         _room(site),
         way_cost_of(site),

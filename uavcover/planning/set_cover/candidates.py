@@ -17,7 +17,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.sight import horizontal_reach
 from uavcover.planning.encodings import allowed_band_m
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, LevelLooks, sees_each
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, sees_each
 from uavcover.sensing.sensors import whatever_heading
 
 _PLACES_AT_ONCE = 2_000
@@ -101,7 +101,9 @@ def candidates_at(coverage: CoverageMap, places_m: FloatArray, *, spacing_m: flo
             continue
         numbers = np.concatenate([np.asarray(row, dtype=np.int64) for row in near])
         rows = np.repeat(np.arange(len(some)), sizes)
-        sees = sees_each(coverage, LevelLooks.towards_north(some[rows]), numbers, whatever_heading(coverage.sight))
+        sees = sees_each(
+            coverage, LevelObservations.towards_north(some[rows]), numbers, whatever_heading(coverage.sight)
+        )
         counts[first : first + len(some)] = np.bincount(rows[sees], minlength=len(some))
         seen.append(numbers[sees].astype(np.int32))
     weight = np.where(coverage.coverable, coverage.grid.weight_m2, 0.0)

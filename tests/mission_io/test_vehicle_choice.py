@@ -12,7 +12,7 @@ from mission_io.errors import AmbiguousVehicleError, MisuseError, VehicleSilentE
 from mission_io.model.enums import AutopilotId, VehicleClass
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
-from tests.mission_io.test_neighbours import ITEMS, Bus, Station, Vehicle, client_on
+from tests.mission_io.test_peers import ITEMS, Bus, Station, Vehicle, client_on
 
 COMPANION = 191
 

@@ -71,7 +71,7 @@ def test_a_flight_counts_as_planned_and_says_what_was_seen_too_seldom():
     track = fly_along(coverage.site, path)
     flown = flown_coverage(coverage, track, planned)
     assert flown.seen.tolist() == coverage.seen(path).tolist()
-    assert flown.looks.max() == 3
+    assert flown.passes.max() == 3
     gaps = verify_flight(coverage.site, coverage, [FlownTrack(track, planned)]).report.gaps
     assert {gap.reason for gap in gaps} == {"too-few-looks", "never-in-range"}
     # Too near to each other by more than the position may be wrong, or by less: surely, or possibly.

@@ -108,7 +108,7 @@ def test_each_of_several_vehicles_gets_and_gives_its_own_mission(caplog: pytest.
         assert len(client.download(MissionType.MISSION)) == count
     assert [len(v.server.items(MissionType.MISSION)) for v in (one, two, three)] == [5, 3, 0]
     client.poll(1.5)
-    assert [(v.system_id, v.component_id) for v in client.neighbours.vehicles] == [(1, 1), (2, 1), (2, 7)]
+    assert [(v.system_id, v.component_id) for v in client.peers.vehicles] == [(1, 1), (2, 1), (2, 7)]
     assert caplog.text.count("vehicle 2 (component 1) is on this link, too") == 1
     assert caplog.text.count("vehicle 2 (component 7) is on this link, too") == 1
 
@@ -162,7 +162,7 @@ def test_a_ground_station_with_our_system_id_is_noticed_and_said_once(
     for _ in range(5):
         client.poll(1.0)
     address = Address(station.codec.system_id, station.codec.component_id)
-    assert client.neighbours.same_ids == ({address} if said else set())
+    assert client.peers.same_ids == ({address} if said else set())
     assert caplog.text.count("give one of the two another system id") == int(said)
 
 
@@ -173,7 +173,7 @@ def test_our_own_messages_coming_back_are_no_other_ground_station(caplog: pytest
     client.upload(MissionType.MISSION, ITEMS)
     for _ in range(300):
         client.poll(1.0)
-    assert client.neighbours.same_ids == frozenset()
+    assert client.peers.same_ids == frozenset()
     assert client.statistics.echoes > 300
     assert {received.system_id for received in heard} == {1}
     assert caplog.text == ""
