@@ -1,7 +1,7 @@
 """MAVLink missions: read, check, convert, upload, download and compare them. Stands alone.
 
 Start with ``open_link`` and ``Client`` to talk to a vehicle, with ``formats.wpl`` and ``formats.plan`` for files, with
-``model.diff`` for what changed, and with ``protocol.server.MissionServer`` to be a vehicle. See docs/mission_io.md.
+``model.diff`` for what changed, and with ``protocol.server.MissionServer`` to be a vehicle. See docs/reference/mission_io.md.
 """
 
 from mission_io.autopilots.autopilot import (

@@ -1,1 +1,1 @@
-"""The same checks on every vehicle there is: the mock, ArduCopter and PX4; see ``docs/sitl.md``."""
+"""The same checks on every vehicle there is: the mock, ArduCopter and PX4; see ``docs/how-to/sitl.md``."""

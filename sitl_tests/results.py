@@ -51,7 +51,7 @@ def markdown_text(results: Sequence[Result], skipped: Mapping[str, str], circums
     lines = [
         "# What each vehicle does",
         "",
-        f"Run on {circumstances.date} by `{circumstances.command}`; see [how to run it](../sitl.md).",
+        f"Run on {circumstances.date} by `{circumstances.command}`; see [how to run it](../how-to/sitl.md).",
         "",
         *(f"- {name}: {version}" for name, version in circumstances.versions.items()),
         *(f"- {name}: not run: {reason}" for name, reason in skipped.items()),

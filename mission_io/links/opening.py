@@ -2,7 +2,7 @@
 
 ``udpin://HOST:PORT``, ``udp:HOST:PORT`` and ``tcpin://HOST:PORT`` wait on a port for others to speak first,
 ``udpout://HOST:PORT`` and ``tcp://HOST:PORT`` speak first, ``serial:///dev/tty...:BAUD`` is a radio or a cable. Nothing
-listens beyond this machine unless the URL names such a host. See docs/links.md.
+listens beyond this machine unless the URL names such a host. See docs/reference/links.md.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""docs/mission_io.md and docs/mission_protocol.md: their examples run, and the diagrams are the tables'."""
+"""docs/reference/mission_io.md and docs/explanation/mission_protocol.md: their examples run, and the diagrams are the tables'."""
 
 import re
 from pathlib import Path
@@ -13,8 +13,8 @@ from mission_io.protocol.diagrams import TABLES, main, with_diagrams
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "mission_io.md"
-PROTOCOL = DOCUMENT.with_name("mission_protocol.md")
+DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "mission_io.md"
+PROTOCOL = DOCUMENT.parents[1] / "explanation" / "mission_protocol.md"
 
 
 def test_the_ten_line_upload_runs(capsys: pytest.CaptureFixture[str]) -> None:
@@ -32,7 +32,7 @@ def test_the_ten_line_upload_runs(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_the_diagrams_are_up_to_date() -> None:
     text = PROTOCOL.read_text()
-    assert with_diagrams(text) == text, "run: python -m mission_io.protocol.diagrams docs/mission_protocol.md"
+    assert with_diagrams(text) == text, "run: python -m mission_io.protocol.diagrams docs/explanation/mission_protocol.md"
     assert all(f"<!-- {name} table: begin -->" in text for name in TABLES)
 
 

@@ -1,4 +1,4 @@
-"""The examples of docs/mission_formats.md and docs/mission_checks.md run and do what their pages say."""
+"""The examples of docs/reference/mission_formats.md and docs/reference/mission_checks.md run and do what their pages say."""
 
 import json
 import re
@@ -10,7 +10,7 @@ from mission_io.formats import wpl
 from mission_io.model.areas import fence_from_items
 from tests.mission_io.formats.test_plan_complex import LANDING, SURVEY, document
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[2] / "docs" / "reference"
 
 
 def examples(name: str) -> list[str]:

@@ -15,7 +15,7 @@ from uavcover.run.plan_files import read_planned
 from uavcover.run.session import connect, home_of, require_home
 from uavcover.scenario.site import load_site
 
-PAGE = Path(__file__).parents[2] / "docs" / "python_api.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "python_api.md"
 
 
 def test_the_example_of_the_page_runs(

@@ -2,7 +2,7 @@ from pathlib import Path
 
 from uavcover.vehicle.outcome import Ending, FlightFailedError, FlightOutcome, Incident
 
-PAGE = Path(__file__).parents[2] / "docs" / "flight.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "flight.md"
 
 
 def test_every_ending_is_on_the_page() -> None:

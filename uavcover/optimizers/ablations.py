@@ -7,7 +7,7 @@ The improvements: the Latin hypercube (Eq. 19), the dynamic k and b (Eq. 20, 21)
 MODBO and IMODBO with the survival of the single-objective DBO: each beetle keeps the best place it has been at.
 
 The paper does not say who survives. Our frame lets parents and offspring compete by front and crowding; these variants
-are the other reading, kept to compare with (docs/fidelity.md).
+are the other reading, kept to compare with (docs/explanation/fidelity.md).
 
 The parts of `ImodboNiching`, each taken away alone; a class for each. Not in the registry: ``scripts/ablate_niching.py``.
 """

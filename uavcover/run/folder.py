@@ -16,7 +16,7 @@ SCHEMA_VERSION = 1
 
 
 class RunFolder:
-    """A folder with everything about one run; see docs/files.md.
+    """A folder with everything about one run; see docs/reference/files.md.
 
     Attributes:
         path: where it is.

@@ -1,4 +1,4 @@
-"""docs/links.md: its example runs, and the facts in it are the code's."""
+"""docs/reference/links.md: its example runs, and the facts in it are the code's."""
 
 import re
 from pathlib import Path
@@ -17,7 +17,7 @@ from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.test_signing import private
 from tests.mission_io.vehicle import VehiclePeer
 
-TEXT = (Path(__file__).parents[3] / "docs" / "links.md").read_text()
+TEXT = (Path(__file__).parents[3] / "docs" / "reference" / "links.md").read_text()
 
 
 def test_the_example_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,7 @@
 
 Source: Liang, Suganthan, Qu, Gong, Yue, "Problem Definitions and Evaluation Criteria for the CEC 2020 Special Session on
 Multimodal Multiobjective Optimization", 2019; where the report and its published code and data disagree, the code and data
-are followed (docs/mmf.md lists each). All problems are minimised and have no constraints but their bounds.
+are followed (docs/explanation/mmf.md lists each). All problems are minimised and have no constraints but their bounds.
 """
 
 from collections.abc import Callable

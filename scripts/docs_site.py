@@ -1,0 +1,235 @@
+"""Pages of the documentation that are generated from the code: every command, and every key of a scenario.
+
+mkdocs loads this file as a hook (``mkdocs.yml``). ``python scripts/docs_site.py`` prints both pages.
+"""
+
+import dataclasses
+import inspect
+import re
+import sys
+import types
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from uavcover.cli.main import app
+from uavcover.model.scenario import Scenario
+
+_VALUE_NAMES: dict[Any, str] = {
+    str: "TEXT",
+    int: "INTEGER",
+    float: "NUMBER",
+    Path: "PATH",
+    list[Path]: "PATH",
+    list[str]: "TEXT",
+}
+_NOTE = "*Generated from the code: every value on this page is the one that the program uses.*"
+
+
+def command_reference() -> str:
+    """Markdown: each command with its arguments, options and defaults."""
+    root: Any = typer.main.get_command(app)
+    lines = ["# Commands", "", _NOTE, "", *_options(root), ""]
+    group = None
+    for name, command in _commands(root, "uavcover"):
+        if command.rich_help_panel != group and not name.startswith("uavcover bench "):
+            group = command.rich_help_panel
+        lines += [f"## `{name}`", "", *(f"*{group}.*" if group else "",), "", _prose(command.help), ""]
+        if not hasattr(command, "commands"):
+            lines += ["```text", f"{name} {_usage(command)}".rstrip(), "```", ""]
+        lines += [*_options(command), ""]
+    return "\n".join(lines)
+
+
+def scenario_reference() -> str:
+    """Markdown: each section of a scenario file with its keys, types, defaults and meanings."""
+    lines = ["# Scenario keys", "", _NOTE, ""]
+    lines += ["What the sections are for, with examples: [the scenario file](scenario.md).", ""]
+    hints = typing.get_type_hints(Scenario)
+    sections = {field.name: _dataclasses_in(hints[field.name]) for field in dataclasses.fields(Scenario)}
+    top = [field for field in dataclasses.fields(Scenario) if not sections[field.name]]
+    lines += ["## Top level", "", *_keys(Scenario, top)]
+    for section, classes in sections.items():
+        for cls in classes:
+            kind = _kind(cls)
+            title = f"## `[{section}]`" + (f" with `kind = {_toml(kind)}`" if kind else "")
+            needed = "Required." if _is_required(Scenario, section) else "Optional."
+            lines += [title, "", f"{needed} {_prose(_summary(cls))}", "", *_keys(cls, dataclasses.fields(cls))]
+            for field in dataclasses.fields(cls):
+                for inner in _dataclasses_in(typing.get_type_hints(cls)[field.name]):
+                    lines += [f"### `[[{section}.{field.name}]]`", "", _prose(_summary(inner)), ""]
+                    lines += _keys(inner, dataclasses.fields(inner))
+    return "\n".join(lines)
+
+
+PAGES = {"reference/commands.md": command_reference, "reference/scenario_keys.md": scenario_reference}
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add the generated pages to those of docs/ (an event of mkdocs)."""
+    from mkdocs.structure.files import File
+
+    for path, make in PAGES.items():
+        files.append(File.generated(config, path, content=make()))
+    return files
+
+
+def _commands(group: Any, path: str) -> Iterator[tuple[str, Any]]:
+    for name in group.list_commands(None):
+        command = group.commands[name]
+        yield f"{path} {name}", command
+        if hasattr(command, "commands"):
+            yield from _commands(command, f"{path} {name}")
+
+
+def _usage(command: Any) -> str:
+    arguments = [p for p in command.params if p.param_type_name == "argument"]
+    needed = [p for p in command.params if p.param_type_name == "option" and p.required]
+    words = [_argument_name(p) if p.required else f"[{_argument_name(p)}]" for p in arguments]
+    return " ".join([*words, *(f"{p.opts[-1]} {_value_name(p)}" for p in needed), "[OPTIONS]"])
+
+
+def _argument_name(parameter: Any) -> str:
+    return str(parameter.metavar or parameter.name.upper()).strip("[]")
+
+
+def _value_name(parameter: Any) -> str:
+    kind = parameter.type_descriptor.annotation
+    return str(parameter.metavar or _VALUE_NAMES.get(kind, getattr(kind, "__name__", "VALUE").upper()))
+
+
+def _options(command: Any) -> list[str]:
+    rows = []
+    for parameter in command.params:
+        if getattr(parameter, "hidden", False):
+            continue
+        if parameter.param_type_name == "argument":
+            name = f"`{_argument_name(parameter)}`"
+        else:
+            name = ", ".join(f"`{option}`" for option in parameter.opts)
+            if not (getattr(parameter, "is_flag", False) or getattr(parameter, "count", False)):
+                name += f" `{_cell(_value_name(parameter))}`"
+        rows.append(f"| {name} | {_default(parameter)} | {_cell(_prose(parameter.help))} |")
+    return ["| | default | |", "|---|---|---|", *rows] if rows else []
+
+
+def _default(parameter: Any) -> str:
+    if parameter.required:
+        return "required"
+    value = parameter.default
+    if callable(value) or value is None or value in ((), [], "") or "UNSET" in str(value).upper():
+        return ""
+    if value is False:
+        return "off"
+    if value is True:
+        return "on"
+    return "" if getattr(parameter, "count", False) else f"`{_cell(str(value))}`"
+
+
+def _keys(cls: type, fields: Any) -> list[str]:
+    hints, meanings = typing.get_type_hints(cls), _attributes(cls)
+    rows = []
+    for field in fields:
+        if _dataclasses_in(hints[field.name]) and cls is Scenario:
+            continue
+        rows.append(
+            f"| `{field.name}` | {_cell(_type_name(hints[field.name]))} | {_field_default(field)} "
+            f"| {_sentence(_cell(_prose(meanings.get(field.name, ''))))} |"
+        )
+    return ["| key | type | default | meaning |", "|---|---|---|---|", *rows, ""]
+
+
+def _field_default(field: Any) -> str:
+    if field.default is not dataclasses.MISSING:
+        return "none" if field.default is None else f"`{_toml(field.default)}`"
+    if field.default_factory is not dataclasses.MISSING:
+        return f"`{_toml(field.default_factory())}`"
+    return "required"
+
+
+def _toml(value: Any) -> str:
+    match value:
+        case bool():
+            return str(value).lower()
+        case str():
+            return f'"{value}"'
+        case tuple() | list():
+            return "[" + ", ".join(_toml(each) for each in value) + "]"
+        case _:
+            return str(value)
+
+
+def _kind(cls: type) -> str | None:
+    hint = typing.get_type_hints(cls).get("kind")
+    return typing.get_args(hint)[0] if typing.get_origin(hint) is typing.Literal else None
+
+
+def _dataclasses_in(hint: Any) -> list[type]:
+    if inspect.isclass(hint) and dataclasses.is_dataclass(hint):
+        return [hint]
+    return [cls for each in typing.get_args(hint) for cls in _dataclasses_in(each)]
+
+
+def _type_name(hint: Any) -> str:
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin is typing.Literal:
+        return " or ".join(f"`{_toml(each)}`" for each in arguments)
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join(_type_name(each) for each in arguments if each is not type(None))
+    if origin is tuple:
+        inner = [each for each in arguments if each is not Ellipsis]
+        if len(inner) > 1 and len(set(inner)) == 1:
+            return f"[{', '.join(_type_name(each) for each in inner)}]"
+        return f"list of {_type_name(inner[0])}"
+    return {"float": "number", "int": "integer", "str": "text", "bool": "true or false"}.get(
+        getattr(hint, "__name__", ""), getattr(hint, "__name__", str(hint))
+    )
+
+
+def _attributes(cls: type) -> dict[str, str]:
+    """The ``Attributes:`` section of a docstring in Google style: name to meaning."""
+    doc = inspect.getdoc(cls) or ""
+    _, _, section = doc.partition("Attributes:\n")
+    found: dict[str, str] = {}
+    name = ""
+    for line in section.splitlines():
+        if line and not line.startswith(" "):
+            break
+        start = re.match(r"    (\w+): (.*)", line)
+        if start:
+            name = start[1]
+            found[name] = start[2]
+        elif name and line.strip():
+            found[name] += " " + line.strip()
+    return found
+
+
+def _summary(cls: type) -> str:
+    return (inspect.getdoc(cls) or "").partition("Attributes:\n")[0].strip()
+
+
+def _prose(text: str | None) -> str:
+    """Help text and docstrings as Markdown: double backticks become single ones, and angle brackets are no tags."""
+    joined = re.sub(r"(?<!\n)\n(?!\n)\s*", " ", inspect.cleandoc(text or "").replace("\b\n", "").replace("\f", ""))
+    return re.sub(r"`?`([^`]+)``?", r"`\1`", joined).replace("<", "&lt;")
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _is_required(cls: Any, name: str) -> bool:
+    (field,) = (field for field in dataclasses.fields(cls) if field.name == name)
+    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+if __name__ == "__main__":
+    for make in PAGES.values():
+        sys.stdout.write(make() + "\n")
