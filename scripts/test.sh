@@ -28,6 +28,8 @@ echo "gate: mypy --strict"
 "$bin/mypy"
 echo "gate: import contracts"
 "$bin/lint-imports"
+echo "gate: documentation"
+NO_MKDOCS_2_WARNING=1 "$bin/python" -m mkdocs build --strict --quiet -d "$scratch/site"
 wait "$background" || echo "the demo that was to compile the kernels failed; the tests below tell why" >&2
 
 # A test file stays in one process: what its tests share is made once. tests/conftest.py puts the long ones first.

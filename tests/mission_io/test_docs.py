@@ -32,7 +32,9 @@ def test_the_ten_line_upload_runs(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_the_diagrams_are_up_to_date() -> None:
     text = PROTOCOL.read_text()
-    assert with_diagrams(text) == text, "run: python -m mission_io.protocol.diagrams docs/explanation/mission_protocol.md"
+    assert with_diagrams(text) == text, (
+        "run: python -m mission_io.protocol.diagrams docs/explanation/mission_protocol.md"
+    )
     assert all(f"<!-- {name} table: begin -->" in text for name in TABLES)
 
 

@@ -3,7 +3,7 @@
 The frame that MODBO and IMODBO share: four groups, one archive, survival of the better ones.
 
 The paper gives the moves but not the multi-objective frame around them. What is filled in here is written down, with
-the reasons, in docs/reference/optimizers.md.
+the reasons, in docs/explanation/imodbo.md.
 
 MODBO: the multi-objective dung beetle optimizer that IMODBO improves on.
 

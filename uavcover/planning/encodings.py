@@ -106,7 +106,7 @@ class SwathEncoding:
     """Genes -1..1, all zero for the layout that the encoding is centred on.
 
     The dung beetle's moves are drawn to the origin of the genes (Eq. 9 and 12 to 16 multiply positions; measured in
-    docs/reference/optimizers.md), so the origin is a good layout: the tuned boustrophedon. In order: direction (a quarter turn
+    docs/explanation/imodbo.md), so the origin is a good layout: the tuned boustrophedon. In order: direction (a quarter turn
     either way), number of lines (up to two more or fewer), inset, tolerance, start corner; then the width of every gap
     (1 / 1.6 to 1.6 times) and the height of every line (half the band either way, inside the band by what
     the legs may leave it). Genes of lines that a layout does not have are ignored.

@@ -111,7 +111,7 @@ def bounds(site: Site, result: Plan | None = None, *, time_s: float | None = Non
     ``coverable_fraction``: share of the area that some allowed place sees (tried places: at least this much).
     ``length_reference_m``: area of the map over the width of flat ground that the sensor sweeps; a reference, no bound,
     because slopes widen the swath. Only for sensors that look along the path.
-    ``shortest_path_m``, ``fewest_waypoints``, ``most_coverage``: proved limits beside what was found (docs/explanation/bounds.md).
+    ``shortest_path_m``, ``fewest_waypoints``, ``most_coverage``: proved limits, and what was found (docs/explanation/bounds.md).
 
     Args:
         site: the scenario on its ground.

@@ -165,7 +165,7 @@ class MOGWO(AskTellOptimizer):
 
     Wolves go where they are sent, better or not; the archive is the memory. Table 2 has beta = 10, the original 4. Its gamma
     belongs to the authors' code, which removes from a cell drawn by count ** gamma; here the most crowded cell loses a member,
-    as their text says, because with gamma = 2 the archive loses the ends of the front (docs/reference/optimizers.md has the figures).
+    as their text says, because with gamma = 2 the archive loses the ends of the front (figures in docs/explanation/imodbo.md).
     """
 
     n_grid: ClassVar[int] = 10  # Table 2

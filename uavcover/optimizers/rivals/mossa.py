@@ -2,7 +2,7 @@
 
 Equations are numbered as in Xue and Shen, "A novel swarm intelligence optimization approach: sparrow search algorithm",
 Systems Science and Control Engineering 8, 2020, which has one objective. What "better", "best" and "worst" mean with several
-is said at `MOSSA` and in docs/reference/optimizers.md.
+is said at `MOSSA` and in docs/explanation/imodbo.md.
 """
 
 from typing import Any, ClassVar

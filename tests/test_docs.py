@@ -1,0 +1,158 @@
+"""What README and docs say can be followed: links lead somewhere, commands and scenario keys exist, examples are valid."""
+
+import dataclasses
+import importlib.util
+import json
+import re
+import shlex
+import tomllib
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+import typer
+
+from uavcover.cli.main import app
+from uavcover.scenario.scenario_file import load_scenario, parse_scenario
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "docs" / "examples"
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / ".github").rglob("*.md")])
+# Pages that record what was done with an older version name its commands and files.
+GUIDES = [page for page in PAGES if page.name != "CHANGELOG.md" and "results" not in page.parts]
+
+
+def named(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return re.findall(rf"^ *```{language}\n(.*?)^ *```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+
+
+def heading_anchors(text: str) -> set[str]:
+    """Anchors as Python-Markdown and code hosts make them of plain headings."""
+    titles = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    plain = [re.sub(r"[^\w\s-]", "", title.replace("`", "")).strip().lower() for title in titles]
+    return {re.sub(r"\s+", "-", title) for title in plain}
+
+
+def site_hook() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("docs_site", ROOT / "scripts" / "docs_site.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_every_relative_link_leads_somewhere(page: Path) -> None:
+    generated = {ROOT / "docs" / path for path in site_hook().PAGES}
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        linked = (page.parent / path).resolve() if path else page
+        assert linked in generated or linked.exists(), f"{target} leads nowhere"
+        if anchor and linked.suffix == ".md" and linked not in generated:
+            assert anchor in heading_anchors(linked.read_text(encoding="utf-8")), f"{target}: no such heading"
+
+
+def test_every_page_that_code_names_exists() -> None:
+    missing = {
+        f"{source.relative_to(ROOT)}: {path}"
+        for folder in ("uavcover", "mission_io", "sitl_tests", "tests", "scripts")
+        for source in (ROOT / folder).rglob("*.py")
+        for path in re.findall(r"\bdocs/[\w/-]+\.md", source.read_text(encoding="utf-8"))
+        # What a script is yet to write is named by its usage.
+        if "/results/" not in path and not (ROOT / path).exists()
+    }
+    assert missing == set()
+
+
+def known_options(command: Any) -> set[str]:
+    return {"-h", "--help", *(name for each in command.params for name in (*each.opts, *each.secondary_opts))}
+
+
+def commands_of(page: Path) -> list[list[str]]:
+    lines = "\n".join(blocks(page, "sh")).replace("\\\n", " ").splitlines()
+    calls = [call for line in lines for call in re.split(r"&&|;", line.partition(" #")[0])]
+    words = [shlex.split(call.strip().rstrip("&")) for call in calls if re.match(r"\s*(\S*/)?uavcover\b", call)]
+    return [call[1:] for call in words]
+
+
+@pytest.mark.parametrize("page", [page for page in GUIDES if commands_of(page)], ids=named)
+def test_every_command_and_option_exists(page: Path) -> None:
+    for call in commands_of(page):
+        command: Any = typer.main.get_command(app)
+        words = list(call)
+        known = known_options(command)
+        while words and hasattr(command, "commands") and not words[0].startswith("-"):
+            name = words.pop(0)
+            assert name in command.commands, f"uavcover {' '.join(call)}: no command {name}"
+            command = command.commands[name]
+            known |= known_options(command)
+        options = {word.partition("=")[0] for word in words if re.match(r"-{1,2}[a-z]", word)}
+        assert options <= known, f"uavcover {' '.join(call)}: {options - known}"
+
+
+def merged(block: dict[str, Any]) -> str:
+    """A scenario: the smallest example with what a page's block says in its place."""
+    scenario = tomllib.loads((EXAMPLES / "valley.toml").read_text(encoding="utf-8"))
+    for key, value in block.items():
+        replaces = not isinstance(value, dict) or "kind" in value or key == "area"
+        scenario[key] = value if replaces else scenario.get(key, {}) | value
+    top = [f"{key} = {json.dumps(value)}" for key, value in scenario.items() if not isinstance(value, dict)]
+    for section, keys in scenario.items():
+        if isinstance(keys, dict):
+            top += [f"[{section}]", *(f"{key} = {json.dumps(value)}" for key, value in keys.items())]
+    return "\n".join(top)
+
+
+SCENARIOS = [page for page in GUIDES if blocks(page, "toml")]
+
+
+@pytest.mark.parametrize("page", SCENARIOS, ids=named)
+def test_every_piece_of_a_scenario_is_understood(page: Path) -> None:
+    for piece in blocks(page, "toml"):
+        keys = tomllib.loads(piece)
+        keys.pop("obstacles", None)  # names a file of buildings, or lists tables of prisms
+        if "area" in keys:
+            keys["area"] = keys["area"] | {"geojson": "valley.geojson"}
+        if "terrain" in keys:
+            keys["terrain"] = keys["terrain"] | {"file": "bundled:jacksboro.tif"}
+        parse_scenario(merged(keys), source=named(page), folder=EXAMPLES)
+
+
+@pytest.mark.parametrize("name", ["valley", "survey", "search"])
+def test_every_example_loads(name: str) -> None:
+    assert load_scenario(EXAMPLES / f"{name}.toml").name == name
+
+
+def test_the_quick_start_shows_the_example() -> None:
+    shown = blocks(ROOT / "docs" / "quick_start.md", "toml")[0]
+    assert shown in (EXAMPLES / "valley.toml").read_text(encoding="utf-8")
+
+
+def test_reference_has_every_command_and_a_meaning_for_every_row() -> None:
+    page = site_hook().command_reference()
+    root: Any = typer.main.get_command(app)
+    benchmarks = root.commands["bench"].commands
+    for name in [*root.commands, *(f"bench {each}" for each in benchmarks)]:
+        assert f"## `uavcover {name}`\n" in page
+    assert re.findall(r"^\|.*\|\s*\|$", page.replace("| | default | |", ""), re.MULTILINE) == []
+
+
+def test_reference_has_every_key_of_a_scenario_with_its_default() -> None:
+    page = site_hook().scenario_reference()
+    scenario = load_scenario("jacksboro")
+    for section in dataclasses.fields(scenario):
+        value = getattr(scenario, section.name)
+        for key in dataclasses.fields(value) if dataclasses.is_dataclass(value) else []:
+            assert f"| `{key.name}` |" in page
+    assert "| `select` | text | " in page
+    assert "| `max_home_error_m` | number | `10.0` | Largest" in page
+    assert re.findall(r"^\|.*\|\s*\|$", page, re.MULTILINE) == []
