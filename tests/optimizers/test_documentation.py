@@ -25,7 +25,7 @@ def test_examples_in_docstrings(module):
 
 
 def test_the_examples_of_the_page_run(capsys):
-    ask_and_tell, ours_in_pymoo, problems_in_pymoo, pymoo_in_ours = re.findall(
+    ask_and_tell, _, ours_in_pymoo, problems_in_pymoo, pymoo_in_ours = re.findall(
         r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL
     )
     for example, start in (

@@ -13,7 +13,10 @@ def bench_mmf(
         str | None, typer.Option(help="Some of the functions, as MMF1,MMF14_a; default: all.", metavar="A,B")
     ] = None,
     algorithms: Annotated[
-        str | None, typer.Option(help="Some of the algorithms, as imodbo,nsga2; default: all.", metavar="X,Y")
+        str | None,
+        typer.Option(
+            help="Some of the algorithms, as imodbo,pymoo:NSGA3,my_module:MyClass; default: all of ours.", metavar="X,Y"
+        ),
     ] = None,
     runs: Annotated[int, typer.Option(help="Runs of each; their numbers, from 1, are their seeds.", min=1)] = 10,
     out: Annotated[
@@ -35,7 +38,7 @@ def bench_mmf(
     Stop it when you like: what is done is kept, and the same command goes on. Results: summary.csv, tables.md with
     the paper's figures beside, runs.csv, comparisons.csv, figure3.png to figure6.png, and sets/FUNCTION/ALGORITHM/RUN.csv.
     """
-    from uavcover.benchmarks.mmf.contenders import CONTENDERS, Budget
+    from uavcover.benchmarks.mmf.contenders import Budget, contender_names
     from uavcover.benchmarks.mmf.problems import PROBLEMS
     from uavcover.benchmarks.mmf.results import write_results
     from uavcover.benchmarks.mmf.runs import MmfFolder, make_runs, missing_runs
@@ -46,11 +49,11 @@ def bench_mmf(
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     if list_names:
         console.say(f"functions:  {' '.join(PROBLEMS)}")
-        console.say(f"algorithms: {' '.join(CONTENDERS)}")
-        console.result({"functions": list(PROBLEMS), "algorithms": list(CONTENDERS)})
+        console.say(f"algorithms: {' '.join(contender_names())}")
+        console.result({"functions": list(PROBLEMS), "algorithms": contender_names()})
         return 0
     chosen_functions = options.names("--functions", functions, PROBLEMS)
-    chosen_algorithms = options.names("--algorithms", algorithms, CONTENDERS)
+    chosen_algorithms = options.names("--algorithms", algorithms, contender_names(options.listed(algorithms)))
     if out is None:
         raise InputError("-o/--out: name the folder of the results, as: uavcover bench mmf -o mmf")
     folder, budget = MmfFolder(out), Budget(population, iterations, archive)

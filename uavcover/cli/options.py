@@ -163,6 +163,11 @@ def seconds(text: str | None, *, option: str = "--budget") -> float | None:
     return value
 
 
+def listed(text: str | None) -> list[str]:
+    """The entries of a list such as ``A,B``; none if it is not given."""
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
+
+
 def names(option: str, text: str | None, known: Iterable[str]) -> list[str]:
     """A list such as ``A,B`` as names, in the order of ``known`` and each once; None is all of them.
 
@@ -172,7 +177,7 @@ def names(option: str, text: str | None, known: Iterable[str]) -> list[str]:
     every = list(known)
     if text is None:
         return every
-    asked = [name.strip() for name in text.split(",") if name.strip()]
+    asked = listed(text)
     unknown = [name for name in asked if name not in every]
     if unknown or not asked:
         what = f"{', '.join(map(repr, unknown))} not known" if unknown else "no name given"

@@ -13,7 +13,11 @@ def plan(
     scenario: Annotated[str, typer.Argument(help="A scenario file, or the name of a bundled one (see doctor).")],
     run: Annotated[Path, typer.Option("-o", "--out", help="Run folder to write.", metavar="RUN")],
     algorithm: Annotated[
-        str | None, typer.Option(help="memetic, local-search, imodbo, modbo, nsga2 or moead; default: the scenario's.")
+        str | None,
+        typer.Option(
+            help="memetic, local-search, imodbo, modbo, nsga2, moead, pymoo:NSGA3 or your own module:Class; default: the "
+            "scenario's."
+        ),
     ] = None,
     budget: Annotated[
         str | None, typer.Option(help="Search this long (30s, 5m) instead of a number of evaluations.")

@@ -42,7 +42,7 @@ class ParetoSet:
         return len(self.x)
 
 
-class Optimizer(Protocol):
+class AskAndTell(Protocol):
     """A multi-objective optimizer that is asked and told, one whole population at a time.
 
     A round is one ``ask`` and one successful ``tell``. Round 0 samples the first population, the others move it.
@@ -97,6 +97,10 @@ class Optimizer(Protocol):
             OptimizerError: Nothing has been told yet.
         """
         ...
+
+
+class Optimizer(AskAndTell, Protocol):
+    """An optimizer that can be saved between two rounds and goes on later."""
 
     def state_dict(self) -> State:
         """All that is needed to go on later, random streams included: dicts, numbers, strings and copied arrays."""

@@ -12,8 +12,8 @@ from uavcover.kernels.dominance import least_crowded, non_dominated_mask
 from uavcover.kernels.way_cost import route_cost
 from uavcover.model.route import Plan, Route
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
-from uavcover.optimizers import ALGORITHMS
-from uavcover.optimizers.interface import Optimizer
+from uavcover.optimizers import make_optimizer, optimizer_class, optimizer_name
+from uavcover.optimizers.interface import AskAndTell
 from uavcover.planning.baselines.adaptive_swaths import balanced_lines, can_be_balanced, simple_lines
 from uavcover.planning.baselines.boustrophedon import TUNED, Baseline
 from uavcover.planning.baselines.initial_routes import constructed_routes
@@ -80,6 +80,7 @@ def plan_routes(
     should_stop: Callable[[], bool] = lambda: False,
     on_progress: Callable[[Progress], None] = lambda _: None,
     snapshots: Snapshots | None = None,
+    own: str | type | None = None,
 ) -> Plan:
     """Plan the sensing route of a site.
 
@@ -97,11 +98,22 @@ def plan_routes(
             first round, which is then not left out.
         on_progress: told after every round.
         snapshots: given what was found at its moments, and at the end: baselines first.
+        own: another optimizer in place of ``settings.algorithm``, for the whole search, as
+            :func:`uavcover.optimizers.optimizer_class` takes it.
 
     Raises:
+        OptimizerError: ``own`` cannot be found or is no optimizer; it is looked up before anything else.
         InfeasibleError: no route that was found keeps the hard limits; says which, where and by how much.
         InputError: the rule cannot be understood.
     """
+    algorithm: str = settings.algorithm
+    name, share = _OPTIMIZER[settings.algorithm]
+    if own is not None:
+        optimizer_class(own)
+        algorithm = name = optimizer_name(own)
+        share = 1.0
+        # It begins with the constructed routes that the plain optimizers begin with.
+        settings = dataclasses.replace(settings, algorithm="imodbo")
     started = effort.now()
     rule = parse_rule(select_rule)
     coarse = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
@@ -109,7 +121,6 @@ def plan_routes(
     if rule.required_coverage is not None:
         # The rule speaks of what is coverable, the objectives of the whole area.
         goal = rule.required_coverage * coarse.share(coarse.coverable)
-    name, share = _OPTIMIZER[settings.algorithm]
     other_lines = share < 1.0 and settings.encoding == "swaths"
     baseline_share = _BASELINE_SHARE_OF_LINES if other_lines else _BASELINE_SHARE
     baselines = constructed_routes(
@@ -134,7 +145,8 @@ def plan_routes(
     )
     if share < 1.0:
         rounds = min(rounds, _MOST_ROUNDS)
-    optimizer: Optimizer = ALGORITHMS[name](
+    optimizer: AskAndTell = make_optimizer(
+        name if own is None else own,
         encoding.lower,
         encoding.upper,
         n_objectives=3,
@@ -203,7 +215,7 @@ def plan_routes(
         baselines=tuple(reference),
         rule=rule.text,
         rule_met=choice.met,
-        algorithm=settings.algorithm,
+        algorithm=algorithm,
         evaluations=evaluations,
         wall_s=effort.now() - started,
         interrupted=interrupted,
@@ -219,7 +231,7 @@ def _cheaper_way_round(site: Site, route: Route) -> Route:
     return back if back_cost < there_cost * (1.0 - 1e-9) else route
 
 
-def _candidates(optimizer: Optimizer, encoding: Encoding, scale: FloatArray | None, name: str) -> list[Candidate]:
+def _candidates(optimizer: AskAndTell, encoding: Encoding, scale: FloatArray | None, name: str) -> list[Candidate]:
     """The routes of an optimizer's Pareto set; none when it was told nothing."""
     if scale is None:
         return []

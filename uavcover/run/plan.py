@@ -29,7 +29,7 @@ def plan(
     seed: int | None = None,
     evaluations: int | None = None,
     budget_s: float | None = None,
-    algorithm: str | None = None,
+    algorithm: str | type | None = None,
     max_waypoints: int | None = None,
     select: str | None = None,
     workers: int | None = None,
@@ -44,7 +44,8 @@ def plan(
         evaluations: full route evaluations, 50 proposals of the local search counted as one; equal seed and evaluations
             give an equal plan.
         budget_s: search this long instead.
-        algorithm: "memetic", "local-search", "imodbo", "modbo", "nsga2" or "moead".
+        algorithm: "memetic", "local-search", "imodbo", "modbo", "nsga2" or "moead"; or another optimizer: a name or
+            ``module:Class`` that :func:`uavcover.optimizers.optimizer_class` finds, or the class itself.
         max_waypoints: capacity of the "waypoints" encoding.
         select: the rule by which one route is chosen.
         workers: threads; the result does not depend on it. Default: one a core.
@@ -54,8 +55,10 @@ def plan(
     Raises:
         InfeasibleError: no route keeps the limits.
         InputError: an argument is out of range.
+        OptimizerError: the optimizer cannot be found, is none, or fails.
     """
-    settings = _settings(site.scenario.planner, seed, evaluations, algorithm, max_waypoints)
+    known = algorithm is None or algorithm in get_args(PlannerAlgorithm)
+    settings = _settings(site.scenario.planner, seed, evaluations, algorithm if known else None, max_waypoints)
     if budget_s is not None and not budget_s > 0.0:
         raise InputError(f"budget: {budget_s} s must be above 0")
     if workers is not None and workers < 1:
@@ -69,14 +72,17 @@ def plan(
             executor=executor,
             should_stop=should_stop,
             on_progress=on_progress,
+            own=None if known else algorithm,
         )
 
 
 def _settings(
-    base: PlannerSettings, seed: int | None, evaluations: int | None, algorithm: str | None, max_waypoints: int | None
+    base: PlannerSettings,
+    seed: int | None,
+    evaluations: int | None,
+    algorithm: str | type | None,
+    max_waypoints: int | None,
 ) -> PlannerSettings:
-    if algorithm is not None and algorithm not in get_args(PlannerAlgorithm):
-        raise InputError(f"algorithm: {algorithm!r} is not one of {', '.join(get_args(PlannerAlgorithm))}")
     changes: dict[str, Any] = {
         "seed": seed,
         "evaluations": evaluations,

@@ -1,7 +1,7 @@
 """Who takes part in a benchmark: every algorithm by name, run once on one problem with one seed and one budget."""
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
@@ -10,8 +10,7 @@ import numpy as np
 
 from uavcover.benchmarks.mmf.problems import MmfProblem
 from uavcover.kernels.arrays import FloatArray
-from uavcover.optimizers import ALGORITHMS, DBO
-from uavcover.optimizers.ask_tell import AskTellOptimizer
+from uavcover.optimizers import ALGORITHMS, DBO, make_optimizer, optimizer_class
 from uavcover.optimizers.pymoo.adapters import spread_weights
 
 
@@ -38,7 +37,7 @@ def solve(problem: MmfProblem, algorithm: str, *, seed: int, budget: Budget) -> 
 
     Args:
         problem: what to minimise.
-        algorithm: a key of `CONTENDERS`.
+        algorithm: a key of `CONTENDERS`, or ``module:Class`` as `optimizer_class` takes it.
         seed: of every random number in the run.
         budget: the evaluations it may use and the solutions it may return.
 
@@ -46,19 +45,42 @@ def solve(problem: MmfProblem, algorithm: str, *, seed: int, budget: Budget) -> 
         ``(k, n)`` decision vectors and ``(k, m)`` their objectives, k <= ``budget.archive``.
 
     Raises:
-        OptimizerError: the budget is too small for the algorithm.
-        KeyError: no such contender.
+        OptimizerError: no such contender, or the budget is too small for it.
     """
-    x = CONTENDERS[algorithm](problem, seed, budget)
+    solver = CONTENDERS[algorithm] if algorithm in CONTENDERS else _optimized(algorithm)
+    x = solver(problem, seed, budget)
     return x, problem.evaluate(x)
 
 
-def _optimized(algorithm: type[AskTellOptimizer]) -> Solver:
-    declared = "local_sets_wanted" in inspect.signature(algorithm).parameters
+def contender_names(asked: Iterable[str] = ()) -> list[str]:
+    """Every contender by name, in the order of the tables: ours, other classes by name, the floor.
+
+    Args:
+        asked: names; those of the form ``module:Class`` are added.
+
+    Raises:
+        OptimizerError: one is no optimizer.
+    """
+    others = sorted({name for name in asked if ":" in name})
+    for name in others:
+        optimizer_class(name)
+    return table_order([*CONTENDERS, *others])
+
+
+def table_order(names: Iterable[str]) -> list[str]:
+    """Names of contenders in the order of the tables: ours, other classes by name, the floor."""
+    wanted = set(names)
+    others = sorted(wanted.difference(CONTENDERS))
+    return [*(name for name in CONTENDERS if name in wanted and name != FLOOR), *others, *wanted.intersection({FLOOR})]
+
+
+def _optimized(algorithm: str) -> Solver:
+    declared = algorithm in ALGORITHMS and "local_sets_wanted" in inspect.signature(ALGORITHMS[algorithm]).parameters
 
     def solver(problem: MmfProblem, seed: int, budget: Budget) -> FloatArray:
         settings: dict[str, Any] = {"local_sets_wanted": problem.local_sets_wanted} if declared else {}
-        optimizer = algorithm(
+        optimizer = make_optimizer(
+            algorithm,
             problem.lower,
             problem.upper,
             n_objectives=problem.n_objectives,
@@ -108,7 +130,7 @@ def _weighted_dbo(problem: MmfProblem, seed: int, budget: Budget) -> FloatArray:
 FLOOR: Final = "uniform"
 
 CONTENDERS: Final = MappingProxyType[str, Solver](
-    {name: _optimized(algorithm) for name, algorithm in ALGORITHMS.items() if algorithm.most_objectives is None}
+    {name: _optimized(name) for name, algorithm in ALGORITHMS.items() if algorithm.most_objectives is None}
     | {"dbo": _weighted_dbo, FLOOR: _uniform_points}
 )
 """Every contender by name; `FLOOR` is no algorithm but uniform random points."""

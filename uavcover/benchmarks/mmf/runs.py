@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uavcover.benchmarks.mmf.contenders import CONTENDERS, Budget, solve
+from uavcover.benchmarks.mmf.contenders import CONTENDERS, Budget, solve, table_order
 from uavcover.benchmarks.mmf.problems import PROBLEMS
 from uavcover.benchmarks.runs import completed
 from uavcover.errors import InputError, OutputError
@@ -23,6 +23,8 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.run.folder import RunFolder, json_text, write_text
 
 _SETTINGS = "settings.json"
+_COLON = "="
+"""In the name of a folder, for the colon of ``module:Class``, which Windows does not take."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -77,20 +79,24 @@ class MmfFolder:
 
     def file(self, run: RunId) -> Path:
         """Where the returned solutions of a run are."""
-        return self.path / "sets" / run.function / run.algorithm / f"{run.number}.csv"
+        return self.path / "sets" / run.function / _folder_name(run.algorithm) / f"{run.number}.csv"
 
     def runs(self) -> list[RunId]:
-        """Every run that is done, whatever was asked for, sorted by function and algorithm as we list them, then number."""
+        """Every run in the folder, sorted by function and algorithm as the tables list them, then by number."""
         return [
             RunId(number, function, algorithm)
             for function in PROBLEMS
-            for algorithm in CONTENDERS
+            for algorithm in self._algorithms(function)
             for number in sorted(
                 int(path.stem)
-                for path in (self.path / "sets" / function / algorithm).glob("*.csv")
+                for path in (self.path / "sets" / function / _folder_name(algorithm)).glob("*.csv")
                 if path.stem.isdecimal()
             )
         ]
+
+    def _algorithms(self, function: str) -> list[str]:
+        others = (path.name.replace(_COLON, ":") for path in (self.path / "sets" / function).glob(f"*{_COLON}*"))
+        return table_order([*CONTENDERS, *others])
 
     def write(self, run: RunId, x: FloatArray, objectives: FloatArray) -> None:
         """Write the solutions ``(k, n)`` and ``(k, m)`` of a run, whole or not at all; numbers unrounded.
@@ -127,6 +133,10 @@ class MmfFolder:
         except (OSError, ValueError) as error:
             raise InputError(f"{path}: cannot be read ({error}); remove it and give the same command again") from error
         return values[:, :n], values[:, n:]
+
+
+def _folder_name(algorithm: str) -> str:
+    return algorithm.replace(":", _COLON)
 
 
 def _header(n: int, m: int) -> list[str]:

@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from uavcover.benchmarks.mmf.contenders import CONTENDERS, FLOOR, Budget
+from uavcover.benchmarks.mmf.contenders import FLOOR, Budget, table_order
 from uavcover.benchmarks.mmf.problems import PROBLEMS
 from uavcover.benchmarks.mmf.summary import METRICS, Samples, figure
 from uavcover.benchmarks.rank_tests import Comparison, compared, friedman
@@ -71,7 +71,7 @@ _VARIANTS = tuple(name for name in (*_ABLATION, *_READINGS) if "+" in name or "-
 
 def contestants(samples: Samples) -> list[str]:
     """The algorithms that were run, without ablation variants, in our order; the floor comes last."""
-    return [name for name in CONTENDERS if name not in _VARIANTS and any(key[1] == name for key in samples)]
+    return table_order({algorithm for _, algorithm in samples if algorithm not in _VARIANTS})
 
 
 def tables_markdown(samples: Samples, budget: Budget, *, version: str) -> str:

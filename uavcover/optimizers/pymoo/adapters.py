@@ -1,16 +1,15 @@
-"""Algorithms of pymoo behind our ask and tell: NSGA-II, MOEA/D, and any other by a subclass of three lines.
+"""Algorithms of pymoo behind our ask and tell: NSGA-II and MOEA/D with the paper's parameters, and any other.
 
-The one line that everything which needs pymoo says when it is not there.
-
-Weight vectors that split a problem of several objectives into many of one.
-
-Algorithms of pymoo behind our ask and tell: NSGA-II and MOEA/D, and any other by a subclass of three lines.
-
-pymoo is imported when such an algorithm is built, not before. The other direction, our algorithms in
-``pymoo.optimize.minimize``, is `uavcover.optimizers.pymoo.algorithm`.
+`pymoo_algorithm` finds one by name and `adapted` gives it its usual parameters; a subclass of `PymooOptimizer` of three
+lines builds it otherwise. `spread_weights` makes the weight vectors that decomposition needs. pymoo is imported when such
+an algorithm is built or asked for by name, not before. The other direction, our algorithms in ``pymoo.optimize.minimize``,
+is `uavcover.optimizers.pymoo.algorithm`.
 """
 
+import importlib
+import inspect
 import pickle
+import pkgutil
 from abc import abstractmethod
 from itertools import combinations
 from math import comb
@@ -102,7 +101,7 @@ class PymooOptimizer(AskTellOptimizer):
     def _set_up(self) -> Any:
         try:
             from pymoo.core.problem import Problem
-            from pymoo.core.termination import NoTermination
+            from pymoo.termination.max_gen import MaximumGenerationTermination
         except ImportError as error:
             raise pymoo_missing(type(self).__name__, error) from error
         problem = Problem(
@@ -112,8 +111,10 @@ class PymooOptimizer(AskTellOptimizer):
             xl=self._box.lower.copy(),
             xu=self._box.upper.copy(),
         )
+        # we decide when it ends; some algorithms (RVEA) adapt to the number of generations
+        termination = MaximumGenerationTermination(self._max_iterations)
         # the seed is replaced by our own stream before anything is drawn
-        return self._build().setup(problem, termination=NoTermination(), seed=0, output=None)
+        return self._build().setup(problem, termination=termination, seed=0, output=None)
 
     def _proposed(self, rng: np.random.Generator) -> FloatArray:
         from pymoo.core.population import Population
@@ -228,3 +229,83 @@ class MOEAD(PymooOptimizer):
             crossover=SBX(prob=1.0, eta=self.distribution_index),
             mutation=PM(prob_var=None, eta=self.distribution_index),
         )
+
+
+def pymoo_algorithm(name: str) -> type:
+    """A multi-objective algorithm of pymoo by the name of its class, as NSGA3 or SMSEMOA; upper and lower case are the same.
+
+    Raises:
+        OptimizerError: pymoo is not installed, or has no algorithm of this name.
+    """
+    try:
+        from pymoo.algorithms import moo
+        from pymoo.core.algorithm import Algorithm
+    except ImportError as error:
+        raise pymoo_missing(f"pymoo:{name}", error) from error
+    found: dict[str, type] = {}
+    for entry in pkgutil.iter_modules(moo.__path__):
+        try:
+            module = importlib.import_module(f"{moo.__name__}.{entry.name}")
+        except ImportError:  # an algorithm whose own dependencies are not installed
+            continue
+        found |= {
+            key: value
+            for key, value in vars(module).items()
+            if inspect.isclass(value) and issubclass(value, Algorithm) and value.__module__ == module.__name__
+        }
+    for key, value in found.items():
+        if key.lower() == name.lower():
+            return value
+    raise OptimizerError(
+        f"algorithm 'pymoo:{name}': pymoo has none of this name: choose one of {', '.join(sorted(found))}"
+    )
+
+
+def adapted(algorithm: type) -> type[PymooOptimizer]:
+    """A pymoo algorithm as one of our optimizers, with pymoo's own parameters, for a population of any size.
+
+    Args:
+        algorithm: a subclass of pymoo's ``Algorithm`` that proposes a whole population in every round. It is given ``pop_size``,
+            and ``ref_dirs`` by `spread_weights` if it takes them.
+
+    Raises:
+        OptimizerError: it needs other arguments, or proposes one candidate at a time.
+    """
+    from pymoo.algorithms.moo.moead import MOEAD as PYMOO_MOEAD
+    from pymoo.core.algorithm import LoopwiseAlgorithm
+
+    parameters = inspect.signature(algorithm).parameters
+    named = f"pymoo's {algorithm.__name__}"
+    missing = [
+        name
+        for name, parameter in parameters.items()
+        if parameter.default is parameter.empty
+        and parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL)
+        and name not in ("ref_dirs", "pop_size")
+    ]
+    if missing:
+        raise OptimizerError(
+            f"{named} needs {', '.join(missing)}: write a subclass of PymooOptimizer that builds it (docs/reference/optimizers.md)"
+        )
+    if getattr(algorithm, "_infill", None) is LoopwiseAlgorithm._infill:
+        raise OptimizerError(
+            f"{named} proposes one candidate at a time: choose an algorithm that proposes a population"
+        )
+    weighted = "ref_dirs" in parameters
+    # A class that takes weights has as many candidates as these, unless it asks for the number too.
+    sized = "pop_size" in parameters or not weighted
+
+    def build(self: PymooOptimizer) -> Any:
+        settings: dict[str, Any] = {"pop_size": self._population_size} if sized else {}
+        if weighted:
+            settings["ref_dirs"] = spread_weights(self._population_size, self._n_objectives)
+        return algorithm(**settings)
+
+    members = {
+        "__doc__": f"{named}, with its own parameters.",
+        "__module__": __name__,
+        "_build": build,
+        "knows_constraints": not issubclass(algorithm, PYMOO_MOEAD),
+        "most_objectives": 1 if algorithm.__module__.startswith("pymoo.algorithms.soo") else None,
+    }
+    return type(algorithm.__name__, (PymooOptimizer,), members)

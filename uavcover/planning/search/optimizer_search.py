@@ -10,7 +10,7 @@ import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import Route
-from uavcover.optimizers.interface import Optimizer
+from uavcover.optimizers.interface import AskAndTell
 from uavcover.routes.objectives import evaluate_routes
 from uavcover.sensing.coverage_map import CoverageMap
 
@@ -109,7 +109,7 @@ def rounds_of(
 
 
 def search(
-    optimizer: Optimizer,
+    optimizer: AskAndTell,
     *,
     rounds: int,
     encoding: Encoding,
