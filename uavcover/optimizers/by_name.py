@@ -92,7 +92,8 @@ def optimizer_class(algorithm: str | type) -> type:
     lacking = [f"{method}()" for method in ("ask", "tell") if not callable(getattr(found, method, None))]
     if lacking:
         raise OptimizerError(
-            f"algorithm {name!r}: class {found.__name__} has no {' and no '.join(lacking)}: write them (docs/reference/optimizers.md)"
+            f"algorithm {name!r}: class {found.__name__} has no {' and no '.join(lacking)}: "
+            "write them (docs/reference/optimizers.md)"
         )
     if inspect.isabstract(found):
         unwritten = ", ".join(sorted(f"{method}()" for method in getattr(found, "__abstractmethods__", ())))

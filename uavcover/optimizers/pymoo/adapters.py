@@ -285,7 +285,8 @@ def adapted(algorithm: type) -> type[PymooOptimizer]:
     ]
     if missing:
         raise OptimizerError(
-            f"{named} needs {', '.join(missing)}: write a subclass of PymooOptimizer that builds it (docs/reference/optimizers.md)"
+            f"{named} needs {', '.join(missing)}: write a subclass of PymooOptimizer that builds it "
+            "(docs/reference/optimizers.md)"
         )
     if getattr(algorithm, "_infill", None) is LoopwiseAlgorithm._infill:
         raise OptimizerError(
