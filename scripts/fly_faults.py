@@ -40,7 +40,7 @@ from uavcover.mock.battery import BatteryData
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.faults import ARGUMENTS, FaultKind, parse_fault
 from uavcover.mock.peer import InMemoryPeer
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Plan, RouteMember
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planning.baselines.boustrophedon import fly_layout, regular_layout
@@ -196,10 +196,15 @@ class Field:
     def _switch_on(self, faults: Sequence[str]) -> None:
         """A vehicle at home, with a fresh battery."""
         self.vehicle = MockVehicle(
-            AUTOPILOTS[self._drawn.autopilot], require_home(self._site), battery=BATTERY,
-            settings=Settings.for_vehicle(self._site.scenario.vehicle), rng=np.random.default_rng(self._flight),
-            faults=[parse_fault(fault) for fault in faults],
-        )  # fmt: skip
+            AUTOPILOTS[self._drawn.autopilot],
+            require_home(self._site),
+            MockConfig(
+                battery=BATTERY,
+                settings=Settings.for_vehicle(self._site.scenario.vehicle),
+                faults=[parse_fault(fault) for fault in faults],
+            ),
+            rng=np.random.default_rng(self._flight),
+        )
         self._link = SimulatedLink(
             InMemoryPeer(self.vehicle), rng=Random(self._flight), conditions=Conditions(loss=self._drawn.loss)
         )

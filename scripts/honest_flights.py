@@ -39,7 +39,7 @@ from tests.falsify import command
 from tests.falsifying.flown import read_flown
 from tests.falsifying.honest_run import NADIR, STABILISED, WIDE_PICTURE, Base, Field, make_site, save_lines
 from tests.falsifying.of_time import thinned
-from uavcover.mock.dynamics import Wind
+from uavcover.mock.dynamics import WindModel
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.positioning import GpsError
 from uavcover.mock.vehicle import MockVehicle
@@ -214,7 +214,7 @@ def field_of(site: Site, drawn: Drawn, flight: int, *, faults: Sequence[str]) ->
         site=site, autopilot="px4" if drawn.autopilot == "px4" else "ardupilot", seed=flight, loss=drawn.loss,
         vehicle_class=type("Vehicle", (TellingVehicle,), {"own_interval_s": own}),
         options={
-            "wind": Wind(speed_m_s=drawn.wind_m_s, from_deg=drawn.wind_from_deg, gust_m_s=drawn.gust_m_s),
+            "wind": WindModel(speed_m_s=drawn.wind_m_s, from_deg=drawn.wind_from_deg, gust_m_s=drawn.gust_m_s),
             "gps": GpsError(horizontal_m=drawn.gps_m[0], vertical_m=drawn.gps_m[1]),
             "faults": [parse_fault(fault) for fault in faults],
         },

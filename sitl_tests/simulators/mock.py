@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 from sitl_tests.simulators.running import RunningVehicle, Start, StartRequest
 from uavcover.mock.server import start_in_background
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.mission_compiler import AUTOPILOTS
 
@@ -15,7 +15,9 @@ def starter(autopilot: AutopilotName, *, vehicle_type: int) -> Start:
 
     @contextmanager
     def start(request: StartRequest) -> Iterator[RunningVehicle]:
-        vehicle = MockVehicle(AUTOPILOTS[autopilot], request.home, speed=request.speed, vehicle_type=vehicle_type)
+        vehicle = MockVehicle(
+            AUTOPILOTS[autopilot], request.home, MockConfig(speed=request.speed, vehicle_type=vehicle_type)
+        )
         with start_in_background(vehicle, speed=request.speed) as background:
             url = f"udpout://127.0.0.1:{background.port}"
             yield RunningVehicle(

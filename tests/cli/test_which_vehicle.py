@@ -13,7 +13,7 @@ from mission_io.autopilots.vehicle_types import parse_type
 from mission_io.model.items import GeoPoint, MissionType
 from tests.cli.conftest import Cli
 from uavcover.mock.server import MockServer
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.run.folder import RunFolder
 from uavcover.run.plan_files import read_planned
 from uavcover.run.session import require_home
@@ -65,7 +65,7 @@ def arguments_of(name: str, run: Path, url: str) -> list[object]:
 @pytest.mark.parametrize("name", ["plan-upload", "fly", "resume", "upload", "download", "clear"])
 def test_two_vehicles_and_none_named_is_bad_usage_that_lists_them(cli: Cli, run: Path, name: str) -> None:
     home, port = home_of(run), free_port()
-    vehicles = [MockVehicle(ARDUPILOT, home, system_id=3), MockVehicle(PX4, home, system_id=7)]
+    vehicles = [MockVehicle(ARDUPILOT, home, MockConfig(system_id=3)), MockVehicle(PX4, home, MockConfig(system_id=7))]
     with speaking_to(port, *vehicles):
         ended = cli(*arguments_of(name, run, f"udpin://127.0.0.1:{port}"), "-q")
     assert ended.code == 2
@@ -78,7 +78,10 @@ def test_two_vehicles_and_none_named_is_bad_usage_that_lists_them(cli: Cli, run:
 
 def test_the_named_one_gets_the_mission_and_gives_it_back(cli: Cli, run: Path) -> None:
     home, port = home_of(run), free_port()
-    vehicles = [MockVehicle(ARDUPILOT, home, system_id=3), MockVehicle(ARDUPILOT, home, system_id=7)]
+    vehicles = [
+        MockVehicle(ARDUPILOT, home, MockConfig(system_id=3)),
+        MockVehicle(ARDUPILOT, home, MockConfig(system_id=7)),
+    ]
     with speaking_to(port, *vehicles):
         url = f"udpin://127.0.0.1:{port}"
         assert cli("plan-upload", run, "--to", url, "--system", "7", "-q").code == 0
@@ -92,7 +95,7 @@ def test_the_named_one_gets_the_mission_and_gives_it_back(cli: Cli, run: Path) -
 @pytest.mark.parametrize("kind", FOREIGN)
 @pytest.mark.parametrize("name", ["plan-upload", "fly"])
 def test_no_other_vehicle_than_a_multirotor_is_touched(cli: Cli, run: Path, kind: str, name: str) -> None:
-    vehicle = MockVehicle(PX4 if len(kind) % 2 else ARDUPILOT, home_of(run), vehicle_type=parse_type(kind))
+    vehicle = MockVehicle(PX4 if len(kind) % 2 else ARDUPILOT, home_of(run), MockConfig(vehicle_type=parse_type(kind)))
     port = free_port()
     with speaking_to(port, vehicle):
         ended = cli(*arguments_of(name, run, f"udpin://127.0.0.1:{port}"), "-q")
@@ -104,7 +107,7 @@ def test_no_other_vehicle_than_a_multirotor_is_touched(cli: Cli, run: Path, kind
 
 
 def test_a_file_for_a_plane_is_uploaded_to_a_plane(cli: Cli, run: Path) -> None:
-    vehicle = MockVehicle(ARDUPILOT, home_of(run), vehicle_type=parse_type("plane"))
+    vehicle = MockVehicle(ARDUPILOT, home_of(run), MockConfig(vehicle_type=parse_type("plane")))
     port = free_port()
     with speaking_to(port, vehicle):
         ended = cli(*arguments_of("upload", run, f"udpin://127.0.0.1:{port}"))

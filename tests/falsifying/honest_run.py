@@ -19,7 +19,7 @@ from uavcover.cli.flying import record_flight
 from uavcover.mock.battery import BatteryData
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.peer import InMemoryPeer
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planning.baselines.boustrophedon import fly_layout, regular_layout
@@ -190,7 +190,7 @@ class Field:
         autopilot: whose behaviour it shows.
         seed: of wind, noise and losses.
         loss: share of the datagrams that the link loses, each way.
-        options: of the mock vehicle.
+        options: of the mock vehicle's configuration.
         vehicle_class: the mock vehicle, or one that does something otherwise.
     """
 
@@ -204,14 +204,18 @@ class Field:
     def __post_init__(self) -> None:
         vehicle = self.site.scenario.vehicle
         self.vehicle = self.vehicle_class(
-            AUTOPILOTS[self.autopilot], require_home(self.site), rng=np.random.default_rng(self.seed),
-            **{
-                "settings": Settings.for_vehicle(vehicle),
-                "battery": BatteryData(endurance_s=6000.0),
-                "ground": self._ground_alt_amsl_m,
-                **self.options,
-            },
-        )  # fmt: skip
+            AUTOPILOTS[self.autopilot],
+            require_home(self.site),
+            MockConfig(
+                **{
+                    "settings": Settings.for_vehicle(vehicle),
+                    "battery": BatteryData(endurance_s=6000.0),
+                    **self.options,
+                }
+            ),
+            ground=self._ground_alt_amsl_m,
+            rng=np.random.default_rng(self.seed),
+        )
         self.link = SimulatedLink(
             InMemoryPeer(self.vehicle), rng=Random(self.seed), conditions=Conditions(loss=self.loss, delay_s=0.002)
         )

@@ -7,11 +7,11 @@ import numpy as np
 
 from mission_io.links.simulated import Conditions, SimulatedLink
 from uavcover.mock.behaviour import Settings
-from uavcover.mock.dynamics import Wind
+from uavcover.mock.dynamics import WindModel
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.positioning import GpsError
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Route
 from uavcover.model.track import Track, TrackSample
 from uavcover.model.vehicle import AutopilotName
@@ -45,11 +45,15 @@ def flown_by_the_mock(
     vehicle = MockVehicle(
         AUTOPILOTS[autopilot],
         home,
-        settings=Settings.for_vehicle(site.scenario.vehicle),
-        wind=Wind(speed_m_s=weather.wind_m_s, from_deg=float(rng.uniform(0.0, 360.0)), gust_m_s=weather.gust_m_s),
-        gps=GpsError(horizontal_m=weather.gps_m, vertical_m=1.5 * weather.gps_m),
+        MockConfig(
+            settings=Settings.for_vehicle(site.scenario.vehicle),
+            wind=WindModel(
+                speed_m_s=weather.wind_m_s, from_deg=float(rng.uniform(0.0, 360.0)), gust_m_s=weather.gust_m_s
+            ),
+            gps=GpsError(horizontal_m=weather.gps_m, vertical_m=1.5 * weather.gps_m),
+            faults=[parse_fault(fault) for fault in weather.faults],
+        ),
         rng=rng,
-        faults=[parse_fault(fault) for fault in weather.faults],
     )
     link = SimulatedLink(InMemoryPeer(vehicle), rng=Random(weather.seed), conditions=Conditions(delay_s=0.002))
     client, monitor = open_vehicle(link)

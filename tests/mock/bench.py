@@ -7,8 +7,7 @@ from mission_io.model.enums import CommandResult, MissionResult
 from mission_io.model.items import Command, Frame, MissionItem, MissionType, takeoff, waypoint
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import item_from_message, message_from_item
-from tests.vehicle.scene import HOME, above_home
-from uavcover.mock.vehicle import MockVehicle
+from tests.vehicle.scene import HOME, above_home, mock_vehicle
 from uavcover.vehicle.modes import Mode, custom_mode
 
 
@@ -16,7 +15,7 @@ class Bench:
     """A vehicle, its time, and what it has said."""
 
     def __init__(self, autopilot: Autopilot = ARDUPILOT, **options) -> None:
-        self.vehicle = MockVehicle(autopilot, options.pop("home", HOME), **options)
+        self.vehicle = mock_vehicle(autopilot, **options)
         self.now = 0.0
         self.said: list[m.Message] = []
 

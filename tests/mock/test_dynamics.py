@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uavcover.mock.dynamics import Airframe, PointMass, Wind, WindField
+from uavcover.mock.dynamics import Airframe, PointMass, WindField, WindModel
 from uavcover.mock.guidance import Speeds, Stop, along_speed, passing_speeds, velocity_along, velocity_to
 from uavcover.mock.itinerary import Itinerary, Step, StepKind
 
@@ -21,7 +21,7 @@ _points = st.lists(st.tuples(_coordinate, _coordinate, st.floats(5.0, 60.0)), mi
 def fly_route(points, *, wind=None, seed=0, airframe=None, seconds=400.0):
     """The states of a body that flies a route from the origin: positions, velocities, accelerations."""
     airframe = airframe or Airframe()
-    wind = wind or Wind()
+    wind = wind or WindModel()
     body = PointMass(airframe, step_s=STEP_S, position_m=(0.0, 0.0, 0.0))
     air = WindField(wind, step_s=STEP_S, rng=np.random.default_rng(seed))
     itinerary = Itinerary([Step(i, StepKind.GO, SPEEDS, p, RADIUS_M) for i, p in enumerate(points)], body, 0.0)
@@ -63,7 +63,7 @@ def test_limits_hold_and_every_waypoint_is_passed_inside_its_radius(points):
 def test_gusts_push_no_further_than_drag_allows():
     route = [(100.0, 0.0, 30.0), (100.0, 100.0, 40.0), (0.0, 100.0, 30.0)]
     airframe = Airframe()
-    states = fly_route(route, wind=Wind(speed_m_s=7.0, from_deg=200.0, gust_m_s=2.0), seed=3)
+    states = fly_route(route, wind=WindModel(speed_m_s=7.0, from_deg=200.0, gust_m_s=2.0), seed=3)
     # On top of the controller's limit, only the air's pull that it does not know yet.
     most = airframe.max_acceleration_m_s2 + airframe.drag_1_s * (7.0 + 6 * 2.0)
     assert np.hypot(states[:, 6], states[:, 7]).max() <= most
@@ -83,7 +83,7 @@ def test_wind_beyond_the_lean_carries_the_vehicle_away():
 def test_a_steady_wind_costs_lean_and_no_place():
     airframe = Airframe()
     body = PointMass(airframe, step_s=STEP_S, position_m=(0.0, 0.0, 50.0), yaw_rad=0.0)
-    air = WindField(Wind(speed_m_s=8.0, from_deg=0.0), step_s=STEP_S, rng=np.random.default_rng(0))
+    air = WindField(WindModel(speed_m_s=8.0, from_deg=0.0), step_s=STEP_S, rng=np.random.default_rng(0))
     for _ in range(1500):
         wanted = velocity_to(body.position_m, (0.0, 0.0, 50.0), speeds=SPEEDS, airframe=airframe)
         body.step(wanted, air.step())
@@ -95,7 +95,7 @@ def test_a_steady_wind_costs_lean_and_no_place():
 
 def test_gusts_have_the_spread_and_memory_they_were_asked_for():
     step_s = 0.1
-    field = WindField(Wind(gust_m_s=2.0, gust_time_s=1.0), step_s=step_s, rng=np.random.default_rng(5))
+    field = WindField(WindModel(gust_m_s=2.0, gust_time_s=1.0), step_s=step_s, rng=np.random.default_rng(5))
     gusts = np.array([field.step() for _ in range(60_000)])
     assert gusts[:, 0].std() == pytest.approx(2.0, rel=0.05)
     assert gusts[:, 2].std() == pytest.approx(1.0, rel=0.05)
@@ -105,13 +105,13 @@ def test_gusts_have_the_spread_and_memory_they_were_asked_for():
 
 
 def test_the_wind_comes_from_where_it_is_said_to():
-    assert Wind(speed_m_s=5.0, from_deg=90.0).steady_m_s == pytest.approx((-5.0, 0.0, 0.0), abs=1e-12)
-    assert Wind(speed_m_s=5.0, from_deg=180.0).steady_m_s == pytest.approx((0.0, 5.0, 0.0), abs=1e-12)
+    assert WindModel(speed_m_s=5.0, from_deg=90.0).steady_m_s == pytest.approx((-5.0, 0.0, 0.0), abs=1e-12)
+    assert WindModel(speed_m_s=5.0, from_deg=180.0).steady_m_s == pytest.approx((0.0, 5.0, 0.0), abs=1e-12)
 
 
 def test_same_seed_same_flight():
     route = [(60.0, 0.0, 30.0), (0.0, 60.0, 30.0)]
-    wind = Wind(speed_m_s=3.0, from_deg=45.0, gust_m_s=1.5)
+    wind = WindModel(speed_m_s=3.0, from_deg=45.0, gust_m_s=1.5)
     assert np.array_equal(fly_route(route, wind=wind, seed=9), fly_route(route, wind=wind, seed=9))
     assert not np.array_equal(fly_route(route, wind=wind, seed=9)[:100], fly_route(route, wind=wind, seed=10)[:100])
 
@@ -159,7 +159,7 @@ def test_far_beside_the_leg_the_vehicle_first_comes_back_to_it():
 
 
 @pytest.mark.parametrize(
-    "make", [lambda: Airframe(max_speed_m_s=0.0), lambda: Wind(gust_time_s=0.0), lambda: Wind(speed_m_s=-1.0)]
+    "make", [lambda: Airframe(max_speed_m_s=0.0), lambda: WindModel(gust_time_s=0.0), lambda: WindModel(speed_m_s=-1.0)]
 )
 def test_impossible_values_are_refused(make):
     with pytest.raises(ValueError, match="must"):
@@ -189,9 +189,9 @@ def test_against_the_wind_it_makes_its_airspeed_and_no_more():
 
 
 def test_a_wind_that_comes_up_keeps_its_gusts():
-    field = WindField(Wind(gust_m_s=1.0), step_s=STEP_S, rng=np.random.default_rng(3))
+    field = WindField(WindModel(gust_m_s=1.0), step_s=STEP_S, rng=np.random.default_rng(3))
     before = np.array([field.step() for _ in range(20_000)])
-    field.change(Wind(speed_m_s=12.0, from_deg=270.0))
+    field.change(WindModel(speed_m_s=12.0, from_deg=270.0))
     after = np.array([field.step() for _ in range(20_000)])
     assert np.hypot(*(after[1] - before[-1])[:2]) < 1.0  # not at once
     assert after[2000:, 0].mean() == pytest.approx(12.0, abs=0.5)

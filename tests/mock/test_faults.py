@@ -11,8 +11,7 @@ from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from tests.mock.bench import Bench, go, ready, up_there
 from uavcover.errors import InputError
-from uavcover.mock.fault_effects import Faults
-from uavcover.mock.faults import Fault, FaultKind, Moment, Since, parse_fault
+from uavcover.mock.faults import Fault, FaultKind, FaultSchedule, FaultTrigger, Since, parse_fault
 from uavcover.vehicle.modes import Mode
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
@@ -21,14 +20,14 @@ BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.na
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        ("gps-loss", Fault(FaultKind.GPS_LOSS, Moment(Since.TAKE_OFF, 20.0))),
-        ("gps-loss@40s", Fault(FaultKind.GPS_LOSS, Moment(Since.TAKE_OFF, 40.0))),
-        ("gps-loss:30@boot+2.5s", Fault(FaultKind.GPS_LOSS, Moment(Since.BOOT, 2.5), 30.0)),
-        ("link-outage", Fault(FaultKind.LINK_OUTAGE, Moment(Since.TAKE_OFF, 20.0), 10.0)),
-        ("pilot-mode:land@item5", Fault(FaultKind.PILOT_MODE, Moment(Since.ITEM, 5.0), mode=Mode.LAND)),
-        ("battery-failsafe", Fault(FaultKind.BATTERY_FAILSAFE, Moment(Since.TAKE_OFF, 20.0), mode=Mode.RETURN)),
-        ("arming-refused", Fault(FaultKind.ARMING_REFUSED, Moment(Since.BOOT, 0.0))),
-        ("mission-changed@item3", Fault(FaultKind.MISSION_CHANGED, Moment(Since.ITEM, 3.0))),
+        ("gps-loss", Fault(FaultKind.GPS_LOSS, FaultTrigger(Since.TAKE_OFF, 20.0))),
+        ("gps-loss@40s", Fault(FaultKind.GPS_LOSS, FaultTrigger(Since.TAKE_OFF, 40.0))),
+        ("gps-loss:30@boot+2.5s", Fault(FaultKind.GPS_LOSS, FaultTrigger(Since.BOOT, 2.5), 30.0)),
+        ("link-outage", Fault(FaultKind.LINK_OUTAGE, FaultTrigger(Since.TAKE_OFF, 20.0), 10.0)),
+        ("pilot-mode:land@item5", Fault(FaultKind.PILOT_MODE, FaultTrigger(Since.ITEM, 5.0), mode=Mode.LAND)),
+        ("battery-failsafe", Fault(FaultKind.BATTERY_FAILSAFE, FaultTrigger(Since.TAKE_OFF, 20.0), mode=Mode.RETURN)),
+        ("arming-refused", Fault(FaultKind.ARMING_REFUSED, FaultTrigger(Since.BOOT, 0.0))),
+        ("mission-changed@item3", Fault(FaultKind.MISSION_CHANGED, FaultTrigger(Since.ITEM, 3.0))),
     ],
 )
 def test_faults_are_read_as_they_are_written(text, fault):
@@ -237,7 +236,7 @@ def test_faults_come_in_any_order_and_can_be_added_in_flight():
     bench.vehicle.faults.add(parse_fault("heartbeat-loss:3@5s"))
     bench.run(40.0)
     assert [fault.kind for fault in bench.vehicle.faults.begun] == [FaultKind.HEARTBEAT_LOSS, FaultKind.PILOT_MODE]
-    assert not Faults().is_going_on(FaultKind.STUCK)
+    assert not FaultSchedule().is_going_on(FaultKind.STUCK)
 
 
 def test_the_same_seed_and_fault_are_the_same_flight():

@@ -19,7 +19,7 @@ from tests.vehicle.scene import HOME, mission
 from uavcover.mock.battery import BatteryData
 from uavcover.mock.ports import TcpPort, UdpPort
 from uavcover.mock.server import MockServer
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.vehicle.modes import Mode
 
 pytestmark = pytest.mark.timeout(120)
@@ -32,7 +32,7 @@ SPEED = 5.0
 def listening(autopilot: Autopilot, *, tcp: bool = False) -> Iterator[tuple[MockVehicle, int]]:
     """A vehicle on a port of its own, in a thread."""
     vehicle = MockVehicle(
-        autopilot, HOME, speed=SPEED, battery=BatteryData(endurance_s=1500.0), rng=np.random.default_rng(1)
+        autopilot, HOME, MockConfig(speed=SPEED, battery=BatteryData(endurance_s=1500.0)), rng=np.random.default_rng(1)
     )
     server = MockServer(vehicle, kind=TcpPort if tcp else UdpPort, speed=SPEED)
     stop = threading.Event()

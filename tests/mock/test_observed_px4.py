@@ -18,7 +18,7 @@ from tests.mock.bench import Bench, go, up_there
 from tests.vehicle.scene import HOME, mission
 from uavcover.mock.behaviour import OBSERVED
 from uavcover.mock.peer import InMemoryPeer
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.vehicle import MockConfig, MockVehicle
 
 SEEN = OBSERVED[PX4.mav_autopilot]
 PUNCTUAL = replace(SEEN, stale_read_back=0.0)
@@ -169,7 +169,7 @@ def test_ready_to_arm_after_3_4_s():
 
 @pytest.mark.parametrize(("speed", "arrives"), [(10.0, True), (50.0, False)])
 def test_at_50_times_real_time_its_time_outs_are_shorter_than_a_round_trip(speed, arrives):
-    vehicle = MockVehicle(PX4, HOME, speed=speed, behaviour=PUNCTUAL)
+    vehicle = MockVehicle(PX4, HOME, MockConfig(speed=speed, behaviour=PUNCTUAL))
     link = SimulatedLink(InMemoryPeer(vehicle, speed=speed), rng=Random(1), conditions=Conditions(delay_s=0.06))
     with Client(link) as client:
         client.wait_for_vehicle()

@@ -7,7 +7,7 @@ from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
 from tests.vehicle.scene import HOME
 from uavcover.mock.peer import MockPeer, Pacing
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.vehicle import MockConfig, MockVehicle
 
 SPEED = 100.0
 
@@ -34,7 +34,7 @@ class Station:
 
 
 def paced(*names: str) -> tuple[MockPeer[str], MockVehicle, dict[str, Station]]:
-    vehicle = MockVehicle(ARDUPILOT, HOME, speed=SPEED)
+    vehicle = MockVehicle(ARDUPILOT, HOME, MockConfig(speed=SPEED))
     peer: MockPeer[str] = MockPeer(vehicle, speed=SPEED, paced=True)
     stations = {name: Station(peer, name, system_id=250 + k) for k, name in enumerate(names)}
     for station in stations.values():

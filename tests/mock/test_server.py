@@ -23,7 +23,7 @@ from uavcover.errors import InputError, VehicleError
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.ports import TcpPort
 from uavcover.mock.server import MockServer, register_mock, run, start_in_background
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.vehicle.fly import Ending, fly
 from uavcover.vehicle.monitor import open_vehicle
 
@@ -34,10 +34,10 @@ import sys
 from mission_io.autopilots.autopilot import PX4
 from mission_io.model.items import GeoPoint
 from uavcover.mock.server import run
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.vehicle import MockConfig, MockVehicle
 home = GeoPoint(*map(float, sys.argv[1:4]))
 speed = float(sys.argv[4])
-run("udpin://127.0.0.1:0", MockVehicle(PX4, home, speed=speed), speed=speed,
+run("udpin://127.0.0.1:0", MockVehicle(PX4, home, MockConfig(speed=speed)), speed=speed,
     on_bound=lambda port: print(port, flush=True))
 """
 
@@ -96,11 +96,11 @@ def test_a_process_that_is_stopped_in_the_middle_of_an_upload_is_an_error():
 
 
 def background(speed: float = SPEED, autopilot=PX4, **options):
-    return start_in_background(MockVehicle(autopilot, HOME, speed=speed), speed=speed, **options)
+    return start_in_background(MockVehicle(autopilot, HOME, MockConfig(speed=speed)), speed=speed, **options)
 
 
 def test_the_url_mock_starts_a_vehicle_that_ends_with_its_link():
-    register_mock(lambda: MockVehicle(PX4, HOME, speed=SPEED), speed=SPEED)
+    register_mock(lambda: MockVehicle(PX4, HOME, MockConfig(speed=SPEED)), speed=SPEED)
     before = set(threading.enumerate())
     client, _ = open_vehicle("mock:")
     with client:
@@ -132,7 +132,7 @@ def test_loss_is_by_seed_and_survived():
 
 def test_a_vehicle_can_speak_first():
     with UdpLink.listening() as link:
-        vehicle = MockVehicle(PX4, HOME, speed=SPEED)
+        vehicle = MockVehicle(PX4, HOME, MockConfig(speed=SPEED))
         server = MockServer(vehicle, speed=SPEED, greet=("127.0.0.1", link.local_port))
         stop = threading.Event()
         thread = threading.Thread(target=server.serve, args=(stop.is_set,))
@@ -146,7 +146,7 @@ def test_a_vehicle_can_speak_first():
 
 
 def test_the_vehicles_time_is_held_back_after_a_pause():
-    vehicle = MockVehicle(PX4, HOME, speed=10.0)
+    vehicle = MockVehicle(PX4, HOME, MockConfig(speed=10.0))
     peer = InMemoryPeer(vehicle, speed=10.0)
     peer.datagrams_to_send(1.0)
     assert vehicle.time_s == pytest.approx(10.0)
@@ -183,7 +183,7 @@ def test_a_port_that_is_taken_is_an_error():
 
 
 def test_over_tcp_it_talks_to_whoever_connects_and_forgets_who_has_gone():
-    vehicle = MockVehicle(PX4, HOME, speed=SPEED)
+    vehicle = MockVehicle(PX4, HOME, MockConfig(speed=SPEED))
     server = MockServer(vehicle, kind=TcpPort, speed=SPEED)
     stop = threading.Event()
     thread = threading.Thread(target=server.serve, args=(stop.is_set,))

@@ -13,7 +13,7 @@ from mission_io.wire.codec import message_id
 from tests.mock.bench import Bench, go, ready, up_there
 from tests.vehicle.scene import HOME, above_home
 from uavcover.mock.behaviour import Settings, quick
-from uavcover.mock.dynamics import Wind
+from uavcover.mock.dynamics import WindModel
 from uavcover.mock.telemetry import MOCK_UID
 from uavcover.vehicle.modes import Mode, custom_mode
 
@@ -323,7 +323,7 @@ def test_settings_refuse_what_makes_no_sense():
 
 def test_it_is_deterministic_to_the_last_message():
     def story() -> list[m.Message]:
-        bench = ready(rng=np.random.default_rng(4), home=GeoPoint(1.0, 2.0, 3.0), wind=Wind(gust_m_s=1.0))
+        bench = ready(rng=np.random.default_rng(4), home=GeoPoint(1.0, 2.0, 3.0), wind=WindModel(gust_m_s=1.0))
         bench.load(takeoff(0.0, 0.0, 20.0, frame=Frame.ABOVE_HOME))
         bench.take_off()
         bench.run(5.0)

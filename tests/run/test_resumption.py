@@ -15,7 +15,7 @@ from uavcover.mock.battery import Battery, BatteryData
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.peer import InMemoryPeer
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import AutopilotName
@@ -74,9 +74,12 @@ class Field:
         home = home_of(site)
         assert home is not None
         self.vehicle = MockVehicle(
-            AUTOPILOTS[autopilot], home, settings=Settings.for_vehicle(site.scenario.vehicle),
-            faults=[parse_fault(fault) for fault in faults],
-        )  # fmt: skip
+            AUTOPILOTS[autopilot],
+            home,
+            MockConfig(
+                settings=Settings.for_vehicle(site.scenario.vehicle), faults=[parse_fault(fault) for fault in faults]
+            ),
+        )
         self.link = SimulatedLink(InMemoryPeer(self.vehicle), rng=Random(1), conditions=Conditions(delay_s=0.002))
         self.said: list[str] = []
 
@@ -228,7 +231,7 @@ def test_held_where_it_left_the_route_it_goes_on_with_the_mission_that_it_has(si
     assert field.fly(killed_after=700) is None
     held = field.vehicle.body.itinerary
     field.vehicle.body.point.rest(up_m=field.vehicle.body.point.position_m[2])
-    field.vehicle.set_mode(Mode.GUIDED)
+    field.vehicle.control.set_mode(Mode.GUIDED)
     assert held is not field.vehicle.body.itinerary
     second = field.resume()
     assert second is not None
@@ -240,7 +243,7 @@ def test_held_where_it_left_the_route_it_goes_on_with_the_mission_that_it_has(si
 def test_a_vehicle_that_a_failsafe_has_is_left_to_it(site, run):
     field = Field(site, run)
     assert field.fly(killed_after=700) is None
-    field.vehicle.set_mode(Mode.RETURN)
+    field.vehicle.control.set_mode(Mode.RETURN)
     second = field.resume()
     assert second is not None
     assert second.ending is Ending.NOT_ARMED

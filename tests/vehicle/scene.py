@@ -11,8 +11,10 @@ from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot
 from mission_io.client.client import Client
 from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.model.items import Frame, GeoPoint, Mission, change_speed, land, takeoff, waypoint
+from uavcover.mock.body import Ground
 from uavcover.mock.peer import InMemoryPeer
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.positioning import OnTruth
+from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.track import TrackSample
 from uavcover.scenario.frames import LocalFrame
 from uavcover.vehicle.flight_plan import FlightPlan
@@ -103,6 +105,19 @@ def presses(scene: Scene, *times_s: float) -> Callable[[], int]:
     return lambda: sum((scene.monitor.time_s or 0.0) >= time_s for time_s in times_s)
 
 
+def mock_vehicle(
+    autopilot: Autopilot,
+    home: GeoPoint = HOME,
+    *,
+    ground: Ground | None = None,
+    rng: np.random.Generator | None = None,
+    on_truth: OnTruth | None = None,
+    **config: Any,
+) -> MockVehicle:
+    """A mock vehicle with these settings of its configuration."""
+    return MockVehicle(autopilot, home, MockConfig(**config), ground=ground, rng=rng, on_truth=on_truth)
+
+
 def make_scene(
     autopilot: Autopilot = ARDUPILOT,
     *,
@@ -113,7 +128,7 @@ def make_scene(
     home: GeoPoint = HOME,
     **options: Any,
 ) -> Scene:
-    vehicle = MockVehicle(autopilot, home, speed=speed, rng=np.random.default_rng(seed), **options)
+    vehicle = mock_vehicle(autopilot, home, speed=speed, rng=np.random.default_rng(seed), **options)
     peer = InMemoryPeer(vehicle, speed=speed) if make_peer is None else make_peer(vehicle, speed)
     link = SimulatedLink(
         peer, rng=Random(seed), conditions=conditions if conditions is not None else Conditions(delay_s=0.002)

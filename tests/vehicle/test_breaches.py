@@ -8,7 +8,7 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from tests.vehicle.scene import FRAME, HOME, Scene, make_scene, mission, plan_for
 from uavcover.mock.battery import BatteryData
-from uavcover.mock.dynamics import Wind
+from uavcover.mock.dynamics import WindModel
 from uavcover.mock.faults import parse_fault
 from uavcover.vehicle.flight_plan import Patience
 from uavcover.vehicle.fly import Ending
@@ -159,7 +159,7 @@ def test_a_stop_while_it_holds_brings_it_home():
 def test_wind_that_carries_it_away_is_never_silent(seed):
     """It is told at once, at every doubling and every 30 s, until the battery is empty and the vehicle falls."""
     scene = scene_of(
-        ARDUPILOT, "strong-wind@10s", seed=seed, wind=Wind(gust_m_s=1.0), battery=BatteryData(endurance_s=150.0)
+        ARDUPILOT, "strong-wind@10s", seed=seed, wind=WindModel(gust_m_s=1.0), battery=BatteryData(endurance_s=150.0)
     )
     with pytest.raises(FlightFailedError) as caught:
         scene.fly(patience=PATIENCE)

@@ -13,21 +13,21 @@ from mission_io.wire import messages as m
 from tests.vehicle.scene import HOME, Scene, above_home, geodetic, make_scene, plan_for, presses
 from tests.vehicle.test_faults import ended, faulty_scene
 from uavcover.mock.faults import parse_fault
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.flight_control import FlightControl
 from uavcover.vehicle.fly import Ending
 
 
 def true_height_m(scene: Scene) -> list[float]:
     """Where the vehicle was when the fault began, above home."""
     heights: list[float] = []
-    original = scene.vehicle.disarm
+    original = scene.vehicle.control.disarm
 
     def disarm(*, force: bool = False):
         if force:
             heights.append(scene.vehicle.body.point.position_m[2])
         return original(force=force)
 
-    scene.vehicle.disarm = disarm  # type: ignore[method-assign]
+    scene.vehicle.control.disarm = disarm  # type: ignore[method-assign]
     return heights
 
 
@@ -163,13 +163,13 @@ def test_a_fall_onto_a_hill_is_a_crash_with_the_height_above_what_is_known(heigh
 def test_no_disarm_is_sent_to_a_vehicle_that_only_says_that_it_has_landed(autopilot, monkeypatch):
     """It hovers 60 m up, waiting, and its landed state is wrong all the time."""
     sent: list[bool] = []
-    original = MockVehicle.disarm
+    original = FlightControl.disarm
 
-    def disarm(vehicle, **how):
-        sent.append(vehicle.body.on_ground)
-        return original(vehicle, **how)
+    def disarm(control, **how):
+        sent.append(control.state.body.on_ground)
+        return original(control, **how)
 
-    monkeypatch.setattr(MockVehicle, "disarm", disarm)
+    monkeypatch.setattr(FlightControl, "disarm", disarm)
     scene = faulty_scene(autopilot, "stuck@20s")
     lying = type(scene.vehicle.body)
     true_state = lying.landed_state.fget
@@ -197,13 +197,14 @@ def test_ctrl_c_then_does_not_disarm_it_either(autopilot, monkeypatch):
 
 def test_silence_after_the_disarm_is_a_crash_where_it_was_high():
     scene = faulty_scene(ARDUPILOT)
-    original = scene.vehicle.tell
+    original = scene.vehicle.send
 
-    def tell(kind):
-        if kind is not m.GlobalPositionInt or scene.vehicle.armed or scene.vehicle.took_off_at_s is None:
-            original(kind)
+    def send(message):
+        telling = scene.vehicle.armed or scene.vehicle.took_off_at_s is None
+        if telling or not isinstance(message, m.GlobalPositionInt):
+            original(message)
 
-    scene.vehicle.tell = tell  # type: ignore[method-assign]
+    scene.vehicle.send = send  # type: ignore[method-assign]
     scene.vehicle.faults.add(parse_fault("force-disarm@25s"))
     outcome, text = ended(scene)
     assert outcome.ending is Ending.CRASHED

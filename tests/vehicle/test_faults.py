@@ -128,7 +128,7 @@ def test_a_jump_by_another_ground_station_passes_no_waypoints():
     def jump(event) -> None:
         scene.events.append(event)
         if event.waypoint == 1:
-            scene.vehicle.set_current(7)
+            scene.vehicle.control.set_current(7)
 
     with pytest.raises(FlightFailedError, match="leaves out waypoint 1: somebody else set the item") as caught:
         scene.fly(on_event=jump)
@@ -143,7 +143,7 @@ def test_going_back_to_the_mission_goes_on_with_the_flight():
     def give_back(event) -> None:
         scene.events.append(event)
         if "somebody else took over" in event.text and next(mission_again, False):
-            scene.vehicle.start_mission()
+            scene.vehicle.control.start_mission()
 
     outcome = scene.fly(on_event=give_back)
     assert outcome.ending is Ending.LANDED
@@ -172,7 +172,7 @@ def test_while_a_pilot_holds_the_vehicle_the_record_goes_on_to_the_ground(autopi
 
     def stop() -> int:
         if scene.vehicle.armed and scene.vehicle.time_s > 320.0 and scene.vehicle.mode is not Mode.LAND:
-            scene.vehicle.set_mode(Mode.LAND)
+            scene.vehicle.control.set_mode(Mode.LAND)
         return int(stops and scene.vehicle.time_s > 100.0)
 
     with pytest.raises(FlightFailedError) as caught:

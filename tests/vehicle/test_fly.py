@@ -22,9 +22,11 @@ from tests.vehicle.scene import (
 )
 from uavcover.errors import VehicleError
 from uavcover.mock.behaviour import quick
-from uavcover.mock.dynamics import Wind
+from uavcover.mock.dynamics import WindModel
+from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.itinerary import Itinerary
 from uavcover.mock.peer import InMemoryPeer
+from uavcover.mock.state import VehicleState
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.vehicle.flight_plan import Patience
 from uavcover.vehicle.fly import Ending, fly
@@ -80,7 +82,7 @@ def test_positions_in_the_two_frames_agree():
 
 
 def test_wind_changes_the_track_and_the_mission_is_still_flown():
-    wind = Wind(speed_m_s=6.0, from_deg=240.0, gust_m_s=1.5)
+    wind = WindModel(speed_m_s=6.0, from_deg=240.0, gust_m_s=1.5)
     calm, windy, again = ready_scene(), ready_scene(wind=wind), ready_scene(wind=wind)
     for scene in (calm, windy, again):
         assert scene.fly().ending is Ending.LANDED
@@ -90,7 +92,7 @@ def test_wind_changes_the_track_and_the_mission_is_still_flown():
 
 
 def test_another_seed_is_another_track():
-    wind = Wind(gust_m_s=1.5)
+    wind = WindModel(gust_m_s=1.5)
     one, two = ready_scene(wind=wind, seed=1), ready_scene(wind=wind, seed=2)
     one.fly()
     two.fly()
@@ -237,12 +239,12 @@ def test_silence_instead_of_a_vehicle_is_an_error():
 
 def test_too_few_positions_are_refused(monkeypatch):
     scene = ready_scene()
-    original = MockVehicle.set_interval
+    original = VehicleState.set_interval
 
     def slow(vehicle, kind, interval_s):
         original(vehicle, kind, 0.5 if kind is m.GlobalPositionInt else interval_s)
 
-    monkeypatch.setattr(MockVehicle, "set_interval", slow)
+    monkeypatch.setattr(VehicleState, "set_interval", slow)
     refused(
         scene,
         r"comes GlobalPositionInt 1\.\d times a second of vehicle time, asked for 3 times; following needs 5; not started",
@@ -277,14 +279,14 @@ def test_a_lost_link_is_an_error_and_the_record_is_kept():
 
 def test_a_mission_that_is_refused_has_the_results_name(monkeypatch):
     scene = ready_scene()
-    monkeypatch.setattr(MockVehicle, "start_mission", lambda _: CommandResult.DENIED)
+    monkeypatch.setattr(FlightControl, "start_mission", lambda _: CommandResult.DENIED)
     with pytest.raises(VehicleError, match=r"MISSION_START \(300\) with DENIED"):
         scene.fly()
 
 
 def test_a_vehicle_that_does_not_take_off_is_an_error(monkeypatch):
     scene = ready_scene()
-    monkeypatch.setattr(MockVehicle, "start_mission", lambda _: CommandResult.ACCEPTED)
+    monkeypatch.setattr(FlightControl, "start_mission", lambda _: CommandResult.ACCEPTED)
     with pytest.raises(VehicleError, match="armed and in mission mode, did not take off within 5 s"):
         scene.fly(patience=Patience(start_s=5.0))
 
@@ -309,7 +311,7 @@ def test_a_pilot_who_lands_it_early_is_an_error_that_says_how_far_it_came():
 
     def land_at_waypoint_2(event) -> None:
         if event.waypoint == 2:
-            scene.vehicle.set_mode(Mode.LAND)
+            scene.vehicle.control.set_mode(Mode.LAND)
 
     with pytest.raises(VehicleError, match=r"landed and disarmed after 2 of 4 planned waypoints; now: .*in land mode"):
         fly(

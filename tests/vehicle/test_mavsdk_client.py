@@ -27,7 +27,7 @@ from tests.mission_io.protocol.scripts import items
 from tests.vehicle.scene import HOME, mission, plan_for, way_home
 from uavcover.mock.battery import BatteryData
 from uavcover.mock.server import MockServer
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.vehicle.flight_plan import Patience
 from uavcover.vehicle.fly import Ending, fly
 from uavcover.vehicle.monitor import Monitor
@@ -43,7 +43,7 @@ FENCE = Fence((FencePolygon(CORNERS),), (FenceCircle(LatLon(36.52, -84.21), 123.
 def served(autopilot: Autopilot, *, speed: float = 20.0) -> Iterator[tuple[MockVehicle, int]]:
     """A mock vehicle on a port of its own, in a thread."""
     vehicle = MockVehicle(
-        autopilot, HOME, speed=speed, battery=BatteryData(endurance_s=1500.0), rng=np.random.default_rng(1)
+        autopilot, HOME, MockConfig(speed=speed, battery=BatteryData(endurance_s=1500.0)), rng=np.random.default_rng(1)
     )
     server, stop = MockServer(vehicle, speed=speed), threading.Event()
     thread = threading.Thread(target=server.serve, args=(stop.is_set,))

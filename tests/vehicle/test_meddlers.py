@@ -10,6 +10,7 @@ from mission_io.model.enums import LandedState
 from mission_io.wire import messages as m
 from sitl_tests.meddler import LIES, Lie, Meddler
 from tests.vehicle.scene import Scene, make_scene, mission, presses
+from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.vehicle.outcome import Ending, EventKind
@@ -35,13 +36,13 @@ def meddled(autopilot, lies: list[Lie]) -> Scene:
 @pytest.mark.parametrize("lie", LIES)
 def test_a_companions_word_changes_nothing_of_a_flight(lie, monkeypatch):
     sent: list[int] = []
-    original = MockVehicle.disarm
+    original = FlightControl.disarm
 
-    def disarm(vehicle, **how):
-        sent.append(vehicle.armed and not vehicle.body.on_ground)
-        return original(vehicle, **how)
+    def disarm(control, **how):
+        sent.append(control.state.armed and not control.state.body.on_ground)
+        return original(control, **how)
 
-    monkeypatch.setattr(MockVehicle, "disarm", disarm)
+    monkeypatch.setattr(FlightControl, "disarm", disarm)
     autopilot = PX4 if sum(map(ord, lie)) % 2 else ARDUPILOT
     scene = meddled(autopilot, [LIES[lie]])
     outcome = scene.fly()
@@ -110,13 +111,13 @@ def test_one_wrong_message_of_the_autopilot_itself_ends_no_flight_and_no_record(
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 def test_ctrl_c_while_the_autopilot_says_on_ground_in_the_air_disarms_nothing(autopilot, monkeypatch):
     told: list[bool] = []
-    original = MockVehicle.disarm
+    original = FlightControl.disarm
 
-    def disarm(vehicle, **how):
-        told.append(vehicle.body.on_ground)
-        return original(vehicle, **how)
+    def disarm(control, **how):
+        told.append(control.state.body.on_ground)
+        return original(control, **how)
 
-    monkeypatch.setattr(MockVehicle, "disarm", disarm)
+    monkeypatch.setattr(FlightControl, "disarm", disarm)
     scene = make_scene(autopilot, make_peer=lambda v, speed: StutteringPeer(v, [LIES["on-ground"]], speed=speed))
     scene.upload(mission())
     monkeypatch.setattr(type(scene.vehicle.body), "landed_state", LandedState.ON_GROUND)

@@ -14,6 +14,7 @@ from tests.vehicle.scene import HOME, Scene, geodetic, make_scene, mission, plan
 from uavcover.errors import VehicleError
 from uavcover.mock import commands as mock_commands
 from uavcover.mock.behaviour import quick
+from uavcover.mock.state import VehicleState
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.vehicle.flight_plan import Patience
 from uavcover.vehicle.outcome import EventKind
@@ -128,13 +129,13 @@ INTERVALS_S = {
 def test_what_following_needs_is_asked_for(autopilot, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = ready_scene(autopilot)
     asked: list[tuple[type[m.Message], float | None]] = []
-    original = MockVehicle.set_interval
+    original = VehicleState.set_interval
 
-    def record(vehicle: MockVehicle, kind: type[m.Message], interval_s: float | None) -> None:
+    def record(vehicle: VehicleState, kind: type[m.Message], interval_s: float | None) -> None:
         asked.append((kind, interval_s))
         original(vehicle, kind, interval_s)
 
-    monkeypatch.setattr(MockVehicle, "set_interval", record)
+    monkeypatch.setattr(VehicleState, "set_interval", record)
     scene.fly()
     wanted = dict(INTERVALS_S)
     if autopilot is PX4:
@@ -162,13 +163,13 @@ def test_what_comes_too_rarely_is_asked_for_three_times_and_refused(
 ) -> None:
     scene = ready_scene()
     asked: list[type[m.Message]] = []
-    original = MockVehicle.set_interval
+    original = VehicleState.set_interval
 
-    def slow(vehicle: MockVehicle, what: type[m.Message], wanted_s: float | None) -> None:
+    def slow(vehicle: VehicleState, what: type[m.Message], wanted_s: float | None) -> None:
         asked.append(what)
         original(vehicle, what, interval_s if what is kind else wanted_s)
 
-    monkeypatch.setattr(MockVehicle, "set_interval", slow)
+    monkeypatch.setattr(VehicleState, "set_interval", slow)
     with pytest.raises(
         VehicleError, match=rf"comes {kind.__name__} \d.\d times a second .* needs {needs}; not started"
     ):
@@ -181,14 +182,14 @@ def test_what_comes_too_rarely_is_asked_for_three_times_and_refused(
 def test_what_comes_often_enough_on_the_second_asking_is_flown_with(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = ready_scene()
     asked: list[type[m.Message]] = []
-    original = MockVehicle.set_interval
+    original = VehicleState.set_interval
 
-    def slow_at_first(vehicle: MockVehicle, what: type[m.Message], wanted_s: float | None) -> None:
+    def slow_at_first(vehicle: VehicleState, what: type[m.Message], wanted_s: float | None) -> None:
         asked.append(what)
         late = what is m.Attitude and asked.count(what) == 1
         original(vehicle, what, 2.0 if late else wanted_s)
 
-    monkeypatch.setattr(MockVehicle, "set_interval", slow_at_first)
+    monkeypatch.setattr(VehicleState, "set_interval", slow_at_first)
     scene.fly()
     assert asked.count(m.Attitude) == 2
     assert asked.count(m.GlobalPositionInt) == 1

@@ -10,7 +10,7 @@ from mission_io.wire import messages as m
 from tests.vehicle.scene import Scene, make_scene, mission
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.positioning import TruthSample
-from uavcover.mock.telemetry import Streams
+from uavcover.mock.state import Streams
 from uavcover.vehicle.flight_plan import Patience
 from uavcover.vehicle.outcome import Ending, FlightFailedError
 

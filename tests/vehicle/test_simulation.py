@@ -10,7 +10,8 @@ from uavcover.errors import VehicleError
 from uavcover.mock import commands
 from uavcover.mock import commands as mock_commands
 from uavcover.mock import vehicle as mock_vehicle
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.flight_control import FlightControl
+from uavcover.mock.state import VehicleState
 from uavcover.vehicle.fly import Ending
 from uavcover.vehicle.outcome import EventKind
 from uavcover.vehicle.precautions import simulated_by
@@ -31,7 +32,7 @@ def test_parameters_tell_when_the_uid_does_not(autopilot, name, value, expected,
     if not tells_version:
         monkeypatch.setitem(mock_commands._HANDLERS, 512, lambda *_: CommandResult.UNSUPPORTED)
 
-    def answer(_: MockVehicle, message: m.ParamRequestRead) -> m.ParamValue | None:
+    def answer(_: VehicleState, message: m.ParamRequestRead) -> m.ParamValue | None:
         return m.ParamValue(name, value) if message.name == name else None
 
     monkeypatch.setattr(commands, "answer_parameter", answer)
@@ -46,8 +47,8 @@ def test_parameters_tell_when_the_uid_does_not(autopilot, name, value, expected,
 def test_a_vehicle_that_does_not_know_set_mission_current_is_sent_the_message(monkeypatch):
     monkeypatch.delitem(mock_commands._HANDLERS, 224)
     asked = []
-    original = MockVehicle.set_current
-    monkeypatch.setattr(MockVehicle, "set_current", lambda self, seq: (asked.append(seq), original(self, seq))[1])
+    original = FlightControl.set_current
+    monkeypatch.setattr(FlightControl, "set_current", lambda self, seq: (asked.append(seq), original(self, seq))[1])
     scene = make_scene()
     scene.upload(mission())
     assert scene.fly().ending is Ending.LANDED
@@ -72,7 +73,7 @@ def test_a_vehicle_that_stays_armed_after_landing_is_told_to_disarm(monkeypatch)
 
 def test_a_vehicle_that_refuses_to_disarm_after_landing_is_an_error(monkeypatch):
     monkeypatch.setattr(mock_vehicle, "_DISARM_AFTER_LANDING_S", 1e6)
-    monkeypatch.setattr(MockVehicle, "disarm", lambda *_, **__: CommandResult.ACCEPTED)
+    monkeypatch.setattr(FlightControl, "disarm", lambda *_, **__: CommandResult.ACCEPTED)
     scene = make_scene()
     scene.upload(mission())
     with pytest.raises(VehicleError, match="has landed but stays armed"):

@@ -8,7 +8,7 @@ from mission_io.model.items import Mission
 from tests.vehicle.scene import HOME, Scene, make_scene, mission, presses, way_home
 from uavcover.errors import InfeasibleError, VehicleError
 from uavcover.mock.behaviour import quick
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.flight_control import FlightControl
 from uavcover.vehicle.fly import Ending
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.outcome import EventKind
@@ -97,7 +97,7 @@ def test_before_it_is_ready_nothing_is_armed():
 
 def test_on_the_ground_after_arming_it_is_disarmed(monkeypatch):
     scene = scene_with_mission()
-    monkeypatch.setattr(MockVehicle, "start_mission", lambda _: CommandResult.ACCEPTED)
+    monkeypatch.setattr(FlightControl, "start_mission", lambda _: CommandResult.ACCEPTED)
     outcome = scene.fly(stop=presses(scene, 9.0))
     assert outcome.ending is Ending.NOT_FLOWN
     assert not scene.vehicle.armed
@@ -105,13 +105,13 @@ def test_on_the_ground_after_arming_it_is_disarmed(monkeypatch):
 
 def test_a_vehicle_that_does_not_hold_is_an_error(monkeypatch):
     scene = scene_with_mission()
-    original = MockVehicle.set_mode
+    original = FlightControl.set_mode
 
-    def refuses_guided_in_the_air(vehicle, mode):
-        in_air = mode is Mode.GUIDED and not vehicle.body.on_ground
-        return CommandResult.DENIED if in_air else original(vehicle, mode)
+    def refuses_guided_in_the_air(control, mode):
+        in_air = mode is Mode.GUIDED and not control.state.body.on_ground
+        return CommandResult.DENIED if in_air else original(control, mode)
 
-    monkeypatch.setattr(MockVehicle, "set_mode", refuses_guided_in_the_air)
+    monkeypatch.setattr(FlightControl, "set_mode", refuses_guided_in_the_air)
     with pytest.raises(VehicleError, match=r"DO_SET_MODE \(176\) with DENIED"):
         scene.fly(stop=presses(scene, 35.0))
 

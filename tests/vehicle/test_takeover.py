@@ -15,9 +15,9 @@ def test_a_vehicle_that_goes_back_to_its_mission_mode_on_the_ground_was_still_ta
     def interfere(event: FlightEvent) -> None:
         scene.events.append(event)
         if event.kind is EventKind.WAYPOINT and event.waypoint == 1:
-            scene.vehicle.set_mode(Mode.RETURN)
+            scene.vehicle.control.set_mode(Mode.RETURN)
         if event.text == "Disarming motors":
-            scene.vehicle.set_mode(Mode.MISSION)
+            scene.vehicle.control.set_mode(Mode.MISSION)
 
     with pytest.raises(FlightFailedError) as failed:
         fly(

@@ -73,11 +73,11 @@ def mock_vehicle(
     from uavcover.errors import InputError
     from uavcover.mock.battery import BatteryData
     from uavcover.mock.behaviour import OBSERVED, Settings, quick
-    from uavcover.mock.dynamics import Wind
+    from uavcover.mock.dynamics import WindModel
     from uavcover.mock.faults import parse_fault
     from uavcover.mock.positioning import GpsError, TruthFile
     from uavcover.mock.server import run
-    from uavcover.mock.vehicle import MockVehicle
+    from uavcover.mock.vehicle import MockConfig, MockVehicle
     from uavcover.model.vehicle import AutopilotName
     from uavcover.routes.mission_compiler import AUTOPILOTS
     from uavcover.run.session import home_of
@@ -112,7 +112,7 @@ def mock_vehicle(
     if behaviour not in ways:
         raise InputError(f"--behaviour: {behaviour!r} is not quick or observed")
     try:
-        wind = Wind(speed_m_s=wind_m_s, from_deg=wind_from_deg, gust_m_s=gust_m_s)
+        wind = WindModel(speed_m_s=wind_m_s, from_deg=wind_from_deg, gust_m_s=gust_m_s)
         gps = GpsError(horizontal_m=gps_noise_m, vertical_m=1.5 * gps_noise_m, latency_s=gps_latency_s)
         battery = battery if endurance_s is None else BatteryData(endurance_s=endurance_s)
     except ValueError as error:
@@ -126,12 +126,22 @@ def mock_vehicle(
 
     with contextlib.ExitStack() as stack:
         vehicle = MockVehicle(
-            AUTOPILOTS[name], place,
-            settings=settings, wind=wind, gps=gps, battery=battery, rng=np.random.default_rng(used_seed), speed=speed,
-            system_id=system, vehicle_type=mav_type,
-            behaviour=ways[behaviour], faults=[parse_fault(text) for text in fault or ()],
+            AUTOPILOTS[name],
+            place,
+            MockConfig(
+                settings=settings,
+                wind=wind,
+                gps=gps,
+                battery=battery,
+                speed=speed,
+                system_id=system,
+                vehicle_type=mav_type,
+                behaviour=ways[behaviour],
+                faults=[parse_fault(text) for text in fault or ()],
+            ),
+            rng=np.random.default_rng(used_seed),
             on_truth=None if truth is None else stack.enter_context(TruthFile(truth)),
-        )  # fmt: skip
+        )
         run(
             listen, vehicle, speed=speed, loss=loss, seed=used_seed, on_bound=tell,
             ended=_standard_input_ended if until_eof else lambda: False,

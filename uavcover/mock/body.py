@@ -9,7 +9,7 @@ import numpy as np
 from mission_io.model.enums import LandedState
 from mission_io.model.items import Command, Frame, GeoPoint, MissionItem
 from uavcover.mock.battery import Battery, BatteryData
-from uavcover.mock.dynamics import Airframe, PointMass, Vector, Wind, WindField
+from uavcover.mock.dynamics import Airframe, PointMass, Vector, WindField, WindModel
 from uavcover.mock.itinerary import Itinerary, Step
 from uavcover.mock.positioning import GpsError, Positioning
 from uavcover.scenario.frames import LocalFrame
@@ -53,7 +53,7 @@ class MockBody:
         home: GeoPoint,
         *,
         airframe: Airframe,
-        wind: Wind,
+        wind: WindModel,
         gps: GpsError,
         battery: BatteryData,
         rng: np.random.Generator,

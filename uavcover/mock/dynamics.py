@@ -173,7 +173,7 @@ def _within(x: float, y: float, most: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wind:
+class WindModel:
     """A steady horizontal wind with gusts on top.
 
     Attributes:
@@ -208,7 +208,7 @@ class WindField:
 
     _BLOCK = 512
 
-    def __init__(self, wind: Wind, *, step_s: float, rng: np.random.Generator) -> None:
+    def __init__(self, wind: WindModel, *, step_s: float, rng: np.random.Generator) -> None:
         self._steady = wind.steady_m_s
         self._coming: Vector | None = None
         self._coming_share = 1.0 - math.exp(-step_s / _COMES_UP_S)
@@ -220,7 +220,7 @@ class WindField:
         self._noise: list[list[float]] = []
         self.velocity_m_s: Vector = self._steady
 
-    def change(self, wind: Wind) -> None:
+    def change(self, wind: WindModel) -> None:
         """Let another steady wind come up; the gusts stay."""
         self._coming = wind.steady_m_s
 

@@ -1,96 +1,14 @@
-"""What the mock vehicle does by itself: position, battery, ground station, fence.
+"""What the mock vehicle does by itself when its position, battery, ground station link or fence fails.
 
-Whether the mock vehicle is where its fence lets it be.
-
-What the mock vehicle does by itself when something is not as it should be: position, battery, ground station, fence.
-
-Whether and how it acts is in its parameters, with the autopilots' own names, values and defaults.
+Whether and how it acts is set by its parameters, with the autopilots' own names, values and defaults.
 """
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-from mission_io.model.areas import Fence, fence_from_items
-from mission_io.model.items import MissionItem, MissionType
 from uavcover.mock.behaviour import TransferClock
-from uavcover.mock.dynamics import Vector
-from uavcover.scenario.frames import LocalFrame
+from uavcover.mock.flight_control import FlightControl
+from uavcover.mock.state import VehicleState
 from uavcover.vehicle.modes import Mode
-
-if TYPE_CHECKING:
-    from uavcover.mock.vehicle import MockVehicle
-
-Ring = tuple[tuple[float, float], ...]
-
-_HEIGHT, _CIRCLE, _AREAS = 1, 2, 4
-"""Bits of FENCE_TYPE."""
-
-
-class FenceWatch:
-    """The fence that a vehicle holds, in its own frame."""
-
-    def __init__(self) -> None:
-        self._items: tuple[MissionItem, ...] = ()
-        self._inclusions: list[Ring] = []
-        self._exclusions: list[Ring] = []
-        self._circles: list[tuple[float, float, float, bool]] = []
-
-    def breach(self, vehicle: "MockVehicle") -> str | None:
-        """Which limit the vehicle believes to be beyond, in its autopilot's words; None when it is inside of all."""
-        items = vehicle.missions.items(MissionType.FENCE)
-        if items is not self._items:
-            self._read(items, vehicle.body.frame)
-        where = vehicle.body.believed.position_m
-        ardupilot, get = vehicle.is_ardupilot, vehicle.parameters
-        if ardupilot and not get["FENCE_ENABLE"]:
-            return None
-        kinds = int(get["FENCE_TYPE"]) if ardupilot else _HEIGHT | _CIRCLE | _AREAS
-        highest_m = get["FENCE_ALT_MAX" if ardupilot else "GF_MAX_VER_DIST"]
-        farthest_m = get["FENCE_RADIUS" if ardupilot else "GF_MAX_HOR_DIST"]
-        if kinds & _HEIGHT and 0.0 < highest_m < where[2]:
-            return "Max Alt"
-        if kinds & _CIRCLE and 0.0 < farthest_m < math.hypot(where[0], where[1]):
-            return "Circle"
-        return "Polygon" if kinds & _AREAS and self._outside_areas(where) else None
-
-    def _outside_areas(self, where: Vector) -> bool:
-        x, y = where[0], where[1]
-        wanted = [_inside(x, y, ring) for ring in self._inclusions]
-        wanted += [math.hypot(x - e, y - n) <= r for e, n, r, inclusion in self._circles if inclusion]
-        forbidden = [_inside(x, y, ring) for ring in self._exclusions]
-        forbidden += [math.hypot(x - e, y - n) < r for e, n, r, inclusion in self._circles if not inclusion]
-        return (bool(wanted) and not any(wanted)) or any(forbidden)
-
-    def _read(self, items: tuple[MissionItem, ...], frame: LocalFrame) -> None:
-        self._items = items
-        fence: Fence = fence_from_items(items)
-
-        def east_north(lat_deg: float, lon_deg: float) -> tuple[float, float]:
-            east, north, _ = frame.enu_from_geodetic(lat_deg, lon_deg, frame.alt_amsl_m)[0]
-            return float(east), float(north)
-
-        rings = [
-            (polygon.inclusion, tuple(east_north(v.lat_deg, v.lon_deg) for v in polygon.vertices))
-            for polygon in fence.polygons
-        ]
-        self._inclusions = [ring for inclusion, ring in rings if inclusion]
-        self._exclusions = [ring for inclusion, ring in rings if not inclusion]
-        self._circles = [
-            (*east_north(c.center.lat_deg, c.center.lon_deg), c.radius_m, c.inclusion) for c in fence.circles
-        ]
-
-
-def _inside(x: float, y: float, ring: Sequence[tuple[float, float]]) -> bool:
-    """Whether a point is inside a ring, by the number of edges to its east (even-odd rule)."""
-    inside = False
-    ax, ay = ring[-1]
-    for bx, by in ring:
-        if (ay > y) != (by > y) and x < (bx - ax) * (y - ay) / (by - ay) + ax:
-            inside = not inside
-        ax, ay = bx, by
-    return inside
-
 
 _POSITION_TIMEOUT_S = 1.0
 _WARNING, _CRITICAL, _EMERGENCY = 4, 2, 0
@@ -101,43 +19,44 @@ _FENCE_ACTIONS = {
     True: {1.0: Mode.RETURN, 2.0: Mode.LAND, 4.0: Mode.HOLD},
     False: {2.0: Mode.HOLD, 3.0: Mode.RETURN, 5.0: Mode.LAND},
 }
-"""Value of the parameter to mode; ArduPilot under True, PX4 under False."""
+"""Parameter value to mode; ArduPilot under True, PX4 under False."""
 
 
 class Failsafes:
-    """Looks at the vehicle a few times a second and remembers what it has reacted to."""
+    """Checks the vehicle a few times a second and remembers what it has reacted to."""
 
-    def __init__(self) -> None:
-        self._fence = FenceWatch()
+    def __init__(self, control: FlightControl) -> None:
+        self._control, self._state = control, control.state
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as after a reboot."""
         self._position_lost_at_s: float | None = None
         self._heard_at_s: float | None = None
         self._charge_told = 1.0
         self._done: set[str] = set()
 
-    def hear_ground_station(self, vehicle: "MockVehicle") -> None:
-        """A ground station's heartbeat has come."""
-        self._heard_at_s = vehicle.time_s
+    def hear_ground_station(self) -> None:
+        """Note a ground station's heartbeat."""
+        self._heard_at_s = self._state.time_s
         self._done.discard("ground station")
 
-    def breach(self, vehicle: "MockVehicle") -> str | None:
-        """Which limit of its fence the vehicle is beyond; None for none."""
-        return self._fence.breach(vehicle)
-
-    def look(self, vehicle: "MockVehicle") -> None:
-        """Look, and react."""
-        self._look_at_position(vehicle)
-        self._look_at_battery(vehicle)
-        if vehicle.flying:
-            self._look_for_ground_station(vehicle)
-            self._look_at_fence(vehicle)
+    def check(self) -> None:
+        """Check everything once, and react."""
+        self._check_position()
+        self._check_battery()
+        if self._state.flying:
+            self._check_ground_station()
+            self._check_fence()
 
     def _once(self, what: str) -> bool:
-        """Whether this is the first time that something is reacted to."""
+        """Whether this is the first reaction to a failure."""
         first = what not in self._done
         self._done.add(what)
         return first
 
-    def _look_at_position(self, vehicle: "MockVehicle") -> None:
+    def _check_position(self) -> None:
+        vehicle = self._state
         if not vehicle.body.believed.lost:
             self._position_lost_at_s = None
             self._done.discard("position")
@@ -145,13 +64,14 @@ class Failsafes:
         if self._position_lost_at_s is None:
             self._position_lost_at_s = vehicle.time_s
         if vehicle.time_s >= self._position_lost_at_s + _POSITION_TIMEOUT_S and self._once("position"):
-            vehicle.fail_safe("EKF" if vehicle.is_ardupilot else "No position", Mode.LAND)
+            self._control.fail_safe("EKF" if vehicle.is_ardupilot else "No position", Mode.LAND)
 
-    def _look_at_battery(self, vehicle: "MockVehicle") -> None:
+    def _check_battery(self) -> None:
+        vehicle = self._state
         battery = vehicle.body.battery
         if battery.remaining <= 0.0 and vehicle.flying:
             vehicle.say(_EMERGENCY, "Battery 1 is empty")
-            vehicle.disarm(force=True)
+            self._control.disarm(force=True)
         for level, word, severity in ((_LOW_CHARGE, "low", _WARNING), (_CRITICAL_CHARGE, "critical", _CRITICAL)):
             if battery.remaining <= level < self._charge_told:
                 self._charge_told = level
@@ -161,9 +81,10 @@ class Failsafes:
             return
         for level, mode in _battery_actions(vehicle):
             if battery.remaining <= level and self._once(f"battery {level} {mode.value}"):
-                vehicle.fail_safe("Battery", mode)
+                self._control.fail_safe("Battery", mode)
 
-    def _look_for_ground_station(self, vehicle: "MockVehicle") -> None:
+    def _check_ground_station(self) -> None:
+        vehicle = self._state
         ardupilot, get = vehicle.is_ardupilot, vehicle.parameters
         mode = _GCS_ACTIONS[ardupilot].get(get["FS_GCS_ENABLE" if ardupilot else "NAV_DLL_ACT"])
         if mode is None or self._heard_at_s is None:
@@ -172,10 +93,11 @@ class Failsafes:
         if vehicle.behaviour.transfer_clock is TransferClock.LINK:
             patience_s *= vehicle.speed
         if vehicle.time_s >= self._heard_at_s + patience_s and self._once("ground station"):
-            vehicle.fail_safe("GCS" if ardupilot else "Data link lost", mode)
+            self._control.fail_safe("GCS" if ardupilot else "Data link lost", mode)
 
-    def _look_at_fence(self, vehicle: "MockVehicle") -> None:
-        limit = self._fence.breach(vehicle)
+    def _check_fence(self) -> None:
+        vehicle = self._state
+        limit = vehicle.fence.breach()
         if limit is None:
             self._done.discard("fence")
         elif self._once("fence"):
@@ -184,11 +106,11 @@ class Failsafes:
             action = vehicle.parameters["FENCE_ACTION" if ardupilot else "GF_ACTION"]
             mode = _FENCE_ACTIONS[ardupilot].get(action)
             if mode is not None:
-                vehicle.fail_safe("Fence" if ardupilot else "Geofence", mode)
+                self._control.fail_safe("Fence" if ardupilot else "Geofence", mode)
 
 
-def _battery_actions(vehicle: "MockVehicle") -> list[tuple[float, Mode]]:
-    """From which share of the charge on the vehicle does what."""
+def _battery_actions(vehicle: VehicleState) -> list[tuple[float, Mode]]:
+    """Battery failsafes: remaining charge (1 is full) below which the vehicle changes to a mode."""
     get, battery = vehicle.parameters, vehicle.body.battery
     if vehicle.is_ardupilot:
         pairs = [(get["BATT_LOW_MAH"], get["BATT_FS_LOW_ACT"]), (get["BATT_CRT_MAH"], get["BATT_FS_CRT_ACT"])]

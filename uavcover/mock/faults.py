@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 
@@ -35,7 +36,7 @@ class Since(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class FaultTrigger:
     """When a fault begins.
 
     Attributes:
@@ -46,6 +47,20 @@ class Moment:
     since: Since
     value: float
 
+    def has_come(self, powered_s: float, took_off_at_s: float | None, current_seq: int) -> bool:
+        """Whether it has come.
+
+        Args:
+            powered_s: vehicle time since the vehicle was first switched on.
+            took_off_at_s: that time at its first take-off; None before.
+            current_seq: wire number of the mission item that it flies to.
+        """
+        if self.since is Since.BOOT:
+            return powered_s >= self.value
+        if self.since is Since.TAKE_OFF:
+            return took_off_at_s is not None and powered_s >= took_off_at_s + self.value
+        return took_off_at_s is not None and current_seq >= self.value
+
 
 @dataclass(frozen=True, slots=True)
 class Fault:
@@ -53,20 +68,20 @@ class Fault:
 
     Attributes:
         kind: what goes wrong.
-        moment: when.
+        trigger: when it begins.
         number: for how long or how much, see ``ARGUMENTS``; infinite for good.
         mode: what the pilot or the failsafe changes to; None where a fault has no mode.
     """
 
     kind: FaultKind
-    moment: Moment
+    trigger: FaultTrigger
     number: float = math.inf
     mode: Mode | None = None
 
     def __str__(self) -> str:
         """The fault as ``parse_fault`` reads it."""
         argument = f":{self.mode.value}" if self.mode else f":{self.number:g}" if math.isfinite(self.number) else ""
-        return f"{self.kind.value}{argument}@{_moment_text(self.moment)}"
+        return f"{self.kind.value}{argument}@{_trigger_text(self.trigger)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +99,7 @@ class Argument:
     modes: tuple[Mode, ...] = ()
 
 
+_ON_THE_LINKS_CLOCK = (FaultKind.HEARTBEAT_LOSS, FaultKind.LINK_OUTAGE)
 _SECONDS = "seconds of vehicle time, without it for good"
 _LINK_SECONDS = "seconds on the link's clock, without it for good"
 
@@ -104,7 +120,7 @@ ARGUMENTS: dict[FaultKind, Argument] = {
 }
 """What each fault takes after its colon; one that is not here takes nothing."""
 
-_DEFAULT_MOMENT = Moment(Since.TAKE_OFF, 20.0)
+_DEFAULT_TRIGGER = FaultTrigger(Since.TAKE_OFF, 20.0)
 _WRITTEN = re.compile(r"(?P<name>[a-z-]+)(?::(?P<argument>[^@]+))?(?:@(?P<moment>.+))?")
 _MOMENT = re.compile(r"(?P<boot>boot\+)?(?P<seconds>\d+(?:\.\d+)?)s|item(?P<item>\d+)")
 
@@ -128,28 +144,28 @@ def parse_fault(text: str) -> Fault:
     if written is None or written["name"] not in names:
         raise InputError(f"fault {text!r}: there is none of that name; take one of {', '.join(names)}")
     kind = FaultKind(written["name"])
-    moment = _parse_moment(text, written["moment"]) if written["moment"] else _default_moment(kind)
+    trigger = _parse_trigger(text, written["moment"]) if written["moment"] else _default_trigger(kind)
     argument = ARGUMENTS.get(kind)
     if argument is None:
         if written["argument"] is not None:
             raise InputError(f"fault {text!r}: {kind.value} takes nothing after a colon")
-        return Fault(kind, moment)
+        return Fault(kind, trigger)
     if argument.modes:
-        return Fault(kind, moment, mode=_parse_mode(text, written["argument"], argument))
-    return Fault(kind, moment, _parse_number(text, written["argument"], argument))
+        return Fault(kind, trigger, mode=_parse_mode(text, written["argument"], argument))
+    return Fault(kind, trigger, _parse_number(text, written["argument"], argument))
 
 
-def _default_moment(kind: FaultKind) -> Moment:
-    return Moment(Since.BOOT, 0.0) if kind is FaultKind.ARMING_REFUSED else _DEFAULT_MOMENT
+def _default_trigger(kind: FaultKind) -> FaultTrigger:
+    return FaultTrigger(Since.BOOT, 0.0) if kind is FaultKind.ARMING_REFUSED else _DEFAULT_TRIGGER
 
 
-def _parse_moment(text: str, moment: str) -> Moment:
+def _parse_trigger(text: str, moment: str) -> FaultTrigger:
     written = _MOMENT.fullmatch(moment)
     if written is None:
         raise InputError(f"fault {text!r}: {moment!r} is no moment; write 40s, boot+40s or item5")
     if written["item"] is not None:
-        return Moment(Since.ITEM, float(written["item"]))
-    return Moment(Since.BOOT if written["boot"] else Since.TAKE_OFF, float(written["seconds"]))
+        return FaultTrigger(Since.ITEM, float(written["item"]))
+    return FaultTrigger(Since.BOOT if written["boot"] else Since.TAKE_OFF, float(written["seconds"]))
 
 
 def _parse_mode(text: str, written: str | None, argument: Argument) -> Mode:
@@ -173,7 +189,57 @@ def _parse_number(text: str, written: str | None, argument: Argument) -> float:
     return number
 
 
-def _moment_text(moment: Moment) -> str:
-    if moment.since is Since.ITEM:
-        return f"item{moment.value:g}"
-    return f"{'boot+' if moment.since is Since.BOOT else ''}{moment.value:g}s"
+def _trigger_text(trigger: FaultTrigger) -> str:
+    if trigger.since is Since.ITEM:
+        return f"item{trigger.value:g}"
+    return f"{'boot+' if trigger.since is Since.BOOT else ''}{trigger.value:g}s"
+
+
+class FaultSchedule:
+    """The faults that are still to come, and those that are in effect.
+
+    Args:
+        faults: what is to come.
+        link_speed: vehicle seconds per second on the link's clock.
+
+    Attributes:
+        begun: every fault that has begun, in that order.
+    """
+
+    def __init__(self, faults: Iterable[Fault] = (), *, link_speed: float = 1.0) -> None:
+        self.begun: list[Fault] = []
+        self._link_speed = link_speed
+        self._coming = list(faults)
+        self._going_on: list[tuple[float, Fault]] = []
+
+    def add(self, fault: Fault) -> None:
+        """Add a fault; it begins at once when its moment has passed."""
+        self._coming.append(fault)
+
+    def is_going_on(self, kind: FaultKind) -> bool:
+        """Whether a fault of this kind has begun and not ended."""
+        return any(fault.kind is kind for _, fault in self._going_on)
+
+    def take_due(self, powered_s: float, *, took_off_at_s: float | None, current_seq: int) -> Iterator[Fault]:
+        """The faults that begin now, each in effect from when it is yielded.
+
+        Args:
+            powered_s: vehicle time since the vehicle was first switched on.
+            took_off_at_s: that time at its first take-off; None before.
+            current_seq: wire number of the mission item that it flies to.
+        """
+        if not self._coming:
+            return
+        for fault in [f for f in self._coming if f.trigger.has_come(powered_s, took_off_at_s, current_seq)]:
+            self._coming.remove(fault)
+            self.begun.append(fault)
+            per_second = self._link_speed if fault.kind in _ON_THE_LINKS_CLOCK else 1.0
+            self._going_on.append((powered_s + fault.number * per_second, fault))
+            yield fault
+
+    def take_ended(self, powered_s: float) -> Iterator[Fault]:
+        """The faults that end now, each no longer in effect when it is yielded."""
+        for ends_s, fault in list(self._going_on):
+            if powered_s >= ends_s:
+                self._going_on.remove((ends_s, fault))
+                yield fault

@@ -1,48 +1,15 @@
-"""What the mock vehicle tells about itself, and how often.
-
-What the mock vehicle has to say, less what a fault keeps from being heard.
-"""
+"""The messages in which the mock vehicle reports its state, and its true position for the truth log."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from mission_io.model.enums import EkfFlag, MissionState, ModeFlag
 from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
-from mission_io.wire.messages import Heartbeat, Message
-from uavcover.mock.faults import FaultKind
 from uavcover.mock.positioning import TruthSample
+from uavcover.mock.state import VehicleState
 from uavcover.vehicle.modes import Mode, custom_mode, has_mode
 from uavcover.vehicle.precautions import MOCK_UID
-
-if TYPE_CHECKING:
-    from uavcover.mock.vehicle import MockVehicle
-
-
-class Outbox:
-    """Messages that wait to be sent."""
-
-    def __init__(self, vehicle: "MockVehicle") -> None:
-        self._vehicle = vehicle
-        self._waiting: list[Message] = []
-
-    def put(self, message: Message) -> None:
-        """Say something, unless it cannot be heard."""
-        silenced = isinstance(message, Heartbeat) and self._vehicle.faults.is_going_on(FaultKind.HEARTBEAT_LOSS)
-        if not (silenced or self._vehicle.cut_off):
-            self._waiting.append(message)
-
-    def put_all(self, messages: Iterable[Message]) -> None:
-        """Say several things."""
-        for message in messages:
-            self.put(message)
-
-    def take(self) -> list[Message]:
-        """Everything that waits; it waits no longer."""
-        waiting, self._waiting = self._waiting, []
-        return waiting
-
 
 _CAPABILITIES = {
     # MISSION_INT, COMMAND_INT, MAVLINK2, MISSION_FENCE, MISSION_RALLY; then ArduPilot's C_CAST and TERRAIN, PX4's BYTEWISE
@@ -65,43 +32,16 @@ _EKF_GOOD = (
 )
 _EKF_WAITING = EkfFlag.ATTITUDE | EkfFlag.VELOCITY_VERTICAL | EkfFlag.CONSTANT_POSITION
 
-_TOLERANCE_S = 1e-6
 
-
-class Streams:
-    """Which message is due when, in vehicle time."""
-
-    def __init__(self, vehicle: "MockVehicle") -> None:
-        self._interval_s = dict(vehicle.behaviour.streams_s)
-        if not vehicle.is_ardupilot:
-            self._interval_s.pop(m.EkfStatusReport, None)
-        self._due_s = dict(self._interval_s)
-        self.next_due_s = min(self._due_s.values())
-
-    def set_interval(self, kind: type[m.Message], interval_s: float | None, now: float) -> None:
-        """Send a kind each ``interval_s`` seconds; None is never."""
-        self._due_s.pop(kind, None)
-        if interval_s is not None:
-            self._interval_s[kind] = interval_s
-            self._due_s[kind] = now + interval_s
-        self.next_due_s = min(self._due_s.values(), default=math.inf)
-
-    def due(self, now: float) -> Iterator[type[m.Message]]:
-        """The kinds that are due, each once."""
-        for kind, due_s in self._due_s.items():
-            if due_s <= now + _TOLERANCE_S:
-                self._due_s[kind] = max(due_s + self._interval_s[kind], now)
-                yield kind
-        self.next_due_s = min(self._due_s.values(), default=math.inf)
-
-
-def telemetry(vehicle: "MockVehicle", kind: type[m.Message]) -> m.Message | None:
-    """One message of a kind as things are now; None for a kind that this vehicle does not send."""
+def tell(vehicle: VehicleState, kind: type[m.Message]) -> None:
+    """Send one message of a kind now; nothing for a kind that this vehicle does not send."""
     builder = _BUILDERS.get(kind)
-    return None if builder is None else builder(vehicle)
+    message = None if builder is None else builder(vehicle)
+    if message is not None:
+        vehicle.send(message)
 
 
-def _heartbeat(vehicle: "MockVehicle") -> m.Message:
+def _heartbeat(vehicle: VehicleState) -> m.Message:
     flags = ModeFlag.CUSTOM_MODE_ENABLED
     flags |= ModeFlag.STABILIZE_ENABLED if vehicle.mode is Mode.MANUAL else ModeFlag.GUIDED_ENABLED
     if vehicle.mode is Mode.MISSION:
@@ -118,9 +58,9 @@ def _heartbeat(vehicle: "MockVehicle") -> m.Message:
     )
 
 
-def _position(vehicle: "MockVehicle") -> m.Message | None:
+def _position(vehicle: VehicleState) -> m.Message | None:
     if vehicle.body.believed.lost and not vehicle.is_ardupilot:
-        return None  # PX4 tells no global position that it does not know; ArduPilot goes on with a guess
+        return None  # PX4 reports no global position without an estimate; ArduPilot continues with a guess
     here, body = vehicle.body.geodetic_of(vehicle.body.believed.position_m), vehicle.body.point
     east, north, up = body.velocity_m_s
     return m.GlobalPositionInt(
@@ -136,25 +76,25 @@ def _position(vehicle: "MockVehicle") -> m.Message | None:
     )
 
 
-def _attitude(vehicle: "MockVehicle") -> m.Message:
+def _attitude(vehicle: VehicleState) -> m.Message:
     body = vehicle.body.point
     yaw = math.remainder(body.yaw_rad, math.tau)
     return m.Attitude(vehicle.time_s, body.roll_rad, body.pitch_rad, yaw, 0.0, 0.0, 0.0)
 
 
-def _mission_current(vehicle: "MockVehicle") -> m.Message:
+def _mission_current(vehicle: VehicleState) -> m.Message:
     count = len(vehicle.mission_items)
     total = max(0, count - 1) if vehicle.autopilot.home_in_item_0 else count
     state = vehicle.mission_state if count else MissionState.NO_MISSION
     return m.MissionCurrent(vehicle.current_seq, total, state, vehicle.missions.mission_id)
 
 
-def _sys_status(vehicle: "MockVehicle") -> m.Message:
-    # The pre-arm bit comes before arming works, as on ArduPilot: who trusts it alone is refused.
+def _sys_status(vehicle: VehicleState) -> m.Message:
+    # The pre-arm bit is set before arming works, as on ArduPilot: whoever trusts it alone is refused.
     healthy = _SENSORS if vehicle.checks_pass else _SENSORS & ~m.PREARM_CHECK_BIT
     if not vehicle.has_fix:
         healthy &= ~_SENSOR_GPS
-    if vehicle.failsafes.breach(vehicle) is not None:
+    if vehicle.fence.breach() is not None:
         healthy &= ~_SENSOR_FENCE
     battery = vehicle.body.battery
     return m.SysStatus(
@@ -162,7 +102,7 @@ def _sys_status(vehicle: "MockVehicle") -> m.Message:
     )
 
 
-def _gps(vehicle: "MockVehicle") -> m.Message:
+def _gps(vehicle: VehicleState) -> m.Message:
     believed = vehicle.body.believed
     here = vehicle.body.geodetic_of(believed.receiver_m)
     east, north, _ = vehicle.body.point.velocity_m_s
@@ -173,7 +113,7 @@ def _gps(vehicle: "MockVehicle") -> m.Message:
     )
 
 
-def _battery(vehicle: "MockVehicle") -> m.Message:
+def _battery(vehicle: VehicleState) -> m.Message:
     battery = vehicle.body.battery
     left = battery.remaining
     state = _CHARGE_CRITICAL if left <= 0.1 else _CHARGE_LOW if left <= 0.2 else _CHARGE_OK
@@ -188,7 +128,7 @@ def _battery(vehicle: "MockVehicle") -> m.Message:
     )
 
 
-def _display(vehicle: "MockVehicle") -> m.Message:
+def _display(vehicle: VehicleState) -> m.Message:
     point, believed = vehicle.body.point, vehicle.body.believed.position_m
     east, north, up = point.velocity_m_s
     throttle = round(50.0 * vehicle.body.battery.power_w / vehicle.body.battery.data.hover_w) if vehicle.flying else 0
@@ -197,20 +137,20 @@ def _display(vehicle: "MockVehicle") -> m.Message:
     return m.VfrHud(point.airspeed_m_s, math.hypot(east, north), heading, min(100, throttle), alt_amsl_m, up)
 
 
-def _terrain(vehicle: "MockVehicle") -> m.Message | None:
+def _terrain(vehicle: VehicleState) -> m.Message | None:
     if vehicle.terrain is None:
         return None
     here = vehicle.body.geodetic_of(vehicle.body.believed.position_m)
     return vehicle.terrain.report(here.lat_deg, here.lon_deg, here.alt_amsl_m)
 
 
-def _home(vehicle: "MockVehicle") -> m.Message | None:
+def _home(vehicle: VehicleState) -> m.Message | None:
     home = vehicle.body.home
     return m.HomePosition(home.lat_deg, home.lon_deg, home.alt_amsl_m) if vehicle.home_known else None
 
 
-def truth_sample(vehicle: "MockVehicle") -> TruthSample:
-    """Where it really is, and how far off its belief is."""
+def truth_sample(vehicle: VehicleState) -> TruthSample:
+    """The true position, and the error of the believed one."""
     here, point = vehicle.body.geodetic(), vehicle.body.point
     return TruthSample(
         vehicle.time_s,
@@ -224,7 +164,7 @@ def truth_sample(vehicle: "MockVehicle") -> TruthSample:
     )
 
 
-_BUILDERS: dict[type[m.Message], Callable[["MockVehicle"], m.Message | None]] = {
+_BUILDERS: dict[type[m.Message], Callable[[VehicleState], m.Message | None]] = {
     m.Heartbeat: _heartbeat,
     m.GlobalPositionInt: _position,
     m.Attitude: _attitude,
@@ -244,4 +184,4 @@ _BUILDERS: dict[type[m.Message], Callable[["MockVehicle"], m.Message | None]] = 
 }
 
 KIND_BY_ID: dict[int, type[m.Message]] = {message_id(kind): kind for kind in _BUILDERS}
-"""The kinds that can be asked for."""
+"""The kinds of message that can be requested."""

@@ -21,7 +21,7 @@ from uavcover.errors import InputError
 from uavcover.mock.battery import BatteryData
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.server import register_mock
-from uavcover.mock.vehicle import MockVehicle
+from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import AutopilotName
@@ -111,7 +111,7 @@ def connect(
     settings = Settings() if site is None else Settings.for_vehicle(site.scenario.vehicle)
     battery = BatteryData() if site is None else BatteryData.for_vehicle(site.scenario.vehicle)
     register_mock(
-        lambda: MockVehicle(AUTOPILOTS[name], place, settings=settings, battery=battery, speed=mock_speed),
+        lambda: MockVehicle(AUTOPILOTS[name], place, MockConfig(settings=settings, battery=battery, speed=mock_speed)),
         speed=mock_speed,
     )
     link = LoggedLink(open_link(url))

@@ -1,0 +1,90 @@
+"""Whether the mock vehicle is inside its fence."""
+
+import math
+from collections.abc import Sequence
+
+from mission_io.model.areas import Fence, fence_from_items
+from mission_io.model.items import MissionItem, MissionType
+from uavcover.mock.body import MockBody
+from uavcover.mock.dynamics import Vector
+from uavcover.mock.mission_store import MissionStore
+from uavcover.mock.parameters import Parameters
+from uavcover.scenario.frames import LocalFrame
+
+Ring = tuple[tuple[float, float], ...]
+
+_HEIGHT, _CIRCLE, _AREAS = 1, 2, 4
+"""Bits of FENCE_TYPE."""
+
+
+class FenceWatch:
+    """Tells whether the vehicle breaches the fence that it holds, or the limits in its parameters.
+
+    Args:
+        missions: holds the fence.
+        body: gives the vehicle's frame and believed position.
+        parameters: the fence parameters of the autopilot.
+        ardupilot: whether the autopilot is ArduPilot; otherwise PX4.
+    """
+
+    def __init__(self, missions: MissionStore, body: MockBody, parameters: Parameters, *, ardupilot: bool) -> None:
+        self._missions, self._body, self._parameters, self._ardupilot = missions, body, parameters, ardupilot
+        self._items: tuple[MissionItem, ...] = ()
+        self._inclusions: list[Ring] = []
+        self._exclusions: list[Ring] = []
+        self._circles: list[tuple[float, float, float, bool]] = []
+
+    def breach(self) -> str | None:
+        """The limit that the believed position breaches, named as the autopilot names it; None inside all limits."""
+        items = self._missions.items(MissionType.FENCE)
+        if items is not self._items:
+            self._read(items, self._body.frame)
+        where = self._body.believed.position_m
+        ardupilot, get = self._ardupilot, self._parameters
+        if ardupilot and not get["FENCE_ENABLE"]:
+            return None
+        kinds = int(get["FENCE_TYPE"]) if ardupilot else _HEIGHT | _CIRCLE | _AREAS
+        highest_m = get["FENCE_ALT_MAX" if ardupilot else "GF_MAX_VER_DIST"]
+        farthest_m = get["FENCE_RADIUS" if ardupilot else "GF_MAX_HOR_DIST"]
+        if kinds & _HEIGHT and 0.0 < highest_m < where[2]:
+            return "Max Alt"
+        if kinds & _CIRCLE and 0.0 < farthest_m < math.hypot(where[0], where[1]):
+            return "Circle"
+        return "Polygon" if kinds & _AREAS and self._outside_areas(where) else None
+
+    def _outside_areas(self, where: Vector) -> bool:
+        x, y = where[0], where[1]
+        wanted = [_inside(x, y, ring) for ring in self._inclusions]
+        wanted += [math.hypot(x - e, y - n) <= r for e, n, r, inclusion in self._circles if inclusion]
+        forbidden = [_inside(x, y, ring) for ring in self._exclusions]
+        forbidden += [math.hypot(x - e, y - n) < r for e, n, r, inclusion in self._circles if not inclusion]
+        return (bool(wanted) and not any(wanted)) or any(forbidden)
+
+    def _read(self, items: tuple[MissionItem, ...], frame: LocalFrame) -> None:
+        self._items = items
+        fence: Fence = fence_from_items(items)
+
+        def east_north(lat_deg: float, lon_deg: float) -> tuple[float, float]:
+            east, north, _ = frame.enu_from_geodetic(lat_deg, lon_deg, frame.alt_amsl_m)[0]
+            return float(east), float(north)
+
+        rings = [
+            (polygon.inclusion, tuple(east_north(v.lat_deg, v.lon_deg) for v in polygon.vertices))
+            for polygon in fence.polygons
+        ]
+        self._inclusions = [ring for inclusion, ring in rings if inclusion]
+        self._exclusions = [ring for inclusion, ring in rings if not inclusion]
+        self._circles = [
+            (*east_north(c.center.lat_deg, c.center.lon_deg), c.radius_m, c.inclusion) for c in fence.circles
+        ]
+
+
+def _inside(x: float, y: float, ring: Sequence[tuple[float, float]]) -> bool:
+    """Whether a point is inside a ring (even-odd rule: counts the edges to its east)."""
+    inside = False
+    ax, ay = ring[-1]
+    for bx, by in ring:
+        if (ay > y) != (by > y) and x < (bx - ax) * (y - ay) / (by - ay) + ax:
+            inside = not inside
+        ax, ay = bx, by
+    return inside

@@ -1,0 +1,232 @@
+"""What the mock vehicle can be made to do: arm, disarm, change its mode, fly its mission, fail safe, lose power.
+
+Results are answers to commands; refusals are worded as the autopilot words them.
+"""
+
+from mission_io.model.enums import CommandResult, MissionState
+from mission_io.model.items import MissionType
+from mission_io.wire import messages as m
+from uavcover.mock.body import STEP_S
+from uavcover.mock.faults import FaultKind
+from uavcover.mock.guidance import Speeds
+from uavcover.mock.itinerary import Step, StepKind, return_steps
+from uavcover.mock.mission_flight import MissionFlight
+from uavcover.mock.state import VehicleState
+from uavcover.mock.telemetry import tell
+from uavcover.vehicle.modes import Mode, has_mode
+
+_INFO, _WARNING, _CRITICAL = 6, 4, 2
+_FAILSAFE_NAMES = {Mode.RETURN: "RTL Mode", Mode.LAND: "LAND Mode", Mode.HOLD: "BRAKE Mode"}
+_LOW_CHARGE = 0.1
+_ARMABLE = (Mode.MANUAL, Mode.GUIDED, Mode.HOLD)
+"""The modes of this vehicle in which ArduPilot can be armed."""
+
+# ArduPilot's texts under True, PX4's under False.
+_REFUSED = {True: "Arm: Compass not healthy", False: "Arming denied: Resolve system health failures first"}
+_NO_FIX = {True: "PreArm: GPS 1: Bad fix", False: "Preflight Fail: GPS fix too low"}
+_NO_POSITION = {True: "PreArm: Need Position Estimate", False: "Preflight Fail: no position"}
+_LOW_BATTERY = {True: "PreArm: Battery 1 below minimum arming capacity", False: "Preflight Fail: low battery"}
+_FENCE = {True: "PreArm: Vehicle breaching {} fence", False: "Preflight Fail: Geofence violation: {}"}
+
+
+class FlightControl:
+    """Carries out what commands, failsafes and faults ask of a vehicle.
+
+    Attributes:
+        state: the vehicle's state.
+        mission: follows its mission.
+    """
+
+    def __init__(self, state: VehicleState) -> None:
+        self.state = state
+        self.mission = MissionFlight(state)
+
+    def arm(self) -> CommandResult:
+        """Start the motors."""
+        state = self.state
+        if state.armed:
+            return CommandResult.ACCEPTED
+        refusal = self._refusal_to_arm()
+        if refusal is not None:
+            return refusal
+        state.armed, state.body.crashed = True, False
+        state.body.set_home_here()
+        state.missions.set_home(state.body.home)
+        state.stay_armed()
+        state.speeds = state.settings.speeds
+        self.mission.rewind()
+        state.say(_INFO, "Arming motors" if state.is_ardupilot else "Armed by external command")
+        if state.mode is Mode.MISSION:  # PX4 takes off as soon as it is armed
+            self._fly_mission()
+        return CommandResult.ACCEPTED
+
+    def disarm(self, *, force: bool = False) -> CommandResult:
+        """Stop the motors; in the air only when forced, and then the vehicle falls."""
+        state = self.state
+        if not state.body.on_ground and not force:
+            return CommandResult.DENIED
+        if state.armed:
+            state.say(_INFO, "Disarming motors")
+        state.armed = False
+        state.body.cut_motors()
+        state.follow([])
+        tell(state, m.ExtendedSysState)
+        return CommandResult.ACCEPTED
+
+    def set_mode(self, mode: Mode) -> CommandResult:
+        """Change the flight mode."""
+        state = self.state
+        if not has_mode(state.autopilot, mode):
+            return CommandResult.DENIED
+        if mode is Mode.MISSION and not self.mission.there_is_one:
+            state.say(_WARNING, "Mode change to MISSION failed: no mission")
+            return CommandResult.FAILED
+        if mode not in (Mode.MANUAL, Mode.LAND) and not (state.home_known and not state.body.believed.lost):
+            state.say(_WARNING, f"Mode change to {mode.name} failed: needs position")
+            return CommandResult.FAILED
+        was, state.mode = state.mode, mode
+        if was is mode or not state.armed:
+            return CommandResult.ACCEPTED
+        flying = not state.body.on_ground
+        if mode is Mode.MISSION and (flying or not state.is_ardupilot):
+            self._fly_mission()
+        elif mode is not Mode.MISSION:
+            self.mission.pause()
+            state.follow(self._mode_steps(mode) if flying else [])
+        return CommandResult.ACCEPTED
+
+    def start_mission(self) -> CommandResult:
+        """Begin the mission: ArduPilot waits for this on the ground."""
+        state = self.state
+        if not state.armed or not self.mission.there_is_one:
+            return CommandResult.FAILED
+        if state.mode is not Mode.MISSION:
+            return self.set_mode(Mode.MISSION) if not state.body.on_ground else CommandResult.FAILED
+        if state.mission_state is not MissionState.ACTIVE:
+            self._fly_mission()
+        return CommandResult.ACCEPTED
+
+    def set_current(self, seq: int) -> CommandResult:
+        """Continue with another mission item."""
+        if not self.mission.go_to(seq):
+            return CommandResult.DENIED
+        self._fly_on()
+        tell(self.state, m.MissionCurrent)
+        return CommandResult.ACCEPTED
+
+    def set_speeds(self, speeds: Speeds) -> None:
+        """Fly at other speeds from here on."""
+        self.state.speeds = speeds
+        self._fly_on()
+
+    def fail_safe(self, what: str, mode: Mode) -> None:
+        """Change to a failsafe mode in flight and report the reason; do nothing on the ground or when already in it."""
+        state = self.state
+        if not state.armed or state.body.on_ground or state.mode is mode:
+            return
+        if state.is_ardupilot:
+            state.say(_CRITICAL, f"{what} Failsafe: changed to {_FAILSAFE_NAMES[mode]}")
+        else:
+            state.say(_CRITICAL, f"Failsafe activated: {what.lower()}, switching to {mode.value}")
+        self.set_mode(mode)
+
+    def power_off(self, seconds: float) -> None:
+        """Lose power for a while: motors off, queued messages lost; the vehicle boots again afterwards."""
+        state = self.state
+        state.armed = False
+        state.body.cut_motors()
+        state.follow([])
+        state.take_queued()
+        state.off_until_step = state.steps_done + round(seconds / STEP_S)
+
+    def boot(self) -> None:
+        """Boot after a loss of power: transfers, intervals and mission progress are forgotten, the lists are kept."""
+        state = self.state
+        state.boot_step = state.steps_done
+        state.mode = Mode.MANUAL
+        self.mission.reset()
+        state.missions.reboot(state.powered_s)
+        state.streams.reset()
+
+    def take_mission_message(self, received: m.Received) -> list[m.Message]:
+        """Handle a message of the mission protocol and return the immediate answers."""
+        state = self.state
+        answers = state.missions.receive(received, state.powered_s, flying=state.armed)
+        self.apply_mission_changes()
+        return answers
+
+    def apply_mission_changes(self) -> None:
+        """React to what transfers have changed."""
+        state = self.state
+        if state.home_known:
+            state.missions.set_home(state.body.home)
+        for event in state.missions.events(state.powered_s):
+            if event.mission_type is MissionType.MISSION:
+                self.mission_changed()
+
+    def mission_changed(self) -> None:
+        """Continue with another mission than before."""
+        state = self.state
+        if state.flying and state.mode is Mode.MISSION:
+            if state.is_ardupilot:
+                state.say(_CRITICAL, "Auto mission changed, restarted command")
+            self._fly_mission()
+        elif not state.flying or not state.autopilot.home_in_item_0:
+            self.mission.reset()
+        self.mission.drop_reports()
+        tell(state, m.MissionCurrent)
+
+    def reason_not_to_arm(self) -> str | None:
+        """Why the vehicle refuses to arm, in its autopilot's words; None when nothing prevents it."""
+        state = self.state
+        ardupilot = state.is_ardupilot
+        if state.faults.is_going_on(FaultKind.ARMING_REFUSED):
+            return _REFUSED[ardupilot]
+        if not state.has_fix:
+            return _NO_FIX[ardupilot]
+        if not state.ready:
+            return _NO_POSITION[ardupilot]
+        if state.body.battery.remaining < _LOW_CHARGE:
+            return _LOW_BATTERY[ardupilot]
+        if self.mission.needs_terrain:
+            return "PreArm: waiting for terrain data"
+        if (limit := state.fence.breach()) is not None:
+            return _FENCE[ardupilot].format(limit)
+        return None
+
+    def _refusal_to_arm(self) -> CommandResult | None:
+        """The answer when arming is refused, after sending the reason; None when nothing prevents it."""
+        state = self.state
+        ardupilot = state.is_ardupilot
+        reason = self.reason_not_to_arm()
+        if reason is not None:
+            state.say(_CRITICAL, reason)
+            return CommandResult.FAILED if ardupilot else CommandResult.TEMPORARILY_REJECTED
+        if state.mode not in (_ARMABLE if ardupilot else tuple(Mode)):
+            state.say(_CRITICAL, f"Arm: {state.mode.name} mode is not armable")
+            return CommandResult.FAILED
+        if state.mode is Mode.MISSION and not self.mission.there_is_one:
+            state.say(_CRITICAL, "Preflight Fail: no valid mission")
+            return CommandResult.TEMPORARILY_REJECTED
+        return None
+
+    def _fly_mission(self) -> None:
+        """Fly the mission, or return home when terrain heights are missing."""
+        if self.mission.needs_terrain:
+            self.state.say(_CRITICAL, "Failsafe: Terrain data missing")
+            self.set_mode(Mode.RETURN)
+        else:
+            self.mission.start()
+
+    def _fly_on(self) -> None:
+        """Apply a change to the mission that is being flown."""
+        if self.state.mode is Mode.MISSION and self.state.flying:
+            self._fly_mission()
+
+    def _mode_steps(self, mode: Mode) -> list[Step]:
+        state = self.state
+        if mode is Mode.RETURN:
+            return return_steps(None, state.settings, state.settings.speeds, home_m=state.body.home_m)
+        if mode is Mode.LAND:
+            return [Step(None, StepKind.DESCEND, state.settings.speeds)]
+        return []

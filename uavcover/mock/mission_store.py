@@ -1,0 +1,115 @@
+"""The mission, fence and rally points that the mock vehicle holds, behind the vehicle's side of the mission protocol."""
+
+import zlib
+from collections.abc import Iterable
+
+import numpy as np
+
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.model.enums import AutopilotId, MissionResult
+from mission_io.model.items import GeoPoint, MissionItem, MissionType
+from mission_io.protocol.exchange import Address
+from mission_io.protocol.server import ListChanged, MissionServer
+from mission_io.protocol.tables import ServerState
+from mission_io.wire import messages as m
+
+_STALE_S = 0.1
+"""For this long after an upload, a stale read-back returns the previous list."""
+
+
+class MissionStore:
+    """Mission, fence and rally points, and the transfers that read and change them.
+
+    Args:
+        autopilot: the autopilot whose rules apply.
+        local: the vehicle's address.
+        seconds_per_s: seconds on the clock of the transfer timeouts, per second of vehicle time.
+        stale_read_back: share of the uploads after which the previous list is still returned for 0.1 s.
+        rng: decides which uploads.
+    """
+
+    def __init__(
+        self,
+        autopilot: Autopilot,
+        *,
+        local: Address,
+        seconds_per_s: float,
+        stale_read_back: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self._autopilot, self._local, self._scale = autopilot, local, seconds_per_s
+        self._stale_read_back, self._rng = stale_read_back, rng
+        self._server = self._booted(0.0)
+        self._held_back: list[tuple[float, MissionType, tuple[MissionItem, ...]]] = []
+        self._before: dict[MissionType, tuple[MissionItem, ...]] = {}
+        self._numbered: tuple[MissionItem, ...] = ()
+        self._mission_id = 0
+
+    def _booted(self, vehicle_s: float) -> MissionServer:
+        # Booting takes vehicle time, whatever clock the transfer timeouts use.
+        refusal_s = self._autopilot.boot_refusal_s
+        booted_at = (vehicle_s + refusal_s) * self._scale - refusal_s
+        return MissionServer(self._autopilot, local=self._local, booted_at=booted_at)
+
+    def items(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
+        """The list that the vehicle holds and flies, in wire order."""
+        for _, held_back, items in self._held_back:
+            if held_back is mission_type:
+                return items
+        return self._server.items(mission_type)
+
+    @property
+    def mission_id(self) -> int:
+        """PX4's id of the mission, which changes with its content; 0 without a mission and on ArduPilot."""
+        items = self.items(MissionType.MISSION)
+        if self._autopilot.home_in_item_0 or not items:
+            return 0
+        if items != self._numbered:
+            self._numbered, self._mission_id = items, zlib.crc32(repr(items).encode())
+        return self._mission_id
+
+    def replace(self, mission_type: MissionType, items: Iterable[MissionItem]) -> None:
+        """Replace a list from the vehicle's own side, without a transfer."""
+        self._server.set_items(mission_type, items)
+
+    def set_home(self, home: GeoPoint) -> None:
+        """Set home, for an autopilot that keeps it in item 0."""
+        self._server.home = home
+
+    def reboot(self, vehicle_s: float) -> None:
+        """Drop every transfer and keep the lists: they are in permanent memory."""
+        kept = {mission_type: self.items(mission_type) for mission_type in MissionType}
+        self._held_back.clear()
+        self._server = self._booted(vehicle_s)
+        for mission_type, items in kept.items():
+            self._server.set_items(mission_type, items)
+
+    def receive(self, received: m.Received, vehicle_s: float, *, flying: bool) -> list[m.Message]:
+        """Handle a message and return the immediate answers."""
+        message = received.message
+        ardupilot = self._autopilot.mav_autopilot == AutopilotId.ARDUPILOT
+        if flying and ardupilot and isinstance(message, m.MissionClearAll):
+            to = (received.system_id, received.component_id)
+            return [m.MissionAck(*to, MissionResult.ERROR, message.mission_type)]
+        if self._stale_read_back:
+            self._before = {mission_type: self._server.items(mission_type) for mission_type in MissionType}
+        self._server.receive(received, vehicle_s * self._scale)
+        return []
+
+    def messages_to_send(self, vehicle_s: float) -> list[m.Message]:
+        """Messages that are due by now."""
+        if self._held_back and self._server.state is not ServerState.SENDING:
+            for due in [entry for entry in self._held_back if entry[0] <= vehicle_s]:
+                self._held_back.remove(due)
+                self._server.set_items(due[1], due[2])
+        return self._server.messages_to_send(vehicle_s * self._scale)
+
+    def events(self, vehicle_s: float) -> list[ListChanged]:
+        """List changes since the last call."""
+        events = self._server.events()
+        for event in events:
+            stale = event.reason == "uploaded" and self._rng.random() < self._stale_read_back
+            if self._stale_read_back and stale:
+                self._held_back.append((vehicle_s + _STALE_S, event.mission_type, event.items))
+                self._server.set_items(event.mission_type, self._before[event.mission_type])
+        return events

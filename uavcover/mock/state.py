@@ -1,0 +1,265 @@
+"""The state of the mock vehicle: what is true of it now, and the messages that it has to send.
+
+Everything else in this package reads and changes this state: ``telemetry`` reports it, ``commands``, ``failsafes`` and
+``fault_effects`` change it through ``flight_control``, and ``vehicle`` lets time pass.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mission_io.autopilots.autopilot import Autopilot, autopilot_for
+from mission_io.model.enums import AutopilotId, MissionState, VehicleClass
+from mission_io.model.items import GeoPoint, MissionItem, MissionType
+from mission_io.protocol.exchange import Address
+from mission_io.wire import messages as m
+from uavcover.mock.battery import BatteryData
+from uavcover.mock.behaviour import Behaviour, Settings, TerrainSource, TransferClock, quick
+from uavcover.mock.body import STEP_S, Ground, MockBody
+from uavcover.mock.dynamics import Airframe, Vector, WindModel
+from uavcover.mock.faults import Fault, FaultKind, FaultSchedule
+from uavcover.mock.fence import FenceWatch
+from uavcover.mock.itinerary import Step
+from uavcover.mock.mission_store import MissionStore
+from uavcover.mock.parameters import Parameters
+from uavcover.mock.positioning import GpsError
+from uavcover.mock.terrain_feed import TerrainFeed
+from uavcover.vehicle.modes import Mode
+
+_DISARM_WHEN_IDLE_S = 10.0
+"""Time to wait for the ground station's next command: on the link's clock, however fast vehicle time runs."""
+_TOLERANCE_S = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MockConfig:
+    """What kind of vehicle to simulate.
+
+    Attributes:
+        settings: speeds and heights unless a mission overrides them.
+        airframe: limits of its dynamics.
+        wind: the wind that it flies in.
+        gps: error of its positions.
+        battery: its battery.
+        behaviour: how it starts up and what it sends unasked.
+        faults: what goes wrong.
+        speed: vehicle seconds per second on the link's clock.
+        system_id: its MAVLink system id; its component id is 1.
+        vehicle_type: the MAV_TYPE that it reports, with the flight mode numbers of such a vehicle; it always flies as a
+            multirotor.
+    """
+
+    settings: Settings = field(default_factory=Settings)
+    airframe: Airframe = field(default_factory=Airframe)
+    wind: WindModel = field(default_factory=WindModel)
+    gps: GpsError = field(default_factory=GpsError)
+    battery: BatteryData = field(default_factory=BatteryData)
+    behaviour: Behaviour = field(default_factory=quick)
+    faults: Sequence[Fault] = ()
+    speed: float = 1.0
+    system_id: int = 1
+    vehicle_type: int = VehicleClass.QUADROTOR
+
+
+class VehicleState:
+    """State of one mock vehicle.
+
+    Args:
+        autopilot: the autopilot to imitate: ``mission_io.autopilots.autopilot.ARDUPILOT`` or ``PX4``.
+        home: where it stands.
+        config: what kind of vehicle it is.
+        ground: height of the ground above mean sea level by latitude and longitude; None is flat at home's height.
+        rng: of gusts and errors.
+
+    Attributes:
+        body: the flying body, with its battery, its itinerary and its believed position.
+        parameters: values of the autopilot's parameters.
+        speeds: speeds to fly at now.
+        faults: what has gone wrong and what will; ``faults.add`` takes more.
+        missions: mission, fence and rally points that it holds.
+        mission_state: progress of the mission.
+        current_seq: wire number of the mission item that it flies to.
+        streams: which messages are due when.
+        terrain: heights of the ground that ground stations have sent; None when it does not ask for them.
+        took_off_at_s: ``powered_s`` when it first left the ground.
+        disarm_at_s: ``time_s`` at which it disarms itself on the ground.
+    """
+
+    def __init__(
+        self,
+        autopilot: Autopilot,
+        home: GeoPoint,
+        config: MockConfig,
+        *,
+        ground: Ground | None,
+        rng: np.random.Generator,
+    ) -> None:
+        as_given = config.vehicle_type == VehicleClass.QUADROTOR
+        self.autopilot = autopilot if as_given else autopilot_for(autopilot.mav_autopilot, config.vehicle_type)
+        self.speed, self.vehicle_type, self.behaviour = config.speed, config.vehicle_type, config.behaviour
+        self.address = Address(config.system_id, 1)
+        self.parameters = Parameters(autopilot.mav_autopilot, config.settings)
+        self.speeds = self.settings.speeds
+        self.body = MockBody(
+            home,
+            airframe=config.airframe,
+            wind=config.wind,
+            gps=config.gps,
+            battery=config.battery,
+            rng=rng,
+            ground=ground,
+        )
+        self.faults = FaultSchedule(config.faults, link_speed=config.speed)
+        self.mode, self.armed = Mode.MANUAL, False
+        self.mission_state, self.current_seq = MissionState.NOT_STARTED, 0
+        self.missions = MissionStore(
+            autopilot,
+            local=self.address,
+            seconds_per_s=1.0 / self.speed if self.behaviour.transfer_clock is TransferClock.LINK else 1.0,
+            stale_read_back=self.behaviour.stale_read_back,
+            rng=rng,
+        )
+        self.fence = FenceWatch(self.missions, self.body, self.parameters, ardupilot=self.is_ardupilot)
+        asks_for_terrain = self.is_ardupilot and self.behaviour.terrain is TerrainSource.GROUND_STATION
+        self.terrain = TerrainFeed() if asks_for_terrain else None
+        self.streams = Streams(self.behaviour, ardupilot=self.is_ardupilot)
+        self.took_off_at_s: float | None = None
+        self.disarm_at_s = 0.0
+        self.steps_done = self.boot_step = self.off_until_step = 0
+        self._waiting: list[m.Message] = []
+
+    @property
+    def powered_s(self) -> float:
+        """Vehicle time since it was first switched on, reboots included."""
+        return self.steps_done * STEP_S
+
+    @property
+    def time_s(self) -> float:
+        """Vehicle time since it was last switched on."""
+        return (self.steps_done - self.boot_step) * STEP_S
+
+    @property
+    def settings(self) -> Settings:
+        """Speeds and heights unless a mission overrides them."""
+        return self.parameters.settings
+
+    @property
+    def cut_off(self) -> bool:
+        """Whether no message gets through in either direction."""
+        return self.steps_done < self.off_until_step or self.faults.is_going_on(FaultKind.LINK_OUTAGE)
+
+    @property
+    def flying(self) -> bool:
+        """Whether its motors keep it in the air."""
+        return self.armed and not self.body.on_ground
+
+    @property
+    def is_ardupilot(self) -> bool:
+        """Whether it behaves as ArduPilot; otherwise as PX4."""
+        return self.autopilot.mav_autopilot == AutopilotId.ARDUPILOT
+
+    @property
+    def has_fix(self) -> bool:
+        """Whether the satellite receiver has a fix."""
+        return self.time_s >= self.behaviour.fix_s and not self.body.believed.lost
+
+    @property
+    def checks_pass(self) -> bool:
+        """Whether home is known and the pre-arm checks pass; arming may still fail, see ``ready``."""
+        refused = self.faults.is_going_on(FaultKind.ARMING_REFUSED)
+        return self.time_s >= self.behaviour.checks_pass_s and self.has_fix and not refused
+
+    @property
+    def home_known(self) -> bool:
+        """Whether it knows its home."""
+        return self.time_s >= self.behaviour.checks_pass_s
+
+    @property
+    def ready(self) -> bool:
+        """Whether it has a position, so that it can be armed."""
+        return self.time_s >= self.behaviour.ready_s and not self.body.believed.lost
+
+    @property
+    def mission_items(self) -> tuple[MissionItem, ...]:
+        """The mission that it holds, in wire order."""
+        return self.missions.items(MissionType.MISSION)
+
+    def send(self, message: m.Message) -> None:
+        """Queue a message, unless a fault keeps it from being heard."""
+        silenced = isinstance(message, m.Heartbeat) and self.faults.is_going_on(FaultKind.HEARTBEAT_LOSS)
+        if not (silenced or self.cut_off):
+            self._waiting.append(message)
+
+    def send_all(self, messages: Iterable[m.Message]) -> None:
+        """Queue several messages."""
+        for message in messages:
+            self.send(message)
+
+    def take_queued(self) -> list[m.Message]:
+        """Return the queued messages and empty the queue."""
+        waiting, self._waiting = self._waiting, []
+        return waiting
+
+    def say(self, severity: int, text: str) -> None:
+        """Send a STATUSTEXT."""
+        self.send(m.StatusText(severity, text))
+
+    def set_interval(self, kind: type[m.Message], interval_s: float | None) -> None:
+        """Send a kind of message every ``interval_s`` seconds; 0 is its default, None is never."""
+        default_s = self.behaviour.streams_s.get(kind)
+        self.streams.set_interval(kind, default_s if interval_s == 0.0 else interval_s, self.time_s)
+
+    def follow(self, steps: list[Step]) -> None:
+        """Replace the itinerary; an empty one is to stay here."""
+        self.body.follow(steps, self.time_s, land_m_s=self.settings.land_m_s)
+
+    def stay_armed(self) -> None:
+        """Restart the time after which it disarms itself on the ground."""
+        self.disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S * self.speed
+
+    def place(self, item: MissionItem) -> Vector:
+        """Position of a mission item in the vehicle's frame, with the ground as the vehicle knows it."""
+        ground = self.body.ground_alt_amsl_m
+        return self.body.place(item, ground if self.terrain is None else self.terrain.known_or(ground))
+
+
+class Streams:
+    """Which messages are due when, in vehicle time.
+
+    Args:
+        behaviour: what the vehicle sends unasked.
+        ardupilot: whether it is ArduPilot; PX4 has no EKF_STATUS_REPORT.
+
+    Attributes:
+        next_due_s: when the next message is due; infinite when none is.
+    """
+
+    def __init__(self, behaviour: Behaviour, *, ardupilot: bool) -> None:
+        self._behaviour, self._ardupilot = behaviour, ardupilot
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the default intervals, as after a reboot."""
+        self._interval_s = dict(self._behaviour.streams_s)
+        if not self._ardupilot:
+            self._interval_s.pop(m.EkfStatusReport, None)
+        self._due_s = dict(self._interval_s)
+        self.next_due_s = min(self._due_s.values())
+
+    def set_interval(self, kind: type[m.Message], interval_s: float | None, now: float) -> None:
+        """Send a kind of message every ``interval_s`` seconds; None is never."""
+        self._due_s.pop(kind, None)
+        if interval_s is not None:
+            self._interval_s[kind] = interval_s
+            self._due_s[kind] = now + interval_s
+        self.next_due_s = min(self._due_s.values(), default=math.inf)
+
+    def due(self, now: float) -> Iterator[type[m.Message]]:
+        """The kinds that are due, each once."""
+        for kind, due_s in self._due_s.items():
+            if due_s <= now + _TOLERANCE_S:
+                self._due_s[kind] = max(due_s + self._interval_s[kind], now)
+                yield kind
+        self.next_due_s = min(self._due_s.values(), default=math.inf)
