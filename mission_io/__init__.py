@@ -1,7 +1,9 @@
-"""MAVLink missions: read, check, convert, upload, download and compare them. Stands alone.
+"""Read, check, convert, upload, download and compare MAVLink missions.
 
-Start with ``open_link`` and ``Client`` to talk to a vehicle, with ``formats.wpl`` and ``formats.plan`` for files, with
-``model.diff`` for what changed, and with ``protocol.server.MissionServer`` to be a vehicle. See docs/reference/mission_io.md.
+Files: ``read_mission``, ``write_mission`` and ``read_file``. Vehicles: ``open_link`` with ``Client``, or ``AsyncClient``
+under asyncio. Changes: ``diff`` and ``apply_diff``. To be a vehicle: ``MissionServer``. See docs/reference/mission_io.md.
+
+The names exported here are the public API. Everything else may change without notice.
 """
 
 from mission_io.autopilots.autopilot import (
@@ -17,6 +19,7 @@ from mission_io.autopilots.autopilot import (
 from mission_io.autopilots.checks import Problem, check_for_autopilot
 from mission_io.autopilots.comparison import Difference, compare_items
 from mission_io.autopilots.lists import MissionList, items_of, mission_list_of, mission_type_of
+from mission_io.client.async_client import AsyncClient
 from mission_io.client.client import Client
 from mission_io.client.connection import VehicleInfo
 from mission_io.client.read_back import ReadBack
@@ -32,11 +35,14 @@ from mission_io.errors import (
     TransferInterrupted,
     TransferSilentError,
     VehicleSilentError,
+    WaitCancelledError,
 )
+from mission_io.formats.files import MissionFile, read_file, read_mission, write_mission
 from mission_io.links.opening import Link, UdpLink, open_link, register_endpoint
 from mission_io.links.presets import LINK_PRESETS, LinkPreset, link_preset
 from mission_io.model.actions import Action, action_of, item_of
 from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
+from mission_io.model.diff import MissionDiff, apply_diff, diff
 from mission_io.model.items import (
     Command,
     Frame,
@@ -69,6 +75,7 @@ __all__ = [
     "Action",
     "Address",
     "AmbiguousVehicleError",
+    "AsyncClient",
     "Autopilot",
     "Client",
     "Command",
@@ -88,6 +95,8 @@ __all__ = [
     "LinkStatistics",
     "ListChanged",
     "Mission",
+    "MissionDiff",
+    "MissionFile",
     "MissionIoError",
     "MissionItem",
     "MissionList",
@@ -107,12 +116,15 @@ __all__ = [
     "UdpLink",
     "VehicleInfo",
     "VehicleSilentError",
+    "WaitCancelledError",
     "action_of",
+    "apply_diff",
     "autopilot_for",
     "change_speed",
     "check_for_autopilot",
     "compare_items",
     "delay",
+    "diff",
     "item_of",
     "items_of",
     "land",
@@ -123,10 +135,13 @@ __all__ = [
     "mission_list_of",
     "mission_type_of",
     "open_link",
+    "read_file",
+    "read_mission",
     "register_endpoint",
     "return_to_launch",
     "takeoff",
     "trigger_camera_every",
     "waypoint",
     "wire_items",
+    "write_mission",
 ]

@@ -76,6 +76,10 @@ class TransferCancelledError(TransferError):
     """A mission transfer that this side cancelled."""
 
 
+class WaitCancelledError(MissionIoError):
+    """This side gave up waiting for an answer; the vehicle may have received what was sent."""
+
+
 class TransferInterrupted(KeyboardInterrupt):
     """Ctrl-C during a transfer; the vehicle was told.
 

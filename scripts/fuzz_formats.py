@@ -39,7 +39,7 @@ with _watched:
     from mission_io.formats.drawings import DrawnArea, fence_from_areas
     from mission_io.formats.text import text_from_bytes
     from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
-    from mission_io.model.diff import apply, diff
+    from mission_io.model.diff import apply_diff, diff
     from mission_io.model.items import (
         Frame,
         GeoPoint,
@@ -68,7 +68,7 @@ def try_wpl(text: str) -> None:
     back = wpl.read(written)
     check(back.repairs == () or read.version == 120, "the strict form needs no repair")
     check(wpl.write_mission(back.mission()) == written, "writing is stable")
-    check(apply(diff(mission, back.mission()), mission) == back.mission(), "a difference loses nothing")
+    check(apply_diff(diff(mission, back.mission()), mission) == back.mission(), "a difference loses nothing")
     plan.write(plan.PlanFile(mission, Fence(), RallyPoints(), 3))
 
 

@@ -6,12 +6,11 @@ from typing import TypedDict, TypeVar
 
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.autopilots.checks import check_for_autopilot
-from mission_io.autopilots.comparison import Difference, compare_items
 from mission_io.autopilots.lists import MissionList, items_of, mission_list_of, mission_type_of
 from mission_io.client import commands, transfer_outcome
 from mission_io.client.connection import Connection
 from mission_io.client.peers import two_in_one
-from mission_io.client.read_back import ReadBack
+from mission_io.client.read_back import ReadBack, read_back
 from mission_io.client.transfer_outcome import (
     PROVEN_BY_READING,
     description,
@@ -35,7 +34,7 @@ from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.clear import Clear, ClearState
 from mission_io.protocol.download import Download, DownloadState
 from mission_io.protocol.exchange import Address, Timing
-from mission_io.protocol.longest import CLEAR_TRIES, STALE_READ_BACK_S
+from mission_io.protocol.longest import CLEAR_TRIES
 from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.upload import Upload
@@ -139,7 +138,7 @@ class Client(Connection):
             FormatError: the vehicle holds an item in a frame that mission_io does not know.
         """
         # A vehicle that keeps nothing about a download serves its items in any order.
-        autopilot = self._known_autopilot()
+        autopilot = self.known_autopilot
         any_order = autopilot is not None and autopilot.download_blocks_s == 0.0
         download = Download(mission_type=mission_type, any_order=any_order, **self._terms())
         interrupted = self._run(download, lambda: (download.received_count, download.count), progress, stop)
@@ -172,7 +171,7 @@ class Client(Connection):
                     f"holds now could not be read: {error}",
                     vehicle_holds="unknown",
                 ) from None
-            autopilot = self._known_autopilot()
+            autopilot = self.known_autopilot
             home_stays = autopilot is not None and autopilot.home_in_item_0 and mission_type is MissionType.MISSION
             if len(left) <= int(home_stays):
                 return
@@ -209,28 +208,30 @@ class Client(Connection):
         autopilot = autopilot if autopilot is not None else self.vehicle.autopilot
         mission_type = mission_type_of(content)
         items = items_of(content, autopilot)
-        limit = None
-        if (
-            mission_type is MissionType.MISSION
-            and autopilot.item_limit is not None
-            and len(items) > autopilot.item_limit
-        ):
-            limit = transfer_outcome.ask_item_limit(self, autopilot, timeout_s=_ITEM_LIMIT_S)
+        long = autopilot.item_limit is not None and len(items) > autopilot.item_limit
+        limit = self.ask_item_limit() if long and mission_type is MissionType.MISSION else None
         problems = check_for_autopilot(items, autopilot, mission_type, item_limit=limit)
         if problems:
             more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
             raise MisuseError(f"the {list_name(mission_type)} was not sent: {problems[0]}{more}")
         self.upload(mission_type, items, progress=progress, stop=stop, in_flight=in_flight)
-        received, differences = self._read_back(mission_type, items, autopilot)
-        return ReadBack(mission_type, autopilot.name, items, received, differences)
+        try:
+            return self._read_back(mission_type, items, autopilot, stop)
+        except TransferCancelledError as error:
+            raise TransferCancelledError(
+                f"the {list_name(mission_type)} was uploaded and not compared: {error}", vehicle_holds="unknown"
+            ) from None
 
     def ask_item_limit(self, *, timeout_s: float = _ITEM_LIMIT_S) -> int | None:
         """How many mission items the vehicle takes, home included; None when it does not tell within ``timeout_s``."""
         return transfer_outcome.ask_item_limit(self, self.vehicle.autopilot, timeout_s=timeout_s)
 
-    def download_list(self, mission_type: MissionType, *, progress: Progress | None = None) -> MissionList:
+    def download_list(
+        self, mission_type: MissionType, *, progress: Progress | None = None, stop: Stop | None = None
+    ) -> MissionList:
         """One of the vehicle's lists as the Mission, Fence or RallyPoints it stands for; errors as ``download``."""
-        return mission_list_of(mission_type, self.download(mission_type, progress=progress), self.vehicle.autopilot)
+        items = self.download(mission_type, progress=progress, stop=stop)
+        return mission_list_of(mission_type, items, self.vehicle.autopilot)
 
     # Commands, modes, parameters: see mission_io.client.commands.
 
@@ -351,25 +352,17 @@ class Client(Connection):
             return None
 
     def _read_back(
-        self, mission_type: MissionType, items: Sequence[MissionItem], autopilot: Autopilot
-    ) -> tuple[tuple[MissionItem, ...], tuple[Difference, ...]]:
-        """What the vehicle holds, against ``items``; read once more when it differs.
-
-        PX4 gave back the list of before once in 60 times when it was read at once.
-        """
-        received = self.download(mission_type)
-        differences = compare_items(items, received, autopilot, mission_type)
-        if not all(difference.acceptable for difference in differences):
-            deadline = self.clock.now() + STALE_READ_BACK_S
-            while self.clock.now() < deadline:
-                self._next_messages(deadline)
-            received = self.download(mission_type)
-            differences = compare_items(items, received, autopilot, mission_type)
-        return received, differences
+        self,
+        mission_type: MissionType,
+        items: Sequence[MissionItem],
+        autopilot: Autopilot,
+        stop: Stop | None = None,
+    ) -> ReadBack:
+        return read_back(lambda: self.download(mission_type, stop=stop), self._wait, mission_type, items, autopilot)
 
     def _upload_failure(self, upload: Upload, items: Sequence[MissionItem]) -> TransferError:
         """The error for an upload that was not acknowledged, with what the vehicle holds now."""
-        autopilot, mission_type = self._known_autopilot(), upload.mission_type
+        autopilot, mission_type = self.known_autopilot, upload.mission_type
         holds: VehicleHolds = "unknown" if autopilot is None else held_by_design(upload, len(items), autopilot)
         held, unread = None, ""
         silent = upload.state is UploadState.SILENT
@@ -379,7 +372,7 @@ class Client(Connection):
                 if autopilot is None:
                     held = self.download(mission_type)
                 else:
-                    held, _ = self._read_back(mission_type, items, autopilot)
+                    held = self._read_back(mission_type, items, autopilot).received
                     holds = held_as_read(upload, items, held, autopilot)
             except TransferSilentError:
                 silent = True
@@ -394,13 +387,6 @@ class Client(Connection):
         if silent and not isinstance(error, TransferSilentError | TransferCancelledError):
             return TransferSilentError(f"{error} (it fell silent){advice}", vehicle_holds=holds)
         return error
-
-    def _known_autopilot(self) -> Autopilot | None:
-        """What is known of the vehicle's autopilot; plain transfers work with any."""
-        try:
-            return self.vehicle.autopilot
-        except MisuseError:
-            return None
 
     def _refuse_armed(self, what: str, *, in_flight: bool) -> None:
         if self.impostor is not None and not in_flight:

@@ -7,9 +7,10 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
+from mission_io.autopilots.autopilot import Autopilot
 from mission_io.client.peers import Peers, VehicleChoice, VehicleInfo, two_in_one, vehicle_of
 from mission_io.clock import Clock, SystemClock, UnixClock
-from mission_io.errors import MisuseError, VehicleSilentError
+from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledError
 from mission_io.links.opening import Link, PeerLink, StreamLink
 from mission_io.model.enums import AutopilotId, VehicleClass
 from mission_io.protocol.exchange import Address
@@ -43,6 +44,9 @@ class Connection:
         peers: Who else is on the link: vehicles, and others that use our ids.
         impostor: What a heartbeat with our vehicle's ids told of another vehicle (autopilot or type); None while all is well.
             Such heartbeats do not count as our vehicle's.
+        give_up: Asked at every message and at least once a second while a call waits; the call ends with a
+            WaitCancelledError when it says yes. None never ends one. Transfers have a ``stop`` of their own, which also
+            cancels them on the vehicle.
     """
 
     def __init__(
@@ -59,6 +63,7 @@ class Connection:
         self.codec = Codec(system_id=system_id, component_id=component_id)
         self.local = Address(system_id, component_id)
         self.peers = Peers(self.local)
+        self.give_up: Callable[[], bool] | None = None
         self._for_others = 0
         self._listener = listener
         self._vehicle: VehicleInfo | None = None
@@ -128,6 +133,19 @@ class Connection:
         if self._vehicle is None:
             raise MisuseError("no vehicle yet; call wait_for_vehicle first")
         return self._vehicle
+
+    @property
+    def known_autopilot(self) -> Autopilot | None:
+        """What mission_io knows of the vehicle's autopilot; None for one that it does not know.
+
+        Raises:
+            MisuseError: ``wait_for_vehicle`` has not found a vehicle yet.
+        """
+        vehicle = self.vehicle
+        try:
+            return vehicle.autopilot
+        except MisuseError:
+            return None
 
     @property
     def heartbeat_age_s(self) -> float:
@@ -276,6 +294,8 @@ class Connection:
     def _next_messages(self, deadline: float) -> list[Received]:
         """Wait until a datagram brings messages; an empty list when the deadline came first."""
         while True:
+            if self.give_up is not None and self.give_up():
+                raise WaitCancelledError("the call was cancelled; the vehicle may have received it all the same")
             now = self.clock.now()
             if now >= self._heartbeat_at + _HEARTBEAT_S:
                 self._heartbeat_at = now
@@ -284,6 +304,12 @@ class Connection:
             messages = self._receive(max(0.0, wake - now))
             if messages or self.clock.now() >= deadline:
                 return messages
+
+    def _wait(self, seconds: float) -> None:
+        """Let time pass; what arrives is taken as always."""
+        deadline = self.clock.now() + seconds
+        while self.clock.now() < deadline:
+            self._next_messages(deadline)
 
     def _send_heartbeat(self) -> None:
         beat = Heartbeat(AutopilotId.INVALID, VehicleClass.GROUND_STATION, system_status=4)

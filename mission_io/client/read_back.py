@@ -1,12 +1,15 @@
-"""The record of an upload that was read back: what was sent, what came back, and every difference with its reason."""
+"""Reading an upload back: what was sent, what came back, and every difference with its reason."""
 
 import dataclasses
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mission_io.autopilots.comparison import Difference
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.autopilots.comparison import Difference, compare_items
 from mission_io.model.items import MissionItem, MissionType
+from mission_io.protocol.longest import STALE_READ_BACK_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +48,33 @@ class ReadBack:
                 for difference in self.differences
             ],
         }
+
+
+def read_back(
+    download: Callable[[], tuple[MissionItem, ...]],
+    wait: Callable[[float], None],
+    mission_type: MissionType,
+    items: Sequence[MissionItem],
+    autopilot: Autopilot,
+) -> ReadBack:
+    """Compare what the vehicle holds with what was sent; read once more when it differs.
+
+    PX4 returned the previous list once in 60 times when it was read immediately.
+
+    Args:
+        download: Reads the vehicle's list.
+        wait: Lets so many seconds pass.
+        mission_type: Which list.
+        items: What was sent.
+        autopilot: Whose changes by design the comparison knows.
+    """
+    received = download()
+    differences = compare_items(items, received, autopilot, mission_type)
+    if not all(difference.acceptable for difference in differences):
+        wait(STALE_READ_BACK_S)
+        received = download()
+        differences = compare_items(items, received, autopilot, mission_type)
+    return ReadBack(mission_type, autopilot.name, tuple(items), received, differences)
 
 
 def _item_json(item: MissionItem) -> dict[str, Any]:

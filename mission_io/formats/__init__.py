@@ -1,1 +1,1 @@
-"""Missions as text: one module for each file format. Text in, objects out, no file access."""
+"""Missions as text, one module for each file format: text in, objects out. Only ``files`` opens files."""

@@ -1,6 +1,6 @@
 """What changed between two missions: a difference that loses nothing and can be applied or taken back.
 
-``apply(diff(a, b), a)`` is ``b`` to the last bit, NaN and minus zero included. Items that only moved are not told from
+``apply_diff(diff(a, b), a)`` is ``b`` to the last bit, NaN and minus zero included. Items that only moved are not told from
 items that were removed and put in elsewhere. Takes a time that grows with the items, not with their square.
 """
 
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mission_io.errors import MisuseError
-from mission_io.model.items import GeoPoint, Mission, MissionItem
+from mission_io.model.items import Command, GeoPoint, Mission, MissionItem
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +43,16 @@ class MissionDiff:
     def __bool__(self) -> bool:
         return self.home is not None or bool(self.edits)
 
+    def __str__(self) -> str:
+        """One line for each item removed (``-``) or inserted (``+``), numbered from 1, every number unrounded."""
+        lines = [] if self.home is None else [f"- home {_place(self.home[0])}", f"+ home {_place(self.home[1])}"]
+        shift = 0
+        for edit in self.edits:
+            lines += [f"- {n} {_item_text(item)}" for n, item in enumerate(edit.removed, start=edit.at + 1)]
+            lines += [f"+ {n} {_item_text(item)}" for n, item in enumerate(edit.inserted, start=edit.at + shift + 1)]
+            shift += len(edit.inserted) - len(edit.removed)
+        return "\n".join(lines) or "no difference"
+
     def inverse(self) -> "MissionDiff":
         """The way back."""
         edits: list[Edit] = []
@@ -59,7 +69,7 @@ def diff(old: Mission, new: Mission) -> MissionDiff:
     return MissionDiff(home, diff_items(old.items, new.items))
 
 
-def apply(change: MissionDiff, mission: Mission) -> Mission:
+def apply_diff(change: MissionDiff, mission: Mission) -> Mission:
     """The mission after a change.
 
     Raises:
@@ -112,6 +122,18 @@ def apply_edits(edits: Sequence[Edit], items: Sequence[MissionItem]) -> tuple[Mi
         result += edit.inserted
         position = end
     return (*result, *items[position:])
+
+
+def _place(home: GeoPoint | None) -> str:
+    return "unknown" if home is None else f"{home.lat_deg}, {home.lon_deg}, {home.alt_amsl_m} m AMSL"
+
+
+def _item_text(item: MissionItem) -> str:
+    name = Command(item.command).name if item.command in list(Command) else f"command {item.command}"
+    params = ", ".join(f"{value}" for value in item.params)
+    if not item.has_position:
+        return f"{name}({params}, {item.lat_deg}, {item.lon_deg}, {item.alt_m})"
+    return f"{name}({params}) at {item.lat_deg}, {item.lon_deg}, {item.alt_m} m {item.frame.name}"
 
 
 def _anchors(old: list[bytes], new: list[bytes]) -> list[tuple[int, int]]:

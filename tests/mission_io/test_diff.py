@@ -1,3 +1,4 @@
+import math
 import struct
 import time
 from dataclasses import replace
@@ -8,8 +9,8 @@ from hypothesis import strategies as st
 
 from mission_io.errors import MisuseError
 from mission_io.model.areas import items_from_fence
-from mission_io.model.diff import Edit, MissionDiff, apply, apply_edits, diff, diff_items
-from mission_io.model.items import GeoPoint, Mission, MissionItem, delay
+from mission_io.model.diff import Edit, MissionDiff, apply_diff, apply_edits, diff, diff_items
+from mission_io.model.items import Frame, GeoPoint, Mission, MissionItem, delay
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION
 
 _FEW = [delay(float(n)) for n in range(4)] + [
@@ -31,8 +32,8 @@ def bits(mission: Mission) -> object:
 @given(_MISSIONS, _MISSIONS)
 def test_a_difference_loses_nothing_and_can_be_taken_back(a: Mission, b: Mission) -> None:
     change = diff(a, b)
-    assert bits(apply(change, a)) == bits(b)
-    assert bits(apply(change.inverse(), b)) == bits(a)
+    assert bits(apply_diff(change, a)) == bits(b)
+    assert bits(apply_diff(change.inverse(), b)) == bits(a)
     assert bool(change) == (bits(a) != bits(b))
     assert not diff(a, a)
 
@@ -57,9 +58,9 @@ def test_fences_and_rally_points_differ_as_item_lists() -> None:
 def test_a_change_only_fits_the_mission_it_was_made_from() -> None:
     change = diff(MISSION, replace(MISSION, items=MISSION.items[1:]))
     with pytest.raises(MisuseError, match="does not fit at item 0"):
-        apply(change, replace(MISSION, items=MISSION.items[2:]))
+        apply_diff(change, replace(MISSION, items=MISSION.items[2:]))
     with pytest.raises(MisuseError, match="its home is not"):
-        apply(diff(MISSION, replace(MISSION, home=None)), replace(MISSION, home=replace(HOME, lat_deg=1.0)))
+        apply_diff(diff(MISSION, replace(MISSION, home=None)), replace(MISSION, home=replace(HOME, lat_deg=1.0)))
     late = (Edit(0, MISSION.items[:2], ()), Edit(1, MISSION.items[1:2], ()))
     with pytest.raises(MisuseError, match="does not fit at item 1"):
         apply_edits(late, MISSION.items)
@@ -80,3 +81,15 @@ def test_long_lists_take_time_in_proportion(kind: str) -> None:
         return best
 
     assert seconds(16_000) < 10.0 * seconds(4_000) + 0.05
+
+
+def test_a_difference_as_text() -> None:
+    change = diff(MISSION, replace(MISSION, items=(MISSION.items[0], *MISSION.items[2:])))
+    lines = str(change).splitlines()
+    assert len(lines) == sum(len(edit.removed) + len(edit.inserted) for edit in change.edits)
+    assert all(line[:2] in ("- ", "+ ") for line in lines)
+    assert str(diff(MISSION, MISSION)) == "no difference"
+    unknown = MissionItem(31999, Frame.COMMAND, (1.5, math.nan, 0.0, 0.0))
+    assert str(MissionDiff(None, (Edit(0, (), (unknown,)),))) == "+ 1 command 31999(1.5, nan, 0.0, 0.0, 0.0, 0.0, 0.0)"
+    moved = MissionDiff((HOME, None), ())
+    assert str(moved) == f"- home {HOME.lat_deg}, {HOME.lon_deg}, {HOME.alt_amsl_m} m AMSL\n+ home unknown"

@@ -6,28 +6,42 @@ from typing import Any
 
 import pytest
 
+from mission_io import write_mission
 from mission_io.autopilots.autopilot import ARDUPILOT
 from mission_io.links.opening import UdpLink
 from mission_io.model.items import MissionType
 from mission_io.protocol.diagrams import TABLES, main, with_diagrams
 from tests.mission_io.real_vehicle import flying_on
+from tests.mission_io.test_client import MISSION
 from tests.mission_io.vehicle import VehiclePeer
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "mission_io.md"
 PROTOCOL = DOCUMENT.parents[1] / "explanation" / "mission_protocol.md"
 
 
-def test_the_ten_line_upload_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    (code,) = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
+@pytest.mark.parametrize("number", [0, 1], ids=["sync", "asyncio"])
+def test_the_ten_lines_run(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)[number]
+    assert len([line for line in code.splitlines() if line.strip()]) <= 10
+    monkeypatch.chdir(tmp_path)
+    assert write_mission(MISSION, "survey.waypoints") == ()
     with UdpLink.listening() as probe:
         port = probe.local_port
     peer = VehiclePeer(ARDUPILOT)
     with flying_on(UdpLink.connecting("127.0.0.1", port), peer):
         exec(compile(code.replace("14550", str(port)), str(DOCUMENT), "exec"), {})
     printed = capsys.readouterr().out
-    assert printed.startswith("True [")
-    assert "ArduPilot returns commands without a position in this frame" in printed
-    assert len(peer.server.items(MissionType.MISSION)) == 4
+    count = len(peer.server.items(MissionType.MISSION))
+    assert count == len(MISSION.items) + 1
+    if number == 0:
+        # Home comes back in single precision.
+        assert printed.startswith("True - home 46.5, -7.25, 512.3 m AMSL\n+ home 46.5, -7.25, 512.29998")
+        assert "- 1 NAV_TAKEOFF(0.0, 0.0, 0.0, 0.0) at 46.5, -7.25, 30.0 m ABOVE_HOME\n" in printed
+        assert "+ 1 NAV_TAKEOFF(0.0, 0.0, 0.0, 0.0) at 46.5, -7.25, 40.0 m ABOVE_HOME\n" in printed
+    else:
+        assert f"{count} of {count}\nTrue " in printed
 
 
 def test_the_diagrams_are_up_to_date() -> None:

@@ -42,8 +42,3 @@ def test_the_examples_of_the_checks(capsys: pytest.CaptureFixture[str]) -> None:
     (actions,) = examples("mission_checks.md")
     run(actions)
     assert "PointGimbal(pitch_deg=-90.0" in capsys.readouterr().out
-
-
-def test_the_upload_takes_ten_lines() -> None:
-    code = examples("mission_io.md")[0]
-    assert len([line for line in code.splitlines() if line.strip()]) <= 10

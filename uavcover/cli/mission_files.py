@@ -6,12 +6,11 @@ from pathlib import Path
 
 from mission_io.autopilots.lists import MissionList
 from mission_io.client.client import Client
-from mission_io.errors import FormatError, MissionIoError
-from mission_io.formats import csv, plan, poly, wpl
-from mission_io.formats.text import text_from_bytes
+from mission_io.errors import MissionIoError
+from mission_io.formats import plan, wpl
+from mission_io.formats.files import DRAWING_SUFFIXES, ONLY_LIST, read_file
 from mission_io.model.areas import Fence, RallyPoints, items_from_fence, items_from_rally
-from mission_io.model.items import Command, GeoPoint, Mission, MissionType
-from mission_io.model.places import doubts_about
+from mission_io.model.items import GeoPoint, Mission, MissionType
 from mission_io.wire.messages import HomePosition
 from uavcover.cli.console import Console
 from uavcover.errors import InputError, OutputError
@@ -19,13 +18,13 @@ from uavcover.scenario.frames import LocalFrame
 
 KINDS = ("mission", "fence", "rally", "all")
 _HOME_WARNING_M = 10.0
-_FENCE_COMMANDS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1)
 
 
 def read_contents(file: Path, kind: str | None) -> tuple[list[MissionList], tuple[str, ...]]:
-    """The lists in a ``.waypoints``, ``.plan``, ``.csv`` or ``.fen`` file, and what is to be said about them.
+    """Read the lists of a ``.waypoints``, ``.plan``, ``.csv`` or ``.fen`` file.
 
-    Said is, one line each, what had to be repaired to read the file and what is probably a mistake in it.
+    Returns:
+        The lists, and one line for each repair and each probable mistake.
 
     Raises:
         InputError: the file cannot be read, or does not hold what was asked for.
@@ -33,83 +32,28 @@ def read_contents(file: Path, kind: str | None) -> tuple[list[MissionList], tupl
     if kind is not None and kind not in KINDS:
         raise InputError(f"--type: {kind!r} is not one of {', '.join(KINDS)}")
     suffix = file.suffix.lower()
-    if suffix in _DRAWINGS:
+    if suffix in DRAWING_SUFFIXES:
         raise InputError(
             f"{file}: a {suffix} file holds places and no items to fly; plan with it, or save a .waypoints"
         )
+    only = ONLY_LIST.get(suffix)
+    if only is not None and kind not in {None, only.name.lower()}:
+        raise InputError(f"{file}: a {suffix} file holds a {only.name.lower()}; leave --type {kind} away")
     try:
-        decoded = text_from_bytes(file.read_bytes())
-        contents, repairs = _READERS.get(suffix, _read_waypoints)(decoded.text, file, kind)
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror})") from error
-    except FormatError as error:
-        raise InputError(f"{file}: {error}") from error
-    doubts = [doubt for content in contents if isinstance(content, Mission) for doubt in doubts_about(content)]
-    return contents, (
-        *(f"repaired: {repair}" for repair in (*decoded.repairs, *repairs)),
-        *(f"doubtful: {doubt}" for doubt in doubts),
-    )
-
-
-def _read_plan(text: str, file: Path, kind: str | None) -> tuple[list[MissionList], tuple[str, ...]]:
-    document = plan.read(text)
-    return _of_plan(document, file, kind), document.repairs
-
-
-def _read_waypoints(text: str, file: Path, kind: str | None) -> tuple[list[MissionList], tuple[str, ...]]:
-    read = wpl.read(text)
-    return [_of_waypoints(read, file, kind)], read.repairs
-
-
-def _read_csv(text: str, file: Path, kind: str | None) -> tuple[list[MissionList], tuple[str, ...]]:
-    if kind not in {None, "mission"}:
-        raise InputError(f"{file}: a .csv file holds a mission; leave --type {kind} away")
-    read = csv.read_mission(text)
-    return [read.mission], read.repairs
-
-
-def _read_fen(text: str, file: Path, kind: str | None) -> tuple[list[MissionList], tuple[str, ...]]:
-    if kind not in {None, "fence"}:
-        raise InputError(f"{file}: a .fen file holds a fence; leave --type {kind} away")
-    read = poly.read_fence(text)
-    return [read.fence], read.repairs
-
-
-_READERS = {".plan": _read_plan, ".csv": _read_csv, ".fen": _read_fen}
-"""How files are read by the end of their name; every other one is read as ``.waypoints``."""
-_DRAWINGS = frozenset({".kml", ".geojson", ".json", ".poly"})
-
-
-def _of_plan(document: plan.PlanFile, file: Path, kind: str | None) -> list[MissionList]:
-    every: dict[str, MissionList] = {"mission": document.mission, "fence": document.fence, "rally": document.rally}
-    if kind in every:
-        return [every[kind]]
-    held = [document.mission] if document.mission.items else []
-    rest: list[MissionList] = [
-        content
-        for content, items in (
-            (document.fence, items_from_fence(document.fence)),
-            (document.rally, items_from_rally(document.rally)),
-        )
-        if items
-    ]
-    if kind == "all":
-        return list(every.values())
-    if not held and not rest:
+        read = read_file(file, mission_type=None if kind in {None, "all"} else MissionType[str(kind).upper()])
+        contents = read.filled_lists if suffix == ".plan" and kind is None else read.lists
+    except MissionIoError as error:
+        raise InputError(str(error)) from error
+    if kind == "all" and suffix != ".plan":
+        raise InputError(f"{file}: a .waypoints file holds one list; name it with --type mission, fence or rally")
+    if not contents:
         raise InputError(
             f"{file}: holds no mission, fence or rally points; use --type all to empty the vehicle's lists"
         )
-    return [*held, *rest]
-
-
-def _of_waypoints(read: wpl.WplFile, file: Path, kind: str | None) -> MissionList:
-    if kind == "all":
-        raise InputError(f"{file}: a .waypoints file holds one list; name it with --type mission, fence or rally")
-    if kind is None:
-        commands = {item.command for item in read.items}
-        fence = bool(commands) and all(command in _FENCE_COMMANDS for command in commands)
-        kind = "fence" if fence else "rally" if commands == {int(Command.NAV_RALLY_POINT)} else "mission"
-    return read.fence() if kind == "fence" else read.rally() if kind == "rally" else read.mission()
+    return list(contents), (
+        *(f"repaired: {repair}" for repair in read.repairs),
+        *(f"doubtful: {doubt}" for doubt in read.doubts()),
+    )
 
 
 def home_of(contents: Sequence[MissionList]) -> GeoPoint | None:

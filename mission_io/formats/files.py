@@ -1,0 +1,208 @@
+"""Mission files on disk, read and written by the suffix of their name; the only module of the formats that opens files.
+
+| Suffix | Read | Written | Holds |
+| --- | --- | --- | --- |
+| `.plan` | yes | yes | mission, fence and rally points |
+| `.waypoints`, `.txt` and any other | yes | yes | one of the three lists |
+| `.csv` | yes | yes | a mission |
+| `.fen` | yes | no | a fence |
+| `.kml`, `.geojson` | no | yes | a route to look at |
+"""
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot
+from mission_io.autopilots.lists import MissionList, items_of
+from mission_io.errors import FormatError, MisuseError
+from mission_io.formats import csv, geojson, kml, plan, poly, wpl
+from mission_io.formats.text import text_from_bytes
+from mission_io.model.areas import Fence, RallyPoints
+from mission_io.model.items import Command, Mission, MissionType
+from mission_io.model.places import doubts_about
+
+_log = logging.getLogger(__name__)
+
+DRAWING_SUFFIXES: Final = frozenset({".kml", ".geojson", ".json", ".poly"})
+"""Files of these suffixes hold drawn shapes and no items that could be flown."""
+ONLY_LIST: Final[Mapping[str, MissionType]] = MappingProxyType({".csv": MissionType.MISSION, ".fen": MissionType.FENCE})
+"""The one list that a file of this suffix can hold."""
+_FENCE_COMMANDS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1)
+
+
+@dataclass(frozen=True, slots=True)
+class MissionFile:
+    """What a mission file holds; None for a list that it does not have.
+
+    Attributes:
+        mission: Its mission.
+        fence: Its fence.
+        rally: Its rally points.
+        repairs: What had to be repaired to read the file, one line each.
+    """
+
+    mission: Mission | None = None
+    fence: Fence | None = None
+    rally: RallyPoints | None = None
+    repairs: tuple[str, ...] = ()
+
+    @property
+    def lists(self) -> tuple[MissionList, ...]:
+        """The lists of the file, empty ones included: mission, fence, rally points."""
+        return tuple(one for one in (self.mission, self.fence, self.rally) if one is not None)
+
+    @property
+    def filled_lists(self) -> tuple[MissionList, ...]:
+        """The lists that hold at least one item."""
+        return tuple(one for one in self.lists if items_of(one, ARDUPILOT)[isinstance(one, Mission) :])
+
+    def doubts(self) -> tuple[str, ...]:
+        """Probable mistakes in the mission, such as a route far from home, one line each."""
+        return () if self.mission is None else doubts_about(self.mission)
+
+
+def read_file(path: str | Path, *, mission_type: MissionType | None = None) -> MissionFile:
+    """Read a mission file.
+
+    Args:
+        path: The file; see the table at the top of this module for suffixes.
+        mission_type: Which list to read. None reads every list of a ``.plan`` file, and recognises the list of a
+            ``.waypoints`` file by its commands.
+
+    Raises:
+        FormatError: the text is no such file, with file and line.
+        MisuseError: the file cannot be opened, or its format cannot hold the list.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in DRAWING_SUFFIXES:
+        raise MisuseError(f"{path}: a {suffix} file holds shapes and no items to fly; save the mission as .waypoints")
+    only = ONLY_LIST.get(suffix)
+    if only is not None and mission_type not in (None, only):
+        raise MisuseError(f"{path}: a {suffix} file holds a {only.name.lower()} and nothing else")
+    try:
+        decoded = text_from_bytes(path.read_bytes())
+        read = _READERS.get(suffix, _read_waypoints)(decoded.text, mission_type)
+    except OSError as error:
+        raise MisuseError(f"{path}: cannot be read ({error.strerror})") from error
+    except FormatError as error:
+        where = f"{path}: {error.where}" if error.where else str(path)
+        raise FormatError(error.what, where=where, advice=error.advice) from error
+    return MissionFile(read.mission, read.fence, read.rally, (*decoded.repairs, *read.repairs))
+
+
+def read_mission(path: str | Path) -> Mission:
+    """Read the mission of a file; repairs and probable mistakes are logged as warnings.
+
+    Raises:
+        FormatError: as :func:`read_file`.
+        MisuseError: as :func:`read_file`.
+    """
+    file = read_file(path, mission_type=MissionType.MISSION)
+    if file.mission is None:
+        raise FormatError("holds no mission", where=str(path))
+    for line in (*file.repairs, *file.doubts()):
+        _log.warning("%s: %s", path, line)
+    return file.mission
+
+
+def write_mission(
+    mission: Mission,
+    path: str | Path,
+    *,
+    fence: Fence | None = None,
+    rally: RallyPoints | None = None,
+    autopilot: Autopilot = ARDUPILOT,
+) -> tuple[str, ...]:
+    """Write a mission to a file, which replaces an older one.
+
+    Args:
+        mission: What to write.
+        path: The file; see the table at the top of this module for suffixes.
+        fence: Written to a ``.plan`` file along with the mission.
+        rally: Likewise.
+        autopilot: The autopilot that a ``.plan`` file names.
+
+    Returns:
+        What the format cannot hold exactly, one line each; empty when the file holds every bit.
+
+    Raises:
+        FormatError: the mission has no home although the format needs one, or a number that the format cannot hold. An
+            older file stays as it was.
+        MisuseError: the suffix cannot be written or cannot hold a fence or rally points, or the disk refuses.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    losses: tuple[str, ...] = ()
+    if suffix == ".plan":
+        plan_file = plan.PlanFile(mission, fence or Fence(), rally or RallyPoints(), autopilot.mav_autopilot)
+        text, losses = plan.write(plan_file), plan.losses(plan_file)
+    elif fence is not None or rally is not None:
+        raise MisuseError(f"{path}: only a .plan file holds fence and rally points along with a mission")
+    elif suffix in _WRITERS:
+        text = _WRITERS[suffix](mission)
+    elif suffix in {".fen", ".poly"}:
+        raise MisuseError(f"{path}: a {suffix} file cannot hold a mission; name it .waypoints or .plan")
+    else:
+        text, losses = wpl.write_mission(mission), wpl.losses(mission)
+    try:
+        path.write_text(text, encoding="utf-8", newline="")
+    except OSError as error:
+        raise MisuseError(f"{path}: cannot be written ({error.strerror})") from error
+    return losses
+
+
+def _read_plan(text: str, mission_type: MissionType | None) -> MissionFile:
+    document = plan.read(text)
+
+    def wanted(kind: MissionType) -> bool:
+        return mission_type in (None, kind)
+
+    return MissionFile(
+        document.mission if wanted(MissionType.MISSION) else None,
+        document.fence if wanted(MissionType.FENCE) else None,
+        document.rally if wanted(MissionType.RALLY) else None,
+        document.repairs,
+    )
+
+
+def _read_waypoints(text: str, mission_type: MissionType | None) -> MissionFile:
+    read = wpl.read(text)
+    if mission_type is None:
+        commands = {item.command for item in read.items}
+        if commands and all(command in _FENCE_COMMANDS for command in commands):
+            mission_type = MissionType.FENCE
+        elif commands == {int(Command.NAV_RALLY_POINT)}:
+            mission_type = MissionType.RALLY
+    if mission_type is MissionType.FENCE:
+        return MissionFile(fence=read.fence(), repairs=read.repairs)
+    if mission_type is MissionType.RALLY:
+        return MissionFile(rally=read.rally(), repairs=read.repairs)
+    return MissionFile(read.mission(), repairs=read.repairs)
+
+
+def _read_csv(text: str, _: MissionType | None) -> MissionFile:
+    read = csv.read_mission(text)
+    return MissionFile(read.mission, repairs=read.repairs)
+
+
+def _read_fen(text: str, _: MissionType | None) -> MissionFile:
+    read = poly.read_fence(text)
+    return MissionFile(fence=read.fence, repairs=read.repairs)
+
+
+_READERS: Final[Mapping[str, Callable[[str, MissionType | None], MissionFile]]] = MappingProxyType(
+    {".plan": _read_plan, ".csv": _read_csv, ".fen": _read_fen}
+)
+_WRITERS: Final[Mapping[str, Callable[[Mission], str]]] = MappingProxyType(
+    {
+        ".csv": csv.write_mission,
+        ".kml": kml.write_mission,
+        ".geojson": geojson.write_mission,
+        ".json": geojson.write_mission,
+    }
+)
