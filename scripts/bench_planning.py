@@ -16,7 +16,7 @@ from pathlib import Path
 
 from uavcover.model.route import RouteMember
 from uavcover.planning.selection import parse_rule, select
-from uavcover.run.plan import plan as plan_site
+from uavcover.run.search import plan as plan_site
 from uavcover.scenario.site import load_site
 
 CASES = (

@@ -29,7 +29,7 @@ import rasterio
 from rasterio.transform import from_origin
 
 from uavcover.model.track import Track, TrackSample
-from uavcover.run import judge
+from uavcover.run.judge import judge_tracks
 from uavcover.scenario.site import Site, load_site
 from uavcover.vehicle.track_file import TrackWriter
 
@@ -120,9 +120,9 @@ def measure(
     site = load_site(folder / "scenario.toml")
     track = fly_lines(site, samples)
     few = replace_samples(track, 50)
-    judge.judge_tracks(site, [(few, None)])  # compiles what is not in the cache
+    judge_tracks(site, [(few, None)])  # compiles what is not in the cache
     started, cpu_started = time.perf_counter(), time.process_time()
-    verdict = judge.judge_tracks(site, [(track, None)])
+    verdict = judge_tracks(site, [(track, None)])
     judged_s, cpu_s = time.perf_counter() - started, time.process_time() - cpu_started
     save_track(folder / "track.csv", track)
     started, cpu_started = time.perf_counter(), children_cpu_s()

@@ -24,10 +24,11 @@ from uavcover.errors import VehicleError
 from uavcover.judging.phases import PlannedRoute
 from uavcover.model.track import Track, TrackSample
 from uavcover.routes.mission_compiler import CompiledMission
-from uavcover.run import judge
+from uavcover.run.close_gaps import plan_gap_mission
+from uavcover.run.judge import judge_tracks
 from uavcover.run.mission import compile_plan
-from uavcover.run.plan import plan as plan_site
-from uavcover.run.session import Orders, connect, fly
+from uavcover.run.search import plan as plan_site
+from uavcover.run.session import Orders, VehicleLink, connect, fly
 from uavcover.run.upload import upload
 from uavcover.scenario.site import Site, load_site
 
@@ -68,7 +69,7 @@ def flown_by_mock(site: Site, compiled: CompiledMission) -> Track:
 def flown_once(site: Site, compiled: CompiledMission) -> Track:
     """One flight."""
     samples: list[TrackSample] = []
-    with connect("mock:", site, mock_speed=SPEED) as vehicle:
+    with connect(VehicleLink(url="mock:", mock_speed=SPEED), site) as vehicle:
         upload(vehicle.client, compiled)
         fly(vehicle, site, compiled, Orders(on_sample=samples.append))
     rows = np.array(
@@ -108,12 +109,12 @@ def measure(site: Site, first: Flown, first_m: float, promised: float, seed: int
         np.arange(1, count), size=round(MISSING_SHARE * (count - 1)), replace=False
     )
     torn = (without_legs(first.track, legs), first.planned)
-    before = judge.judge_tracks(site, [torn])
+    before = judge_tracks(site, [torn])
     already = before.report.coverage_of_coverable >= promised
-    mission = judge.plan_gap_mission(site, before, target=promised if asked == "planned" and not already else None)
+    mission = plan_gap_mission(site, before, target=promised if asked == "planned" and not already else None)
     route = mission.closing.route.waypoints_m
     closing = flown_by_mock(site, mission.compiled)
-    verdict = judge.judge_tracks(site, [torn, (closing, PlannedRoute(route, 0.0))])
+    verdict = judge_tracks(site, [torn, (closing, PlannedRoute(route, 0.0))])
     together = verdict.report.coverage_of_coverable
     assert not verdict.report.violations, verdict.report.reasons
     gap_m = length_m(mission.compiled)

@@ -1,6 +1,9 @@
 """The errors of uavcover. Each is one line that says what is wrong, where, and what to do about it."""
 
-from typing import Any
+from typing import Any, Final
+
+INTERRUPTED: Final = 130
+"""What the command line ends with when the user interrupted it."""
 
 
 class UavcoverError(Exception):

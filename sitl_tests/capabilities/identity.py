@@ -31,7 +31,7 @@ def foreign_type(case: Case) -> Finding:
     before = _state(case)
     with Relay(case.vehicle.url, seed=case.seed) as relay:
         try:
-            with session.connect(relay.url, load_site(SCENARIO), timeout_s=60.0):
+            with session.connect(session.VehicleLink(url=relay.url, timeout_s=60.0), load_site(SCENARIO)):
                 raise CheckFailedError("`plan-upload` would go on with it")
         except VehicleError as error:
             said = str(error)

@@ -11,13 +11,12 @@ import termios
 
 import pytest
 
-from uavcover.cli.console import Console
-from uavcover.cli.pausing import PauseKey
+from uavcover.cli.console import Console, PauseKey
 
 CHILD = """
 import select, sys
 from uavcover.cli.console import Console
-from uavcover.cli.pausing import PauseKey
+from uavcover.cli.console import PauseKey
 with PauseKey(Console(verbosity=-1)) as keys:
     print("ready", flush=True)
     for _ in range(3):

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from tests.cli.conftest import EVALUATIONS, Cli, command, files, in_process, limited_to, started, wait_for_line
-from uavcover.cli.console import Console
-from uavcover.cli.planning import PlanRequest, plan_into, progress_in_words, room_in_words
 from uavcover.model.route import RouteMetrics
 from uavcover.planning.planner import Progress
+from uavcover.run.plan import PlanRequest, plan_into, progress_in_words, room_in_words
+from uavcover.run.user import Unattended
 from uavcover.scenario.site import load_site
 
 PLANNED = {
@@ -248,6 +248,6 @@ def test_request_is_all_that_planning_needs(tmp_path: Path) -> None:
     request = PlanRequest(
         scenario="paper-R2", folder=tmp_path / "run", command=sys.argv, force=False, evaluations=100, seed=2
     )
-    outcome = plan_into(request, Console(verbosity=-1), check_site=lambda _: None)
+    outcome = plan_into(request, Unattended(), check_site=lambda _: None)
     assert outcome.exit_code == 0
     assert outcome.compiled is None

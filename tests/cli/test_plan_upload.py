@@ -13,7 +13,7 @@ import pytest
 
 from tests.cli.conftest import EVALUATIONS, Cli, command, mock_vehicle, started
 from tests.cli.relay import Relay
-from uavcover.cli import planning
+from uavcover.run import plan
 
 
 def test_run_folder_to_a_vehicle_in_another_process(cli: Cli, planned: Path) -> None:
@@ -31,13 +31,13 @@ def test_run_folder_to_a_vehicle_in_another_process(cli: Cli, planned: Path) -> 
 def test_ctrl_c_when_the_search_is_over_uploads_nothing(
     cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    compile_flights = planning.compile_flights
+    compile_flights = plan.compile_flights
 
     def interrupted(*arguments: Any, **options: Any) -> Any:
         signal.raise_signal(signal.SIGINT)
         return compile_flights(*arguments, **options)
 
-    monkeypatch.setattr(planning, "compile_flights", interrupted)
+    monkeypatch.setattr(plan, "compile_flights", interrupted)
     run = tmp_path / "run"
     ended = cli("plan-upload", "jacksboro", "--to", "mock:", "-o", run, "--evaluations", EVALUATIONS)
     assert ended.code == 130

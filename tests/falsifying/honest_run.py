@@ -14,8 +14,6 @@ import numpy as np
 
 from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.links.telemetry_log import LoggedLink
-from uavcover.cli.console import Console
-from uavcover.cli.flying import record_flight
 from uavcover.mock.battery import BatteryData
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.peer import InMemoryPeer
@@ -26,6 +24,7 @@ from uavcover.planning.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.routes.objectives import judge
+from uavcover.run.fly import FlightOptions, record_flight
 from uavcover.run.folder import RunFolder
 from uavcover.run.geotiff import Band, geotiff
 from uavcover.run.mission import compile_flights, compile_plan
@@ -33,6 +32,7 @@ from uavcover.run.plan_files import read_planned, save_plan
 from uavcover.run.resume import find_unfinished, save_rest
 from uavcover.run.session import Connected, Orders, fly, require_home
 from uavcover.run.upload import upload
+from uavcover.run.user import Unattended
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map
@@ -259,9 +259,9 @@ class Field:
         monitor.listen_to(client.wait_for_vehicle().address)
         station = Connected(client, monitor, self.autopilot, link)
         return record_flight(
-            run, self.site, route, Console(verbosity=-1), station,
+            run, self.site, route, Unattended(), station,
             lambda orders: begin(station, dataclasses.replace(orders, stop=stop, pause=pause)),
-            confirmed=False, force=True, viewer_url=None, patience=None,
+            options=FlightOptions(force=True),
         )[0]  # fmt: skip
 
 

@@ -9,7 +9,8 @@ from uavcover.errors import InfeasibleError, InputError
 from uavcover.judging.phases import PlannedRoute
 from uavcover.model.route import Route
 from uavcover.routes.mission_compiler import compile_mission
-from uavcover.run import judge
+from uavcover.run.close_gaps import plan_gap_mission
+from uavcover.run.judge import judge_tracks
 
 
 @pytest.fixture(scope="module")
@@ -30,10 +31,10 @@ def test_plan_and_gap_mission_together_reach_the_planned_coverage(flight: Flight
     legs = np.arange(1, len(flight.planned.waypoints_m))
     lost = np.random.default_rng(seed).choice(legs, size=max(1, len(legs) // 5), replace=False)
     torn = (taken(track, np.flatnonzero(~np.isin(track.current_waypoint, lost))), flight.planned)
-    before = judge.judge_tracks(site, [torn])
+    before = judge_tracks(site, [torn])
     promised = flight.planned.coverage_fraction
     assert before.report.coverage_fraction < promised
-    mission = judge.plan_gap_mission(site, before)
+    mission = plan_gap_mission(site, before)
     assert mission.plan.rule_met
     assert length_m(mission.compiled.path_m) < 0.5 * length_m(first.path_m)
     assert site.home_m is not None
@@ -41,19 +42,19 @@ def test_plan_and_gap_mission_together_reach_the_planned_coverage(flight: Flight
     count = len(mission.closing.route)
     closing = fly_along(site, path, first=mission.compiled.first_waypoint_item, count=count)
     planned = PlannedRoute(mission.closing.route.waypoints_m, 0.0)
-    both = judge.judge_tracks(site, [torn, (closing, planned)]).report
+    both = judge_tracks(site, [torn, (closing, planned)]).report
     assert both.coverage_fraction >= promised
     assert both.violations == ()
     assert both.coverage_of_coverable == pytest.approx(mission.coverage_after, abs=0.005)
 
 
 def test_what_cannot_be_asked_and_what_cannot_be_closed(flight: Flight) -> None:
-    verdict = judge.judge_tracks(flight.site, [(flight.track, flight.planned)])
+    verdict = judge_tracks(flight.site, [(flight.track, flight.planned)])
     with pytest.raises(InputError, match="min area"):
-        judge.plan_gap_mission(flight.site, verdict, min_area_m2=-1.0)
+        plan_gap_mission(flight.site, verdict, min_area_m2=-1.0)
     with pytest.raises(InputError, match="target"):
-        judge.plan_gap_mission(flight.site, verdict, target=1.1)
+        plan_gap_mission(flight.site, verdict, target=1.1)
     with pytest.raises(InfeasibleError, match="large enough"):
-        judge.plan_gap_mission(flight.site, verdict, min_area_m2=1e9)
+        plan_gap_mission(flight.site, verdict, min_area_m2=1e9)
     with pytest.raises(InfeasibleError, match="has reached 50 % already"):
-        judge.plan_gap_mission(flight.site, verdict, target=0.5)
+        plan_gap_mission(flight.site, verdict, target=0.5)

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
+from uavcover.judging.requirements import RequirementRow, requirement_rows
 from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.model.verdict import Violation, ViolationKind
 from uavcover.report.content import ReportContent
-from uavcover.report.requirements import RequirementRow, requirement_rows
 
 
 def rows_of(

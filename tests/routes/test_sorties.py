@@ -21,8 +21,8 @@ from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import compile_mission
 from uavcover.routes.objectives import judge
 from uavcover.routes.sorties import Sortie, compile_sorties
-from uavcover.run import judge as after_flight
 from uavcover.run.folder import RunFolder
+from uavcover.run.judge import judge_tracks, planned_for
 from uavcover.run.mission import compile_flights
 from uavcover.run.plan_files import read_planned, save_plan
 from uavcover.run.resume import flown_tracks
@@ -231,9 +231,9 @@ def test_each_sortie_is_a_run_folder_and_all_count_together(tmp_path: Path) -> N
         first = int(np.argmin(np.linalg.norm(path - sortie.route.waypoints_m[0], axis=1)))
         tracks.append(fly_along(site, path, first=first, count=len(sortie.route)))
         folder.file("track.csv").touch()
-    judged = after_flight.judge_tracks(
+    judged = judge_tracks(
         site,
-        [(t, after_flight.planned_for(f.file("track.csv"), run)) for t, f in zip(tracks, run.sorties(), strict=True)],
+        [(t, planned_for(f.file("track.csv"), run)) for t, f in zip(tracks, run.sorties(), strict=True)],
     )
     # One after the other they see what the whole route sees, and are measured by what the whole plan promised.
     assert judged.report.planned_coverage_fraction == plan.chosen.metrics.coverage_fraction

@@ -4,15 +4,15 @@ from pathlib import Path
 import pytest
 
 from mission_io.errors import VehicleSilentError
-from uavcover.cli.console import Console
-from uavcover.cli.planning import PlanRequest, plan_into
 from uavcover.errors import InputError
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan, export_text
-from uavcover.run.plan import bounds as bounds_of
-from uavcover.run.plan import least_length_m, plan
+from uavcover.run.plan import PlanRequest, plan_into
 from uavcover.run.plan_files import read_planned
-from uavcover.run.session import connect, home_of, require_home
+from uavcover.run.search import bounds as bounds_of
+from uavcover.run.search import least_length_m, plan
+from uavcover.run.session import VehicleLink, connect, home_of, require_home
+from uavcover.run.user import Unattended
 from uavcover.scenario.site import load_site
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "python_api.md"
@@ -35,7 +35,7 @@ def test_a_saved_plan_reads_back(tmp_path: Path) -> None:
     request = PlanRequest(
         scenario="jacksboro", folder=tmp_path / "run", command=["test"], force=False, evaluations=40, seed=5
     )
-    outcome = plan_into(request, Console(verbosity=-1), check_site=require_home)
+    outcome = plan_into(request, Unattended(), check_site=require_home)
     site, document = read_planned(RunFolder(tmp_path / "run"))
     chosen = outcome.plan.chosen
     assert (document.route.waypoints_m == chosen.route.waypoints_m).all()
@@ -77,7 +77,7 @@ def test_no_place_on_earth_no_home() -> None:
 
 
 def test_nobody_there() -> None:
-    with pytest.raises(VehicleSilentError), connect("udpin://127.0.0.1:0", timeout_s=0.2):
+    with pytest.raises(VehicleSilentError), connect(VehicleLink(url="udpin://127.0.0.1:0", timeout_s=0.2)):
         pass
 
 

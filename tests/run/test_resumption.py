@@ -24,8 +24,9 @@ from uavcover.planning.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.routes.objectives import judge
-from uavcover.run import judge as after_flight
+from uavcover.run.close_gaps import plan_gap_mission, save_gap_mission
 from uavcover.run.folder import RunFolder
+from uavcover.run.judge import judge_tracks, planned_for, read_planned_route
 from uavcover.run.mission import compile_plan
 from uavcover.run.plan_files import save_plan
 from uavcover.run.resume import find_unfinished, flights_of, flown_tracks, save_rest, took_off_s
@@ -97,7 +98,7 @@ class Field:
     def fly(self, *, stop: Callable[[], int] = lambda: 0, killed_after: int = 10**9) -> FlightOutcome | None:
         """The planned flight; None when its client was killed."""
         station = self.connected()
-        planned = after_flight.read_planned_route(self.run)
+        planned = read_planned_route(self.run)
         assert planned is not None
         compiled = compile_plan(self.site, Route(planned.waypoints_m), autopilot=self.autopilot)
         upload(station.client, compiled)
@@ -149,8 +150,8 @@ class Field:
                 return None
 
     def report(self) -> VerificationReport:
-        tracks = [(read_track(path), after_flight.planned_for(path, self.run)) for path in flown_tracks(self.run)]
-        return after_flight.judge_tracks(self.site, tracks).report
+        tracks = [(read_track(path), planned_for(path, self.run)) for path in flown_tracks(self.run)]
+        return judge_tracks(self.site, tracks).report
 
 
 @pytest.fixture
@@ -267,11 +268,11 @@ def test_left_holding_it_closes_the_gaps_from_where_it_is_and_lands(site, run, u
     assert first is not None
     assert first.ending is Ending.LEFT_HOLDING
     track = read_track(field.run.file("track.csv"))
-    torn = (track, after_flight.planned_for(field.run.file("track.csv"), field.run))
-    before = after_flight.judge_tracks(site, [torn])
+    torn = (track, planned_for(field.run.file("track.csv"), field.run))
+    before = judge_tracks(site, [torn])
     assert before.report.coverage_fraction < undisturbed.coverage_fraction - 0.1
-    mission = after_flight.plan_gap_mission(site, before, in_the_air=track)
-    gaps = after_flight.save_gap_mission(field.run, site, mission, command=["test"], force=False)
+    mission = plan_gap_mission(site, before, in_the_air=track)
+    gaps = save_gap_mission(field.run, site, mission, command=["test"], force=False)
     station = field.connected()
     assert is_in_the_air(station)
     up_since_s = took_off_s(gaps)
@@ -284,8 +285,8 @@ def test_left_holding_it_closes_the_gaps_from_where_it_is_and_lands(site, run, u
     assert closed is not None
     assert closed.ending is Ending.LANDED
     closing = gaps.file("track.csv")
-    together = [torn, (read_track(closing), after_flight.planned_for(closing, field.run))]
-    report = after_flight.judge_tracks(site, together).report
+    together = [torn, (read_track(closing), planned_for(closing, field.run))]
+    report = judge_tracks(site, together).report
     assert report.coverage_fraction >= undisturbed.coverage_fraction
     assert report.violations == ()
 

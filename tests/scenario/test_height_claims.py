@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tests.naive.file_ground import FileGround, enu_points, leg_ranges_m, mission_points, plan_points
-from uavcover.cli.console import Console
-from uavcover.cli.planning import PlanRequest, plan_into
+from uavcover.run.plan import PlanRequest, plan_into
+from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import load_scenario, terrain_path
 
 STEP_M = 0.5
@@ -23,7 +23,7 @@ LOCAL = ["paper-R2", "paper-r1", "paper-planar"]
 def planned(tmp_path, name):
     folder = tmp_path / "run"
     request = PlanRequest(scenario=name, folder=folder, command=["test"], force=False, evaluations=60, seed=3)
-    plan_into(request, Console(verbosity=-1), check_site=lambda _: None)
+    plan_into(request, Unattended(), check_site=lambda _: None)
     return folder
 
 

@@ -26,7 +26,7 @@ def clear(
     from uavcover.cli.console import Console
     from uavcover.cli.mission_files import KINDS
     from uavcover.errors import InputError
-    from uavcover.run.session import connect
+    from uavcover.run.session import VehicleLink, connect
 
     key = options.signing_key(signing_key)
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
@@ -34,14 +34,11 @@ def clear(
         raise InputError(f"--type: {kind!r} is not one of {', '.join(KINDS)}")
     lists = list(MissionType) if kind == "all" else [MissionType[kind.upper()]]
     cleared: list[str] = []
-    with connect(
-        to,
-        timeout_s=timeout_s,
-        timing=link_preset(link).timing,
-        signing_key=key,
-        system_id=system,
+    at = VehicleLink(
+        url=to, timeout_s=timeout_s, timing=link_preset(link).timing, signing_key=key, system_id=system,
         component_id=component,
-    ) as vehicle:
+    )  # fmt: skip
+    with connect(at) as vehicle:
         try:
             for mission_type in lists:
                 vehicle.client.clear(mission_type, in_flight=in_flight)

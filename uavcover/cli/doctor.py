@@ -1,10 +1,117 @@
 """``uavcover doctor``: what is installed, what works, what the optional parts would need."""
 
+import importlib
+import os
+import platform
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from uavcover.cli import options
+
+_PACKAGES = {
+    "numpy": "numpy", "scipy": "scipy", "numba": "numba", "pyproj": "pyproj", "rasterio": "rasterio", "shapely": "shapely",
+    "pydantic": "pydantic", "pymavlink": "pymavlink", "mavsdk": "mavsdk", "rerun-sdk": "rerun", "matplotlib": "matplotlib",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was looked at.
+
+    Attributes:
+        name: what.
+        ok: whether it is there and works.
+        needed: whether uavcover cannot do without it.
+        text: version, or what to do.
+    """
+
+    name: str
+    ok: bool
+    needed: bool
+    text: str
+
+
+def examine(*, try_imports: bool) -> list[Finding]:
+    """Look at everything."""
+    return [*_basics(), *_packages(try_imports), *_data(), *_optional()]
+
+
+def _basics() -> Iterator[Finding]:
+    yield Finding("uavcover", True, True, metadata.version("uavcover"))
+    yield Finding("python", sys.version_info >= (3, 11), True, f"{platform.python_version()} on {platform.platform()}")
+    yield Finding("cores", True, True, str(os.cpu_count()))
+    free = shutil.disk_usage(Path.cwd()).free / 1e9
+    yield Finding("free disk here", free > 0.5, False, f"{free:.1f} GB")
+    try:
+        with tempfile.TemporaryFile():
+            yield Finding("temporary files", True, True, tempfile.gettempdir())
+    except OSError as error:
+        yield Finding("temporary files", False, True, f"{error}; set TMPDIR to a folder that can be written to")
+
+
+def _packages(try_imports: bool) -> Iterator[Finding]:
+    for name, module in _PACKAGES.items():
+        try:
+            version = metadata.version(name)
+            if try_imports:
+                importlib.import_module(module)
+            yield Finding(name, True, True, version)
+        except (ImportError, OSError) as error:
+            yield Finding(name, False, True, f"{error}; install the package again, from its clone: pip install -e .")
+
+
+def _data() -> Iterator[Finding]:
+    from uavcover.errors import UavcoverError
+    from uavcover.scenario.scenario_file import bundled_scenarios
+    from uavcover.scenario.site import load_site
+
+    for name in bundled_scenarios():
+        try:
+            site = load_site(name)
+            yield Finding(f"scenario {name}", True, True, site.scenario.description)
+        except UavcoverError as error:
+            yield Finding(f"scenario {name}", False, True, str(error))
+
+
+def _optional() -> Iterator[Finding]:
+    display = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")) or sys.platform in {
+        "darwin",
+        "win32",
+    }
+    yield Finding(
+        "screen for inspect", display, False,
+        "there" if display else "none here; uavcover inspect --text and --screenshot work without one",
+    )  # fmt: skip
+    vulkan = sys.platform != "linux" or any(Path(p).is_dir() and any(Path(p).iterdir()) for p in _VULKAN)
+    yield Finding(
+        "Vulkan driver for --screenshot", vulkan, False,
+        "there" if vulkan else "none found; on Debian and Ubuntu: apt install mesa-vulkan-drivers libvulkan1",
+    )  # fmt: skip
+    for name, purpose, extra in (("pyulog", ".ulg logs of PX4", "ulog"), ("pyserial", "serial links", "serial")):
+        yield _extra(name, purpose, extra)
+    for name, variable in (("ArduCopter simulator", "UAVCOVER_ARDUCOPTER"), ("PX4 simulator", "UAVCOVER_PX4")):
+        path = os.environ.get(variable)
+        ok = path is not None and Path(path).exists()
+        yield Finding(name, ok, False, path if ok and path else f"set {variable} to fly it in sitl_tests")
+
+
+def _extra(name: str, purpose: str, extra: str) -> Finding:
+    """A package that only one extra of uavcover brings."""
+    try:
+        return Finding(name, True, False, f"{metadata.version(name)}, for {purpose}")
+    except metadata.PackageNotFoundError:
+        return Finding(name, False, False, f"needed for {purpose}: pip install 'uavcover[{extra}]'")
+
+
+_VULKAN = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d")
 
 
 def doctor(
@@ -15,7 +122,7 @@ def doctor(
 ) -> int:
     """Say what is installed, what works, and what each optional part would need."""
     from uavcover.cli.console import Console
-    from uavcover.cli.examination import examine
+    from uavcover.cli.doctor import examine
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     findings = examine(try_imports=imports)

@@ -29,21 +29,18 @@ def download(
     from uavcover.cli.console import Console
     from uavcover.cli.mission_files import check_output, text_of
     from uavcover.run.folder import write_text
-    from uavcover.run.session import connect
+    from uavcover.run.session import VehicleLink, connect
 
     client_name = options.client_name(client, link=link, signed=signing_key is not None)
     key = options.signing_key(signing_key)
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     check_output(out, kind, force=force)
     wanted = list(MissionType) if kind == "all" else [MissionType.MISSION, MissionType[kind.upper()]]
-    timing = link_preset(link).timing
-    with (
-        connect(
-            url, timeout_s=timeout_s, timing=timing, signing_key=key, client_name=client_name, system_id=system,
-            component_id=component,
-        ) as vehicle,
-        console.progress("downloading") as bar,
-    ):  # fmt: skip
+    at = VehicleLink(
+        url=url, timeout_s=timeout_s, timing=link_preset(link).timing, signing_key=key, client_name=client_name,
+        system_id=system, component_id=component,
+    )  # fmt: skip
+    with connect(at) as vehicle, console.progress("downloading") as bar:
         # A file needs home, which comes with the mission or from the vehicle.
         lists = {t: vehicle.client.download_list(t, progress=bar.count) for t in dict.fromkeys(wanted)}
         text, items = text_of(vehicle.client, lists, out, kind)

@@ -11,10 +11,9 @@ from typing import Any
 import typer
 
 from mission_io.errors import FormatError, MissionIoError, MisuseError
-from uavcover.errors import UavcoverError
+from uavcover.errors import INTERRUPTED, UavcoverError
 from uavcover.run.folder import json_line
 
-INTERRUPTED = 130
 BAD_USAGE = 2
 FAULT = 70
 """A fault of uavcover itself; 70 is what sysexits.h calls it, so that no script takes it for an answer."""

@@ -22,6 +22,7 @@ def export(
     """Write one mission file for other software."""
     from uavcover.cli.console import Console
     from uavcover.errors import InputError, OutputError
+    from uavcover.model.vehicle import autopilot_name
     from uavcover.run.folder import RunFolder, write_text
     from uavcover.run.mission import EXPORT_FORMATS, compile_plan, export_text
     from uavcover.run.plan_files import read_planned
@@ -30,7 +31,7 @@ def export(
     if file_format not in EXPORT_FORMATS:
         raise InputError(f"--format: {file_format!r} is not one of {', '.join(EXPORT_FORMATS)}")
     site, planned = read_planned(RunFolder(run).flight(sortie))
-    name = options.autopilot_name(autopilot, site.scenario.vehicle.autopilot)
+    name = autopilot_name(autopilot, site.scenario.vehicle.autopilot)
     compiled = compile_plan(site, planned.route, autopilot=name)
     text = export_text(compiled, file_format, autopilot=name, name=site.scenario.name)
     if out.exists() and not force:

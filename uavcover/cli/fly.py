@@ -55,11 +55,12 @@ def fly(
     whatever ended it, in a folder of its own inside RUN; verify counts both.
     """
     from uavcover.cli.console import Console
-    from uavcover.cli.ending import INTERRUPTED
-    from uavcover.cli.flying import ENDED_BY_USER, fly_run
     from uavcover.cli.precautions import precautions_for
+    from uavcover.errors import INTERRUPTED
+    from uavcover.run.fly import ENDED_BY_USER, FlightOptions, fly_run, resume_run
     from uavcover.run.folder import RunFolder
     from uavcover.run.plan_files import read_planned
+    from uavcover.run.session import VehicleLink
     from uavcover.vehicle.flight_plan import Patience
 
     client_name = options.client_name(client, link="default", signed=signing_key is not None)
@@ -75,25 +76,19 @@ def fly(
         from uavcover.recording.viewer import open_live_viewer
 
         viewer_url = open_live_viewer()
+    link = VehicleLink(
+        url=to, timeout_s=timeout_s, mock_speed=mock_speed, signing_key=key, client_name=client_name, system_id=system,
+        component_id=component,
+    )  # fmt: skip
+    asked = FlightOptions(
+        confirmed=yes, force=force, viewer_url=viewer_url, patience=patience, precautions=precautions,
+        upload_first=to.startswith("mock:"),  # a vehicle that begins with this process holds nothing yet
+    )  # fmt: skip
     if resume:
-        from uavcover.cli.resuming import resume_run
-
-        resumed, document = resume_run(
-            folder, to, console, timeout_s=timeout_s, confirmed=yes, mock_speed=mock_speed, viewer_url=viewer_url,
-            signing_key=key, client_name=client_name, patience=patience, precautions=precautions, command=sys.argv,
-            system_id=system,
-            component_id=component,
-        )  # fmt: skip
+        resumed, document = resume_run(folder, link, console, asked, command=sys.argv)
         console.result(document)
         return INTERRUPTED if resumed is not None and resumed.ending in ENDED_BY_USER else 0
     site, planned = read_planned(folder)
-    # A vehicle that begins with this process holds nothing yet.
-    outcome, document = fly_run(
-        folder, site, planned.route, to, console,
-        timeout_s=timeout_s, confirmed=yes, force=force, mock_speed=mock_speed, upload_first=to.startswith("mock:"),
-        viewer_url=viewer_url, signing_key=key, client_name=client_name, patience=patience, precautions=precautions,
-        system_id=system,
-        component_id=component,
-    )  # fmt: skip
+    outcome, document = fly_run(folder, site, planned.route, link, console, asked)
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0

@@ -38,18 +38,18 @@ def gaps(
     Writes gaps.geojson, gap_mission.waypoints, and RUN/gaps, a run folder to upload, fly and verify. Exit 1 when the mission
     cannot reach what was asked for.
     """
-    from uavcover.cli.closing import Start, close_gaps
     from uavcover.cli.console import Console
     from uavcover.errors import InputError
+    from uavcover.run.close_gaps import GapRequest, Start, close_gaps
     from uavcover.run.folder import RunFolder
 
     if start not in list(Start):
         raise InputError(f"--start: {start!r} is neither home nor last")
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
-    document = close_gaps(
-        RunFolder(run), console,
-        logs=logs or (), target=target, min_area_m2=min_area_m2, start=Start(start), force=force, command=sys.argv,
+    request = GapRequest(
+        logs=logs or (), target=target, min_area_m2=min_area_m2, start=Start(start), force=force,
         accepted=accept_changed or (),
     )  # fmt: skip
+    document = close_gaps(RunFolder(run), console, request, command=sys.argv)
     console.result(document)
     return 0 if document["target_met"] else 1

@@ -78,7 +78,7 @@ def mock_vehicle(
     from uavcover.mock.positioning import GpsError, TruthFile
     from uavcover.mock.server import run
     from uavcover.mock.vehicle import MockConfig, MockVehicle
-    from uavcover.model.vehicle import AutopilotName
+    from uavcover.model.vehicle import AutopilotName, autopilot_name
     from uavcover.routes.mission_compiler import AUTOPILOTS
     from uavcover.run.session import home_of
     from uavcover.scenario.site import load_site
@@ -107,7 +107,7 @@ def mock_vehicle(
         place = at_home
         settings, default = Settings.for_vehicle(site.scenario.vehicle), site.scenario.vehicle.autopilot
         battery = BatteryData.for_vehicle(site.scenario.vehicle)
-    name = options.autopilot_name(autopilot, default)
+    name = autopilot_name(autopilot, default)
     ways = {"quick": quick(), "observed": OBSERVED[AUTOPILOTS[name].mav_autopilot]}
     if behaviour not in ways:
         raise InputError(f"--behaviour: {behaviour!r} is not quick or observed")

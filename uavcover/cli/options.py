@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from uavcover.errors import InputError
-from uavcover.model.vehicle import AutopilotName
 
 if TYPE_CHECKING:
     from mission_io import SigningKey
@@ -113,20 +112,6 @@ OnBreachAction = Annotated[
 def verbosity(quiet: bool, verbose: int) -> int:
     """-1 for quiet, otherwise how often -v was given."""
     return -1 if quiet else verbose
-
-
-def autopilot_name(text: str | None, default: AutopilotName) -> AutopilotName:
-    """Check the name of an autopilot.
-
-    Raises:
-        InputError: it is neither.
-    """
-    match text:
-        case None:
-            return default
-        case "ardupilot" | "px4":
-            return text
-    raise InputError(f"--autopilot: {text!r} is neither ardupilot nor px4")
 
 
 def on_breach(text: str | None) -> "OnBreach | None":

@@ -19,10 +19,11 @@ def pareto(
     """List the Pareto set of a plan: coverage, waypoints, length and time of every member; or draw it."""
     import dataclasses
 
-    from uavcover.cli.console import Console, percent
+    from uavcover.cli.console import Console
     from uavcover.errors import OutputError
     from uavcover.run.documents import bounds_in_words, read_pareto
     from uavcover.run.folder import RunFolder
+    from uavcover.run.user import percent
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     folder = RunFolder(run)

@@ -49,7 +49,7 @@ def plan(
     Ctrl-C writes the best route so far and ends with 130.
     """
     from uavcover.cli.console import Console
-    from uavcover.cli.planning import PlanRequest, plan_into
+    from uavcover.run.plan import PlanRequest, plan_into
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     request = PlanRequest(

@@ -36,13 +36,14 @@ def plan_upload(
 
     upload.json tells of the last upload; an older one is replaced.
     """
+    from mission_io.links.presets import link_preset
     from uavcover.cli.console import Console
-    from uavcover.cli.planning import PlanRequest, plan_into
-    from uavcover.cli.uploading import upload_run
     from uavcover.errors import InputError
     from uavcover.run.folder import RunFolder
+    from uavcover.run.plan import PlanRequest, plan_into
     from uavcover.run.plan_files import read_planned
-    from uavcover.run.session import require_home
+    from uavcover.run.session import VehicleLink, require_home
+    from uavcover.run.upload import upload_run
 
     client_name = options.client_name(client, link=link, signed=signing_key is not None)
     key = options.signing_key(signing_key)  # a bad key is known before an hour of planning
@@ -69,21 +70,11 @@ def plan_upload(
             return outcome.exit_code
         folder = folder.flight(sortie)
         site, planned = read_planned(folder)
-    route = planned.route
-    document = upload_run(
-        folder,
-        site,
-        route,
-        to,
-        console,
-        timeout_s=timeout_s,
-        link=link,
-        in_flight=in_flight,
-        signing_key=key,
-        client_name=client_name,
-        system_id=system,
-        component_id=component,
-    )
+    link_of = VehicleLink(
+        url=to, timeout_s=timeout_s, timing=link_preset(link).timing, signing_key=key, client_name=client_name,
+        system_id=system, component_id=component,
+    )  # fmt: skip
+    document = upload_run(folder, site, planned.route, link_of, console, in_flight=in_flight)
     console.say(f"written: {folder.file('upload.json')}")
     console.result({"run": str(folder), **document})
     return 0 if document["passed"] else 1

@@ -28,8 +28,8 @@ def report(
 ) -> int:
     """Write report.html: map, 3D view, heights, coverage, requirements, alternatives; one file, opens offline."""
     from uavcover.cli.console import Console
-    from uavcover.cli.reporting import draw_figures, write_report
     from uavcover.errors import OutputError
+    from uavcover.report.report_file import draw_figures, write_report
     from uavcover.run.folder import RunFolder
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))

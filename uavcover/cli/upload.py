@@ -29,8 +29,8 @@ def upload(
     from mission_io.links.presets import link_preset
     from uavcover.cli.console import Console
     from uavcover.cli.mission_files import home_of, read_contents, warn_of_home
-    from uavcover.cli.uploading import say_comparison, telling_what_is_held
-    from uavcover.run.session import connect
+    from uavcover.run.session import VehicleLink, connect
+    from uavcover.run.upload import say_comparison, telling_what_is_held
 
     client_name = options.client_name(client, link=link, signed=signing_key is not None)
     key = options.signing_key(signing_key)
@@ -42,10 +42,11 @@ def upload(
     results = []
     timing = link_preset(link).timing
     home = home_of(contents)
-    with connect(
-        to, home=home, timeout_s=timeout_s, timing=timing, signing_key=key, client_name=client_name,
-        system_id=system, component_id=component,
-    ) as vehicle:  # fmt: skip
+    at = VehicleLink(
+        url=to, timeout_s=timeout_s, timing=timing, signing_key=key, client_name=client_name, system_id=system,
+        component_id=component,
+    )  # fmt: skip
+    with connect(at, home=home) as vehicle:
         console.say(f"vehicle {vehicle.client.vehicle.system_id} at {to}: {vehicle.client.vehicle.described}")
         warn_of_home(vehicle.client, home, console)
         for content in contents:

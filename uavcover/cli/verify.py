@@ -25,8 +25,8 @@ def verify(
     planned or flown (scenario, terrain, obstacles, plan, mission files, track, version) is named and not judged, unless accepted.
     """
     from uavcover.cli.console import Console
-    from uavcover.cli.verifying import verify_run
     from uavcover.run.folder import RunFolder
+    from uavcover.run.judge import verify_run
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     report = verify_run(RunFolder(run), console, command=sys.argv, logs=logs or (), accepted=accept_changed or ())

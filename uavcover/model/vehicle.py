@@ -8,6 +8,7 @@ What flies.
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
+from uavcover.errors import InputError
 from uavcover.model.value_checks import STRICT, require, require_not_negative, require_positive
 
 
@@ -31,6 +32,20 @@ class Wind:
 
 
 AutopilotName = Literal["ardupilot", "px4"]
+
+
+def autopilot_name(text: str | None, default: AutopilotName) -> AutopilotName:
+    """Check the name of an autopilot; none is the default.
+
+    Raises:
+        InputError: it is neither.
+    """
+    match text:
+        case None:
+            return default
+        case "ardupilot" | "px4":
+            return text
+    raise InputError(f"--autopilot: {text!r} is neither ardupilot nor px4")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,9 +11,9 @@ from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.verify import Verdict, track_positions_m
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import Track
-from uavcover.run import judge
 from uavcover.run.documents import ParetoRow, PlannedDocument, read_pareto, read_plan_document
 from uavcover.run.folder import RunFolder
+from uavcover.run.judge import judge_tracks, planned_for, read_log
 from uavcover.run.judged_inputs import judged_logs, was_flown
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
@@ -91,11 +91,11 @@ def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = (
     site = load_site(run.existing("scenario.toml", made_by="uavcover plan"))
     plan = run.read_json("plan.json", made_by="uavcover plan")
     paths = judged_logs(run, logs) if logs or was_flown(run) else []
-    read = [judge.read_log(path, site) for path in paths]
+    read = [read_log(path, site) for path in paths]
     verdict, flights = None, tuple[Flight, ...]()
     if read:
-        tracks = [(r.track, judge.planned_for(path, run)) for r, path in zip(read, paths, strict=True)]
-        verdict = judge.judge_tracks(site, tracks)
+        tracks = [(r.track, planned_for(path, run)) for r, path in zip(read, paths, strict=True)]
+        verdict = judge_tracks(site, tracks)
         flights = _flights(site, [_shown(path, run) for path in paths], tracks, verdict.shifts_s)
     pareto = run.file("pareto.csv")
     return ReportContent(

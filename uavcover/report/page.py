@@ -10,10 +10,10 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from uavcover.judging.requirements import requirement_rows
 from uavcover.report import plots
 from uavcover.report.content import ReportContent
 from uavcover.report.map_data import REASON_WORDS, drawn_every, map_data
-from uavcover.report.requirements import requirement_rows
 from uavcover.run.documents import bounds_in_words
 
 _HERE = Path(__file__).parent

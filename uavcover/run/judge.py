@@ -1,48 +1,44 @@
-"""The stages after a flight: read its logs, judge them, close the gaps; and their files in the run folder."""
+"""Judging a flight: its logs against its plan, the verdict, and its files in the run folder."""
 
-import math
-import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.errors import InfeasibleError, InputError
+from uavcover.errors import InputError
 from uavcover.judging.flown_coverage import FlownCoverage
-from uavcover.judging.gaps import REASONS, gaps_geojson, reason_codes
+from uavcover.judging.gaps import REASONS, reason_codes
 from uavcover.judging.phases import PlannedRoute
+from uavcover.judging.requirements import requirement_rows
 from uavcover.judging.track_logs.reading import READERS, read_foreign_log
 from uavcover.judging.verify import FlownTrack, Verdict, verify_flight, verify_track
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.track import ReadTrack, Track
 from uavcover.model.verdict import VerificationReport
-from uavcover.planning.gap_route import ClosingRoute, plan_closing_route
-from uavcover.routes.leg_checks import measure_violations
-from uavcover.routes.mission_compiler import CompiledMission, compile_continuation
-from uavcover.routes.objectives import judge
-from uavcover.run import files as run_files
-from uavcover.run import flight_status
+from uavcover.run import files, flight_status
 from uavcover.run.documents import (
     read_plan_document,
     verification_document,
 )
 from uavcover.run.folder import RunFolder, json_text
 from uavcover.run.geotiff import Band, geotiff
-from uavcover.run.judged_inputs import JudgedInputs
-from uavcover.run.mission import compile_plan, mission_texts
-from uavcover.run.plan_files import save_plan
+from uavcover.run.judged_inputs import (
+    JudgedInputs,
+    check_accepted,
+    inspect_inputs,
+    judged_logs,
+    refuse_changes,
+    unsealed_in_words,
+)
 from uavcover.run.provenance import note_files
 from uavcover.run.resume import TRACK
-from uavcover.scenario.site import Site
+from uavcover.run.user import User, metres, percent
+from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
 from uavcover.vehicle.track_file import read_track_with_warnings
-
-GAP_FOLDER = "gaps"
-"""The run folder, inside that of the flight, of the mission that closes its gaps."""
 
 LOG_ENDINGS = (".csv", ".rrd", *READERS)
 
@@ -189,154 +185,147 @@ def coverage_raster(coverage: CoverageMap, flown: FlownCoverage) -> bytes | None
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GapMission:
-    """A mission that sees what a flight has missed.
-
-    Attributes:
-        closing: the route, and what it sees of the gaps.
-        compiled: the mission, from take-off at home to landing there.
-        continuation: the same route for a vehicle in the air, from where it is; none when that was not asked for.
-        plan: the same as a plan of its own, for its run folder.
-        coverage_after: share of the coverable area that is seen after it, together with the flight.
-    """
-
-    closing: ClosingRoute
-    compiled: CompiledMission
-    continuation: CompiledMission | None
-    plan: Plan
-    coverage_after: float
-
-    @property
-    def wanted(self) -> CompiledMission:
-        """The mission that was asked for."""
-        return self.compiled if self.continuation is None else self.continuation
-
-
-def check_gap_request(*, min_area_m2: float, target: float | None) -> None:
-    """Refuse what cannot be asked of a gap mission.
-
-    Raises:
-        InputError: an area below 0, or a target outside 0..1.
-    """
-    if not min_area_m2 >= 0.0 or not math.isfinite(min_area_m2):
-        raise InputError(f"min area: {min_area_m2} square metres must not be negative")
-    if target is not None and not 0.0 < target <= 1.0:
-        raise InputError(f"target: {target} is a share of the coverable area, above 0 and at most 1")
-
-
-def plan_gap_mission(
-    site: Site,
-    verdict: Verdict,
-    *,
-    min_area_m2: float = 0.0,
-    target: float | None = None,
-    in_the_air: Track | None = None,
-) -> GapMission:
-    """The mission that closes the coverable gaps of a flight and lands at home.
-
-    Args:
-        site: the scenario on its ground.
-        verdict: on what was flown.
-        min_area_m2: smaller gaps are left open.
-        target: share of the coverable area that is enough, 0..1; default: everything.
-        in_the_air: of a vehicle that has not landed: the mission begins at the last sample; default: take-off at home.
-
-    Raises:
-        InputError: an argument is out of range, or the site has no home.
-        InfeasibleError: there is nothing to close, or no checked mission for it.
-    """
-    check_gap_request(min_area_m2=min_area_m2, target=target)
-    if site.home_m is None:
-        raise InputError(
-            f"scenario {site.scenario.name}: has no [home]; a mission needs the place to take off and land"
-        )
-    started = time.monotonic()
-    coverage, seen = verdict.coverage, verdict.flown.seen
-    missing = np.zeros(coverage.grid.count, dtype=bool)
-    for region in verdict.gaps:
-        if region.gap.coverable and region.gap.area_m2 >= min_area_m2:
-            missing[region.cells] = True
-    if not missing.any():
-        raise InfeasibleError("there are no gaps to close that could be seen and are large enough")
-    needed_m2 = None
-    if target is not None:
-        lacking = target - coverage.share_of_coverable(seen)
-        if lacking <= 0.0:
-            raise InfeasibleError(f"there is nothing to close: the flight has reached {100 * target:g} % already")
-        needed_m2 = lacking * float(coverage.grid.weight_m2[coverage.coverable].sum())
-    start_m = site.home_m if in_the_air is None else _last_place_m(site, in_the_air)
-    closing = plan_closing_route(coverage, missing, start_m=start_m, end_m=site.home_m, needed_m2=needed_m2)
-    compiled = compile_plan(site, closing.route)
-    continuation = None if in_the_air is None else _continuation(site, closing.route, in_the_air)
-    route = closing.route
-    margin_m = site.scenario.limits.height_margin_m
-    member = RouteMember(
-        route,
-        judge(coverage, route),
-        measure_violations(site, route.waypoints_m, margin_m=margin_m).total,
-        "gap-closing",
-    )
-    after = coverage.share_of_coverable(seen | coverage.seen(route.waypoints_m))
-    plan = Plan(
-        chosen=member, members=(member,), baselines=(), rule="gaps", rule_met=target is None or after >= target,
-        algorithm="gap-closing", evaluations=0, wall_s=time.monotonic() - started,
-    )  # fmt: skip
-    return GapMission(closing, compiled, continuation, plan, after)
-
-
-def _last_place_m(site: Site, track: Track) -> FloatArray:
-    """(3,) ENU of the last sample, by its geodetic columns.
-
-    Raises:
-        InputError: the scenario has no place on Earth.
-    """
-    if site.frame is None:
-        raise InputError(f"scenario {site.scenario.name}: has no place on Earth, so there is no mission to fly")
-    lat_deg, lon_deg, alt_amsl_m = track.geodetic[-1].tolist()
-    place_m: FloatArray = site.frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
-    return place_m
-
-
-def _continuation(site: Site, route: Route, track: Track) -> CompiledMission:
-    lat_deg, lon_deg, alt_amsl_m = track.geodetic[-1].tolist()
-    return compile_continuation(
-        site, route, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m,
-        flown_s=float(track.time_s[-1] - track.time_s[0]), autopilot=site.scenario.vehicle.autopilot,
-    )  # fmt: skip
-
-
-def save_gaps(run: RunFolder, verdict: Verdict, *, command: Sequence[str]) -> None:
-    """Write ``gaps.geojson``.
-
-    Raises:
-        InputError: the scenario has no place on Earth.
-    """
-    run.write_json("gaps.geojson", gaps_geojson(verdict.coverage, verdict.gaps))
-    note_files(run, "gaps", ["gaps.geojson"], command=command)
-
-
-def save_gap_mission(
-    run: RunFolder, site: Site, mission: GapMission, *, command: Sequence[str], force: bool
-) -> RunFolder:
-    """Write ``gap_mission.waypoints``, and a run folder inside this one that can be uploaded and flown from home.
-
-    Raises:
-        OutputError: there is such a folder already and ``force`` was not said.
-    """
-    folder = RunFolder(run.file(GAP_FOLDER))
-    autopilot = site.scenario.vehicle.autopilot
-    with folder.reserved((*run_files.PLAN_FILES, *run_files.OF_A_PLAN), force=force):
-        save_plan(
-            folder, site, mission.plan, compiled=mission.compiled, autopilot=autopilot,
-            seed=site.scenario.planner.seed, command=command,
-        )  # fmt: skip
-    texts = mission_texts(mission.wanted, autopilot=autopilot, name=site.scenario.name)
-    run.write_text("gap_mission.waypoints", texts["mission.waypoints"])
-    note_files(run, "gaps", ["gap_mission.waypoints"], command=command)
-    return folder
-
-
 def verify(site: Site, track: Track, planned: PlannedRoute | None = None) -> VerificationReport:
     """Coverage and safety of what was flown, on the cells of the area; see :mod:`uavcover.judging`."""
     return verify_track(site, judging_map(site), track, planned)
+
+
+_SHOWN_VIOLATIONS = 5
+_SHOWN_STRETCHES = 3
+_HOLDS = {"yes": "holds", "no": "does NOT hold", "not proved": "not proved"}
+
+
+def verify_run(
+    run: RunFolder, user: User, *, command: Sequence[str], logs: Sequence[Path] = (), accepted: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Verify the tracks of a run folder, write its files and say the verdict; returns ``verification.json``.
+
+    The verdict that is there, and what follows from it, is removed first: it would not be one of what is there now.
+    """
+    check_accepted(accepted)
+    if not any(run.file(name).exists() for name in (*files.PLAN_FILES, "verification.json")):
+        run.existing("scenario.toml", made_by="uavcover plan")  # no run folder: nothing is written or removed in it
+    with run.reserved((), force=True):
+        run.remove(files.VERDICT_FILES)
+        site, verdict, sources, inputs = judge_run(run, user, logs=logs, accepted=accepted)
+        document = save_verdict(run, verdict, sources=sources, inputs=inputs, command=command)
+    say_inputs(user, inputs)
+    _say(user, run, site, verdict.report)
+    return document
+
+
+def judge_run(
+    run: RunFolder, user: User, *, logs: Sequence[Path], accepted: Sequence[str]
+) -> tuple[Site, Verdict, list[str], JudgedInputs]:
+    """The verdict on the logs of a run, by default its own track, the logs' names, and what was judged; nothing is written.
+
+    Raises:
+        InputError: something changed since planning or flight, and was not accepted.
+    """
+    path = run.existing("scenario.toml", made_by="uavcover plan")
+    paths = judged_logs(run, logs)
+    inputs = inspect_inputs(run, paths)
+    refuse_changes(run, inputs, accepted)
+    site = load_site(path)
+    for number, sortie in enumerate(run.sorties(), start=1):
+        if not logs and not sortie.file("track.csv").is_file():
+            user.warn(f"sortie {number} was not flown yet: fly it with --sortie {number}")
+    tracks: list[tuple[Track, PlannedRoute | None]] = []
+    for path in paths:
+        loaded = read_log(path, site)
+        for warning in loaded.warnings:
+            user.warn(warning)
+        tracks.append((loaded.track, planned_for(path, run)))
+    with user.progress("verifying"):
+        verdict = judge_tracks(site, tracks)
+    return site, verdict, [_name(path, run) for path in paths], inputs
+
+
+def say_inputs(user: User, inputs: JudgedInputs) -> None:
+    """Say which changes were accepted, and which tracks have no recorded end."""
+    for change in inputs.changes:
+        user.say(f"accepted change   {change.what}: {change}")
+    for name in inputs.unsealed:
+        user.say(f"no hash           {unsealed_in_words(name)}")
+
+
+def _name(path: Path, run: RunFolder) -> str:
+    """A log's path inside the run folder, or its name alone: no path of this machine."""
+    inside = path.resolve().is_relative_to(run.path.resolve())
+    return path.resolve().relative_to(run.path.resolve()).as_posix() if inside else path.name
+
+
+def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> None:
+    user.say(
+        f"coverage flown    {percent(report.coverage_fraction)} of the area, "
+        f"{percent(report.coverage_of_coverable)} of what can be seen"
+    )
+    if report.surely_covered_fraction != report.possibly_covered_fraction:
+        user.say(
+            f"                  surely {percent(report.surely_covered_fraction)}, "
+            f"possibly {percent(report.possibly_covered_fraction)} of the area"
+        )
+    if report.planned_coverage_fraction is not None:
+        user.say(f"coverage planned  {percent(report.planned_coverage_fraction)} of the area")
+    _say_cells(user, report)
+    user.say(
+        f"height on route   {metres(report.min_height_agl_m)} to {metres(report.max_height_agl_m)} above ground; "
+        f"in transit {metres(report.min_transit_clearance_m)} to {metres(report.max_transit_height_agl_m)}"
+    )
+    _say_unobserved(user, report)
+    if report.max_deviation_m is not None:
+        user.say(f"deviation         at most {metres(report.max_deviation_m)} from the planned route")
+    missed = sum(gap.area_m2 for gap in report.gaps)
+    user.say(f"gaps              {len(report.gaps)}, {missed:.0f} square metres in all")
+    for violation in report.violations[:_SHOWN_VIOLATIONS]:
+        place = (
+            f"{violation.lat_deg:.6f}, {violation.lon_deg:.6f}"
+            if site.frame is not None
+            else f"{violation.east_m:.0f} m east, {violation.north_m:.0f} m north"
+        )
+        user.say(
+            f"violation         {violation.kind} from {violation.start_s:.1f} s to {violation.end_s:.1f} s: "
+            f"{violation.worst:.1f} against {violation.limit:.1f} {violation.unit} at {place}, {violation.worst_s:.1f} s"
+        )
+    if len(report.violations) > _SHOWN_VIOLATIONS:
+        more = len(report.violations) - _SHOWN_VIOLATIONS
+        user.say(f"                  and {more} more in {run.file('verification.json')}")
+    if report.unknown_attitude_looks:
+        user.say(
+            f"attitude          not known for {report.unknown_attitude_looks} looks: what they saw is possibly seen, not seen"
+        )
+    for row in requirement_rows(site.scenario, report):
+        user.say(f"required          {row.name}: {row.asked}; found {row.found}: {_HOLDS[row.holds]}")
+    for finding in report.findings:
+        user.say(f"noticed           {finding}")
+    lines = report.reasons + report.doubts
+    user.say(f"verdict           {report.verdict.upper() if lines else report.verdict}" + (":" if lines else ""))
+    for reason in report.reasons:
+        user.say(f"                  {reason}")
+    for doubt in report.doubts:
+        user.say(f"                  not proved: {doubt}")
+
+
+def _say_unobserved(user: User, report: VerificationReport) -> None:
+    share = report.unobserved_route_fraction
+    of_route = "" if share is None else f"; {percent(share)} of the route's time"
+    user.say(f"not observed      {report.unobserved_s:.1f} s and {report.unobserved_m:.0f} m of the flight{of_route}")
+    flown = [stretch for stretch in report.unobserved if stretch.in_flight]
+    for stretch in sorted(flown, key=lambda stretch: -stretch.duration_s)[:_SHOWN_STRETCHES]:
+        user.say(f"                  from {stretch.start_s:.1f} s to {stretch.end_s:.1f} s: {stretch.detail}")
+    if len(flown) > _SHOWN_STRETCHES:
+        user.say(f"                  and {len(flown) - _SHOWN_STRETCHES} more stretches")
+
+
+def _say_cells(user: User, report: VerificationReport) -> None:
+    cells = report.cells
+    if cells.looks_mean is None or cells.incidence_median_deg is None:
+        return
+    line = f"looks             {cells.looks_mean:.1f} a cell, {percent(cells.seen_twice_fraction)} of the area twice or more"
+    line += f"; incidence {cells.incidence_median_deg:.0f} degrees (median)"
+    if cells.ground_sample_median_m is not None and cells.ground_sample_p95_m is not None:
+        line += (
+            f"; ground sample {100 * cells.ground_sample_median_m:.1f} cm (median), "
+            f"95 % below {100 * cells.ground_sample_p95_m:.1f} cm"
+        )
+    user.say(line)

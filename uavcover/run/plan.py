@@ -1,140 +1,280 @@
-"""Planning a scenario: the search, its bounds, and planning into a run folder."""
+"""Planning into a run folder, as ``plan``, ``plan-upload`` and ``demo`` do it."""
 
-import dataclasses
-import os
+import math
 import time
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, get_args
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
-from uavcover.errors import InputError
-from uavcover.model.route import Plan
-from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
-from uavcover.planning.baselines.boustrophedon import best_height_agl_m
-from uavcover.planning.bounds import are_quick, least_path_length_m, path_bounds, waypoint_bounds
-from uavcover.planning.planner import Effort, Progress, plan_routes
-from uavcover.planning.selection import parse_rule
-from uavcover.planning.set_cover.solvers import SolverEffort
+from uavcover.errors import INTERRUPTED, InfeasibleError
+from uavcover.model.limits import FlightLimits
+from uavcover.model.route import Plan, RouteMember, RouteMetrics
+from uavcover.model.vehicle import autopilot_name
+from uavcover.planning.planner import Progress
+from uavcover.planning.selection import parse_rule, select
+from uavcover.routes.mission_compiler import CompiledMission
+from uavcover.routes.sorties import Sortie
+from uavcover.run import files
 from uavcover.run.documents import (
-    bound_document,
+    bounds_in_words,
 )
-from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
-from uavcover.sensing.sensors import reach_at_height_m
+from uavcover.run.folder import RunFolder
+from uavcover.run.mission import compile_flights
+from uavcover.run.plan_files import save_plan
+from uavcover.run.search import bounds, least_length_m, plan
+from uavcover.run.user import Bar, StopRequests, User, metres, percent
+from uavcover.scenario.site import Site, load_site
+
+_FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
 
 
-def plan(
-    site: Site,
-    *,
-    seed: int | None = None,
-    evaluations: int | None = None,
-    budget_s: float | None = None,
-    algorithm: str | type | None = None,
-    max_waypoints: int | None = None,
-    select: str | None = None,
-    workers: int | None = None,
-    should_stop: Callable[[], bool] = lambda: False,
-    on_progress: Callable[[Progress], None] = lambda _: None,
-) -> Plan:
-    """Plan the sensing route. What is not given is taken from the scenario.
+_FLOWN_EXACTLY_M = 3.0
+"""How well a route is flown at best: in still air the mock vehicle was off by 2.9 m on ridge-obstacles, 6.3 m on ridge-25km2."""
 
-    Args:
-        site: the scenario on its ground.
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanRequest:
+    """What to plan, where to, and how; what is None is taken from the scenario.
+
+    Attributes:
+        scenario: a file, or the name of a bundled one.
+        folder: the run folder.
+        command: how it was asked for, for ``run.json``.
+        force: whether a plan that is there may be replaced, with all that belongs to it.
         seed: of every random number.
-        evaluations: full route evaluations, 50 proposals of the local search counted as one; equal seed and evaluations
-            give an equal plan.
+        evaluations: of the optimizer.
         budget_s: search this long instead.
-        algorithm: "memetic", "local-search", "imodbo", "modbo", "nsga2" or "moead"; or another optimizer: a name or
-            ``module:Class`` that :func:`uavcover.optimizers.optimizer_class` finds, or the class itself.
-        max_waypoints: capacity of the "waypoints" encoding.
-        select: the rule by which one route is chosen.
-        workers: threads; the result does not depend on it. Default: one a core.
-        should_stop: asked after every round of the search; the best so far is returned.
-        on_progress: told after every round.
+        algorithm: which optimizer.
+        max_waypoints: capacity of the waypoints encoding.
+        select: rule.
+        autopilot: for whom the mission files are.
+        workers: threads.
+        bounds_s: prove bounds for so long, after the search.
+    """
+
+    scenario: str
+    folder: Path
+    command: Sequence[str]
+    force: bool
+    seed: int | None = None
+    evaluations: int | None = None
+    budget_s: float | None = None
+    algorithm: str | None = None
+    max_waypoints: int | None = None
+    select: str | None = None
+    autopilot: str | None = None
+    workers: int | None = None
+    bounds_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanOutcome:
+    """What planning into a folder gave.
+
+    Attributes:
+        site: the scenario on its ground.
+        plan: the Pareto set and the choice.
+        compiled: the mission, none for a scenario that has no place on Earth, and none when it is flown as several sorties.
+        sorties: the flights when there are several.
+        document: the answer for ``--json``.
+        exit_code: 0, 1 when the rule was not met, 130 when the user ended the search.
+    """
+
+    site: Site
+    plan: Plan
+    compiled: CompiledMission | None
+    sorties: tuple[Sortie, ...]
+    document: dict[str, Any]
+    exit_code: int
+
+
+def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], object]) -> PlanOutcome:
+    """Plan a scenario into a run folder, saying what happens; ``check_site`` may refuse the site by raising.
 
     Raises:
-        InfeasibleError: no route keeps the limits.
-        InputError: an argument is out of range.
-        OptimizerError: the optimizer cannot be found, is none, or fails.
+        InfeasibleError: no route keeps the limits, or the chosen one has no checked mission; in the second case the plan
+            is written all the same, without mission files.
     """
-    known = algorithm is None or algorithm in get_args(PlannerAlgorithm)
-    settings = _settings(site.scenario.planner, seed, evaluations, algorithm if known else None, max_waypoints)
-    if budget_s is not None and not budget_s > 0.0:
-        raise InputError(f"budget: {budget_s} s must be above 0")
-    if workers is not None and workers < 1:
-        raise InputError(f"workers: {workers} must be at least 1")
-    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as executor:
-        return plan_routes(
-            site,
-            settings=settings,
-            select_rule=select if select is not None else site.scenario.select,
-            effort=Effort(settings.evaluations, budget_s, time.monotonic),
-            executor=executor,
-            should_stop=should_stop,
-            on_progress=on_progress,
-            own=None if known else algorithm,
+    if request.select is not None:
+        parse_rule(request.select)
+    site = load_site(request.scenario)
+    check_site(site)
+    name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
+    run = RunFolder(request.folder)
+    started = time.monotonic()
+    with (
+        run.reserved((*files.PLAN_FILES, *files.OF_A_PLAN), force=request.force),
+        user.stop_requests(_FIRST_STOP) as stops,
+    ):
+        user.say(f"planning {site.scenario.name}: {site.scenario.description}".rstrip(": "))
+        with user.progress("planning") as bar:
+            result = _search(site, request, stops, bar)
+        flights: tuple[Sortie, ...] = ()
+        refused = None
+        if site.frame is not None and site.home_m is not None:
+            try:
+                flights = compile_flights(site, result.chosen.route, autopilot=name)
+            except InfeasibleError as error:
+                refused = error
+        seed = site.scenario.planner.seed if request.seed is None else request.seed
+        compiled = flights[0].compiled if len(flights) == 1 else None
+        sorties = flights if len(flights) > 1 else ()
+        bounds = _bounds(site, request, result, user)
+        older = save_plan(
+            run, site, result, compiled=compiled, autopilot=name, seed=seed, command=request.command, sorties=sorties,
+            proved=bounds,
+        )  # fmt: skip
+    say_older(user, older)
+    if refused is not None:
+        raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
+    _say_plan(user, run, result, bounds, time.monotonic() - started)
+    if flights and (warning := room_in_words(site.scenario.limits, result.chosen.metrics)):
+        user.warn(warning)
+    say_missions(user, run, compiled, sorties)
+    interrupted = result.interrupted or stops.any()
+    if interrupted and not result.interrupted:
+        user.warn(f"interrupted when the search was over: the whole plan has been written to {run}")
+    code = INTERRUPTED if interrupted else 0 if result.rule_met else 1
+    document = {
+        "run": str(run),
+        "coverage_fraction": result.chosen.metrics.coverage_fraction,
+        "coverage_of_coverable": result.chosen.metrics.coverage_of_coverable,
+        "waypoint_count": result.chosen.metrics.waypoint_count,
+        "path_length_m": result.chosen.metrics.path_length_m,
+        "rule": result.rule,
+        "rule_met": result.rule_met,
+        "interrupted": interrupted,
+        "bounds": bounds,
+        "mission_files": bool(flights),
+        "sorties": len(sorties),
+    }
+    return PlanOutcome(site, result, compiled, sorties, document, code)
+
+
+def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Bar) -> Plan:
+    unit = "s" if site.scenario.planner.objective == "flight-time" else "m"
+    bar.update(0, note="baselines first")
+    least_m = least_length_m(site, request.select or site.scenario.select)
+
+    def show(progress: Progress) -> None:
+        bar.update(progress.evaluations, total=progress.total, note=progress_in_words(progress, unit, least_m))
+
+    return plan(
+        site, seed=request.seed, evaluations=request.evaluations, budget_s=request.budget_s, algorithm=request.algorithm,
+        max_waypoints=request.max_waypoints, select=request.select, workers=request.workers,
+        should_stop=stops.any, on_progress=show,
+    )  # fmt: skip
+
+
+def progress_in_words(progress: Progress, unit: str, least: float | None) -> str:
+    """Coverage, the shortest route that has what is asked for, and its gap to what no route can beat, as far as they are known.
+
+    Args:
+        progress: of the search.
+        unit: of the length or time that is made small.
+        least: what no route can beat, in that unit.
+    """
+    words = f"{100.0 * progress.best_coverage:.1f} %"
+    if progress.shortest_m is not None:
+        words += f", {progress.shortest_m:.0f} {unit}"
+        if least:
+            words += f", gap {100.0 * (progress.shortest_m / least - 1.0):.1f} %"
+    return words
+
+
+def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[str, Any]:
+    """What was asked for; without being asked what is quick, and under a time budget only what takes no solver."""
+    if result.interrupted:
+        return bounds(site)
+    unasked_s = None if request.budget_s is None else 0.0
+    if request.bounds_s is None:
+        return bounds(site, result, time_s=unasked_s)
+    user.say(f"proving bounds for up to {request.bounds_s:g} s")
+    return bounds(site, result, time_s=request.bounds_s)
+
+
+def _say_plan(user: User, run: RunFolder, result: Plan, bounds: dict[str, Any], wall_s: float) -> None:
+    user.say(f"{'':22}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}")
+    shown = [("chosen route", result.chosen)]
+    plain = [member for member in result.baselines if member.origin == "boustrophedon"][:1]
+    tuned = [member for member in result.baselines if member.origin != "boustrophedon"]
+    rule = parse_rule(result.rule)
+    if tuned and rule.kind != "index":
+        # The one that the same rule would have chosen: what the optimizer has to beat.
+        tuned = [tuned[select(tuned, rule).index]]
+    for label, member in shown + [(m.origin, m) for m in plain + tuned[:1]]:
+        user.say(figures_in_words(label, member))
+    user.say(
+        f"{len(result.members)} routes in the Pareto set, {result.evaluations} evaluations of {result.algorithm}, {wall_s:.1f} s"
+    )
+    for line in bounds_in_words(bounds):
+        user.say(line)
+    if not result.rule_met:
+        user.warn(f"no route meets {result.rule}; the best there is has been written")
+    if result.interrupted:
+        user.warn(f"interrupted: the best route found so far has been written to {run}")
+
+
+def say_older(user: User, older: RunFolder | None) -> None:
+    """Say where a plan that was flown is, when another one has taken its place."""
+    if older is not None:
+        user.warn(f"the plan that was here was flown: {older} is a run folder with it, its flight and its verdict")
+
+
+def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, sorties: Sequence[Sortie]) -> None:
+    """Say which mission files there are, and where a straight return is not safe."""
+    if compiled is not None:
+        _say_return(user, compiled, "")
+        user.say(f"written: {run.file('mission.waypoints')} and mission.plan, fence, rally, kml beside it")
+    elif not sorties:
+        user.say("the scenario has no place on Earth: no mission files (give it an [origin] and a [home])")
+        return
+    for number, sortie in enumerate(sorties, start=1):
+        user.say(
+            f"sortie {number:<2}  waypoints {sortie.first} to {sortie.last}, {sortie.compiled.flight_time_s:.0f} s, "
+            f"{len(sortie.compiled.mission.items)} items"
+        )
+        _say_return(user, sortie.compiled, f"sortie {number}: ")
+    if sorties:
+        total_s = sum(sortie.compiled.flight_time_s for sortie in sorties)
+        user.say(
+            f"one flight is not enough: {len(sorties)} sorties, {total_s:.0f} s in all, in {run.file('sortie-1')} and so on; "
+            "each is uploaded and flown with --sortie N"
         )
 
 
-def _settings(
-    base: PlannerSettings,
-    seed: int | None,
-    evaluations: int | None,
-    algorithm: str | type | None,
-    max_waypoints: int | None,
-) -> PlannerSettings:
-    changes: dict[str, Any] = {
-        "seed": seed,
-        "evaluations": evaluations,
-        "algorithm": algorithm,
-        "max_waypoints": max_waypoints,
-    }
-    try:
-        return dataclasses.replace(base, **{key: value for key, value in changes.items() if value is not None})
-    except ValueError as error:
-        raise InputError(str(error)) from error
+def room_in_words(limits: FlightLimits, metrics: RouteMetrics) -> str | None:
+    """A warning when a route is planned so near to the ends of the height band that a flight will break them; else none."""
+    room_m = min(limits.max_height_agl_m - metrics.max_height_agl_m, metrics.min_height_agl_m - limits.min_height_agl_m)
+    if room_m >= _FLOWN_EXACTLY_M:
+        return None
+    return (
+        f"the route comes within {max(0.0, room_m):.1f} m of the limits of its height above ground "
+        f"({limits.min_height_agl_m:g} to {limits.max_height_agl_m:g} m); no vehicle flies it so exactly, and verify "
+        "will say so: leave some room with limits.height_margin_m (the demo's scenario has 8 m)"
+    )
 
 
-def least_length_m(site: Site, rule: str) -> float | None:
-    """A length that no path which sees what a rule asks for is shorter than; none where there is nothing to compare with it.
+def _say_return(user: User, compiled: CompiledMission, which: str) -> None:
+    advice = compiled.return_advice
+    if advice.unsafe_waypoints:
+        numbers = ", ".join(map(str, advice.unsafe_waypoints[:8])) + (
+            " ..." if len(advice.unsafe_waypoints) > 8 else ""
+        )
+        remedy = (
+            f"set the autopilot's return height to at least {advice.safe_return_height_m:.0f} m"
+            if math.isfinite(advice.safe_return_height_m)
+            else "some ground on the way is not known, so no height is"
+        )
+        user.warn(
+            f"{which}a straight return at {advice.return_height_m:.0f} m above home is not safe from waypoints {numbers} "
+            f"(lowest {metres(advice.worst_clearance_m)} above ground); {remedy}"
+        )
 
-    Args:
-        site: the scenario on its ground.
-        rule: see :mod:`uavcover.planning.selection`; there is a limit when it names a coverage, for a sensor that looks
-            along the path and an objective that is a length.
 
-    Raises:
-        InputError: the rule cannot be understood.
-    """
-    share = parse_rule(rule).required_coverage
-    in_metres = site.scenario.planner.objective == "length" and site.scenario.sensor.sensing == "along-path"
-    return least_path_length_m(judging_map(site), share) if in_metres and share is not None else None
-
-
-def bounds(site: Site, result: Plan | None = None, *, time_s: float | None = None) -> dict[str, Any]:
-    """What no plan can beat, as far as it is known, and what it can be measured by: ``bounds`` of ``plan.json``.
-
-    ``coverable_fraction``: share of the area that some allowed place sees (tried places: at least this much).
-    ``length_reference_m``: area of the map over the width of flat ground that the sensor sweeps; a reference, no bound,
-    because slopes widen the swath. Only for sensors that look along the path.
-    ``shortest_path_m``, ``fewest_waypoints``, ``most_coverage``: proved limits, and what was found (docs/explanation/bounds.md).
-
-    Args:
-        site: the scenario on its ground.
-        result: a plan; without one there is nothing to compare with.
-        time_s: for branch and bound, half of it for each question; 0: proofs that take no solver alone; default: linear
-            relaxations too, where they are quick.
-    """
-    coverage = judging_map(site)
-    found: dict[str, Any] = {"coverable_fraction": coverage.share(coverage.coverable)}
-    if site.scenario.sensor.sensing == "along-path":
-        width = 2.0 * reach_at_height_m(site.scenario.sensor, best_height_agl_m(site))
-        found["length_reference_m"] = float(site.area.area) / width
-    if result is None:
-        return found
-    proved = path_bounds(coverage, result)
-    if time_s is not None and time_s > 0.0:
-        proved += waypoint_bounds(coverage, result, SolverEffort(time_s=0.5 * time_s))
-    elif time_s is None and are_quick(coverage):
-        proved += waypoint_bounds(coverage, result, SolverEffort(nodes=0))
-    return found | {bound.question: bound_document(bound) for bound in proved}
+def figures_in_words(label: str, member: RouteMember) -> str:
+    """A route in one line of a table: coverage, waypoints, length, time."""
+    m = member.metrics
+    counts = f"{percent(m.coverage_of_coverable):>10}{m.waypoint_count:>11}"
+    return f"{label:22}{counts}{m.path_length_m:>10.0f} m{m.flight_time_s:>7.0f} s"

@@ -23,8 +23,8 @@ from uavcover.run.documents import (
 from uavcover.run.files import moves_of_an_older_plan, remove_empty_folders, stale_files
 from uavcover.run.folder import SCHEMA_VERSION, RunFolder, json_text
 from uavcover.run.mission import mission_texts
-from uavcover.run.plan import bounds
 from uavcover.run.provenance import obstacles_sha256, run_document, sha256_of_content, version, with_entry
+from uavcover.run.search import bounds
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map

@@ -69,26 +69,12 @@ class Connected:
     link: LoggedLink | None = None
 
 
-@contextmanager
-def connect(
-    url: str,
-    site: Site | None = None,
-    *,
-    home: GeoPoint | None = None,
-    timeout_s: float = 10.0,
-    mock_speed: float = 1.0,
-    timing: Timing | None = None,
-    signing_key: SigningKey | None = None,
-    client_name: ClientName = "native",
-    system_id: int | None = None,
-    component_id: int | None = None,
-) -> Iterator[Connected]:
-    """Open a link and wait for a vehicle; a context manager that closes the link.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleLink:
+    """Where a vehicle is, which one is meant, and how to talk to it.
 
-    Args:
-        url: where it is; ``mock:`` starts a vehicle in this process.
-        site: whose vehicle and home ``mock:`` takes; given, what is no multirotor is refused.
-        home: where ``mock:`` stands instead.
+    Attributes:
+        url: ``mock:`` starts a vehicle in this process.
         timeout_s: how long to wait for the first heartbeat.
         mock_speed: how fast ``mock:`` flies, times real time.
         timing: how patient transfers are.
@@ -96,6 +82,26 @@ def connect(
         client_name: which client speaks to it; MAVSDK's takes no ``timing`` and no ``signing_key``.
         system_id: which vehicle is meant, where several are on the link.
         component_id: which of its components is the autopilot, where that is not component 1.
+    """
+
+    url: str
+    timeout_s: float = 10.0
+    mock_speed: float = 1.0
+    timing: Timing | None = None
+    signing_key: SigningKey | None = None
+    client_name: ClientName = "native"
+    system_id: int | None = None
+    component_id: int | None = None
+
+
+@contextmanager
+def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint | None = None) -> Iterator[Connected]:
+    """Open a link and wait for a vehicle; a context manager that closes the link.
+
+    Args:
+        to: where it is; a URL alone takes the defaults of :class:`VehicleLink`.
+        site: whose vehicle and home ``mock:`` takes; given, what is no multirotor is refused.
+        home: where ``mock:`` stands instead.
 
     Raises:
         VehicleError: with a site: the vehicle is no multirotor.
@@ -103,7 +109,8 @@ def connect(
         InputError: a time or a speed that is not above 0.
         mission_io.errors.MissionIoError: the URL is not understood, or nobody is there.
     """
-    for name, value in (("timeout", timeout_s), ("mock speed", mock_speed)):
+    at = VehicleLink(url=to) if isinstance(to, str) else to
+    for name, value in (("timeout", at.timeout_s), ("mock speed", at.mock_speed)):
         if not 0.0 < value < float("inf"):
             raise InputError(f"{name}: {value:g} is not a number above 0")
     place = home or (None if site is None else home_of(site)) or GeoPoint(0.0, 0.0, 0.0)
@@ -111,15 +118,17 @@ def connect(
     settings = Settings() if site is None else Settings.for_vehicle(site.scenario.vehicle)
     battery = BatteryData() if site is None else BatteryData.for_vehicle(site.scenario.vehicle)
     register_mock(
-        lambda: MockVehicle(AUTOPILOTS[name], place, MockConfig(settings=settings, battery=battery, speed=mock_speed)),
-        speed=mock_speed,
+        lambda: MockVehicle(
+            AUTOPILOTS[name], place, MockConfig(settings=settings, battery=battery, speed=at.mock_speed)
+        ),
+        speed=at.mock_speed,
     )
-    link = LoggedLink(open_link(url))
-    client, monitor = _open_mavsdk(link) if client_name == "mavsdk" else open_vehicle(link, timing=timing)
+    link = LoggedLink(open_link(at.url))
+    client, monitor = _open_mavsdk(link) if at.client_name == "mavsdk" else open_vehicle(link, timing=at.timing)
     with client:
-        if signing_key is not None:
-            client.sign_with(signing_key)
-        vehicle = client.wait_for_vehicle(timeout_s, system_id=system_id, component_id=component_id)
+        if at.signing_key is not None:
+            client.sign_with(at.signing_key)
+        vehicle = client.wait_for_vehicle(at.timeout_s, system_id=at.system_id, component_id=at.component_id)
         if site is not None:
             require_multirotor(client)
         monitor.listen_to(vehicle.address)

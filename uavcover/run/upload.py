@@ -1,14 +1,24 @@
-"""Uploading a run's mission: check, send, read back, compare."""
+"""Uploading a run's mission: check every leg and the vehicle's home, send, read back, compare."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
+from mission_io.autopilots.comparison import faults
 from mission_io.client.client import Client
+from mission_io.client.commands import name_of
 from mission_io.client.read_back import ReadBack
+from mission_io.errors import TransferError, TransferInterrupted
+from uavcover.model.route import Route
 from uavcover.routes.mission_compiler import CompiledMission
-from uavcover.run.folder import SCHEMA_VERSION
+from uavcover.run.folder import SCHEMA_VERSION, RunFolder
+from uavcover.run.mission import compile_plan
+from uavcover.run.provenance import note_files
+from uavcover.run.session import VehicleLink, check_home, connect, require_home
+from uavcover.run.user import User
 from uavcover.scenario.site import Site
 from uavcover.vehicle.modes import require_multirotor
 
@@ -57,3 +67,92 @@ def upload_document(site: Site, compiled: CompiledMission, url: str, results: Se
         "autopilot_max_height_above_home_m": limit,
         "lists": [result.as_json() for result in results],
     }
+
+
+UPLOAD_FILE = "upload.json"
+_SHOWN_ITEMS = 20
+
+
+def upload_run(
+    run: RunFolder,
+    site: Site,
+    route: Route,
+    to: VehicleLink,
+    user: User,
+    *,
+    in_flight: bool = False,
+) -> dict[str, Any]:
+    """Check every leg and the vehicle's home, upload, read back, compare; writes ``upload.json`` and returns it.
+
+    The file tells of the last upload only: it is gone from the moment at which something is sent.
+    """
+    require_home(site)
+    compile_plan(site, route)  # a bad leg is known before anybody is asked
+    with (
+        run.reserved((), force=True),
+        connect(to, site) as vehicle,
+    ):
+        user.say(f"vehicle {vehicle.client.vehicle.system_id} at {to.url}: {vehicle.client.vehicle.described}")
+        compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
+        check_home(vehicle, site, compiled)
+        run.remove([UPLOAD_FILE])
+        with telling_what_is_held(user), user.progress("uploading") as bar:
+            results = upload(
+                vehicle.client,
+                compiled,
+                progress=lambda name, done, total: bar.update(done, total=total, note=name),
+                in_flight=in_flight,
+            )
+        document = upload_document(site, compiled, to.url, results)
+        run.write_json(UPLOAD_FILE, document)
+        note_files(run, "upload", [UPLOAD_FILE], command=sys.argv)
+    for result in results:
+        say_comparison(user, result)
+    user.say(
+        f"set the autopilot's maximum height to at least {document['autopilot_max_height_above_home_m']:.0f} m above home "
+        "(fence items carry no height)"
+    )
+    return document
+
+
+@contextmanager
+def telling_what_is_held(user: User) -> Iterator[None]:
+    """When an upload fails or is interrupted, say what the vehicle holds now, with the list unless it is the old one."""
+    try:
+        yield
+    except TransferInterrupted as interrupted:
+        user.warn(str(interrupted.outcome))
+        _say_items(interrupted.outcome, user)
+        raise
+    except TransferError as error:
+        _say_items(error, user)
+        raise
+
+
+def _say_items(error: TransferError, user: User) -> None:
+    if error.vehicle_holds == "unchanged" or not error.held_items:
+        return
+    for number, item in enumerate(error.held_items[:_SHOWN_ITEMS]):
+        place = (
+            f" at {item.lat_deg:.7f}, {item.lon_deg:.7f}, {item.alt_m:g} m {item.frame.name}"
+            if item.has_position
+            else ""
+        )
+        user.warn(f"held now: {number}: {name_of(item.command)}{place}")
+    if len(error.held_items) > _SHOWN_ITEMS:
+        user.warn(f"held now: {len(error.held_items) - _SHOWN_ITEMS} more; see: uavcover download")
+
+
+def say_comparison(user: User, result: ReadBack) -> None:
+    """Say what came back differently, and warn of what should not have."""
+    name = result.mission_type.name.lower()
+    if not result.differences:
+        user.say(f"{name}: {len(result.sent)} items sent, read back equal")
+        return
+    wrong = faults(result.differences)
+    user.say(
+        f"{name}: {len(result.sent)} items sent, {len(result.differences)} fields came back changed, "
+        f"{len(result.differences) - len(wrong)} of them without another meaning"
+    )
+    for fault in wrong[:5]:
+        user.warn(f"{name}: {fault}")

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from uavcover.cli.console import Console
 from uavcover.errors import OutputError
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.page import render_report
@@ -20,11 +19,12 @@ from uavcover.run.judged_inputs import (
     was_flown,
 )
 from uavcover.run.provenance import note_files
+from uavcover.run.user import User
 
 REPORT, VERDICT = "report.html", "verification.json"
 
 
-def write_report(run: RunFolder, path: Path, console: Console, *, logs: Sequence[Path] = ()) -> ReportContent:
+def write_report(run: RunFolder, path: Path, user: User, *, logs: Sequence[Path] = ()) -> ReportContent:
     """Write the report of a run folder to a file; it follows from other files, so it may replace an older one.
 
     Raises:
@@ -35,15 +35,15 @@ def write_report(run: RunFolder, path: Path, console: Console, *, logs: Sequence
     if of_run and run.file(REPORT).exists():
         run.remove([REPORT])  # a report that is refused leaves no older one behind
     notices = _standing(run, logs)
-    with console.progress("reporting"):
+    with user.progress("reporting"):
         content = read_run(run, logs=logs, notices=notices)
         text = render_report(content)
     for warning in (*content.notices, *content.warnings):
-        console.warn(warning)
+        user.warn(warning)
     write_text(path, text)
     if of_run:
         note_files(run, "report", [REPORT], command=sys.argv)
-    console.say(f"written: {path} ({len(text.encode()) / 1e6:.1f} MB)")
+    user.say(f"written: {path} ({len(text.encode()) / 1e6:.1f} MB)")
     return content
 
 
@@ -69,7 +69,7 @@ def _standing(run: RunFolder, logs: Sequence[Path]) -> list[str]:
     return notices
 
 
-def draw_figures(content: ReportContent, folder: Path, console: Console, *, force: bool) -> list[Path]:
+def draw_figures(content: ReportContent, folder: Path, user: User, *, force: bool) -> list[Path]:
     """Draw the figures of a run into a folder.
 
     Raises:
@@ -81,5 +81,5 @@ def draw_figures(content: ReportContent, folder: Path, console: Console, *, forc
     if there and not force:
         raise OutputError(f"{folder}: {', '.join(there)} would be overwritten; use --force, or another folder")
     drawn = save_figures(content, folder)
-    console.say(f"written: {', '.join(str(path) for path in drawn)}")
+    user.say(f"written: {', '.join(str(path) for path in drawn)}")
     return drawn

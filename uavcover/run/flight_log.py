@@ -4,7 +4,6 @@ import sys
 
 from mission_io.links.telemetry_log import TelemetryLogWriter
 from mission_io.wire import messages as m
-from uavcover.cli.console import Bar, Console
 from uavcover.errors import OutputError
 from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
@@ -15,6 +14,7 @@ from uavcover.run.file_group import writing
 from uavcover.run.folder import RunFolder
 from uavcover.run.provenance import note_files
 from uavcover.run.session import Connected
+from uavcover.run.user import Bar, User
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map
 from uavcover.vehicle.outcome import EventKind, FlightEvent
@@ -47,7 +47,7 @@ class FlightLog:
     Args:
         run: where to.
         overwrite: whether a track that is there may be replaced.
-        console: where events are told.
+        user: where events are told.
         bar: shows the waypoints.
         waypoint_count: of the planned route.
         reserve: room that is kept free for the record until the flight is over.
@@ -63,14 +63,14 @@ class FlightLog:
     """
 
     def __init__(
-        self, run: RunFolder, *, overwrite: bool, console: Console, bar: Bar, waypoint_count: int, reserve: SpaceReserve,
+        self, run: RunFolder, *, overwrite: bool, user: User, bar: Bar, waypoint_count: int, reserve: SpaceReserve,
         vehicle: Connected, live: LiveRecording | None,
     ) -> None:  # fmt: skip
         self.events: list[FlightEvent] = []
         self.states: list[recorded.VehicleState] = []
         self.error: OutputError | None = None
         self.sample_count = 0
-        self._run, self._overwrite, self._console, self._bar = run, overwrite, console, bar
+        self._run, self._overwrite, self._user, self._bar = run, overwrite, user, bar
         self._waypoint_count, self._vehicle, self._live = waypoint_count, vehicle, live
         self._writer: TrackWriter | None = None
         self._reserve = reserve
@@ -117,9 +117,9 @@ class FlightLog:
                 self.sample_count += 1
             except OutputError as error:
                 self.error = error
-                self._console.warn(f"{error}; the flight goes on without a record")
+                self._user.warn(f"{error}; the flight goes on without a record")
             if room and not self._reserve.held:
-                self._console.warn(f"{self._run}: the disk is full; the track goes on in the room that was kept for it")
+                self._user.warn(f"{self._run}: the disk is full; the track goes on in the room that was kept for it")
         if self._live is not None:
             self._live.take_sample(sample)
         if not self.states or sample.time_s - self.states[-1].time_s >= _STATE_EVERY_S:
@@ -141,7 +141,7 @@ class FlightLog:
             }
         self._run.write_together(copies, moved=moved)
         note_files(self._run, "begin", files.FLIGHT_FILES, command=sys.argv, moved=moved)  # none of them is there now
-        self._console.warn(f"the flight that was here is kept in {older}, a run folder of its own")
+        self._user.warn(f"the flight that was here is kept in {older}, a run folder of its own")
 
     def take_event(self, event: FlightEvent) -> None:
         """Tell an event."""
@@ -153,11 +153,11 @@ class FlightLog:
             note = f"waypoint {event.waypoint} of {self._waypoint_count}"
             self._bar.update(event.waypoint, total=self._waypoint_count, note=note)
         elif event.kind is EventKind.WARNING:
-            self._console.warn(event.text)
+            self._user.warn(event.text)
             if event.alarm:
-                self._console.ring()
+                self._user.ring()
         else:
-            self._console.say(f"  {'' if event.time_s is None else f'{event.time_s:.1f} s '}{event.text}")
+            self._user.say(f"  {'' if event.time_s is None else f'{event.time_s:.1f} s '}{event.text}")
 
     def close(self) -> None:
         """Close the track, the growing recording and the telemetry log; the latter two go when the flight never began."""
@@ -167,7 +167,7 @@ class FlightLog:
         if self._live is not None:
             self._live.close()
             if self._live.error is not None:
-                self._console.warn(self._live.error)
+                self._user.warn(self._live.error)
             if self._writer is None:
                 self._run.remove([_GROWING])
         self._close_telemetry()
@@ -178,7 +178,7 @@ class FlightLog:
         self._vehicle.link.log_to(None)
         self._telemetry.close()
         if self._telemetry.error is not None:
-            self._console.warn(self._telemetry.error)
+            self._user.warn(self._telemetry.error)
         if self._writer is None:
             self._run.remove([_GROWING_TELEMETRY])
 

@@ -1,0 +1,303 @@
+"""Finding and closing the gaps of a run, as ``gaps`` does it."""
+
+import math
+import time
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uavcover.errors import InfeasibleError, InputError
+from uavcover.judging.gaps import gaps_geojson
+from uavcover.judging.verify import Verdict
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.model.track import Track
+from uavcover.model.verdict import VerificationReport
+from uavcover.planning.gap_route import ClosingRoute, plan_closing_route
+from uavcover.routes.leg_checks import measure_violations
+from uavcover.routes.mission_compiler import CompiledMission, compile_continuation
+from uavcover.routes.objectives import judge
+from uavcover.run import files as run_files
+from uavcover.run.folder import RunFolder
+from uavcover.run.judge import judge_run, read_log, say_inputs
+from uavcover.run.judged_inputs import check_accepted, logs_of_the_verdict
+from uavcover.run.mission import compile_plan, mission_texts
+from uavcover.run.plan_files import save_plan
+from uavcover.run.provenance import note_files
+from uavcover.run.resume import flown_tracks
+from uavcover.run.user import User, percent
+from uavcover.scenario.site import Site
+
+GAP_FILES = ("gaps.geojson", "gap_mission.waypoints")
+
+
+class Start(StrEnum):
+    """Where a gap mission begins."""
+
+    HOME = "home"
+    LAST = "last"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GapRequest:
+    """What is asked of a gap mission.
+
+    Attributes:
+        logs: of the flight; none are those that its verdict judged.
+        target: share of what can be seen that is enough; none is everything.
+        min_area_m2: smaller gaps stay open.
+        start: where the mission begins.
+        force: whether an older gap mission, and its flight, may be replaced.
+        accepted: changes since planning that are accepted.
+    """
+
+    logs: Sequence[Path] = ()
+    target: float | None = None
+    min_area_m2: float = 0.0
+    start: Start = Start.HOME
+    force: bool = False
+    accepted: Sequence[str] = ()
+
+
+def close_gaps(run: RunFolder, user: User, request: GapRequest, *, command: Sequence[str]) -> dict[str, Any]:
+    """Write the gaps of a run and the mission that closes them, and say what it takes; returns the answer for ``--json``.
+
+    Without logs it takes what the verdict in the folder took.
+    """
+    target, min_area_m2, start = request.target, request.min_area_m2, request.start
+    check_gap_request(min_area_m2=min_area_m2, target=target)
+    check_accepted(request.accepted)
+    run.existing("scenario.toml", made_by="uavcover plan")
+    judged = list(request.logs) or logs_of_the_verdict(run)
+    run.remove(GAP_FILES)
+    site, verdict, sources, inputs = judge_run(run, user, logs=judged, accepted=request.accepted)
+    report = verdict.report
+    say_inputs(user, inputs)
+    _say_gaps(user, report)
+    document: dict[str, Any] = {
+        "run": str(run),
+        "tracks": sources,
+        "inputs": inputs.hashes,
+        "accepted_changes": [asdict(change) for change in inputs.changes],
+        "gaps": len(report.gaps),
+        "coverage_of_coverable": report.coverage_of_coverable,
+        "verdict": report.verdict,
+        "mission": None,
+        "target_met": True,
+    }
+    save_gaps(run, verdict, command=command)
+    wanted = [gap for gap in report.gaps if gap.coverable and gap.area_m2 >= min_area_m2]
+    if not wanted or (target is not None and report.coverage_of_coverable >= target):
+        user.say(f"nothing to close; written: {run.file('gaps.geojson')}")
+        return document
+    with user.progress("planning the gap mission"):
+        own_logs = list(request.logs) or flown_tracks(run)
+        in_the_air = read_log(own_logs[-1], site).track if start is Start.LAST else None
+        mission = plan_gap_mission(site, verdict, min_area_m2=min_area_m2, target=target, in_the_air=in_the_air)
+    folder = save_gap_mission(run, site, mission, command=command, force=request.force)
+    path = mission.wanted.path_m
+    length_m = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    document |= {
+        "mission": str(run.file("gap_mission.waypoints")),
+        "folder": str(folder),
+        "start": start.value,
+        "waypoint_count": len(mission.closing.route),
+        "path_length_m": length_m,
+        "flight_time_s": mission.wanted.flight_time_s,
+        "coverage_after": mission.coverage_after,
+        "target_met": mission.plan.rule_met,
+    }
+    user.say(
+        f"gap mission       {len(mission.closing.route)} waypoints, {length_m:.0f} m and "
+        f"{mission.wanted.flight_time_s:.0f} s with the ways there and home; after it {percent(mission.coverage_after)} of "
+        "what can be seen"
+    )
+    if mission.closing.seen_m2 < mission.closing.wanted_m2 and target is None:
+        left_m2 = mission.closing.wanted_m2 - mission.closing.seen_m2
+        user.warn(f"{left_m2:.0f} square metres of the gaps stay open: no leg inside the limits was found for them")
+    if not mission.plan.rule_met and target is not None:
+        user.warn(f"the mission does not reach {percent(target)}; the best there is has been written")
+    user.say(f"written: {run.file('gaps.geojson')}, {run.file('gap_mission.waypoints')}. Next:")
+    if start is Start.LAST:
+        user.say(f"  uavcover fly {folder} --resume --to URL, from wherever the vehicle holds in the air;")
+        user.say(
+            f"  or from a ground station: uavcover upload {run.file('gap_mission.waypoints')} --to URL --in-flight,"
+        )
+        user.say("  started at its first item; it does not take off, and begins where the last log ends;")
+        user.say("  or from home, if the vehicle has landed:")
+    user.say(f"  uavcover plan-upload {folder} --to URL; uavcover fly {folder} --to URL")
+    own = " ".join(f"--log {path}" for path in (*own_logs, folder.file("track.csv")))
+    user.say(f"  uavcover verify {run} {own}")
+    return document
+
+
+def _say_gaps(user: User, report: VerificationReport) -> None:
+    areas: dict[str, float] = defaultdict(float)
+    for gap in report.gaps:
+        areas[gap.reason] += gap.area_m2
+    user.say(
+        f"coverage flown    {percent(report.coverage_fraction)} of the area, "
+        f"{percent(report.coverage_of_coverable)} of what can be seen"
+    )
+    if not report.passed:
+        user.say(f"verdict           {report.verdict.upper()} (uavcover verify says why)")
+    user.say(f"gaps              {len(report.gaps)}, {sum(areas.values()):.0f} square metres in all")
+    for name, area_m2 in sorted(areas.items(), key=lambda item: -item[1]):
+        user.say(f"                  {name}: {area_m2:.0f} square metres")
+
+
+GAP_FOLDER = "gaps"
+"""The run folder, inside that of the flight, of the mission that closes its gaps."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GapMission:
+    """A mission that sees what a flight has missed.
+
+    Attributes:
+        closing: the route, and what it sees of the gaps.
+        compiled: the mission, from take-off at home to landing there.
+        continuation: the same route for a vehicle in the air, from where it is; none when that was not asked for.
+        plan: the same as a plan of its own, for its run folder.
+        coverage_after: share of the coverable area that is seen after it, together with the flight.
+    """
+
+    closing: ClosingRoute
+    compiled: CompiledMission
+    continuation: CompiledMission | None
+    plan: Plan
+    coverage_after: float
+
+    @property
+    def wanted(self) -> CompiledMission:
+        """The mission that was asked for."""
+        return self.compiled if self.continuation is None else self.continuation
+
+
+def check_gap_request(*, min_area_m2: float, target: float | None) -> None:
+    """Refuse what cannot be asked of a gap mission.
+
+    Raises:
+        InputError: an area below 0, or a target outside 0..1.
+    """
+    if not min_area_m2 >= 0.0 or not math.isfinite(min_area_m2):
+        raise InputError(f"min area: {min_area_m2} square metres must not be negative")
+    if target is not None and not 0.0 < target <= 1.0:
+        raise InputError(f"target: {target} is a share of the coverable area, above 0 and at most 1")
+
+
+def plan_gap_mission(
+    site: Site,
+    verdict: Verdict,
+    *,
+    min_area_m2: float = 0.0,
+    target: float | None = None,
+    in_the_air: Track | None = None,
+) -> GapMission:
+    """The mission that closes the coverable gaps of a flight and lands at home.
+
+    Args:
+        site: the scenario on its ground.
+        verdict: on what was flown.
+        min_area_m2: smaller gaps are left open.
+        target: share of the coverable area that is enough, 0..1; default: everything.
+        in_the_air: of a vehicle that has not landed: the mission begins at the last sample; default: take-off at home.
+
+    Raises:
+        InputError: an argument is out of range, or the site has no home.
+        InfeasibleError: there is nothing to close, or no checked mission for it.
+    """
+    check_gap_request(min_area_m2=min_area_m2, target=target)
+    if site.home_m is None:
+        raise InputError(
+            f"scenario {site.scenario.name}: has no [home]; a mission needs the place to take off and land"
+        )
+    started = time.monotonic()
+    coverage, seen = verdict.coverage, verdict.flown.seen
+    missing = np.zeros(coverage.grid.count, dtype=bool)
+    for region in verdict.gaps:
+        if region.gap.coverable and region.gap.area_m2 >= min_area_m2:
+            missing[region.cells] = True
+    if not missing.any():
+        raise InfeasibleError("there are no gaps to close that could be seen and are large enough")
+    needed_m2 = None
+    if target is not None:
+        lacking = target - coverage.share_of_coverable(seen)
+        if lacking <= 0.0:
+            raise InfeasibleError(f"there is nothing to close: the flight has reached {100 * target:g} % already")
+        needed_m2 = lacking * float(coverage.grid.weight_m2[coverage.coverable].sum())
+    start_m = site.home_m if in_the_air is None else _last_place_m(site, in_the_air)
+    closing = plan_closing_route(coverage, missing, start_m=start_m, end_m=site.home_m, needed_m2=needed_m2)
+    compiled = compile_plan(site, closing.route)
+    continuation = None if in_the_air is None else _continuation(site, closing.route, in_the_air)
+    route = closing.route
+    margin_m = site.scenario.limits.height_margin_m
+    member = RouteMember(
+        route,
+        judge(coverage, route),
+        measure_violations(site, route.waypoints_m, margin_m=margin_m).total,
+        "gap-closing",
+    )
+    after = coverage.share_of_coverable(seen | coverage.seen(route.waypoints_m))
+    plan = Plan(
+        chosen=member, members=(member,), baselines=(), rule="gaps", rule_met=target is None or after >= target,
+        algorithm="gap-closing", evaluations=0, wall_s=time.monotonic() - started,
+    )  # fmt: skip
+    return GapMission(closing, compiled, continuation, plan, after)
+
+
+def _last_place_m(site: Site, track: Track) -> FloatArray:
+    """(3,) ENU of the last sample, by its geodetic columns.
+
+    Raises:
+        InputError: the scenario has no place on Earth.
+    """
+    if site.frame is None:
+        raise InputError(f"scenario {site.scenario.name}: has no place on Earth, so there is no mission to fly")
+    lat_deg, lon_deg, alt_amsl_m = track.geodetic[-1].tolist()
+    place_m: FloatArray = site.frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
+    return place_m
+
+
+def _continuation(site: Site, route: Route, track: Track) -> CompiledMission:
+    lat_deg, lon_deg, alt_amsl_m = track.geodetic[-1].tolist()
+    return compile_continuation(
+        site, route, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m,
+        flown_s=float(track.time_s[-1] - track.time_s[0]), autopilot=site.scenario.vehicle.autopilot,
+    )  # fmt: skip
+
+
+def save_gaps(run: RunFolder, verdict: Verdict, *, command: Sequence[str]) -> None:
+    """Write ``gaps.geojson``.
+
+    Raises:
+        InputError: the scenario has no place on Earth.
+    """
+    run.write_json("gaps.geojson", gaps_geojson(verdict.coverage, verdict.gaps))
+    note_files(run, "gaps", ["gaps.geojson"], command=command)
+
+
+def save_gap_mission(
+    run: RunFolder, site: Site, mission: GapMission, *, command: Sequence[str], force: bool
+) -> RunFolder:
+    """Write ``gap_mission.waypoints``, and a run folder inside this one that can be uploaded and flown from home.
+
+    Raises:
+        OutputError: there is such a folder already and ``force`` was not said.
+    """
+    folder = RunFolder(run.file(GAP_FOLDER))
+    autopilot = site.scenario.vehicle.autopilot
+    with folder.reserved((*run_files.PLAN_FILES, *run_files.OF_A_PLAN), force=force):
+        save_plan(
+            folder, site, mission.plan, compiled=mission.compiled, autopilot=autopilot,
+            seed=site.scenario.planner.seed, command=command,
+        )  # fmt: skip
+    texts = mission_texts(mission.wanted, autopilot=autopilot, name=site.scenario.name)
+    run.write_text("gap_mission.waypoints", texts["mission.waypoints"])
+    note_files(run, "gaps", ["gap_mission.waypoints"], command=command)
+    return folder

@@ -1,0 +1,270 @@
+"""Flying a run's mission, or what is left of it, and keeping the record."""
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from uavcover.errors import InputError, OutputError, UavcoverError
+from uavcover.judging.phases import PlannedRoute
+from uavcover.judging.verify import flown_coverage
+from uavcover.model.route import Route
+from uavcover.recording.writer import write_recording
+from uavcover.run import files, flight_status
+from uavcover.run.flight_log import FlightLog, live_recording
+from uavcover.run.folder import RunFolder
+from uavcover.run.mission import compile_plan
+from uavcover.run.plan_files import read_planned
+from uavcover.run.provenance import note_files, seal_flight
+from uavcover.run.resume import TRACK, Unfinished, find_unfinished, save_rest, took_off_s
+from uavcover.run.session import (
+    Connected,
+    Orders,
+    VehicleLink,
+    check_home,
+    connect,
+    fly,
+    fly_from_the_air,
+    fly_on,
+    is_in_the_air,
+    require_home,
+)
+from uavcover.run.upload import upload, upload_document
+from uavcover.run.user import User
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import judging_map
+from uavcover.vehicle.flight_plan import Patience
+from uavcover.vehicle.fly import Ending, FlightOutcome
+from uavcover.vehicle.outcome import FlightFailedError
+from uavcover.vehicle.precautions import USUAL, Precautions
+from uavcover.vehicle.track_file import SpaceReserve, read_track, record_bytes
+
+ENDED_BY_USER = frozenset({Ending.RETURNED, Ending.LEFT_HOLDING, Ending.NOT_FLOWN})
+
+_FIRST_STOP = "stopping: hold, then home along checked legs; once more: hold and leave it; a third time: abort at once"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightOptions:
+    """What is asked of a flight.
+
+    Attributes:
+        confirmed: whether a vehicle that is not simulated may be armed.
+        force: whether the track, recording and verdict of an older flight may be replaced.
+        upload_first: whether the vehicle is given the mission before, as one that begins with this process needs it.
+        viewer_url: of a rerun viewer that shows the flight while it goes on.
+        patience: with the vehicle; none is the usual one.
+        precautions: against breaches and wrong limits.
+    """
+
+    confirmed: bool = False
+    force: bool = False
+    upload_first: bool = False
+    viewer_url: str | None = None
+    patience: Patience | None = None
+    precautions: Precautions = USUAL
+
+
+USUAL_FLIGHT = FlightOptions()
+
+
+def fly_run(
+    run: RunFolder, site: Site, route: Route, to: VehicleLink, user: User, options: FlightOptions = USUAL_FLIGHT
+) -> tuple[FlightOutcome, dict[str, Any]]:
+    """Fly the route of a run, recording the track as it comes.
+
+    The recording grows with the flight, in the viewer at ``viewer_url`` too; whatever the end, then it is written anew, whole,
+    and ``run.json`` has the outcome.
+
+    Raises:
+        FlightFailedError: the flight did not end as it should; the run folder has all the same what was recorded.
+    """
+    require_home(site)
+    compile_plan(site, route)  # a bad leg is known before anybody is asked
+    if run.file("track.csv").exists() and not options.force:
+        raise OutputError(f"{run}: holds the track of a flight; go on with it by --resume, or replace it by --force")
+    with (
+        run.reserved(files.FLIGHT_FILES, force=options.force),
+        connect(to, site) as vehicle,
+    ):
+        compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
+        if options.upload_first:
+            check_home(vehicle, site, compiled)
+            upload(vehicle.client, compiled)
+        return record_flight(
+            run, site, route, user, vehicle, lambda orders: fly(vehicle, site, compiled, orders), options=options
+        )
+
+
+def record_flight(
+    run: RunFolder, site: Site, route: Route, user: User, vehicle: Connected, begin: Callable[[Orders], FlightOutcome],
+    *, options: FlightOptions,
+) -> tuple[FlightOutcome, dict[str, Any]]:  # fmt: skip
+    """Let ``begin`` fly, and keep the record in the run folder, which is reserved.
+
+    Raises:
+        FlightFailedError: the flight did not end as it should; the run folder has all the same what was recorded.
+    """
+    with (
+        SpaceReserve(run.path, record_bytes(route.length_m / site.scenario.vehicle.cruise_speed_m_s)) as reserve,
+        user.stop_requests(_FIRST_STOP) as interrupts,
+        user.pause_requests() as keys,
+        user.progress("flying", total=len(route)) as bar,
+    ):
+        log = FlightLog(
+            run, overwrite=options.force, user=user, bar=bar, waypoint_count=len(route), reserve=reserve,
+            vehicle=vehicle, live=live_recording(run, site, route, viewer_url=options.viewer_url),
+        )  # fmt: skip
+        orders = Orders(
+            on_sample=log.take_sample, on_event=log.take_event, on_begin=log.begin, stop=lambda: interrupts.count,
+            pause=keys.paused, confirmed=options.confirmed, patience=options.patience, precautions=options.precautions,
+        )  # fmt: skip
+        try:
+            outcome = begin(orders)
+        except FlightFailedError as error:
+            reserve.release()
+            if log.begun:
+                _note_outcome(run, error.outcome, user)
+            if log.sample_count:
+                user.say(f"kept: {log.sample_count} samples in {run.file('track.csv')}; fly --resume goes on with them")
+            raise
+        except KeyboardInterrupt:
+            user.warn("aborted: the vehicle was left as it is, maybe armed and in the air; take over from here")
+            if log.begun:
+                flight_status.note_interrupted(run)
+            raise
+        finally:
+            log.close()
+            _seal(run, log, user)
+            _keep_recording(run, site, route, log, user)
+    if log.begun:
+        _note_outcome(run, outcome, user)
+    if log.error is not None:
+        raise log.error
+    document = {
+        "run": str(run),
+        **outcome.as_json(),
+        "track": str(run.file("track.csv")),
+        "recording": str(run.file("flight.rrd")),
+    }
+    user.say(f"{outcome.ending.value}: {outcome.sample_count} samples over {outcome.duration_s:.0f} s of flight")
+    return outcome, document
+
+
+def _seal(run: RunFolder, log: FlightLog, user: User) -> None:
+    """The hash of the track, whatever the end; an error of the flight itself is the one that counts."""
+    if not log.sample_count:
+        return
+    try:
+        seal_flight(run, samples=log.sample_count, command=sys.argv)
+    except UavcoverError as error:
+        user.warn(f"{error}; verify will ask for --accept-changed record")
+
+
+def _note_outcome(run: RunFolder, outcome: FlightOutcome, user: User) -> None:
+    """A disk that is full takes no outcome; the flight's own error is the one that counts then."""
+    try:
+        flight_status.note_outcome(run, outcome)
+    except UavcoverError as error:
+        user.warn(str(error))
+
+
+def _keep_recording(run: RunFolder, site: Site, route: Route, log: FlightLog, user: User) -> None:
+    """``flight.rrd`` from ``track.csv``; an error of the flight itself is the one that counts."""
+    if log.sample_count < 2:
+        return
+    failed = sys.exception() is not None
+    try:
+        _write_recording(run, site, route, log, user)
+    except UavcoverError as error:
+        if log.error is None and not failed:
+            log.error = OutputError(str(error))
+        else:
+            user.warn(str(error))
+
+
+def _write_recording(run: RunFolder, site: Site, route: Route, log: FlightLog, user: User) -> None:
+    started = time.monotonic()
+    with user.progress("recording"):
+        track = read_track(run.file("track.csv"))
+        coverage = judging_map(site)
+        flown = flown_coverage(coverage, track, PlannedRoute(route.waypoints_m, 0.0))
+        write_recording(
+            run.file("flight.rrd"), site=site, coverage=coverage, planned=route, track=track,
+            first_seen_s=flown.first_seen_s,
+            events=log.recorded_events, states=log.states,
+        )  # fmt: skip
+    note_files(run, "record", ["flight.rrd"], command=sys.argv)
+    wall_s = time.monotonic() - started
+    user.say(f"recorded: {run.file('track.csv')} and {run.file('flight.rrd')} ({wall_s:.1f} s)")
+
+
+def resume_run(
+    run: RunFolder, to: VehicleLink, user: User, options: FlightOptions = USUAL_FLIGHT, *, command: Sequence[str]
+) -> tuple[FlightOutcome | None, dict[str, Any]]:
+    """Fly what the latest flight of a run has left, from the ground or from where the vehicle is in the air.
+
+    It has a folder of its own inside the run's, with its plan, mission, track and recording. A run of which nothing was flown,
+    such as the one that closes the gaps of another, is flown from where the vehicle is in the air.
+
+    Returns:
+        The outcome, none when there was nothing left to fly; and what to tell programs.
+
+    Raises:
+        InputError: nothing was flown yet, and the vehicle is on the ground.
+        InfeasibleError: there is no checked way to what is left.
+        FlightFailedError: the flight did not end as it should.
+    """
+    with run.reserved((), force=True):
+        site, planned = read_planned(run)
+        require_home(site)
+        if not run.file(TRACK).exists():
+            with connect(to, site) as vehicle:
+                if not is_in_the_air(vehicle):
+                    raise InputError(
+                        f"{run}: nothing of it was flown, and the vehicle is on the ground; fly it without --resume"
+                    )
+                user.say("the vehicle is in the air: it flies all of this run from where it is")
+                return record_flight(
+                    run, site, planned.route, user, vehicle,
+                    lambda orders: fly_from_the_air(vehicle, site, planned.route, orders, up_since_s=took_off_s(run)),
+                    options=replace(options, force=False),
+                )  # fmt: skip
+        unfinished = find_unfinished(run, site)
+        _say(unfinished, user)
+        if unfinished.complete:
+            return None, {"run": str(run), "ending": None, "waypoints_left": 0}
+        folder, route = unfinished.folder, unfinished.route
+        with folder.reserved((), force=True):
+            save_rest(unfinished, site, command=command)
+            with connect(to, site) as vehicle:
+                if is_in_the_air(vehicle):
+                    user.say("the vehicle is in the air: it goes on from where it is")
+                    begin = lambda orders: fly_on(vehicle, site, unfinished, orders)  # noqa: E731
+                else:
+                    compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
+                    check_home(vehicle, site, compiled)
+                    results = upload(vehicle.client, compiled)
+                    folder.write_json("upload.json", upload_document(site, compiled, to.url, results))
+                    note_files(folder, "upload", ["upload.json"], command=command)
+                    begin = lambda orders: fly(vehicle, site, compiled, orders)  # noqa: E731
+                try:
+                    outcome, document = record_flight(
+                        folder, site, route, user, vehicle, begin,
+                        options=replace(options, force=True),
+                    )  # fmt: skip
+                finally:
+                    if folder.file(TRACK).exists():  # the run knows its flights: one that is taken away later is missed
+                        note_files(run, "fly --resume", [f"{folder.path.name}/{TRACK}"], command=command)
+    return outcome, {**document, "resumed_at_waypoint": unfinished.broken.waypoint}
+
+
+def _say(unfinished: Unfinished, user: User) -> None:
+    count, number = len(unfinished.planned.route), unfinished.broken.waypoint
+    if unfinished.complete:
+        user.say(f"all {count} waypoints of {unfinished.flown} are flown; there is nothing to resume")
+        return
+    where = f", {unfinished.broken.flown_m:.0f} m along the leg to it" if unfinished.broken.flown_m > 0.0 else ""
+    user.say(f"{unfinished.flown}: waypoint {number} of {count} is the first that was not flown{where}")
+    user.say(f"the rest is kept in {unfinished.folder}")

@@ -1,0 +1,140 @@
+"""The search for a plan, and the bounds that it is held against."""
+
+import dataclasses
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, get_args
+
+from uavcover.errors import InputError
+from uavcover.model.route import Plan
+from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
+from uavcover.planning.baselines.boustrophedon import best_height_agl_m
+from uavcover.planning.bounds import are_quick, least_path_length_m, path_bounds, waypoint_bounds
+from uavcover.planning.planner import Effort, Progress, plan_routes
+from uavcover.planning.selection import parse_rule
+from uavcover.planning.set_cover.solvers import SolverEffort
+from uavcover.run.documents import (
+    bound_document,
+)
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.sensors import reach_at_height_m
+
+
+def plan(
+    site: Site,
+    *,
+    seed: int | None = None,
+    evaluations: int | None = None,
+    budget_s: float | None = None,
+    algorithm: str | type | None = None,
+    max_waypoints: int | None = None,
+    select: str | None = None,
+    workers: int | None = None,
+    should_stop: Callable[[], bool] = lambda: False,
+    on_progress: Callable[[Progress], None] = lambda _: None,
+) -> Plan:
+    """Plan the sensing route. What is not given is taken from the scenario.
+
+    Args:
+        site: the scenario on its ground.
+        seed: of every random number.
+        evaluations: full route evaluations, 50 proposals of the local search counted as one; equal seed and evaluations
+            give an equal plan.
+        budget_s: search this long instead.
+        algorithm: "memetic", "local-search", "imodbo", "modbo", "nsga2" or "moead"; or another optimizer: a name or
+            ``module:Class`` that :func:`uavcover.optimizers.optimizer_class` finds, or the class itself.
+        max_waypoints: capacity of the "waypoints" encoding.
+        select: the rule by which one route is chosen.
+        workers: threads; the result does not depend on it. Default: one a core.
+        should_stop: asked after every round of the search; the best so far is returned.
+        on_progress: told after every round.
+
+    Raises:
+        InfeasibleError: no route keeps the limits.
+        InputError: an argument is out of range.
+        OptimizerError: the optimizer cannot be found, is none, or fails.
+    """
+    known = algorithm is None or algorithm in get_args(PlannerAlgorithm)
+    settings = _settings(site.scenario.planner, seed, evaluations, algorithm if known else None, max_waypoints)
+    if budget_s is not None and not budget_s > 0.0:
+        raise InputError(f"budget: {budget_s} s must be above 0")
+    if workers is not None and workers < 1:
+        raise InputError(f"workers: {workers} must be at least 1")
+    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as executor:
+        return plan_routes(
+            site,
+            settings=settings,
+            select_rule=select if select is not None else site.scenario.select,
+            effort=Effort(settings.evaluations, budget_s, time.monotonic),
+            executor=executor,
+            should_stop=should_stop,
+            on_progress=on_progress,
+            own=None if known else algorithm,
+        )
+
+
+def _settings(
+    base: PlannerSettings,
+    seed: int | None,
+    evaluations: int | None,
+    algorithm: str | type | None,
+    max_waypoints: int | None,
+) -> PlannerSettings:
+    changes: dict[str, Any] = {
+        "seed": seed,
+        "evaluations": evaluations,
+        "algorithm": algorithm,
+        "max_waypoints": max_waypoints,
+    }
+    try:
+        return dataclasses.replace(base, **{key: value for key, value in changes.items() if value is not None})
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
+def least_length_m(site: Site, rule: str) -> float | None:
+    """A length that no path which sees what a rule asks for is shorter than; none where there is nothing to compare with it.
+
+    Args:
+        site: the scenario on its ground.
+        rule: see :mod:`uavcover.planning.selection`; there is a limit when it names a coverage, for a sensor that looks
+            along the path and an objective that is a length.
+
+    Raises:
+        InputError: the rule cannot be understood.
+    """
+    share = parse_rule(rule).required_coverage
+    in_metres = site.scenario.planner.objective == "length" and site.scenario.sensor.sensing == "along-path"
+    return least_path_length_m(judging_map(site), share) if in_metres and share is not None else None
+
+
+def bounds(site: Site, result: Plan | None = None, *, time_s: float | None = None) -> dict[str, Any]:
+    """What no plan can beat, as far as it is known, and what it can be measured by: ``bounds`` of ``plan.json``.
+
+    ``coverable_fraction``: share of the area that some allowed place sees (tried places: at least this much).
+    ``length_reference_m``: area of the map over the width of flat ground that the sensor sweeps; a reference, no bound,
+    because slopes widen the swath. Only for sensors that look along the path.
+    ``shortest_path_m``, ``fewest_waypoints``, ``most_coverage``: proved limits, and what was found (docs/explanation/bounds.md).
+
+    Args:
+        site: the scenario on its ground.
+        result: a plan; without one there is nothing to compare with.
+        time_s: for branch and bound, half of it for each question; 0: proofs that take no solver alone; default: linear
+            relaxations too, where they are quick.
+    """
+    coverage = judging_map(site)
+    found: dict[str, Any] = {"coverable_fraction": coverage.share(coverage.coverable)}
+    if site.scenario.sensor.sensing == "along-path":
+        width = 2.0 * reach_at_height_m(site.scenario.sensor, best_height_agl_m(site))
+        found["length_reference_m"] = float(site.area.area) / width
+    if result is None:
+        return found
+    proved = path_bounds(coverage, result)
+    if time_s is not None and time_s > 0.0:
+        proved += waypoint_bounds(coverage, result, SolverEffort(time_s=0.5 * time_s))
+    elif time_s is None and are_quick(coverage):
+        proved += waypoint_bounds(coverage, result, SolverEffort(nodes=0))
+    return found | {bound.question: bound_document(bound) for bound in proved}

@@ -1,0 +1,138 @@
+"""The user of a workflow: told what happens, shown how far it is, and free to stop or pause it.
+
+The workflows of :mod:`uavcover.run` talk to a :class:`User`. On the command line that is a terminal
+(:class:`uavcover.cli.console.Console`); for scripts and notebooks it is :class:`Unattended`, which logs.
+"""
+
+import logging
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from typing import Protocol
+
+
+class Bar(Protocol):
+    """Shows how far one task is."""
+
+    def update(self, done: float, *, total: float | None = None, note: str = "") -> None:
+        """Show how far it is."""
+        ...
+
+    def count(self, done: int, total: int) -> None:
+        """Show ``done`` of ``total``."""
+        ...
+
+
+class StopRequests(Protocol):
+    """How often the user has asked to stop."""
+
+    @property
+    def count(self) -> int:
+        """Once: end in good order; twice: in a flight, hold and leave the vehicle there."""
+        ...
+
+    def any(self) -> bool:
+        """Whether the user wants to stop."""
+        ...
+
+
+class PauseRequests(Protocol):
+    """Whether the user wants a flight to pause."""
+
+    def paused(self) -> bool:
+        """Whether the vehicle is to wait now."""
+        ...
+
+
+class User(Protocol):
+    """Who a workflow reports to and takes requests from."""
+
+    def say(self, line: str = "") -> None:
+        """Tell something."""
+        ...
+
+    def warn(self, line: str) -> None:
+        """Tell something that must not be missed."""
+        ...
+
+    def ring(self) -> None:
+        """Draw attention, as a terminal's bell does."""
+        ...
+
+    def progress(self, what: str, total: float | None = None) -> AbstractContextManager[Bar]:
+        """Show progress while the context lasts."""
+        ...
+
+    def stop_requests(self, first: str) -> AbstractContextManager[StopRequests]:
+        """Count requests to stop instead of raising; ``first`` is told when the first one comes."""
+        ...
+
+    def pause_requests(self) -> AbstractContextManager[PauseRequests]:
+        """Take requests to pause while the context lasts."""
+        ...
+
+
+class Unattended:
+    """Nobody watches: what is told goes to the log, and nobody asks to stop. Ctrl-C raises ``KeyboardInterrupt``."""
+
+    def __init__(self) -> None:
+        self._log = logging.getLogger("uavcover")
+
+    def say(self, line: str = "") -> None:
+        """Log at level INFO."""
+        if line:
+            self._log.info(line)
+
+    def warn(self, line: str) -> None:
+        """Log at level WARNING."""
+        self._log.warning(line)
+
+    def ring(self) -> None:
+        """Nothing."""
+
+    @contextmanager
+    def progress(self, what: str, total: float | None = None) -> Iterator[Bar]:
+        """Log what begins."""
+        del total
+        self._log.debug(what)
+        yield _NoBar()
+
+    @contextmanager
+    def stop_requests(self, first: str) -> Iterator[StopRequests]:
+        """Never any."""
+        del first
+        yield _NoRequests()
+
+    @contextmanager
+    def pause_requests(self) -> Iterator[PauseRequests]:
+        """Never any."""
+        yield _NoRequests()
+
+
+class _NoBar:
+    def update(self, done: float, *, total: float | None = None, note: str = "") -> None:
+        """Show nothing."""
+
+    def count(self, done: int, total: int) -> None:
+        """Show nothing."""
+
+
+class _NoRequests:
+    count = 0
+
+    def any(self) -> bool:
+        """Nobody asks."""
+        return False
+
+    def paused(self) -> bool:
+        """Nobody asks."""
+        return False
+
+
+def percent(share: float | None) -> str:
+    """A share 0..1 for people."""
+    return "-" if share is None else f"{100.0 * share:.2f} %"
+
+
+def metres(value: float | None) -> str:
+    """A length for people."""
+    return "-" if value is None else f"{value:.1f} m"
