@@ -1,6 +1,43 @@
-"""``python -m uavcover``: the same as the ``uavcover`` command."""
+"""The ``uavcover`` command, and ``python -m uavcover``: what begins before anything else is loaded."""
 
-from uavcover.cli.main import run
+import contextlib
+import os
+import sys
+
+INTERRUPTED = 130
+
+
+def main() -> None:
+    """Run a command; Ctrl-C while it still loads is one line, and a reader that has gone is none."""
+    code: object = 0
+    try:
+        from uavcover.cli.main import run
+
+        run()
+    except SystemExit as end:
+        code = end.code
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+        _tell("interrupted")
+    except BrokenPipeError:
+        code = 1
+    except OSError as error:
+        code = 2
+        _tell(f"error: standard output: cannot be written ({error.strerror})")
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            if stream is not None:  # None: closed by whoever started us
+                stream.flush()
+        except (OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    sys.exit(code)  # type: ignore[arg-type]
+
+
+def _tell(line: str) -> None:
+    if sys.stderr is not None:
+        with contextlib.suppress(OSError):
+            sys.stderr.write(f"{line}\n")
+
 
 if __name__ == "__main__":
-    run()
+    main()

@@ -1,144 +1,12 @@
 """``uavcover demo``: the whole chain on real terrain, against a mock vehicle in another process."""
 
-import json
-import math
-import select
-import subprocess
 import sys
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from uavcover.cli import options
-from uavcover.cli.console import Console
-from uavcover.errors import INTERRUPTED, InputError, VehicleError
-from uavcover.report.report_file import write_report
-from uavcover.run.fly import ENDED_BY_USER, FlightOptions, fly_run
-from uavcover.run.folder import RunFolder
-from uavcover.run.judge import verify_run
-from uavcover.run.plan import PlanRequest, plan_into
-from uavcover.run.provenance import add_stage
-from uavcover.run.session import VehicleLink, require_home
-from uavcover.run.upload import upload_run
-from uavcover.run.user import metres, percent
-from uavcover.vehicle.fly import Ending
-
-_MOCK_START_S = 30.0
-_WIND = ("--wind", "3", "--wind-from", "250", "--gust", "0.7")
-
-
-def demonstrate(
-    folder: Path,
-    scenario: str,
-    console: Console,
-    *,
-    evaluations: int | None,
-    seed: int | None,
-    autopilot: str | None,
-    speed: float,
-    force: bool,
-    command: Sequence[str],
-) -> int:
-    """The whole chain; returns the exit code."""
-    started = time.monotonic()
-    if not 0.0 < speed < math.inf:
-        raise InputError(f"--speed: {speed:g} is not a number above 0")
-    run = RunFolder(folder)
-    console.say("1 of 4  plan")
-    request = PlanRequest(
-        scenario=scenario, folder=folder, command=command, force=force, seed=seed, evaluations=evaluations,
-        autopilot=autopilot,
-    )  # fmt: skip
-    outcome = plan_into(request, console, check_site=require_home)
-    if outcome.exit_code == INTERRUPTED:
-        console.say(f"stopped; the plan is in {run}")
-        console.result({"run": str(run), "plan": outcome.document})
-        return INTERRUPTED
-    site, route = outcome.site, outcome.plan.chosen.route
-    with mock_process(scenario, autopilot or site.scenario.vehicle.autopilot, speed, seed) as url:
-        console.say("2 of 4  upload to a mock vehicle in another process, read back, compare")
-        at = time.monotonic()
-        uploaded = upload_run(run, site, route, VehicleLink(url=url), console)
-        _stage(run, "upload", at)
-        console.say(f"3 of 4  fly, {speed:g} times as fast as real time, in wind")
-        at = time.monotonic()
-        flight, flown = fly_run(run, site, route, VehicleLink(url=url), console, FlightOptions(force=True))
-        _stage(run, "fly and record", at)
-    if flight.ending is Ending.NOT_FLOWN:
-        console.result(
-            {"run": str(run), "plan": outcome.document, "upload_passed": uploaded["passed"], "flight": flown}
-        )
-        return INTERRUPTED
-    console.say("4 of 4  verify from the flown track alone")
-    at = time.monotonic()
-    verdict = verify_run(run, console, command=command)
-    _stage(run, "verify", at)
-    write_report(run, run.file("report.html"), console)
-    console.say()
-    _say_end(console, run, outcome.document, verdict, time.monotonic() - started)
-    console.result({"run": str(run), "plan": outcome.document, "upload_passed": uploaded["passed"], "flight": flown,
-                    "verification": verdict, "wall_s": time.monotonic() - started})  # fmt: skip
-    if flight.ending in ENDED_BY_USER:
-        return INTERRUPTED
-    return 0 if outcome.exit_code == 0 and uploaded["passed"] and verdict["passed"] else 1
-
-
-def _stage(run: RunFolder, name: str, started_s: float) -> None:
-    add_stage(run, name, time.monotonic() - started_s)
-
-
-def _say_end(console: Console, run: RunFolder, plan: dict[str, Any], verdict: dict[str, Any], wall_s: float) -> None:
-    console.say(
-        f"planned {percent(plan['coverage_fraction'])}, flown {percent(verdict['coverage_fraction'])} of the area; between "
-        f"{metres(verdict['min_height_agl_m'])} and {metres(verdict['max_height_agl_m'])} above ground on the route, at least "
-        f"{metres(verdict['min_transit_clearance_m'])} on the ways there and home"
-    )
-    console.say(
-        f"{verdict['verdict'] if verdict['passed'] else verdict['verdict'].upper()} in {wall_s:.0f} s. Open next:"
-    )
-    console.say(f"  {run.file('report.html')}           map, 3D view, heights, coverage; opens in any browser")
-    console.say(f"  uavcover inspect {run}              the flight in 3D ({run.file('flight.rrd')})")
-    console.say(f"  {run.file('mission.waypoints')}     for Mission Planner; mission.plan for QGroundControl")
-    console.say(f"  {run.file('verification.json')}     coverage, clearance and gaps of what was flown")
-
-
-@contextmanager
-def mock_process(scenario: str, autopilot: str, speed: float, seed: int | None) -> Iterator[str]:
-    """A mock vehicle in a process of its own on a free port of 127.0.0.1; gives the URL to speak to, and ends it.
-
-    Raises:
-        VehicleError: it does not start.
-    """
-    arguments = [
-        sys.executable, "-m", "uavcover", "mock-vehicle", "--listen", "udpin://127.0.0.1:0", "--scenario", scenario,
-        "--autopilot", autopilot, "--speed", repr(speed), "--seed", str(seed or 0), "--json", "-q", "--until-eof", *_WIND,
-    ]  # fmt: skip
-    # A session of its own: Ctrl-C is for us, and we bring the vehicle home before it ends. Our end of its standard input goes
-    # with us, so that it ends when we are killed.
-    process = subprocess.Popen(
-        arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
-    )
-    try:
-        if process.stdout is None or not select.select([process.stdout], [], [], _MOCK_START_S)[0]:
-            raise VehicleError(f"the mock vehicle did not start within {_MOCK_START_S:g} s")
-        line = process.stdout.readline()
-        if not line:
-            raise VehicleError(f"the mock vehicle ended at once, exit code {process.wait()}")
-        yield f"udpout://127.0.0.1:{json.loads(line)['port']}"
-    finally:
-        process.terminate()
-        try:
-            process.wait(timeout=10.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                pipe.close()
 
 
 def demo(
@@ -155,7 +23,7 @@ def demo(
 ) -> int:
     """Plan on real terrain, upload to a mock vehicle over UDP, read back, fly, record, verify."""
     from uavcover.cli.console import Console
-    from uavcover.cli.demo import demonstrate
+    from uavcover.cli.whole_chain import demonstrate
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     return demonstrate(

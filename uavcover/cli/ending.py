@@ -10,7 +10,6 @@ from typing import Any
 
 import typer
 
-from mission_io.errors import FormatError, MissionIoError, MisuseError
 from uavcover.errors import INTERRUPTED, UavcoverError
 from uavcover.run.folder import json_line
 
@@ -62,15 +61,18 @@ def _code(call: Callable[[], int], *, as_json: bool) -> int:
         return call()
     except UavcoverError as error:
         code, shown = error.exit_code, error
-    except MissionIoError as error:
-        code, shown = BAD_USAGE if isinstance(error, FormatError | MisuseError) else 3, error  # type: ignore[assignment]
     except OSError as error:
         code, shown = BAD_USAGE, error  # type: ignore[assignment]
     except KeyboardInterrupt:
         return _fail("interrupted", INTERRUPTED, as_json=as_json)
     except Exception as error:
-        traceback.print_exception(error)
-        return _fail(f"a fault of uavcover: {type(error).__name__}: {error}", FAULT, as_json=as_json)
+        from mission_io.errors import FormatError, MissionIoError, MisuseError  # loads what --help has no use for
+
+        if isinstance(error, MissionIoError):
+            code, shown = BAD_USAGE if isinstance(error, FormatError | MisuseError) else 3, error  # type: ignore[assignment]
+        else:
+            traceback.print_exception(error)
+            return _fail(f"a fault of uavcover: {type(error).__name__}: {error}", FAULT, as_json=as_json)
     if _settings["traces"]:
         traceback.print_exception(shown)
     details = shown.details() if isinstance(shown, UavcoverError) else {}

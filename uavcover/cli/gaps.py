@@ -50,6 +50,6 @@ def gaps(
         logs=logs or (), target=target, min_area_m2=min_area_m2, start=Start(start), force=force,
         accepted=accept_changed or (),
     )  # fmt: skip
-    document = close_gaps(RunFolder(run), console, request, command=sys.argv)
+    _, document = close_gaps(RunFolder(run), console, request, command=sys.argv)
     console.result(document)
     return 0 if document["target_met"] else 1

@@ -29,14 +29,14 @@ def report(
     """Write report.html: map, 3D view, heights, coverage, requirements, alternatives; one file, opens offline."""
     from uavcover.cli.console import Console
     from uavcover.errors import OutputError
-    from uavcover.report.report_file import draw_figures, write_report
+    from uavcover.report.report_file import draw_figures, save_report
     from uavcover.run.folder import RunFolder
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     path = RunFolder(run).file("report.html") if output is None else output
     if output is not None and path.exists() and not force:
         raise OutputError(f"{path}: would be overwritten; use --force, or another name")
-    content = write_report(RunFolder(run), path, console, logs=log or [])
+    content = save_report(RunFolder(run), path, console, logs=log or [])
     drawn = [] if figures is None else draw_figures(content, figures, console, force=force)
     judged = None if content.verdict is None else content.verdict.report
     passed, verdict = (None, None) if judged is None else (judged.passed, judged.verdict)

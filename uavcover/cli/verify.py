@@ -29,6 +29,6 @@ def verify(
     from uavcover.run.judge import verify_run
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
-    report = verify_run(RunFolder(run), console, command=sys.argv, logs=logs or (), accepted=accept_changed or ())
+    _, report = verify_run(RunFolder(run), console, command=sys.argv, logs=logs or (), accepted=accept_changed or ())
     console.result(report)
     return 0 if report["passed"] else 1

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from uavcover.judging.deciding import cell_statistics, coverage_by_time, decide, judged_requirements
@@ -18,6 +19,7 @@ from uavcover.judging.gaps import GapRegion, find_gaps
 from uavcover.judging.judged_track import JudgedTrack, judge_track, largest, track_positions_m
 from uavcover.judging.phases import PlannedRoute
 from uavcover.kernels.arrays import FloatArray
+from uavcover.model.outline import svg_map
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.scenario.site import Site
@@ -155,6 +157,10 @@ class FlownTrack:
     planned: PlannedRoute | None = None
 
 
+_DRAWN_CELLS = 2000
+"""Of a gap in a notebook's map."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Verdict:
     """Everything that verification found out.
@@ -173,6 +179,23 @@ class Verdict:
     flown: FlownCoverage
     gaps: tuple[GapRegion, ...]
     shifts_s: tuple[float, ...]
+
+    def __repr__(self) -> str:
+        r = self.report
+        return (
+            f"<Verdict: {r.verdict}; {100.0 * r.coverage_fraction:.2f} % of the area and "
+            f"{100.0 * r.coverage_of_coverable:.2f} % of what can be seen; {len(r.gaps)} gaps, {len(r.violations)} violations>"
+        )
+
+    def _repr_html_(self) -> str:
+        cells, area = self.coverage.grid.cells, self.coverage.site.area
+        corners = cells.size_m / 2.0 * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+        parts = [area] if isinstance(area, shapely.Polygon) else list(area.geoms)
+        shapes = [("area", np.array(part.exterior.coords)) for part in parts]
+        shapes += [
+            ("gap", cells.centre_m[cell, :2] + corners) for region in self.gaps for cell in region.cells[:_DRAWN_CELLS]
+        ]
+        return svg_map(shapes, repr(self)[1:-1])
 
 
 def flown_coverage(coverage: CoverageMap, track: Track, planned: PlannedRoute | None) -> FlownCoverage:

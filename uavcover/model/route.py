@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
+from uavcover.model.outline import svg_map
 
 PART_OF = "part of "
 """Begins the origin of a route that is a stretch of another."""
@@ -59,6 +60,12 @@ class Route:
 
     def __len__(self) -> int:
         return int(self.waypoints_m.shape[0])
+
+    def __repr__(self) -> str:
+        return f"<Route: {len(self)} waypoints, {self.length_m:.0f} m>"
+
+    def _repr_html_(self) -> str:
+        return svg_map([("route", self.waypoints_m)], repr(self)[1:-1])
 
     @property
     def length_m(self) -> float:
@@ -113,6 +120,17 @@ class Plan:
     evaluations: int
     wall_s: float
     interrupted: bool = False
+
+    def __repr__(self) -> str:
+        m = self.chosen.metrics
+        met = "" if self.rule_met else f"; {self.rule} is NOT met"
+        return (
+            f"<Plan: {100.0 * m.coverage_of_coverable:.2f} % of what can be seen, {m.waypoint_count} waypoints, "
+            f"{m.path_length_m:.0f} m, {m.flight_time_s:.0f} s; {len(self.members)} routes in the Pareto set{met}>"
+        )
+
+    def _repr_html_(self) -> str:
+        return svg_map([("route", self.chosen.route.waypoints_m)], repr(self)[1:-1])
 
 
 Question = Literal["fewest_waypoints", "most_coverage", "shortest_path_m"]

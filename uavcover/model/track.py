@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import FloatArray
+from uavcover.model.outline import svg_map
 
 COLUMNS = (
     "time_s",
@@ -93,6 +94,13 @@ class Track:
 
     def __len__(self) -> int:
         return int(self.time_s.size)
+
+    def __repr__(self) -> str:
+        lasted_s = float(self.time_s[-1] - self.time_s[0]) if len(self) else 0.0
+        return f"<Track: {len(self)} samples over {lasted_s:.0f} s>"
+
+    def _repr_html_(self) -> str:
+        return svg_map([("track", self.enu_m)], repr(self)[1:-1])
 
     def taken(self, samples: NDArray[Any]) -> "Track":
         """The track of some samples only, by number or by a mask."""

@@ -19,12 +19,29 @@ from uavcover.run.judged_inputs import (
     was_flown,
 )
 from uavcover.run.provenance import note_files
-from uavcover.run.user import User
+from uavcover.run.user import Unattended, User
 
 REPORT, VERDICT = "report.html", "verification.json"
 
 
-def write_report(run: RunFolder, path: Path, user: User, *, logs: Sequence[Path] = ()) -> ReportContent:
+def write_report(run: str | Path, path: str | Path | None = None, *, logs: Sequence[str | Path] = ()) -> Path:
+    """Write the report of a run folder, one HTML file that opens offline, as ``uavcover report`` does.
+
+    Args:
+        run: the run folder.
+        path: the file. Default: ``report.html`` in the run folder.
+        logs: what was flown. Default: the run's tracks.
+
+    Returns:
+        The file.
+    """
+    folder = RunFolder(run)
+    to = folder.file(REPORT) if path is None else Path(path)
+    save_report(folder, to, Unattended(), logs=[Path(log) for log in logs])
+    return to
+
+
+def save_report(run: RunFolder, path: Path, user: User, *, logs: Sequence[Path] = ()) -> ReportContent:
     """Write the report of a run folder to a file; it follows from other files, so it may replace an older one.
 
     Raises:

@@ -64,10 +64,39 @@ class GapRequest:
     accepted: Sequence[str] = ()
 
 
-def close_gaps(run: RunFolder, user: User, request: GapRequest, *, command: Sequence[str]) -> dict[str, Any]:
-    """Write the gaps of a run and the mission that closes them, and say what it takes; returns the answer for ``--json``.
+@dataclass(frozen=True, slots=True, eq=False)
+class GapMission:
+    """A mission that sees what a flight has missed.
+
+    Attributes:
+        closing: the route, and what it sees of the gaps.
+        compiled: the mission, from take-off at home to landing there.
+        continuation: the same route for a vehicle in the air, from where it is; none when that was not asked for.
+        plan: the same as a plan of its own, for its run folder.
+        coverage_after: share of the coverable area that is seen after it, together with the flight.
+    """
+
+    closing: ClosingRoute
+    compiled: CompiledMission
+    continuation: CompiledMission | None
+    plan: Plan
+    coverage_after: float
+
+    @property
+    def wanted(self) -> CompiledMission:
+        """The mission that was asked for."""
+        return self.compiled if self.continuation is None else self.continuation
+
+
+def close_gaps(
+    run: RunFolder, user: User, request: GapRequest, *, command: Sequence[str]
+) -> tuple[GapMission | None, dict[str, Any]]:
+    """Write the gaps of a run and the mission that closes them, and say what it takes.
 
     Without logs it takes what the verdict in the folder took.
+
+    Returns:
+        The mission, none when there is nothing to close; and the answer for ``--json``.
     """
     target, min_area_m2, start = request.target, request.min_area_m2, request.start
     check_gap_request(min_area_m2=min_area_m2, target=target)
@@ -94,7 +123,7 @@ def close_gaps(run: RunFolder, user: User, request: GapRequest, *, command: Sequ
     wanted = [gap for gap in report.gaps if gap.coverable and gap.area_m2 >= min_area_m2]
     if not wanted or (target is not None and report.coverage_of_coverable >= target):
         user.say(f"nothing to close; written: {run.file('gaps.geojson')}")
-        return document
+        return None, document
     with user.progress("planning the gap mission"):
         own_logs = list(request.logs) or flown_tracks(run)
         in_the_air = read_log(own_logs[-1], site).track if start is Start.LAST else None
@@ -133,7 +162,7 @@ def close_gaps(run: RunFolder, user: User, request: GapRequest, *, command: Sequ
     user.say(f"  uavcover plan-upload {folder} --to URL; uavcover fly {folder} --to URL")
     own = " ".join(f"--log {path}" for path in (*own_logs, folder.file("track.csv")))
     user.say(f"  uavcover verify {run} {own}")
-    return document
+    return mission, document
 
 
 def _say_gaps(user: User, report: VerificationReport) -> None:
@@ -153,30 +182,6 @@ def _say_gaps(user: User, report: VerificationReport) -> None:
 
 GAP_FOLDER = "gaps"
 """The run folder, inside that of the flight, of the mission that closes its gaps."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class GapMission:
-    """A mission that sees what a flight has missed.
-
-    Attributes:
-        closing: the route, and what it sees of the gaps.
-        compiled: the mission, from take-off at home to landing there.
-        continuation: the same route for a vehicle in the air, from where it is; none when that was not asked for.
-        plan: the same as a plan of its own, for its run folder.
-        coverage_after: share of the coverable area that is seen after it, together with the flight.
-    """
-
-    closing: ClosingRoute
-    compiled: CompiledMission
-    continuation: CompiledMission | None
-    plan: Plan
-    coverage_after: float
-
-    @property
-    def wanted(self) -> CompiledMission:
-        """The mission that was asked for."""
-        return self.compiled if self.continuation is None else self.continuation
 
 
 def check_gap_request(*, min_area_m2: float, target: float | None) -> None:

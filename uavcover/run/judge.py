@@ -197,8 +197,8 @@ _HOLDS = {"yes": "holds", "no": "does NOT hold", "not proved": "not proved"}
 
 def verify_run(
     run: RunFolder, user: User, *, command: Sequence[str], logs: Sequence[Path] = (), accepted: Sequence[str] = ()
-) -> dict[str, Any]:
-    """Verify the tracks of a run folder, write its files and say the verdict; returns ``verification.json``.
+) -> tuple[Verdict, dict[str, Any]]:
+    """Verify the tracks of a run folder, write its files and say the verdict; returns it, and ``verification.json``.
 
     The verdict that is there, and what follows from it, is removed first: it would not be one of what is there now.
     """
@@ -211,7 +211,7 @@ def verify_run(
         document = save_verdict(run, verdict, sources=sources, inputs=inputs, command=command)
     say_inputs(user, inputs)
     _say(user, run, site, verdict.report)
-    return document
+    return verdict, document
 
 
 def judge_run(

@@ -38,7 +38,7 @@ class PlanRequest:
     """What to plan, where to, and how; what is None is taken from the scenario.
 
     Attributes:
-        scenario: a file, or the name of a bundled one.
+        scenario: a file, the name of a bundled one, or a site.
         folder: the run folder.
         command: how it was asked for, for ``run.json``.
         force: whether a plan that is there may be replaced, with all that belongs to it.
@@ -53,7 +53,7 @@ class PlanRequest:
         bounds_s: prove bounds for so long, after the search.
     """
 
-    scenario: str
+    scenario: str | Site
     folder: Path
     command: Sequence[str]
     force: bool
@@ -98,7 +98,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     """
     if request.select is not None:
         parse_rule(request.select)
-    site = load_site(request.scenario)
+    site = request.scenario if isinstance(request.scenario, Site) else load_site(request.scenario)
     check_site(site)
     name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
     run = RunFolder(request.folder)

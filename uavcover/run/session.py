@@ -61,12 +61,14 @@ class Connected:
         monitor: hears all that the client hears.
         autopilot: its name in scenarios.
         link: where a telemetry log can listen; none for a client that was made elsewhere.
+        url: where it is.
     """
 
     client: Client
     monitor: Monitor
     autopilot: AutopilotName
     link: LoggedLink | None = None
+    url: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,7 +135,7 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
             require_multirotor(client)
         monitor.listen_to(vehicle.address)
         own: AutopilotName = "px4" if vehicle.autopilot is AUTOPILOTS["px4"] else "ardupilot"
-        yield Connected(client, monitor, own, link)
+        yield Connected(client, monitor, own, link, at.url)
 
 
 def _open_mavsdk(link: Link) -> tuple[Client, Monitor]:

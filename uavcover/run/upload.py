@@ -17,7 +17,7 @@ from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.run.folder import SCHEMA_VERSION, RunFolder
 from uavcover.run.mission import compile_plan
 from uavcover.run.provenance import note_files
-from uavcover.run.session import VehicleLink, check_home, connect, require_home
+from uavcover.run.session import Connected, VehicleLink, check_home, connect, require_home
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
 from uavcover.vehicle.modes import require_multirotor
@@ -92,20 +92,27 @@ def upload_run(
         run.reserved((), force=True),
         connect(to, site) as vehicle,
     ):
-        user.say(f"vehicle {vehicle.client.vehicle.system_id} at {to.url}: {vehicle.client.vehicle.described}")
-        compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
-        check_home(vehicle, site, compiled)
-        run.remove([UPLOAD_FILE])
-        with telling_what_is_held(user), user.progress("uploading") as bar:
-            results = upload(
-                vehicle.client,
-                compiled,
-                progress=lambda name, done, total: bar.update(done, total=total, note=name),
-                in_flight=in_flight,
-            )
-        document = upload_document(site, compiled, to.url, results)
-        run.write_json(UPLOAD_FILE, document)
-        note_files(run, "upload", [UPLOAD_FILE], command=sys.argv)
+        return send_and_compare(run, site, route, vehicle, user, in_flight=in_flight)
+
+
+def send_and_compare(
+    run: RunFolder, site: Site, route: Route, vehicle: Connected, user: User, *, in_flight: bool = False
+) -> dict[str, Any]:
+    """The same over a link that is open, into a run folder that is reserved."""
+    user.say(f"vehicle {vehicle.client.vehicle.system_id} at {vehicle.url}: {vehicle.client.vehicle.described}")
+    compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
+    check_home(vehicle, site, compiled)
+    run.remove([UPLOAD_FILE])
+    with telling_what_is_held(user), user.progress("uploading") as bar:
+        results = upload(
+            vehicle.client,
+            compiled,
+            progress=lambda name, done, total: bar.update(done, total=total, note=name),
+            in_flight=in_flight,
+        )
+    document = upload_document(site, compiled, vehicle.url, results)
+    run.write_json(UPLOAD_FILE, document)
+    note_files(run, "upload", [UPLOAD_FILE], command=sys.argv)
     for result in results:
         say_comparison(user, result)
     user.say(

@@ -51,6 +51,10 @@ class Site:
     home_m: FloatArray | None
     prisms: tuple[Prism, ...] = ()
 
+    def __repr__(self) -> str:
+        where = "no place on Earth" if self.frame is None else f"{self.frame.lat_deg:.5f}, {self.frame.lon_deg:.5f}"
+        return f"<Site {self.scenario.name}: {self.area.area / 1e6:.2f} square kilometres at {where}>"
+
     @property
     def alt_amsl_offset_m(self) -> float:
         """Added to an up coordinate at the origin it gives height above sea level; 0 without a place on Earth."""
