@@ -73,7 +73,7 @@ def measure(cell_size_m: float, flight_s: float, folder: Path) -> dict[str, obje
     path = folder / "flight.rrd"
     started = time.perf_counter()
     write_recording(
-        path, site=site, coverage=coverage, planned=Route(track.enu_m[::100]), track=track,
+        path, coverage=coverage, planned=Route(track.enu_m[::100]), track=track,
         first_seen_s=flown.first_seen_s,
     )  # fmt: skip
     written = time.perf_counter()

@@ -9,7 +9,6 @@ from uavcover.recording import write_recording
 def write(path: Path, flight: Flight) -> Path:
     write_recording(
         path,
-        site=flight.site,
         coverage=flight.coverage,
         planned=flight.planned,
         track=flight.track,

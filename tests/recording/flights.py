@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from uavcover.model.route import Route
 from uavcover.model.track import Track
-from uavcover.recording import FlightEvent, VehicleState
+from uavcover.recording import RecordedEvent, VehicleState
 from uavcover.scenario.scenario_file import load_scenario, terrain_path
 from uavcover.scenario.site import Site, build_site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
@@ -20,7 +20,7 @@ class Flight:
     planned: Route
     track: Track
     first_seen_s: NDArray[np.float64]
-    events: tuple[FlightEvent, ...]
+    events: tuple[RecordedEvent, ...]
     states: tuple[VehicleState, ...]
 
 
@@ -55,9 +55,9 @@ def make_flight(
         track=track,
         first_seen_s=np.where(first >= 0, track.time_s[first], np.nan),
         events=(
-            FlightEvent(float(track.time_s[-1]), "landed"),
-            FlightEvent(3.0, "armed"),
-            FlightEvent(20.0, "gust", "WARN"),
+            RecordedEvent(float(track.time_s[-1]), "landed"),
+            RecordedEvent(3.0, "armed"),
+            RecordedEvent(20.0, "gust", "WARN"),
         ),
         states=tuple(
             VehicleState(4.0 + k, None if k == 0 else 16.0 - 0.01 * k, None if k == 0 else 99.0 - k, 50 * k, 5 * k)

@@ -245,7 +245,6 @@ def test_a_failed_write_leaves_the_old_file(flight: Flight, tmp_path: Path, monk
     with pytest.raises(KeyboardInterrupt):
         write_recording(
             path,
-            site=flight.site,
             coverage=flight.coverage,
             planned=None,
             track=flight.track,

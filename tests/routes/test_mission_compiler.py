@@ -19,11 +19,10 @@ from uavcover.planning.baselines.swaths import fly_layout, regular_layout
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import (
     CompiledMission,
-    check_straight_return,
     compile_mission,
     compile_return,
-    transit,
 )
+from uavcover.routes.transit import check_straight_return, transit
 from uavcover.run.mission import export_text
 from uavcover.scenario.site import Site
 

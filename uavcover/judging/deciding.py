@@ -201,7 +201,7 @@ def _all_unobserved(
             on_route = bool(j.phases.route[-1] or other.phases.route[0])
             if end_s - start_s > site.scenario.requirements.max_gap_s:
                 stretch = stretch_at(
-                    site, j.end.enu_m, reason="no samples", detail=detail, start_s=start_s, end_s=end_s,
+                    site, j.end.enu_m, reason="no samples", detail=detail, span_s=(start_s, end_s),
                     length_m=length_of_m(way), on_route=on_route,
                 )  # fmt: skip
                 found.append(replace(stretch, track=number))
@@ -216,7 +216,7 @@ def _missing(site: Site, j: JudgedTrack, number: int, way_m: FloatArray, *, firs
     end = j.begin if first else j.end
     stretch = stretch_at(
         site, end.enu_m, reason="before the first sample" if first else "after the last sample", detail=str(end),
-        start_s=end.time_s, end_s=end.time_s, length_m=length_of_m(way_m), on_route=len(way_m) > 1,
+        span_s=(end.time_s, end.time_s), length_m=length_of_m(way_m), on_route=len(way_m) > 1,
     )  # fmt: skip
     return replace(stretch, track=number)
 

@@ -45,22 +45,22 @@ def unobserved_stretches(
         yield stretch_at(
             site, enu_m[k], reason=reason,
             detail=f"impossible motion: {moves[0]}" if moves else f"{seconds:.1f} s without samples",
-            start_s=float(track.time_s[k]), end_s=float(track.time_s[k + 1]),
+            span_s=(float(track.time_s[k]), float(track.time_s[k + 1])),
             length_m=float(np.linalg.norm(enu_m[k + 1] - enu_m[k])), on_route=bool(route[k] or route[k + 1]),
             in_flight=bool(moved.size and moving.size and k + 1 >= moved[0] and k <= moving[-1]),
         )  # fmt: skip
 
 
 def stretch_at(
-    site: Site, enu_m: FloatArray, *, reason: UnobservedReason, detail: str, start_s: float, end_s: float,
+    site: Site, enu_m: FloatArray, *, reason: UnobservedReason, detail: str, span_s: tuple[float, float],
     length_m: float, on_route: bool, in_flight: bool = True,
 ) -> Unobserved:  # fmt: skip
-    """An unobserved stretch that begins at a (3,) place."""
+    """An unobserved stretch from its first to its last moment ``span_s``, which begins at a (3,) place."""
     lat, lon = np.full(1, np.nan), np.full(1, np.nan)
     if site.frame is not None:
         lat, lon, _ = site.frame.geodetic_from_enu(enu_m)
     return Unobserved(
-        reason=reason, detail=detail, start_s=start_s, end_s=end_s, length_m=length_m,
+        reason=reason, detail=detail, start_s=span_s[0], end_s=span_s[1], length_m=length_m,
         lat_deg=float(lat[0]), lon_deg=float(lon[0]), east_m=float(enu_m[0]), north_m=float(enu_m[1]),
         phase="route" if on_route else "transit", in_flight=in_flight,
     )  # fmt: skip

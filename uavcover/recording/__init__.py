@@ -3,14 +3,14 @@
 Importing it loads rerun, which takes about a second: commands import it where they need it.
 """
 
-from uavcover.recording.flight import FlightEvent, VehicleState
+from uavcover.recording.flight import RecordedEvent, VehicleState
 from uavcover.recording.layout import RecordingError
 from uavcover.recording.reader import RecordingRow, describe_recording, read_recorded_track
 from uavcover.recording.viewer import open_viewer, screenshot
 from uavcover.recording.writer import write_recording
 
 __all__ = [
-    "FlightEvent",
+    "RecordedEvent",
     "RecordingError",
     "RecordingRow",
     "VehicleState",

@@ -20,7 +20,7 @@ LINK_WINDOW_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class FlightEvent:
+class RecordedEvent:
     """Something that happened.
 
     Attributes:
@@ -147,9 +147,9 @@ def log_states(recording: rr.RecordingStream, states: Sequence[VehicleState]) ->
         _log_series(recording, entity, time_s[whole], values_of, name=name, rgb=rgb)
 
 
-def log_events(recording: rr.RecordingStream, events: Iterable[FlightEvent]) -> None:
+def log_events(recording: rr.RecordingStream, events: Iterable[RecordedEvent]) -> None:
     """Log what happened as text, in order of time."""
-    ordered: Sequence[FlightEvent] = sorted(events, key=lambda event: event.time_s)
+    ordered: Sequence[RecordedEvent] = sorted(events, key=lambda event: event.time_s)
     if ordered:
         recording.send_columns(
             layout.EVENTS,

@@ -57,7 +57,7 @@ class LiveRecording:
         self._path, self._coverage = path, coverage
         self._lock, self._sending = threading.Lock(), threading.Lock()
         self._samples: list[TrackSample] = []
-        self._events: list[flight.FlightEvent] = []
+        self._events: list[flight.RecordedEvent] = []
         self._states: list[flight.VehicleState] = []
         self._last: TrackSample | None = None
         self._recent_states: list[flight.VehicleState] = []
@@ -89,7 +89,7 @@ class LiveRecording:
         with self._lock:
             self._samples.append(sample)
 
-    def take_event(self, event: flight.FlightEvent) -> None:
+    def take_event(self, event: flight.RecordedEvent) -> None:
         """Put down what happened."""
         with self._lock:
             self._events.append(event)

@@ -21,7 +21,6 @@ from uavcover.recording.reader import check_finished
 from uavcover.recording.scene import log_scene
 from uavcover.recording.tiles import lift_m
 from uavcover.recording.vehicle import draw_vehicle, send_vehicle
-from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 
 _NAMESPACE = uuid.UUID("2d1f7b1e-7c1f-4a7c-9f0c-2f6b8d6f5a90")
@@ -30,12 +29,11 @@ _NAMESPACE = uuid.UUID("2d1f7b1e-7c1f-4a7c-9f0c-2f6b8d6f5a90")
 def write_recording(
     path: str | Path,
     *,
-    site: Site,
     coverage: CoverageMap,
     planned: Route | None,
     track: Track,
     first_seen_s: NDArray[np.float64],
-    events: Iterable[flight.FlightEvent] = (),
+    events: Iterable[flight.RecordedEvent] = (),
     states: Iterable[flight.VehicleState] = (),
     name: str | None = None,
 ) -> None:
@@ -46,8 +44,7 @@ def write_recording(
 
     Args:
         path: of the file, ``flight.rrd`` in a run folder.
-        site: the scenario on its ground.
-        coverage: its cells, the ones that ``first_seen_s`` counts.
+        coverage: the cells of a site, the ones that ``first_seen_s`` counts.
         planned: the planned sensing route, if there is one.
         track: what was flown.
         first_seen_s: (cells,) vehicle time at which each cell was seen first, NaN or infinite where it never was. With
@@ -62,6 +59,7 @@ def write_recording(
         OutputError: the file cannot be written.
     """
     _check(coverage, track, first_seen_s)
+    site = coverage.site
     name = name or site.scenario.name
     blueprint = make_blueprint(site, span_s=(float(track.time_s[0]), float(track.time_s[-1])))
     with strict_mode():

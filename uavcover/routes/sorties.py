@@ -14,11 +14,9 @@ from uavcover.routes.mission_compiler import (
     AUTOPILOTS,
     CompiledMission,
     MissionTooLongError,
-    check_way_home,
-    check_way_there,
     compile_mission,
-    transit,
 )
+from uavcover.routes.transit import check_way_home, check_way_there, transit
 from uavcover.routes.way_cost import pace_of
 from uavcover.scenario.site import Site
 

@@ -81,7 +81,7 @@ class FlightLog:
             vehicle.link.log_to(self._telemetry)
 
     @property
-    def recorded_events(self) -> list[recorded.FlightEvent]:
+    def recorded_events(self) -> list[recorded.RecordedEvent]:
         """The events that have a time, for the recording."""
         return [shown for event in self.events if (shown := _recorded(event)) is not None]
 
@@ -194,7 +194,7 @@ class FlightLog:
         )
 
 
-def _recorded(event: FlightEvent) -> recorded.FlightEvent | None:
+def _recorded(event: FlightEvent) -> recorded.RecordedEvent | None:
     if event.time_s is None:
         return None
-    return recorded.FlightEvent(event.time_s, event.text, "WARN" if event.kind is EventKind.WARNING else "INFO")
+    return recorded.RecordedEvent(event.time_s, event.text, "WARN" if event.kind is EventKind.WARNING else "INFO")

@@ -191,7 +191,7 @@ def _write_recording(run: RunFolder, site: Site, route: Route, log: FlightLog, u
         coverage = judging_map(site)
         flown = flown_coverage(coverage, track, PlannedRoute(route.waypoints_m, 0.0))
         write_recording(
-            run.file("flight.rrd"), site=site, coverage=coverage, planned=route, track=track,
+            run.file("flight.rrd"), coverage=coverage, planned=route, track=track,
             first_seen_s=flown.first_seen_s,
             events=log.recorded_events, states=log.states,
         )  # fmt: skip
