@@ -1,4 +1,4 @@
-"""Time as an argument: what a clock is, and the real ones."""
+"""Clocks: time is passed as an argument, and these are its sources."""
 
 import time
 from typing import Protocol

@@ -1,4 +1,4 @@
-"""The errors of mission_io: one root, and one class for each way in which a mission can fail to get across."""
+"""The errors of mission_io: one root, and one class for each way a mission can fail to reach the vehicle."""
 
 from typing import Any, Literal
 

@@ -1,4 +1,4 @@
-"""What ArduPilot and PX4 do differently with missions, as data, and missions put into each one's terms.
+"""How ArduPilot and PX4 treat missions, as data, and the conversion of missions into each one's terms.
 
 Every fact was observed on a simulated vehicle of ArduCopter 4.7 or PX4 1.17, or read in their sources.
 """

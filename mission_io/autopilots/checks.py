@@ -1,4 +1,4 @@
-"""Whether an autopilot will take a list of items, and understand it as it was meant, before it is sent."""
+"""Checks before sending: would the autopilot accept a list of items, and would it understand them as they were meant?"""
 
 import math
 from collections.abc import Iterator, Sequence

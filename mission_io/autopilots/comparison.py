@@ -1,13 +1,11 @@
-"""What was meant against what a vehicle holds: every difference, and whether it is one.
+"""The comparison of what was meant with what a vehicle holds: every difference, and whether it matters.
 
-What the numbers of a command mean, as data: which of them say the same although they differ.
+The only comparison in the package: used after an upload, before arming, and in flight. Positions agree within 2 cm, or
+within the effect of MAVLink's steps of 1e-7 degrees where that is larger; heights agree within 2 cm; parameters agree when
+they mean the same to their command. Changes that an autopilot makes by design are in ``storage``.
 
-From the descriptions of the commands in MAVLink's common message set. Ground stations fill what a command has no use for,
-and what it leaves to the vehicle, each in its own way: 0, -1, NaN.
-
-The one comparison of the package: after an upload, before arming, and in flight. Places agree within 2 cm or within what
-MAVLink's steps of 1e-7 degrees do to them, whichever is larger; heights within 2 cm; parameters by what their command means
-by them. What an autopilot changes by design is in ``storage``.
+What the parameters of a command mean is data, taken from the descriptions of MAVLink's common message set: ground stations
+fill unused parameters and those left to the vehicle with 0, -1 or NaN.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""The three things a vehicle keeps (mission, fence, rally points) and the item lists that stand for them on the wire."""
+"""The three lists a vehicle keeps (mission, fence, rally points) and the item lists that represent them on the wire."""
 
 from collections.abc import Sequence
 from typing import TypeAlias

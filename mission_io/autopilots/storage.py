@@ -1,7 +1,7 @@
-"""What autopilots make of the numbers they are given, as data: one rule for each field that comes back changed.
+"""How autopilots store the numbers they receive, as data: one rule for each field that comes back changed.
 
-ArduPilot packs an item into 15 bytes, so most of it becomes whole numbers or is left out; what each command keeps was
-read in AP_Mission, and for waypoints, landings, fences and rally points seen on a simulated ArduCopter 4.7.
+ArduPilot packs an item into 15 bytes, so most fields are rounded or dropped. What each command keeps was read in
+AP_Mission; for waypoints, landings, fences and rally points it was also observed on a simulated ArduCopter 4.7.
 """
 
 import math

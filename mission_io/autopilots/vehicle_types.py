@@ -1,4 +1,4 @@
-"""What flies, drives or dives: the numbers of MAV_TYPE, by name and by kind."""
+"""Vehicle types: the numbers of MAV_TYPE, by name and by kind (multicopter, plane, rover, ...)."""
 
 from collections.abc import Mapping
 from enum import Enum

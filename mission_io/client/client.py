@@ -1,4 +1,4 @@
-"""A ground station in calls that wait: find the vehicle, upload, download, compare, clear, command. Nothing hangs."""
+"""A ground station with blocking calls: find the vehicle, upload, download, compare, clear, command. Every call ends."""
 
 import logging
 from collections.abc import Callable, Sequence

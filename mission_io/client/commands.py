@@ -1,4 +1,4 @@
-"""Commands, modes and parameters over a connection: sent again on silence, every refusal an error with its name."""
+"""Commands, modes and parameters over a connection. Requests are repeated on silence; every refusal is a named error."""
 
 from collections.abc import Callable
 from typing import TypeVar

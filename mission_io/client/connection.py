@@ -1,4 +1,4 @@
-"""A ground station's end of a link: heartbeats out, messages in, and whether the vehicle is still there."""
+"""A ground station's end of a link: sends heartbeats, receives messages, and knows whether the vehicle is still there."""
 
 import logging
 import math

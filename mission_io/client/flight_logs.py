@@ -1,4 +1,4 @@
-"""The logs that a vehicle keeps: which there are, and their bytes, over the same link; what gets lost is asked for again."""
+"""The flight logs that a vehicle keeps: listed and downloaded over the same link; lost pieces are requested again."""
 
 from collections.abc import Callable
 

@@ -1,8 +1,6 @@
-"""Who speaks on a link, and which of its vehicles is meant.
+"""Peers on a link: vehicles, others that use our own ids, and those limited to MAVLink 1.
 
-Who speaks on a link: the vehicles, who uses our own ids, and who speaks nothing newer than MAVLink 1.
-
-Which of the vehicles on a link is meant, and which component of it is the autopilot.
+Also chooses which vehicle on the link is meant, and which of its components is the autopilot.
 """
 
 import logging

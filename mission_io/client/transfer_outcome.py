@@ -1,12 +1,10 @@
-"""How a transfer failed, what the vehicle holds then, and how many items it takes.
+"""The outcome of a failed transfer: why it failed, what the vehicle holds now, and how many items it accepts.
 
-How many items a vehicle takes, where it tells.
+What a vehicle holds is inferred from its autopilot's behaviour and from what was read back.
 
-ArduPilot tells when it keeps its mission on a memory card: the size set aside there is a parameter, and every item takes
-the same space (AP_Mission and AP_BoardConfig of ArduPilot 4.7). What its own memory holds depends on the board, and
-neither it nor PX4 tells that; more items than there is room for are then answered NO_SPACE when they are announced.
-
-How a transfer failed, and what the vehicle holds then, from its autopilot's ways and from what was read back.
+ArduPilot states its capacity only when it keeps missions on a memory card: the reserved size is a parameter, and every
+item takes the same space (AP_Mission and AP_BoardConfig of ArduPilot 4.7). The capacity of its internal memory depends on
+the board, and neither it nor PX4 states it; a list that is too long is answered NO_SPACE when it is announced.
 """
 
 import math

@@ -1,8 +1,6 @@
-"""What map programs draw: areas, lines, spots, fences made of them, and a mission's route.
+"""Drawings of map programs, as data: areas with holes, lines and spots, and fences made from them.
 
-What map programs draw: areas with holes, lines and spots, as data, and fences made of them.
-
-The places of a mission in flying order, as the export formats draw them.
+Also the positions of a mission in flying order, as the export formats draw them.
 """
 
 from collections.abc import Iterable

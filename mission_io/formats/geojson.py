@@ -1,4 +1,4 @@
-"""GeoJSON (RFC 7946): routes are written as a line and its points, drawings are read."""
+"""GeoJSON (RFC 7946): writes a route as a line and its points, and reads drawings."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""A JSON document with the place of each value in it, so that an error can say where."""
+"""JSON documents whose values know their place, so that an error can name it."""
 
 import json
 from collections.abc import Callable, Mapping

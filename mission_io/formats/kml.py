@@ -1,4 +1,4 @@
-"""KML, for Google Earth and map programs: routes are written as a line and its points, drawings are read."""
+"""KML, for Google Earth and map programs: writes a route as a line and its points, and reads drawings."""
 
 import re
 from collections.abc import Callable

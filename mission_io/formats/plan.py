@@ -1,6 +1,6 @@
 """``.plan`` files (QGroundControl's JSON): a mission, a geofence and rally points in one document.
 
-What the file says beyond ``mission_io``'s model is kept and written again: the forms of surveys and other complex items,
+Content beyond the model of ``mission_io`` is kept and written back: the definitions of surveys and other complex items,
 heights above calculated terrain, keys of other programs.
 """
 

@@ -1,7 +1,7 @@
-"""The items of a ``.plan`` file: simple ones, and what QGroundControl flies for its complex ones.
+"""The items of a ``.plan`` file: simple items, and what QGroundControl flies for its complex items.
 
-A complex item is a form that QGroundControl fills with items. Surveys and corridor scans carry those items in the file;
-a landing pattern's follow from its few numbers; a structure scan's cannot be known from the file.
+A complex item is a definition from which QGroundControl generates items. Surveys and corridor scans carry those items in
+the file; those of a landing pattern follow from a few numbers; those of a structure scan cannot be known from the file.
 """
 
 import math

@@ -1,7 +1,7 @@
-"""``.poly`` and ``.fen`` files of MAVProxy and Mission Planner: one place a line, latitude and longitude.
+"""``.poly`` and ``.fen`` files of MAVProxy and Mission Planner: one position a line, latitude and longitude.
 
-A ``.poly`` file is an area. A ``.fen`` file is a fence of the old kind: the return point first, then one polygon to stay
-inside of. Both begin with a comment and repeat the first corner at the end.
+A ``.poly`` file is an area. A ``.fen`` file is a fence of the old kind: the return point first, then one inclusion
+polygon. Both begin with a comment and repeat the first corner at the end.
 """
 
 import re

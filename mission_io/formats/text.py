@@ -1,8 +1,6 @@
-"""The bytes of a file as text, whatever program wrote it, and numbers as text and back.
+"""Text of mission files: decoding whatever a program wrote, with a list of repairs, and numbers in decimal notation.
 
-The bytes of a file as text, whatever program wrote it, and what had to be repaired for that.
-
-Numbers as text in mission files: the shortest plain decimals that read back as the same number, and back.
+Numbers are written as the shortest plain decimals that read back as the same number.
 """
 
 import codecs

@@ -1,7 +1,7 @@
-"""``.waypoints`` files (QGC WPL): written so that every known reader takes them, read as generously as is safe.
+"""``.waypoints`` files (QGC WPL): written so that every known reader accepts them, read as tolerantly as is safe.
 
-One item per line, twelve columns: number, current, frame, command, four parameters, latitude, longitude, height,
-autocontinue. In version 110 the first row is home. Fences and rally points are files of the same kind.
+One item per line in twelve columns: number, current, frame, command, four parameters, latitude, longitude, height,
+autocontinue. In version 110 the first row is home. Fences and rally points use the same format.
 """
 
 import itertools

@@ -1,4 +1,4 @@
-"""What a link is to everything above it."""
+"""The interface of a link, as the rest of the package sees it."""
 
 from typing import Protocol, runtime_checkable
 

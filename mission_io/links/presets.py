@@ -1,6 +1,6 @@
-"""Kinds of links by name: how patient to be on one, and what it does to datagrams when it is simulated.
+"""Kinds of links by name: how patient transfers are on one, and how it treats datagrams when it is simulated.
 
-The time-outs adapt to the link by themselves; a preset only saves the first seconds, and lets slow links take longer.
+Time-outs adapt to the link by themselves; a preset saves the first seconds and gives slow links more time.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""Links that lose, delay, repeat and damage datagrams on purpose, in simulated time and by seed.
+"""Links that lose, delay, duplicate and corrupt datagrams on purpose, reproducibly by seed.
 
-``SimulatedLink`` joins this side to a peer in the same process; its clock moves only while ``receive`` waits, so that
-minutes of radio trouble take milliseconds and happen the same way every time. ``LossyLink`` spoils a real link.
+``SimulatedLink`` connects this side to a peer in the same process. Its clock advances only while ``receive`` waits, so
+minutes of radio trouble take milliseconds and repeat exactly. ``LossyLink`` degrades a real link.
 """
 
 import heapq

@@ -1,4 +1,4 @@
-"""Frames over what carries bytes: finds them in what arrives, and sends each of them whole or not at all."""
+"""Frames over a byte stream: finds them in what arrives, and sends each of them whole or not at all."""
 
 import select
 from collections import deque

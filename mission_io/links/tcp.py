@@ -1,4 +1,4 @@
-"""Frames over TCP: to one place, or from everybody who connects."""
+"""Frames over TCP: to one address, or from everybody who connects."""
 
 import logging
 import socket

@@ -1,8 +1,8 @@
-"""Everything that a link hears and sends, in a telemetry log (``.tlog``) as ground stations write and read it.
+"""Telemetry logs (``.tlog``): everything that a link receives and sends, in the format of ground stations.
 
-Each frame stands behind the time of day at which it came or went: microseconds since 1970-01-01 UTC as an unsigned 64-bit
-number, the high byte first. Bytes around frames are left out. Of a datagram whose lengths add up,
-which is nearly every one, the checksums are left to those who read the log.
+Each frame follows the time of day at which it was sent or received: microseconds since 1970-01-01 UTC as an unsigned 64-bit
+number, big-endian. Bytes between frames are left out. Where the lengths in a datagram add up, as in nearly every one,
+checksums are left to the readers of the log.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""The URLs that name links, and the forms of pilots' tools, taken apart without opening anything."""
+"""Link URLs, including the short forms of pilots' tools, parsed without opening anything."""
 
 import re
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""Commands with named and typed parameters: what an item does, read from it, and made into one.
+"""Commands with named and typed parameters, converted from and to mission items.
 
-``item_of(PointGimbal(pitch_deg=-90.0))`` is an item, ``action_of(item)`` reads one. An item whose command is not among
-these stays a plain ``MissionItem``, and nothing of it is lost: actions are a way to look at items, not another model.
+``item_of(PointGimbal(pitch_deg=-90.0))`` makes an item, ``action_of(item)`` reads one. An item with any other command stays
+a plain ``MissionItem`` and loses nothing: actions are a view of items, not another model.
 """
 
 import dataclasses

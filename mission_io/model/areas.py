@@ -1,4 +1,4 @@
-"""Fences and rally points as data, and as the item lists that vehicles and files keep them in."""
+"""Fences and rally points as data, and as the item lists in which vehicles and files keep them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

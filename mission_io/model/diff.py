@@ -1,7 +1,7 @@
-"""What changed between two missions: a difference that loses nothing and can be applied or taken back.
+"""Differences between two missions: lossless, and can be applied or reversed.
 
-``apply_diff(diff(a, b), a)`` is ``b`` to the last bit, NaN and minus zero included. Items that only moved are not told from
-items that were removed and put in elsewhere. Takes a time that grows with the items, not with their square.
+``apply_diff(diff(a, b), a)`` equals ``b`` to the last bit, NaN and minus zero included. A moved item appears as removed and
+inserted. The time is proportional to the number of items, not to its square.
 """
 
 import struct

@@ -1,4 +1,4 @@
-"""The MAVLink enumerations that mission_io looks at, under the names of the MAVLink documents."""
+"""The MAVLink enumerations that mission_io uses, under their MAVLink names."""
 
 from enum import Enum, IntEnum, IntFlag
 

@@ -1,6 +1,6 @@
-"""A mission as data: items, the vehicle's home, and the enumerations that MAVLink numbers them by.
+"""Missions as data: items, home, and the enumerations behind MAVLink's numbers.
 
-Latitudes and longitudes are degrees on WGS 84. A height is metres above what its frame says: mean sea level,
+Latitudes and longitudes are degrees on WGS 84. A height is metres above the reference of its frame: mean sea level,
 the vehicle's home, or the terrain below. Angles are degrees, speeds metres per second, times seconds.
 """
 

@@ -1,8 +1,6 @@
-"""Places on WGS 84: distances between them, and doubts about a mission's places.
+"""Positions on WGS 84: Earth-centred coordinates, distances, and doubts about a mission's positions.
 
-Places on WGS 84 as points in space, and distances between them.
-
-Doubts about a mission that a file can hold but hardly anybody means: a place at 0, 0, a route far from home.
+A doubt is something that a file can hold but hardly anybody means: a position at 0, 0, or a route far from home.
 """
 
 import math

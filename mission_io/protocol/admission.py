@@ -1,4 +1,4 @@
-"""Whether a vehicle takes an item, as the autopilots decide it while an upload is going on."""
+"""Whether a vehicle accepts an item during an upload, decided as each autopilot decides it."""
 
 import math
 

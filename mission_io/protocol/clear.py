@@ -1,4 +1,4 @@
-"""Emptying a list on a vehicle, as a state machine."""
+"""Clearing a list on a vehicle, as a state machine."""
 
 from collections.abc import Callable, Mapping
 from enum import Enum

@@ -1,4 +1,4 @@
-"""Puts the transition tables into a document as diagrams: ``python -m mission_io.protocol.diagrams FILE``."""
+"""Writes the transition tables into a document as diagrams: ``python -m mission_io.protocol.diagrams FILE``."""
 
 import sys
 from enum import Enum

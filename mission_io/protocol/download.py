@@ -1,7 +1,7 @@
-"""Fetching a list from a vehicle, as a state machine: ask for the list, then for each item, then say thanks.
+"""Downloading a list from a vehicle, as a state machine: request the list, then each item, then acknowledge.
 
-Where the vehicle serves items in any order, one more is asked for before the last one is here; PX4 ends a download whose
-requests come out of order, so there it is one after the other.
+Where the vehicle serves items in any order, the next one is requested before the last one has arrived. PX4 aborts a
+download whose requests come out of order, so there they go one after the other.
 """
 
 from collections.abc import Callable, Mapping

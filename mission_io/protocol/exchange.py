@@ -1,4 +1,4 @@
-"""What the client's three conversations (upload, download, clear) have in common."""
+"""The common part of the client's three exchanges: upload, download and clear."""
 
 import math
 from abc import ABC, abstractmethod

@@ -1,9 +1,9 @@
-"""The longest that a call of the client can take, whatever the vehicle does.
+"""Upper bounds on the duration of the client's calls, whatever the vehicle does.
 
-Every conversation has a deadline that only progress moves: ``Timing.no_progress_s`` after it last got further than ever,
-where "further" is one more item held (download) or one more item asked for (upload). Beginning anew, at most ``RESTARTS``
-times, adds no more than the time that it takes to get as far again. How long the link takes for an answer does not come
-into it, as long as that is less than ``no_progress_s``.
+Every exchange has a deadline that only progress moves: ``Timing.no_progress_s`` after it last got further than ever,
+where "further" means one more item held (download) or one more item requested (upload). Restarts, at most ``RESTARTS``,
+add only the time needed to get as far again. The round-trip time of the link does not matter while it is shorter than
+``no_progress_s``.
 """
 
 from dataclasses import dataclass

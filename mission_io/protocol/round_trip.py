@@ -1,4 +1,4 @@
-"""How long an answer takes on this link, measured while a conversation goes on (RFC 6298)."""
+"""The round-trip time of a link, measured during an exchange (RFC 6298)."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The vehicle's side of the mission protocol: takes uploads, serves downloads, clears; as one autopilot would do it."""
+"""The vehicle's side of the mission protocol: accepts uploads, serves downloads, clears; behaves as one autopilot does."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace

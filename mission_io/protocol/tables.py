@@ -1,10 +1,7 @@
-"""The transition tables of the mission protocol: states, events, and every transition.
+"""The transition tables of the mission protocol: the vehicle's side, and the client's side of an upload.
 
-A state machine's transitions as one table: looked up by the machine, drawn by the documentation.
-
-The vehicle's side of the mission protocol: its states, what can happen, and every transition.
-
-The client's side of an upload: its states, what can happen, and every transition.
+A table lists states, events and every transition. The state machines look transitions up in it, and the documentation is
+drawn from it.
 """
 
 from collections.abc import Iterable

@@ -1,9 +1,9 @@
-"""Sending a list to a vehicle, as a state machine.
+"""Uploading a list to a vehicle, as a state machine.
 
-The vehicle asks for the items one by one; the client answers with the item and, on a good link, with the one after it,
-which the vehicle is going to ask for next. When nothing comes it sends again what the vehicle may be waiting for: the
-COUNT, or the item that was asked for last and its successor (whose request may be what was lost). Duplicates and late
-messages are ordinary rows of the table.
+The vehicle requests the items one by one. The client answers with the item and, on a good link, also with the next one,
+which the vehicle is about to request. On silence it repeats what the vehicle may be waiting for: the COUNT, or the item
+requested last and its successor (whose request may have been lost). Duplicates and late messages are ordinary rows of the
+table.
 """
 
 from collections.abc import Callable, Mapping, Sequence

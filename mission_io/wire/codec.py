@@ -1,8 +1,8 @@
 """MAVLink bytes to messages and back.
 
-What the bytes of each message mean is in ``message_table``. Frames are found by their checksum, so garbage, damaged and
-unknown messages are skipped and counted, and a datagram holds nothing back for the next. MAVLink 2 is spoken, and
-MAVLink 1 to peers that speak nothing else.
+The layout of each message is in ``message_table``. Frames are found by their checksum, so garbage, corrupted and unknown
+messages are skipped and counted, and no datagram affects the next one. Peers are addressed in MAVLink 2, or in MAVLink 1
+when they speak nothing newer.
 """
 
 import struct

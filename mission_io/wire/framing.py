@@ -1,14 +1,11 @@
-"""MAVLink 1 and 2 frames, by MAVLink's own tables: found in bytes that may be damaged, checked, and built.
+"""MAVLink 1 and 2 frames: found in bytes that may be corrupted, checked, and built by MAVLink's own tables.
 
-MAVLink's own tables: which messages there are, how their payloads are laid out, and the checksum.
+The tables say which messages exist, how their payloads are laid out, and how the checksum is computed; this is the only
+module that imports pymavlink.
 
-The only module that knows pymavlink.
-
-MAVLink 1 and 2 frames: found in bytes that may be damaged, checked, and built.
-
-A frame is found by its checksum. Whatever is no frame is stepped over one byte at a time and counted, and what is found
-does not depend on how the bytes were cut into pieces. No more than one unfinished frame is kept, and every byte is
-looked at by the checksum at most once for each place before it where a frame could begin: no input makes this slow.
+A frame is found by its checksum. Bytes that are no frame are skipped one at a time and counted, and the result does not
+depend on how the bytes were split. At most one unfinished frame is kept, and the checksum reads every byte at most once
+for each earlier position where a frame could begin: no input makes this slow.
 """
 
 import re

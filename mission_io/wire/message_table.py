@@ -1,4 +1,4 @@
-"""Each MAVLink message as a row: its name, and field by field how a number on the wire becomes a number in units."""
+"""The MAVLink messages as rows: name, and for each field the conversion between the wire value and units."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields

@@ -1,8 +1,8 @@
-"""The MAVLink messages that mission_io speaks, as plain data in degrees, metres, metres per second and seconds.
+"""The MAVLink messages that mission_io uses, as plain data in degrees, metres, metres per second and seconds.
 
-The codec turns bytes into these and back. Numbers that MAVLink scales to integers are given in units here, exactly:
-``lat_deg`` is the nearest double to the integer divided by 1e7. A field is None where MAVLink's value says "unknown".
-Fields named ``target_system`` and ``target_component`` say whom a message is for; 0 is everybody.
+The codec converts between bytes and these classes. Numbers that MAVLink scales to integers are exact here:
+``lat_deg`` is the double nearest to the integer divided by 1e7. A field is None where MAVLink's value means "unknown".
+Fields named ``target_system`` and ``target_component`` name the recipient; 0 is everybody.
 """
 
 from dataclasses import dataclass

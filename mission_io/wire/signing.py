@@ -1,11 +1,8 @@
-"""MAVLink 2 signing: who may speak on a link, by a key that both ends know, and the private files of keys.
+"""MAVLink 2 signing: a shared key decides who may speak on a link.
 
-Files that are nobody else's business: signing keys, and the timestamps beside them.
-
-MAVLink 2 signing: who may speak on a link, by a key that both ends know.
-
-A signature is the first 48 bits of SHA-256 over key, frame, link id and a timestamp that only ever grows
-(https://mavlink.io/en/guide/message_signing.html). Timestamps count 10 microseconds since 2015-01-01 UTC.
+A signature is the first 48 bits of SHA-256 over key, frame, link id and a timestamp that only increases
+(https://mavlink.io/en/guide/message_signing.html). Timestamps count 10 microseconds since 2015-01-01 UTC. Keys, and the
+timestamps beside them, are kept in files that only their owner may read.
 """
 
 import hashlib

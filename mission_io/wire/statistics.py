@@ -1,4 +1,4 @@
-"""What went over a link, and what of it was lost, damaged or refused."""
+"""Link statistics: what was sent and received, and what was lost, corrupted or refused."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields

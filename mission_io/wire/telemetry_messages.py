@@ -1,15 +1,8 @@
-"""MAVLink messages about the vehicle's condition, parameters, terrain and logs.
+"""MAVLink messages about the vehicle's condition, parameters, message streams, terrain and logs.
 
-MAVLink messages about how a vehicle is: sensors, satellites, position filter, battery, radio.
-
-MAVLink messages about a vehicle's parameters and streams of messages.
-
-MAVLink messages about terrain: a vehicle asks for heights of the ground, a ground station answers.
-
-Heights come in blocks of 7 times 8 parts; a part is 4 times 4 heights, ``spacing_m`` apart, the first at the south-west
-corner, row by row to the east.
-
-MAVLink messages about the logs that a vehicle keeps: it is asked for the list, and for their bytes.
+Condition: sensors, satellites, position filter, battery, radio. Terrain: the vehicle requests ground heights, and a ground
+station answers. Heights come in blocks of 7 times 8 parts; a part is 4 times 4 heights, ``spacing_m`` apart, the first at
+the south-west corner, row by row to the east. Logs: the list is requested first, then the bytes.
 """
 
 from dataclasses import dataclass

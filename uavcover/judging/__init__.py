@@ -1,1 +1,1 @@
-"""What a flight proved: coverage, safety and gaps from the flown track. Never imports the planner."""
+"""Verification of flights from the flown track: coverage, safety, gaps. Never imports the planner."""

@@ -1,16 +1,12 @@
-"""Which attitudes of a track are known and plausible: ranges, ages, and the lean that accelerations need.
-
-Whether a multirotor leaned as its accelerations say that it did.
+"""Which attitudes of a track are known and plausible: ranges, ages, and the lean that the accelerations require.
 
 A multirotor accelerates by leaning: over ground its acceleration is that of its thrust, ``g tan(lean)`` in the direction of the
-lean, less the drag of the air. Drag grows with the speed through the air, so beside noise and gusts
+lean, minus aerodynamic drag. Drag grows with airspeed, so apart from noise and gusts
 
     g tan(lean) - acceleration = drag_per_s * velocity - wind_drag
 
-with one number and one vector for the flight. An attitude that was made up, turned, mirrored or taken from another time does not
-fit, and an autopilot that measures its attitude badly does not fly.
-
-Which attitudes of a track are known, and what is wrong with the others.
+with one number and one vector for the flight. An attitude that was invented, rotated, mirrored or taken from another time does
+not fit, and an autopilot that measures its attitude badly cannot fly.
 """
 
 from collections.abc import Iterator

@@ -1,11 +1,7 @@
-"""Passed, failed or not proved, and how well the cells were seen.
+"""The decision on a flight, passed, failed or not proved, and statistics of how well the cells were seen.
 
-How well the cells were seen, in figures, and how that grew.
-
-Passed, failed, or not proved.
-
-Failed: what was observed breaks a limit, or misses a requirement whatever happened where nothing was observed. Not proved:
-nothing does, but something essential was not observed. Passed: everything holds, and was observed.
+Failed: something observed breaks a limit, or a requirement is missed whatever happened where nothing was observed. Not proved:
+neither is the case, but something essential was not observed. Passed: everything holds, and was observed.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What was seen from a flown track: when, how often, how closely, how surely, and why the rest was not."""
+"""Coverage of a flown track: when, how often, how closely and how surely each cell was seen, and why the others were not."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor

@@ -1,9 +1,4 @@
-"""What was not seen, in connected regions with their reasons, and ``gaps.geojson``.
-
-What was not seen, grouped into connected regions, each with the reason.
-
-``gaps.geojson``: the regions that were not seen, for maps.
-"""
+"""Coverage gaps: cells not seen, grouped into connected regions with reasons, and written to ``gaps.geojson``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

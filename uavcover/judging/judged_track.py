@@ -1,4 +1,4 @@
-"""What one track says by itself: the part of it that is evidence, and how that stands to the limits."""
+"""One track judged by itself: which part of it is evidence, and how that compares with the limits."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""Accelerations of a track over windows of one length, and how much of them is noise of its positions."""
+"""Accelerations of a track over windows of one length, and the share of position noise in them."""
 
 from dataclasses import dataclass
 from typing import Literal, Self

@@ -1,4 +1,4 @@
-"""Where a flown track's sensor looked from, in which direction, and when."""
+"""Observations along a flown track: from where, in which direction, and when the sensor looked."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Which planned waypoints a track passed, by its places, and whether its own waypoint numbers agree with that."""
+"""Which planned waypoints a track passed, by its positions, and whether its recorded waypoint numbers agree."""
 
 from bisect import bisect_right
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Which part of a track is the planned route, and which stretches of it were really observed."""
+"""Which part of a track is the planned route, and which of its stretches were observed."""
 
 from dataclasses import dataclass
 

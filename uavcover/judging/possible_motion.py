@@ -1,12 +1,11 @@
-"""Which motion a vehicle can have made: what it cannot joins nothing and is no evidence.
+"""Physically possible motion: what a vehicle cannot have flown joins no samples and is no evidence.
 
-Speed is asked for over windows of 0.2, 1 and 3 s, acceleration by divided differences of three samples 0.2 to 2 s apart. For a
-vehicle that accelerates by no more than ``a``, no divided difference is above ``a``, however far apart the samples are. So a
-rate of 1 Hz is judged as fairly as one of 50 Hz, and the rounding of a log at 50 Hz is no acceleration.
+Speed is evaluated over windows of 0.2, 1 and 3 s, acceleration by divided differences of three samples 0.2 to 2 s apart. For a
+vehicle that accelerates by at most ``a``, no divided difference exceeds ``a``, whatever the spacing of the samples. A track at
+1 Hz is therefore judged as fairly as one at 50 Hz, and the rounding of a log at 50 Hz is no acceleration.
 
-Noise of the positions adds to these figures, more the shorter the window. How much is measured on the track itself: by the
-median of its second differences over the windows of that length in which it moved. The allowance has a ceiling, so that it cannot
-excuse everything.
+Position noise adds to these figures, more so in short windows. It is measured on the track itself, by the median of its second
+differences over the windows of that length in which it moved. The allowance is capped, so that it cannot excuse everything.
 """
 
 from dataclasses import dataclass, replace

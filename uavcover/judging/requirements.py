@@ -1,4 +1,4 @@
-"""What was asked, what was found, and whether that is enough: the table of requirements."""
+"""The table of requirements: what was required, what was found, and whether that is enough."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
-"""Was it safe? Heights, fence, obstacles, speed and deviation along the flown track, at its full length.
+"""Safety along the full length of the flown track: heights, sea-level limits, fence and obstacles.
 
-How fast the vehicle was, and how far from the planned route.
-
-Was it safe? Heights, sea-level limits, fence and obstacles along the flown track, at its full length.
+Also speed, and deviation from the planned route.
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Stretches of a flight of which nothing is known, and what may have been seen from them."""
+"""Unobserved stretches of a flight, and what may have been seen from them."""
 
 from collections.abc import Iterator
 

@@ -1,9 +1,8 @@
 """The verdict on a flight: one track, or several that count together.
 
-Two records of one flight are no two flights: their observations must not count twice.
-
-A vehicle that flies a mission again is metres away from where it was at the same time of its first flight. Two records of
-one flight agree to centimetres all the way, whatever their clocks and rates are.
+Two records of one flight are not two flights: their observations must not count twice. A vehicle that flies a mission again
+is metres away from its position at the same time of the first flight. Two records of one flight agree to centimetres
+throughout, whatever their clocks and rates.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What is to be seen: a polygon with holes, cut into square cells."""
+"""The area to cover: a polygon with holes, divided into square cells."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""The limits of the flight. Declared here once; planning, compiling and verification all read these."""
+"""Hard limits of the flight: declared once, and read by planning, compiling and verification."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal

@@ -1,4 +1,4 @@
-"""What stands on the ground: hides what is behind it, and must not be hit."""
+"""Clearance from obstacles, which block the sensor's view and must not be hit."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,9 +1,4 @@
-"""Routes, what is known of them, and the bounds that no route can beat.
-
-Routes, and what is known of them.
-
-What no plan can beat, and how near a plan has come.
-"""
+"""Planned routes with their metrics, and lower bounds that no route can beat."""
 
 from dataclasses import dataclass
 from typing import Literal

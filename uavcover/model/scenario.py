@@ -1,7 +1,4 @@
-"""A scenario: everything that a plan follows from.
-
-How well it is known where the vehicle and the ground were.
-"""
+"""The scenario: everything a plan depends on, including the uncertainty of positions and ground."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal

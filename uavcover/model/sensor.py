@@ -1,4 +1,4 @@
-"""What sees: a sphere, the paper's planar disc, a camera with a round view straight down, or one with a rectangular picture."""
+"""Sensor models: sphere, planar disc (the paper's), nadir camera with a circular view, frame camera with a rectangular image."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal

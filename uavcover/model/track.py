@@ -1,4 +1,4 @@
-"""What was flown."""
+"""The flown track."""
 
 import math
 from dataclasses import dataclass, field, fields

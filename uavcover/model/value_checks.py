@@ -1,4 +1,4 @@
-"""How the dataclasses of a scenario refuse a value: one wording, with the key first."""
+"""Value checks for the dataclasses of a scenario: one wording, with the key first."""
 
 import math
 from typing import Any

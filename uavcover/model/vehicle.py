@@ -1,9 +1,4 @@
-"""What flies, and the wind it is planned for.
-
-The wind that a flight is planned for.
-
-What flies.
-"""
+"""The vehicle and the wind it is planned for."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal

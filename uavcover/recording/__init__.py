@@ -1,6 +1,6 @@
-"""Recordings of flights for the rerun viewer: written, read back, listed, shown. The only package that imports rerun.
+"""Flight recordings for the rerun viewer: writing, reading, listing, showing. The only package that imports rerun.
 
-Importing it loads rerun, which takes about a second: commands import it where they need it.
+Importing it loads rerun, which takes about a second, so commands import it only where they need it.
 """
 
 from uavcover.recording.flight import RecordedEvent, VehicleState

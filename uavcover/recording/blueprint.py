@@ -1,4 +1,4 @@
-"""How a recording looks when it is opened: scene, series, map and events side by side."""
+"""The viewer layout of a recording: scene, series, map and events side by side."""
 
 import math
 import uuid

@@ -1,4 +1,4 @@
-"""What changes in time beside the vehicle: track, cells, series, events. Everything is sent in columns."""
+"""The changing parts of a recording apart from the vehicle: track, cells, series, events. All are sent as columns."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -1,13 +1,7 @@
-"""What is where in a recording, its colours, and sending to it in an order that is always the same.
+"""Layout of a recording: names of entities and of the timeline, colours, and sending in a reproducible order.
 
-The error of this package.
-
-What is where in a recording: the names of entities and of the timeline, and the colours.
-
-Everything in ``WORLD`` is in the local east-north-up frame in metres, everything in ``MAP`` in degrees of latitude and
-longitude. Readers of recordings depend on ``TIMELINE`` and ``TRACK``; the rest is for eyes.
-
-Sending to a recording in an order that is the same every time.
+Everything under ``WORLD`` is in the local east-north-up frame in metres, everything under ``MAP`` in degrees of latitude and
+longitude. Readers of recordings depend on ``TIMELINE`` and ``TRACK``; the rest is only for display.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""A recording that grows while the vehicle flies, in a file and, if wanted, in a viewer."""
+"""A recording that grows during the flight, in a file and, on request, in a viewer."""
 
 import contextlib
 import os

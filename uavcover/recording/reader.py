@@ -1,4 +1,4 @@
-"""Reading a recording without a viewer."""
+"""Reads recordings without a viewer."""
 
 import struct
 import tempfile

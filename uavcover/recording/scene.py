@@ -1,8 +1,6 @@
-"""What does not move: relief of the ground, area, fence, home, planned route.
+"""The static scene, in the local frame and on the map: ground, area, fence, home, planned route.
 
-The ground as a mesh with a relief map on it. Arrays only.
-
-What does not move: ground, area, fence, home, planned route, in the local frame and on the map.
+The ground is a mesh with a relief map on it.
 """
 
 import math

@@ -1,7 +1,7 @@
-"""Cells that turn from unseen to seen, in few bytes. Arrays only.
+"""Cells that change from unseen to seen, stored compactly. Arrays only.
 
-Colours of all cells once a second would be most of the file, and nearly all of it would repeat. The cells are cut into
-square tiles instead; a tile gets new colours only in seconds in which one of its cells was seen for the first time.
+The colours of all cells once a second would be most of the file, and nearly all of them would repeat. Instead, the cells are cut
+into square tiles, and a tile gets new colours only in seconds in which one of its cells was seen for the first time.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
-"""The vehicle in its scene: heading, camera, path, and the sensor's footprint on the ground.
+"""The vehicle in the scene and on the map: heading, camera, flown path, and the sensor's footprint.
 
-What lies inside the sensor's field of view: its outline on the ground. Arrays only.
-
-The vehicle in its scene: heading, camera, the path behind it, the footprint on the ground; and the same on the map.
+The footprint is the outline of the sensor's field of view on the ground.
 """
 
 import itertools

@@ -1,4 +1,4 @@
-"""The rerun viewer: opened on a screen, or asked for a picture without one.
+"""The rerun viewer: opened on screen, or used without one for a screenshot.
 
 The viewer listens on 127.0.0.1 only and sends no usage statistics.
 """

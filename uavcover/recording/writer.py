@@ -1,4 +1,4 @@
-"""Writing a recording."""
+"""Writes the recording of a whole flight."""
 
 import contextlib
 import hashlib

@@ -1,1 +1,1 @@
-"""One HTML file that shows a run: what was asked, planned, flown and seen. Opens offline."""
+"""The HTML report of a run: what was required, planned, flown and seen, in one file that opens offline."""

@@ -1,4 +1,4 @@
-"""Line charts as the numbers of an SVG; the template draws them, the style sheet colours them."""
+"""Line charts as numbers for SVG; the template draws them, the style sheet colours them."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""What a report is made of: a run folder, read and judged."""
+"""The content of a report: a run folder, read and judged."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Figures as files: the trade-off, and the ground with the routes from the side and from above (the paper's Figures 7 to 11)."""
+"""Figures as files: the trade-off, and ground and routes from the side and from above (the paper's Figures 7 to 11)."""
 
 from pathlib import Path
 

@@ -1,8 +1,6 @@
-"""What the map and the 3D view of a report draw, as JSON and pictures.
+"""Data for the map and the 3D view of a report, as JSON in local metres, east before north.
 
-Pictures of ground and cells for the map, as data URIs; row 0 is the north.
-
-What the map and the 3D view of a report draw, as JSON: local metres, east before north.
+Pictures of ground and cells are data URIs; row 0 is the north.
 """
 
 import base64

@@ -1,4 +1,4 @@
-"""The report as one HTML file that asks nothing of the network."""
+"""The report page: one HTML file that needs no network."""
 
 import base64
 import hashlib

@@ -1,1 +1,1 @@
-"""What a route costs and whether it may be flown; from routes to missions."""
+"""Routes: cost, hard limits, and their compilation into missions."""

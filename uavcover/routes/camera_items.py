@@ -1,8 +1,8 @@
-"""Mission items of the camera: where its gimbal points, and pictures by distance, in each autopilot's terms.
+"""Camera items of a mission, gimbal angles and distance triggers, as each autopilot needs them.
 
-ArduPilot takes gimbal angles as DO_GIMBAL_MANAGER_PITCHYAW, in whole degrees, and can hold a heading there; its
-DO_MOUNT_CONTROL would turn a vehicle whose gimbal has no yaw axis. PX4 refuses the former from a mission unless the mission has
-taken control of the gimbal, so it gets DO_MOUNT_CONTROL, as ground stations send it, and keeps a heading by its waypoints.
+ArduPilot takes gimbal angles as DO_GIMBAL_MANAGER_PITCHYAW, in whole degrees, and can hold a heading; its DO_MOUNT_CONTROL
+would turn a vehicle whose gimbal has no yaw axis. PX4 refuses DO_GIMBAL_MANAGER_PITCHYAW in a mission unless the mission has
+taken control of the gimbal, so it gets DO_MOUNT_CONTROL, as ground stations send it, and holds a heading by its waypoints.
 """
 
 from dataclasses import replace

@@ -1,7 +1,7 @@
-"""How every leg of a route stands to the hard limits, at its full length.
+"""Leg checks: how every leg of a route, along its full length, compares with the hard limits.
 
-Planning sums these figures up as constraint violations; the mission compiler refuses a route by them. Verification does
-not use them: it judges the flown track by itself.
+Planning adds the excesses up as constraint violations; the mission compiler refuses a route that has any. Judging does not
+use them: it evaluates the flown track independently.
 """
 
 import dataclasses

@@ -1,6 +1,6 @@
-"""Route to mission: take-off, the way there, the planned waypoints, the way home, landing; every leg checked.
+"""Compiles a route into a mission: take-off, transit, planned waypoints, transit home, landing; every leg is checked.
 
-Heights are given above home, so a wrong home would move all of them: ``fly`` and ``plan-upload`` compare it first.
+Heights are above home, so a wrong home would shift all of them: ``fly`` and ``plan-upload`` compare it first.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""What a route is worth: the objectives of Eq. 8 and its hard limits."""
+"""Objectives of a route (Eq. 8) and its violations of hard limits."""
 
 from collections.abc import Sequence
 from concurrent.futures import Executor

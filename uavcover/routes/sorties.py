@@ -1,4 +1,4 @@
-"""A planned route as several flights: where to go home in between, so that the ways home are short in sum."""
+"""Splits a planned route into several flights so that the transits home are short in total."""
 
 import math
 from dataclasses import dataclass

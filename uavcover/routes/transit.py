@@ -1,4 +1,4 @@
-"""Transit legs: the ways between the column above home and the planned route, and the autopilot's own return."""
+"""Transit legs between the column above home and the planned route, and the autopilot's own return."""
 
 import dataclasses
 import math

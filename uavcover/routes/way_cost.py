@@ -1,4 +1,4 @@
-"""What ways over a site cost, as the numbers that kernels take."""
+"""The cost model of a site, as numbers for the kernels."""
 
 import math
 

@@ -1,1 +1,1 @@
-"""What is asked, and on what ground."""
+"""The scenario on its ground: what is asked, and where."""

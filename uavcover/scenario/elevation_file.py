@@ -1,4 +1,4 @@
-"""Elevation files, by rasterio: any format and any CRS. The pixels that are read stay what they are."""
+"""Elevation files, read by rasterio in any format and any CRS. Pixels are used as they are, without resampling."""
 
 import dataclasses
 import hashlib

@@ -1,8 +1,8 @@
 """The local east-north-up frame of a scenario, by pyproj's topocentric pipeline.
 
-Heights: the frame takes heights above mean sea level (AMSL) where geometry wants heights above the ellipsoid. Inside one
-frame the difference, the geoid undulation, is taken as constant. What that costs: undulation changes by centimetres per
-kilometre, and a constant offset of 100 m scales horizontal distances by 100 m / 6378 km = 1.6e-5 (16 mm per km).
+Heights: the frame takes heights above mean sea level (AMSL) where geometry needs heights above the ellipsoid. Within one
+frame the difference, the geoid undulation, is treated as constant. The error is small: undulation changes by centimetres
+per kilometre, and a constant offset of 100 m scales horizontal distances by 100 m / 6378 km = 1.6e-5 (16 mm per km).
 """
 
 from dataclasses import dataclass

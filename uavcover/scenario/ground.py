@@ -1,4 +1,4 @@
-"""The ground of a scenario: one surface in the local frame, which every module asks."""
+"""The ground of a scenario: one surface in the local frame, used by every module."""
 
 from dataclasses import dataclass
 

@@ -1,9 +1,4 @@
-"""Obstacle files: GeoJSON footprints on Earth, or a table of boxes in the local frame.
-
-Polygons out of GeoJSON files.
-
-Files of obstacles: GeoJSON for places on Earth, a table of boxes for the local frame.
-"""
+"""Obstacle files: GeoJSON footprints on Earth, or a table of boxes in the local frame."""
 
 import csv
 import io

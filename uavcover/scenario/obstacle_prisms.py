@@ -1,9 +1,4 @@
-"""Obstacles on a ground as prisms with flat tops, and the clearance of straight lines from them.
-
-Obstacles on a ground: footprints with heights become prisms with flat tops.
-
-How straight lines stand to the obstacles on a ground, at their full length.
-"""
+"""Obstacles as prisms: footprints with heights get flat tops, and lines are checked against them along their full length."""
 
 import dataclasses
 import itertools

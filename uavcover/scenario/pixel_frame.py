@@ -1,4 +1,4 @@
-"""Lays the pixels of an elevation file into the local frame as they are: the nodes of the ground are the pixels' centres."""
+"""Maps the pixels of an elevation file into the local frame; pixel centres are the nodes of the ground."""
 
 import math
 from collections.abc import Callable

@@ -1,9 +1,4 @@
-"""The ground of a rectangle as a shaded relief map. Arrays only.
-
-The colours of a relief map. Arrays only.
-
-The ground of a rectangle sampled on a grid, in the colours of a relief map. Arrays only.
-"""
+"""Shaded relief of a rectangle of ground, sampled on a grid and coloured. Arrays only."""
 
 import math
 from dataclasses import dataclass

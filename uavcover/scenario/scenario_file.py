@@ -1,4 +1,4 @@
-"""Scenario files: TOML to :class:`~uavcover.model.scenario.Scenario` and back. The only module that knows pydantic."""
+"""Scenario files: TOML to :class:`~uavcover.model.scenario.Scenario` and back. The only module that imports pydantic."""
 
 import dataclasses
 import difflib

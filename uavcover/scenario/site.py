@@ -1,4 +1,4 @@
-"""A scenario on its ground: everything in the local frame, ready for planning, flying and judging."""
+"""The site: a scenario on its ground, everything in the local frame, ready for planning, flying and judging."""
 
 import math
 from dataclasses import dataclass

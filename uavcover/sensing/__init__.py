@@ -1,1 +1,1 @@
-"""Who sees what: cells of the area, sensors, coverage maps."""
+"""Visibility: cells of the area, sensors, coverage maps."""

@@ -1,4 +1,4 @@
-"""The area cut into cells."""
+"""The cell grid of the area."""
 
 import math
 from dataclasses import dataclass

@@ -1,8 +1,7 @@
-"""Coverage of routes and tracks, and what can be covered at all.
+"""Coverage of routes and tracks, and which cells can be covered at all.
 
-Observations of a sensor on a level vehicle: from where, and which way the vehicle heads there.
-
-Places around a cell from which it might be seen, tried to find out what can be seen at all.
+Observations are those of a level vehicle: position and heading. Whether a cell can be covered is found by trying positions
+around it.
 """
 
 import itertools

@@ -1,8 +1,6 @@
-"""Sensors of a scenario as the numbers that kernels take, and how the vehicle's attitude turns its camera.
+"""Sensors of a scenario as plain numbers for the kernels, and their view of flat ground.
 
-Sensors of a scenario as the plain numbers that kernels take, and what they see of flat ground.
-
-How the camera of a vehicle is turned that has a flown attitude: gimbal, roll, pitch and yaw.
+Also the direction of the camera for a flown attitude: gimbal, roll, pitch and yaw.
 """
 
 import math

@@ -1,1 +1,1 @@
-"""Tracks from the logs of other software: one format a file."""
+"""Tracks from the logs of other software, one module for each format."""

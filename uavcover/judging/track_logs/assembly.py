@@ -1,4 +1,4 @@
-"""From what a log says of positions and attitudes, each at its own times, to one track."""
+"""Assembles one track from the positions and attitudes of a log, each with its own times."""
 
 from dataclasses import dataclass
 from pathlib import Path

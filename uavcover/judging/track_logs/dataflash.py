@@ -1,4 +1,4 @@
-"""ArduPilot's dataflash logs (``.bin``), by pymavlink's reader."""
+"""ArduPilot's dataflash logs (``.bin``), read by pymavlink."""
 
 import contextlib
 import io

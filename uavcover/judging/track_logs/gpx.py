@@ -1,4 +1,4 @@
-"""GPX tracks, as loggers, watches and phones write them: places, heights and times, no attitude."""
+"""GPX tracks of loggers, watches and phones: positions, heights and times, no attitude."""
 
 import datetime
 import math

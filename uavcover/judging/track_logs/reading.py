@@ -1,4 +1,4 @@
-"""A log of other software, by its ending."""
+"""Reads a log of other software, chosen by file suffix."""
 
 from collections.abc import Callable
 from pathlib import Path

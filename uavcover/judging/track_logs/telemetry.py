@@ -1,4 +1,4 @@
-"""Telemetry logs of ground stations (``.tlog``): MAVLink packets, each behind the time it came, by pymavlink's reader."""
+"""Telemetry logs of ground stations (``.tlog``): MAVLink packets with their times of arrival, read by pymavlink."""
 
 from collections import Counter, defaultdict
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""PX4's logs (``.ulg``), by pyulog, an optional dependency."""
+"""PX4's logs (``.ulg``), read by pyulog, an optional dependency."""
 
 import struct
 from pathlib import Path
