@@ -14,11 +14,11 @@ from uavcover.model.sensor import Camera, FrameCamera, Sensor
 from uavcover.model.vehicle import AutopilotName
 
 _YAW_LOCK = 16
-"""GIMBAL_MANAGER_FLAGS: the yaw is a heading, and not an angle against the vehicle's nose."""
+"""GIMBAL_MANAGER_FLAGS: yaw is a heading, not an angle relative to the vehicle's nose."""
 
 
 def pointing_items(sensor: Sensor, autopilot: AutopilotName) -> list[MissionItem]:
-    """What points a gimbal as the scenario says; nothing for a fixed camera and for sensors that are none.
+    """Items that point a stabilised camera as the scenario requires; empty for other sensors.
 
     Raises:
         InfeasibleError: the autopilot cannot keep the angle.
@@ -33,7 +33,7 @@ def pointing_items(sensor: Sensor, autopilot: AutopilotName) -> list[MissionItem
     for key, angle in (("pitch_deg", pitch_deg), ("heading_deg", heading_deg)):
         if angle is not None and not angle.is_integer():
             raise InfeasibleError(
-                f"sensor.{key}: ArduPilot keeps the angles of a gimbal in whole degrees, {angle:g} would be changed; "
+                f"sensor.{key}: ArduPilot stores gimbal angles in whole degrees and would change {angle:g}; "
                 f"give {round(angle)}"
             )
     flags = 0 if heading_deg is None else _YAW_LOCK
@@ -42,17 +42,17 @@ def pointing_items(sensor: Sensor, autopilot: AutopilotName) -> list[MissionItem
 
 
 def headed(item: MissionItem, sensor: Sensor, autopilot: AutopilotName) -> MissionItem:
-    """A planned waypoint with the heading that PX4 has to keep on the way to it, where the scenario says one."""
+    """The waypoint, for PX4 with the heading to hold on the way to it if the scenario sets one."""
     if autopilot != "px4" or not isinstance(sensor, FrameCamera) or sensor.heading_deg is None:
         return item
     return replace(item, params=(*item.params[:3], sensor.heading_deg))
 
 
 def start_pictures(distance_m: float) -> MissionItem:
-    """A picture now, and one whenever the vehicle is ``distance_m`` metres over ground away from the last."""
+    """Take a picture now and after every ``distance_m`` metres over ground."""
     return trigger_camera_every(distance_m)
 
 
 def stop_pictures() -> MissionItem:
-    """No more pictures by distance."""
+    """Stop taking pictures by distance."""
     return trigger_camera_every(0.0)

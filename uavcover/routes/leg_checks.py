@@ -21,7 +21,7 @@ CLIMB_TOLERANCE_DEG = 1e-6
 HEIGHT_TOLERANCE_M = 1e-6
 _ON_THE_FENCE_M = 1e-6
 _FENCE_LOCK = threading.Lock()
-"""A prepared polygon, as other modules may have made of the fence, builds its indices on first use, unsafely with threads."""
+"""A prepared polygon, such as another module may have made of the fence, builds its index on first use: not thread-safe."""
 
 
 ProblemKind = Literal[
@@ -38,18 +38,18 @@ ProblemKind = Literal[
 
 @dataclass(frozen=True, slots=True)
 class LegProblem:
-    """A leg, or a waypoint by itself, that breaks a limit.
+    """A leg, or a waypoint, that breaks a limit.
 
     Attributes:
         leg: number of the waypoint at its end, counted from 0; leg k goes from waypoint k - 1 to k.
         kind: which limit.
-        value: what the leg has where it is worst; for the fence, metres outside of it; for an obstacle, metres that are lacking
-            aside or in height, whichever is less.
-        limit: what is allowed.
+        value: the leg's worst value; for the fence, metres outside it; for an obstacle, metres of clearance missing beside or
+            above it, whichever is less.
+        limit: the allowed value.
         unit: of both.
         east_m: where it is worst.
         north_m: where it is worst.
-        waypoint_alone: whether only the waypoint was looked at, not the leg that leads to it.
+        waypoint_alone: whether only the waypoint was checked, not the leg to it.
         name: of the obstacle.
     """
 
@@ -78,7 +78,7 @@ class LegProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Violations:
-    """How much of each hard limit a route breaks; all zero when it keeps them.
+    """Excess over each hard limit; all zero for a feasible route.
 
     Attributes:
         below_m: metres below the lower limit of height above ground, summed over the legs.
@@ -86,7 +86,7 @@ class Violations:
         sea_level_m: metres outside the sea-level limits, summed over the waypoints.
         climb_deg: degrees steeper than the limit, summed over the legs.
         fence_m: metres of the route outside the fence.
-        obstacle_m: metres of clearance from obstacles that are lacking, summed over the legs.
+        obstacle_m: metres of missing clearance from obstacles, summed over the legs.
         no_data_legs: legs without elevation data.
     """
 
@@ -100,13 +100,13 @@ class Violations:
 
     @property
     def total(self) -> float:
-        """One number, 0 when every limit holds: metres and degrees added up, 1000 for a leg without data."""
+        """Sum of all excesses in metres and degrees, with 1000 for each leg without data; 0 for a feasible route."""
         metres = self.below_m + self.above_m + self.sea_level_m + self.fence_m + self.obstacle_m
         return metres + self.climb_deg + 1000.0 * self.no_data_legs
 
 
 def measure_violations(site: Site, route_m: FloatArray, *, margin_m: float) -> Violations:
-    """How much an (n, 3) ENU route breaks the limits of the sensing route.
+    """Measure how much an (n, 3) ENU route exceeds the limits of the sensing route.
 
     Args:
         site: the scenario on its ground.
@@ -148,7 +148,7 @@ def find_problems(
 ) -> list[LegProblem]:
     """Every leg of an (n, 3) ENU route that breaks a limit, in flying order, whatever the limits apply to.
 
-    A route of one waypoint has no leg; its waypoint is looked at instead.
+    For a route of one waypoint the waypoint itself is checked.
 
     Args:
         site: the scenario on its ground.
@@ -182,7 +182,7 @@ def find_problems(
 def find_waypoint_problems(
     site: Site, route_m: FloatArray, *, lowest_agl_m: float, highest_agl_m: float | None
 ) -> list[LegProblem]:
-    """Every waypoint of an (n, 3) ENU route that breaks a limit by itself; the legs between are not looked at.
+    """Find every waypoint of an (n, 3) ENU route that breaks a limit; legs are not checked.
 
     Args:
         site: the scenario on its ground.
@@ -212,7 +212,7 @@ def _height_problems(
     lowest_agl_m: float,
     highest_agl_m: float | None,
 ) -> Iterator[LegProblem]:
-    """What is wrong with the heights of a leg between two (3,) ends; ``heights`` is its row of figures."""
+    """Height problems of a leg between two (3,) ends; ``heights`` is its row of figures."""
     limits = site.scenario.limits
     a, b = ends_m
 
@@ -242,7 +242,7 @@ def _height_problems(
 def _obstacle_problems(
     site: Site, leg: int, ends_m: tuple[FloatArray, FloatArray], breach: FloatArray
 ) -> Iterator[LegProblem]:
-    """What is wrong with a leg between two (3,) ends among obstacles; ``breach`` is its row of figures."""
+    """Obstacle problems of a leg between two (3,) ends; ``breach`` is its row of figures."""
     number, lacking, t = breach
     if lacking > 0.0:
         place = ends_m[0] + t * (ends_m[1] - ends_m[0])
@@ -290,13 +290,13 @@ def _length_outside_fence_m(site: Site, route_m: FloatArray) -> float:
 
 
 def _furthest_outside_fence(site: Site, a: FloatArray, b: FloatArray) -> tuple[float, FloatArray]:
-    """How far the straight line between two (3,) points leaves the fence, metres, and where (2,)."""
+    """Largest distance outside the fence on the line between two (3,) points, in metres, and its (2,) position."""
     if np.array_equal(a[:2], b[:2]):
         return float(site.fence.distance(shapely.Point(a[:2]))), a[:2]
     outside = _outside_fence(site, shapely.LineString([a[:2], b[:2]]))
     if outside is None:
         return 0.0, b[:2]
-    # Corners of the parts outside and points between them: right away from a straight fence, near enough in its bays.
+    # Corners of the outside parts and points between them: exact along a straight fence, close enough in its bays.
     places = shapely.get_coordinates(shapely.segmentize(outside, max(float(shapely.length(outside)) / 64.0, 1e-3)))
     distances = np.atleast_1d(shapely.distance(site.fence, shapely.points(places)))
     worst = int(np.argmax(distances))
@@ -304,7 +304,7 @@ def _furthest_outside_fence(site: Site, a: FloatArray, b: FloatArray) -> tuple[f
 
 
 def _outside_fence(site: Site, line: shapely.LineString) -> shapely.Geometry | None:
-    """The parts of a line outside the fence; none when it is inside. Rounding of a leg along the fence is no violation."""
+    """The parts of a line outside the fence, or none. Rounding errors of a leg along the fence do not count."""
     with _FENCE_LOCK:
         inside = site.fence.covers(line)
     if inside:

@@ -52,21 +52,22 @@ AUTOPILOTS = {"ardupilot": autopilots.ARDUPILOT, "px4": autopilots.PX4}
 
 
 class MissionTooLongError(InfeasibleError):
-    """One flight cannot do it: it takes longer than the endurance, or more items than the autopilot holds."""
+    """One flight is not enough: it exceeds the endurance, or the autopilot's number of items."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompiledMission:
-    """Everything that goes to the vehicle.
+    """The complete mission for the vehicle, with the facts that checks and reports need.
 
     Attributes:
         mission: home and items.
         fence: one inclusion polygon.
-        rally: home at a safe height; empty when no height is known to be safe.
+        rally: home at a safe height; empty when no safe height is known.
         first_waypoint_item: index in ``mission.items`` of the first planned waypoint.
         waypoint_count: how many planned waypoints follow it, one item each.
-        path_m: (k, 3) ENU: column top at home or where the vehicle is, way there, planned waypoints, way home, column top.
-        return_advice: on the autopilot's own return.
+        path_m: (k, 3) ENU: top of the column at home (or the vehicle's position), transit, planned waypoints, transit home,
+            top of the column.
+        return_advice: whether the autopilot's own return is safe.
         max_height_above_home_m: highest point of the whole path above home: what the autopilot's maximum altitude must allow.
         flight_time_s: of the whole path, take-off and landing included.
     """
@@ -111,16 +112,16 @@ def compile_continuation(
     flown_s: float,
     autopilot: AutopilotName,
 ) -> CompiledMission:
-    """Compile a planned route for a vehicle that is in the air: no take-off; straight up or down where it is, then there.
+    """Compile a planned route for a vehicle in flight: no take-off, but a vertical leg at its position, then the transit.
 
     Args:
         site: the scenario on its ground.
         route: the planned route.
-        lat_deg: where the vehicle is.
-        lon_deg: where it is.
-        alt_amsl_m: where it is.
-        flown_s: how long it has been flying, which its endurance has to bear too.
-        autopilot: which one flies it.
+        lat_deg: latitude of the vehicle.
+        lon_deg: longitude of the vehicle.
+        alt_amsl_m: height of the vehicle.
+        flown_s: time in the air so far, which counts towards the endurance.
+        autopilot: the autopilot that flies it.
 
     Raises:
         InputError: the scenario has no place on Earth or no home.
@@ -160,7 +161,7 @@ def _compiled(
     site: Site, route: Route, opening: list[MissionItem], there_m: FloatArray,
     *, start_m: FloatArray, flown_s: float, autopilot: AutopilotName,
 ) -> CompiledMission:  # fmt: skip
-    """The whole mission behind its opening items, which lead along ``there_m`` to the first planned waypoint."""
+    """Complete a mission from its opening items, which follow ``there_m`` to the first planned waypoint."""
     frame, home = frame_and_home(site)
     planned, vehicle = route.waypoints_m, site.scenario.vehicle
     back = transit(site, home[:2], planned[-1], ground_end_height_m=vehicle.takeoff_height_m)[::-1]
@@ -172,7 +173,7 @@ def _compiled(
     opening = [*opening, *pointing_items(sensor, autopilot)]
     picture_distance_m = trigger_distance_m(site.scenario)
     if picture_distance_m is not None:
-        # A command is carried out once the waypoint in front of it is reached: so the first one stands there twice.
+        # A command is executed once the waypoint before it is reached, so the first waypoint appears twice.
         opening += [first, start_pictures(picture_distance_m)]
         sensing.append(stop_pictures())
     items = [*opening, *sensing]
@@ -205,27 +206,27 @@ def _compiled(
 
 
 def compile_return(site: Site, *, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Mission:
-    """A mission home from where the vehicle is, over the terrain, every leg checked.
+    """Compile a mission home from the vehicle's position over the terrain, every leg checked.
 
     Raises:
-        InfeasibleError: no checked way home from there.
+        InfeasibleError: no transit home passes the checks.
     """
     frame, home = frame_and_home(site)
     here = frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
     back = transit(site, home[:2], here, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)[::-1]
-    # The vehicle may be lower than the clearance right now, wherever that is: then it goes straight up from there first.
-    # It may also be higher than the ceiling: to keep it there because of that would be the worse of two.
+    # The vehicle may be below the clearance now: then it climbs vertically first.
+    # It may also be above the ceiling; keeping it there for that reason would be worse.
     check_transit(site, "the way home", back, far_end=0, far_end_lowest_agl_m=-math.inf, highest_agl_m=None)
     items = [_item(waypoint, frame, point, home) for point in back[1:]]
     return Mission(_geo_point(frame, home), (*items, _item(land, frame, home, home)))
 
 
 def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, item_limit: int | None) -> None:
-    """Refuse a list that the autopilot would not take or would understand otherwise."""
+    """Refuse a list that the autopilot would reject or misunderstand."""
     items = items_of(content, autopilot)
     problems = check_for_autopilot(items, autopilot, mission_type_of(content))
     if problems:
-        # Too many items are said of the list as a whole.
+        # A problem without an item concerns the whole list: too many items.
         refused = MissionTooLongError if problems[0].item is None else InfeasibleError
         raise refused(f"{autopilot.name} would not take this {mission_type_of(content).name.lower()}: {problems[0]}")
     if item_limit is not None and mission_type_of(content) is MissionType.MISSION and len(items) > item_limit:
@@ -233,7 +234,7 @@ def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, i
 
 
 def _item(make: Callable[..., MissionItem], frame: LocalFrame, point_m: FloatArray, home_m: FloatArray) -> MissionItem:
-    """An item at a place. Its heading is left to the vehicle, whose nose follows the path: for PX4 a 0 would be north."""
+    """An item at a position. Heading is NaN, so the nose follows the path; for PX4, 0 would mean north."""
     place = _geo_point(frame, point_m)
     home_alt = _geo_point(frame, home_m).alt_amsl_m
     item = make(place.lat_deg, place.lon_deg, place.alt_amsl_m - home_alt, frame=Frame.ABOVE_HOME)

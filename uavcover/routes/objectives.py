@@ -22,7 +22,7 @@ says."""
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Values of many routes.
+    """Objectives and violations of many routes.
 
     Attributes:
         objectives: (n, 3) in the order of OBJECTIVES.
@@ -34,7 +34,7 @@ class Evaluation:
 
 
 def evaluate_routes(coverage: CoverageMap, routes: Sequence[Route], executor: Executor | None = None) -> Evaluation:
-    """Objectives and violations of routes; every route by itself, so threads cannot change the result."""
+    """Evaluate routes independently of each other, so the number of threads does not change the result."""
     way = way_cost_of(coverage.site)
 
     def one(route: Route) -> tuple[float, float, float, float]:
@@ -50,7 +50,7 @@ def evaluate_routes(coverage: CoverageMap, routes: Sequence[Route], executor: Ex
 
 
 def judge(coverage: CoverageMap, route: Route) -> RouteMetrics:
-    """Everything that is reported of a route, on the cells of ``coverage``."""
+    """The reported metrics of a route, on the cells of ``coverage``."""
     site: Site = coverage.site
     points = route.waypoints_m
     seen = coverage.seen(points)

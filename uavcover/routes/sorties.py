@@ -21,9 +21,9 @@ from uavcover.routes.way_cost import pace_of
 from uavcover.scenario.site import Site
 
 _ROUNDS = 200
-"""How often a split is made anew without what the compiler refused of the one before."""
+"""Number of new splits after the compiler has refused a flight of the previous one."""
 _ROUNDS_BEFORE_TIGHTER = 60
-"""So many flights are left out one by one for being too long; then every flight gets a little less room."""
+"""Number of flights excluded one by one for being too long, before the room of every flight is reduced."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,7 @@ class Sortie:
 
     Attributes:
         first: number of its first waypoint in the whole route.
-        last: of its last one; where the sensor looks along the path, the next sortie begins there too.
+        last: number of its last waypoint; for sensing along the path, the next sortie begins there too.
         route: its waypoints.
         compiled: its mission, from take-off at home to landing there.
     """
@@ -44,15 +44,14 @@ class Sortie:
 
 
 def compile_sorties(site: Site, route: Route, *, autopilot: AutopilotName) -> tuple[Sortie, ...]:
-    """Compile a route as one flight or, where endurance or items do not suffice, as several with their own ways there and home.
+    """Compile a route as one flight or, where endurance or item count require it, as several with transits of their own.
 
-    The order of the waypoints stays. Where to split is found by dynamic programming over all places where it can be: the sum of
-    the flight times is as small as it can be.
+    The order of the waypoints is kept. Dynamic programming over all possible splits minimises the total flight time.
 
     Args:
         site: the scenario on its ground.
         route: the planned route.
-        autopilot: whose limits hold.
+        autopilot: the autopilot whose limits apply.
 
     Raises:
         InputError: the scenario has no place on Earth or no home.
@@ -78,14 +77,14 @@ def compile_sorties(site: Site, route: Route, *, autopilot: AutopilotName) -> tu
             try:
                 compiled[first, last] = compile_mission(site, part, autopilot=autopilot)
             except MissionTooLongError as error:
-                # The compiler counts what the estimate does not.
+                # The compiler includes costs that the estimate does not.
                 refusal, ways = error, ways.without(first, last)
                 if attempt >= _ROUNDS_BEFORE_TIGHTER:
                     ways = ways.tighter()
                 break
             except InfeasibleError as error:
-                # A way there or home that breaks a limit bars its own waypoint from beginning or from ending a flight, and no
-                # other: they are looked at one by one, and only where it matters.
+                # A transit that breaks a limit bars only its own waypoint from beginning or ending a flight, and no
+                # other. Transits are checked one by one, and only where it matters.
                 refusal, ways = error, ways if all_checked else ways.checked(site, route)
                 all_checked = True
                 ways = ways.without(first, last)
@@ -105,7 +104,7 @@ def _item_limit(site: Site, autopilot: AutopilotName) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Ways:
-    """What a flight that begins or ends at each of (n,) waypoints costs.
+    """Cost of a flight that begins or ends at each of (n,) waypoints.
 
     Attributes:
         so_far_s: (n,) flight time from the first waypoint, without turns.
@@ -114,7 +113,7 @@ class _Ways:
         back_s: (n,) to home, landed; infinite where no flight may end.
         there_items: (n,) mission items before the waypoint, home among them.
         back_items: (n,) behind it.
-        shared: 1 when the next flight begins with the last waypoint of the one before, 0 when with the next.
+        shared: 1 when a flight begins at the last waypoint of the previous one, 0 when at the next waypoint.
         endurance_s: of one flight.
         item_limit: of one mission.
         barred: first and last waypoints of flights that the compiler has refused.
@@ -133,7 +132,7 @@ class _Ways:
 
     @classmethod
     def of(cls, site: Site, route: Route, *, item_limit: float) -> "_Ways":
-        """The costs of a route; every way is laid over the terrain as the compiler lays it."""
+        """The costs of a route; transits follow the terrain exactly as the compiler makes them."""
         home, vehicle = site.home_m, site.scenario.vehicle
         if home is None:
             raise InfeasibleError(f"scenario {site.scenario.name}: has no [home]")
@@ -151,7 +150,7 @@ class _Ways:
             turns_s=np.cumsum(turn_times(pace, points)),
             there_s=there,
             back_s=back,
-            # Home, take-off and speed, and the way between; behind the route the way and the landing.
+            # Home, take-off, speed and transit before the route; transit and landing after it.
             there_items=items + 2,
             back_items=items + 1,
             shared=1 if site.scenario.sensor.sensing == "along-path" else 0,
@@ -160,15 +159,15 @@ class _Ways:
         )
 
     def tighter(self) -> "_Ways":
-        """The same with a little less room."""
+        """The same costs with slightly lower limits."""
         return self._with(endurance_s=0.998 * self.endurance_s, item_limit=self.item_limit - 2)
 
     def without(self, first: int, last: int) -> "_Ways":
-        """The same without the flight from one waypoint to another."""
+        """The same costs with one flight excluded."""
         return self._with(barred=self.barred | {(first, last)})
 
     def checked(self, site: Site, route: Route) -> "_Ways":
-        """The same where no flight begins or ends at a waypoint whose way there, or home, the compiler refuses."""
+        """The same costs, excluding flights whose transit the compiler refuses."""
         home, height_m = site.home_m, site.scenario.vehicle.takeoff_height_m
         there, back = self.there_s.copy(), self.back_s.copy()
         if home is None:
@@ -191,7 +190,7 @@ class _Ways:
 
 
 def _split(ways: _Ways) -> list[tuple[int, int]] | None:
-    """First and last waypoint of each flight with the least flight time in sum; none when there is no split.
+    """First and last waypoint of each flight of the split with the least total flight time; none when no split exists.
 
     cost(j), of all up to waypoint j, is the least of cost(i) + flight(i .. j) over the places i where that flight can begin.
     """
@@ -227,7 +226,7 @@ def _split(ways: _Ways) -> list[tuple[int, int]] | None:
 
 
 def _why_not(site: Site, ways: _Ways, refusal: InfeasibleError) -> str:
-    """Which part of a route no flight reaches, and by how much."""
+    """Message naming the part of a route that no flight reaches, and by how much."""
     step = ways.shared
     n = len(ways.so_far_s)
     firsts = np.arange(n - step)
@@ -243,6 +242,6 @@ def _why_not(site: Site, ways: _Ways, refusal: InfeasibleError) -> str:
 
 
 def _time_s(pace: Pace, points_m: FloatArray, *, legs: int) -> float:
-    """Of the first ``legs`` legs of a line, or of the last ones when negative, with all its turns."""
+    """Flight time of the first ``legs`` legs of a line, or of the last ones when negative, including turns."""
     times = leg_times(pace, points_m)
     return float((times[:legs] if legs > 0 else times[legs:]).sum() + turn_times(pace, points_m).sum())

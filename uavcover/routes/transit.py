@@ -18,26 +18,26 @@ from uavcover.scenario.site import Site
 _NO_CEILING_M = 5_000.0
 _TRANSIT_TOLERANCE_M = 15.0
 _TRANSIT_SLACK_M = 1.0
-"""Added to the height that a transit aims at, for the ground between two samples and for rounding."""
+"""Added to the target height of a transit, for ground between two samples and for rounding."""
 _TRANSIT_TRIES = 5
 _SAMPLE_SPACING_M = 5.0
 _COLUMN_M = 0.1
-"""Legs with less horizontal way than this are vertical columns, which the climb limit does not speak of."""
+"""Legs with less horizontal distance than this are vertical columns, exempt from the climb limit."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReturnAdvice:
     """Whether the autopilot's own return, straight home at one height, is safe from every waypoint.
 
-    Checked from all along the legs, not only from the waypoints: a ridge can stand between home and the middle of a leg.
+    Checked from everywhere along the legs, not only from waypoints: a ridge can lie between home and the middle of a leg.
 
     Attributes:
         return_height_m: height above home that was checked.
-        unsafe_waypoints: numbers of the planned waypoints at which, or on the leg to which, it is not. The way there
-            counts as the leg to waypoint 0, the way home as the last waypoint's.
-        worst_clearance_m: lowest point of all straight lines above ground; NaN when some ground is not known.
-        safe_return_height_m: height above home from which every straight line keeps the transit clearance; infinite when
-            some ground is not known.
+        unsafe_waypoints: numbers of the planned waypoints from which, or from the leg to which, the return is unsafe. The
+            transit counts as the leg to waypoint 0, the transit home as part of the last waypoint.
+        worst_clearance_m: lowest point of all straight lines above ground; NaN where ground is unknown.
+        safe_return_height_m: height above home from which every straight line keeps the transit clearance; infinite where
+            ground is unknown.
     """
 
     return_height_m: float
@@ -65,16 +65,16 @@ def frame_and_home(site: Site) -> tuple[LocalFrame, FloatArray]:
 
 
 def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_height_m: float) -> FloatArray:
-    """A way between the column above home and a point, over the terrain.
+    """Plan a transit over the terrain between the column above home and a point.
 
-    It aims at the transit clearance and the height margin above it, for what the vehicle adds in flight, and leads over
+    It keeps the transit clearance plus the height margin, which allows for tracking errors in flight, and passes over
     obstacles.
 
     Args:
         site: the scenario on its ground.
-        home_en_m: (2,) where the column stands.
+        home_en_m: (2,) position of the column.
         end_m: (3,) ENU point at the other end, kept exactly; if the terrain demands more height there, a vertical leg is added.
-        ground_end_height_m: height above home of the column's top, raised where the way needs more.
+        ground_end_height_m: height above home of the column's top, raised where the transit requires it.
 
     Returns:
         (k, 3) ENU from the column's top to the point.
@@ -102,20 +102,20 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
         lowest = float(site.ground.leg_height_ranges_m(points)[:, 0].min())
         if not lowest < wanted_m:
             break
-        # The ground rises between two samples by more than the slack: once more, as much higher and looking closer.
+        # The ground rises between two samples by more than the slack: try again, higher and with denser samples.
         aim_m += wanted_m - lowest + _TRANSIT_SLACK_M
     if abs(points[-1, 2] - end_m[2]) <= _COLUMN_M:
-        # So close: end in the point itself, at the price of a hair of slope.
+        # Close enough: end at the point itself; the slope changes negligibly.
         points[-1] = end_m
         return points
     return np.vstack([points, end_m])
 
 
 def check_way_there(site: Site, way_m: FloatArray) -> None:
-    """Refuse a way (k, 3) to the first planned waypoint, its last point, that breaks a limit.
+    """Refuse a (k, 3) transit to the first planned waypoint that breaks a limit.
 
     Raises:
-        InfeasibleError: it does; the message names the leg.
+        InfeasibleError: it breaks one; the message names the leg.
     """
     check_transit(
         site, "the way there", way_m, far_end=len(way_m) - 1, far_end_lowest_agl_m=_end_lowest_agl_m(site),
@@ -124,10 +124,10 @@ def check_way_there(site: Site, way_m: FloatArray) -> None:
 
 
 def check_way_home(site: Site, way_m: FloatArray) -> None:
-    """Refuse a way (k, 3) from the last planned waypoint, its first point, that breaks a limit.
+    """Refuse a (k, 3) transit home from the last planned waypoint that breaks a limit.
 
     Raises:
-        InfeasibleError: it does; the message names the leg.
+        InfeasibleError: it breaks one; the message names the leg.
     """
     check_transit(
         site, "the way home", way_m, far_end=0, far_end_lowest_agl_m=_end_lowest_agl_m(site),
@@ -144,10 +144,10 @@ def check_transit(
     far_end_lowest_agl_m: float,
     highest_agl_m: float | None,
 ) -> None:
-    """Refuse a transit that breaks a limit at any place.
+    """Refuse a transit that breaks a limit anywhere.
 
-    The leg at its far end, point number ``far_end``, may go straight up or down; then it has its own lowest height, and the
-    climb limit does not speak of it. Nor does the lower sea-level limit of transits: home may lie below it.
+    The leg at its far end, point number ``far_end``, may be vertical; then it has its own lowest height and is exempt from the
+    climb limit. The lower sea-level limit does not apply to transits: home may lie below it.
     """
     leg = max(far_end, 1)
     ignored = {"below sea-level limit"}
@@ -166,24 +166,24 @@ def check_transit(
 
 
 def _end_lowest_agl_m(site: Site) -> float:
-    """Straight above or below a planned waypoint the band of the route applies, which may be lower than the clearance."""
+    """Lowest height directly above or below a planned waypoint: there the height band of the route applies."""
     return min(site.scenario.limits.transit_clearance_m, site.scenario.limits.min_height_agl_m)
 
 
 def _planned_highest_agl_m(site: Site) -> float:
-    """What the vehicle adds in flight: the margin that keeps it above the clearance keeps it below the ceiling too."""
+    """Planned ceiling of transits: the margin for tracking errors applies below the ceiling as well."""
     return site.scenario.transit_ceiling_agl_m - site.scenario.limits.height_margin_m
 
 
 def refuse(what: str, problems: list[LegProblem]) -> None:
-    """Raise an InfeasibleError that names the first of some problems; nothing when there is none."""
+    """Raise an InfeasibleError that names the first problem, if there is any."""
     if problems:
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise InfeasibleError(f"{what}: {problems[0]}{more}")
 
 
 def check_straight_return(site: Site, path_m: FloatArray, *, first_waypoint: int, waypoint_count: int) -> ReturnAdvice:
-    """Check the autopilot's own return from all along a path: up to the return height, then straight home.
+    """Check the autopilot's own return from everywhere along a path: climb to the return height, then straight home.
 
     Args:
         site: the scenario on its ground.
@@ -204,12 +204,12 @@ def check_straight_return(site: Site, path_m: FloatArray, *, first_waypoint: int
             _lowest_on_the_way_home_m(site, starts, ups, home), _clear_of_tops_m(site, starts, ups, home) + clearance
         )
         lowest[row] = np.min(clear, initial=np.inf)
-        # A level line: the highest ground below it is where it is lowest above ground.
+        # On a level line, the lowest height above ground is over the highest ground.
         highest_ground = float(np.maximum(highest_ground, np.max(ups - clear, initial=-np.inf)))
     unsafe = np.flatnonzero(~(lowest >= clearance)) - first_waypoint
     known = math.isfinite(highest_ground)
     safe_up_m = highest_ground + clearance
-    # At another height than the lines that were looked at, the ground below along plumb lines lies a little aside.
+    # At a different height, the ground along plumb lines lies slightly aside.
     safe_up_m += site.ground.lean_error_m(abs(safe_up_m - float(home[2]) - height)) if known else 0.0
     return ReturnAdvice(
         return_height_m=height,
@@ -220,13 +220,13 @@ def check_straight_return(site: Site, path_m: FloatArray, *, first_waypoint: int
 
 
 def _lowest_on_the_way_home_m(site: Site, starts_m: FloatArray, ups_m: FloatArray, home_m: FloatArray) -> FloatArray:
-    """(n,) lowest height above ground of level lines from above (n, 3) places to the landing column; NaN if not known."""
+    """(n,) lowest height above ground of level lines from above (n, 3) positions to the landing column; NaN if unknown."""
     to_home = home_m[:2] - starts_m[:, :2]
     distance = np.hypot(to_home[:, 0], to_home[:, 1])
-    # The last metres are the landing column.
+    # The last metres belong to the landing column.
     share = np.maximum(0.0, 1.0 - site.scenario.vehicle.acceptance_radius_m / np.maximum(distance, 1e-9))
     ends = starts_m[:, :2] + share[:, None] * to_home
-    # There and back in one line of (2 n) points: every second leg is one way home.
+    # One line of 2 n points back and forth: every second leg is one return.
     line = np.empty((2 * len(starts_m), 3))
     line[0::2] = np.column_stack([starts_m[:, :2], ups_m])
     line[1::2] = np.column_stack([ends, ups_m])
@@ -234,7 +234,7 @@ def _lowest_on_the_way_home_m(site: Site, starts_m: FloatArray, ups_m: FloatArra
 
 
 def _clear_of_tops_m(site: Site, starts_m: FloatArray, ups_m: FloatArray, home_m: FloatArray) -> FloatArray:
-    """(n,) how much higher than asked for the same lines pass over obstacles; infinite where there is none, negative: too low."""
+    """(n,) excess clearance of the same lines over obstacles; infinite where there is none, negative if too low."""
     lines = np.hstack([starts_m[:, :2], np.tile(home_m[:2], (len(starts_m), 1))])
     limits = site.scenario.obstacles
     tops = tops_near_m(site.ground.surface.obstacles, np.ascontiguousarray(lines), limits.clearance_beside_m)

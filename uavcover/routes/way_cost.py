@@ -7,7 +7,7 @@ from uavcover.scenario.site import Site
 
 
 def pace_of(site: Site) -> Pace:
-    """How fast the vehicle of a site gets along in its wind."""
+    """Speeds and acceleration of a site's vehicle in its wind."""
     vehicle, wind = site.scenario.vehicle, site.scenario.wind
     to_rad = math.radians(wind.from_deg + 180.0)
     return Pace(
@@ -22,7 +22,7 @@ def pace_of(site: Site) -> Pace:
 
 
 def way_cost_of(site: Site) -> WayCost:
-    """What the planner of a site makes small beside coverage and the number of waypoints."""
+    """The cost that the planner minimises beside coverage and waypoint count."""
     planner, limits = site.scenario.planner, site.scenario.limits
     return WayCost(
         unit=TIME if planner.objective == "flight-time" else LENGTH,

@@ -17,12 +17,12 @@ MAX_CELLS = 4_000_000
 
 _ROW_STEP = 0.5 * (math.sqrt(5.0) - 1.0)
 _COLUMN_STEP = math.sqrt(2.0) - 1.0
-"""Two different ones: with the same, many places would lie in line at 45 degrees."""
+"""Two different steps: with equal ones, many places would be aligned at 45 degrees."""
 
 
 @dataclass(frozen=True, eq=False)
 class CellGrid:
-    """The cells of an area, for kernels and for people.
+    """The cells of an area.
 
     Attributes:
         cells: lattice, centres and normals.
@@ -35,16 +35,16 @@ class CellGrid:
 
     @property
     def count(self) -> int:
-        """How many cells there are."""
+        """Number of cells."""
         return int(self.weight_m2.size)
 
     def share(self, seen: NDArray[np.bool_]) -> float:
-        """Share of the ground's area in the cells marked in ``seen`` (n,), 0..1 (Eq. 1)."""
+        """Fraction of the ground area in the cells marked in ``seen`` (n,), 0..1 (Eq. 1)."""
         return float(self.weight_m2[seen].sum() / self.weight_m2.sum())
 
 
 def make_cells(site: Site, cell_size_m: float) -> CellGrid:
-    """Cut the area of a site into square cells. A cell belongs to the area when its centre lies in it.
+    """Divide the area of a site into square cells. A cell belongs to the area when its centre does.
 
     Raises:
         ScenarioError: no cell, or too many.
@@ -54,17 +54,17 @@ def make_cells(site: Site, cell_size_m: float) -> CellGrid:
 
 
 def make_scattered_cells(site: Site, cell_size_m: float) -> CellGrid:
-    """Likewise, every cell seen by a place in it that is another one from row to row and from column to column.
+    """Divide the area likewise, but represent each cell by a point that shifts from row to row and from column to column.
 
-    Between two columns of centres there is room for a strip that nobody sees, as wide as a cell; what is searched for on such
-    cells finds it. Here each row is moved along itself, and each column, by the golden ratio's share of a cell more than the
-    one before, so that a line in any direction passes centres at all distances.
+    Between two columns of cell centres an unseen strip up to one cell wide would go unnoticed, and a search would exploit it.
+    Here each row and each column is shifted along itself by an irrational fraction of a cell more than the previous one, so
+    that a line in any direction passes points at all distances.
     """
     return _cut(site, cell_size_m, scatter=1.0)
 
 
 def _cut(site: Site, cell_size_m: float, *, scatter: float) -> CellGrid:
-    """The cells; their centres are moved by up to half of ``scatter`` cells each way."""
+    """The cells, with centres shifted by up to half of ``scatter`` cells each way."""
     west, south, east, north = site.area.bounds
     columns = max(1, int(np.ceil((east - west) / cell_size_m - 1e-9)))
     rows = max(1, int(np.ceil((north - south) / cell_size_m - 1e-9)))
@@ -88,7 +88,7 @@ def _cut(site: Site, cell_size_m: float, *, scatter: float) -> CellGrid:
     slopes = site.ground.gradients(places)
     if not (np.isfinite(up).all() and np.isfinite(slopes).all()):
         raise TerrainError(_missing(site, places, ~np.isfinite(up)))
-    # Under an obstacle nothing can be seen: there the cell is a part of its flat roof.
+    # The ground under an obstacle cannot be seen: there the cell is part of its flat roof.
     roof = site.ground.roofs_m(places)
     up = np.maximum(up, roof)
     slopes[np.isfinite(roof)] = 0.0
@@ -108,7 +108,7 @@ def _cut(site: Site, cell_size_m: float, *, scatter: float) -> CellGrid:
 
 
 def _spread(count: int, step: float) -> NDArray[np.float64]:
-    """(count,) numbers -0.5..0.5, each ``step`` of the whole behind the one before: with an irrational step evenly spread."""
+    """(count,) numbers in -0.5..0.5, each ``step`` after the previous one modulo 1; evenly spread for an irrational step."""
     shares: NDArray[np.float64] = (np.arange(count, dtype=np.float64) + 0.5) * step
     return np.asarray(shares % 1.0 - 0.5, dtype=np.float64)
 

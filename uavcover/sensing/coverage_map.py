@@ -31,7 +31,7 @@ class LevelObservations:
 
     Attributes:
         places_m: (k, 3) ENU.
-        headings: (k, 2) east and north, of any length; (0, 0) where the vehicle heads nowhere.
+        headings: (k, 2) direction east and north, of any length; (0, 0) where there is no heading.
     """
 
     places_m: FloatArray
@@ -42,13 +42,13 @@ class LevelObservations:
 
     @classmethod
     def towards_north(cls, places_m: FloatArray) -> "LevelObservations":
-        """From (k, 3) ENU places, heading north: for sensors that see the same whatever the heading."""
+        """Observations from (k, 3) ENU positions, heading north: for sensors whose view does not depend on heading."""
         places = np.ascontiguousarray(places_m, dtype=float).reshape(-1, 3)
         return cls(places, np.tile([0.0, 1.0], (len(places), 1)))
 
     @classmethod
     def by_yaw(cls, places_m: FloatArray, yaw_deg: FloatArray) -> "LevelObservations":
-        """From (k, 3) ENU places, heading as (k,) yaws say, clockwise from north; where one is not known, nowhere."""
+        """Observations from (k, 3) ENU positions with (k,) yaws, clockwise from north; no heading where yaw is NaN."""
         places = np.ascontiguousarray(places_m, dtype=float).reshape(-1, 3)
         yaw = np.radians(yaw_deg)
         return cls(places, np.nan_to_num(np.column_stack([np.sin(yaw), np.cos(yaw)])))
@@ -63,7 +63,7 @@ _ACROSS = (0.0, -0.9, 0.9)
 
 @dataclass(frozen=True, slots=True)
 class TrialPlace:
-    """A place seen from the cell, and how a level vehicle heads there.
+    """A position relative to a cell, with the heading of a level vehicle there.
 
     Attributes:
         east_m: from the cell.
@@ -81,11 +81,11 @@ class TrialPlace:
 
 
 def trial_places(scenario: Scenario) -> Iterator[TrialPlace]:
-    """The places that are tried for every cell, the likeliest first.
+    """The positions tried for every cell, the most promising first.
 
-    Right above and 36 around, each at three heights of the band. For a frame camera instead those from which flat ground at the
-    cell would lie in the middle, near the corners and near the middles of the sides of the picture, for twelve headings or the
-    one that the scenario says.
+    Directly above and 36 positions around, each at three heights of the band. For a frame camera instead the positions from
+    which flat ground at the cell would lie at the centre, near the corners and near the edges of the picture, for twelve
+    headings or the one that the scenario sets.
     """
     limits, sensor = scenario.limits, scenario.sensor
     low, high = limits.min_height_agl_m, limits.max_height_agl_m
@@ -118,7 +118,7 @@ def _angles_rad() -> list[float]:
 
 
 class CoverageMap:
-    """Answers which cells of a site are seen, for one cell size.
+    """Computes which cells of a site are seen, for one cell size.
 
     Attributes:
         site: the scenario on its ground.
@@ -132,9 +132,9 @@ class CoverageMap:
         self.sight: Sight = sight_of(site.scenario.sensor)
 
     def observations(self, route_m: FloatArray) -> LevelObservations:
-        """From where a sensor on an (n, 3) ENU route looks: its waypoints, or samples along its legs.
+        """Observations of a sensor on an (n, 3) ENU route: from its waypoints, or from samples along its legs.
 
-        A camera that turns with the legs looks twice from a waypoint between two legs: along the one and along the other.
+        A camera that turns with the legs observes twice from a waypoint between two legs, once along each.
         """
         route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
         if self.site.scenario.sensor.sensing == "at-waypoints":
@@ -172,21 +172,21 @@ class CoverageMap:
         return kernels.first_seen(surface, self.sight, self.grid.cells, observations.places_m, observations.headings)
 
     def share(self, seen: BoolArray) -> float:
-        """Share of the area, 0..1, weighted by the ground's surface."""
+        """Fraction of the area, 0..1, weighted by ground surface."""
         return self.grid.share(seen)
 
     def share_of_coverable(self, seen: BoolArray) -> float:
-        """Share of what can be seen at all from inside the limits, 0..1; 0 when nothing can."""
+        """Fraction of the coverable area, 0..1; 0 when nothing is coverable."""
         coverable = float(self.grid.weight_m2[self.coverable].sum())
         return float(self.grid.weight_m2[seen & self.coverable].sum()) / coverable if coverable > 0.0 else 0.0
 
     @cached_property
     def coverable(self) -> BoolArray:
-        """(cells,) whether a cell can be seen from some allowed place.
+        """(cells,) whether a cell can be seen from an allowed position.
 
-        Every cell is tried from several places around it (:func:`uavcover.sensing.coverage_map.trial_places`), all inside the
-        fence, the height band and the sea-level limits and clear of obstacles. A cell that is found is coverable for certain;
-        one that is not found might still be seen from a place that was not tried, so the set is a lower bound.
+        Every cell is tried from several positions around it (:func:`trial_places`), all inside the fence, the height band and the
+        sea-level limits, and clear of obstacles. A cell that is seen is coverable for certain; any other might be seen from a
+        position that was not tried, so the set is a lower bound.
         """
         wanted = self.site.scenario.requirements
         apart_m = wanted.look_distance_m or 0.0
@@ -208,12 +208,12 @@ class CoverageMap:
         return np.asarray(times == wanted.looks, dtype=bool)
 
     def _allowed_places(self, east_north_m: FloatArray, share: float) -> FloatArray:
-        """(k, 3) places at a share 0..1 of the allowed band above (k, 2) spots; NaN where nothing is allowed."""
+        """(k, 3) positions at a fraction 0..1 of the allowed band above (k, 2) points; NaN where nothing is allowed."""
         limits = self.site.scenario.limits
         ground = self.site.ground.heights_m(east_north_m)
         low = self.site.ground.ups_m(east_north_m, limits.min_height_agl_m)
         high = self.site.ground.ups_m(east_north_m, limits.max_height_agl_m)
-        # Sea level seen from the local frame: up minus height above sea level, at the place itself.
+        # Sea level in the local frame: up minus height above sea level, at the position itself.
         sea = ground - self.site.alts_amsl_m(np.column_stack([east_north_m, ground]))
         if limits.min_alt_amsl_m is not None:
             low = np.maximum(low, limits.min_alt_amsl_m + sea)
@@ -230,7 +230,7 @@ class CoverageMap:
 def sees_each(
     coverage: CoverageMap, observations: LevelObservations, cell_numbers: NDArray[np.int64], sight: Sight
 ) -> BoolArray:
-    """(k,) whether each of k observations of a sensor sees the cell of the same row; False where a place is NaN."""
+    """(k,) whether each of k observations sees the cell of the same row; False where a position is NaN."""
     cells = coverage.grid.cells
     return kernels.sees_each(
         coverage.site.ground.surface, sight, np.ascontiguousarray(observations.places_m), observations.headings,

@@ -19,7 +19,7 @@ _PICTURE_STEPS = 41
 
 
 def sight_of(sensor: Sensor) -> Sight:
-    """What a sensor can see, for kernels."""
+    """The kernel's description of a sensor."""
     match sensor:
         case SphereSensor():
             return Sight(SPHERE, sensor.range_m, 0.0, -1.0, _LINE_OF_SIGHT[sensor.line_of_sight])
@@ -53,17 +53,17 @@ def sight_of(sensor: Sensor) -> Sight:
 
 
 def farthest_m(sensor: Sensor) -> float:
-    """No sensor sees a cell farther away than this, metres on the map."""
+    """Upper bound on the horizontal distance of a visible cell, metres."""
     return sensor.radius_m if isinstance(sensor, DiscSensor) else sensor.range_m
 
 
 def turns_with_legs(sight: Sight) -> bool:
-    """Whether what a sensor sees depends on the direction of the leg that is flown."""
+    """Whether a sensor's view depends on the direction of the leg."""
     return sight.kind == FRUSTUM and math.isnan(sight.heading_e)
 
 
 def whatever_heading(sight: Sight) -> Sight:
-    """A sensor that sees at least what this one sees under any heading, itself where that does not matter: a bound."""
+    """A sensor whose view contains this one's for every heading, used as a bound; the same sensor where heading has no effect."""
     if not turns_with_legs(sight):
         return sight
     reach = horizontal_reach(sight)
@@ -92,7 +92,7 @@ def _sample_focal_m(sensor: Camera) -> float:
 
 @dataclass(frozen=True, slots=True)
 class FlatPicture:
-    """What a frame camera on a level vehicle sees of flat ground: from ``near_m`` to ``far_m`` ahead of it, negative is behind.
+    """Flat ground in view of a frame camera on a level vehicle: ``near_m`` to ``far_m`` ahead, negative is behind.
 
     Attributes:
         near_m: of the picture's middle line, ahead of the vehicle.
@@ -106,7 +106,7 @@ class FlatPicture:
 
 
 def flat_picture(sensor: FrameCamera, height_agl_m: float) -> FlatPicture | None:
-    """What a frame camera sees of flat ground from a height; none when nothing."""
+    """Flat ground in view of a frame camera from a height; none when there is none."""
     sight = sight_of(sensor)
     off_nadir, half = math.radians(90.0 + sensor.pitch_deg), math.radians(0.5 * sensor.fov_along_deg)
     # On flat ground the incidence angle is the angle off the vertical, and "facing" the height.
@@ -131,9 +131,9 @@ def flat_picture(sensor: FrameCamera, height_agl_m: float) -> FlatPicture | None
 
 
 def reach_at_height_m(sensor: Sensor, height_agl_m: float) -> float:
-    """Half the width of the strip of flat ground that a sensor sees from a height; 0 when it does not reach the ground.
+    """Half the swath width on flat ground from a height; 0 when the sensor does not reach the ground.
 
-    A picture whose heading stays the same is crossed in any direction: then it is half of its shorter side.
+    A picture with a fixed heading is crossed in any direction, so half of its shorter side counts.
     """
     match sensor:
         case DiscSensor():
@@ -157,9 +157,9 @@ def reach_at_height_m(sensor: Sensor, height_agl_m: float) -> float:
 
 
 def trigger_distance_m(scenario: Scenario) -> float | None:
-    """Way between two pictures; none when the scenario does not ask for pictures by distance.
+    """Distance between two pictures; none when the scenario does not take pictures by distance.
 
-    From a forward overlap it follows at the lowest height of the band, where a picture shows least.
+    With a forward overlap it is computed at the lowest height of the band, where a picture shows least.
 
     Raises:
         ScenarioError: from there it shows nothing.
@@ -187,12 +187,12 @@ def observation_spacing_m(scenario: Scenario) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraTurn:
-    """Directions of a camera, one row an observation.
+    """Directions of a camera, one row for each observation.
 
     Attributes:
-        axes: (k, 3) unit vectors in ENU: where it looks.
-        tops: (k, 3) unit vectors at right angles to them: the top of its picture.
-        known: (k,) whether the attitude that it takes is known; the others were taken as level, nose ahead.
+        axes: (k, 3) unit vectors in ENU along the viewing direction.
+        tops: (k, 3) unit vectors perpendicular to them, towards the top of the picture.
+        known: (k,) whether the required attitude is known; otherwise level and nose ahead are assumed.
     """
 
     axes: FloatArray
@@ -201,10 +201,10 @@ class CameraTurn:
 
 
 def camera_turn(sensor: Sensor, attitude_deg: FloatArray, courses_deg: FloatArray | None = None) -> CameraTurn:
-    """How a camera is turned whose vehicle has these attitudes.
+    """Camera directions for the attitudes of its vehicle.
 
-    A camera that is fixed to the vehicle shares its roll, pitch and yaw. A stabilised one is level; its picture's top keeps
-    the heading of the scenario, or follows the vehicle's yaw. Sensors that are no camera look straight down.
+    A fixed camera shares the vehicle's roll, pitch and yaw. A stabilised one is level; the top of its picture keeps the
+    scenario's heading, or follows the vehicle's yaw. Other sensors point straight down.
 
     Args:
         sensor: of the scenario.
@@ -226,7 +226,7 @@ def camera_turn(sensor: Sensor, attitude_deg: FloatArray, courses_deg: FloatArra
         yaw = np.full(count, heading_deg) if heading_deg is not None else attitude_deg[:, 2]
         known = np.isfinite(yaw)
         angles = np.column_stack([np.zeros((count, 2)), np.where(known, yaw, north_up)])
-        # A round view straight down has no direction that could be missing.
+        # A circular nadir view needs no heading.
         known = known if picture else np.ones(count, dtype=bool)
     roll, pitch, yaw = np.radians(angles).T
     # The first and third column of the rotation from body (forward, right, down) to north-east-down, yaw-pitch-roll order.
