@@ -1,4 +1,4 @@
-"""The stages as a script or a notebook calls them; ``import uavcover`` gives all of it. See docs/python_api.md.
+"""The stages as a script or a notebook calls them; ``import uavcover`` gives all of it. See docs/reference/python_api.md.
 
 ``load_site`` -> ``plan`` -> ``compile_mission`` -> ``connect`` -> ``upload`` -> ``fly`` -> ``verify`` -> ``find_gaps``. Each does
 what the command of its name does, with the same checks, on the same run folder: a run begun here is finished by a command, and
