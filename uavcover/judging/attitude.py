@@ -20,30 +20,30 @@ from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
 
 MOST_UNEXPLAINED_M_S2 = 2.0
-"""Root mean square over a flight. Simulated autopilots come to 0.8, mock flights in gusts, off by metres, to 1.1."""
+"""Root mean square over a flight. Simulated autopilots reach 0.8, mock flights in gusts with errors of metres 1.1."""
 MOST_UNEXPLAINED_IN_BLOCK_M_S2 = 3.0
-"""Root mean square over ``BLOCK_S``; they come to 1.5 and 1.9."""
+"""Root mean square over ``BLOCK_S``; they reach 1.5 and 1.9."""
 BLOCK_S = 20.0
 MOST_NOISE_M_S2 = 2.0
-"""Noise of the positions is allowed on top, up to this."""
+"""Upper bound of the additional allowance for position noise."""
 MOST_SIDEWAYS_DEG = 6.0
-"""A steady lean to one side of the vehicle, on all headings: the mounting of the autopilot."""
+"""A constant lean to one side of the vehicle on all headings: the autopilot's mounting error."""
 MOST_BACKWARDS_DEG = 6.0
-"""A steady lean against the way that it flies: drag is never negative."""
+"""A constant lean against the direction of flight: drag is never negative."""
 
 _WINDOW_S = 1.0
 _LONGEST_S = 1.6
 _MOVES_M_S = 2.0
 _ENOUGH_BLOCKS, _ENOUGH_IN_BLOCK = 20, 5
 _OWN = 0.3
-"""So much of a term must not be explained by the others."""
+"""Fraction of a term that the others must not explain."""
 _POINTS = np.linspace(-1.0, 1.0, 9)
 _WEIGHTS = (1.0 - np.abs(_POINTS)) / (1.0 - np.abs(_POINTS)).sum()
 """A divided difference of positions is the mean of the accelerations with these weights."""
 
 
 def thrust_m_s2(attitude_deg: FloatArray) -> FloatArray:
-    """(n, 2) accelerations towards east and north by the thrust that keeps the height, of (n, 3) roll, pitch and yaw."""
+    """(n, 2) east and north acceleration by a thrust that holds height, for (n, 3) roll, pitch and yaw."""
     sin_roll, sin_pitch, sin_yaw = np.sin(np.radians(attitude_deg)).T
     cos_roll, cos_pitch, cos_yaw = np.cos(np.radians(attitude_deg)).T
     up = cos_roll * cos_pitch
@@ -58,7 +58,7 @@ class LeanProblem:
 
     Attributes:
         text: what is wrong, for people.
-        samples: (n,) which samples have it.
+        samples: (n,) the affected samples.
     """
 
     text: str
@@ -68,7 +68,7 @@ class LeanProblem:
 def lean_problem(
     time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray
 ) -> LeanProblem | None:
-    """What is wrong with an attitude that does not fit the motion; None when it fits or too little is known.
+    """The problem of an attitude that does not fit the motion; None when it fits or too little is known.
 
     Args:
         time_s: (n,) vehicle time.
@@ -83,7 +83,7 @@ def lean_problem(
     thrust = _mean_over(time_s, thrust_m_s2(attitude_deg), time_s[middle], half_s)
     good = np.isfinite(thrust).all(axis=1) & (half_s <= _LONGEST_S)
     good &= np.hypot(velocity[:, 0], velocity[:, 1]) > _MOVES_M_S
-    # What accelerates more is no flight, and judged as such.
+    # Larger accelerations are not flight, and are judged as such elsewhere.
     good &= windows.level_m_s2 <= GRAVITY_M_S2 * np.tan(np.radians(MAX_LEAN_DEG))
     if good.sum() < _ENOUGH_BLOCKS:
         return None
@@ -126,20 +126,20 @@ def lean_problem(
 
 
 def _terms(velocity: FloatArray, right: FloatArray) -> FloatArray:
-    """(k, 2, 4) what drag may be made of: the speed, a steady wind from the east and from the north, a lean to the right."""
+    """(k, 2, 4) the terms of drag: speed, constant wind from east and from north, a lean to the right."""
     ones, none = np.ones(len(velocity)), np.zeros(len(velocity))
     return np.stack([velocity, np.column_stack([ones, none]), np.column_stack([none, ones]), right], axis=-1)
 
 
 def _rms_by_block(block: IntArray, left: FloatArray, count: int) -> FloatArray:
-    """(count,) root mean squares of (k, 2) vectors by their block, 0 for a block with few of them."""
+    """(count,) root mean squares of (k, 2) vectors by block, 0 for a block with few of them."""
     numbers = np.bincount(block, minlength=count)
     squares = np.bincount(block, weights=(left**2).sum(axis=1), minlength=count)
     return np.asarray(np.sqrt(np.where(numbers >= _ENOUGH_IN_BLOCK, squares / np.maximum(numbers, 1), 0.0)))
 
 
 def _stands_alone(columns: FloatArray, number: int) -> bool:
-    """Whether one of the terms is told apart from the others: on one heading every steady lean may be the wind's."""
+    """Whether a term can be separated from the others: on a single heading, a constant lean may be due to wind."""
     others = np.delete(columns, number, axis=1)
     one = columns[:, number]
     rest = one - others @ np.linalg.lstsq(others, one, rcond=None)[0]
@@ -147,7 +147,7 @@ def _stands_alone(columns: FloatArray, number: int) -> bool:
 
 
 def _mean_over(time_s: FloatArray, values: FloatArray, middles_s: FloatArray, half_s: FloatArray) -> FloatArray:
-    """(k, 2) weighted means of (n, 2) values over windows; NaN where one of them is."""
+    """(k, 2) weighted means of (n, 2) values over windows; NaN where any value is."""
     means = np.zeros((len(middles_s), 2))
     for point, weight in zip(_POINTS, _WEIGHTS, strict=True):
         at_s = middles_s + point * half_s
@@ -156,23 +156,23 @@ def _mean_over(time_s: FloatArray, values: FloatArray, middles_s: FloatArray, ha
 
 
 MAX_AGE_S = 1.0
-"""An attitude further from its position in time is not that of the position."""
+"""Largest difference in time between a position and its attitude."""
 MAX_TILT_DEG = 60.0
-"""A multirotor that leans by more needs twice its weight as thrust to keep its height."""
+"""At a larger lean a multirotor needs twice its weight as thrust to hold its height."""
 _STUCK_S, _TURNED_DEG = 5.0, 60.0
 _COURSE_S = 2.0
 _RADIANS_AT_MOST = 6.3
 _AGREES_DEG, _DIFFERS_DEG = 25.0, 40.0
 _COURSE_M_S = 2.0
-"""Slower than this there is no course to compare a heading with."""
+"""Below this speed there is no course to compare a heading with."""
 _BRISK_M_S2 = 2.0
-"""To accelerate like this a multirotor leans by 11 degrees."""
+"""A multirotor leans by 11 degrees for this acceleration."""
 _LEANS_AT_LEAST = 0.35
 _ENOUGH = 5
 
 
 def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> tuple[FloatArray, list[str]]:
-    """Attitudes that can be believed.
+    """Find the attitudes that can be trusted.
 
     Args:
         track: what was flown.
@@ -180,12 +180,12 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> tuple[
         joined: (n - 1,) legs that were observed.
 
     Returns:
-        (n, 3) roll, pitch and yaw in degrees, NaN where they are not known; and what is wrong with the track's, for people.
+        (n, 3) roll, pitch and yaw in degrees, NaN where unknown; and the problems found, one line each.
     """
     attitude = track.attitude_deg.copy()
     problems: list[str] = []
     old = np.abs(track.attitude_age_s) > MAX_AGE_S
-    # A heading beside an empty roll and pitch is the one that the position told itself.
+    # A heading without roll and pitch was derived from the positions themselves.
     attitude[old & np.isfinite(attitude[:, :2]).any(axis=1)] = np.nan
     low, high = np.array([-180.0, -90.0, -180.0]), np.array([180.0, 90.0, 360.0])
     wrong = np.flatnonzero(((attitude < low) | (attitude > high)).any(axis=1))
@@ -238,14 +238,14 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> tuple[
 
 
 def _stuck(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> Iterator[tuple[int, int, float]]:
-    """Runs of samples with exactly the same attitude in which the course turns: first, last and by how much in degrees."""
+    """Runs of samples with constant attitude while the course turns: first, last, and turn in degrees."""
     same = np.append((np.diff(attitude, axis=0) == 0.0).all(axis=1), False)
     starts = np.flatnonzero(same & ~np.insert(same[:-1], 0, False))
     for start in starts:
         last = int(start) + int(np.argmin(same[start:]))
         if time_s[last] - time_s[start] < _STUCK_S:
             continue
-        # Places so far apart in time that their noise is no course.
+        # Positions far enough apart in time that noise does not determine the course.
         steps = np.unique(np.searchsorted(time_s, np.arange(time_s[start], time_s[last], _COURSE_S)))
         way = np.diff(enu_m[steps, :2], axis=0)
         fast = np.hypot(way[:, 0], way[:, 1]) > _COURSE_M_S * np.diff(time_s[steps])
@@ -255,7 +255,7 @@ def _stuck(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> Itera
 
 
 def _in_radians(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> bool:
-    """Whether the headings agree with the courses when they are taken as radians, and not as they stand there."""
+    """Whether the headings agree with the courses as radians and not as degrees."""
     if float(np.nanmax(np.abs(attitude))) > _RADIANS_AT_MOST or len(time_s) < 3:
         return False
     velocity = np.gradient(enu_m[:, :2], time_s, axis=0)
@@ -274,9 +274,9 @@ def _in_radians(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> 
 def _never_leans(
     time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude: FloatArray
 ) -> tuple[float, float] | None:
-    """The largest lean in degrees and the largest acceleration, when the first is far too small for the second."""
+    """The largest lean in degrees and the largest acceleration, when the lean is far too small for it."""
     brisk = np.zeros(_ENOUGH)
-    # Over the longer one noise hides less, over the shorter one a short turn shows more.
+    # The longer window suppresses noise, the shorter one shows short turns.
     for window_s in (1.0, 2.0):
         windows = Windows.of(time_s, enu_m, window_s=window_s, joined=joined)
         most = np.sort(windows.level_m_s2 - windows.allowance_m_s2(0))[-_ENOUGH:]

@@ -30,11 +30,11 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 
 _MOMENTS = 200
-"""Coverage over time is told at this many moments, evenly spread over the observations' time."""
+"""Number of moments, evenly spread over the observations' time, at which coverage over time is reported."""
 
 
 def cell_statistics(coverage: CoverageMap, flown: FlownCoverage) -> CellStatistics:
-    """Observations, ground sample distance and incidence of all cells."""
+    """Statistics of observations, ground sample distance and incidence over all cells."""
     seen = flown.seen
 
     def percentile(values: FloatArray, share: float) -> float | None:
@@ -55,7 +55,7 @@ def cell_statistics(coverage: CoverageMap, flown: FlownCoverage) -> CellStatisti
 
 
 def coverage_by_time(coverage: CoverageMap, flown: FlownCoverage, times_s: FloatArray) -> tuple[CoverageMoment, ...]:
-    """How much had been seen at moments of the (k,) times of the observations."""
+    """Coverage reached by selected moments of the (k,) observation times."""
     if times_s.size == 0:
         return ()
     order = np.flatnonzero(flown.seen)
@@ -68,22 +68,22 @@ def coverage_by_time(coverage: CoverageMap, flown: FlownCoverage, times_s: Float
 
 
 MAX_UNOBSERVED_WAYS_FRACTION = 0.2
-"""Of the time on the ways there and home; on the route it is much less, by the scenario."""
+"""Fraction of the time in transit; on the route the scenario allows much less."""
 
 _SHOWN = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A verdict and what it follows from; see :class:`uavcover.model.verdict.VerificationReport`.
+    """The decision and its grounds; see :class:`uavcover.model.verdict.VerificationReport`.
 
     Attributes:
-        verdict: which.
+        verdict: passed, failed or not proved.
         reasons: why it failed.
         doubts: why it is not proved.
-        findings: what is odd beside.
-        unobserved: stretches that were not observed, of all tracks.
-        unobserved_route_fraction: share of the route's time; none without a route.
+        findings: other irregularities.
+        unobserved: unobserved stretches of all tracks.
+        unobserved_route_fraction: fraction of the time on the route; none without a route.
     """
 
     verdict: VerdictName
@@ -95,7 +95,7 @@ class Decision:
 
 
 def judged_requirements(scenario: Scenario) -> Mapping[str, Any]:
-    """The requirements and limits that a flight is held against, by their names in the scenario; rings of the fence apart."""
+    """The requirements and limits of a flight, by their names in the scenario, without the rings of the fence."""
     limits = {name: value for name, value in asdict(scenario.limits).items() if not name.startswith("fence_")}
     limits["max_transit_height_agl_m"] = scenario.transit_ceiling_agl_m
     return {**asdict(scenario.requirements), **limits}
@@ -104,13 +104,13 @@ def judged_requirements(scenario: Scenario) -> Mapping[str, Any]:
 def decide(
     coverage: CoverageMap, flown: FlownCoverage, judged: Sequence[JudgedTrack], *, unknown_attitude_looks: int
 ) -> Decision:
-    """The verdict on tracks that count as one flight.
+    """Decide on tracks that count as one flight.
 
     Args:
         coverage: the cells.
-        flown: what was seen of them.
-        judged: each track by itself.
-        unknown_attitude_looks: how many observations have no known direction.
+        flown: their coverage.
+        judged: each track judged by itself.
+        unknown_attitude_looks: number of observations without a known direction.
     """
     site = coverage.site
     requirements = site.scenario.requirements
@@ -151,7 +151,7 @@ def decide(
 def _judge_coverage(
     coverage: CoverageMap, flown: FlownCoverage, ways_m: Sequence[FloatArray], reasons: list[str], doubts: list[str]
 ) -> None:
-    """Coverage below what is required fails, unless what was not observed may make up for it: then it is not proved."""
+    """Insufficient coverage fails, unless unobserved stretches may make up for it: then it is not proved."""
     requirements = coverage.site.scenario.requirements
     share, sure = coverage.share_of_coverable(flown.seen), coverage.share_of_coverable(flown.surely_seen)
     wanted, wanted_sure = requirements.min_coverage_of_coverable, requirements.min_sure_coverage_of_coverable
@@ -176,7 +176,7 @@ def _judge_coverage(
 def _all_unobserved(
     site: Site, judged: Sequence[JudgedTrack], links: Sequence[Continuation]
 ) -> tuple[list[Unobserved], list[FloatArray]]:
-    """Stretches without evidence, within the tracks and at their ends, and the ways on the route that they may have led."""
+    """Stretches without evidence, within the tracks and at their ends, and the parts of the route they may have covered."""
     found: list[Unobserved] = []
     ways: list[FloatArray] = []
     for number, j in enumerate(judged):
@@ -229,7 +229,7 @@ def _end_doubts(site: Site, number: int, j: JudgedTrack, links: Sequence[Continu
 
 
 def _fractions(judged: Sequence[JudgedTrack], unobserved: Sequence[Unobserved]) -> tuple[float | None, float]:
-    """Shares of the time on the route, and on the ways there and home, that were not observed."""
+    """Unobserved fractions of the time on the route and in transit."""
     route_s, ways_s = 0.0, 0.0
     for j in judged:
         chosen = np.flatnonzero(j.phases.route)

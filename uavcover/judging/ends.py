@@ -11,17 +11,17 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.scenario import Scenario
 
 STILL_S = 2.0
-"""A vehicle on the ground stands still for so long."""
+"""A vehicle on the ground stands still for this long."""
 STILL_LEVEL_M_S = 1.0
 STILL_VERTICAL_M_S = 0.3
-"""Slower than any landing."""
+"""Below the speed of any landing."""
 NOISE_MEDIANS = 10.0
-"""So many times the noise of the positions is allowed for over that time: three standard deviations of a wandering error."""
+"""Multiple of the position noise allowed over that time: three standard deviations of a drifting error."""
 NEAR_TERRAIN_M = 2.0
-"""A vehicle in motion is on the ground when it is this near to the terrain: receivers are off by as much, and a record that
+"""A moving vehicle this close to the terrain counts as on the ground: receivers err by as much, and a record that
 begins with arming begins a second before the climb."""
 SAME_HEIGHT_M = 1.0
-"""Or this near to the height of the other end at the same place."""
+"""Likewise this close to the height of the other end at the same position."""
 SAME_PLACE_M = 10.0
 
 
@@ -30,11 +30,11 @@ class TrackEnd:
     """The first or the last sample of a track.
 
     Attributes:
-        which: of the two.
+        which: first or last.
         time_s: vehicle time.
-        enu_m: (3,) its place.
-        height_agl_m: above ground, NaN where the ground is not known.
-        on_ground: whether it stands there.
+        enu_m: (3,) its position.
+        height_agl_m: height above ground, NaN where the ground is unknown.
+        on_ground: whether the vehicle is on the ground.
         still: whether it does not move.
     """
 
@@ -46,7 +46,7 @@ class TrackEnd:
     still: bool
 
     def __str__(self) -> str:
-        """Where it is, for people."""
+        """Description for people."""
         if np.isnan(self.height_agl_m):
             return f"the track {self.which} where the height above ground is not known"
         side = "above" if self.height_agl_m >= 0.0 else "under"
@@ -55,7 +55,7 @@ class TrackEnd:
 
 
 def ground_tolerance_m(scenario: Scenario) -> float:
-    """How far from the terrain a vehicle on the ground may seem to be: as far as its home may, and the errors of heights."""
+    """Largest apparent distance from the terrain of a vehicle on the ground: the tolerance of home, and the height errors."""
     return scenario.limits.max_home_error_m + scenario.uncertainty.vertical_m
 
 
@@ -69,8 +69,8 @@ def track_ends(
 ) -> tuple[TrackEnd, TrackEnd]:
     """The first and the last sample of an (n, 3) track.
 
-    On the ground a vehicle is near the terrain and stands still. One that moves counts as well where its height is that of the
-    ground within 2 m, as in a log that is switched off on touching down.
+    On the ground a vehicle is near the terrain and stands still. A moving one counts as well within 2 m of the ground, as in
+    a log that ends at touchdown.
 
     Args:
         scenario: for the tolerances.
@@ -110,11 +110,11 @@ def _still(enu_m: FloatArray, first: int, last: int, time_s: FloatArray, noise_m
 
 @dataclass(frozen=True, slots=True)
 class Continuation:
-    """A track that goes on in the air with one that ended there.
+    """A track that continues in the air where another one ended.
 
     Attributes:
         before: number of the track that ended.
-        after: number of the track that goes on.
+        after: number of the track that continues.
     """
 
     before: int
@@ -122,10 +122,10 @@ class Continuation:
 
 
 def continuations(ends: Sequence[tuple[TrackEnd, TrackEnd]], limits: MotionLimits) -> list[Continuation]:
-    """Which tracks that begin in the air go on with one that ended in the air.
+    """Match tracks that begin in the air with tracks that ended in the air.
 
-    They begin not before that one ended, and no further from there than can have been flown. Each goes on with the one that ended
-    last; each is gone on with once.
+    A track continues one that ended before it, no further away than can have been flown: the one that ended last. Each is
+    continued at most once.
     """
     found: list[Continuation] = []
     for after in sorted(range(len(ends)), key=lambda number: ends[number][0].time_s):

@@ -18,25 +18,25 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import focal_px
 
 WORKERS = 2
-"""Threads that share out the rows of the lattice; the result does not depend on it."""
+"""Threads that share the rows of the lattice; the result does not depend on their number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlownCoverage:
-    """What was seen; every array has one value a cell.
+    """Coverage by cell; every array has one value for each cell.
 
     Attributes:
-        seen: whether it was seen, measured positions and terrain taken as exact.
-        surely_seen: whether it was seen whatever the errors of the scenario's [uncertainty] were; part of ``seen``.
-        possibly_seen: whether it may have been seen, these errors being as they may, or the camera's direction where it is not
-            known; ``seen`` is part of it.
-        possibly_by_attitude: whether it was not seen, but may have been by an observation whose direction is not known.
+        seen: whether it was seen, with measured positions and terrain taken as exact.
+        surely_seen: whether it was seen for every error within the scenario's [uncertainty]; subset of ``seen``.
+        possibly_seen: whether it may have been seen for some error, or for some direction of the camera where that is unknown;
+            superset of ``seen``.
+        possibly_by_attitude: whether it was not seen, but may have been by an observation of unknown direction.
         first_seen_s: time at which it was first seen, NaN where it was not.
         passes: how many separate passes saw it.
         nearest_m: shortest distance from which it was seen, NaN where it was not.
         ground_sample_m: smallest ground sample distance with which it was seen, NaN where it was not or none is known.
         incidence_deg: smallest incidence angle under which it was seen, NaN where it was not.
-        outcome: the furthest that any observation got, see :class:`uavcover.kernels.observation_counting.Tally`.
+        outcome: the best outcome of any observation, see :class:`uavcover.kernels.observation_counting.Tally`.
     """
 
     seen: BoolArray
@@ -54,7 +54,7 @@ class FlownCoverage:
 def count_observations(coverage: CoverageMap, observations: Observations) -> FlownCoverage:
     """Count every observation of every cell of a map.
 
-    Observations whose direction is not known see nothing surely; what they may have seen is told apart.
+    Observations of unknown direction see nothing for certain; what they may have seen is kept apart.
     """
     site = coverage.site
     slopes = local_slopes(site.ground.surface)
@@ -77,14 +77,14 @@ def count_observations(coverage: CoverageMap, observations: Observations) -> Flo
         passes=tally.passes,
         nearest_m=_finite(tally.nearest_m),
         ground_sample_m=_finite(tally.ground_sample_m),
-        # Rounding may leave a cosine of 1 a hair above it.
+        # Rounding may leave a cosine slightly above 1.
         incidence_deg=np.where(seen, np.degrees(np.arccos(np.clip(tally.cos_incidence, -1.0, 1.0))), np.nan),
         outcome=tally.outcome,
     )
 
 
 def possibly_seen(coverage: CoverageMap, observations: Observations) -> BoolArray:
-    """(cells,) what observations may have seen whose direction is not known: with a lean of up to MAX_LEAN_DEG either way."""
+    """(cells,) whether observations of unknown direction may have seen each cell, leaning up to MAX_LEAN_DEG any way."""
     site = coverage.site
     slopes = local_slopes(site.ground.surface)
     camera = _camera(coverage, slopes)
@@ -97,16 +97,16 @@ def possibly_seen(coverage: CoverageMap, observations: Observations) -> BoolArra
 def joining_shifts_s(
     times_s: Sequence[FloatArray], *, pause_s: float, same_clock: Mapping[int, tuple[int, float]]
 ) -> tuple[float, ...]:
-    """Seconds to add to the times of each track so that it begins ``pause_s`` after the end of those before.
+    """Seconds to add to the times of each track so that it begins ``pause_s`` after the previous ones end.
 
     Args:
         times_s: vehicle times of the samples of each track, increasing, in the order in which they were flown.
-        pause_s: between two tracks.
-        same_clock: of a track that records the flight of one before: which one, and the seconds that are added to its times to
-            have that one's.
+        pause_s: pause between two tracks.
+        same_clock: for a track that records the flight of an earlier one: which one, and the seconds to add to its times to
+            get those of the earlier one.
 
     Returns:
-        one value a track; 0 for the first.
+        one value for each track; 0 for the first.
     """
     shifts: list[float] = []
     end_s = -np.inf
@@ -151,8 +151,8 @@ def _camera(coverage: CoverageMap, slopes: LocalSlopes) -> Camera:
     sensor, wanted = coverage.site.scenario.sensor, coverage.site.scenario.requirements
     uncertainty = coverage.site.scenario.uncertainty
     horizontal, vertical = uncertainty.position_m, coverage.site.vertical_uncertainty_m
-    # A ray that is moved sideways by p at the eye and not at all at the cell meets ground that is higher by at most its slope
-    # times the way it was moved: as much as lowering the eye by p times the steepest slope does.
+    # A ray shifted sideways by p at the eye and fixed at the cell meets ground that is higher by at most its slope
+    # times the shift: the same as lowering the eye by p times the steepest slope.
     lift = vertical + (horizontal * _steepest_known(slopes) if horizontal > 0.0 else 0.0)
     return Camera(
         focal_px=focal_px(sensor),
@@ -168,7 +168,7 @@ def _camera(coverage: CoverageMap, slopes: LocalSlopes) -> Camera:
 
 
 def _steepest_known(slopes: LocalSlopes) -> float:
-    """Steepest slope of the blocks that have data: along a ray over the others nothing is seen anyhow."""
+    """Steepest slope of the blocks with data; rays over the others see nothing anyway."""
     return float(slopes.steepest[np.isfinite(slopes.steepest)].max(initial=0.0))
 
 

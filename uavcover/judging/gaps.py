@@ -40,7 +40,7 @@ class GapRegion:
     """A gap and its cells.
 
     Attributes:
-        gap: what the report says of it.
+        gap: its description in the report.
         cells: (k,) numbers of its cells.
     """
 
@@ -49,7 +49,7 @@ class GapRegion:
 
 
 def find_gaps(coverage: CoverageMap, flown: FlownCoverage) -> list[GapRegion]:
-    """Regions of cells that were not seen for the same reason, touching by side or corner; the largest first."""
+    """Find regions of cells unseen for the same reason, connected by side or corner, largest first."""
     codes = reason_codes(coverage, flown)
     regions = [
         region for code, reason in enumerate(REASONS, start=1) for region in _regions(coverage, codes == code, reason)
@@ -58,13 +58,13 @@ def find_gaps(coverage: CoverageMap, flown: FlownCoverage) -> list[GapRegion]:
 
 
 def reason_codes(coverage: CoverageMap, flown: FlownCoverage) -> NDArray[np.uint8]:
-    """(cells,) 0 where a cell was seen, else the number of its reason in REASONS, counted from 1."""
+    """(cells,) 0 where a cell was seen, otherwise the number of its reason in REASONS, from 1."""
     codes = np.zeros(coverage.grid.count, dtype=np.uint8)
     missing = ~flown.seen
     for outcome, reason in _OUTCOMES.items():
         codes[missing & (flown.outcome == outcome)] = 1 + REASONS.index(reason)
     codes[missing & flown.possibly_by_attitude] = 1 + REASONS.index("attitude-not-known")
-    # Said last: what cannot be seen at all was also never in range, or always too oblique.
+    # Assigned last: a cell that cannot be seen at all was also never in range, or always too oblique.
     codes[missing & ~coverage.coverable] = 1 + REASONS.index("out-of-limits")
     return codes
 
@@ -72,7 +72,7 @@ def reason_codes(coverage: CoverageMap, flown: FlownCoverage) -> NDArray[np.uint
 def _regions(coverage: CoverageMap, missing: BoolArray, reason: GapReason) -> list[GapRegion]:
     if not missing.any():
         return []
-    # Importing scipy.ndimage takes most of a second, which commands that judge nothing need not wait for.
+    # Importing scipy.ndimage takes most of a second; commands that judge nothing do not need it.
     from scipy import ndimage
 
     cells, weight = coverage.grid.cells, coverage.grid.weight_m2
@@ -143,7 +143,7 @@ def _places_in_lattice(coverage: CoverageMap) -> tuple[NDArray[np.int64], NDArra
 
 
 def _outline(coverage: CoverageMap, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> shapely.MultiPolygon:
-    """Cells as one shape in the local frame: runs of cells in a row as rectangles, united."""
+    """Union of cells as one shape in the local frame, from a rectangle for each run of cells in a row."""
     order = np.lexsort((columns, rows))
     rows, columns = rows[order], columns[order]
     starts = np.flatnonzero(np.append(True, (np.diff(rows) != 0) | (np.diff(columns) != 1)))
@@ -157,13 +157,13 @@ def _outline(coverage: CoverageMap, rows: NDArray[np.int64], columns: NDArray[np
 
 
 def _geometry(coverage: CoverageMap, frame: LocalFrame, outline: shapely.MultiPolygon) -> dict[str, Any]:
-    """The shape in longitudes and latitudes, outer rings counter-clockwise; corners lie on the ground."""
+    """The shape in longitude and latitude, outer rings counter-clockwise, corners on the ground."""
     ground = coverage.site.ground
     level = float(np.mean(coverage.grid.cells.centre_m[:, 2]))
 
     def to_lon_lat(places_m: NDArray[np.float64]) -> NDArray[np.float64]:
         heights = ground.heights_m(places_m)
-        # A corner may stand just outside the elevation data; a few metres of height move it by micrometres.
+        # A corner may lie just outside the elevation data; a few metres of height shift it by micrometres.
         heights = np.where(np.isfinite(heights), heights, level)
         lat, lon, _ = frame.geodetic_from_enu(np.column_stack([places_m, heights]))
         return np.column_stack([lon, lat])

@@ -33,37 +33,37 @@ MAX_CONTRADICTION_M = 1.0
 """Largest difference between a track's local columns and its latitudes and longitudes."""
 
 MAX_IMPOSSIBLE_MOVES = 3
-"""A receiver may lose itself and find itself again a few times in a flight; what moves impossibly more often was not flown."""
+"""A receiver may lose and regain its position a few times in a flight; more impossible moves mean it was not flown."""
 
 TOLD_HEIGHT_M = 3.0
-"""A vehicle that stands further above or under the ground of the scenario is told."""
+"""A vehicle that stands further above or below the scenario's ground is reported."""
 
 _PLACE_MARGIN_M = 2.0
-"""A place is kept within two acceptance radii, and a little for wind: home while climbing and landing, a waypoint."""
+"""Tolerance for a position (home during climb and landing, a waypoint): two acceptance radii, plus an allowance for wind."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JudgedTrack:
-    """What one track says by itself.
+    """One track judged by itself.
 
     Attributes:
         track: the samples that are evidence, with the attitudes that are known.
         enu_m: (n, 3) their positions.
         joined: (n - 1,) legs that were observed.
-        planned: what was planned for it, if anything.
+        planned: its plan, if any.
         passed: where it passed the planned waypoints, none without a plan.
-        phases: of its samples.
-        heights: above ground.
-        speeds_m_s: (n,) over ground.
-        deviations_m: (n,) from the planned route, none without a plan.
-        violations: limits that were not kept.
+        phases: phase of each sample.
+        heights: heights above ground.
+        speeds_m_s: (n,) ground speed.
+        deviations_m: (n,) distance from the planned route, none without a plan.
+        violations: limits that it broke.
         begin: its first sample.
         end: its last sample.
-        unobserved: stretches between its samples that were not observed.
+        unobserved: unobserved stretches between its samples.
         reasons: why it cannot pass, whatever was seen.
         doubts: why it proves nothing, whatever was seen.
-        findings: what is odd beside.
-        attitude_problems: what is wrong with its attitudes.
+        findings: other irregularities.
+        attitude_problems: problems of its attitudes.
     """
 
     track: Track
@@ -85,7 +85,7 @@ class JudgedTrack:
     attitude_problems: tuple[str, ...]
 
     def observations(self, site: Site) -> Observations:
-        """What its sensor looked at.
+        """The observations of its sensor.
 
         Raises:
             TrackError: the sensor looks from waypoints only, and there is no plan that says where they are.
@@ -97,7 +97,7 @@ def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> Judge
     """Judge a track.
 
     Raises:
-        TrackError: it is empty, or has a position that is no place on Earth.
+        TrackError: it is empty, or has a position that is not on Earth.
     """
     scenario = site.scenario
     told_m = _checked_positions_m(site, track)
@@ -118,7 +118,7 @@ def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> Judge
         )
     route = on_route(
         track, enu, planned, acceptance_radius_m=scenario.vehicle.acceptance_radius_m, passed=passed,
-        # Where the places say nothing of the plan, its numbers are all there is.
+        # Where the positions do not match the plan, only the recorded waypoint numbers remain.
         believed=misnumbered is None or (passed is not None and not passed.passed.any()),
     )  # fmt: skip
     here_m = site.ground.heights_agl_m(enu)
@@ -167,7 +167,7 @@ def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> Judge
 
 
 def track_positions_m(site: Site, track: Track) -> FloatArray:
-    """(n, 3) ENU positions of a track: from its latitudes, longitudes and heights where the site has a place on Earth."""
+    """(n, 3) ENU positions of a track, from its geodetic positions where the site is georeferenced."""
     if site.frame is None:
         return track.enu_m
     return site.frame.enu_from_geodetic(*track.geodetic.T)
@@ -191,7 +191,7 @@ def _checked_positions_m(site: Site, track: Track) -> FloatArray:
 def _requirement_violations(
     site: Site, track: Track, enu_m: FloatArray, phases: Phases, speeds_m_s: FloatArray, deviations: FloatArray | None
 ) -> list[Violation]:
-    """Stretches of the route that were too fast, or too far from the planned one."""
+    """Stretches of the route flown too fast, or too far from the plan."""
     requirements = site.scenario.requirements
     numbers = np.arange(len(track), dtype=float)
     find = ViolationFinder(track, enu_m)
@@ -215,7 +215,7 @@ def _reasons(
     deviations: FloatArray | None,
     violations: list[Violation],
 ) -> list[str]:
-    """What a track shows to be broken, a line each."""
+    """Limits that a track breaks, one line each."""
     requirements = site.scenario.requirements
     reasons = []
     if violations:
@@ -270,7 +270,7 @@ def _motion_doubts(site: Site, track: Track, enu_m: FloatArray, motion: Motion) 
 
 
 def _findings(site: Site, begin: TrackEnd, end: TrackEnd) -> list[str]:
-    """What is odd about the places of take-off and landing."""
+    """Irregularities of the take-off and landing positions."""
     findings = []
     for did, where in (("took off", begin), ("landed", end)):
         if where.on_ground and abs(where.height_agl_m) > TOLD_HEIGHT_M:
@@ -303,7 +303,7 @@ def _phases(site: Site, enu_m: FloatArray, route: BoolArray, planned: PlannedRou
     nowhere = np.zeros(len(enu_m), dtype=bool)
     column = nowhere if site.home_m is None else at(site.home_m)
     if end.on_ground:
-        # Wherever it lands, the last metres of the flight are a landing.
+        # Wherever the vehicle lands, the last metres of the flight are a landing.
         there = at(end.enu_m)
         column = column | (np.cumsum(~there[::-1])[::-1] == 0)
     junction = nowhere
@@ -313,6 +313,6 @@ def _phases(site: Site, enu_m: FloatArray, route: BoolArray, planned: PlannedRou
 
 
 def largest(values: FloatArray | None) -> float | None:
-    """The largest that is a number; none when there is none."""
+    """The largest number, ignoring NaN; none when there is none."""
     known = np.empty(0) if values is None else values[np.isfinite(values)]
     return float(known.max()) if known.size else None

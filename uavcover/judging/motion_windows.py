@@ -8,28 +8,28 @@ import numpy as np
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 
 NOISE_MEDIANS = 6.0
-"""The allowance, in medians of the second differences: random errors of a million samples stay below it."""
+"""The noise allowance, in medians of the second differences: random errors of a million samples stay below it."""
 MAX_NOISE_M = 24.0
-"""And no more than this: the largest second difference of random errors with a standard deviation of 2 m in each axis."""
+"""Upper bound of the allowance: the largest second difference of random errors with a standard deviation of 2 m in each axis."""
 MOVING_M_S = 1.0
-"""Noise is measured where the vehicle is faster than this: at rest on the ground logs often have none."""
+"""Noise is measured above this speed: at rest on the ground, logs often show none."""
 ROUNDING_S = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """Three samples each: one, and the next ones before and after it that are at least the length of the window away.
+    """Windows of three samples: one, and the nearest ones at least the window length before and after it.
 
     Attributes:
-        before: (k,) number of the first sample of each.
+        before: (k,) number of the first sample.
         middle: (k,) of the middle one.
         after: (k,) of the last one.
         velocity_m_s: (k, 3) mean velocity of its two halves.
         acceleration_m_s2: (k, 3) divided difference of the positions: the mean acceleration around the middle sample.
-        level_m_s2: (k,) how much of it is over ground.
-        vertical_m_s2: (k,) how much is vertical, unsigned.
-        spans_s2: (k,) product of the two times in each.
-        noise_m: medians of the second differences over ground and vertically, of the windows in which the vehicle moved.
+        level_m_s2: (k,) its horizontal part.
+        vertical_m_s2: (k,) its vertical part, unsigned.
+        spans_s2: (k,) product of the two time steps.
+        noise_m: medians of the horizontal and vertical second differences over windows in which the vehicle moved.
     """
 
     before: IntArray
@@ -74,16 +74,16 @@ class Windows:
         return cls(before, middle, after, 0.5 * (came + went), change, level, vertical, spans, noise)
 
     def allowance_m(self, axis: Literal[0, 1]) -> float:
-        """What noise may add to a second difference, over ground (0) or vertically (1)."""
+        """Noise allowance for a second difference, horizontal (0) or vertical (1)."""
         return min(NOISE_MEDIANS * self.noise_m[axis], MAX_NOISE_M)
 
     def allowance_m_s2(self, axis: Literal[0, 1]) -> FloatArray:
-        """(k,) what noise may add to the accelerations."""
+        """(k,) noise allowance for the accelerations."""
         return np.asarray(self.allowance_m(axis) / self.spans_s2)
 
 
 def _moving(time_s: FloatArray, enu_m: FloatArray) -> BoolArray:
-    """(n,) whether the vehicle gets on, over the 2 s around each sample."""
+    """(n,) whether the vehicle moves, over the 2 s around each sample."""
     begin = np.searchsorted(time_s, time_s - 1.0)
     end = np.minimum(np.searchsorted(time_s, time_s + 1.0), len(time_s) - 1)
     way = np.linalg.norm(enu_m[end] - enu_m[begin], axis=1)

@@ -21,11 +21,11 @@ class Observations:
     """Observations of a sensor in order of time.
 
     Attributes:
-        places_m: (k, 3) ENU.
-        axes: (k, 3) unit vectors, ENU: where a camera pointed.
-        tops: (k, 3) unit vectors at right angles to them: the top of its picture.
-        times_s: (k,).
-        known: (k,) whether the attitude is known; the others were taken as level, nose ahead.
+        places_m: (k, 3) ENU positions.
+        axes: (k, 3) ENU unit vectors along the camera's viewing direction.
+        tops: (k, 3) unit vectors perpendicular to them, towards the top of the picture.
+        times_s: (k,) times.
+        known: (k,) whether the attitude is known; otherwise level and nose ahead are assumed.
     """
 
     places_m: FloatArray
@@ -38,7 +38,7 @@ class Observations:
         return int(self.times_s.size)
 
     def where(self, chosen: BoolArray) -> "Observations":
-        """Some of them."""
+        """The selected observations."""
         return Observations(
             self.places_m[chosen], self.axes[chosen], self.tops[chosen], self.times_s[chosen], self.known[chosen]
         )
@@ -49,10 +49,10 @@ def observations_of(
 ) -> Observations:
     """The observations of a track on the planned route, by the sensing rule of the scenario.
 
-    Along the path there is one at every sample, and between two samples as many as keep them ``sample_spacing_m`` apart; or, with
-    pictures by distance, one at the beginning and wherever the vehicle has come that far from the last one, as autopilots
-    trigger. Place, attitude and time are read linearly in between. Where two samples are not joined there is none. Where the
-    track does not know the yaw that a picture needs, the vehicle is taken to fly nose ahead.
+    Along the path there is one at every sample, and enough between samples to keep them ``sample_spacing_m`` apart; or, with
+    pictures by distance, one at the start and one whenever the vehicle is that far from the last one, as autopilots
+    trigger. Position, attitude and time are interpolated linearly. There are none between samples that are not joined. Where
+    the track lacks the yaw that a picture needs, nose ahead is assumed.
 
     Args:
         site: the scenario on its ground.
@@ -86,7 +86,7 @@ def observations_of(
         return np.asarray(np.where(t == 0.0, values[before], values[before] + t * (values[after] - values[before])))
 
     attitude = np.column_stack([track.attitude_deg[:, :2], np.unwrap(track.attitude_deg[:, 2], period=360.0)])
-    # np.unwrap carries a missing yaw on to the end; the samples behind it know theirs.
+    # np.unwrap propagates a missing yaw to the end; later samples know theirs.
     attitude[:, 2] = np.where(np.isfinite(attitude[:, 2]), attitude[:, 2], track.attitude_deg[:, 2])
     course = enu_m[after] - enu_m[np.where(after > before, before, np.maximum(before - 1, 0))]
     turn = camera_turn(sensor, read(attitude), np.degrees(np.arctan2(course[:, 0], course[:, 1])))
@@ -116,11 +116,11 @@ def _between(run: NDArray[np.int64], enu_m: FloatArray, spacing_m: float) -> tup
 
 
 def _pictures(run: NDArray[np.int64], enu_m: FloatArray, distance_m: float) -> tuple[NDArray[np.int64], FloatArray]:
-    """As :func:`_between` for pictures: the first at once, then one wherever the last one is ``distance_m`` away over ground."""
+    """As :func:`_between` for pictures: the first at once, then one after every ``distance_m`` over ground from the last."""
     places = enu_m[run, :2]
     legs, shares, last = [0], [0.0], places[0]
     for leg in range(len(run) - 1):
-        # |start + t way - last| = distance_m, the later solution: the vehicle was nearer before.
+        # |start + t way - last| = distance_m, the later solution: before it the vehicle was nearer.
         way = places[leg + 1] - places[leg]
         length2 = float(way @ way)
         while length2 > 0.0:
@@ -128,7 +128,7 @@ def _pictures(run: NDArray[np.int64], enu_m: FloatArray, distance_m: float) -> t
             half = float(start @ way)
             t = (-half + np.sqrt(half**2 - length2 * (float(start @ start) - distance_m**2))) / length2
             if not t <= 1.0:
-                break  # the end of the leg is nearer than that
+                break  # the end of the leg is nearer
             legs.append(leg)
             shares.append(t)
             last = places[leg] + t * way
@@ -136,7 +136,7 @@ def _pictures(run: NDArray[np.int64], enu_m: FloatArray, distance_m: float) -> t
 
 
 def _reached(site: Site, enu_m: FloatArray, planned: PlannedRoute | None) -> NDArray[np.int64]:
-    """Numbers of the samples that came nearest to each planned waypoint that was reached."""
+    """Numbers of the samples nearest to each planned waypoint that was reached."""
     if planned is None:
         raise TrackError("the sensor looks from the waypoints; without plan.json it is not known where these are")
     radius = REACHED_RADII * site.scenario.vehicle.acceptance_radius_m

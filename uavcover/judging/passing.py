@@ -9,22 +9,22 @@ from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
 
 LATENESS_S = 5.0
-"""A vehicle may tell so late that it goes on to the next waypoint: the message comes once a second, and may be lost."""
+"""Largest delay of a waypoint change in the record: the message comes once a second and may be lost."""
 
 _KEPT_AT_LEAST = 0.5
 _ORDER_OF = 4
-"""Fewer waypoints have no order to speak of."""
+"""Fewer waypoints have no meaningful order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passing:
-    """How a track went along its plan.
+    """How a track followed its plan.
 
     Attributes:
-        samples: (m,) number of the sample at which each planned waypoint was passed, in the order of the plan; -1 where it was
-            not.
-        nearest_m: (m,) shortest distance over ground from the track to each waypoint, whenever that was.
-        radius_m: this near is passed.
+        samples: (m,) number of the sample at which each planned waypoint was passed, in the order of the plan; -1 where it
+            was not.
+        nearest_m: (m,) shortest distance over ground from the track to each waypoint, at any time.
+        radius_m: distance within which a waypoint counts as passed.
     """
 
     samples: IntArray
@@ -33,21 +33,21 @@ class Passing:
 
     @property
     def passed(self) -> BoolArray:
-        """(m,) which were."""
+        """(m,) which waypoints were passed."""
         return np.asarray(self.samples >= 0)
 
 
 def passing(enu_m: FloatArray, joined: BoolArray, waypoints_m: FloatArray, *, radius_m: float) -> Passing:
-    """When an (n, 3) track passed each of (m, 3) waypoints, as many as it can have passed in the order of the plan.
+    """Find when an (n, 3) track passed each of (m, 3) waypoints, maximising the number passed in the order of the plan.
 
-    On each stretch of the track within the radius over ground it passes a waypoint where it comes nearest. Heights are not
-    looked at: a flight at a wrong height is on its route, and is judged there.
+    Each stretch of the track within the radius over ground passes the waypoint at its nearest point. Heights are ignored: a
+    flight at a wrong height is on its route, and is judged there.
 
     Args:
         enu_m: the track.
-        joined: (n - 1,) legs of the track that count; the others are looked at by their ends.
+        joined: (n - 1,) legs of the track that count; of the others only the ends do.
         waypoints_m: the plan.
-        radius_m: this near is passed.
+        radius_m: distance within which a waypoint counts as passed.
     """
     approaches: list[tuple[int, int]] = []
     nearest = np.full(len(waypoints_m), np.inf)
@@ -56,7 +56,7 @@ def passing(enu_m: FloatArray, joined: BoolArray, waypoints_m: FloatArray, *, ra
         nearest[number] = float(distance.min())
         near = np.flatnonzero(distance <= radius_m)
         stretches = np.split(near, np.flatnonzero(np.diff(near) > 1) + 1) if near.size else []
-        # The latest first: so no two approaches to one waypoint follow each other in a chain.
+        # Latest first, so that no chain contains two approaches to one waypoint.
         approaches += [(number, int(run[int(np.argmin(distance[run]))])) for run in reversed(stretches)]
     samples = np.full(len(waypoints_m), -1, dtype=np.int64)
     for number, sample in _longest_chain(approaches):
@@ -65,7 +65,7 @@ def passing(enu_m: FloatArray, joined: BoolArray, waypoints_m: FloatArray, *, ra
 
 
 def _longest_chain(approaches: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Of approaches in the order of the waypoints, as many as possible whose samples do not go back (patience sorting)."""
+    """The longest chain of approaches, ordered by waypoint, whose samples do not go back (patience sorting)."""
     last_samples: list[int] = []
     last_numbers: list[int] = []
     before: list[int] = []
@@ -83,7 +83,7 @@ def _longest_chain(approaches: list[tuple[int, int]]) -> list[tuple[int, int]]:
 
 
 def _distances_m(enu_m: FloatArray, joined: BoolArray, point_m: FloatArray) -> FloatArray:
-    """(n,) distance over ground from a point to each sample and to the leg that begins there."""
+    """(n,) distance over ground from a point to each sample and the leg that begins there."""
     offset = enu_m[:, :2] - point_m[:2]
     distance = np.hypot(offset[:, 0], offset[:, 1])
     if len(enu_m) < 2:
@@ -100,18 +100,18 @@ def _distances_m(enu_m: FloatArray, joined: BoolArray, point_m: FloatArray) -> F
 def contradiction(
     track: Track, enu_m: FloatArray, joined: BoolArray, waypoints_m: FloatArray, *, radius_m: float, speed_m_s: float
 ) -> str | None:
-    """What the waypoint numbers of a track say that its places do not, for people; none when they agree, or say nothing.
+    """How the waypoint numbers of a track contradict its positions; none when they agree, or when there are none.
 
-    The numbers go up from the first one, and where they go on from one waypoint the track is near that waypoint. What happens in
-    stretches that are not joined is not known, and contradicts nothing.
+    The numbers must increase from the first one, and where they change the track must be near that waypoint. Unobserved
+    stretches contradict nothing.
 
     Args:
         track: what was flown.
         enu_m: (n, 3) its positions.
         joined: (n - 1,) legs that were observed.
         waypoints_m: (m, 3) the plan.
-        radius_m: this near is at a waypoint.
-        speed_m_s: of the vehicle, for what it flies until it tells.
+        radius_m: distance within which the vehicle is at a waypoint.
+        speed_m_s: speed of the vehicle, for the distance flown before the change is recorded.
     """
     numbers = track.current_waypoint
     if not (numbers >= 0).any():
@@ -122,13 +122,13 @@ def contradiction(
     changes = told[1:][np.diff(numbers[told]) != 0]
     before = told[:-1][np.diff(numbers[told]) != 0]
     gaps = np.concatenate([[0], np.cumsum(~joined)])
-    # The first number of all, and the one behind the last, are changes too.
+    # The first number, and the one after the last, count as changes too.
     if numbers[told[0]] > 0 and told[0] > 0:
         changes, before = np.append(told[0], changes), np.append(told[0] - 1, before)
     if numbers[told[-1]] == len(waypoints_m) - 1 and told[-1] + 1 < len(numbers):
         changes, before = np.append(changes, told[-1] + 1), np.append(before, told[-1])
     for old, new in zip(before, changes, strict=True):
-        # Told late: somewhere on the last seconds it was there.
+        # Recorded late: the vehicle was there within the last seconds.
         since = int(np.searchsorted(track.time_s, track.time_s[new] - LATENESS_S))
         if gaps[new] > gaps[min(old, since)]:
             continue
@@ -148,7 +148,7 @@ def contradiction(
 
 
 def plan_doubt(passed: Passing) -> str | None:
-    """Why a track cannot be a flight of its plan, for people; none when it can."""
+    """Why a track cannot be a flight of its plan; none when it can."""
     count, near = len(passed.samples), int((passed.nearest_m <= passed.radius_m).sum())
     if near == 0:
         return (

@@ -12,11 +12,11 @@ from uavcover.model.track import Track
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedRoute:
-    """What verification may know of the plan: where it led and what it promised.
+    """The part of a plan that verification may use: its waypoints and its promised coverage.
 
     Attributes:
-        waypoints_m: (n, 3) ENU.
-        coverage_fraction: share of the area that the plan promised to see, 0..1.
+        waypoints_m: (n, 3) ENU positions.
+        coverage_fraction: fraction of the area that the plan promised to cover, 0..1.
     """
 
     waypoints_m: FloatArray
@@ -34,23 +34,22 @@ def on_route(
 ) -> BoolArray:
     """(n,) whether each sample lies between the first and the last planned waypoint; one stretch.
 
-    By ``current_waypoint`` where the track has it and is to be believed: from the first sample on the way to waypoint 1 or
-    later to the last such sample, whatever number stands in between. A vehicle goes on to the next waypoint within its
-    acceptance radius, so the route begins and ends up to that far from its ends. Where the places show that more of the plan
-    was flown before or after, that belongs to the route too: without a number nothing is judged less. A track that never got
-    beyond the way to waypoint 0 has no sample on the route, except that a plan of one waypoint is passed once.
+    By ``current_waypoint`` where the track has it and it is credible: from the first sample heading for waypoint 1 or later to
+    the last such sample, whatever the numbers in between. A vehicle turns to the next waypoint within its acceptance radius,
+    so the route begins and ends up to that far from its ends. Where the positions show that more of the plan was flown
+    before or after, that belongs to the route too: a missing number must not relax the judgement. A track that never got
+    beyond waypoint 0 has no sample on the route, except that a plan of one waypoint is passed once.
 
-    Otherwise a track is judged by its places: from where it first came nearest to the
-    first planned waypoint to where it last came nearest to the last one; "near" is the smallest distance and the
-    acceptance radius. Without a plan the whole track counts.
+    Otherwise by positions: from the first nearest approach to the first planned waypoint to the last nearest approach to the
+    last one, where "near" means the smallest distance plus the acceptance radius. Without a plan the whole track counts.
 
     Args:
         track: what was flown.
         enu_m: (n, 3) its positions.
         planned: the plan, if there is one.
         acceptance_radius_m: of the vehicle.
-        passed: where the track passed the planned waypoints, if that is known.
-        believed: whether the numbers agree with the places.
+        passed: where the track passed the planned waypoints, if known.
+        believed: whether the numbers agree with the positions.
     """
     mask = np.zeros(len(track), dtype=bool)
     numbers = track.current_waypoint
@@ -72,9 +71,9 @@ def on_route(
 
 
 def _beyond(numbers: NDArray[np.int64], span: list[int], passed: Passing | None) -> list[int]:
-    """Samples outside of the span at which planned waypoints were passed that the numbers do not tell of.
+    """Samples outside the span at which planned waypoints were passed that the numbers do not show.
 
-    One waypoint can be passed by chance, as on a straight way home; two in their order, or the end of the route, are its route.
+    One waypoint can be passed by chance, as on a straight flight home; two in order, or the end of the route, belong to it.
     """
     if passed is None:
         return []
@@ -93,7 +92,7 @@ def _beyond(numbers: NDArray[np.int64], span: list[int], passed: Passing | None)
 
 
 def _nearest(enu_m: FloatArray, point_m: FloatArray, radius_m: float) -> int:
-    """Number of the nearest sample of the first approach that comes as near to a (3,) point as any, give or take."""
+    """Number of the nearest sample of the first approach about as near to a (3,) point as any."""
     distance = np.linalg.norm(enu_m - point_m, axis=1)
     near = distance <= distance.min() + radius_m
     begin = int(np.argmax(near))
@@ -102,9 +101,9 @@ def _nearest(enu_m: FloatArray, point_m: FloatArray, radius_m: float) -> int:
 
 
 def observed_stretches(mask: BoolArray, joined: BoolArray) -> list[NDArray[np.int64]]:
-    """Runs of sample numbers inside ``mask`` (n,) of which each is ``joined`` (n - 1,) to the next.
+    """Runs of sample numbers inside ``mask`` (n,), each ``joined`` (n - 1,) to the next.
 
-    What lies between two runs was not observed: it is neither seen nor safe by assumption.
+    What lies between two runs was not observed: neither coverage nor safety is assumed there.
     """
     chosen = np.flatnonzero(mask)
     if chosen.size == 0:

@@ -21,23 +21,23 @@ SPEED_WINDOWS_S = (0.2, 1.0, 3.0)
 ACCELERATION_WINDOWS_S = (0.2, 0.5, 1.0, 2.0)
 
 MAX_LEAN_DEG = 35.0
-"""No mission is flown with more lean: ArduPilot's largest is 30 degrees, PX4 flies missions with up to about 30."""
+"""No mission is flown with a larger lean: ArduPilot's maximum is 30 degrees, PX4 uses up to about 30."""
 GRAVITY_M_S2 = 9.80665
 
 MAX_JUMP_M = 5.0
-"""A jump of the position by no more than this, as when a receiver finds itself again, keeps what comes after it as evidence."""
+"""After a position jump of at most this, as when a receiver regains its fix, later samples remain evidence."""
 SAME_PLACE_S = 1.0
-"""Impossible moves nearer to each other than this are one."""
+"""Impossible moves closer to each other than this are merged."""
 
 STEP_WINDOW_S = 0.5
-"""Velocities before and after an impossible move are means over so long."""
+"""Averaging time of the velocities before and after an impossible move."""
 
 MoveKind = Literal["speed", "climb", "acceleration", "out of reach"]
 
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """The most that a vehicle can do.
+    """The physical limits of a vehicle.
 
     Attributes:
         speed_m_s: over ground.
@@ -53,11 +53,10 @@ class MotionLimits:
 
 
 def motion_limits(vehicle: Vehicle, wind: Wind) -> MotionLimits:
-    """What a vehicle of a scenario can do at most, generously: autopilots overshoot, and the wind carries.
+    """Generous physical limits of a scenario's vehicle: autopilots overshoot, and wind adds to ground speed.
 
-    Over ground its largest airspeed and the wind together; where no airspeed is given one and a half times the cruise speed
-    and 8 m/s for the wind. Vertically twice what the scenario says, and 2 m/s. An acceleration of a lean of 35 degrees, or
-    twice the scenario's where that is more.
+    Ground speed: maximum airspeed plus wind, or without an airspeed 1.5 times the cruise speed plus 8 m/s for wind. Vertical
+    speed: twice the scenario's plus 2 m/s. Acceleration: that of a lean of 35 degrees, or twice the scenario's if larger.
     """
     most_m_s = 1.5 * vehicle.cruise_speed_m_s + max(8.0, wind.speed_m_s)
     if vehicle.max_airspeed_m_s is not None:
@@ -78,11 +77,11 @@ class ImpossibleMove:
     Attributes:
         first: number of the sample at which it begins.
         last: number of the sample at which it ends.
-        kind: what is impossible first: speed, climb (or descent), acceleration; or the place cannot be reached.
-        worst: the worst value in it; of what is out of reach, the speed that it would take.
-        limit: of it.
-        step_m_s: by how much more the velocity changes across it than it can. A jump of the receiver changes the place and leaves
-            the velocity as it was; where the velocity has changed, flight is missing, and nobody knows how much.
+        kind: the first impossibility: speed, climb (or descent), acceleration, or a position out of reach.
+        worst: its worst value; for a position out of reach, the speed required.
+        limit: the limit of that value.
+        step_m_s: excess of the velocity change across it over what is possible. A receiver's jump changes the position but not
+            the velocity; where the velocity has changed, an unknown part of the flight is missing.
     """
 
     first: int
@@ -93,7 +92,7 @@ class ImpossibleMove:
     step_m_s: float = 0.0
 
     def __str__(self) -> str:
-        """What is impossible, with the figures."""
+        """Description with the figures."""
         unit = "m/s2" if self.kind == "acceleration" else "m/s"
         what = "speed" if self.kind == "out of reach" else self.kind
         return f"{what} {self.worst:.1f} {unit} where at most {self.limit:.1f} {unit} are possible"
@@ -101,14 +100,13 @@ class ImpossibleMove:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """What of a track's motion is possible.
+    """Which part of a track's motion is possible.
 
     Attributes:
-        joined: (n - 1,) whether a straight line between two neighbours is evidence: not too far apart in time, and possible.
-        evidence: (n,) whether a sample is: it can be reached from the others by possible motion.
-        moves: what is impossible, in order of time.
-        noise_m: (2,) errors of the positions as they were measured, over ground and vertically: medians of second differences
-            over 0.2 s.
+        joined: (n - 1,) whether the straight line between two neighbours is evidence: close enough in time, and possible.
+        evidence: (n,) whether a sample is evidence: possible motion reaches it from the others.
+        moves: the impossible moves, in order of time.
+        noise_m: (2,) measured horizontal and vertical position noise: medians of second differences over 0.2 s.
     """
 
     joined: BoolArray
@@ -118,13 +116,13 @@ class Motion:
 
 
 def judge_motion(time_s: FloatArray, enu_m: FloatArray, limits: MotionLimits, *, max_gap_s: float) -> Motion:
-    """What of the motion through (n, 3) ENU positions at (n,) increasing times is possible.
+    """Judge which part of the motion through (n, 3) ENU positions at (n,) increasing times is possible.
 
     Args:
         time_s: vehicle time.
         enu_m: positions.
-        limits: of the vehicle.
-        max_gap_s: neighbours further apart in time are not joined.
+        limits: limits of the vehicle.
+        max_gap_s: largest time between joined neighbours.
     """
     joined = np.diff(time_s) <= max_gap_s
     found = _Found(joined)
@@ -135,10 +133,10 @@ def judge_motion(time_s: FloatArray, enu_m: FloatArray, limits: MotionLimits, *,
         _mark_accelerations(found, limits, each)
     joined = joined & ~found.marked
     evidence, unreachable = _reachable(time_s, enu_m, joined, limits)
-    # A sample by itself, with nothing but impossible motion around it, hangs in the air.
+    # A single sample with only impossible motion around it is no evidence.
     alone = ~np.append(joined, False) & ~np.insert(joined, 0, False)
     evidence &= ~(alone & (np.append(found.marked, False) | np.insert(found.marked, 0, False)))
-    # Something has to stand for the flight even where nothing of it is possible.
+    # The flight needs at least one sample even where none of its motion is possible.
     evidence[0] |= not evidence.any()
     joined &= evidence[:-1] & evidence[1:]
     moves = tuple(
@@ -149,7 +147,7 @@ def judge_motion(time_s: FloatArray, enu_m: FloatArray, limits: MotionLimits, *,
 
 
 class _Found:
-    """Windows of samples in which something is impossible, and the legs in them.
+    """Windows of samples with impossible motion, and the legs in them.
 
     Attributes:
         marked: (n - 1,) legs that lie in such a window.
@@ -161,12 +159,12 @@ class _Found:
         self._windows: list[tuple[IntArray, IntArray, FloatArray, float, MoveKind]] = []
 
     def unbroken(self, first: IntArray, last: IntArray) -> BoolArray:
-        """Whether windows of samples first..last hold neither a gap nor a leg that is marked already."""
+        """Whether windows of samples first..last contain neither a gap nor a marked leg."""
         bad = np.concatenate([[0], np.cumsum(self._broken | self.marked)])
         return np.asarray(bad[last] == bad[first])
 
     def mark(self, first: IntArray, last: IntArray, values: FloatArray, limit: float, kind: MoveKind) -> None:
-        """Mark all legs of windows of samples first..last, which have these values."""
+        """Mark all legs of windows of samples first..last that have these values."""
         if first.size == 0:
             return
         changes = np.zeros(len(self.marked) + 1, dtype=np.int64)
@@ -195,7 +193,7 @@ def _mark_speeds(
     seconds = time_s[last] - time_s[first]
     way = enu_m[last] - enu_m[first]
     unbroken = found.unbroken(first, last)
-    # A second difference has up to four times the error of a position in it, a way twice.
+    # A second difference contains up to four times the position error, a distance twice.
     level = np.hypot(way[:, 0], way[:, 1]) - 0.5 * noise.allowance_m(0)
     vertical = 0.5 * noise.allowance_m(1)
     ways: tuple[tuple[MoveKind, FloatArray, float], ...] = (
@@ -221,10 +219,10 @@ def _mark_accelerations(found: _Found, limits: MotionLimits, windows: Windows) -
 def _reachable(
     time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, limits: MotionLimits
 ) -> tuple[BoolArray, list[tuple[int, int, float]]]:
-    """Which samples can be reached from the longest stretch of joined samples, and the stretches that cannot.
+    """Find the samples reachable from the longest stretch of joined samples, and the stretches that are not.
 
-    From the longest stretch outwards: each next stretch counts when the vehicle can have come to it from the last one that
-    does, a small jump apart.
+    From the longest stretch outwards, each next stretch counts when the vehicle can have reached it from the last one that
+    counts, allowing for a small jump.
 
     Returns:
         (n,) whether a sample can be reached; first and last sample of the stretches that cannot, with the speed it would take.
@@ -237,7 +235,7 @@ def _reachable(
     longest = int(np.argmax(time_s[ends] - time_s[starts]))
 
     def needed_m_s(a: int, b: int) -> float:
-        """Speed over ground, or as much more than it as the vertical speed is beyond its own limit."""
+        """Required ground speed, scaled up where the vertical speed exceeds its limit by more."""
         seconds = time_s[b] - time_s[a]
         way = enu_m[b] - enu_m[a]
         level = max(0.0, float(np.hypot(way[0], way[1])) - MAX_JUMP_M) / seconds
@@ -261,7 +259,7 @@ def _reachable(
 def _velocity_step_m_s(
     time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, noise: Windows, limits: MotionLimits, move: ImpossibleMove
 ) -> float:
-    """By how much more than possible the velocity changes across a move, from what was observed right before and after it."""
+    """Excess of the velocity change across a move over what is possible, from samples right before and after it."""
     first, last = move.first, move.last
     while first > 0 and joined[first - 1] and time_s[move.first] - time_s[first] < STEP_WINDOW_S - ROUNDING_S:
         first -= 1
@@ -271,7 +269,7 @@ def _velocity_step_m_s(
     if came_s == 0.0 or went_s == 0.0:
         return 0.0
     change = (enu_m[last] - enu_m[move.last]) / went_s - (enu_m[move.first] - enu_m[first]) / came_s
-    # The two means are the velocities in the middle of what they were taken over.
+    # The two means are the velocities at the middle of their intervals.
     most_m_s = (
         limits.acceleration_m_s2 * float(time_s[last] + time_s[move.last] - time_s[move.first] - time_s[first]) / 2.0
     )
@@ -283,7 +281,7 @@ def _velocity_step_m_s(
 def _moves(
     time_s: FloatArray, found: _Found, lost: list[tuple[int, int, float]], limits: MotionLimits
 ) -> list[ImpossibleMove]:
-    """Marked legs as stretches, each told once, and the stretches that cannot be reached."""
+    """Marked legs as stretches, each reported once, and the stretches out of reach."""
     legs = np.flatnonzero(found.marked)
     moves: list[ImpossibleMove] = []
     if legs.size:

@@ -12,13 +12,13 @@ Holds = Literal["yes", "no", "not proved"]
 
 @dataclass(frozen=True, slots=True)
 class RequirementRow:
-    """A line of the table.
+    """A row of the table.
 
     Attributes:
-        name: what is required.
-        asked: the limit, for people.
+        name: the requirement.
+        asked: its limit, for people.
         found: what the flight did, for people.
-        holds: whether it does; "not proved" where nothing breaks it, and not enough was observed.
+        holds: whether it holds; "not proved" where nothing breaks it, but not enough was observed.
     """
 
     name: str
@@ -28,7 +28,7 @@ class RequirementRow:
 
 
 def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[RequirementRow]:
-    """Every requirement and limit of a scenario against the verdict on a flight."""
+    """Rows that compare every requirement and limit of a scenario with the verdict on a flight."""
     limits, requirements = scenario.limits, scenario.requirements
     judge = _Judge(scenario, report)
     rows = [
@@ -103,7 +103,7 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
 
 
 def _observed_rows(scenario: Scenario, report: VerificationReport) -> list[RequirementRow]:
-    """What of the flight was observed at all."""
+    """Rows about how much of the flight was observed."""
     requirements = scenario.requirements
     missing = report.unobserved_route_fraction
     longest_s = max((stretch.duration_s for stretch in report.unobserved if stretch.in_flight), default=0.0)
@@ -135,7 +135,7 @@ def _is_open_end(stretch: Unobserved) -> bool:
 
 
 class _Judge:
-    """Whether a limit was kept, as far as was observed."""
+    """Judges whether a limit was kept, as far as it was observed."""
 
     def __init__(self, scenario: Scenario, report: VerificationReport) -> None:
         self._report = report
@@ -151,13 +151,13 @@ class _Judge:
         return "yes" if known and self._observed else "not proved"
 
     def words(self, *kinds: ViolationKind) -> str:
-        """How often a limit was left."""
+        """Number of violations, in words."""
         number = self._of(kinds)
         kept = "kept" if self._observed else "kept where it was observed"
         return kept if number == 0 else f"left {number} time{'s' if number > 1 else ''}"
 
     def share(self, name: str, asked: float, found: float) -> RequirementRow:
-        """Coverage that is short is not proved when the verdict has no other reason to call it failed."""
+        """Insufficient coverage is not proved when the verdict has no other reason to fail."""
         short: Holds = "no" if any("coverage" in reason for reason in self._report.reasons) else "not proved"
         holds: Holds = "yes" if found >= asked else short
         return RequirementRow(name, f"at least {100.0 * asked:g} %", f"{100.0 * found:.2f} %", holds)

@@ -21,18 +21,18 @@ from uavcover.scenario.obstacle_prisms import leg_breaches, waypoint_breaches
 from uavcover.scenario.site import Site
 
 SPEED_WINDOW_S = 1.0
-"""Speed is the way over ground flown in a second: between two samples alone the rounding of a log's times counts too much."""
+"""Speed is averaged over this time: between two samples alone, the rounding of a log's times has too much effect."""
 
 _SUSTAINED_S = 5.0
 _UNDER_WAY = 0.5
-"""Above this share of the cruise speed a vehicle is under way, not turning or landing."""
+"""Above this fraction of the cruise speed a vehicle is under way, not turning or landing."""
 _TOO_SLOW = 0.4
 
 
 def ground_speeds_m_s(track: Track, enu_m: FloatArray, joined: BoolArray) -> FloatArray:
-    """(n,) speed over ground around each sample: the way flown in the second around it, over that time.
+    """(n,) ground speed around each sample: distance flown in the second around it, divided by that time.
 
-    At the ends of what was observed the window is the part of that second that was; NaN where nothing is left of it.
+    At the ends of an observed stretch the window is cut to that stretch; NaN where nothing is left of it.
     """
     speeds = np.full(len(track), np.nan)
     for run in observed_stretches(np.ones(len(track), dtype=bool), joined):
@@ -61,10 +61,10 @@ def deviations_m(enu_m: FloatArray, route: BoolArray, planned: PlannedRoute | No
 def commanded_pace_doubt(
     track: Track, enu_m: FloatArray, joined: BoolArray, vehicle: Vehicle, planned: PlannedRoute | None
 ) -> str | None:
-    """Why the pace of a track cannot be that of its mission, for people; none when it can.
+    """Why the pace of a track cannot be that of its mission; none when it can.
 
-    Ways of 5 s are looked at. A vehicle that is sustained faster than its mission commands has a wrong clock, wrong positions,
-    or was flown otherwise; likewise one that never comes near the commanded speed though a leg is long enough for it.
+    Windows of 5 s are evaluated. A vehicle that is persistently faster than its mission commands has a wrong clock or wrong
+    positions, or was flown otherwise; so has one that never approaches the commanded speed on a leg long enough for it.
     """
     time = track.time_s
     last = np.searchsorted(time, time + _SUSTAINED_S)
@@ -110,7 +110,7 @@ Phase = Literal["route", "transit"]
 Unit = Literal["m", "m/s"]
 
 TOLERANCE = 1e-6
-"""A limit counts as kept within this much of its own unit: rounding is no violation."""
+"""Tolerance in the unit of each limit: rounding is no violation."""
 
 _FENCE_STEP_M = 0.25
 _ON_THE_FENCE_M = 1e-6
@@ -118,12 +118,12 @@ _ON_THE_FENCE_M = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Phases:
-    """What each sample belongs to; every sample to exactly one.
+    """The phase of each sample; every sample belongs to exactly one.
 
     Attributes:
         route: (n,) between the first and the last planned waypoint.
-        column: (n,) take-off and landing, where clearance cannot be asked for.
-        junction: (n,) of the transit, straight above or below an end of the planned route: there the band of the route
+        column: (n,) take-off and landing, where no clearance can be required.
+        junction: (n,) part of the transit directly above or below an end of the planned route; there the band of the route
             applies where it is lower than the transit clearance.
     """
 
@@ -133,17 +133,17 @@ class Phases:
 
     @property
     def transit(self) -> BoolArray:
-        """(n,) the way there and the way home, junctions included."""
+        """(n,) both transits, junctions included."""
         return ~self.route & ~self.column
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampleValues:
-    """A value for each sample, and where along the track it was taken.
+    """A value for each sample, and its position along the track.
 
     Attributes:
-        values: (n,).
-        at: (n,) place along the track: sample 7 and a quarter of the way to sample 8 is 7.25.
+        values: (n,) the values.
+        at: (n,) position along the track in samples: 7.25 is a quarter of the way from sample 7 to sample 8.
     """
 
     values: FloatArray
@@ -152,12 +152,12 @@ class SampleValues:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Heights:
-    """Lowest and highest point above ground next to each sample: on the legs before and after it.
+    """Lowest and highest height above ground on the legs before and after each sample.
 
-    A leg between two phases counts for the sample of the phase that asks for less: column, then transit, then route.
+    A leg between two phases counts for the less strict one: column, then transit, then route.
 
     Attributes:
-        lowest: metres above ground; NaN where the ground, there or on such a leg, is not known.
+        lowest: metres above ground; NaN where the ground there, or below such a leg, is unknown.
         highest: likewise.
     """
 
@@ -175,7 +175,7 @@ def track_heights(site: Site, enu_m: FloatArray, joined: BoolArray, phases: Phas
     of_leg = np.maximum(laxity[:-1], laxity[1:])
     for side in (slice(None, -1), slice(1, None)):
         counts = joined & (laxity[side] == of_leg)
-        # A height that is not known on the leg is not known next to the sample, whatever the leg on the other side says.
+        # An unknown height on one leg makes the sample's height unknown, whatever the other leg says.
         unknown = np.isnan(ranges[:, 0])
         lower = counts & (unknown | (ranges[:, 0] < lowest[side]))
         higher = counts & (unknown | (ranges[:, 2] > highest[side]))
@@ -187,7 +187,7 @@ def track_heights(site: Site, enu_m: FloatArray, joined: BoolArray, phases: Phas
 
 
 class ViolationFinder:
-    """Finds the stretches of a track on which a limit was not kept.
+    """Finds the stretches of a track that break a limit.
 
     Args:
         track: the flown track.
@@ -252,9 +252,9 @@ class ViolationFinder:
 def find_violations(
     site: Site, track: Track, enu_m: FloatArray, heights: Heights, phases: Phases, joined: BoolArray
 ) -> list[Violation]:
-    """Every stretch of the track on which a limit of height or place was not kept, in order of time.
+    """Find every stretch of the track that breaks a limit of height or position, in order of time.
 
-    Where the ground is not known no height is judged here; the verdict says so apart.
+    Where the ground is unknown, no height is judged here; the verdict reports that separately.
 
     Args:
         site: the scenario on its ground.
@@ -268,7 +268,7 @@ def find_violations(
     route, transit = phases.route, phases.transit
     low, high = heights.lowest, heights.highest
     numbers = np.arange(len(track), dtype=float)
-    # Along a straight line height above sea level is linear: it is worst at a sample.
+    # Along a straight line height above sea level is linear, so its extremes are at samples.
     sea = SampleValues(track.geodetic[:, 2], numbers)
     outside = SampleValues(_outside_fence_m(site, enu_m, joined), numbers)
     lacking = _lacking_clearance(site, enu_m, joined)
@@ -296,7 +296,7 @@ def find_violations(
 
 
 def _lacking_clearance(site: Site, enu_m: FloatArray, joined: BoolArray) -> SampleValues:
-    """Metres of clearance from obstacles that each sample of an (n, 3) track lacks, there or on a leg next to it."""
+    """Metres of missing clearance from obstacles for each sample of an (n, 3) track, there or on an adjacent leg."""
     breaches = waypoint_breaches(site.ground, enu_m, site.scenario.obstacles)
     lacking, at = breaches[:, 1].copy(), np.arange(len(enu_m), dtype=float)
     legs = leg_breaches(site.ground, enu_m, site.scenario.obstacles)
@@ -308,11 +308,11 @@ def _lacking_clearance(site: Site, enu_m: FloatArray, joined: BoolArray) -> Samp
 
 
 def _outside_fence_m(site: Site, enu_m: FloatArray, joined: BoolArray) -> FloatArray:
-    """(n,) how far each sample, or a leg from it whose ends are both inside, lies outside the fence; 0 inside."""
+    """(n,) distance outside the fence of each sample, or of a leg from it with both ends inside; 0 inside."""
     distance = np.asarray(shapely.distance(site.fence, shapely.points(enu_m[:, :2])), float).copy()
     if len(enu_m) < 2 or site.fence.equals(site.fence.convex_hull):
         return distance
-    # Only out of a fence with bays can a straight line lead from inside to inside.
+    # Only in a non-convex fence can a line between inside points leave it.
     lines = np.asarray(shapely.linestrings(np.stack([enu_m[:-1, :2], enu_m[1:, :2]], axis=1)))
     ends_inside = (distance[:-1] == 0.0) & (distance[1:] == 0.0)
     across = np.flatnonzero(joined & ends_inside & ~shapely.covers(site.fence, lines))

@@ -14,7 +14,7 @@ from uavcover.scenario.site import Site
 
 
 def place_of(site: Site, enu_m: FloatArray) -> str:
-    """A place for people: latitude and longitude, or metres where the scenario has no place on Earth."""
+    """A position as text: latitude and longitude, or local metres where the scenario is not georeferenced."""
     if site.frame is None:
         return f"{enu_m[0]:.0f} m east, {enu_m[1]:.0f} m north"
     lat, lon, _ = site.frame.geodetic_from_enu(enu_m)
@@ -24,7 +24,7 @@ def place_of(site: Site, enu_m: FloatArray) -> str:
 def unobserved_stretches(
     site: Site, track: Track, enu_m: FloatArray, joined: BoolArray, route: BoolArray, motion: Motion, kept: IntArray
 ) -> Iterator[Unobserved]:
-    """What lies between samples that are not joined.
+    """The unobserved stretches between samples that are not joined.
 
     Args:
         site: the scenario on its ground.
@@ -32,10 +32,10 @@ def unobserved_stretches(
         enu_m: (n, 3) their positions.
         joined: (n - 1,) legs that were observed.
         route: (n,) which samples belong to the planned route.
-        motion: of the track as it was told.
-        kept: (n,) numbers of the samples in the track as it was told.
+        motion: motion of the track as recorded.
+        kept: (n,) numbers of the samples in the track as recorded.
     """
-    # Before it moves for the first time, and after the last, it stands on the ground.
+    # Before its first move and after its last one the vehicle stands on the ground.
     moved = np.flatnonzero(np.linalg.norm(enu_m - enu_m[0], axis=1) > MAX_JUMP_M)
     moving = np.flatnonzero(np.linalg.norm(enu_m - enu_m[-1], axis=1) > MAX_JUMP_M)
     for k in np.flatnonzero(~joined):
@@ -55,7 +55,7 @@ def stretch_at(
     site: Site, enu_m: FloatArray, *, reason: UnobservedReason, detail: str, span_s: tuple[float, float],
     length_m: float, on_route: bool, in_flight: bool = True,
 ) -> Unobserved:  # fmt: skip
-    """An unobserved stretch from its first to its last moment ``span_s``, which begins at a (3,) place."""
+    """An unobserved stretch that begins at a (3,) position; ``span_s`` is its first and last moment."""
     lat, lon = np.full(1, np.nan), np.full(1, np.nan)
     if site.frame is not None:
         lat, lon, _ = site.frame.geodetic_from_enu(enu_m)
@@ -85,7 +85,7 @@ def way_after_m(planned: PlannedRoute | None, passed: Passing | None) -> FloatAr
 def ways_between_m(
     enu_m: FloatArray, joined: BoolArray, route: BoolArray, planned: PlannedRoute | None, passed: Passing | None
 ) -> Iterator[FloatArray]:
-    """For each stretch of the route that is not joined a (k, 3) way: straight, or over the planned waypoints in between."""
+    """A (k, 3) path for each unobserved stretch of the route: straight, or through the planned waypoints in between."""
     for k in np.flatnonzero(~joined & (route[:-1] | route[1:])):
         between = np.empty((0, 3))
         if planned is not None and passed is not None:

@@ -25,12 +25,12 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 
 AGREE_M = 0.3
-"""Logs of one flight differ by the rounding of their positions and by what is between two samples."""
+"""Tolerance between logs of one flight: rounding of positions, and interpolation between samples."""
 ENOUGH_FRACTION = 0.9
-"""So much of the time that both records cover has to agree."""
+"""Fraction of the time covered by both records that has to agree."""
 LEAST_S = 20.0
 LEAST_SHARE = 0.25
-"""Of the time in which the shorter record moves: less may be one leg that both flew at the same speed."""
+"""Fraction of the time in which the shorter record moves: less may be a single leg that both flew at the same speed."""
 
 _STEP_S = 0.5
 _MOVES_M_S = 1.0
@@ -39,7 +39,7 @@ _CANDIDATES = 5
 _BIN_S = 0.5
 _MAX_GAP_S = 2.5
 _NEAR_S = 1.0
-"""Less than what separates two passes: where one record ends, the other one's pass goes on."""
+"""Shorter than the time between two passes: where one record ends, the pass continues in the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +47,9 @@ class SameFlight:
     """How two records of one flight agree.
 
     Attributes:
-        duration_s: for how long, while they move.
-        shift_s: added to the second one's times.
-        median_m: half of their positions are not further apart.
+        duration_s: how long they agree while moving.
+        shift_s: seconds to add to the times of the second record.
+        median_m: median distance between their positions.
     """
 
     duration_s: float
@@ -58,7 +58,7 @@ class SameFlight:
 
 
 def same_flight(one_s: FloatArray, one_m: FloatArray, other_s: FloatArray, other_m: FloatArray) -> SameFlight | None:
-    """How two tracks agree if they are records of one flight; None if they are not.
+    """The agreement of two tracks that record one flight; None for two flights.
 
     Args:
         one_s: (n,) increasing times of the first.
@@ -83,7 +83,7 @@ def same_flight(one_s: FloatArray, one_m: FloatArray, other_s: FloatArray, other
 
 
 def has_near(times_s: FloatArray, asked_s: FloatArray) -> NDArray[np.bool_]:
-    """(k,) whether one of (n,) increasing times is near each of (k,) others."""
+    """(k,) whether each of (k,) times has one of (n,) increasing times near it."""
     if times_s.size == 0:
         return np.zeros(asked_s.shape, dtype=bool)
     after = np.searchsorted(times_s, asked_s)
@@ -92,7 +92,7 @@ def has_near(times_s: FloatArray, asked_s: FloatArray) -> NDArray[np.bool_]:
 
 
 def _observed_at(time_s: FloatArray, times_s: FloatArray) -> NDArray[np.bool_]:
-    """Which of (k,) times lie between two of (n,) samples that are not far apart."""
+    """Which of (k,) times lie between two of (n,) samples close to each other in time."""
     after = np.clip(np.searchsorted(time_s, times_s), 1, len(time_s) - 1)
     inside = (times_s >= time_s[0]) & (times_s <= time_s[-1])
     return np.asarray(inside & (time_s[after] - time_s[after - 1] <= _MAX_GAP_S))
@@ -100,7 +100,7 @@ def _observed_at(time_s: FloatArray, times_s: FloatArray) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moving:
-    """Places of a track at even times at which it moves over ground."""
+    """Positions of a track at regular times while it moves."""
 
     times_s: FloatArray
     places_m: FloatArray
@@ -121,13 +121,13 @@ def _at(time_s: FloatArray, enu_m: FloatArray, times_s: FloatArray) -> FloatArra
 
 
 def _likely_shifts_s(one: _Moving, other: _Moving) -> list[float]:
-    """Shifts of the second clock that bring most of some of its places to the first one's at the same time."""
+    """Clock shifts for which most of some sampled positions of the second track coincide with the first."""
     if not (len(one.times_s) and len(other.times_s)):
         return []
     found: list[FloatArray] = []
     for probe in np.unique(np.linspace(0, len(other.times_s) - 1, _PROBES).astype(int)):
         off_m = other.places_m[probe] - one.places_m
-        # Where along each half second of the first one it comes nearest.
+        # Nearest approach within each half second of the first track.
         speed2 = (one.velocities_m_s**2).sum(axis=1)
         along_s = np.clip((off_m * one.velocities_m_s).sum(axis=1) / speed2, 0.0, _STEP_S)
         near = np.linalg.norm(off_m - along_s[:, None] * one.velocities_m_s, axis=1) <= AGREE_M
@@ -148,8 +148,8 @@ class FlownTrack:
     """A track and the plan it followed.
 
     Attributes:
-        track: what was flown.
-        planned: what was planned for it, if anything.
+        track: the flown track.
+        planned: its plan, if any.
     """
 
     track: Track
@@ -162,15 +162,15 @@ _DRAWN_CELLS = 2000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verdict:
-    """Everything that verification found out.
+    """The complete result of verification.
 
     Attributes:
         coverage: the cells that were judged.
-        report: the verdict in figures.
-        flown: what was seen, cell by cell.
-        gaps: what was not seen, with the cells.
-        shifts_s: what was added to the vehicle times of each track so that all run on one clock, as those of ``flown`` and of
-            the report's ``coverage_by_time`` do.
+        report: decision and figures.
+        flown: coverage by cell.
+        gaps: the coverage gaps and their cells.
+        shifts_s: seconds added to the vehicle times of each track to put all on one clock, which ``flown`` and the report's
+            ``coverage_by_time`` use.
     """
 
     coverage: CoverageMap
@@ -198,7 +198,7 @@ class Verdict:
 
 
 def flown_coverage(coverage: CoverageMap, track: Track, planned: PlannedRoute | None) -> FlownCoverage:
-    """What a track saw between its first and last planned waypoint, by the sensor of the scenario.
+    """Coverage of a track between its first and last planned waypoint.
 
     Raises:
         TrackError: the sensor looks from waypoints only, and there is no plan that says where they are.
@@ -208,15 +208,15 @@ def flown_coverage(coverage: CoverageMap, track: Track, planned: PlannedRoute | 
 
 
 def verify_track(site: Site, coverage: CoverageMap, track: Track, planned: PlannedRoute | None) -> VerificationReport:
-    """The verdict on one track; see :func:`verify_flight`."""
+    """Verify one track; see :func:`verify_flight`."""
     return verify_flight(site, coverage, [FlownTrack(track, planned)]).report
 
 
 def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack]) -> Verdict:
-    """Coverage and safety of what was flown, from the tracks alone; the plans are only compared with.
+    """Verify coverage and safety from the flown tracks alone; plans serve for comparison only.
 
-    Several tracks, of several sorties or vehicles, count as one flight: what any of them saw was seen, and each has to keep
-    the limits. What two records of one flight both observed counts once.
+    Several tracks, of several sorties or vehicles, count as one flight: a cell seen by any of them is seen, and each has to
+    keep the limits. Observations present in two records of one flight count once.
 
     Args:
         site: the scenario on its ground.
@@ -224,11 +224,11 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
         tracks: at least one, the first with the plan whose coverage was promised.
 
     Raises:
-        TrackError: a track is empty, or has a position that is no place on Earth.
+        TrackError: a track is empty, or has a position that is not on Earth.
     """
     judged = [judge_track(site, flown.track, flown.planned) for flown in tracks]
     records = _records_of_one_flight(judged)
-    # A pause longer than what separates two passes: the tracks' observations are passes of their own.
+    # The pause is longer than the time between two passes, so each track's observations are separate passes.
     pause_s = 2.0 * site.scenario.requirements.max_gap_s
     same_clock = {record.second: (record.first, record.same.shift_s) for record in records}
     shifts_s = joining_shifts_s([flown.track.time_s for flown in tracks], pause_s=pause_s, same_clock=same_clock)
@@ -278,14 +278,14 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
 
 @dataclass(frozen=True, slots=True)
 class _Records:
-    """Two tracks, by their places in the list, that are records of one flight."""
+    """Two tracks, by index, that record one flight."""
 
     first: int
     second: int
     same: SameFlight
 
     def __str__(self) -> str:
-        """What was found, for people."""
+        """Description for people."""
         return (
             f"tracks {self.first + 1} and {self.second + 1} are records of one flight: they agree within "
             f"{self.same.median_m:.2f} m (median) for {self.same.duration_s:.0f} s; what both observed counts once"
@@ -293,7 +293,7 @@ class _Records:
 
 
 def _records_of_one_flight(judged: Sequence[JudgedTrack]) -> list[_Records]:
-    """For each track the first one before it that is a record of the same flight."""
+    """For each track the first earlier one that records the same flight."""
     records = []
     for second, other in enumerate(judged):
         for first, one in enumerate(judged[:second]):

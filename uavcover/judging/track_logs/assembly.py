@@ -11,7 +11,7 @@ from uavcover.model.track import ReadTrack, Track
 from uavcover.scenario.frames import LocalFrame
 
 MAX_ATTITUDE_GAP_S = 1.0
-"""A position gets its attitude from the two rows around it when these are at most this far apart in time."""
+"""Largest time between the two rows around a position from which its attitude is interpolated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,8 +20,8 @@ class LoggedRows:
 
     Attributes:
         positions: (n, 4) time in seconds, latitude and longitude in degrees, height above sea level in metres.
-        attitudes: (k, 4) time in seconds, roll, pitch and yaw in degrees; none at all is fine.
-        warnings: what was left out or assumed so far.
+        attitudes: (k, 4) time in seconds, roll, pitch and yaw in degrees; may be empty.
+        warnings: what was dropped or assumed so far.
     """
 
     positions: FloatArray
@@ -30,10 +30,10 @@ class LoggedRows:
 
 
 def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack:
-    """One sample for each position, its attitude read between the rows around it, NaN where there are none near.
+    """Make one sample for each position, with its attitude interpolated, or NaN where no rows are near.
 
-    Positions of latitude and longitude 0 (no fix yet) and repeated times are left out, and said. Such a log does not know
-    the plan's waypoints: ``current_waypoint`` is -1 throughout.
+    Positions at latitude and longitude 0 (no fix yet) and repeated times are dropped, with a warning. Such a log does not
+    know the plan's waypoints: ``current_waypoint`` is -1 throughout.
 
     Raises:
         TrackError: no position, one that is no place on Earth, or time that goes back.
@@ -46,7 +46,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
         positions = positions[has_fix]
     if len(positions) == 0:
         raise TrackError(f"{path}: there are no positions in it")
-    # The largest time so far: a row that is not later than that is a repetition, or goes back.
+    # The largest time so far: any row not later than that repeats or goes back.
     before = np.concatenate([[-np.inf], np.maximum.accumulate(positions[:, 0])[:-1]])
     back = positions[:, 0] < before
     if back.any():
@@ -94,7 +94,7 @@ def _attitudes_at(time_s: FloatArray, attitudes: FloatArray) -> FloatArray:
     after = np.searchsorted(known[:, 0], time_s)
     before = np.maximum(after - 1, 0)
     after = np.minimum(after, len(known) - 1)
-    # At the ends of the log one row is both the one before and the one after.
+    # At the ends of the log the same row serves as the one before and the one after.
     gap = np.where(before == after, np.abs(known[after, 0] - time_s), known[after, 0] - known[before, 0])
     off_end = np.maximum(known[0, 0] - time_s, time_s - known[-1, 0])
     near = np.maximum(np.where(off_end > 0.0, 0.0, gap), off_end) <= MAX_ATTITUDE_GAP_S

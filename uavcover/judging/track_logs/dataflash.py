@@ -17,21 +17,21 @@ _FIX_3D = 3
 
 
 def read_dataflash(path: Path) -> LoggedRows:
-    """Positions (POS: the estimator's; where there is none GPS, its first instance) and attitudes (ATT).
+    """Read positions (POS of the estimator, otherwise the first GPS) and attitudes (ATT).
 
     Raises:
         TrackError: not such a log, or without positions.
     """
     if path.read_bytes()[:2] != _MAGIC:
         raise TrackError(f"{path}: is no dataflash log of ArduPilot; it does not begin with its two marks a3 95")
-    # Importing pymavlink takes a moment that other kinds of logs need not wait for.
+    # Importing pymavlink takes a moment; other kinds of logs do not need it.
     from pymavlink import DFReader
 
     estimated: list[tuple[float, ...]] = []
     measured: list[tuple[float, ...]] = []
     attitudes: list[tuple[float, ...]] = []
     complaints = io.StringIO()
-    # The reader tells of damaged places, a line for each byte (its compiled index on stderr itself, out of reach here).
+    # The reader prints a line for each damaged byte (its compiled index writes to stderr directly, out of reach here).
     with contextlib.redirect_stderr(complaints), contextlib.redirect_stdout(complaints):
         try:
             with _opened(DFReader.DFReader_binary, path) as reader:
@@ -58,7 +58,7 @@ def read_dataflash(path: Path) -> LoggedRows:
 
 @contextlib.contextmanager
 def _opened(kind: Any, path: Path) -> Iterator[Any]:
-    """A reader that closes its file also when it cannot be made: it reads all of the log while it is."""
+    """A reader that closes its file even when its construction fails, which reads the whole log."""
     reader = kind.__new__(kind)
     try:
         reader.__init__(str(path), zero_time_base=False)

@@ -13,9 +13,9 @@ from uavcover.judging.track_logs.assembly import LoggedRows
 
 
 def read_gpx(path: Path) -> LoggedRows:
-    """The points of all tracks and segments of a GPX 1.0 or 1.1 file; time counts from the first one.
+    """Read the points of all tracks and segments of a GPX 1.0 or 1.1 file; time counts from the first one.
 
-    ``ele`` is a height above sea level by the standard; that a logger kept to it is said as a warning.
+    ``ele`` is a height above sea level by the standard; a warning says that this is assumed.
 
     Raises:
         TrackError: not such a file; a point has no height or time, or one that is no number.
@@ -51,7 +51,7 @@ def _points(path: Path, root: ElementTree.Element) -> Iterator[tuple[float, floa
 
 
 def _name(element: ElementTree.Element) -> str:
-    """Its name without the namespace."""
+    """The element's name without its namespace."""
     return element.tag.rpartition("}")[2]
 
 
@@ -70,5 +70,5 @@ def _time_s(path: Path, point: int, text: str | None) -> float:
         moment = datetime.datetime.fromisoformat(text or "")
     except ValueError:
         raise TrackError(f"{path}: track point {point}: time is {text!r}, not a date and time") from None
-    # GPX times are UTC; one without a zone is taken so.
+    # GPX times are UTC, also those without a zone.
     return (moment if moment.tzinfo else moment.replace(tzinfo=datetime.UTC)).timestamp()

@@ -21,10 +21,10 @@ READERS: dict[str, Callable[[Path], LoggedRows]] = {
 
 
 def read_foreign_log(path: Path, frame: LocalFrame) -> ReadTrack:
-    """The track of a log with one of the endings of READERS (large or small letters), in the local frame.
+    """Read the track of a log in the local frame; the suffix, in upper or lower case, is one of READERS.
 
     Raises:
-        TrackError: another ending, a file that cannot be read, is no such log or has no positions.
+        TrackError: another suffix, or a file that cannot be read, is no such log or has no positions.
     """
     reader = READERS.get(path.suffix.lower())
     if reader is None:

@@ -13,12 +13,12 @@ _Rows = dict[_Source, list[tuple[float, ...]]]
 
 
 def read_telemetry(path: Path) -> LoggedRows:
-    """Positions (GLOBAL_POSITION_INT) and attitudes (ATTITUDE) of the one vehicle in a log, by the vehicle's own clock.
+    """Read positions (GLOBAL_POSITION_INT) and attitudes (ATTITUDE) of the only vehicle in a log, on its own clock.
 
     Raises:
         TrackError: not such a log, without positions, or with positions of several vehicles.
     """
-    # Importing pymavlink takes a moment that other kinds of logs need not wait for.
+    # Importing pymavlink takes a moment; other kinds of logs do not need it.
     from pymavlink import mavutil
     from pymavlink.dialects.v20 import common as mavlink
 
@@ -48,7 +48,7 @@ def read_telemetry(path: Path) -> LoggedRows:
         raise TrackError(
             f"{path}: has positions of {len(systems)} vehicles (systems {', '.join(map(str, systems))}); give a log of one"
         )
-    # Only the autopilot knows where the vehicle is; in a log without heartbeats it is the component that says most.
+    # Only the autopilot's positions count; in a log without heartbeats it is the component that sends most.
     speaking = {key: len(rows) for key, rows in positions.items() if key in autopilots} or {
         key: len(rows) for key, rows in positions.items()
     }

@@ -14,10 +14,10 @@ _MAGIC = b"ULog\x01\x12\x35"
 
 
 def read_ulog(path: Path) -> LoggedRows:
-    """Positions (vehicle_global_position) and attitudes (vehicle_attitude).
+    """Read positions (vehicle_global_position) and attitudes (vehicle_attitude).
 
     Raises:
-        TrackError: not such a log, without positions, or pyulog is not installed.
+        TrackError: no such log, no positions, or pyulog is not installed.
     """
     if path.read_bytes()[: len(_MAGIC)] != _MAGIC:
         raise TrackError(f"{path}: is no ULog of PX4; it does not begin with its mark")
