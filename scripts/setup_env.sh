@@ -27,3 +27,13 @@ if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ]; then
     "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-build-isolation -c constraints.txt -e ".${extra:+[$extra]}"
     echo "$wanted" > "$stamp"
 fi
+
+# The numeric kernels are compiled once, here, so that no search and no test waits for it; their machine code is kept by a
+# checksum of their sources.
+kernels="$venv/.uavcover-kernels"
+sources="$(cat uavcover/kernels/*.py | cksum)"
+if [ "$(cat "$kernels" 2>/dev/null || true)" != "$sources" ]; then
+    echo "set-up: compiling the numeric kernels (1 to 3 minutes the first time)"
+    "$venv/bin/uavcover" doctor --compile -q
+    echo "$sources" > "$kernels"
+fi

@@ -18,9 +18,6 @@ background=""
 trap 'kill $background 2>/dev/null || true; rm -rf "$scratch"' EXIT
 trap 'exit 130' INT TERM
 
-# What is compiled once is not compiled by every test process; a core is free for it while the other one looks at types.
-"$bin/uavcover" demo -q -o "$scratch/demo" --evaluations 40 --speed 50 &
-background=$!
 echo "gate: ruff"
 "$bin/ruff" check .
 "$bin/ruff" format --check .
@@ -30,7 +27,6 @@ echo "gate: import contracts"
 "$bin/lint-imports"
 echo "gate: documentation"
 NO_MKDOCS_2_WARNING=1 "$bin/python" -m mkdocs build --strict --quiet -d "$scratch/site"
-wait "$background" || echo "the demo that was to compile the kernels failed; the tests below tell why" >&2
 
 # A test file stays in one process: what its tests share is made once. tests/conftest.py puts the long ones first.
 parallel="-q -n auto --dist loadfile --no-loadscope-reorder"

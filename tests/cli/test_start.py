@@ -1,9 +1,14 @@
 """What happens before a command has begun, and when nobody reads what it says."""
 
+import shlex
 import subprocess
 import sys
+from typing import Any
 
 import pytest
+import typer
+
+from uavcover.cli.main import _GROUPS, app
 
 _INTERRUPTED_WHILE_IT_LOADS = """
 import sys
@@ -50,3 +55,15 @@ def test_help_loads_no_numbers() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=True)
     assert done.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "example"), [(n, e) for group in _GROUPS.values() for n, c in group.items() for e in c[2]]
+)
+def test_examples_of_the_help_texts_parse(name: str, example: str) -> None:
+    program, command, *arguments = shlex.split(example)
+    assert (program, command) == ("uavcover", name)
+    group: Any = typer.main.get_command(app)
+    with group.commands[name].make_context(name, arguments) as context:
+        assert context.args == []
+    assert example in group.commands[name].epilog

@@ -45,6 +45,11 @@ class Console:
         if not self.quiet:
             self._write(sys.stderr if self.as_json else sys.stdout, line)
 
+    def suggest(self, *commands: str) -> None:
+        """What the user may run next, one command a line."""
+        for number, command in enumerate(commands):
+            self.say(f"{'Next:' if number == 0 else '     '} {command}")
+
     def warn(self, line: str) -> None:
         """A line that should not be missed; always on stderr."""
         self._write(sys.stderr, f"warning: {line}")

@@ -119,12 +119,21 @@ def doctor(
     quiet: options.Quiet = False,
     verbose: options.Verbose = 0,
     imports: Annotated[bool, typer.Option(help="Try every package, not only look it up.")] = True,
+    compile_ahead: Annotated[
+        bool, typer.Option("--compile", help="Compile the numeric kernels now, so that no search waits for it.")
+    ] = False,
 ) -> int:
     """Say what is installed, what works, and what each optional part would need."""
     from uavcover.cli.console import Console
-    from uavcover.cli.doctor import examine
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    if compile_ahead:
+        from uavcover.run.compile_ahead import compile_kernels
+
+        wall_s = compile_kernels(console)
+        console.say(f"the numeric kernels are compiled ({wall_s:.0f} s)")
+        console.result({"compiled": True, "wall_s": wall_s})
+        return 0
     findings = examine(try_imports=imports)
     for finding in findings:
         console.say(

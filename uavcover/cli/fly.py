@@ -86,9 +86,12 @@ def fly(
     )  # fmt: skip
     if resume:
         resumed, document = resume_run(folder, link, console, asked, command=sys.argv)
+        if resumed is not None:
+            console.suggest(f"uavcover verify {run}")
         console.result(document)
         return INTERRUPTED if resumed is not None and resumed.ending in ENDED_BY_USER else 0
     site, planned = read_planned(folder)
     outcome, document = fly_run(folder, site, planned.route, link, console, asked)
+    console.suggest(f"uavcover verify {folder}")
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0

@@ -37,36 +37,116 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-_GROUPS: dict[str, dict[str, tuple[Callable[..., int], str]]] = {
+_GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] = {
     "Start": {
-        "demo": (demo, "the whole chain on real terrain, with a mock vehicle"),
-        "doctor": (doctor, "what is installed, what works, what is missing"),
+        "demo": (
+            demo,
+            "the whole chain on real terrain, with a mock vehicle",
+            ("uavcover demo", "uavcover demo -o RUN --autopilot px4"),
+        ),
+        "doctor": (
+            doctor,
+            "what is installed, what works, what is missing",
+            ("uavcover doctor", "uavcover doctor --compile"),
+        ),
     },
     "Plan": {
-        "plan": (plan, "a route that sees the area, and its mission files"),
-        "pareto": (pareto, "the trade-off of a plan, as a table or a picture"),
-        "select": (select, "another route of that trade-off, and its mission files"),
-        "export": (export, "the mission as one file for other software"),
+        "plan": (
+            plan,
+            "a route that sees the area, and its mission files",
+            ("uavcover plan jacksboro -o RUN --budget 30s", 'uavcover plan area.toml -o RUN --select "coverage>=0.95"'),
+        ),
+        "pareto": (
+            pareto,
+            "the trade-off of a plan, as a table or a picture",
+            ("uavcover pareto RUN", "uavcover pareto RUN --plot tradeoff.png"),
+        ),
+        "select": (
+            select,
+            "another route of that trade-off, and its mission files",
+            ("uavcover select RUN knee", 'uavcover select RUN "coverage>=0.98"'),
+        ),
+        "export": (
+            export,
+            "the mission as one file for other software",
+            (
+                "uavcover export RUN --format kml -o route.kml",
+                "uavcover export RUN --format plan --autopilot px4 -o mission.plan",
+            ),
+        ),
     },
     "Vehicle": {
-        "plan-upload": (plan_upload, "plan if needed, check, upload, read back, compare"),
-        "upload": (upload, "send any .waypoints or .plan file, read it back"),
-        "download": (download, "a vehicle's mission, fence or rally as a file"),
-        "clear": (clear, "empty a vehicle's mission, fence or rally points"),
-        "fly": (fly, "arm, start, follow, record, land"),
-        "mock-vehicle": (mock_vehicle, "a MAVLink vehicle for any ground station"),
+        "plan-upload": (
+            plan_upload,
+            "plan if needed, check, upload, read back, compare",
+            (
+                "uavcover plan-upload RUN --to udp:127.0.0.1:14550",
+                "uavcover plan-upload area.toml --to /dev/ttyACM0 --link telemetry-radio",
+            ),
+        ),
+        "upload": (
+            upload,
+            "send any .waypoints or .plan file, read it back",
+            (
+                "uavcover upload mission.waypoints --to udp:127.0.0.1:14550",
+                "uavcover upload fence.plan --type fence --to tcp:127.0.0.1:5760",
+            ),
+        ),
+        "download": (
+            download,
+            "a vehicle's mission, fence or rally as a file",
+            (
+                "uavcover download --from udp:127.0.0.1:14550 -o mission.waypoints",
+                "uavcover download --from tcp:127.0.0.1:5760 --type all -o all.plan",
+            ),
+        ),
+        "clear": (
+            clear,
+            "empty a vehicle's mission, fence or rally points",
+            ("uavcover clear --to udp:127.0.0.1:14550", "uavcover clear --to udp:127.0.0.1:14550 --type fence"),
+        ),
+        "fly": (
+            fly,
+            "arm, start, follow, record, land",
+            ("uavcover fly RUN --to mock:", "uavcover fly RUN --to udp:127.0.0.1:14550 --resume"),
+        ),
+        "mock-vehicle": (
+            mock_vehicle,
+            "a MAVLink vehicle for any ground station",
+            (
+                "uavcover mock-vehicle --listen udpin://127.0.0.1:14550",
+                "uavcover mock-vehicle --listen tcpin://127.0.0.1:5760 --autopilot px4 --loss 0.2",
+            ),
+        ),
     },
     "After": {
-        "verify": (verify, "coverage and safety of what was flown"),
-        "gaps": (gaps, "what was not seen, and a mission that flies only that"),
-        "report": (report, "one HTML file about a run, opens offline"),
-        "inspect": (inspect, "look at the recording in 3D, as text or picture"),
+        "verify": (
+            verify,
+            "coverage and safety of what was flown",
+            ("uavcover verify RUN", "uavcover verify RUN --log flight.bin"),
+        ),
+        "gaps": (
+            gaps,
+            "what was not seen, and a mission that flies only that",
+            ("uavcover gaps RUN", "uavcover gaps RUN --target 0.98 --min-area 50"),
+        ),
+        "report": (
+            report,
+            "one HTML file about a run, opens offline",
+            ("uavcover report RUN", "uavcover report RUN -o flight.html"),
+        ),
+        "inspect": (
+            inspect,
+            "look at the recording in 3D, as text or picture",
+            ("uavcover inspect RUN", "uavcover inspect RUN --screenshot flight.png"),
+        ),
     },
 }
 
 for _title, _commands in _GROUPS.items():
-    for _name, (_command, _short) in _commands.items():
-        app.command(_name, short_help=_short, rich_help_panel=_title)(ending_well(_command))
+    for _name, (_command, _short, _examples) in _commands.items():
+        _epilog = "\b\nExamples:\n" + "\n".join(f"  {example}" for example in _examples)
+        app.command(_name, short_help=_short, rich_help_panel=_title, epilog=_epilog)(ending_well(_command))
 
 app.add_typer(bench, name="bench", short_help="the benchmarks of this project", rich_help_panel="Measure")
 

@@ -45,6 +45,7 @@ def pareto(
 
         save_pareto_plot(members, plan, plot)
         console.say(f"written: {plot}")
+    console.suggest(f"uavcover select {run} RULE")
     console.result(
         {
             "run": str(run),

@@ -58,5 +58,10 @@ def plan(
         autopilot=autopilot, workers=workers, bounds_s=options.seconds(bounds, option="--bounds"),
     )  # fmt: skip
     outcome = plan_into(request, console, check_site=lambda _: None)
+    if outcome.document["mission_files"]:
+        flight = " --sortie 1" if outcome.sorties else ""
+        console.suggest(f"uavcover plan-upload {run} --to URL{flight}", f"uavcover pareto {run}")
+    else:
+        console.suggest(f"uavcover pareto {run}")
     console.result(outcome.document)
     return outcome.exit_code

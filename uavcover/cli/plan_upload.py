@@ -76,5 +76,7 @@ def plan_upload(
     )  # fmt: skip
     document = upload_run(folder, site, planned.route, link_of, console, in_flight=in_flight)
     console.say(f"written: {folder.file('upload.json')}")
+    if document["passed"]:
+        console.suggest(f"uavcover fly {folder} --to {to}")
     console.result({"run": str(folder), **document})
     return 0 if document["passed"] else 1

@@ -40,6 +40,7 @@ def report(
     drawn = [] if figures is None else draw_figures(content, figures, console, force=force)
     judged = None if content.verdict is None else content.verdict.report
     passed, verdict = (None, None) if judged is None else (judged.passed, judged.verdict)
+    console.suggest(f"open {path} in a browser")
     console.result(
         {"report": str(path), "passed": passed, "verdict": verdict, "figures": [str(figure) for figure in drawn]}
     )

@@ -60,6 +60,8 @@ def select(
     say_missions(console, folder, flights[0].compiled if len(flights) == 1 else None, sorties)
     if not plan.rule_met:
         console.warn(f"no route meets {plan.rule}; the best there is has been written")
+    if flights:
+        console.suggest(f"uavcover plan-upload {run} --to URL{' --sortie 1' if sorties else ''}")
     console.result(
         {
             "run": str(run), "index": index, "rule": plan.rule, "rule_met": plan.rule_met,

@@ -54,6 +54,8 @@ def upload(
                 results.append(vehicle.client.upload_and_verify(content, progress=bar.count, in_flight=in_flight))
             say_comparison(console, results[-1])
     passed = all(result.passed for result in results)
+    if passed:
+        console.suggest(f"uavcover download --from {to} -o FILE")
     console.result(
         {"file": str(file), "terrain_checked": False, "passed": passed, "lists": [r.as_json() for r in results]}
     )

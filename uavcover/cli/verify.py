@@ -30,5 +30,6 @@ def verify(
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     _, report = verify_run(RunFolder(run), console, command=sys.argv, logs=logs or (), accepted=accept_changed or ())
+    console.suggest(f"uavcover report {run}", *([f"uavcover gaps {run}"] if report["gaps"] else []))
     console.result(report)
     return 0 if report["passed"] else 1

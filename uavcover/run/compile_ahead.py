@@ -1,0 +1,70 @@
+"""Compiles the numeric kernels before they are needed, so that no search and no verdict waits for it.
+
+A kernel is compiled for the types that it is called with. The rounds below plan, judge and close gaps once with each kind of
+sensor and encoding, on little work; what they call is what every scenario calls.
+"""
+
+import contextlib
+import time
+
+import numpy as np
+
+from uavcover.errors import InfeasibleError
+from uavcover.judging.phases import PlannedRoute
+from uavcover.judging.verify import FlownTrack, verify_flight
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.route import Route
+from uavcover.model.track import Track
+from uavcover.run.close_gaps import plan_gap_mission
+from uavcover.run.mission import compile_flights
+from uavcover.run.search import bounds, plan
+from uavcover.run.user import User
+from uavcover.scenario.site import Site, load_site
+from uavcover.sensing.coverage_map import judging_map
+
+ROUNDS = (("jacksboro", 60), ("paper-R2", 60), ("ridge-obstacles", 20))
+"""A camera along its path, a sphere at waypoints, and obstacles; with how many evaluations of the search."""
+
+_SAMPLE_S = 0.2
+
+
+def compile_kernels(user: User) -> float:
+    """Compile whatever is not compiled yet; returns the seconds that it took.
+
+    Args:
+        user: told which round begins.
+    """
+    started = time.monotonic()
+    for number, (name, evaluations) in enumerate(ROUNDS, start=1):
+        user.say(f"compiling the numeric kernels: {number} of {len(ROUNDS)}")
+        site = load_site(name)
+        result = plan(site, evaluations=evaluations, seed=1)
+        bounds(site, result, time_s=0.0)
+        chosen = result.chosen
+        promised = PlannedRoute(chosen.route.waypoints_m, chosen.metrics.coverage_fraction)
+        coverage = judging_map(site)
+        track = _half_flown(site, chosen.route)
+        verdict = verify_flight(site, coverage, [FlownTrack(track, promised)])
+        if site.home_m is not None:
+            compile_flights(site, chosen.route)
+            with contextlib.suppress(InfeasibleError):  # half a route may leave nothing that a short mission can close
+                plan_gap_mission(site, verdict, target=min(1.0, verdict.report.coverage_of_coverable + 0.02))
+    return time.monotonic() - started
+
+
+def _half_flown(site: Site, route: Route) -> Track:
+    """A track at cruise speed along the first half of a route."""
+    path: FloatArray = route.waypoints_m[: max(2, len(route) // 2)]
+    along_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    speed_m_s = site.scenario.vehicle.cruise_speed_m_s
+    time_s = np.arange(0.0, max(along_m[-1] / speed_m_s, 2.0 * _SAMPLE_S), _SAMPLE_S)
+    enu_m = np.column_stack([np.interp(time_s * speed_m_s, along_m, path[:, axis]) for axis in range(3)])
+    geodetic = enu_m[:, [1, 0, 2]] * 0.0 if site.frame is None else np.column_stack(site.frame.geodetic_from_enu(enu_m))
+    return Track(
+        time_s=time_s,
+        geodetic=geodetic,
+        enu_m=enu_m,
+        attitude_deg=np.zeros((len(time_s), 3)),
+        current_waypoint=np.searchsorted(along_m, time_s * speed_m_s).astype(np.int64),
+        attitude_age_s=np.zeros(len(time_s)),
+    )
