@@ -16,8 +16,8 @@ from uavcover.errors import InputError
 from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
 from uavcover.model.scenario import RasterTerrain
-from uavcover.run import files, judged_inputs
-from uavcover.run.folder import RunFolder
+from uavcover.run import judged_inputs
+from uavcover.run.folder import MISSION_FILES, PLAN_FILES, RunFolder, has_a_flight
 from uavcover.run.judged_inputs import WHATS, JudgedInputs, inspect_inputs, judged_logs, refuse_changes
 from uavcover.run.mission import compile_plan
 from uavcover.run.plan_files import save_plan
@@ -113,7 +113,7 @@ CHANGES = (edited, truncated, replaced, reformatted, deleted)
 FILES = {
     "scenario.toml": "scenario",
     "plan.json": "plan",
-    **dict.fromkeys(files.MISSION_FILES, "mission"),
+    **dict.fromkeys(MISSION_FILES, "mission"),
     "track.csv": "track",
     "../ground.tif": "terrain",
     "resumed-1/plan.json": "plan",
@@ -298,9 +298,9 @@ def test_the_record_is_never_replaced(run: RunFolder) -> None:
     assert older.path == run.path / "older-1"
     assert {name: older.file(name).read_bytes() for name in tracks} == tracks
     assert inspected(older).changes == ()
-    assert not files.has_a_flight(run)
+    assert not has_a_flight(run)
     assert inspect_inputs(run, ()).changes == ()
-    assert {path.name for path in run.path.iterdir()} == {*files.PLAN_FILES, *files.MISSION_FILES, "older-1"}
+    assert {path.name for path in run.path.iterdir()} == {*PLAN_FILES, *MISSION_FILES, "older-1"}
 
 
 def test_a_plan_that_was_not_flown_leaves_nothing_behind(run: RunFolder) -> None:
@@ -314,5 +314,5 @@ def test_a_plan_that_was_not_flown_leaves_nothing_behind(run: RunFolder) -> None
         run.file(name).write_text("{}")
     assert save(run, site, lines_over(site, spacing_m=150.0, count=2)) is None
     left = {path.name for path in run.path.iterdir()}
-    assert left == {*files.PLAN_FILES, *files.MISSION_FILES, "sortie-2"}
+    assert left == {*PLAN_FILES, *MISSION_FILES, "sortie-2"}
     assert [path.name for path in run.file("sortie-2").iterdir()] == ["notes.txt"], "what others put there stays"

@@ -9,7 +9,7 @@ from uavcover.cli.bench_link import bench_link
 from uavcover.cli.bench_mmf import bench_mmf
 from uavcover.cli.bench_paper import bench_paper
 from uavcover.cli.ending import ending_well
-from uavcover.cli.overview import Overview
+from uavcover.cli.options import Overview
 
 bench = typer.Typer(
     cls=Overview,

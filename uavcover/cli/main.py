@@ -18,7 +18,7 @@ from uavcover.cli.fly import fly
 from uavcover.cli.gaps import gaps
 from uavcover.cli.inspect import inspect
 from uavcover.cli.mock_vehicle import mock_vehicle
-from uavcover.cli.overview import Overview
+from uavcover.cli.options import Overview
 from uavcover.cli.pareto import pareto
 from uavcover.cli.plan import plan
 from uavcover.cli.plan_upload import plan_upload

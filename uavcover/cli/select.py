@@ -39,8 +39,7 @@ def select(
     from uavcover.cli.console import Console
     from uavcover.model.vehicle import autopilot_name
     from uavcover.planning.selection import parse_rule
-    from uavcover.run import files
-    from uavcover.run.folder import RunFolder
+    from uavcover.run.folder import RunFolder, flown_in
     from uavcover.run.plan import figures_in_words, say_missions, say_older
     from uavcover.run.plan_files import read_planned
     from uavcover.run.select import choose
@@ -50,7 +49,7 @@ def select(
     folder = RunFolder(run)
     site, _ = read_planned(folder)
     name = autopilot_name(autopilot, site.scenario.vehicle.autopilot)
-    with folder.reserved(files.flown_in(folder), force=force):
+    with folder.reserved(flown_in(folder), force=force):
         plan, flights, older = choose(folder, site, rule, autopilot=name, command=sys.argv)
     say_older(console, older)
     index = plan.members.index(plan.chosen)

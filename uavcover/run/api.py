@@ -16,10 +16,9 @@ from uavcover.model.route import Plan, Route
 from uavcover.model.track import Track
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.mission_compiler import CompiledMission
-from uavcover.run import files
 from uavcover.run.close_gaps import GapMission, GapRequest, close_gaps
 from uavcover.run.fly import USUAL_FLIGHT, FlightOptions, record_flight
-from uavcover.run.folder import RunFolder
+from uavcover.run.folder import FLIGHT_FILES, RunFolder, flown_in
 from uavcover.run.judge import verify_run
 from uavcover.run.mission import compile_plan
 from uavcover.run.plan import PlanRequest, plan_into
@@ -83,7 +82,7 @@ def select(run: str | Path, rule: str, *, force: bool = False) -> Plan:
     """
     folder = RunFolder(run)
     site, _ = read_planned(folder)
-    with folder.reserved(files.flown_in(folder), force=force):
+    with folder.reserved(flown_in(folder), force=force):
         return choose(folder, site, rule, autopilot=site.scenario.vehicle.autopilot, command=sys.argv)[0]
 
 
@@ -140,7 +139,7 @@ def fly(vehicle: Connected, run: str | Path, *, options: FlightOptions = USUAL_F
         raise OutputError(f"{folder}: holds the track of a flight; replace it by FlightOptions(force=True)")
     compiled = compile_plan(site, planned.route, autopilot=vehicle.autopilot)
     check_home(vehicle, site, compiled)
-    with folder.reserved(files.FLIGHT_FILES, force=options.force):
+    with folder.reserved(FLIGHT_FILES, force=options.force):
         record_flight(
             folder, site, planned.route, user, vehicle, lambda orders: fly_mission(vehicle, site, compiled, orders),
             options=options,

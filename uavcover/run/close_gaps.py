@@ -22,8 +22,7 @@ from uavcover.planning.gap_route import ClosingRoute, plan_closing_route
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.mission_compiler import CompiledMission, compile_continuation
 from uavcover.routes.objectives import judge
-from uavcover.run import files as run_files
-from uavcover.run.folder import RunFolder
+from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
 from uavcover.run.judge import judge_run, read_log, say_inputs
 from uavcover.run.judged_inputs import check_accepted, logs_of_the_verdict
 from uavcover.run.mission import compile_plan, mission_texts
@@ -297,7 +296,7 @@ def save_gap_mission(
     """
     folder = RunFolder(run.file(GAP_FOLDER))
     autopilot = site.scenario.vehicle.autopilot
-    with folder.reserved((*run_files.PLAN_FILES, *run_files.OF_A_PLAN), force=force):
+    with folder.reserved((*PLAN_FILES, *OF_A_PLAN), force=force):
         save_plan(
             folder, site, mission.plan, compiled=mission.compiled, autopilot=autopilot,
             seed=site.scenario.planner.seed, command=command,

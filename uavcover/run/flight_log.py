@@ -9,9 +9,16 @@ from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
 from uavcover.recording import flight as recorded
 from uavcover.recording.live import LiveRecording
-from uavcover.run import files, flight_status
+from uavcover.run import flight_status
 from uavcover.run.file_group import writing
-from uavcover.run.folder import RunFolder
+from uavcover.run.folder import (
+    FLIGHT_FILES,
+    MISSION_FILES,
+    PLAN_FILES,
+    VERDICT_FILES,
+    RunFolder,
+    moves_of_an_older_flight,
+)
 from uavcover.run.provenance import note_files
 from uavcover.run.session import Connected
 from uavcover.run.user import Bar, User
@@ -129,18 +136,18 @@ class FlightLog:
 
     def _set_older_flight_aside(self) -> None:
         """With a copy of the plan that it flew; none of it counts for the flight that begins."""
-        if not any(self._run.file(name).exists() for name in files.FLIGHT_FILES):
-            self._run.remove(files.VERDICT_FILES)
+        if not any(self._run.file(name).exists() for name in FLIGHT_FILES):
+            self._run.remove(VERDICT_FILES)
             return
-        moved = files.moves_of_an_older_flight(self._run)
+        moved = moves_of_an_older_flight(self._run)
         older = self._run.file(next(iter(moved.values()))).parent
-        plan = [name for name in (*files.PLAN_FILES, *files.MISSION_FILES) if self._run.file(name).is_file()]
+        plan = [name for name in (*PLAN_FILES, *MISSION_FILES) if self._run.file(name).is_file()]
         with writing(older):
             copies: dict[str, str | bytes] = {
                 f"{older.name}/{name}": self._run.file(name).read_bytes() for name in plan
             }
         self._run.write_together(copies, moved=moved)
-        note_files(self._run, "begin", files.FLIGHT_FILES, command=sys.argv, moved=moved)  # none of them is there now
+        note_files(self._run, "begin", FLIGHT_FILES, command=sys.argv, moved=moved)  # none of them is there now
         self._user.warn(f"the flight that was here is kept in {older}, a run folder of its own")
 
     def take_event(self, event: FlightEvent) -> None:

@@ -11,9 +11,9 @@ from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.verify import flown_coverage
 from uavcover.model.route import Route
 from uavcover.recording.writer import write_recording
-from uavcover.run import files, flight_status
+from uavcover.run import flight_status
 from uavcover.run.flight_log import FlightLog, live_recording
-from uavcover.run.folder import RunFolder
+from uavcover.run.folder import FLIGHT_FILES, RunFolder
 from uavcover.run.mission import compile_plan
 from uavcover.run.plan_files import read_planned
 from uavcover.run.provenance import note_files, seal_flight
@@ -85,7 +85,7 @@ def fly_run(
     if run.file("track.csv").exists() and not options.force:
         raise OutputError(f"{run}: holds the track of a flight; go on with it by --resume, or replace it by --force")
     with (
-        run.reserved(files.FLIGHT_FILES, force=options.force),
+        run.reserved(FLIGHT_FILES, force=options.force),
         connect(to, site) as vehicle,
     ):
         compiled = compile_plan(site, route, autopilot=vehicle.autopilot)

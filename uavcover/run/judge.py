@@ -18,12 +18,12 @@ from uavcover.judging.verify import FlownTrack, Verdict, verify_flight, verify_t
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import ReadTrack, Track
 from uavcover.model.verdict import VerificationReport
-from uavcover.run import files, flight_status
+from uavcover.run import flight_status
 from uavcover.run.documents import (
     read_plan_document,
     verification_document,
 )
-from uavcover.run.folder import RunFolder, json_text
+from uavcover.run.folder import PLAN_FILES, VERDICT_FILES, RunFolder, json_text
 from uavcover.run.geotiff import Band, geotiff
 from uavcover.run.judged_inputs import (
     JudgedInputs,
@@ -203,10 +203,10 @@ def verify_run(
     The verdict that is there, and what follows from it, is removed first: it would not be one of what is there now.
     """
     check_accepted(accepted)
-    if not any(run.file(name).exists() for name in (*files.PLAN_FILES, "verification.json")):
+    if not any(run.file(name).exists() for name in (*PLAN_FILES, "verification.json")):
         run.existing("scenario.toml", made_by="uavcover plan")  # no run folder: nothing is written or removed in it
     with run.reserved((), force=True):
-        run.remove(files.VERDICT_FILES)
+        run.remove(VERDICT_FILES)
         site, verdict, sources, inputs = judge_run(run, user, logs=logs, accepted=accepted)
         document = save_verdict(run, verdict, sources=sources, inputs=inputs, command=command)
     say_inputs(user, inputs)

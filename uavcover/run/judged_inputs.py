@@ -11,8 +11,7 @@ from typing import Any
 
 from uavcover.errors import InputError, ScenarioError
 from uavcover.model.scenario import RasterTerrain, Scenario
-from uavcover.run import files
-from uavcover.run.folder import SCHEMA_VERSION, RunFolder
+from uavcover.run.folder import FLIGHT_FILES, MISSION_FILES, SCHEMA_VERSION, RunFolder
 from uavcover.run.provenance import Record, obstacles_sha256, read_record, run_document, sha256_of, version
 from uavcover.run.resume import TRACK, continues, flown_tracks
 from uavcover.scenario.elevation_file import source_sha256
@@ -201,7 +200,7 @@ class _Finding:
         if record.inputs is None:
             return
         for what, names in (
-            ("scenario", ["scenario.toml"]), ("plan", ["plan.json"]), ("mission", list(files.MISSION_FILES)),
+            ("scenario", ["scenario.toml"]), ("plan", ["plan.json"]), ("mission", list(MISSION_FILES)),
         ):  # fmt: skip
             for name in names:
                 self.add_if_changed(what, folder.file(name), record.files.get(name))
@@ -237,7 +236,7 @@ class _Finding:
             known = read_record(folder).files
             if known.get(log.name) is not None:
                 self.add_if_changed("track", log, known[log.name])
-            elif log.name in files.FLIGHT_FILES and self.is_of_a_run(folder):
+            elif log.name in FLIGHT_FILES and self.is_of_a_run(folder):
                 self.add_unsealed(folder, log)
         for folder, name in _flown_of(self.run):
             if not folder.file(name).exists():

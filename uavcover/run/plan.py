@@ -15,11 +15,10 @@ from uavcover.planning.planner import Progress
 from uavcover.planning.selection import parse_rule, select
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie
-from uavcover.run import files
 from uavcover.run.documents import (
     bounds_in_words,
 )
-from uavcover.run.folder import RunFolder
+from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
 from uavcover.run.mission import compile_flights
 from uavcover.run.plan_files import save_plan
 from uavcover.run.search import bounds, least_length_m, plan
@@ -104,7 +103,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     run = RunFolder(request.folder)
     started = time.monotonic()
     with (
-        run.reserved((*files.PLAN_FILES, *files.OF_A_PLAN), force=request.force),
+        run.reserved((*PLAN_FILES, *OF_A_PLAN), force=request.force),
         user.stop_requests(_FIRST_STOP) as stops,
     ):
         user.say(f"planning {site.scenario.name}: {site.scenario.description}".rstrip(": "))

@@ -20,8 +20,14 @@ from uavcover.run.documents import (
     plan_document,
     read_plan_document,
 )
-from uavcover.run.files import moves_of_an_older_plan, remove_empty_folders, stale_files
-from uavcover.run.folder import SCHEMA_VERSION, RunFolder, json_text
+from uavcover.run.folder import (
+    SCHEMA_VERSION,
+    RunFolder,
+    json_text,
+    moves_of_an_older_plan,
+    remove_empty_folders,
+    stale_files,
+)
 from uavcover.run.mission import mission_texts
 from uavcover.run.provenance import obstacles_sha256, run_document, sha256_of_content, version, with_entry
 from uavcover.run.search import bounds

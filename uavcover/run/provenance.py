@@ -16,8 +16,7 @@ from typing import Any
 
 from uavcover.errors import InputError
 from uavcover.model.obstacles import Obstacles
-from uavcover.run.files import FLIGHT_FILES
-from uavcover.run.folder import SCHEMA_VERSION, RunFolder
+from uavcover.run.folder import FLIGHT_FILES, SCHEMA_VERSION, RunFolder
 
 RUN_FILE = "run.json"
 _LIST = "provenance"
