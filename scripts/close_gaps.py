@@ -28,9 +28,10 @@ from uavcover.run.close_gaps import plan_gap_mission
 from uavcover.run.judge import judge_tracks
 from uavcover.run.mission import compile_plan
 from uavcover.run.search import plan as plan_site
-from uavcover.run.session import Orders, VehicleLink, connect, fly
+from uavcover.run.session import VehicleLink, connect, fly
 from uavcover.run.upload import upload
 from uavcover.scenario.site import Site, load_site
+from uavcover.vehicle.fly import Orders
 
 SCENARIO, EVALUATIONS, MISSING_SHARE, SPEED, TRIES = "jacksboro", 300, 0.2, 60.0, 4
 COLUMNS = (

@@ -51,19 +51,19 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan
 from uavcover.run.plan_files import read_planned, save_plan
 from uavcover.run.resume import find_unfinished, save_rest
-from uavcover.run.session import Connected, Orders, fly, fly_on, is_in_the_air, require_home
+from uavcover.run.session import Connected, fly, fly_on, is_in_the_air, require_home
 from uavcover.run.upload import upload
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map
-from uavcover.vehicle.flight_plan import Patience
-from uavcover.vehicle.fly import FlightOutcome
+from uavcover.vehicle.flight_plan import FlightTimeouts
+from uavcover.vehicle.fly import FlightOutcome, Orders
 from uavcover.vehicle.monitor import open_vehicle
 from uavcover.vehicle.outcome import FlightFailedError
 from uavcover.vehicle.track_file import TrackWriter
 
 SCENARIO, LINES, HEIGHT_AGL_M = "jacksboro", 2, 100.0
 LONGEST_S = 300.0
-PATIENCE = Patience(elsewhere_s=60.0)
+TIMEOUTS = FlightTimeouts(override_s=60.0)
 BATTERY = BatteryData(endurance_s=1500.0)
 LOSS = 0.05
 
@@ -285,7 +285,7 @@ class Field:
             try:
                 monitor.listen_to(client.wait_for_vehicle().address)
                 station = Connected(client, monitor, self._drawn.autopilot)
-                orders = Orders(on_sample=take, stop=stop, pause=pause, confirmed=True, patience=PATIENCE)
+                orders = Orders(on_sample=take, stop=stop, pause=pause, confirmed=True, timeouts=TIMEOUTS)
                 outcome = begin(station, orders)
                 ending = outcome.ending.key
             except FlightFailedError as error:

@@ -15,11 +15,11 @@ from sitl_tests.matrix import ClientName
 from sitl_tests.simulators.running import RunningVehicle
 from uavcover.errors import VehicleError
 from uavcover.model.vehicle import AutopilotName
-from uavcover.vehicle.flight_plan import Patience
+from uavcover.vehicle.flight_plan import FlightTimeouts
 from uavcover.vehicle.mavsdk.client import MavsdkClient
 from uavcover.vehicle.monitor import Monitor
 from uavcover.vehicle.outcome import FlightEvent
-from uavcover.vehicle.session import Conversation
+from uavcover.vehicle.session import Session
 
 _FIRST_HEARTBEAT_S = 60.0
 _SECOND_STATION = 254
@@ -49,14 +49,14 @@ class Station:
         client: speaks to it.
         monitor: hears all that the client hears.
         modes: the flight modes (``custom_mode``) that its heartbeats have told, one after the other.
-        conversation: waits in vehicle time, with the wall clock as the watchdog behind it.
+        session: waits in vehicle time, with the wall clock as the watchdog behind it.
     """
 
     def __init__(
         self, client: Client, monitor: Monitor, modes: list[int], on_event: Callable[[FlightEvent], None]
     ) -> None:
         self.client, self.monitor, self.modes = client, monitor, modes
-        self.conversation = Conversation(client, monitor, patience=Patience(), on_event=on_event, stop=lambda: 0)
+        self.session = Session(client, monitor, timeouts=FlightTimeouts(), on_event=on_event, stop=lambda: 0)
 
     def wait_s(self, duration_s: float) -> None:
         """Listen for a while of vehicle time."""
@@ -71,7 +71,7 @@ class Station:
         Raises:
             VehicleError: it does not become so within so much vehicle time.
         """
-        self.conversation.wait(done, patience_s=within_s, what=lambda: what)
+        self.session.wait(done, timeout_s=within_s, what=lambda: what)
 
     def _time_s(self) -> float:
         if self.monitor.time_s is None:

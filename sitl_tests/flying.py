@@ -15,9 +15,10 @@ from sitl_tests.missions import FIRST_WAYPOINT_ITEM, route_mission
 from uavcover.model.track import TrackSample
 from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.scenario.frames import LocalFrame
-from uavcover.vehicle.flight_plan import FlightPlan, Patience
-from uavcover.vehicle.fly import fly
+from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts
+from uavcover.vehicle.fly import Orders, fly
 from uavcover.vehicle.outcome import FlightEvent, FlightFailedError, FlightOutcome
+from uavcover.vehicle.precautions import OnBreach, Precautions
 from uavcover.vehicle.readiness import request_telemetry, wait_until_ready
 from uavcover.vehicle.start import arm_and_start, first_seq
 
@@ -154,10 +155,20 @@ def fly_mission(
 
     try:
         outcome = fly(
-            station.client, station.monitor, plan_of(mission, home or case.vehicle.home),
-            on_sample=path.take_sample, on_event=take, plan_return=way_home, pause=pause, stop=stop, confirmed=True,
-            patience=Patience(elsewhere_s=_ELSEWHERE_S),
-        )  # fmt: skip
+            station.client,
+            station.monitor,
+            plan_of(mission, home or case.vehicle.home),
+            Orders(
+                on_sample=path.take_sample,
+                on_event=take,
+                pause=pause,
+                stop=stop,
+                confirmed=True,
+                timeouts=FlightTimeouts(override_s=_ELSEWHERE_S),
+                precautions=Precautions(on_breach=OnBreach.TELL),
+            ),
+            plan_return=way_home,
+        )
     except FlightFailedError as error:
         outcome = error.outcome
         case.events.append(f"fly ended with {outcome.ending.key}: {error}")
@@ -182,16 +193,16 @@ def take_off(case: Case, station: Station, mission: Mission | None = None) -> Pa
     mission = mission if mission is not None else route_mission(case.vehicle.home)
     path = Path(case.vehicle.home)
     require(station.client.upload_and_verify(mission).passed, "the mission was read back changed")
-    request_telemetry(station.conversation)
-    wait_until_ready(station.conversation)
+    request_telemetry(station.session)
+    wait_until_ready(station.session)
     station.monitor.on_position = path.take
-    arm_and_start(station.conversation)
+    arm_and_start(station.session)
     return path
 
 
 def wait_for_waypoint(station: Station, number: int) -> None:
     """Listen until the vehicle flies to a waypoint of a ``route_mission``."""
-    seq = first_seq(station.conversation) + FIRST_WAYPOINT_ITEM + number
+    seq = first_seq(station.session) + FIRST_WAYPOINT_ITEM + number
     station.wait(
         lambda: station.monitor.current_seq >= seq, within_s=_ITEM_S, what=f"the vehicle does not go on to item {seq}"
     )

@@ -56,7 +56,7 @@ def link_loss(case: Case) -> Finding:
 def _reaction(station: Station) -> str:
     """What the vehicle changed to by itself."""
     named = {Mode.RETURN: "returns", Mode.LAND: "lands", Mode.HOLD: "holds"}
-    autopilot = station.conversation.autopilot
+    autopilot = station.session.autopilot
     mission = custom_mode(autopilot, Mode.MISSION)
     after = station.modes[station.modes.index(mission) :] if mission in station.modes else []
     for mode, word in named.items():

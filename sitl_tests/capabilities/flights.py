@@ -35,10 +35,10 @@ _AT_REST_M_S = 0.3
 def arming(case: Case) -> Finding:
     """It gets ready, arms and disarms, and says when."""
     with case.station() as station:
-        request_telemetry(station.conversation)
-        wait_until_ready(station.conversation)
+        request_telemetry(station.session)
+        wait_until_ready(station.session)
         ready_s = station.monitor.time_s
-        set_mode(station.conversation, hold_mode(station.conversation))
+        set_mode(station.session, hold_mode(station.session))
         refusals = _arm(station)
         station.wait(lambda: station.client.vehicle.armed, within_s=10.0, what="the heartbeat does not show it armed")
         station.client.command(Command.COMPONENT_ARM_DISARM, 0.0)
@@ -112,7 +112,7 @@ def pause_and_resume(case: Case) -> Finding:
             if not begun_s:
                 return False
             position = station.monitor.latest(GlobalPositionInt)
-            held = custom_mode(station.conversation.autopilot, hold_mode(station.conversation)) in station.modes[-1:]
+            held = custom_mode(station.session.autopilot, hold_mode(station.session)) in station.modes[-1:]
             if position is not None and held and not at_rest_s and _speed_m_s(position) < _AT_REST_M_S:
                 at_rest_s.append(position.time_boot_s)
             now_s = station.monitor.time_s or 0.0
@@ -139,12 +139,12 @@ def change_in_flight(case: Case) -> Finding:
     with case.station() as station:
         path = take_off(case, station)
         wait_for_waypoint(station, 1)
-        hold(station.conversation, "told to hold for another mission")
+        hold(station.session, "told to hold for another mission")
         checked = station.client.upload_and_verify(other, in_flight=True)
         require(checked.passed, "the new mission was read back changed")
-        set_current_item(station.conversation, first_seq(station.conversation) + FIRST_WAYPOINT_ITEM)
-        mode = station.conversation.mode_name
-        start_mission(station.conversation)
+        set_current_item(station.session, first_seq(station.session) + FIRST_WAYPOINT_ITEM)
+        mode = station.session.mode_name
+        start_mission(station.session)
         wait_until_landed(station)
     worst_m = require_flown(path, waypoints_held(case))
     return Finding(WORKS, f"after the upload it was in {mode}; the new waypoints passed within {worst_m:.1f} m")
@@ -159,7 +159,7 @@ def _arm(station: Station) -> int:
             station.wait_s(1.0)
         else:
             return refusals
-    raise CheckFailedError(f"arming was refused {_ARM_TRIES} times{station.conversation.complaints}")
+    raise CheckFailedError(f"arming was refused {_ARM_TRIES} times{station.session.recent_warnings}")
 
 
 def _require_landed(case: Case, outcome: FlightOutcome) -> None:

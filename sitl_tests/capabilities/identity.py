@@ -15,8 +15,9 @@ from sitl_tests.relay import Relay
 from uavcover.errors import VehicleError
 from uavcover.run import session
 from uavcover.scenario.site import load_site
-from uavcover.vehicle.fly import fly
+from uavcover.vehicle.fly import Orders, fly
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightFailedError
+from uavcover.vehicle.precautions import OnBreach, Precautions
 
 _HEARTBEAT = 0
 _FORCED = 21196.0
@@ -39,9 +40,17 @@ def foreign_type(case: Case) -> Finding:
             mission = route_mission(case.vehicle.home)
             try:
                 fly(
-                    station.client, station.monitor, plan_of(mission, case.vehicle.home), on_sample=lambda _: None,
-                    on_event=case.take_event, plan_return=lambda *_: mission, confirmed=True,
-                )  # fmt: skip
+                    station.client,
+                    station.monitor,
+                    plan_of(mission, case.vehicle.home),
+                    Orders(
+                        on_sample=lambda _: None,
+                        on_event=case.take_event,
+                        confirmed=True,
+                        precautions=Precautions(on_breach=OnBreach.TELL),
+                    ),
+                    plan_return=lambda *_: mission,
+                )
                 raise CheckFailedError("`fly` flew it")
             except FlightFailedError as error:
                 require(error.outcome.ending is Ending.NOT_ARMED, f"it ended with {error.outcome.ending.key}: {error}")

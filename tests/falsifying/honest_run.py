@@ -30,13 +30,13 @@ from uavcover.run.geotiff import Band, geotiff
 from uavcover.run.mission import compile_flights, compile_plan
 from uavcover.run.plan_files import read_planned, save_plan
 from uavcover.run.resume import find_unfinished, save_rest
-from uavcover.run.session import Connected, Orders, fly, require_home
+from uavcover.run.session import Connected, fly, require_home
 from uavcover.run.upload import upload
 from uavcover.run.user import Unattended
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map
-from uavcover.vehicle.fly import FlightOutcome
+from uavcover.vehicle.fly import FlightOutcome, Orders
 from uavcover.vehicle.monitor import open_vehicle
 
 FRAME = LocalFrame(36.51, -84.23, 412.0)

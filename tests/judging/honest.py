@@ -17,9 +17,10 @@ from uavcover.model.track import Track, TrackSample
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.run.mission import compile_plan
-from uavcover.run.session import Connected, Orders, fly, home_of
+from uavcover.run.session import Connected, fly, home_of
 from uavcover.run.upload import upload
 from uavcover.scenario.site import Site
+from uavcover.vehicle.fly import Orders
 from uavcover.vehicle.monitor import open_vehicle
 
 

@@ -24,8 +24,9 @@ from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.ports import TcpPort
 from uavcover.mock.server import MockServer, register_mock, run, start_in_background
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.vehicle.fly import Ending, fly
+from uavcover.vehicle.fly import Ending, Orders, fly
 from uavcover.vehicle.monitor import open_vehicle
+from uavcover.vehicle.precautions import OnBreach, Precautions
 
 SPEED = 40.0
 
@@ -69,8 +70,9 @@ def test_a_process_of_its_own_is_flown_and_ends_cleanly():
                 client,
                 monitor,
                 plan_for(mission()),
-                on_sample=samples.append,
-                on_event=lambda _: None,
+                Orders(
+                    on_sample=samples.append, on_event=lambda _: None, precautions=Precautions(on_breach=OnBreach.TELL)
+                ),
                 plan_return=way_home,
             )
         assert outcome.ending is Ending.LANDED

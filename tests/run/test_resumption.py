@@ -30,11 +30,11 @@ from uavcover.run.judge import judge_tracks, planned_for, read_planned_route
 from uavcover.run.mission import compile_plan
 from uavcover.run.plan_files import save_plan
 from uavcover.run.resume import find_unfinished, flights_of, flown_tracks, save_rest, took_off_s
-from uavcover.run.session import Connected, Orders, fly, fly_from_the_air, fly_on, home_of, is_in_the_air
+from uavcover.run.session import Connected, fly, fly_from_the_air, fly_on, home_of, is_in_the_air
 from uavcover.run.upload import upload
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map
-from uavcover.vehicle.fly import Ending, FlightOutcome
+from uavcover.vehicle.fly import Ending, FlightOutcome, Orders
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.monitor import open_vehicle
 from uavcover.vehicle.outcome import FlightEvent, FlightFailedError

@@ -18,9 +18,10 @@ from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.track import TrackSample
 from uavcover.scenario.frames import LocalFrame
 from uavcover.vehicle.flight_plan import FlightPlan
-from uavcover.vehicle.fly import FlightOutcome, fly
+from uavcover.vehicle.fly import FlightOutcome, Orders, fly
 from uavcover.vehicle.monitor import Monitor, open_vehicle
 from uavcover.vehicle.outcome import EventKind, FlightEvent
+from uavcover.vehicle.precautions import OnBreach, Precautions
 
 HOME = GeoPoint(36.51234567, -84.21234567, 312.5)
 FRAME = LocalFrame(36.51, -84.21, 300.0)
@@ -89,9 +90,13 @@ class Scene:
     def fly(self, wanted: Mission | None = None, **options: Any) -> FlightOutcome:
         wanted = mission() if wanted is None else wanted
         plan = options.pop("plan", None) or plan_for(wanted)
-        options.setdefault("plan_return", way_home)
-        options.setdefault("on_event", self.events.append)
-        return fly(self.client, self.monitor, plan, on_sample=self.samples.append, **options)
+        plan_return = options.pop("plan_return", way_home)
+        return fly(self.client, self.monitor, plan, self.orders(**options), plan_return=plan_return)
+
+    def orders(self, **options: Any) -> Orders:
+        """Orders of a user who wants breaches reported only."""
+        told = {"on_sample": self.samples.append, "on_event": self.events.append}
+        return Orders(**{**told, "precautions": Precautions(on_breach=OnBreach.TELL), **options})
 
     def told(self, kind: EventKind) -> list[str]:
         return [event.text for event in self.events if event.kind is kind]

@@ -10,18 +10,17 @@ from tests.vehicle.scene import FRAME, HOME, Scene, make_scene, mission, plan_fo
 from uavcover.mock.battery import BatteryData
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.faults import parse_fault
-from uavcover.vehicle.flight_plan import Patience
+from uavcover.vehicle.flight_plan import FlightTimeouts, OperatingVolume
 from uavcover.vehicle.fly import Ending
 from uavcover.vehicle.outcome import FlightEvent, FlightFailedError
 from uavcover.vehicle.precautions import OnBreach, Precautions
-from uavcover.vehicle.surroundings import Surroundings
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 HOME_M = FRAME.enu_from_geodetic(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m)[0]
-PATIENCE = Patience(elsewhere_s=20.0, held_s=20.0, stuck_s=40.0)
+TIMEOUTS = FlightTimeouts(override_s=20.0, held_s=20.0, stuck_s=40.0)
 
 
-def around(**changes) -> Surroundings:
+def around(**changes) -> OperatingVolume:
     """Flat known ground at home's height, no fence in the way, a band that the route keeps."""
     values = {
         "ground_up_m": lambda _east, _north: float(HOME_M[2]),
@@ -29,7 +28,7 @@ def around(**changes) -> Surroundings:
         "min_height_agl_m": 40.0,
         "max_height_agl_m": 80.0,
     }
-    return Surroundings(**{**values, **changes})
+    return OperatingVolume(**{**values, **changes})
 
 
 def east_of(limit_m: float):
@@ -50,9 +49,9 @@ def scene_of(autopilot, *faults: str, **options) -> Scene:
     return scene
 
 
-def flown(scene: Scene, surroundings: Surroundings | None, on_breach: OnBreach, **options):
-    plan = plan_for(mission(), surroundings=surroundings)
-    return scene.fly(plan=plan, patience=PATIENCE, precautions=Precautions(on_breach=on_breach), **options)
+def flown(scene: Scene, volume: OperatingVolume | None, on_breach: OnBreach, **options):
+    plan = plan_for(mission(), volume=volume)
+    return scene.fly(plan=plan, timeouts=TIMEOUTS, precautions=Precautions(on_breach=on_breach), **options)
 
 
 def failed(*args, **options):
@@ -162,7 +161,7 @@ def test_wind_that_carries_it_away_is_never_silent(seed):
         ARDUPILOT, "strong-wind@10s", seed=seed, wind=WindModel(gust_m_s=1.0), battery=BatteryData(endurance_s=150.0)
     )
     with pytest.raises(FlightFailedError) as caught:
-        scene.fly(patience=PATIENCE)
+        scene.fly(timeouts=TIMEOUTS)
     assert caught.value.outcome.ending is Ending.CRASHED
     assert caught.value.outcome.incidents[0].kind is Ending.WIND_ABOVE_LIMITS
     told = [e for e in scene.events if e.alarm and "off the planned leg" in e.text]

@@ -7,12 +7,12 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from tests.vehicle.scene import Scene, make_scene, mission
 from uavcover.mock.battery import BatteryData
 from uavcover.mock.faults import parse_fault
-from uavcover.vehicle.flight_plan import Patience
+from uavcover.vehicle.flight_plan import FlightTimeouts
 from uavcover.vehicle.fly import Ending
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.outcome import EventKind, FlightFailedError, FlightOutcome
 
-PATIENCE = Patience(elsewhere_s=20.0, ready_s=20.0, stuck_s=20.0)
+TIMEOUTS = FlightTimeouts(override_s=20.0, ready_s=20.0, stuck_s=20.0)
 
 
 def faulty_scene(autopilot: Autopilot, *faults: str, **options) -> Scene:
@@ -24,7 +24,7 @@ def faulty_scene(autopilot: Autopilot, *faults: str, **options) -> Scene:
 def ended(scene: Scene, **options) -> tuple[FlightOutcome, str]:
     """How a flight that cannot end well ended, and what it says."""
     with pytest.raises(FlightFailedError) as caught:
-        scene.fly(**{"patience": PATIENCE, **options})
+        scene.fly(**{"timeouts": TIMEOUTS, **options})
     outcome = caught.value.outcome
     assert outcome.sample_count == len(scene.samples)
     assert caught.value.exit_code == 3
@@ -83,7 +83,7 @@ def test_a_fault_has_its_ending(autopilot, fault, ending, says, now):
 )
 def test_what_is_over_soon_is_ridden_out_and_stated(autopilot, fault, incidents):
     scene = faulty_scene(autopilot, fault)
-    outcome = scene.fly(patience=PATIENCE)
+    outcome = scene.fly(timeouts=TIMEOUTS)
     assert outcome.ending is Ending.LANDED
     assert outcome.waypoints_reached == 4
     assert [incident.kind.name for incident in outcome.incidents] == incidents
@@ -158,7 +158,7 @@ def test_a_stop_does_not_fight_the_pilot():
     assert outcome.ending is Ending.PILOT_TOOK_OVER
     assert 40.0 <= scene.samples[-1].time_s < 42.0, "the first stop does not end the record"
     assert any("the record goes on until it is on the ground" in said for said in scene.told(EventKind.STOP))
-    assert "stopped following: the vehicle is left to whom it obeys" in text
+    assert "stopped following: the vehicle is left to whoever controls it" in text
     assert scene.vehicle.armed
     assert outcome.vehicle_now.startswith("in the air, armed, in guided mode")
 

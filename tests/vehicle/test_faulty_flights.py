@@ -13,9 +13,10 @@ from tests.vehicle.scene import make_scene, mission, plan_for, way_home
 from uavcover.mock.battery import BatteryData
 from uavcover.mock.faults import parse_fault
 from uavcover.model.track import TrackSample
-from uavcover.vehicle.fly import fly
+from uavcover.vehicle.fly import Orders, fly
 from uavcover.vehicle.monitor import open_vehicle
 from uavcover.vehicle.outcome import Ending, FlightFailedError
+from uavcover.vehicle.precautions import OnBreach, Precautions
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "fly_faults.py"
 
@@ -55,9 +56,18 @@ def test_it_ends_in_a_name_and_no_sample_is_lost(
 
     try:
         outcome = fly(
-            client, monitor, plan_for(mission()), on_sample=take, on_event=lambda _: None, plan_return=way_home,
-            patience=script.PATIENCE, stop=lambda: sum(scene.vehicle.powered_s >= s for s in drawn.stops_s),
-        )  # fmt: skip
+            client,
+            monitor,
+            plan_for(mission()),
+            Orders(
+                on_sample=take,
+                on_event=lambda _: None,
+                timeouts=script.TIMEOUTS,
+                stop=lambda: sum(scene.vehicle.powered_s >= s for s in drawn.stops_s),
+                precautions=Precautions(on_breach=OnBreach.TELL),
+            ),
+            plan_return=way_home,
+        )
     except FlightFailedError as error:
         outcome = error.outcome
     assert outcome.ending in Ending

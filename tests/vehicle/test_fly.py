@@ -26,12 +26,13 @@ from uavcover.mock.dynamics import WindModel
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.itinerary import Itinerary
 from uavcover.mock.peer import InMemoryPeer
-from uavcover.mock.state import VehicleState
+from uavcover.mock.state import MockState
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.vehicle.flight_plan import Patience
-from uavcover.vehicle.fly import Ending, fly
+from uavcover.vehicle.flight_plan import FlightTimeouts
+from uavcover.vehicle.fly import Ending, Orders, fly
 from uavcover.vehicle.modes import Mode, custom_mode
 from uavcover.vehicle.outcome import EventKind, FlightFailedError
+from uavcover.vehicle.precautions import OnBreach, Precautions
 
 
 def ready_scene(*args, **options) -> Scene:
@@ -196,7 +197,7 @@ def test_refused_arming_has_its_result_and_the_vehicles_reason(autopilot, monkey
     scene = ready_scene(autopilot)
     monkeypatch.setattr(type(scene.vehicle), "ready", False)
     monkeypatch.setattr(
-        "uavcover.vehicle.readiness.missing", lambda conversation: conversation.monitor.time_s is None and ["time"]
+        "uavcover.vehicle.readiness.missing", lambda session: session.monitor.time_s is None and ["time"]
     )
     name = {
         "ArduPilot": r"FAILED; it says: .*PreArm: Need Position",
@@ -239,12 +240,12 @@ def test_silence_instead_of_a_vehicle_is_an_error():
 
 def test_too_few_positions_are_refused(monkeypatch):
     scene = ready_scene()
-    original = VehicleState.set_interval
+    original = MockState.set_interval
 
     def slow(vehicle, kind, interval_s):
         original(vehicle, kind, 0.5 if kind is m.GlobalPositionInt else interval_s)
 
-    monkeypatch.setattr(VehicleState, "set_interval", slow)
+    monkeypatch.setattr(MockState, "set_interval", slow)
     refused(
         scene,
         r"comes GlobalPositionInt 1\.\d times a second of vehicle time, asked for 3 times; following needs 5; not started",
@@ -268,7 +269,7 @@ def test_a_lost_link_is_an_error_and_the_record_is_kept():
     scene = make_scene(make_peer=lambda vehicle, speed: Falling(vehicle, speed=speed))
     scene.upload(mission())
     with pytest.raises(FlightFailedError, match=r"link lost: nothing from vehicle 1 for 8.*in mission mode") as caught:
-        scene.fly(patience=Patience(link_lost_s=8.0))
+        scene.fly(timeouts=FlightTimeouts(link_lost_s=8.0))
     assert caught.value.outcome.ending is Ending.LINK_LOST
     assert caught.value.outcome.sample_count == len(scene.samples)
     assert "nothing from vehicle 1 for 3.0 s; waiting for it up to 8 s" in scene.told(EventKind.WARNING)
@@ -288,7 +289,7 @@ def test_a_vehicle_that_does_not_take_off_is_an_error(monkeypatch):
     scene = ready_scene()
     monkeypatch.setattr(FlightControl, "start_mission", lambda _: CommandResult.ACCEPTED)
     with pytest.raises(VehicleError, match="armed and in mission mode, did not take off within 5 s"):
-        scene.fly(patience=Patience(start_s=5.0))
+        scene.fly(timeouts=FlightTimeouts(start_s=5.0))
 
 
 def test_a_stuck_vehicle_is_an_error(monkeypatch):
@@ -318,8 +319,11 @@ def test_a_pilot_who_lands_it_early_is_an_error_that_says_how_far_it_came():
             scene.client,
             scene.monitor,
             plan_for(mission()),
-            on_sample=scene.samples.append,
-            on_event=lambda event: (scene.events.append(event), land_at_waypoint_2(event)),
+            Orders(
+                on_sample=scene.samples.append,
+                on_event=lambda event: (scene.events.append(event), land_at_waypoint_2(event)),
+                precautions=Precautions(on_breach=OnBreach.TELL),
+            ),
             plan_return=way_home,
         )
     assert "the vehicle changed to land mode: somebody else took over" in scene.told(EventKind.WARNING)

@@ -12,12 +12,11 @@ from mission_io.errors import VehicleSilentError
 from tests.vehicle.scene import HOME, make_scene, mission, plan_for
 from uavcover.kernels.way_cost import Pace
 from uavcover.mock.faults import parse_fault
-from uavcover.vehicle.flight_plan import PlanNeeds
+from uavcover.vehicle.flight_plan import OperatingVolume, PlanNeeds
 from uavcover.vehicle.fly import Ending
 from uavcover.vehicle.limit_table import Weight, limit_table, parameter_groups
 from uavcover.vehicle.outcome import EventKind, FlightEvent, FlightFailedError
 from uavcover.vehicle.precautions import OnBreach, Precautions
-from uavcover.vehicle.surroundings import Surroundings
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 FINE = {
@@ -35,15 +34,13 @@ FINE = {
 
 def the_plan(**changes):
     needs = PlanNeeds(pace=Pace(8.0, 4.0, 3.0), return_height_m=60.0, fence=True, **changes)
-    around = Surroundings(
+    around = OperatingVolume(
         ground_up_m=lambda _e, _n: 12.5,
         outside_fence_m=lambda _e, _n: 0.0,
         min_height_agl_m=40.0,
         max_height_agl_m=80.0,
     )
-    return dataclasses.replace(
-        plan_for(mission()), max_climb_m_s=4.0, max_descent_m_s=3.0, needs=needs, surroundings=around
-    )
+    return dataclasses.replace(plan_for(mission()), max_climb_m_s=4.0, max_descent_m_s=3.0, needs=needs, volume=around)
 
 
 def table(px4: bool, plan=None, *, home_off_m: float = 0.0, **changes: float | None):

@@ -28,9 +28,10 @@ from tests.vehicle.scene import HOME, mission, plan_for, way_home
 from uavcover.mock.battery import BatteryData
 from uavcover.mock.server import MockServer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.vehicle.flight_plan import Patience
-from uavcover.vehicle.fly import Ending, fly
+from uavcover.vehicle.flight_plan import FlightTimeouts
+from uavcover.vehicle.fly import Ending, Orders, fly
 from uavcover.vehicle.monitor import Monitor
+from uavcover.vehicle.precautions import OnBreach, Precautions
 
 client_module = pytest.importorskip("uavcover.vehicle.mavsdk.client", reason="MAVSDK is not installed")
 pytestmark = pytest.mark.timeout(120)
@@ -146,9 +147,19 @@ def test_a_whole_flight_by_mavsdk(autopilot):
         assert client.upload_and_verify(wanted).passed
         samples = []
         outcome = fly(
-            client, monitor, plan_for(wanted), on_sample=samples.append, on_event=lambda _: None,
-            stop=lambda: 0, confirmed=True, patience=Patience(), plan_return=way_home,
-        )  # fmt: skip
+            client,
+            monitor,
+            plan_for(wanted),
+            Orders(
+                on_sample=samples.append,
+                on_event=lambda _: None,
+                stop=lambda: 0,
+                confirmed=True,
+                timeouts=FlightTimeouts(),
+                precautions=Precautions(on_breach=OnBreach.TELL),
+            ),
+            plan_return=way_home,
+        )
         assert outcome.ending is Ending.LANDED
         assert not vehicle.armed
         assert not vehicle.body.crashed

@@ -14,9 +14,9 @@ from tests.vehicle.scene import HOME, Scene, geodetic, make_scene, mission, plan
 from uavcover.errors import VehicleError
 from uavcover.mock import commands as mock_commands
 from uavcover.mock.behaviour import quick
-from uavcover.mock.state import VehicleState
+from uavcover.mock.state import MockState
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.vehicle.flight_plan import Patience
+from uavcover.vehicle.flight_plan import FlightTimeouts
 from uavcover.vehicle.outcome import EventKind
 from uavcover.vehicle.readiness import check_home, check_home_position, check_telemetry, missing
 
@@ -129,13 +129,13 @@ INTERVALS_S = {
 def test_what_following_needs_is_asked_for(autopilot, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = ready_scene(autopilot)
     asked: list[tuple[type[m.Message], float | None]] = []
-    original = VehicleState.set_interval
+    original = MockState.set_interval
 
-    def record(vehicle: VehicleState, kind: type[m.Message], interval_s: float | None) -> None:
+    def record(vehicle: MockState, kind: type[m.Message], interval_s: float | None) -> None:
         asked.append((kind, interval_s))
         original(vehicle, kind, interval_s)
 
-    monkeypatch.setattr(VehicleState, "set_interval", record)
+    monkeypatch.setattr(MockState, "set_interval", record)
     scene.fly()
     wanted = dict(INTERVALS_S)
     if autopilot is PX4:
@@ -163,13 +163,13 @@ def test_what_comes_too_rarely_is_asked_for_three_times_and_refused(
 ) -> None:
     scene = ready_scene()
     asked: list[type[m.Message]] = []
-    original = VehicleState.set_interval
+    original = MockState.set_interval
 
-    def slow(vehicle: VehicleState, what: type[m.Message], wanted_s: float | None) -> None:
+    def slow(vehicle: MockState, what: type[m.Message], wanted_s: float | None) -> None:
         asked.append(what)
         original(vehicle, what, interval_s if what is kind else wanted_s)
 
-    monkeypatch.setattr(VehicleState, "set_interval", slow)
+    monkeypatch.setattr(MockState, "set_interval", slow)
     with pytest.raises(
         VehicleError, match=rf"comes {kind.__name__} \d.\d times a second .* needs {needs}; not started"
     ):
@@ -182,25 +182,25 @@ def test_what_comes_too_rarely_is_asked_for_three_times_and_refused(
 def test_what_comes_often_enough_on_the_second_asking_is_flown_with(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = ready_scene()
     asked: list[type[m.Message]] = []
-    original = VehicleState.set_interval
+    original = MockState.set_interval
 
-    def slow_at_first(vehicle: VehicleState, what: type[m.Message], wanted_s: float | None) -> None:
+    def slow_at_first(vehicle: MockState, what: type[m.Message], wanted_s: float | None) -> None:
         asked.append(what)
         late = what is m.Attitude and asked.count(what) == 1
         original(vehicle, what, 2.0 if late else wanted_s)
 
-    monkeypatch.setattr(VehicleState, "set_interval", slow_at_first)
+    monkeypatch.setattr(MockState, "set_interval", slow_at_first)
     scene.fly()
     assert asked.count(m.Attitude) == 2
     assert asked.count(m.GlobalPositionInt) == 1
 
 
 class Telling:
-    """A conversation in which every half second so many messages of each kind arrive."""
+    """A session in which every half second so many messages of each kind arrive."""
 
     def __init__(self, **per_half_second: int) -> None:
         self.asked: list[type[m.Message]] = []
-        self.patience = Patience()
+        self.timeouts = FlightTimeouts()
         self.monitor = SimpleNamespace(time_s=0.0, counts=Counter())
         self.client = SimpleNamespace(
             vehicle=SimpleNamespace(mav_autopilot=AutopilotId.PX4), clock=SimpleNamespace(now=lambda: self.monitor.time_s),
@@ -236,7 +236,7 @@ def test_exactly_as_often_as_needed_is_often_enough() -> None:
 
 
 def talking(home: GeoPoint, here: GeoPoint | None = None) -> SimpleNamespace:
-    """A conversation with a vehicle that says where its home is, and where it is itself."""
+    """A session with a vehicle that says where its home is, and where it is itself."""
     told = m.HomePosition(home.lat_deg, home.lon_deg, home.alt_amsl_m)
     position = here and m.GlobalPositionInt(1.0, here.lat_deg, here.lon_deg, here.alt_amsl_m, 0.0, 0.0, 0.0, 0.0, 0.0)
     return SimpleNamespace(
@@ -262,12 +262,12 @@ def test_home_and_position_are_where_the_plan_has_them(off_m: tuple[float, float
     plan = plan_for(mission())
     moved = geodetic(off_m)
     check_home(talking(HOME), plan)
-    for name, conversation in (("home", talking(moved)), ("position", talking(HOME, moved))):
+    for name, session in (("home", talking(moved)), ("position", talking(HOME, moved))):
         if words is None:
-            check_home(conversation, plan)
+            check_home(session, plan)
         else:
             with pytest.raises(VehicleError, match=f"the vehicle's {name} .*{words}"):
-                check_home(conversation, plan)
+                check_home(session, plan)
 
 
 @pytest.mark.parametrize(("off_m", "fits"), [(9.9, True), (-9.9, True), (10.1, False), (-10.1, False)])

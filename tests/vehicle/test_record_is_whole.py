@@ -11,11 +11,11 @@ from tests.vehicle.scene import Scene, make_scene, mission
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.positioning import TruthSample
 from uavcover.mock.state import Streams
-from uavcover.vehicle.flight_plan import Patience
+from uavcover.vehicle.flight_plan import FlightTimeouts
 from uavcover.vehicle.outcome import Ending, FlightFailedError
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
-PATIENCE = Patience(elsewhere_s=10.0, held_s=10.0, ready_s=20.0, stuck_s=20.0)
+TIMEOUTS = FlightTimeouts(override_s=10.0, held_s=10.0, ready_s=20.0, stuck_s=20.0)
 
 
 def scene_at(
@@ -80,7 +80,7 @@ def test_nothing_is_left_out_when_somebody_else_has_the_vehicle_or_its_mission(
 ) -> None:
     scene, log = scene_at(10.0, autopilot, monkeypatch, fault)
     with pytest.raises(FlightFailedError):
-        scene.fly(patience=PATIENCE)
+        scene.fly(timeouts=TIMEOUTS)
     assert_whole(scene, log)
     assert -1 in [sample.current_waypoint for sample in scene.samples[-20:]]
     assert scene.samples[-1].time_s > 25.0

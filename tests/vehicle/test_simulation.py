@@ -11,7 +11,7 @@ from uavcover.mock import commands
 from uavcover.mock import commands as mock_commands
 from uavcover.mock import vehicle as mock_vehicle
 from uavcover.mock.flight_control import FlightControl
-from uavcover.mock.state import VehicleState
+from uavcover.mock.state import MockState
 from uavcover.vehicle.fly import Ending
 from uavcover.vehicle.outcome import EventKind
 from uavcover.vehicle.precautions import simulated_by
@@ -32,7 +32,7 @@ def test_parameters_tell_when_the_uid_does_not(autopilot, name, value, expected,
     if not tells_version:
         monkeypatch.setitem(mock_commands._HANDLERS, 512, lambda *_: CommandResult.UNSUPPORTED)
 
-    def answer(_: VehicleState, message: m.ParamRequestRead) -> m.ParamValue | None:
+    def answer(_: MockState, message: m.ParamRequestRead) -> m.ParamValue | None:
         return m.ParamValue(name, value) if message.name == name else None
 
     monkeypatch.setattr(commands, "answer_parameter", answer)

@@ -61,7 +61,7 @@ def fly(
     from uavcover.run.folder import RunFolder
     from uavcover.run.plan_files import read_planned
     from uavcover.run.session import VehicleLink
-    from uavcover.vehicle.flight_plan import Patience
+    from uavcover.vehicle.flight_plan import FlightTimeouts
 
     client_name = options.client_name(client, link="default", signed=signing_key is not None)
     key = options.signing_key(signing_key)
@@ -70,7 +70,7 @@ def fly(
     precautions = precautions_for(
         folder, console, on_breach=options.on_breach(on_breach), apply_limits=apply_limits, agreed=yes
     )
-    patience = Patience(deadman_s=deadman_s, link_lost_s=link_lost_s)
+    timeouts = FlightTimeouts(deadman_s=deadman_s, link_lost_s=link_lost_s)
     viewer_url = None
     if live:
         from uavcover.recording.viewer import open_live_viewer
@@ -81,7 +81,7 @@ def fly(
         component_id=component,
     )  # fmt: skip
     asked = FlightOptions(
-        confirmed=yes, force=force, viewer_url=viewer_url, patience=patience, precautions=precautions,
+        confirmed=yes, force=force, viewer_url=viewer_url, timeouts=timeouts, precautions=precautions,
         upload_first=to.startswith("mock:"),  # a vehicle that begins with this process holds nothing yet
     )  # fmt: skip
     if resume:

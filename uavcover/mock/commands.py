@@ -10,7 +10,7 @@ from mission_io.wire.mission_items import DEGREES_SCALE
 from uavcover.mock.failsafes import Failsafes
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.itinerary import Step, StepKind, changed_speeds
-from uavcover.mock.state import VehicleState
+from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import KIND_BY_ID, tell
 from uavcover.vehicle.modes import Mode, mode_from_custom, mode_from_params
 
@@ -26,7 +26,7 @@ def answer_command(control: FlightControl, command: m.CommandLong | m.CommandInt
     return CommandResult.UNSUPPORTED if handler is None else handler(control, command.params)
 
 
-def answer_parameter(vehicle: VehicleState, message: m.ParamRequestRead | m.ParamSet) -> m.ParamValue | None:
+def answer_parameter(vehicle: MockState, message: m.ParamRequestRead | m.ParamSet) -> m.ParamValue | None:
     """Read or set a parameter; None (silence) for one that does not exist."""
     index = message.index if isinstance(message, m.ParamRequestRead) else -1
     name = vehicle.parameters.name_of(message.name, index)
@@ -48,7 +48,7 @@ _STREAMS: dict[int, tuple[type[m.Message], ...]] = {
 _EVERY_STREAM = 0
 
 
-def request_stream(vehicle: VehicleState, message: m.RequestDataStream) -> None:
+def request_stream(vehicle: MockState, message: m.RequestDataStream) -> None:
     """Start or stop groups of messages, as ArduPilot does; PX4 has no groups."""
     if not vehicle.is_ardupilot:
         return

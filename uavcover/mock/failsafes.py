@@ -7,7 +7,7 @@ import math
 
 from uavcover.mock.behaviour import TransferClock
 from uavcover.mock.flight_control import FlightControl
-from uavcover.mock.state import VehicleState
+from uavcover.mock.state import MockState
 from uavcover.vehicle.modes import Mode
 
 _POSITION_TIMEOUT_S = 1.0
@@ -109,7 +109,7 @@ class Failsafes:
                 self._control.fail_safe("Fence" if ardupilot else "Geofence", mode)
 
 
-def _battery_actions(vehicle: VehicleState) -> list[tuple[float, Mode]]:
+def _battery_actions(vehicle: MockState) -> list[tuple[float, Mode]]:
     """Battery failsafes: remaining charge (1 is full) below which the vehicle changes to a mode."""
     get, battery = vehicle.parameters, vehicle.body.battery
     if vehicle.is_ardupilot:

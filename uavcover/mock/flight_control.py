@@ -11,7 +11,7 @@ from uavcover.mock.faults import FaultKind
 from uavcover.mock.guidance import Speeds
 from uavcover.mock.itinerary import Step, StepKind, return_steps
 from uavcover.mock.mission_flight import MissionFlight
-from uavcover.mock.state import VehicleState
+from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import tell
 from uavcover.vehicle.modes import Mode, has_mode
 
@@ -37,7 +37,7 @@ class FlightControl:
         mission: follows its mission.
     """
 
-    def __init__(self, state: VehicleState) -> None:
+    def __init__(self, state: MockState) -> None:
         self.state = state
         self.mission = MissionFlight(state)
 

@@ -5,7 +5,7 @@ from mission_io.model.items import Frame
 from mission_io.wire import messages as m
 from uavcover.mock.faults import FaultKind
 from uavcover.mock.itinerary import mission_steps
-from uavcover.mock.state import VehicleState
+from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import tell
 
 _REPEAT_S = 1.0
@@ -15,7 +15,7 @@ _REPORT_S = 0.1
 class MissionFlight:
     """Follows the mission of a vehicle; keeps ``mission_state`` and ``current_seq`` of its state."""
 
-    def __init__(self, state: VehicleState) -> None:
+    def __init__(self, state: MockState) -> None:
         self._state = state
         self._reached: int | None = None
         self._reports_due: list[float] = []

@@ -63,7 +63,7 @@ class MockConfig:
     vehicle_type: int = VehicleClass.QUADROTOR
 
 
-class VehicleState:
+class MockState:
     """State of one mock vehicle.
 
     Args:

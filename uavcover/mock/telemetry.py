@@ -7,7 +7,7 @@ from mission_io.model.enums import EkfFlag, MissionState, ModeFlag
 from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
 from uavcover.mock.positioning import TruthSample
-from uavcover.mock.state import VehicleState
+from uavcover.mock.state import MockState
 from uavcover.vehicle.modes import Mode, custom_mode, has_mode
 from uavcover.vehicle.precautions import MOCK_UID
 
@@ -33,7 +33,7 @@ _EKF_GOOD = (
 _EKF_WAITING = EkfFlag.ATTITUDE | EkfFlag.VELOCITY_VERTICAL | EkfFlag.CONSTANT_POSITION
 
 
-def tell(vehicle: VehicleState, kind: type[m.Message]) -> None:
+def tell(vehicle: MockState, kind: type[m.Message]) -> None:
     """Send one message of a kind now; nothing for a kind that this vehicle does not send."""
     builder = _BUILDERS.get(kind)
     message = None if builder is None else builder(vehicle)
@@ -41,7 +41,7 @@ def tell(vehicle: VehicleState, kind: type[m.Message]) -> None:
         vehicle.send(message)
 
 
-def _heartbeat(vehicle: VehicleState) -> m.Message:
+def _heartbeat(vehicle: MockState) -> m.Message:
     flags = ModeFlag.CUSTOM_MODE_ENABLED
     flags |= ModeFlag.STABILIZE_ENABLED if vehicle.mode is Mode.MANUAL else ModeFlag.GUIDED_ENABLED
     if vehicle.mode is Mode.MISSION:
@@ -58,7 +58,7 @@ def _heartbeat(vehicle: VehicleState) -> m.Message:
     )
 
 
-def _position(vehicle: VehicleState) -> m.Message | None:
+def _position(vehicle: MockState) -> m.Message | None:
     if vehicle.body.believed.lost and not vehicle.is_ardupilot:
         return None  # PX4 reports no global position without an estimate; ArduPilot continues with a guess
     here, body = vehicle.body.geodetic_of(vehicle.body.believed.position_m), vehicle.body.point
@@ -76,20 +76,20 @@ def _position(vehicle: VehicleState) -> m.Message | None:
     )
 
 
-def _attitude(vehicle: VehicleState) -> m.Message:
+def _attitude(vehicle: MockState) -> m.Message:
     body = vehicle.body.point
     yaw = math.remainder(body.yaw_rad, math.tau)
     return m.Attitude(vehicle.time_s, body.roll_rad, body.pitch_rad, yaw, 0.0, 0.0, 0.0)
 
 
-def _mission_current(vehicle: VehicleState) -> m.Message:
+def _mission_current(vehicle: MockState) -> m.Message:
     count = len(vehicle.mission_items)
     total = max(0, count - 1) if vehicle.autopilot.home_in_item_0 else count
     state = vehicle.mission_state if count else MissionState.NO_MISSION
     return m.MissionCurrent(vehicle.current_seq, total, state, vehicle.missions.mission_id)
 
 
-def _sys_status(vehicle: VehicleState) -> m.Message:
+def _sys_status(vehicle: MockState) -> m.Message:
     # The pre-arm bit is set before arming works, as on ArduPilot: whoever trusts it alone is refused.
     healthy = _SENSORS if vehicle.checks_pass else _SENSORS & ~m.PREARM_CHECK_BIT
     if not vehicle.has_fix:
@@ -102,7 +102,7 @@ def _sys_status(vehicle: VehicleState) -> m.Message:
     )
 
 
-def _gps(vehicle: VehicleState) -> m.Message:
+def _gps(vehicle: MockState) -> m.Message:
     believed = vehicle.body.believed
     here = vehicle.body.geodetic_of(believed.receiver_m)
     east, north, _ = vehicle.body.point.velocity_m_s
@@ -113,7 +113,7 @@ def _gps(vehicle: VehicleState) -> m.Message:
     )
 
 
-def _battery(vehicle: VehicleState) -> m.Message:
+def _battery(vehicle: MockState) -> m.Message:
     battery = vehicle.body.battery
     left = battery.remaining
     state = _CHARGE_CRITICAL if left <= 0.1 else _CHARGE_LOW if left <= 0.2 else _CHARGE_OK
@@ -128,7 +128,7 @@ def _battery(vehicle: VehicleState) -> m.Message:
     )
 
 
-def _display(vehicle: VehicleState) -> m.Message:
+def _display(vehicle: MockState) -> m.Message:
     point, believed = vehicle.body.point, vehicle.body.believed.position_m
     east, north, up = point.velocity_m_s
     throttle = round(50.0 * vehicle.body.battery.power_w / vehicle.body.battery.data.hover_w) if vehicle.flying else 0
@@ -137,19 +137,19 @@ def _display(vehicle: VehicleState) -> m.Message:
     return m.VfrHud(point.airspeed_m_s, math.hypot(east, north), heading, min(100, throttle), alt_amsl_m, up)
 
 
-def _terrain(vehicle: VehicleState) -> m.Message | None:
+def _terrain(vehicle: MockState) -> m.Message | None:
     if vehicle.terrain is None:
         return None
     here = vehicle.body.geodetic_of(vehicle.body.believed.position_m)
     return vehicle.terrain.report(here.lat_deg, here.lon_deg, here.alt_amsl_m)
 
 
-def _home(vehicle: VehicleState) -> m.Message | None:
+def _home(vehicle: MockState) -> m.Message | None:
     home = vehicle.body.home
     return m.HomePosition(home.lat_deg, home.lon_deg, home.alt_amsl_m) if vehicle.home_known else None
 
 
-def truth_sample(vehicle: VehicleState) -> TruthSample:
+def truth_sample(vehicle: MockState) -> TruthSample:
     """The true position, and the error of the believed one."""
     here, point = vehicle.body.geodetic(), vehicle.body.point
     return TruthSample(
@@ -164,7 +164,7 @@ def truth_sample(vehicle: VehicleState) -> TruthSample:
     )
 
 
-_BUILDERS: dict[type[m.Message], Callable[[VehicleState], m.Message | None]] = {
+_BUILDERS: dict[type[m.Message], Callable[[MockState], m.Message | None]] = {
     m.Heartbeat: _heartbeat,
     m.GlobalPositionInt: _position,
     m.Attitude: _attitude,

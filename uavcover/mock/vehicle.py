@@ -15,7 +15,7 @@ from uavcover.mock.failsafes import Failsafes
 from uavcover.mock.fault_effects import apply_faults
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.positioning import OnTruth
-from uavcover.mock.state import MockConfig, VehicleState
+from uavcover.mock.state import MockConfig, MockState
 from uavcover.mock.telemetry import tell, truth_sample
 
 __all__ = ["MockConfig", "MockVehicle"]
@@ -26,7 +26,7 @@ _CHECK_EVERY = 10
 _INFO, _CRITICAL = 6, 2
 
 
-class MockVehicle(VehicleState):
+class MockVehicle(MockState):
     """The vehicle: feed it with ``receive`` and ``advance``, and send what ``outgoing`` returns.
 
     Args:

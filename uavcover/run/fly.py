@@ -20,7 +20,6 @@ from uavcover.run.provenance import note_files, seal_flight
 from uavcover.run.resume import TRACK, Unfinished, find_unfinished, save_rest, took_off_s
 from uavcover.run.session import (
     Connected,
-    Orders,
     VehicleLink,
     check_home,
     connect,
@@ -34,8 +33,8 @@ from uavcover.run.upload import upload, upload_document
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map
-from uavcover.vehicle.flight_plan import Patience
-from uavcover.vehicle.fly import Ending, FlightOutcome
+from uavcover.vehicle.flight_plan import FlightTimeouts
+from uavcover.vehicle.fly import Ending, FlightOutcome, Orders
 from uavcover.vehicle.outcome import FlightFailedError
 from uavcover.vehicle.precautions import USUAL, Precautions
 from uavcover.vehicle.track_file import SpaceReserve, read_track, record_bytes
@@ -54,7 +53,7 @@ class FlightOptions:
         force: whether the track, recording and verdict of an older flight may be replaced.
         upload_first: whether the vehicle is given the mission before, as one that begins with this process needs it.
         viewer_url: of a rerun viewer that shows the flight while it goes on.
-        patience: with the vehicle; none is the usual one.
+        timeouts: how long to wait for the vehicle; None takes the defaults.
         precautions: against breaches and wrong limits.
     """
 
@@ -62,7 +61,7 @@ class FlightOptions:
     force: bool = False
     upload_first: bool = False
     viewer_url: str | None = None
-    patience: Patience | None = None
+    timeouts: FlightTimeouts | None = None
     precautions: Precautions = USUAL
 
 
@@ -118,7 +117,7 @@ def record_flight(
         )  # fmt: skip
         orders = Orders(
             on_sample=log.take_sample, on_event=log.take_event, on_begin=log.begin, stop=lambda: interrupts.count,
-            pause=keys.paused, confirmed=options.confirmed, patience=options.patience, precautions=options.precautions,
+            pause=keys.paused, confirmed=options.confirmed, timeouts=options.timeouts, precautions=options.precautions,
         )  # fmt: skip
         try:
             outcome = begin(orders)

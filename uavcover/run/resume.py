@@ -18,7 +18,7 @@ from uavcover.run.plan_files import save_plan
 from uavcover.run.provenance import note_in_run
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map
-from uavcover.vehicle.break_off import BreakOff, find_break_off, route_left
+from uavcover.vehicle.resume_point import ResumePoint, find_resume_point, remaining_route
 from uavcover.vehicle.track_file import read_track
 
 TRACK = "track.csv"
@@ -42,7 +42,7 @@ class Unfinished:
     flown: RunFolder
     planned: PlannedDocument
     track: Track
-    broken: BreakOff
+    broken: ResumePoint
     route: Route
     folder: RunFolder
 
@@ -91,8 +91,8 @@ def find_unfinished(run: RunFolder, site: Site) -> Unfinished:
     )
     track = read_track(latest.file(TRACK))
     radius_m = site.scenario.vehicle.acceptance_radius_m
-    broken = find_break_off(track, planned.route.waypoints_m, radius_m=radius_m)
-    left = route_left(
+    broken = find_resume_point(track, planned.route.waypoints_m, radius_m=radius_m)
+    left = remaining_route(
         planned.route.waypoints_m, broken, radius_m=radius_m,
         sees_along_legs=site.scenario.sensor.sensing == "along-path",
     )  # fmt: skip

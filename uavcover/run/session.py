@@ -1,6 +1,6 @@
 """A site's vehicle: find it, check that it stands where the plan starts, fly the compiled mission."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -23,7 +23,6 @@ from uavcover.mock.behaviour import Settings
 from uavcover.mock.server import register_mock
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Route
-from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compile_continuation, compile_return
@@ -31,19 +30,16 @@ from uavcover.routes.way_cost import pace_of
 from uavcover.run.mission import compile_plan
 from uavcover.run.resume import Unfinished
 from uavcover.scenario.site import Site
-from uavcover.vehicle.break_off import along_leg_m
-from uavcover.vehicle.flight_plan import FlightPlan, Patience, PlanNeeds
-from uavcover.vehicle.fly import FlightOutcome, Onward, PlanOnward
+from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts, OperatingVolume, PlanNeeds
+from uavcover.vehicle.fly import Continuation, FlightOutcome, Orders, PlanContinuation
 from uavcover.vehicle.fly import fly as fly_plan
 from uavcover.vehicle.fly import fly_on as fly_on_plan
 from uavcover.vehicle.modes import require_multirotor
 from uavcover.vehicle.monitor import Monitor, open_vehicle
-from uavcover.vehicle.outcome import FlightEvent
-from uavcover.vehicle.precautions import USUAL, Precautions
 from uavcover.vehicle.readiness import check_home as check_home_of
+from uavcover.vehicle.resume_point import along_leg_m
 from uavcover.vehicle.return_home import PlanReturn
-from uavcover.vehicle.session import Conversation
-from uavcover.vehicle.surroundings import Surroundings
+from uavcover.vehicle.session import Session
 
 _GROUND_S, _ASK_AGAIN_S = 4.0, 0.2
 """So long, and so often, a vehicle that is armed is asked whether it stands on the ground."""
@@ -192,7 +188,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
         acceptance_radius_m=site.scenario.vehicle.acceptance_radius_m,
         max_climb_m_s=site.scenario.vehicle.max_climb_m_s,
         max_descent_m_s=site.scenario.vehicle.max_descent_m_s,
-        surroundings=_surroundings(site),
+        volume=_operating_volume(site),
         needs=PlanNeeds(
             pace=pace_of(site),
             return_height_m=site.scenario.vehicle.return_height_m,
@@ -202,7 +198,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
     )
 
 
-def _surroundings(site: Site) -> Surroundings:
+def _operating_volume(site: Site) -> OperatingVolume:
     """What positions in flight are judged by."""
     shapely.prepare(site.fence)
 
@@ -213,7 +209,7 @@ def _surroundings(site: Site) -> Surroundings:
         return float(site.fence.distance(shapely.Point(east_m, north_m)))
 
     limits = site.scenario.limits
-    return Surroundings(
+    return OperatingVolume(
         ground_up_m=ground_up_m,
         outside_fence_m=outside_fence_m,
         min_height_agl_m=limits.min_height_agl_m,
@@ -227,35 +223,10 @@ def check_home(vehicle: Connected, site: Site, compiled: CompiledMission) -> Non
     Raises:
         VehicleError: it is farther away than the scenario allows.
     """
-    conversation = Conversation(
-        vehicle.client, vehicle.monitor, patience=Patience(), on_event=lambda _: None, stop=lambda: 0
+    session = Session(
+        vehicle.client, vehicle.monitor, timeouts=FlightTimeouts(), on_event=lambda _: None, stop=lambda: 0
     )
-    check_home_of(conversation, flight_plan(site, compiled))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Orders:
-    """What the user wants of a flight, and who is told about it.
-
-    Attributes:
-        on_sample: takes every sample as it comes.
-        on_event: is told what happens.
-        on_begin: is called before the vehicle is armed, or taken over in the air; what it raises ends it there.
-        stop: how often the user has asked to stop: once is home along checked legs, twice is hold.
-        pause: whether the user wants the vehicle to wait where it is.
-        confirmed: whether a vehicle that may be real may be flown.
-        patience: how long to wait for what.
-        precautions: what to do when it goes wrong, and before it begins.
-    """
-
-    on_sample: Callable[[TrackSample], None]
-    on_event: Callable[[FlightEvent], None] = lambda _: None
-    on_begin: Callable[[], None] = lambda: None
-    stop: Callable[[], int] = lambda: 0
-    pause: Callable[[], bool] = lambda: False
-    confirmed: bool = False
-    patience: Patience | None = None
-    precautions: Precautions = USUAL
+    check_home_of(session, flight_plan(site, compiled))
 
 
 def fly(vehicle: Connected, site: Site, compiled: CompiledMission, orders: Orders) -> FlightOutcome:
@@ -272,8 +243,7 @@ def fly(vehicle: Connected, site: Site, compiled: CompiledMission, orders: Order
     """
     return fly_plan(
         vehicle.client, vehicle.monitor, flight_plan(site, compiled),
-        on_sample=orders.on_sample, on_event=orders.on_event, on_begin=orders.on_begin, stop=orders.stop, pause=orders.pause,
-        confirmed=orders.confirmed, patience=orders.patience, precautions=orders.precautions, plan_return=_plan_return(site),
+        orders, plan_return=_plan_return(site),
     )  # fmt: skip
 
 
@@ -306,7 +276,7 @@ def fly_on(vehicle: Connected, site: Site, unfinished: Unfinished, orders: Order
         FlightFailedError: as ``fly``; also when there is no checked way on from where the vehicle is, which then holds there.
     """
 
-    def plan_onward(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Onward:
+    def plan_continuation(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Continuation:
         held = _held_onward(vehicle, site, unfinished, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m)
         if held is not None:
             return held
@@ -314,7 +284,7 @@ def fly_on(vehicle: Connected, site: Site, unfinished: Unfinished, orders: Order
             vehicle, site, unfinished.route, lat_deg, lon_deg, alt_amsl_m, up_since_s=float(unfinished.track.time_s[0])
         )
 
-    return _take_over(vehicle, site, plan_onward, orders)
+    return _take_over(vehicle, site, plan_continuation, orders)
 
 
 def fly_from_the_air(
@@ -333,17 +303,16 @@ def fly_from_the_air(
         FlightFailedError: as ``fly``; also when there is no checked way to the route, and the vehicle then holds where it is.
     """
 
-    def plan_onward(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Onward:
+    def plan_continuation(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Continuation:
         return _sent_onward(vehicle, site, route, lat_deg, lon_deg, alt_amsl_m, up_since_s=up_since_s or 0.0)
 
-    return _take_over(vehicle, site, plan_onward, orders)
+    return _take_over(vehicle, site, plan_continuation, orders)
 
 
-def _take_over(vehicle: Connected, site: Site, plan_onward: PlanOnward, orders: Orders) -> FlightOutcome:
+def _take_over(vehicle: Connected, site: Site, plan_continuation: PlanContinuation, orders: Orders) -> FlightOutcome:
     return fly_on_plan(
-        vehicle.client, vehicle.monitor, plan_onward,
-        on_sample=orders.on_sample, on_event=orders.on_event, on_begin=orders.on_begin, stop=orders.stop, pause=orders.pause,
-        confirmed=orders.confirmed, patience=orders.patience, precautions=orders.precautions, plan_return=_plan_return(site),
+        vehicle.client, vehicle.monitor, plan_continuation,
+        orders, plan_return=_plan_return(site),
     )  # fmt: skip
 
 
@@ -356,19 +325,19 @@ def _sent_onward(
     alt_amsl_m: float,
     *,
     up_since_s: float,
-) -> Onward:
+) -> Continuation:
     """A mission from where the vehicle is, to be sent to it."""
     flown_s = (vehicle.monitor.time_s or 0.0) - up_since_s
     compiled = compile_continuation(
         site, route, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m,
         flown_s=max(0.0, flown_s), autopilot=vehicle.autopilot,
     )  # fmt: skip
-    return Onward(flight_plan(site, compiled), upload=True, first_item=0)
+    return Continuation(flight_plan(site, compiled), upload=True, first_item=0)
 
 
 def _held_onward(
     vehicle: Connected, site: Site, unfinished: Unfinished, *, lat_deg: float, lon_deg: float, alt_amsl_m: float
-) -> Onward | None:
+) -> Continuation | None:
     """How to go on with the mission that the vehicle holds; none when it holds another, or is not where it left the route."""
     number, planned_m = unfinished.broken.waypoint, unfinished.planned.route.waypoints_m
     if site.frame is None or number == 0:
@@ -397,7 +366,7 @@ def _held_onward(
         waypoint_count=len(unfinished.route),
         passed_before=passed,
     )
-    return Onward(plan, upload=False, first_item=compiled.first_waypoint_item + number)
+    return Continuation(plan, upload=False, first_item=compiled.first_waypoint_item + number)
 
 
 def _plan_return(site: Site) -> PlanReturn:

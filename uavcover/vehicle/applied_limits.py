@@ -16,7 +16,7 @@ from uavcover.vehicle.flight_plan import FlightPlan
 from uavcover.vehicle.limit_table import Limit, Weight, limit_table, parameter_groups
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
 from uavcover.vehicle.precautions import Precautions
-from uavcover.vehicle.session import Conversation
+from uavcover.vehicle.session import Session
 
 _ANSWER_S = 3.0
 _AGAIN_S = 0.7
@@ -24,13 +24,13 @@ _WHOLE_TYPES = range(1, 9)
 """MAV_PARAM_TYPE: integers of 8 to 64 bits."""
 
 
-def read_parameters(conversation: Conversation, groups: Iterable[Collection[str]]) -> dict[str, ParamValue]:
+def read_parameters(session: Session, groups: Iterable[Collection[str]]) -> dict[str, ParamValue]:
     """Ask for all at once; of each group of names for the same thing one answer is enough.
 
     A vehicle is silent about a parameter that it does not have, so what is not here may also be lost on a bad link: it is asked
     for again until three seconds have gone.
     """
-    client, found = conversation.client, dict[str, ParamValue]()
+    client, found = session.client, dict[str, ParamValue]()
     wanted = [list(names) for names in groups]
     until_s = client.clock.now() + _ANSWER_S
     again_s = client.clock.now()
@@ -53,21 +53,21 @@ def numbers(values: Mapping[str, ParamValue], *, px4: bool) -> dict[str, float]:
     return {name: _decoded(value, px4=px4) for name, value in values.items()}
 
 
-def set_parameter(conversation: Conversation, name: str, number: float) -> None:
+def set_parameter(session: Session, name: str, number: float) -> None:
     """Set a parameter to a number in its own unit, whatever its type, and see that it is so.
 
     Raises:
         VehicleSilentError: it does not exist, or nobody answers.
         mission_io.errors.MisuseError: the vehicle limits or refuses it.
     """
-    client = conversation.client
-    known = read_parameters(conversation, [[name]]).get(name)
+    client = session.client
+    known = read_parameters(session, [[name]]).get(name)
     if known is None:
         raise VehicleSilentError(f"no answer about {name}")
     wire = number
     if known.param_type in _WHOLE_TYPES:
         wire = float(round(number))
-        if _is_px4(conversation):
+        if _is_px4(session):
             wire = float(struct.unpack("<f", struct.pack("<i", round(number)))[0])
     client.set_parameter(name, wire, param_type=known.param_type, timeout_s=_ANSWER_S)
 
@@ -78,23 +78,23 @@ def _decoded(value: ParamValue, *, px4: bool) -> float:
     return value.value
 
 
-def _is_px4(conversation: Conversation) -> bool:
-    return conversation.client.vehicle.mav_autopilot == AutopilotId.PX4
+def _is_px4(session: Session) -> bool:
+    return session.client.vehicle.mav_autopilot == AutopilotId.PX4
 
 
 class AppliedLimits:
     """The limits of one flight, and what of the vehicle's parameters was changed for it.
 
     Args:
-        conversation: with the vehicle.
+        session: with the vehicle.
         precautions: whether to change anything, whom to ask, and where old values are kept.
 
     Attributes:
         rows: the table as it was told last.
     """
 
-    def __init__(self, conversation: Conversation, precautions: Precautions) -> None:
-        self._conversation, self._precautions = conversation, precautions
+    def __init__(self, session: Session, precautions: Precautions) -> None:
+        self._session, self._precautions = session, precautions
         self._before: dict[str, float] = {}
         self.rows: tuple[Limit, ...] = ()
 
@@ -102,7 +102,7 @@ class AppliedLimits:
         """Put back what a flight that was killed has left changed."""
         if self._precautions.left_changed:
             self._before = dict(self._precautions.left_changed)
-            self._conversation.tell(EventKind.STAGE, "an earlier flight left parameters changed; they are put back")
+            self._session.tell(EventKind.STAGE, "an earlier flight left parameters changed; they are put back")
             self.put_back()
 
     def check(self, plan: FlightPlan) -> None:
@@ -118,7 +118,7 @@ class AppliedLimits:
             self._read(plan)
         for row in self.rows:
             if row.weight is Weight.WARNING:
-                self._conversation.tell(EventKind.WARNING, row.sentence)
+                self._session.tell(EventKind.WARNING, row.sentence)
         refused = next((row for row in self.rows if row.weight is Weight.REFUSED), None)
         if refused is not None:
             advice = "set it, or say --apply-limits" if refused.wanted is not None else "plan a shorter flight"
@@ -126,53 +126,53 @@ class AppliedLimits:
 
     def put_back(self) -> None:
         """Put the old values back; what cannot be is told, and stays kept for the next time."""
-        conversation = self._conversation
+        session = self._session
         if not self._before:
             return
-        vehicle = conversation.client.vehicle
+        vehicle = session.client.vehicle
         left: dict[str, float] = {}
         why = ""
         for name, number in self._before.items():
-            if vehicle.armed and conversation.monitor.on_ground is not True:
+            if vehicle.armed and session.monitor.on_ground is not True:
                 left[name], why = number, "it is in the air, and the rest of its flight needs them"
                 continue
             try:
-                set_parameter(conversation, name, number)
+                set_parameter(session, name, number)
             except MissionIoError as error:
                 left[name], why = number, str(error)
         self._before = left
         self._precautions.keep(left)
         if left:
             text = ", ".join(f"{name} was {number:g}" for name, number in left.items())
-            conversation.tell(EventKind.WARNING, f"left changed on the vehicle ({why}): {text}", alarm=True)
+            session.tell(EventKind.WARNING, f"left changed on the vehicle ({why}): {text}", alarm=True)
         else:
-            conversation.tell(EventKind.STAGE, "the vehicle's old parameters are back")
+            session.tell(EventKind.STAGE, "the vehicle's old parameters are back")
 
     def _read(self, plan: FlightPlan) -> None:
-        conversation = self._conversation
-        px4 = conversation.client.vehicle.mav_autopilot == AutopilotId.PX4
-        values = numbers(read_parameters(conversation, parameter_groups(px4=px4)), px4=px4)
-        home = conversation.monitor.latest(m.HomePosition)
+        session = self._session
+        px4 = session.client.vehicle.mav_autopilot == AutopilotId.PX4
+        values = numbers(read_parameters(session, parameter_groups(px4=px4)), px4=px4)
+        home = session.monitor.latest(m.HomePosition)
         self.rows = limit_table(values, plan, px4=px4, home_alt_amsl_m=None if home is None else home.alt_amsl_m)
         if plan.needs is not None:
-            conversation.tell(EventKind.STAGE, "limits: planned | vehicle | matters because")
+            session.tell(EventKind.STAGE, "limits: planned | vehicle | matters because")
             for row in self.rows:
-                conversation.tell(EventKind.STAGE, row.line)
+                session.tell(EventKind.STAGE, row.line)
 
     def _apply(self, changes: Mapping[str, Limit]) -> None:
-        conversation = self._conversation
-        px4 = conversation.client.vehicle.mav_autopilot == AutopilotId.PX4
-        old = numbers(read_parameters(conversation, [[name] for name in changes]), px4=px4)
+        session = self._session
+        px4 = session.client.vehicle.mav_autopilot == AutopilotId.PX4
+        old = numbers(read_parameters(session, [[name] for name in changes]), px4=px4)
         wanted = {name: row.wanted for name, row in changes.items() if row.wanted is not None and name in old}
         text = ", ".join(f"{name} {old[name]:g} -> {number:g}" for name, number in wanted.items())
         if not self._precautions.agree(f"set for this flight, and back at its end: {text}"):
-            conversation.tell(EventKind.WARNING, f"not changed: {text}")
+            session.tell(EventKind.WARNING, f"not changed: {text}")
             return
         self._before = {name: old[name] for name in wanted}
         self._precautions.keep(self._before)
         for name, number in wanted.items():
             try:
-                set_parameter(conversation, name, number)
+                set_parameter(session, name, number)
             except MissionIoError as error:
-                conversation.tell(EventKind.WARNING, f"{name} could not be set: {error}")
-        conversation.tell(EventKind.STAGE, f"set for this flight: {text}")
+                session.tell(EventKind.WARNING, f"{name} could not be set: {error}")
+        session.tell(EventKind.STAGE, f"set for this flight: {text}")

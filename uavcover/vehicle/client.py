@@ -14,7 +14,7 @@ MessageT = TypeVar("MessageT", bound=Message)
 
 
 class VehicleClient(Protocol):
-    """A ground station's end of the conversation with one vehicle; ``mission_io.client.client.Client`` is one.
+    """A ground station's end of the session with one vehicle; ``mission_io.client.client.Client`` is one.
 
     Everything that it hears goes to the :class:`~uavcover.vehicle.monitor.Monitor` as messages of
     ``mission_io.wire.messages``, whoever waits for it. Errors are ``mission_io.errors``.

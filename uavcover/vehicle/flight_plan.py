@@ -1,8 +1,8 @@
 """What a flight needs to know of the plan, and how patient it is."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,10 +13,6 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.way_cost import Pace
 from uavcover.scenario.frames import LocalFrame
 from uavcover.vehicle.ground_contact import GroundAt
-
-if TYPE_CHECKING:
-    from uavcover.vehicle.surroundings import Surroundings
-
 
 _PLACES = (Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND, Command.NAV_LOITER_TIME)
 
@@ -39,6 +35,23 @@ class PlanNeeds:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class OperatingVolume:
+    """Where the vehicle may be: fence, height band and known ground.
+
+    Attributes:
+        ground_up_m: height of the ground in the local frame by east and north; NaN where unknown.
+        outside_fence_m: distance outside the fence by east and north; 0 inside.
+        min_height_agl_m: lower end of the height band between the first and the last planned waypoint.
+        max_height_agl_m: its upper end.
+    """
+
+    ground_up_m: Callable[[float, float], float]
+    outside_fence_m: Callable[[float, float], float]
+    min_height_agl_m: float
+    max_height_agl_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FlightPlan:
     """The mission that the vehicle is to hold, and where it belongs.
 
@@ -56,7 +69,7 @@ class FlightPlan:
         max_climb_m_s: upward speed that the plan counts on; none when it does not say.
         max_descent_m_s: downward speed that the plan counts on.
         needs: what else the plan counts on, for the table before arming; None is not to make one.
-        surroundings: ground, fence and height band, to judge positions in flight; None is not to.
+        volume: ground, fence and height band, to judge positions in flight; None is not to.
     """
 
     mission: Mission
@@ -71,8 +84,8 @@ class FlightPlan:
     acceptance_radius_m: float = 3.0
     max_climb_m_s: float | None = None
     max_descent_m_s: float | None = None
-    surroundings: "Surroundings | None" = None
-    needs: "PlanNeeds | None" = None
+    volume: OperatingVolume | None = None
+    needs: PlanNeeds | None = None
 
     def waypoints_m(self) -> FloatArray:
         """(n, 3) ENU, the planned waypoints, as their items say."""
@@ -113,7 +126,7 @@ class FlightPlan:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Patience:
+class FlightTimeouts:
     """How long to wait for what, in seconds of vehicle time unless it says otherwise.
 
     Attributes:
@@ -125,7 +138,7 @@ class Patience:
         start_s: from the start command until it leaves the ground.
         halt_s: until it has come to rest after it was told to hold.
         stuck_s: without getting on.
-        elsewhere_s: without moving in a mode that somebody else chose, after which following ends; by default it never does, and
+        override_s: without moving in a mode that somebody else chose, after which following ends; by default it never does, and
             the record goes on until the vehicle is on the ground.
         held_s: without moving where it was told to hold because of an alarm, after which it is left holding.
         rate_s: over which the telemetry's rates are measured.
@@ -141,7 +154,7 @@ class Patience:
     start_s: float = 30.0
     halt_s: float = 20.0
     stuck_s: float = 60.0
-    elsewhere_s: float = math.inf
+    override_s: float = math.inf
     held_s: float = 180.0
     rate_s: float = 2.0
     disarm_s: float = 30.0
@@ -149,7 +162,7 @@ class Patience:
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
-            endless = name == "elsewhere_s" and getattr(self, name) == math.inf
+            endless = name == "override_s" and getattr(self, name) == math.inf
             if not (0.0 < getattr(self, name) < math.inf or endless):
                 raise InputError(f"{name}: {getattr(self, name):g} is not a number above 0")
         if self.link_lost_s < self.deadman_s:

@@ -7,14 +7,13 @@ from mission_io.errors import CommandRefusedError
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from uavcover.vehicle.flight_plan import FlightPlan
-from uavcover.vehicle.mission_guard import MissionGuard, Takeover
+from uavcover.vehicle.mission_guard import MissionGuard, ModeOverride, VolumeWatch
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
 from uavcover.vehicle.precautions import BREACHES, OnBreach
-from uavcover.vehicle.progress import Progress
-from uavcover.vehicle.session import Conversation, Stopped, Timer
+from uavcover.vehicle.progress import MissionProgress
+from uavcover.vehicle.session import Session, Stopped, Timer
 from uavcover.vehicle.start import hold_mode, set_mode
-from uavcover.vehicle.surroundings import PlaceWatch
 
 _MOVED_M = 2.0
 _METRES_PER_DEGREE = 111_320.0
@@ -26,76 +25,76 @@ _COMES_TO_REST_S = 10.0
 _LOOK_S = 0.1
 
 
-def follow_mission(conversation: Conversation, plan: FlightPlan, progress: Progress) -> None:
+def follow_mission(session: Session, plan: FlightPlan, progress: MissionProgress) -> None:
     """Listen until the vehicle has flown the mission, landed and disarmed; the user may pause it meanwhile.
 
     Raises:
         FlightFaultError: it did not; the ending says why.
         Stopped: the user asked to stop while the vehicle did what it was told.
     """
-    places = PlaceWatch(conversation, plan.surroundings, progress)
+    places = VolumeWatch(session, plan.volume, progress)
 
     def meanwhile() -> None:
         progress.update()
-        if not conversation.monitor.on_ground:
+        if not session.monitor.on_ground:
             places.look(in_mission=follower.in_mission)
 
-    guard = MissionGuard(conversation, plan, progress, meanwhile)
-    stuck_s = conversation.patience.stuck_s + longest_wait_s(plan)
-    follower = _Follower(conversation, stuck_s, stops_before=0, pause=conversation.pause)
-    conversation.watch.take_begun()
+    guard = MissionGuard(session, plan, progress, meanwhile)
+    stuck_s = session.timeouts.stuck_s + longest_wait_s(plan)
+    follower = _Follower(session, stuck_s, stops_before=0, pause=session.pause)
+    session.watch.take_begun()
 
     def look() -> None:
-        if follower.in_mission and not conversation.monitor.on_ground:
+        if follower.in_mission and not session.monitor.on_ground:
             guard.look()
         meanwhile()
-        follower.react(conversation.watch.take_begun())
+        follower.react(session.watch.take_begun())
 
-    while conversation.client.vehicle.armed:
+    while session.client.vehicle.armed:
         follower.step(look)
     follower.settle()
     progress.update()
     guard.look_once_more()
-    _judge(conversation, plan, progress, follower)
-    conversation.tell(EventKind.STAGE, "disarmed")
+    _judge(session, plan, progress, follower)
+    session.tell(EventKind.STAGE, "disarmed")
 
 
-def follow_home(conversation: Conversation, *, stops_before: int, longest_wait_s: float) -> None:
+def follow_home(session: Session, *, stops_before: int, longest_wait_s: float) -> None:
     """Listen until the vehicle has flown its way home, landed and disarmed.
 
     Raises:
         FlightFaultError: it is gone, stuck, or on the ground and does not disarm.
         Stopped: the user asked once more.
     """
-    stuck_s = conversation.patience.stuck_s + longest_wait_s
-    follower = _Follower(conversation, stuck_s, stops_before=stops_before, pause=lambda: False)
-    while conversation.client.vehicle.armed:
+    stuck_s = session.timeouts.stuck_s + longest_wait_s
+    follower = _Follower(session, stuck_s, stops_before=stops_before, pause=lambda: False)
+    while session.client.vehicle.armed:
         follower.step(lambda: None)
     follower.settle()
-    fallen = _fallen(conversation, follower)
+    fallen = _fallen(session, follower)
     if fallen is not None:
-        raise FlightFaultError(Ending.CRASHED, f"{fallen} on its way home{conversation.complaints}")
+        raise FlightFaultError(Ending.CRASHED, f"{fallen} on its way home{session.recent_warnings}")
     if follower.cause is not None:
         raise FlightFaultError(
             follower.cause, "the vehicle did not fly its way home to the end; it has landed and disarmed"
         )
-    conversation.tell(EventKind.STAGE, "disarmed")
+    session.tell(EventKind.STAGE, "disarmed")
 
 
-def _judge(conversation: Conversation, plan: FlightPlan, progress: Progress, follower: "_Follower") -> None:
+def _judge(session: Session, plan: FlightPlan, progress: MissionProgress, follower: "_Follower") -> None:
     """Whether a flight that is over was the planned one.
 
     Raises:
         FlightFaultError: it was not.
     """
-    watch = conversation.watch
+    watch = session.watch
     flown = f"{progress.reached_count} of {plan.waypoint_count} planned waypoints"
-    fallen = _fallen(conversation, follower)
+    fallen = _fallen(session, follower)
     if fallen is not None:
         before = [follower.cause] if follower.cause is not None else []
         before += [kind for kind in _LASTING if watch.is_open(kind)]
         why = f"; before, {watch.text_of(before[0])}" if before else ""
-        raise FlightFaultError(Ending.CRASHED, f"{fallen} after {flown}{why}{conversation.complaints}")
+        raise FlightFaultError(Ending.CRASHED, f"{fallen} after {flown}{why}{session.recent_warnings}")
     if follower.cause is not None:
         raise FlightFaultError(follower.cause, f"{watch.text_of(follower.cause)}; it landed and disarmed after {flown}")
     how = "it landed and disarmed"
@@ -104,7 +103,7 @@ def _judge(conversation: Conversation, plan: FlightPlan, progress: Progress, fol
             raise FlightFaultError(kind, f"{watch.text_of(kind)}; {how} after {flown}")
     cause = watch.recent_cause(within_s=10.0)
     if cause is not None and cause[0] is Ending.CRASHED:
-        raise FlightFaultError(Ending.CRASHED, f"{how} after {flown}{conversation.complaints}")
+        raise FlightFaultError(Ending.CRASHED, f"{how} after {flown}{session.recent_warnings}")
     if progress.all_reached:
         return
     lasting = next((kind for kind in (Ending.GPS_LOST, Ending.POSITION_LOST) if watch.is_open(kind)), None)
@@ -112,19 +111,19 @@ def _judge(conversation: Conversation, plan: FlightPlan, progress: Progress, fol
         raise FlightFaultError(lasting, f"{watch.text_of(lasting)}; {how} after {flown}")
     raise FlightFaultError(
         Ending.ENDED_EARLY,
-        f"the vehicle landed and disarmed after {flown}, in {conversation.mode_name}{conversation.complaints}",
+        f"the vehicle landed and disarmed after {flown}, in {session.mode_name}{session.recent_warnings}",
     )
 
 
-def _fallen(conversation: Conversation, follower: "_Follower") -> str | None:
+def _fallen(session: Session, follower: "_Follower") -> str | None:
     """How the vehicle, which is disarmed now, came down without motors; None when it has landed.
 
     It is listened to until it lies still.
     """
-    monitor, patience = conversation.monitor, Timer(conversation, _COMES_TO_REST_S)
-    began_s = conversation.client.clock.now()
-    while not (monitor.on_ground or patience.over or conversation.client.clock.now() - began_s > _COMES_TO_REST_S):
-        conversation.listen(_LOOK_S)
+    monitor, timer = session.monitor, Timer(session, _COMES_TO_REST_S)
+    began_s = session.client.clock.now()
+    while not (monitor.on_ground or timer.over or session.client.clock.now() - began_s > _COMES_TO_REST_S):
+        session.listen(_LOOK_S)
         settled = monitor.ground.is_still(monitor.time_s) and monitor.ground.says_landed is not False
         if settled:
             break
@@ -138,7 +137,7 @@ class _Follower:
     """What following has to look at all the time, whatever is flown.
 
     Args:
-        conversation: with the vehicle.
+        session: with the vehicle.
         stuck_s: without getting on, in its mission.
         stops_before: how many stops of the user are known already.
         pause: whether the vehicle is to wait now.
@@ -147,35 +146,33 @@ class _Follower:
         last_armed_s: vehicle time when it was last known to be armed.
     """
 
-    def __init__(
-        self, conversation: Conversation, stuck_s: float, *, stops_before: int, pause: Callable[[], bool]
-    ) -> None:
-        self._conversation, self._stops_before, self._pause = conversation, stops_before, pause
-        self._takeover = Takeover(conversation)
-        self._stillness = Stillness(conversation, stuck_s)
-        self._elsewhere = Stillness(conversation, conversation.patience.elsewhere_s)
+    def __init__(self, session: Session, stuck_s: float, *, stops_before: int, pause: Callable[[], bool]) -> None:
+        self._session, self._stops_before, self._pause = session, stops_before, pause
+        self._override = ModeOverride(session)
+        self._stillness = Stillness(session, stuck_s)
+        self._elsewhere = Stillness(session, session.timeouts.override_s)
         self._landed: Timer | None = None
         self._told_to_disarm = self._record_goes_on = False
         self._holds = False
         self._upside_down = False
         self._held_for: Ending | None = None
-        self._held_still = Stillness(conversation, conversation.patience.held_s)
+        self._held_still = Stillness(session, session.timeouts.held_s)
         self._going_on: Timer | None = None
-        self.last_armed_s = conversation.monitor.time_s
+        self.last_armed_s = session.monitor.time_s
 
     @property
     def in_mission(self) -> bool:
         """Whether the vehicle flies its mission now."""
-        return not self._takeover.begun and not self._holds
+        return not self._override.begun and not self._holds
 
     @property
     def cause(self) -> Ending | None:
         """Why somebody else, a pilot or a failsafe, has the vehicle; None when nobody has."""
-        return self._takeover.cause
+        return self._override.cause
 
     def settle(self) -> None:
         """Find the cause of what happened in the last moment."""
-        self._takeover.settle()
+        self._override.settle()
 
     def step(self, look: Callable[[], None]) -> None:
         """Listen for a moment.
@@ -184,27 +181,27 @@ class _Follower:
             FlightFaultError: the vehicle is gone, stuck, or stays armed.
             Stopped: the user asked once more.
         """
-        conversation = self._conversation
-        self.last_armed_s = conversation.monitor.time_s
-        if (stops := conversation.stop()) > self._stops_before:
+        session = self._session
+        self.last_armed_s = session.monitor.time_s
+        if (stops := session.stop()) > self._stops_before:
             self._end_at_users_wish(stops)
         self._pause_or_go_on()
         if self._going_on is not None and self._going_on.over:
-            self._going_on, conversation.paused = None, self._holds
-        conversation.pump()
+            self._going_on, session.paused = None, self._holds
+        session.pump()
         look()
-        self._takeover.update({hold_mode(conversation)} if self._holds else {Mode.MISSION})
-        if conversation.monitor.on_ground:
+        self._override.update({hold_mode(session)} if self._holds else {Mode.MISSION})
+        if session.monitor.on_ground:
             self._wait_until_disarmed()
             return
         self._landed = None
-        if self._takeover.begun:
+        if self._override.begun:
             self._stillness.restart()
             if self._elsewhere.too_long and self.cause is not None:
                 raise FlightFaultError(
                     self.cause,
-                    f"{conversation.watch.text_of(self.cause)}; it has not moved for {self._elsewhere.patience_s:g} s and is "
-                    "left to whom it obeys",
+                    f"{session.watch.text_of(self.cause)}; it has not moved for {self._elsewhere.timeout_s:g} s and is "
+                    "left to whoever controls it",
                 )
             return
         self._elsewhere.restart()
@@ -220,111 +217,111 @@ class _Follower:
         Raises:
             Stopped: the vehicle is to return.
         """
-        conversation = self._conversation
+        session = self._session
         breach = next((kind for kind in begun if kind in BREACHES), None)
-        if breach is None or not self.in_mission or conversation.monitor.on_ground is not False:
+        if breach is None or not self.in_mission or session.monitor.on_ground is not False:
             return
-        if conversation.on_breach is OnBreach.RETURN:
+        if session.on_breach is OnBreach.RETURN:
             raise Stopped(breach)
-        if conversation.on_breach is OnBreach.TELL:
+        if session.on_breach is OnBreach.TELL:
             return
-        conversation.paused = True
+        session.paused = True
         try:
-            conversation.insist(lambda: set_mode(conversation, hold_mode(conversation)))
+            session.insist(lambda: set_mode(session, hold_mode(session)))
         except CommandRefusedError as error:
-            conversation.paused = False
-            conversation.tell(EventKind.WARNING, f"the vehicle does not want to hold: {error}", alarm=True)
+            session.paused = False
+            session.tell(EventKind.WARNING, f"the vehicle does not want to hold: {error}", alarm=True)
             return
         self._holds, self._held_for, self._upside_down = True, breach, not self._pause()
         self._held_still.restart()
-        conversation.tell(
+        session.tell(
             EventKind.STOP,
-            f"because of that the vehicle holds its place in {conversation.mode_name}: p goes on, Ctrl-C brings it home",
+            f"because of that the vehicle holds its place in {session.mode_name}: p goes on, Ctrl-C brings it home",
         )
 
     def _end_if_held_for_good(self) -> None:
         if self._held_for is not None and self._held_still.too_long:
             raise FlightFaultError(
                 self._held_for,
-                f"{self._conversation.watch.text_of(self._held_for)}; it holds its place since "
-                f"{self._held_still.patience_s:g} s and nobody went on: left holding; fly --resume goes on",
+                f"{self._session.watch.text_of(self._held_for)}; it holds its place since "
+                f"{self._held_still.timeout_s:g} s and nobody went on: left holding; fly --resume goes on",
             )
 
     def _end_at_users_wish(self, stops: int) -> None:
         """Home, unless somebody else has the vehicle: then the first stop is told, and the second ends the record."""
-        self._takeover.settle()
+        self._override.settle()
         if self.cause is None:
             raise Stopped
         if self._record_goes_on or stops > self._stops_before + 1:
             raise FlightFaultError(
                 self.cause,
-                f"{self._conversation.watch.text_of(self.cause)}; stopped following: the vehicle is left to whom it obeys",
+                f"{self._session.watch.text_of(self.cause)}; stopped following: the vehicle is left to whoever controls it",
             )
         self._record_goes_on, self._stops_before = True, stops
-        self._conversation.tell(
+        self._session.tell(
             EventKind.STOP,
             "somebody else has the vehicle, so nothing is asked of it; the record goes on until it is on the ground; once more "
             "ends the record",
         )
 
     def _pause_or_go_on(self) -> None:
-        conversation = self._conversation
+        session = self._session
         wanted = self._pause() is not self._upside_down  # a key that was pressed before a breach does not end its hold
-        if wanted == self._holds or self._takeover.begun or conversation.monitor.on_ground is not False:
+        if wanted == self._holds or self._override.begun or session.monitor.on_ground is not False:
             return
         if wanted:
-            conversation.paused = True
-            conversation.insist(lambda: set_mode(conversation, hold_mode(conversation)))
-            conversation.tell(EventKind.STOP, f"paused: the vehicle holds its place in {conversation.mode_name}")
+            session.paused = True
+            session.insist(lambda: set_mode(session, hold_mode(session)))
+            session.tell(EventKind.STOP, f"paused: the vehicle holds its place in {session.mode_name}")
         else:
-            conversation.insist(lambda: set_mode(conversation, Mode.MISSION))
-            conversation.tell(EventKind.STOP, "the vehicle goes on with its mission")
-            self._going_on = Timer(conversation, _GOING_ON_S)
+            session.insist(lambda: set_mode(session, Mode.MISSION))
+            session.tell(EventKind.STOP, "the vehicle goes on with its mission")
+            self._going_on = Timer(session, _GOING_ON_S)
             self._held_for = None
         self._holds = wanted
 
     def _raise_stuck(self) -> None:
-        conversation = self._conversation
-        cause = conversation.watch.recent_cause(within_s=self._stillness.patience_s)
+        session = self._session
+        cause = session.watch.recent_cause(within_s=self._stillness.timeout_s)
         windy = cause is not None and cause[0] is Ending.WIND_ABOVE_LIMITS
         text = (
-            f"the vehicle is stuck: item {conversation.monitor.current_seq} since {self._stillness.patience_s:g} s "
-            f"without getting on{conversation.complaints}"
+            f"the vehicle is stuck: item {session.monitor.current_seq} since {self._stillness.timeout_s:g} s "
+            f"without getting on{session.recent_warnings}"
         )
         raise FlightFaultError(Ending.WIND_ABOVE_LIMITS if windy else Ending.STUCK, text)
 
     def _wait_until_disarmed(self) -> None:
-        conversation = self._conversation
-        if conversation.watch.is_open(Ending.HEARTBEAT_LOST):
+        session = self._session
+        if session.watch.is_open(Ending.HEARTBEAT_LOST):
             raise FlightFaultError(
                 Ending.HEARTBEAT_LOST,
-                f"{conversation.watch.text_of(Ending.HEARTBEAT_LOST)}; it is on the ground and may be armed: keep away",
+                f"{session.watch.text_of(Ending.HEARTBEAT_LOST)}; it is on the ground and may be armed: keep away",
             )
         if self._landed is None:
-            self._landed = Timer(conversation, conversation.patience.disarm_s)
-            conversation.tell(EventKind.STAGE, "on the ground")
+            self._landed = Timer(session, session.timeouts.disarm_s)
+            session.tell(EventKind.STAGE, "on the ground")
         elif self._landed.over:
             if self.cause is Ending.PILOT_TOOK_OVER:
                 raise FlightFaultError(
                     self.cause,
-                    f"{conversation.watch.text_of(self.cause)}; it is on the ground and stays armed: left to whom it obeys",
+                    f"{session.watch.text_of(self.cause)}; it is on the ground and stays armed: left to whoever controls it",
                 )
             if self._told_to_disarm:
                 raise FlightFaultError(
-                    Ending.STAYED_ARMED, f"the vehicle has landed but stays armed{conversation.complaints}"
+                    Ending.STAYED_ARMED, f"the vehicle has landed but stays armed{session.recent_warnings}"
                 )
             self._told_to_disarm = True
-            conversation.client.command(Command.COMPONENT_ARM_DISARM, 0.0)
+            session.client.command(Command.COMPONENT_ARM_DISARM, 0.0)
             self._landed.restart()
 
 
 class Stillness:
     """Notices that a vehicle neither moves nor goes on to another item."""
 
-    def __init__(self, conversation: Conversation, patience_s: float) -> None:
-        self.patience_s = patience_s
-        self._conversation = conversation
-        self._timer = Timer(conversation, patience_s)
+    def __init__(self, session: Session, timeout_s: float) -> None:
+        self.timeout_s = timeout_s
+        self._session = session
+        self._timer = Timer(session, timeout_s)
         self._seen: tuple[int, float, float, float] | None = None
 
     def restart(self) -> None:
@@ -334,8 +331,8 @@ class Stillness:
 
     @property
     def too_long(self) -> bool:
-        """Whether nothing changed for as long as the patience lasts."""
-        monitor = self._conversation.monitor
+        """Whether nothing changed for ``timeout_s``."""
+        monitor = self._session.monitor
         position = monitor.latest(m.GlobalPositionInt)
         if position is None:
             return self._timer.over

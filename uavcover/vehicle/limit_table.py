@@ -325,7 +325,7 @@ class _Table:
 
     def add_home(self, alt_amsl_m: float) -> None:
         """Heights in the mission are above home: where home is in height, the whole route goes with it."""
-        planned_m, around = self._plan.home.alt_amsl_m, self._plan.surroundings
+        planned_m, around = self._plan.home.alt_amsl_m, self._plan.volume
         off_m = alt_amsl_m - planned_m
         weight, matters = Weight.NONE, "heights of the mission are above it"
         if abs(off_m) > _HOME_SLACK_M:

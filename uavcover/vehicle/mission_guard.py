@@ -15,11 +15,11 @@ from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.errors import FormatError, MissionIoError, TransferCancelledError
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
-from uavcover.vehicle.flight_plan import FlightPlan
+from uavcover.vehicle.flight_plan import FlightPlan, OperatingVolume
 from uavcover.vehicle.modes import Mode, custom_mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
-from uavcover.vehicle.progress import Progress
-from uavcover.vehicle.session import Conversation, Timer
+from uavcover.vehicle.progress import MissionProgress
+from uavcover.vehicle.session import Session, Timer
 
 _EVERY_S = 60.0
 """Vehicle time between two readings that nothing has asked for."""
@@ -37,15 +37,15 @@ class MissionReading:
     stop or pause ends a reading at once. One that fails is tried again, later each time.
 
     Args:
-        conversation: with the vehicle.
+        session: with the vehicle.
         plan: what it is to fly.
         meanwhile: what else has to be done all the time.
     """
 
-    def __init__(self, conversation: Conversation, plan: FlightPlan, meanwhile: Callable[[], None]) -> None:
-        self._conversation, self._meanwhile = conversation, meanwhile
-        self._wanted = wire_items(plan.mission, conversation.autopilot)
-        self._every = Timer(conversation, _EVERY_S)
+    def __init__(self, session: Session, plan: FlightPlan, meanwhile: Callable[[], None]) -> None:
+        self._session, self._meanwhile = session, meanwhile
+        self._wanted = wire_items(plan.mission, session.autopilot)
+        self._every = Timer(session, _EVERY_S)
         self._asked = False
         self._failures = 0
         self._not_before_s = self._rest_until_s = 0.0
@@ -57,7 +57,7 @@ class MissionReading:
     @property
     def due(self) -> bool:
         """Whether it is time to read."""
-        now = self._conversation.client.clock.now()
+        now = self._session.client.clock.now()
         return now >= self._not_before_s and (self._asked or (self._every.over and now >= self._rest_until_s))
 
     def difference(self) -> str | None:
@@ -66,54 +66,52 @@ class MissionReading:
         Raises:
             FlightFaultError: the vehicle is gone, or it restarted.
         """
-        conversation, began_s = self._conversation, self._conversation.client.clock.now()
-        stops, pause = conversation.stop(), conversation.pause()
+        session, began_s = self._session, self._session.client.clock.now()
+        stops, pause = session.stop(), session.pause()
         self._asked = False
 
         looked_s = began_s
 
         def stop() -> bool:
             nonlocal looked_s
-            now = conversation.client.clock.now()
+            now = session.client.clock.now()
             if now - looked_s < _LOOK_S:  # asked after every message; a busy vehicle sends thousands
                 return False
             looked_s = now
-            conversation.attend()
+            session.attend()
             self._meanwhile()
-            wanted_else = conversation.stop() != stops or conversation.pause() != pause
+            wanted_else = session.stop() != stops or session.pause() != pause
             return wanted_else or now - began_s > _LONGEST_S
 
         try:
-            held = conversation.client.download(MissionType.MISSION, stop=stop)
+            held = session.client.download(MissionType.MISSION, stop=stop)
         except FormatError as error:
             held = None
             difference = f"it holds what no plan has: {error}"
         except TransferCancelledError:
-            if conversation.client.clock.now() - began_s > _LONGEST_S:
+            if session.client.clock.now() - began_s > _LONGEST_S:
                 self._note_failure(f"not read in {_LONGEST_S:g} s")
             self._asked = True
             return None
         except MissionIoError as error:
             self._note_failure(str(error))
             return None
-        now = conversation.client.clock.now()
+        now = session.client.clock.now()
         if self._failures:
-            conversation.tell(EventKind.WARNING, "the mission has been read back again")
+            session.tell(EventKind.WARNING, "the mission has been read back again")
         self._failures = 0
         self._rest_until_s = now + (now - began_s) / _BUSY_SHARE
         self._not_before_s = now + max(1.0, now - began_s)
         self._every.restart()
         if held is None:
             return difference
-        return fault_text(compare_items(self._wanted, held, conversation.autopilot))
+        return fault_text(compare_items(self._wanted, held, session.autopilot))
 
     def _note_failure(self, why: str) -> None:
         """Try again later; told the first time."""
         if not self._failures:
-            self._conversation.tell(
-                EventKind.WARNING, f"the mission could not be read back in flight: {why}; tried again"
-            )
-        self._not_before_s = self._conversation.client.clock.now() + _AGAIN_S * 2.0 ** min(self._failures, 4)
+            self._session.tell(EventKind.WARNING, f"the mission could not be read back in flight: {why}; tried again")
+        self._not_before_s = self._session.client.clock.now() + _AGAIN_S * 2.0 ** min(self._failures, 4)
         self._failures += 1
         self._asked = True
 
@@ -123,18 +121,18 @@ _SETTLE_S = 2.0
 _CAUSE_WITHIN_S = 10.0
 
 
-class Takeover:
+class ModeOverride:
     """Whether somebody else, a pilot or a failsafe, has the vehicle now.
 
     Args:
-        conversation: with the vehicle.
+        session: with the vehicle.
 
     Attributes:
         cause: why; None while the vehicle does what it was told, or has changed only a moment ago.
     """
 
-    def __init__(self, conversation: Conversation) -> None:
-        self._conversation = conversation
+    def __init__(self, session: Session) -> None:
+        self._session = session
         self._left: Timer | None = None
         self.cause: Ending | None = None
 
@@ -145,16 +143,16 @@ class Takeover:
 
     def update(self, expected: Collection[Mode]) -> None:
         """Look at the mode; ``expected`` are those it was told."""
-        conversation = self._conversation
-        numbers = [custom_mode(conversation.autopilot, mode) for mode in expected]
-        if self._left is not None and conversation.monitor.ground.says_landed:
+        session = self._session
+        numbers = [custom_mode(session.autopilot, mode) for mode in expected]
+        if self._left is not None and session.monitor.ground.says_landed:
             self.settle()  # PX4 goes back to the mode it was told once it has landed: that ends no takeover
-        elif conversation.client.vehicle.custom_mode in numbers:
+        elif session.client.vehicle.custom_mode in numbers:
             if self.cause is not None:
-                conversation.watch.close(self.cause, f"the vehicle is back in {conversation.mode_name}")
+                session.watch.close(self.cause, f"the vehicle is back in {session.mode_name}")
             self._left = self.cause = None
         elif self._left is None:
-            self._left = Timer(conversation, _SETTLE_S)
+            self._left = Timer(session, _SETTLE_S)
         elif self._left.over:
             self.settle()
 
@@ -162,16 +160,16 @@ class Takeover:
         """Find the cause now, if the vehicle has left its mode."""
         if self._left is None or self.cause is not None:
             return
-        conversation = self._conversation
-        found = conversation.watch.recent_cause(within_s=_CAUSE_WITHIN_S)
+        session = self._session
+        found = session.watch.recent_cause(within_s=_CAUSE_WITHIN_S)
         if found is None:
             self.cause, why = Ending.PILOT_TOOK_OVER, "somebody else took over"
         else:
             self.cause, why = found
-        text = f"the vehicle changed to {conversation.mode_name}: {why}"
-        if conversation.watch.is_open(self.cause):
-            conversation.tell(EventKind.WARNING, text)
-        conversation.watch.open(self.cause, text)
+        text = f"the vehicle changed to {session.mode_name}: {why}"
+        if session.watch.is_open(self.cause):
+            session.tell(EventKind.WARNING, text)
+        session.watch.open(self.cause, text)
 
 
 _DOUBT_S = 3.0
@@ -188,20 +186,20 @@ class MissionGuard:
     off the planned leg, which else is the wind's doing when the vehicle leans hard against it.
 
     Args:
-        conversation: with the vehicle.
+        session: with the vehicle.
         plan: what it is to fly.
         progress: along it.
         meanwhile: what has to be done all the time, also while the mission is being read.
     """
 
     def __init__(
-        self, conversation: Conversation, plan: FlightPlan, progress: Progress, meanwhile: Callable[[], None]
+        self, session: Session, plan: FlightPlan, progress: MissionProgress, meanwhile: Callable[[], None]
     ) -> None:
-        self._conversation, self._plan, self._progress = conversation, plan, progress
-        self._reading = MissionReading(conversation, plan, meanwhile)
+        self._session, self._plan, self._progress = session, plan, progress
+        self._reading = MissionReading(session, plan, meanwhile)
         self._found: str | None = None
         self._mission_id = 0
-        self._words, self._uploads = conversation.watch.mission_words, conversation.monitor.uploads_taken
+        self._words, self._uploads = session.watch.mission_words, session.monitor.uploads_taken
         self._total: int | None = None
         self._farthest = -1
         self._doubt: Timer | None = None
@@ -209,7 +207,7 @@ class MissionGuard:
 
     def look(self) -> None:
         """Look for signs; called while the vehicle is in its mission and in the air."""
-        if not self._conversation.watch.is_open(Ending.MISSION_CHANGED):
+        if not self._session.watch.is_open(Ending.MISSION_CHANGED):
             self._look_at_total()
             self._look_at_item()
             self._look_at_place()
@@ -219,15 +217,15 @@ class MissionGuard:
 
     def look_once_more(self) -> None:
         """After the landing: a change of the last minute is one, too. A vehicle that is switched off by then is not asked."""
-        if self._conversation.watch.is_open(Ending.MISSION_CHANGED):
+        if self._session.watch.is_open(Ending.MISSION_CHANGED):
             return
         try:
             self._read_back()
         except FlightFaultError as error:
-            self._conversation.tell(EventKind.WARNING, f"the mission was not read back after the landing: {error}")
+            self._session.tell(EventKind.WARNING, f"the mission was not read back after the landing: {error}")
 
     def _look_at_total(self) -> None:
-        current = self._conversation.monitor.latest(m.MissionCurrent)
+        current = self._session.monitor.latest(m.MissionCurrent)
         if current is None or current.total is None:
             return
         if self._total is None:
@@ -240,9 +238,9 @@ class MissionGuard:
 
     def _look_for_words(self) -> None:
         """What says that the mission was changed, and not how."""
-        current, words = self._conversation.monitor.latest(m.MissionCurrent), self._conversation.watch.mission_words
+        current, words = self._session.monitor.latest(m.MissionCurrent), self._session.watch.mission_words
         mission_id = 0 if current is None else current.mission_id
-        uploads = self._conversation.monitor.uploads_taken
+        uploads = self._session.monitor.uploads_taken
         other_id = mission_id not in (0, self._mission_id) and self._mission_id != 0
         if other_id or words != self._words or uploads != self._uploads:
             self._reading.ask()
@@ -253,19 +251,19 @@ class MissionGuard:
         if sign is None:
             self._doubt = None
         elif self._doubt is None:
-            self._doubt = Timer(self._conversation, _DOUBT_S)
+            self._doubt = Timer(self._session, _DOUBT_S)
         elif self._doubt.over:
             self._doubt = None
             self._changed(f"{sign}: somebody else set the item that is flown, or changed the mission")
             self._reading.ask()
 
     def _wrong_item(self) -> str | None:
-        current = self._conversation.monitor.latest(m.MissionCurrent)
+        current = self._session.monitor.latest(m.MissionCurrent)
         number, progress = self._progress.heading_for, self._progress
         if current is None:
             return None
         self._farthest = max(self._farthest, number)
-        past = self._plan.is_past_waypoints(current.seq, self._conversation.autopilot) and not progress.all_reached
+        past = self._plan.is_past_waypoints(current.seq, self._session.autopilot) and not progress.all_reached
         if number > progress.reached_count + 1 or (past and progress.reached_count < self._plan.waypoint_count - 1):
             return f"the vehicle goes to item {current.seq} and leaves out waypoint {progress.reached_count}"
         if 0 <= number < self._farthest:
@@ -273,16 +271,16 @@ class MissionGuard:
         return None
 
     def _look_at_place(self) -> None:
-        conversation, off_m = self._conversation, self._progress.off_leg_m
-        watch = conversation.watch
+        session, off_m = self._session, self._progress.off_leg_m
+        watch = session.watch
         if off_m <= _OFF_ROUTE_RADII * self._plan.acceptance_radius_m:
             self._off_route = None
             for kind in (Ending.OFF_ROUTE, Ending.WIND_ABOVE_LIMITS):
                 watch.measure(kind, None, "", "the vehicle is back near its planned leg")
         elif self._off_route is None:
-            self._off_route = Timer(conversation, _OFF_DOUBT_S)
+            self._off_route = Timer(session, _OFF_DOUBT_S)
         elif self._off_route.over:
-            text = f"the vehicle is {off_m:.0f} m off the planned leg to item {conversation.monitor.current_seq}"
+            text = f"the vehicle is {off_m:.0f} m off the planned leg to item {session.monitor.current_seq}"
             windy, astray = watch.is_open(Ending.WIND_ABOVE_LIMITS), watch.is_open(Ending.OFF_ROUTE)
             if not (windy or astray):
                 self._read_back(text)
@@ -301,21 +299,74 @@ class MissionGuard:
                 watch.open(Ending.OFF_ROUTE, f"{text}, although it holds the planned mission", off_m)
 
     def _lean_deg(self) -> float:
-        attitude = self._conversation.monitor.latest(m.Attitude)
+        attitude = self._session.monitor.latest(m.Attitude)
         if attitude is None:
             return 0.0
         return math.degrees(math.acos(math.cos(attitude.roll_rad) * math.cos(attitude.pitch_rad)))
 
     def _changed(self, text: str) -> None:
-        self._conversation.watch.open(Ending.MISSION_CHANGED, text)
+        self._session.watch.open(Ending.MISSION_CHANGED, text)
 
     def _read_back(self, sign: str = "") -> None:
         """Read the mission, and tell how it differs from the planned one, once for each difference."""
-        difference, watch = self._reading.difference(), self._conversation.watch
+        difference, watch = self._reading.difference(), self._session.watch
         if difference is not None and difference != self._found:
             self._found = difference
             if watch.is_open(Ending.MISSION_CHANGED):
-                self._conversation.tell(EventKind.WARNING, f"of its mission {difference}", alarm=True)
+                self._session.tell(EventKind.WARNING, f"of its mission {difference}", alarm=True)
             else:
                 place = f"{sign}: " if sign else ""
                 self._changed(f"{place}somebody else changed the mission in flight: {difference}")
+
+
+_BAND_SLACK_M = 2.0
+"""Positions have errors: a smaller excursion from the band is left to the judge after the flight."""
+_FENCE_SLACK_M = 1.0
+
+
+class VolumeWatch:
+    """Warns when the vehicle leaves its fence, the height band of its route, or the ground that is known.
+
+    Args:
+        session: with the vehicle.
+        volume: the plan's operating volume; None when it has none.
+        progress: progress along the plan.
+    """
+
+    def __init__(self, session: Session, volume: OperatingVolume | None, progress: MissionProgress) -> None:
+        self._watch, self._around, self._progress = session.watch, volume, progress
+
+    def look(self, *, in_mission: bool) -> None:
+        """Look at the latest position; called while the vehicle is in the air."""
+        around, place_m = self._around, self._progress.place_m
+        if around is None or place_m is None:
+            return
+        east_m, north_m, up_m = place_m.tolist()
+        outside_m = around.outside_fence_m(east_m, north_m)
+        self._watch.measure(
+            Ending.FENCE_BREACHED, outside_m if outside_m > _FENCE_SLACK_M else None,
+            f"the vehicle is {outside_m:.0f} m outside of its fence", "the vehicle is inside of its fence again",
+        )  # fmt: skip
+        height_m = up_m - around.ground_up_m(east_m, north_m)
+        unknown = math.isnan(height_m)
+        self._watch.measure(
+            Ending.GROUND_UNKNOWN, 0.0 if unknown else None,
+            "the height of the ground below the vehicle is not known: there is no elevation data",
+            "the height of the ground is known again",
+        )  # fmt: skip
+        on_route = in_mission and self._progress.heading_for > 0
+        outside_m, text = self._outside_band(around, height_m) if on_route and not unknown else (0.0, "")
+        self._watch.measure(
+            Ending.BAND_LEFT, outside_m if outside_m > _BAND_SLACK_M else None, text,
+            "the vehicle is in its height band again" if on_route else "the vehicle has left the planned route",
+        )  # fmt: skip
+
+    @staticmethod
+    def _outside_band(around: OperatingVolume, height_m: float) -> tuple[float, str]:
+        low_m, high_m = around.min_height_agl_m - height_m, height_m - around.max_height_agl_m
+        side, outside_m = ("below", low_m) if low_m > high_m else ("above", high_m)
+        band = f"{around.min_height_agl_m:g} to {around.max_height_agl_m:g} m"
+        return (
+            outside_m,
+            f"the vehicle is {height_m:.0f} m above the ground, {outside_m:.0f} m {side} its band of {band}",
+        )

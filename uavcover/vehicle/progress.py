@@ -6,16 +6,16 @@ import numpy as np
 
 from mission_io.wire import messages as m
 from uavcover.kernels.arrays import FloatArray
-from uavcover.vehicle.break_off import Passage
 from uavcover.vehicle.flight_plan import FlightPlan
 from uavcover.vehicle.outcome import Ending, EventKind
-from uavcover.vehicle.session import Conversation
+from uavcover.vehicle.resume_point import Passage
+from uavcover.vehicle.session import Session
 
 _UNSEEN_S = 1.0
 _TRUST_S = 5.0
 
 
-class Progress:
+class MissionProgress:
     """How far along the planned waypoints the vehicle is: by MISSION_CURRENT, MISSION_ITEM_REACHED and position together.
 
     What the vehicle says is not taken for more than it is: a jump over waypoints passes none of them, unless nobody could look
@@ -25,8 +25,8 @@ class Progress:
         heading_for: number of the planned waypoint being flown to; -1 before the first and after the last.
     """
 
-    def __init__(self, conversation: Conversation, plan: FlightPlan) -> None:
-        self._conversation, self._plan = conversation, plan
+    def __init__(self, session: Session, plan: FlightPlan) -> None:
+        self._session, self._plan = session, plan
         self._passage = Passage(plan.waypoints_m(), radius_m=plan.acceptance_radius_m)
         self._passage.believe(plan.passed_before)
         self._legs_m = plan.legs_m()
@@ -47,15 +47,15 @@ class Progress:
     @property
     def off_leg_m(self) -> float:
         """Distance from the leg that is flown, the ways there and home too; 0 where there is none."""
-        seq, here = self._conversation.monitor.current_seq, self.place_m
-        leg = self._legs_m.get(self._plan.index_of(seq, self._conversation.autopilot))
+        seq, here = self._session.monitor.current_seq, self.place_m
+        leg = self._legs_m.get(self._plan.index_of(seq, self._session.autopilot))
         return 0.0 if here is None or leg is None else _distance_m(here, leg)
 
     def update(self) -> None:
         """Look at what the vehicle says, and tell when it goes on to another waypoint."""
-        monitor, autopilot, plan = self._conversation.monitor, self._conversation.autopilot, self._plan
+        monitor, autopilot, plan = self._session.monitor, self._session.autopilot, self._plan
         here, passage = self.place_m, self._passage
-        if monitor.current_seq < 0 or here is None or self._conversation.watch.is_open(Ending.MISSION_CHANGED):
+        if monitor.current_seq < 0 or here is None or self._session.watch.is_open(Ending.MISSION_CHANGED):
             return
         self._look_for_silence()
         number = plan.waypoint_of(monitor.current_seq, autopilot)
@@ -76,14 +76,14 @@ class Progress:
         self.heading_for = number
         if number >= 0:
             text = f"to waypoint {number} of {plan.waypoint_count}"
-            self._conversation.tell(EventKind.WAYPOINT, text, waypoint=number)
+            self._session.tell(EventKind.WAYPOINT, text, waypoint=number)
         elif self.all_reached:
-            self._conversation.tell(EventKind.STAGE, "all planned waypoints flown; on the way home")
+            self._session.tell(EventKind.STAGE, "all planned waypoints flown; on the way home")
 
     @property
     def place_m(self) -> FloatArray | None:
         """(3,) ENU, where the vehicle was when that was told last; None before the first time."""
-        here = self._conversation.monitor.latest(m.GlobalPositionInt)
+        here = self._session.monitor.latest(m.GlobalPositionInt)
         if here is None:
             return None
         place_m: FloatArray = self._plan.frame.enu_from_geodetic(here.lat_deg, here.lon_deg, here.alt_amsl_m)[0]
@@ -91,7 +91,7 @@ class Progress:
 
     def _look_for_silence(self) -> None:
         """After positions were missing, believe for a moment which waypoint the vehicle says it flies to."""
-        here = self._conversation.monitor.latest(m.GlobalPositionInt)
+        here = self._session.monitor.latest(m.GlobalPositionInt)
         if here is None:
             return
         if math.isfinite(self._seen_s) and here.time_boot_s - self._seen_s > _UNSEEN_S:

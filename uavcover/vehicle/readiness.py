@@ -14,7 +14,7 @@ from uavcover.errors import VehicleError
 from uavcover.scenario.frames import LocalFrame
 from uavcover.vehicle.flight_plan import FlightPlan
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
-from uavcover.vehicle.session import Conversation, Stopped, Timer
+from uavcover.vehicle.session import Session, Stopped, Timer
 from uavcover.vehicle.watch import has_position
 
 
@@ -48,25 +48,25 @@ _PREARM_CHECKS = 401
 _ASK_WHY_S = 15.0
 
 
-def request_telemetry(conversation: Conversation) -> None:
+def request_telemetry(session: Session) -> None:
     """Ask for what following needs, as often as it needs it. A refusal is a warning: the rate is checked later."""
-    _request(conversation, _streams(conversation))
+    _request(session, _streams(session))
 
 
-def check_telemetry(conversation: Conversation) -> None:
+def check_telemetry(session: Session) -> None:
     """Measure how often what following needs comes; ask again for what is too rare.
 
     Raises:
         FlightFaultError: a kind of message does not come, or too rarely; it names it.
     """
-    wanted = _streams(conversation)
-    rare = _rare(conversation, wanted)
+    wanted = _streams(session)
+    rare = _rare(session, wanted)
     for _ in range(_TRIES - 1):
         if not rare:
             return
         again = {kind: wanted[kind] for kind in rare}
-        _request(conversation, again)
-        rare = _rare(conversation, again)
+        _request(session, again)
+        rare = _rare(session, again)
     if not rare:
         return
     told = " and ".join(f"{kind.__name__} {rate_hz:.1f} times a second" for kind, rate_hz in rare.items())
@@ -78,39 +78,39 @@ def check_telemetry(conversation: Conversation) -> None:
     )
 
 
-def _streams(conversation: Conversation) -> dict[type[m.Message], _Stream]:
-    ardupilot = conversation.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT
+def _streams(session: Session) -> dict[type[m.Message], _Stream]:
+    ardupilot = session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT
     return {**_STREAMS, **(_OF_ARDUPILOT if ardupilot else {})}
 
 
-def _request(conversation: Conversation, streams: Mapping[type[m.Message], _Stream]) -> None:
-    px4 = conversation.client.vehicle.mav_autopilot == AutopilotId.PX4
+def _request(session: Session, streams: Mapping[type[m.Message], _Stream]) -> None:
+    px4 = session.client.vehicle.mav_autopilot == AutopilotId.PX4
     for kind, stream in streams.items():
         if px4 and kind in _UNASKED_OF_PX4:
             continue
         try:
-            conversation.client.request_message_interval(kind, stream.interval_s)
+            session.client.request_message_interval(kind, stream.interval_s)
         except CommandRefusedError as error:
             text = f"{kind.__name__} each {stream.interval_s:g} s was answered {error.result_name}"
-            conversation.tell(EventKind.WARNING, text)
+            session.tell(EventKind.WARNING, text)
 
 
-def _rare(conversation: Conversation, streams: Mapping[type[m.Message], _Stream]) -> dict[type[m.Message], float]:
+def _rare(session: Session, streams: Mapping[type[m.Message], _Stream]) -> dict[type[m.Message], float]:
     """The kinds that come too rarely, and how often they come; a kind that is asked for rarely is given the time for three."""
-    monitor = conversation.monitor
+    monitor = session.monitor
     before, began_s = monitor.counts.copy(), monitor.time_s
-    window_s = max(conversation.patience.rate_s, 3.0 * max(stream.interval_s for stream in streams.values()))
-    timer = Timer(conversation, window_s)
+    window_s = max(session.timeouts.rate_s, 3.0 * max(stream.interval_s for stream in streams.values()))
+    timer = Timer(session, window_s)
     while not timer.over:
-        if conversation.stop():
+        if session.stop():
             raise Stopped
-        conversation.pump()
+        session.pump()
     elapsed_s = window_s if began_s is None or monitor.time_s is None else monitor.time_s - began_s
     rates_hz = {kind: (monitor.counts[kind] - before[kind]) / max(elapsed_s, window_s) for kind in streams}
     return {kind: rate_hz for kind, rate_hz in rates_hz.items() if rate_hz < streams[kind].least_hz}
 
 
-def wait_until_ready(conversation: Conversation) -> None:
+def wait_until_ready(session: Session) -> None:
     """Wait until the vehicle can be armed, and until what following needs comes often enough.
 
     ArduPilot's pre-arm bit is good about 18 s before arming works, so its position filter has to agree. Why it is not ready
@@ -119,33 +119,33 @@ def wait_until_ready(conversation: Conversation) -> None:
     Raises:
         FlightFaultError: it does not get ready; the message says what it lacks.
     """
-    conversation.tell(EventKind.STAGE, "waiting until the vehicle is ready")
-    asked = _Reasons(conversation)
+    session.tell(EventKind.STAGE, "waiting until the vehicle is ready")
+    asked = _Reasons(session)
 
     def ready() -> bool:
-        lacks = missing(conversation)
+        lacks = missing(session)
         if lacks:
             asked.ask()
         return not lacks
 
-    conversation.wait(
+    session.wait(
         ready,
-        patience_s=conversation.patience.ready_s,
-        what=lambda: f"vehicle {conversation.client.vehicle.system_id} has no {' and no '.join(missing(conversation))}",
+        timeout_s=session.timeouts.ready_s,
+        what=lambda: f"vehicle {session.client.vehicle.system_id} has no {' and no '.join(missing(session))}",
         stops_before=0,
         ending=Ending.NOT_READY,
     )
-    check_telemetry(conversation)
-    conversation.tell(EventKind.STAGE, "the vehicle is ready")
+    check_telemetry(session)
+    session.tell(EventKind.STAGE, "the vehicle is ready")
 
 
 class _Reasons:
     """Asks a vehicle now and then to say why it cannot be armed, as long as it knows the question."""
 
-    def __init__(self, conversation: Conversation) -> None:
-        self._conversation = conversation
-        self._timer = Timer(conversation, _ASK_WHY_S)
-        self._knows = conversation.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._timer = Timer(session, _ASK_WHY_S)
+        self._knows = session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT
 
     def ask(self) -> None:
         """Ask, if it is time to."""
@@ -153,19 +153,19 @@ class _Reasons:
             return
         self._timer.restart()
         try:
-            self._conversation.client.command(_PREARM_CHECKS)
+            self._session.client.command(_PREARM_CHECKS)
         except CommandRefusedError as error:
             self._knows = error.result != CommandResult.UNSUPPORTED
 
 
-def missing(conversation: Conversation) -> list[str]:
+def missing(session: Session) -> list[str]:
     """What the vehicle still lacks before it can be armed; empty when it is ready."""
-    monitor = conversation.monitor
+    monitor = session.monitor
     lacks: list[str] = []
     gps = monitor.latest(m.GpsRawInt)
     if gps is None or gps.fix_type < _FIX_3D:
         lacks.append("satellite fix")
-    if conversation.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT:
+    if session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT:
         ekf = monitor.latest(m.EkfStatusReport)
         if ekf is None or not has_position(ekf):
             lacks.append("position estimate")
@@ -178,7 +178,7 @@ def missing(conversation: Conversation) -> list[str]:
     return lacks
 
 
-def check_home(conversation: Conversation, plan: FlightPlan) -> None:
+def check_home(session: Session, plan: FlightPlan) -> None:
     """Refuse a vehicle whose home, or which itself, is not where the mission was planned to start.
 
     Heights above home would be wrong by the difference. ArduPilot sets home anew where it is armed, so both count.
@@ -186,19 +186,19 @@ def check_home(conversation: Conversation, plan: FlightPlan) -> None:
     Raises:
         VehicleError: it is too far away, over ground or in height.
     """
-    check_home_position(conversation, plan)
-    here = conversation.monitor.latest(m.GlobalPositionInt)
+    check_home_position(session, plan)
+    here = session.monitor.latest(m.GlobalPositionInt)
     if here is not None:
         _check_place(plan, "position", GeoPoint(here.lat_deg, here.lon_deg, here.alt_amsl_m))
 
 
-def check_home_position(conversation: Conversation, plan: FlightPlan) -> None:
+def check_home_position(session: Session, plan: FlightPlan) -> None:
     """Refuse a vehicle, on the ground or in the air, whose home is not the planned one, or not on the terrain there.
 
     Raises:
         VehicleError: it is too far away, over ground or in height.
     """
-    home = conversation.client.request_message(m.HomePosition)
+    home = session.client.request_message(m.HomePosition)
     _check_place(plan, "home", GeoPoint(home.lat_deg, home.lon_deg, home.alt_amsl_m))
     most_m = plan.max_home_error_m
     if plan.ground_alt_amsl_m is not None and abs(home.alt_amsl_m - plan.ground_alt_amsl_m) > most_m:
@@ -226,15 +226,15 @@ def _check_place(plan: FlightPlan, name: str, place: GeoPoint) -> None:
         )
 
 
-def check_mission(conversation: Conversation, plan: FlightPlan) -> None:
+def check_mission(session: Session, plan: FlightPlan) -> None:
     """Refuse a vehicle that holds another mission than the planned one.
 
     Raises:
         VehicleError: it holds none, or one that differs; the message names the largest difference.
     """
-    autopilot = conversation.autopilot
+    autopilot = session.autopilot
     wanted = wire_items(plan.mission, autopilot)
-    held = conversation.client.download(MissionType.MISSION)
+    held = session.client.download(MissionType.MISSION)
     wrong = fault_text(compare_items(wanted, held, autopilot))
     if wrong is not None:
         raise VehicleError(f"the vehicle holds another mission: {wrong}; not armed: upload the mission first")

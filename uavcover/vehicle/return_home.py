@@ -9,7 +9,7 @@ from mission_io.wire import messages as m
 from uavcover.errors import UavcoverError
 from uavcover.vehicle.follow import follow_home
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
-from uavcover.vehicle.session import Conversation, Stopped
+from uavcover.vehicle.session import Session, Stopped
 from uavcover.vehicle.start import first_seq, hold_mode, is_flying, set_current_item, set_mode, start_mission
 
 _AT_REST_M_S = 0.3
@@ -19,26 +19,24 @@ PlanReturn = Callable[[float, float, float], Mission]
 """From latitude, longitude (degrees) and height above sea level (metres), a mission home whose legs were checked."""
 
 
-def hold(conversation: Conversation, text: str = "stop: the vehicle is told to hold") -> None:
+def hold(session: Session, text: str = "stop: the vehicle is told to hold") -> None:
     """Tell ``text``, make the vehicle stay where it is, and wait until it has come to rest.
 
     Raises:
         FlightFaultError: it is gone, or does not come to rest.
         mission_io.errors.CommandRefusedError: it does not want to hold.
     """
-    conversation.tell(EventKind.STOP, text)
-    conversation.insist(lambda: set_mode(conversation, hold_mode(conversation)))
-    conversation.wait(
-        lambda: _speed_m_s(conversation) <= _AT_REST_M_S,
-        patience_s=conversation.patience.halt_s,
-        what=lambda: f"the vehicle, in {conversation.mode_name}, does not come to rest",
+    session.tell(EventKind.STOP, text)
+    session.insist(lambda: set_mode(session, hold_mode(session)))
+    session.wait(
+        lambda: _speed_m_s(session) <= _AT_REST_M_S,
+        timeout_s=session.timeouts.halt_s,
+        what=lambda: f"the vehicle, in {session.mode_name}, does not come to rest",
     )
-    conversation.tell(EventKind.STOP, "the vehicle holds its place")
+    session.tell(EventKind.STOP, "the vehicle holds its place")
 
 
-def return_home(
-    conversation: Conversation, plan_return: PlanReturn, *, stops: int = 1, longest_wait_s: float = 0.0
-) -> bool:
+def return_home(session: Session, plan_return: PlanReturn, *, stops: int = 1, longest_wait_s: float = 0.0) -> bool:
     """Hold, fly home along checked legs, land; one more stop of the user than ``stops`` leaves the vehicle holding.
 
     Returns:
@@ -47,50 +45,50 @@ def return_home(
     Raises:
         FlightFaultError: the vehicle is gone, or does something else.
     """
-    conversation.paused = False
-    hold(conversation)
-    if conversation.stop() > stops:
-        return _leave(conversation, _ASKED)
-    here = conversation.monitor.latest(m.GlobalPositionInt)
+    session.paused = False
+    hold(session)
+    if session.stop() > stops:
+        return _leave(session, _ASKED)
+    here = session.monitor.latest(m.GlobalPositionInt)
     if here is None:
         raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not tell where it is; it was left holding")
     try:
         mission = plan_return(here.lat_deg, here.lon_deg, here.alt_amsl_m)
     except (UavcoverError, MissionIoError) as error:
-        return _leave(conversation, f"no checked way home from here: {error}")
-    conversation.tell(EventKind.STOP, "the way home is being sent")
+        return _leave(session, f"no checked way home from here: {error}")
+    session.tell(EventKind.STOP, "the way home is being sent")
     try:
-        checked = conversation.insist(lambda: conversation.client.upload_and_verify(mission, in_flight=True))
+        checked = session.insist(lambda: session.client.upload_and_verify(mission, in_flight=True))
     except MissionIoError as error:
-        return _leave(conversation, f"the way home could not be sent: {error}")
+        return _leave(session, f"the way home could not be sent: {error}")
     if not checked.passed:
-        return _leave(conversation, "the way home was read back changed")
-    if conversation.stop() > stops:
-        return _leave(conversation, _ASKED)
-    conversation.insist(lambda: set_current_item(conversation, first_seq(conversation)))
-    conversation.monitor.forget(m.MissionCurrent)
-    conversation.insist(lambda: start_mission(conversation))
-    conversation.tell(EventKind.STOP, "flying home along checked legs")
+        return _leave(session, "the way home was read back changed")
+    if session.stop() > stops:
+        return _leave(session, _ASKED)
+    session.insist(lambda: set_current_item(session, first_seq(session)))
+    session.monitor.forget(m.MissionCurrent)
+    session.insist(lambda: start_mission(session))
+    session.tell(EventKind.STOP, "flying home along checked legs")
     try:
-        follow_home(conversation, stops_before=stops, longest_wait_s=longest_wait_s)
+        follow_home(session, stops_before=stops, longest_wait_s=longest_wait_s)
     except Stopped:
-        if not is_flying(conversation):
+        if not is_flying(session):
             return True
-        hold(conversation)
-        return _leave(conversation, _ASKED)
+        hold(session)
+        return _leave(session, _ASKED)
     return True
 
 
-def _leave(conversation: Conversation, why: str) -> bool:
-    conversation.tell(
+def _leave(session: Session, why: str) -> bool:
+    session.tell(
         EventKind.STOP,
-        f"{why}: the vehicle is left holding in {conversation.mode_name}, armed and in the air; take over from here",
+        f"{why}: the vehicle is left holding in {session.mode_name}, armed and in the air; take over from here",
     )
     return False
 
 
-def _speed_m_s(conversation: Conversation) -> float:
-    position = conversation.monitor.latest(m.GlobalPositionInt)
+def _speed_m_s(session: Session) -> float:
+    position = session.monitor.latest(m.GlobalPositionInt)
     if position is None:
         return math.inf
     return math.hypot(position.velocity_north_m_s, position.velocity_east_m_s, position.velocity_down_m_s)

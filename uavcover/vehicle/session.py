@@ -1,4 +1,4 @@
-"""The running conversation with one vehicle: waiting with patience, passing on what it says, noticing that it is gone."""
+"""The running session with one vehicle: waiting with timeouts, passing on what it says, noticing that it is gone."""
 
 from collections import deque
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from mission_io.errors import MisuseError, VehicleSilentError
 from mission_io.model.enums import MissionState
 from mission_io.wire import messages as m
 from uavcover.vehicle.client import VehicleClient
-from uavcover.vehicle.flight_plan import Patience
+from uavcover.vehicle.flight_plan import FlightTimeouts
 from uavcover.vehicle.modes import Mode, custom_mode, mode_from_custom
 from uavcover.vehicle.monitor import Monitor
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightFaultError
@@ -34,13 +34,13 @@ class Stopped(Exception):  # noqa: N818 - the user's wish is no error
         super().__init__()
 
 
-class Conversation:
+class Session:
     """What the stages of a flight share.
 
     Args:
         client: talks to the vehicle.
         monitor: hears what the client hears.
-        patience: how long to wait for what.
+        timeouts: how long to wait for what.
         on_event: is told what happens.
         stop: how often the user has asked to stop.
         pause: whether the user wants the vehicle to wait where it is.
@@ -56,20 +56,20 @@ class Conversation:
         client: VehicleClient,
         monitor: Monitor,
         *,
-        patience: Patience,
+        timeouts: FlightTimeouts,
         on_event: Callable[[FlightEvent], None],
         stop: Callable[[], int],
         pause: Callable[[], bool] = lambda: False,
     ) -> None:
-        self.client, self.monitor, self.patience = client, monitor, patience
+        self.client, self.monitor, self.timeouts = client, monitor, timeouts
         self.stop = stop
         self.pause = pause
         self.paused = False
         self.on_breach = OnBreach.TELL
         self._on_event = on_event
-        self._recent_complaints: deque[str] = deque(maxlen=3)
+        self._recent_warnings: deque[str] = deque(maxlen=3)
         self.watch = Watch(
-            client, monitor, patience, self.tell, lambda text: self.tell(EventKind.WARNING, text, alarm=True)
+            client, monitor, timeouts, self.tell, lambda text: self.tell(EventKind.WARNING, text, alarm=True)
         )
 
     @property
@@ -78,12 +78,12 @@ class Conversation:
         return self.client.vehicle.autopilot
 
     @property
-    def complaints(self) -> str:
+    def recent_warnings(self) -> str:
         """The vehicle's latest warnings as the end of a sentence; empty when there were none."""
-        return f"; it says: {' | '.join(self._recent_complaints)}" if self._recent_complaints else ""
+        return f"; it says: {' | '.join(self._recent_warnings)}" if self._recent_warnings else ""
 
     @property
-    def obeys(self) -> bool:
+    def on_mission(self) -> bool:
         """Whether the vehicle is in its mission, or paused by us; MISSION_CURRENT tells sooner than the heartbeat."""
         if self.paused:
             return True
@@ -117,10 +117,10 @@ class Conversation:
         parts = [where, "armed" if vehicle.armed else "disarmed", f"in {self.mode_name}"]
         here = monitor.latest(m.GlobalPositionInt)
         if here is not None:
-            old = self.client.clock.now() - (monitor.position_at_s or 0.0) > self.patience.deadman_s + self.silence_s
+            old = self.client.clock.now() - (monitor.position_at_s or 0.0) > self.timeouts.deadman_s + self.silence_s
             place = f"{here.lat_deg:.6f}, {here.lon_deg:.6f}, {here.alt_above_home_m:.0f} m above home"
             parts.append(f"last known at {place}" if old else f"at {place}")
-        heard = f" (heard {self.silence_s:.0f} s ago)" if self.silence_s > self.patience.deadman_s else ""
+        heard = f" (heard {self.silence_s:.0f} s ago)" if self.silence_s > self.timeouts.deadman_s else ""
         return ", ".join(parts) + heard
 
     def tell(self, kind: EventKind, text: str, *, waypoint: int | None = None, alarm: bool = False) -> None:
@@ -145,7 +145,7 @@ class Conversation:
         while self.monitor.texts:
             said = self.monitor.texts.popleft()
             if said.severity <= _WARNING_SEVERITY:
-                self._recent_complaints.append(said.text)
+                self._recent_warnings.append(said.text)
             self.watch.take_text(said)
             self.tell(EventKind.TEXT, said.text)
         while self.monitor.other_texts:
@@ -171,7 +171,7 @@ class Conversation:
             try:
                 return act()
             except VehicleSilentError:
-                if self.client.clock.now() - began_s > self.patience.link_lost_s:
+                if self.client.clock.now() - began_s > self.timeouts.link_lost_s:
                     raise
                 self.pump()
 
@@ -179,7 +179,7 @@ class Conversation:
         self,
         done: Callable[[], bool],
         *,
-        patience_s: float,
+        timeout_s: float,
         what: Callable[[], str],
         stops_before: int | None = None,
         ending: Ending = Ending.FAILED,
@@ -188,7 +188,7 @@ class Conversation:
 
         Args:
             done: looks at the monitor.
-            patience_s: longest time to wait, vehicle time where the vehicle tells it.
+            timeout_s: longest time to wait, vehicle time where the vehicle tells it.
             what: what does not happen, for the error.
             stops_before: how many stops of the user are known already; None is not to look.
             ending: the name of it when it took too long.
@@ -197,33 +197,33 @@ class Conversation:
             FlightFaultError: it took too long, or the vehicle is gone.
             Stopped: the user asked once more.
         """
-        timer = Timer(self, patience_s)
+        timer = Timer(self, timeout_s)
         while not done():
             if stops_before is not None and self.stop() > stops_before:
                 raise Stopped
             if timer.over:
-                raise FlightFaultError(ending, f"{what()} within {patience_s:g} s{self.complaints}")
+                raise FlightFaultError(ending, f"{what()} within {timeout_s:g} s{self.recent_warnings}")
             self.pump()
 
 
 class Timer:
     """Runs in vehicle time where that is known, with the link's clock as the watchdog behind it."""
 
-    def __init__(self, conversation: Conversation, patience_s: float) -> None:
-        self._conversation, self._patience_s = conversation, patience_s
+    def __init__(self, session: Session, timeout_s: float) -> None:
+        self._session, self._timeout_s = session, timeout_s
         self.restart()
 
     def restart(self) -> None:
         """Begin again."""
-        self._vehicle_s = self._conversation.monitor.time_s
-        self._link_s = self._conversation.client.clock.now()
+        self._vehicle_s = self._session.monitor.time_s
+        self._link_s = self._session.client.clock.now()
 
     @property
     def over(self) -> bool:
         """Whether the time has passed."""
-        link_elapsed_s = self._conversation.client.clock.now() - self._link_s
-        now_s = self._conversation.monitor.time_s
+        link_elapsed_s = self._session.client.clock.now() - self._link_s
+        now_s = self._session.monitor.time_s
         if now_s is None or self._vehicle_s is None:
-            return link_elapsed_s > self._patience_s
-        watchdog_s = self._patience_s * self._conversation.patience.watchdog
-        return now_s - self._vehicle_s > self._patience_s or link_elapsed_s > watchdog_s
+            return link_elapsed_s > self._timeout_s
+        watchdog_s = self._timeout_s * self._session.timeouts.watchdog
+        return now_s - self._vehicle_s > self._timeout_s or link_elapsed_s > watchdog_s

@@ -12,7 +12,7 @@ from enum import Enum
 from mission_io.model.enums import AutopilotId, EkfFlag
 from mission_io.wire import messages as m
 from uavcover.vehicle.client import VehicleClient
-from uavcover.vehicle.flight_plan import Patience
+from uavcover.vehicle.flight_plan import FlightTimeouts
 from uavcover.vehicle.monitor import Monitor
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError, Incident
 
@@ -136,7 +136,7 @@ class Watch:
     Args:
         client: hears the vehicle.
         monitor: hears what the client hears.
-        patience: how long silence may be.
+        timeouts: how long silence may be.
         tell: takes what is to be told.
         sound: takes what is to be heard, too.
 
@@ -149,11 +149,11 @@ class Watch:
         self,
         client: VehicleClient,
         monitor: Monitor,
-        patience: Patience,
+        timeouts: FlightTimeouts,
         tell: Callable[[EventKind, str], None],
         sound: Callable[[str], None],
     ) -> None:
-        self._client, self._monitor, self._patience = client, monitor, patience
+        self._client, self._monitor, self._timeouts = client, monitor, timeouts
         self._tell, self._sound = tell, sound
         self._open: dict[Ending, _Going] = {}
         self._begun: list[Ending] = []
@@ -261,7 +261,7 @@ class Watch:
             text = f"vehicle {self._client.vehicle.system_id} restarted: its clock began anew"
             self.open(Ending.RESTARTED, text)
             raise FlightFaultError(Ending.RESTARTED, text)
-        if silence_s <= self._patience.deadman_s:
+        if silence_s <= self._timeouts.deadman_s:
             self._look_at_heartbeat(now)
             self._look_at_positions(now)
         if self._in_flight:
@@ -276,14 +276,14 @@ class Watch:
 
     def _look_at_silence(self, silence_s: float) -> None:
         vehicle = self._client.vehicle.system_id
-        if silence_s > self._patience.link_lost_s:
+        if silence_s > self._timeouts.link_lost_s:
             text = f"link lost: nothing from vehicle {vehicle} for {silence_s:.1f} s"
             self.open(Ending.LINK_LOST, text)
             raise FlightFaultError(Ending.LINK_LOST, f"{text}; look for it, and at the link")
-        if silence_s > self._patience.deadman_s:
+        if silence_s > self._timeouts.deadman_s:
             self.open(
                 Ending.LINK_LOST,
-                f"nothing from vehicle {vehicle} for {silence_s:.1f} s; waiting for it up to {self._patience.link_lost_s:g} s",
+                f"nothing from vehicle {vehicle} for {silence_s:.1f} s; waiting for it up to {self._timeouts.link_lost_s:g} s",
                 silence_s,
             )
         elif self.is_open(Ending.LINK_LOST):
@@ -294,7 +294,7 @@ class Watch:
         """A heartbeat that stays away while other messages come: following goes on by these."""
         age_s = min(self._client.heartbeat_age_s, now - self._heard_again_at_s)
         vehicle = self._client.vehicle.system_id
-        if age_s > self._patience.heartbeat_s:
+        if age_s > self._timeouts.heartbeat_s:
             self.open(
                 Ending.HEARTBEAT_LOST,
                 f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages come; its mode, and "
@@ -308,7 +308,7 @@ class Watch:
         heard_at = self._monitor.position_at_s
         if heard_at is None:
             return
-        if now - heard_at > self._patience.deadman_s:
+        if now - heard_at > self._timeouts.deadman_s:
             self.open(
                 Ending.POSITION_LOST,
                 f"no position for {now - heard_at:.1f} s, although other messages of the vehicle come",

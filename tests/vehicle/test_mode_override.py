@@ -2,9 +2,10 @@ import pytest
 
 from mission_io.autopilots.autopilot import PX4
 from tests.vehicle.scene import make_scene, mission, plan_for, way_home
-from uavcover.vehicle.fly import fly
+from uavcover.vehicle.fly import Orders, fly
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightFailedError
+from uavcover.vehicle.precautions import OnBreach, Precautions
 
 
 def test_a_vehicle_that_goes_back_to_its_mission_mode_on_the_ground_was_still_taken_over():
@@ -21,8 +22,13 @@ def test_a_vehicle_that_goes_back_to_its_mission_mode_on_the_ground_was_still_ta
 
     with pytest.raises(FlightFailedError) as failed:
         fly(
-            scene.client, scene.monitor, plan_for(mission()),
-            on_sample=scene.samples.append, on_event=interfere, plan_return=way_home,
-        )  # fmt: skip
+            scene.client,
+            scene.monitor,
+            plan_for(mission()),
+            Orders(
+                on_sample=scene.samples.append, on_event=interfere, precautions=Precautions(on_breach=OnBreach.TELL)
+            ),
+            plan_return=way_home,
+        )
     assert failed.value.outcome.ending is Ending.PILOT_TOOK_OVER
     assert not any("back in mission mode" in event.text for event in scene.events)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uavcover.model.track import Track
-from uavcover.vehicle.break_off import BreakOff, find_break_off, route_left
+from uavcover.vehicle.resume_point import ResumePoint, find_resume_point, remaining_route
 
 ROUTE_M = np.array([(0.0, 0.0, 50.0), (100.0, 0.0, 50.0), (100.0, 40.0, 60.0), (0.0, 40.0, 50.0)])
 
@@ -31,30 +31,30 @@ def legs(count: int) -> list[tuple[int, tuple[float, ...], tuple[float, ...]]]:
     return [there, *((k, tuple(ROUTE_M[k - 1]), tuple(ROUTE_M[k])) for k in range(1, count + 1))]
 
 
-def found(*parts, **options) -> BreakOff:
-    return find_break_off(flown(*parts, **options), ROUTE_M, radius_m=3.0)
+def found(*parts, **options) -> ResumePoint:
+    return find_resume_point(flown(*parts, **options), ROUTE_M, radius_m=3.0)
 
 
 def test_a_whole_flight_leaves_nothing():
     broken = found(*legs(3), (-1, tuple(ROUTE_M[3]), (-50.0, 0.0, 60.0)))
     assert broken.waypoint == 4
-    assert len(route_left(ROUTE_M, broken, radius_m=3.0, sees_along_legs=True)) == 0
+    assert len(remaining_route(ROUTE_M, broken, radius_m=3.0, sees_along_legs=True)) == 0
 
 
 def test_a_flight_that_never_came_to_the_route_leaves_all_of_it():
     broken = found((-1, (-50.0, 0.0, 0.0), (-50.0, 0.0, 60.0)), (0, (-50.0, 0.0, 60.0), (-20.0, 0.0, 60.0)))
-    assert broken == BreakOff(0, 0.0)
-    assert (route_left(ROUTE_M, broken, radius_m=3.0, sees_along_legs=True) == ROUTE_M).all()
+    assert broken == ResumePoint(0, 0.0)
+    assert (remaining_route(ROUTE_M, broken, radius_m=3.0, sees_along_legs=True) == ROUTE_M).all()
 
 
 def test_a_leg_that_was_left_is_gone_on_with_a_little_before_that_place():
     broken = found(*legs(0), (1, tuple(ROUTE_M[0]), (60.0, 1.0, 50.0)), (-1, (60.0, 1.0, 50.0), (60.0, 80.0, 0.0)))
     assert broken.waypoint == 1
     assert broken.flown_m == pytest.approx(60.0, abs=0.1)
-    left = route_left(ROUTE_M, broken, radius_m=3.0, sees_along_legs=True)
+    left = remaining_route(ROUTE_M, broken, radius_m=3.0, sees_along_legs=True)
     assert left[0] == pytest.approx([60.0 - 6.0 - 5.0, 0.0, 50.0], abs=0.1)
     assert (left[1:] == ROUTE_M[1:]).all()
-    assert (route_left(ROUTE_M, broken, radius_m=3.0, sees_along_legs=False) == ROUTE_M[1:]).all()
+    assert (remaining_route(ROUTE_M, broken, radius_m=3.0, sees_along_legs=False) == ROUTE_M[1:]).all()
 
 
 def test_who_drifts_off_the_leg_has_not_flown_it():
@@ -73,4 +73,4 @@ def test_a_route_left_right_at_a_waypoint_begins_there():
     broken = found(*legs(2))
     assert broken.waypoint == 3
     assert broken.flown_m == pytest.approx(0.0, abs=0.2)
-    assert (route_left(ROUTE_M, broken, radius_m=3.0, sees_along_legs=True) == ROUTE_M[2:]).all()
+    assert (remaining_route(ROUTE_M, broken, radius_m=3.0, sees_along_legs=True) == ROUTE_M[2:]).all()

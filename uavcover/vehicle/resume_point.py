@@ -79,7 +79,7 @@ _OVERLAP_M = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class BreakOff:
+class ResumePoint:
     """The end of what was flown of a planned route.
 
     Attributes:
@@ -91,11 +91,11 @@ class BreakOff:
     flown_m: float
 
 
-def find_break_off(track: Track, waypoints_m: FloatArray, *, radius_m: float) -> BreakOff:
+def find_resume_point(track: Track, waypoints_m: FloatArray, *, radius_m: float) -> ResumePoint:
     """Where a track left its route.
 
     The vehicle's own count is believed where it begins, where it goes on one by one, and over a time that was not recorded; a
-    jump passes nothing (see :class:`~uavcover.vehicle.break_off.Passage`).
+    jump passes nothing (see :class:`~uavcover.vehicle.resume_point.Passage`).
 
     Args:
         track: what was flown; its waypoint numbers are those of the route.
@@ -119,10 +119,12 @@ def find_break_off(track: Track, waypoints_m: FloatArray, *, radius_m: float) ->
         leg = waypoints_m[passage.reached - 1 : passage.reached + 1]
         on_leg = (track.current_waypoint[rows] == passage.reached) & ~gaps[rows]
         flown_m = _along_m(track.enu_m[rows], on_leg, leg, corridor_m=_CORRIDOR_RADII * radius_m)
-    return BreakOff(passage.reached, flown_m)
+    return ResumePoint(passage.reached, flown_m)
 
 
-def route_left(waypoints_m: FloatArray, broken: BreakOff, *, radius_m: float, sees_along_legs: bool) -> FloatArray:
+def remaining_route(
+    waypoints_m: FloatArray, broken: ResumePoint, *, radius_m: float, sees_along_legs: bool
+) -> FloatArray:
     """(k, 3) ENU: what is left of a planned route.
 
     A sensor that looks along the path has to fly the rest of the leg that was left, too: the route begins on that leg, a
