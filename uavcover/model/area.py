@@ -10,13 +10,13 @@ Ring = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """The area to cover, as it stands in the scenario: exactly one of the three polygon keys.
+    """The area to cover, as the scenario gives it: exactly one of the three polygon keys.
 
     Attributes:
         polygon_lon_lat_deg: outer ring as (longitude, latitude) pairs on WGS 84, the order of GeoJSON.
         polygon_east_north_m: outer ring in the local frame.
         geojson: a GeoJSON file with one Polygon, holes included; relative to the scenario file.
-        holes_lon_lat_deg: rings inside which nothing needs to be seen, with ``polygon_lon_lat_deg``.
+        holes_lon_lat_deg: rings that need no coverage, with ``polygon_lon_lat_deg``.
         holes_east_north_m: the same with ``polygon_east_north_m``.
         cell_size_m: side of the square cells on which results are judged. A cell is seen when its centre is.
     """
@@ -48,5 +48,5 @@ class Area:
 
     @property
     def is_geographic(self) -> bool:
-        """Whether the area has a place on Earth by its own coordinates."""
+        """Whether the area's own coordinates are geographic."""
         return self.polygon_east_north_m is None

@@ -8,23 +8,23 @@ from uavcover.model.value_checks import STRICT, require, require_lon_lat, requir
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightLimits:
-    """Hard limits. The height band holds from the first planned waypoint to the last; the rest holds on the whole flight.
+    """Hard limits. The height band applies from the first to the last planned waypoint, the others to the whole flight.
 
     Attributes:
         min_height_agl_m: lowest height above ground on the sensing route.
         max_height_agl_m: largest height above ground on the sensing route.
         min_alt_amsl_m: lowest height above sea level, or none.
         max_alt_amsl_m: largest height above sea level, or none.
-        height_margin_m: the planner stays this far inside both ends of the band, and above the transit clearance, for what
-            the vehicle adds in flight.
-        transit_clearance_m: lowest height above ground on the way there and home (take-off and landing columns apart).
-        max_transit_height_agl_m: largest height above ground on the way there and home, take-off and landing among them;
-            default: 30 m above the highest of the band, the take-off and return heights, and what the ways there and home aim at.
+        height_margin_m: margin for tracking errors: the planner stays this far inside both ends of the band, and above the
+            transit clearance.
+        transit_clearance_m: lowest height above ground in transit (except in the take-off and landing columns).
+        max_transit_height_agl_m: largest height above ground in transit, including take-off and landing; default: 30 m above
+            the highest of the band, the take-off and return heights, and the target height of transits.
         max_climb_angle_deg: steepest leg, up or down.
-        fence_margin_m: the fence, unless given, is the convex hull of area and home grown by this.
+        fence_margin_m: margin of the default fence, the convex hull of area and home.
         fence_lon_lat_deg: the fence as a ring of (longitude, latitude).
         fence_east_north_m: the fence as a ring in the local frame.
-        applies_to: "legs": every leg at its full length. "waypoints": the waypoints alone, as in the paper.
+        applies_to: "legs": every leg along its full length. "waypoints": the waypoints alone, as in the paper.
         max_home_error_m: largest difference between the vehicle's home and the planned one, horizontally and in height.
     """
 

@@ -9,12 +9,12 @@ from uavcover.model.value_checks import STRICT, require, require_lon_lat, requir
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Obstacle:
-    """A footprint with a flat top; one of the two kinds of rings: the outline, then courtyards.
+    """A footprint with a flat top. Exactly one of the two kinds of rings is given: the outline, then courtyards.
 
     Attributes:
-        height_m: of the top above the highest ground under the footprint.
-        rings_lon_lat_deg: (longitude, latitude) on WGS 84, the order of GeoJSON.
-        rings_east_north_m: in the local frame.
+        height_m: height of the top above the highest ground under the footprint.
+        rings_lon_lat_deg: rings of (longitude, latitude) on WGS 84, the order of GeoJSON.
+        rings_east_north_m: rings in the local frame.
         name: for people.
     """
 
@@ -37,13 +37,13 @@ class Obstacle:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Obstacles:
-    """The obstacles of a scenario, and how far the vehicle stays away from them on the whole flight.
+    """The obstacles of a scenario, and the clearance from them on the whole flight.
 
     Attributes:
         file: a ``.geojson`` or ``.csv`` file with them, relative to the scenario file, or ``bundled:NAME``.
-        prisms: the same in the scenario itself.
-        clearance_beside_m: least distance from a footprint on the map, wherever the vehicle is not high enough above the top.
-        clearance_above_m: height above the top from which it is.
+        prisms: obstacles in the scenario itself.
+        clearance_beside_m: least horizontal distance from a footprint below the height that ``clearance_above_m`` sets.
+        clearance_above_m: height above the top from which the vehicle may pass over.
     """
 
     __pydantic_config__: ClassVar = STRICT

@@ -9,23 +9,23 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.outline import svg_map
 
 PART_OF = "part of "
-"""Begins the origin of a route that is a stretch of another."""
+"""Prefix of the origin of a route that is part of another."""
 
 
 @dataclass(frozen=True, slots=True)
 class RouteMetrics:
-    """What a route is worth, judged on the cells of the area.
+    """Metrics of a route on the cells of the area.
 
     Attributes:
-        coverage_fraction: share of the area's ground that is seen, 0..1.
-        coverage_of_coverable: share of what can be seen at all from inside the limits, 0..1.
-        waypoint_count: how many waypoints.
+        coverage_fraction: fraction of the area's ground that is covered, 0..1.
+        coverage_of_coverable: fraction of the area that can be covered within the limits, 0..1.
+        waypoint_count: number of waypoints.
         path_length_m: length of the open path in three dimensions.
-        flight_time_s: time to fly it at cruise speed, climbs and descents at their own limits, with wind and turns where the
+        flight_time_s: flight time at cruise speed, with climbs and descents at their limits, and with wind and turns where the
             scenario has them.
-        min_height_agl_m: lowest point above ground, along the legs or at the waypoints as the limits say.
-        max_height_agl_m: highest point above ground, likewise.
-        cost: what ``planner.objective`` and ``planner.band_deviation_price`` make of it; without them ``path_length_m``.
+        min_height_agl_m: lowest height above ground, along the legs or at the waypoints as the limits require.
+        max_height_agl_m: largest height above ground, likewise.
+        cost: the minimised cost by ``planner.objective`` and ``planner.band_deviation_price``; by default ``path_length_m``.
     """
 
     coverage_fraction: float
@@ -70,13 +70,13 @@ class Route:
 
 @dataclass(frozen=True, slots=True)
 class RouteMember:
-    """A route of the Pareto set with its figures.
+    """A route of the Pareto set with its metrics.
 
     Attributes:
         route: the waypoints.
-        metrics: judged on the cells of the area.
-        violation: total violation of the hard limits, 0 when they hold.
-        origin: what made it: the algorithm, or the name of a baseline; for a part of a route PART_OF and what made the whole.
+        metrics: its metrics on the cells of the area.
+        violation: total violation of the hard limits, 0 for a feasible route.
+        origin: the algorithm or baseline that made it; for a part of a route, PART_OF and the origin of the whole.
     """
 
     route: Route
@@ -86,7 +86,7 @@ class RouteMember:
 
     @property
     def is_part(self) -> bool:
-        """Whether it is a stretch of another route."""
+        """Whether it is part of another route."""
         return self.origin.startswith(PART_OF)
 
 
@@ -95,12 +95,12 @@ class Plan:
     """The outcome of planning.
 
     Attributes:
-        chosen: the route that is handed over.
+        chosen: the selected route.
         members: the Pareto set, by coverage.
         baselines: routes computed for comparison.
-        rule: how the chosen one was chosen.
-        rule_met: whether the rule could be met; when not, the best there is was chosen.
-        algorithm: which optimizer.
+        rule: the selection rule.
+        rule_met: whether the rule was met; otherwise the best available route was selected.
+        algorithm: the optimizer.
         evaluations: full route evaluations spent.
         wall_s: time spent.
         interrupted: whether the search was ended early by the user.
@@ -133,14 +133,14 @@ Question = Literal["fewest_waypoints", "most_coverage", "shortest_path_m"]
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """A proved limit beside the best that was found.
+    """A proved bound, and the best result found.
 
     Attributes:
-        question: fewest waypoints that see a share; most that so many waypoints see; shortest path that sees a share.
-        asked: the share of what can be covered, 0..1, or the number of waypoints.
-        limit: proved: at least, or for "most_coverage" at most.
-        found: the best of the plan's routes, none when no route reaches what was asked.
-        proved_on: among which places: a route over others may beat a limit that is proved on a lattice.
+        question: fewest waypoints for a coverage; largest coverage by a number of waypoints; shortest path for a coverage.
+        asked: the coverage as a fraction of the coverable area, 0..1, or the number of waypoints.
+        limit: the proved lower bound; for "most_coverage" an upper bound.
+        found: the best of the plan's routes, none when no route achieves what was asked.
+        proved_on: the positions considered: a route through others may beat a bound that was proved on a lattice.
         method: how it was proved.
     """
 
@@ -153,7 +153,7 @@ class Bound:
 
     @property
     def gap(self) -> float | None:
-        """How far the best found is from the limit: a share of it, or of the coverage; negative where other places beat it."""
+        """Relative gap between the best found and the bound; negative where other positions beat it."""
         if self.found is None:
             return None
         if self.question == "most_coverage":

@@ -13,15 +13,15 @@ from uavcover.model.vehicle import Vehicle, Wind
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uncertainty:
-    """Largest errors that a verdict has to stand; all 0: what was measured is taken as exact.
+    """Largest errors that a verdict has to withstand. With all of them 0, measurements are taken as exact.
 
-    Each is a bound, not a standard deviation, and is taken as constant over the rays of one look.
+    Each is a bound, not a standard deviation, and constant over the rays of one observation.
 
     Attributes:
         position_m: horizontal error of the flown positions.
         height_m: vertical error of the flown positions.
-        terrain_m: vertical error of the elevation data, against the true ground. What the ground in use differs from the data
-            is measured and added to it.
+        terrain_m: vertical error of the elevation data against the true ground. The difference between the ground in use and
+            the data is measured and added.
         attitude_deg: error of the camera's direction.
     """
 
@@ -43,7 +43,7 @@ class Uncertainty:
 
     @property
     def vertical_m(self) -> float:
-        """Largest error of a height above ground: of the vehicle and of the terrain together."""
+        """Largest error of a height above ground: vehicle and terrain together."""
         return self.height_m + self.terrain_m
 
 
@@ -57,10 +57,10 @@ class RasterTerrain:
     """Elevation data in a file that rasterio reads.
 
     Attributes:
-        kind: names this source in a scenario.
+        kind: name of this source in a scenario.
         file: a path relative to the scenario file, or ``bundled:NAME`` for data that comes with the package.
-        vertical_datum: what the heights refer to. Ellipsoid heights are refused where sea-level heights are needed.
-        grid_step_m: step of a square grid that the data is resampled to; default: none, the ground keeps the file's pixels.
+        vertical_datum: reference of the heights. Ellipsoid heights are refused where sea-level heights are needed.
+        grid_step_m: step of a square grid to resample the data to; default: none, the ground keeps the file's pixels.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -80,8 +80,8 @@ class SineCosineTerrain:
     """The paper's surface, Eq. 26: z = s sin(y / s) cos(x / s), with s = ``scale_m`` metres to the paper's unit.
 
     Attributes:
-        kind: names this source in a scenario.
-        scale_m: metres to one unit of the paper.
+        kind: name of this source in a scenario.
+        scale_m: metres per unit of the paper.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -98,7 +98,7 @@ Terrain = RasterTerrain | SineCosineTerrain
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Origin:
-    """The place on Earth of the local frame's (0, 0, 0), for areas given in metres.
+    """Geodetic position of the local frame's origin, for areas given in metres.
 
     Attributes:
         lat_deg: latitude on WGS 84.
@@ -119,7 +119,7 @@ class Origin:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Home:
-    """Where the vehicle takes off and lands, on the ground. Either pair of keys.
+    """Take-off and landing position on the ground, by either pair of keys.
 
     Attributes:
         lat_deg: latitude on WGS 84.
@@ -150,7 +150,7 @@ class Home:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannerSettings:
-    """How the route is searched for.
+    """Settings of the route search.
 
     Attributes:
         algorithm: "memetic": IMODBO, then a local search of what it and the baselines found. "local-search": from sampled routes
@@ -160,17 +160,17 @@ class PlannerSettings:
         population_size: members of the population.
         evaluations: full route evaluations when no budget is given; 50 proposals of the local search count as one.
         max_waypoints: capacity of the "waypoints" encoding.
-        cell_size_m: cells the search counts on; default: twice the area's cells, on which the result is judged.
-        order: "nearest-neighbour": the paper's decoding. "improved": the same, then 2-opt. Of the optimizer's routes; the local
-            search finds its own order.
-        initial: constructed routes that the search begins with, beside sampled ones (Latin hypercube), and that its result is
-            compared with; default: "boustrophedon" for swaths, and a "set-cover" where the local search may visit waypoints in
+        cell_size_m: cell size of the search; default: twice the area's cell size, on which the result is judged.
+        order: order of waypoints in the optimizer's routes. "nearest-neighbour": the paper's decoding. "improved": the same,
+            then 2-opt. The local search finds its own order.
+        initial: constructed routes with which the search starts, beside sampled ones (Latin hypercube), and against which its
+            result is compared; default: "boustrophedon" for swaths, and a "set-cover" where the local search may visit waypoints in
             any order.
-        seed: of the random numbers.
-        objective: "length" of the path, or "flight-time" with wind, climbs and turns: what is made small beside coverage and
-            the number of waypoints.
-        band_deviation_price: added to it for every metre that a waypoint is above or below the middle of the height band
-            (Eq. 7), in metres of path or in seconds.
+        seed: seed of the random numbers.
+        objective: the cost minimised beside coverage and the number of waypoints: "length" of the path, or "flight-time" with
+            wind, climbs and turns.
+        band_deviation_price: cost for every metre of a waypoint above or below the middle of the height band (Eq. 7), in
+            metres of path or in seconds.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -205,15 +205,15 @@ class Requirements:
     """What a flown track must reach for ``verify`` to pass.
 
     Attributes:
-        min_coverage_of_coverable: share of what can be seen from inside the limits.
-        min_sure_coverage_of_coverable: share of it that is seen whatever the errors of [uncertainty] were, or none.
-        looks: a cell counts when so many waypoints see it; more than 1 goes with sensing at waypoints.
-        look_distance_m: waypoints nearer to each other than this count as one look; needed for more than one.
+        min_coverage_of_coverable: required fraction of the area that can be covered within the limits.
+        min_sure_coverage_of_coverable: required fraction that is seen for every error within [uncertainty], or none.
+        looks: number of observations required of a cell; more than 1 requires sensing at waypoints.
+        look_distance_m: waypoints closer to each other than this count as one observation; required for more than one.
         max_deviation_m: largest distance of the flown track from the planned route, or none.
         max_ground_speed_m_s: largest speed over ground on the planned route, or none.
-        max_gap_s: samples further apart in time than this are not joined by a straight line.
-        max_unobserved_fraction: more of the route's time without evidence than this share proves nothing.
-        max_unobserved_gap_s: nor does a longer single stretch without evidence between take-off and landing.
+        max_gap_s: largest time between samples that are joined by a straight line.
+        max_unobserved_fraction: largest fraction of the route's time without evidence; above it the flight is not proved.
+        max_unobserved_gap_s: longest single stretch without evidence between take-off and landing, likewise.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -258,23 +258,23 @@ class Requirements:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """A whole scenario, validated: the sections of the TOML file.
+    """A validated scenario: the sections of the TOML file.
 
     Attributes:
         name: short name, used in files and reports.
-        area: what is to be seen.
-        terrain: on what ground.
-        sensor: with what.
-        limits: inside which limits.
-        vehicle: flown by what.
-        origin: place of the local frame, for areas in metres; none otherwise.
+        area: the area to cover.
+        terrain: the elevation data.
+        sensor: the sensor.
+        limits: the hard limits.
+        vehicle: the vehicle.
+        origin: geodetic position of the local frame, for areas in metres; none otherwise.
         home: take-off and landing; needed for mission files.
-        planner: how the route is searched for.
-        select: the rule by which one route of the Pareto set is chosen.
+        planner: settings of the route search.
+        select: the rule that selects one route of the Pareto set.
         requirements: what the flown track must reach.
-        obstacles: what stands on the ground.
-        wind: that the flight is planned for.
-        uncertainty: how well it is known where vehicle and ground were.
+        obstacles: obstacles on the ground.
+        wind: the wind the flight is planned for.
+        uncertainty: errors of positions, ground and attitude.
         description: one line for people.
     """
 
@@ -341,10 +341,10 @@ class Scenario:
 
     @property
     def transit_ceiling_agl_m(self) -> float:
-        """Largest height above ground on the ways there and home: the limit, or what a mission over steep ground needs.
+        """Largest height above ground in transit: the limit, or its default for missions over steep ground.
 
-        That is 30 m above the largest of: the top of the band, the heights above home of take-off and of the autopilot's
-        return, and 20 m above the height that the ways aim at.
+        The default is 30 m above the largest of: the top of the band, the take-off and return heights above home, and 20 m
+        above the target height of transits.
         """
         limits, vehicle = self.limits, self.vehicle
         if limits.max_transit_height_agl_m is not None:
@@ -354,5 +354,5 @@ class Scenario:
 
     @property
     def planning_cell_size_m(self) -> float:
-        """Cells that the search counts on: coarser than those on which the result is judged."""
+        """Cell size of the search: coarser than that on which the result is judged."""
         return self.planner.cell_size_m if self.planner.cell_size_m is not None else 2.0 * self.area.cell_size_m

@@ -12,14 +12,14 @@ Mount = Literal["fixed", "stabilised"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SphereSensor:
-    """Sees every cell whose centre is within ``range_m`` in three dimensions and in line of sight (the paper's sensor).
+    """A sensor that sees every cell centre within ``range_m`` in three dimensions and in line of sight (the paper's).
 
     Attributes:
-        kind: names this sensor in a scenario.
+        kind: name of this sensor in a scenario.
         range_m: largest distance from the sensor to the centre of a cell.
-        sensing: whether it looks only at the waypoints (the paper) or all along the path.
+        sensing: whether it observes only at the waypoints (the paper) or along the path.
         line_of_sight: "ray" against the whole surface, or "midpoint", the paper's Eq. 5.
-        sample_spacing_m: distance between looks when sensing along the path.
+        sample_spacing_m: distance between observations along the path.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -36,13 +36,13 @@ class SphereSensor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiscSensor:
-    """Sees every cell within a horizontal radius, whatever lies between: the planar reading of the paper's ``r = 1``.
+    """A sensor that sees every cell within a horizontal radius, without occlusion: the planar reading of the paper's ``r = 1``.
 
     Attributes:
-        kind: names this sensor in a scenario.
+        kind: name of this sensor in a scenario.
         radius_m: largest horizontal distance.
-        sensing: at waypoints or all along the path.
-        sample_spacing_m: distance between looks when sensing along the path.
+        sensing: at waypoints or along the path.
+        sample_spacing_m: distance between observations along the path.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -58,21 +58,21 @@ class DiscSensor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NadirCamera:
-    """A camera that looks straight down through a round field of view.
+    """A camera that points straight down with a circular field of view.
 
-    Planning takes it as level. Verification takes the flown track's roll and pitch, unless a gimbal keeps it level.
+    Planning assumes that it is level. Verification uses the flown roll and pitch, unless a gimbal keeps it level.
 
     Attributes:
-        kind: names this sensor in a scenario.
+        kind: name of this sensor in a scenario.
         fov_deg: full opening angle of the cone.
         range_m: largest slant range.
         max_incidence_deg: largest angle between the ray and the normal of the ground.
-        sensing: at waypoints or all along the path.
+        sensing: at waypoints or along the path.
         line_of_sight: "ray" or "midpoint".
-        sample_spacing_m: distance between looks when sensing along the path.
+        sample_spacing_m: distance between observations along the path.
         mount: "fixed" to the vehicle, whose roll and pitch it shares, or "stabilised" by a gimbal that keeps it level.
-        pixels_across: pixels along the diameter of the field of view, for ground sample distances; none: not known.
-        max_ground_sample_m: largest side of the ground that a pixel sees; none: any.
+        pixels_across: pixels along the diameter of the field of view, for ground sample distances; none: unknown.
+        max_ground_sample_m: largest ground sample distance; none: any.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -97,30 +97,30 @@ class NadirCamera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameCamera:
-    """A camera with a rectangular picture, at any angle between straight down and straight ahead.
+    """A camera with a rectangular picture, at any pitch between straight down and straight ahead.
 
-    Planning takes the vehicle as level and heading along its legs. Verification takes the flown track's attitude.
+    Planning assumes a level vehicle heading along its legs. Verification uses the flown attitude.
 
     Attributes:
-        kind: names this sensor in a scenario.
+        kind: name of this sensor in a scenario.
         fov_across_deg: full angle between the left and the right side of the picture.
         fov_along_deg: full angle between its bottom and its top.
         range_m: largest slant range.
-        pitch_deg: of the camera's axis against the horizon: -90 looks straight down, -30 ahead and a little down.
-        heading_deg: clockwise from north, where a gimbal turns the top of the picture (or the axis, when it is not straight
-            down); none: with the vehicle, which follows its legs.
+        pitch_deg: angle of the camera's axis to the horizon: -90 is straight down, -30 is ahead and slightly down.
+        heading_deg: heading, clockwise from north, at which a gimbal holds the top of the picture (or the axis, if not straight
+            down); none: that of the vehicle, which follows its legs.
         max_incidence_deg: largest angle between the ray and the normal of the ground.
-        sensing: at waypoints, which needs a heading, or all along the path.
+        sensing: at waypoints, which requires a heading, or along the path.
         line_of_sight: "ray" or "midpoint".
-        sample_spacing_m: distance between looks when sensing along the path, where no pictures by distance are asked for.
+        sample_spacing_m: distance between observations along the path, unless pictures are taken by distance.
         mount: "fixed" to the vehicle, whose roll and pitch it shares, or "stabilised" by a gimbal that keeps it level.
-        pixels_across: pixels from the left to the right side of the picture, for ground sample distances; none: not known.
-        max_ground_sample_m: largest side of the ground that a pixel sees; none: any.
-        forward_overlap: share of a picture's length on the ground that the next one shows again, from the lowest height of
-            the band; pictures are taken by distance then. None: no such wish.
-        side_overlap: share of a picture's width that the next strip shows again: a cell counts in the middle of the picture
-            only, 1 - side_overlap of its width.
-        trigger_distance_m: way between two pictures, instead of a forward overlap.
+        pixels_across: pixels from the left to the right side of the picture, for ground sample distances; none: unknown.
+        max_ground_sample_m: largest ground sample distance; none: any.
+        forward_overlap: fraction of a picture's length on the ground that the next one shows again, at the lowest height of
+            the band; pictures are then taken by distance. None: not required.
+        side_overlap: fraction of a picture's width that the next swath shows again: a cell counts only in the central
+            1 - side_overlap of the picture's width.
+        trigger_distance_m: distance between two pictures, instead of a forward overlap.
     """
 
     __pydantic_config__: ClassVar = STRICT

@@ -26,10 +26,10 @@ COLUMNS = (
 """Columns of ``track.csv``, in order."""
 
 AGE_COLUMN = "attitude_age_s"
-"""Stands behind the others where a track knows it; a track without it is fine."""
+"""Optional last column."""
 
 MAY_BE_EMPTY = ("roll_deg", "pitch_deg", "yaw_deg", AGE_COLUMN)
-"""Columns in which an empty value says that the vehicle did not tell."""
+"""Columns whose value may be empty: not reported by the vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,12 +44,12 @@ class TrackSample:
         east_m: east in the local frame of the scenario.
         north_m: north.
         up_m: up.
-        roll_deg: right side down is positive; NaN when it is not known.
-        pitch_deg: nose up is positive; NaN when it is not known.
-        yaw_deg: clockwise from north, 0..360; NaN when it is not known.
-        current_waypoint: number in ``plan.json`` of the planned waypoint that is being flown to; -1 before the first
-            has been taken up and after the last has been reached.
-        attitude_age_s: time from the attitude to the position; NaN when it is not known.
+        roll_deg: right side down is positive; NaN when unknown.
+        pitch_deg: nose up is positive; NaN when unknown.
+        yaw_deg: clockwise from north, 0..360; NaN when unknown.
+        current_waypoint: number in ``plan.json`` of the planned waypoint that the vehicle is flying to; -1 before it heads
+            for the first one and after it has reached the last.
+        attitude_age_s: time from the attitude to the position; NaN when unknown.
     """
 
     time_s: float
@@ -74,9 +74,9 @@ class Track:
         time_s: (n,) vehicle time, increasing.
         geodetic: (n, 3) latitude and longitude in degrees, height above sea level in metres.
         enu_m: (n, 3) east, north, up in metres.
-        attitude_deg: (n, 3) roll, pitch, yaw; NaN where the log does not tell.
+        attitude_deg: (n, 3) roll, pitch, yaw; NaN where unknown.
         current_waypoint: (n,) see :class:`TrackSample`.
-        attitude_age_s: (n,) time from the attitude of a sample to its position, NaN where it is not known; default: nowhere.
+        attitude_age_s: (n,) time from the attitude of a sample to its position, NaN where unknown; default: unknown everywhere.
     """
 
     time_s: FloatArray
@@ -103,7 +103,7 @@ class Track:
         return svg_map([("track", self.enu_m)], repr(self)[1:-1])
 
     def taken(self, samples: NDArray[Any]) -> "Track":
-        """The track of some samples only, by number or by a mask."""
+        """The track reduced to some samples, by number or by mask."""
         return Track(
             time_s=self.time_s[samples].copy(),
             geodetic=self.geodetic[samples].copy(),
@@ -116,11 +116,11 @@ class Track:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadTrack:
-    """A track as it was read from a file.
+    """A track read from a file.
 
     Attributes:
         track: the samples.
-        warnings: what was left out or assumed, a line for people each.
+        warnings: what was dropped or assumed, one line each.
     """
 
     track: Track

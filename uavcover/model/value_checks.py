@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 STRICT: dict[str, Any] = {"extra": "forbid", "allow_inf_nan": False}
-"""Settings that the scenario reader's validator picks up from each dataclass: a misspelt key is an error."""
+"""Settings for the scenario reader's validator: a misspelt key is an error."""
 
 
 def require(condition: bool, message: str) -> None:
@@ -14,19 +14,19 @@ def require(condition: bool, message: str) -> None:
 
 
 def require_positive(**values: float) -> None:
-    """Every named value must be a finite number above zero."""
+    """Require every named value to be a finite number above zero."""
     for key, value in values.items():
         require(math.isfinite(value) and value > 0.0, f"{key}: {value} must be above 0")
 
 
 def require_not_negative(**values: float) -> None:
-    """Every named value must be a finite number of at least zero."""
+    """Require every named value to be a finite number of at least zero."""
     for key, value in values.items():
         require(math.isfinite(value) and value >= 0.0, f"{key}: {value} must not be negative")
 
 
 def require_lon_lat(ring: tuple[tuple[float, float], ...], key: str) -> None:
-    """Every corner must be a longitude and a latitude on Earth."""
+    """Require every corner to be a longitude and a latitude on Earth."""
     for lon, lat in ring:
         require(
             abs(lat) <= 90.0 and abs(lon) <= 180.0,

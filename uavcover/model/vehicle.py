@@ -9,11 +9,11 @@ from uavcover.model.value_checks import STRICT, require, require_not_negative, r
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wind:
-    """One wind for the whole flight.
+    """Constant wind for the whole flight.
 
     Attributes:
-        speed_m_s: horizontal.
-        from_deg: where it comes from, clockwise from north.
+        speed_m_s: horizontal wind speed.
+        from_deg: direction it comes from, clockwise from north.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -45,20 +45,20 @@ def autopilot_name(text: str | None, default: AutopilotName) -> AutopilotName:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vehicle:
-    """A multirotor, as far as planning needs it.
+    """The multirotor, as planning needs it.
 
     Attributes:
         cruise_speed_m_s: ground speed along the legs.
         max_climb_m_s: largest upward speed.
         max_descent_m_s: largest downward speed.
-        max_airspeed_m_s: largest speed through the air, for the wind of the scenario; none: the wind is no matter.
-        acceleration_m_s2: with which the velocity over ground changes at a waypoint; none: turns take no time.
+        max_airspeed_m_s: largest airspeed, for the wind of the scenario; none: wind does not limit the speed.
+        acceleration_m_s2: acceleration over ground at a waypoint; none: turns take no time.
         acceptance_radius_m: a waypoint counts as reached within this distance.
-        takeoff_height_m: height above home of the vertical climb, raised where the way there needs more.
-        return_height_m: the autopilot's own return height above home, checked from every waypoint.
+        takeoff_height_m: height above home of the vertical climb, raised where the transit requires it.
+        return_height_m: height above home of the autopilot's own return, checked from every waypoint.
         endurance_s: longest flight, or none. A route that takes longer is flown as several sorties.
-        max_mission_items: most items of a mission, home among them where the autopilot counts it; none: what it is known to take.
-        autopilot: whose conventions the mission files follow unless a command says otherwise.
+        max_mission_items: largest number of mission items, home included where the autopilot counts it; none: the known limit.
+        autopilot: the autopilot whose conventions mission files follow, unless a command says otherwise.
     """
 
     __pydantic_config__: ClassVar = STRICT

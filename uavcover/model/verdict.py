@@ -30,24 +30,24 @@ GapReason = Literal[
     "too-few-looks",
     "attitude-not-known",
 ]
-"""Why a cell was not seen: no look had it in range and field of view; those that had were too oblique; ground or an
-obstacle stood between; no place inside the limits sees it at all; a pixel saw too much ground; it was seen,
-but by fewer looks than it has to be; it may have been seen, by looks whose direction is not known."""
+"""Why a cell was not seen: never in range and field of view; too oblique; occluded by ground or an obstacle; not
+visible from any position within the limits; ground sample distance too large; seen by fewer observations than
+required; possibly seen, by observations of unknown direction."""
 
 UnobservedReason = Literal["no samples", "impossible motion", "before the first sample", "after the last sample"]
 
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """A limit that was not kept, once for each stretch of the track.
+    """A violation of a limit on one stretch of the track.
 
     Attributes:
-        kind: which limit.
+        kind: the limit violated.
         start_s: vehicle time at which it began.
         end_s: vehicle time at which it ended.
         worst_s: vehicle time at which it was worst.
-        worst: the worst value reached, in the unit of the limit; of the fence, metres outside; of an obstacle, metres of
-            clearance that were lacking, aside or in height, whichever is less.
+        worst: the worst value reached, in the unit of the limit; for the fence, metres outside; for an obstacle, metres of
+            missing clearance beside or above it, whichever is less.
         limit: the limit.
         excess: how far the worst value is beyond the limit, above 0.
         unit: of all three.
@@ -77,17 +77,17 @@ class Violation:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A connected region of cells that were not seen for the same reason.
+    """A connected region of cells unseen for the same reason.
 
     Attributes:
-        cells: how many.
+        cells: number of cells.
         area_m2: ground area.
-        lat_deg: middle.
-        lon_deg: middle.
-        east_m: middle.
-        north_m: middle.
-        reason: why not.
-        coverable: whether it could have been seen from inside the limits.
+        lat_deg: latitude of its centre.
+        lon_deg: longitude of its centre.
+        east_m: east of its centre.
+        north_m: north of its centre.
+        reason: why it was not seen.
+        coverable: whether it can be seen from within the limits.
     """
 
     cells: int
@@ -102,18 +102,18 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class CellStatistics:
-    """How well the cells of the area were seen. Figures of cells that were not seen are left out; none when no cell has one.
+    """Statistics of how well the cells were seen, over seen cells only; none when no cell has a value.
 
     Attributes:
-        count: cells of the area.
-        seen: of them, seen.
-        looks_mean: separate passes over a seen cell, mean.
-        looks_max: the most passes over any cell.
-        seen_twice_fraction: share of the area that was seen in two passes or more.
-        ground_sample_median_m: of the smallest ground sample distances of the cells.
-        ground_sample_p95_m: 95 % of the seen cells have a ground sample distance not above this.
-        incidence_median_deg: of the smallest incidence angles of the cells.
-        incidence_p95_deg: likewise.
+        count: number of cells of the area.
+        seen: number of cells seen.
+        looks_mean: mean number of separate passes over a seen cell.
+        looks_max: largest number of passes over any cell.
+        seen_twice_fraction: fraction of the area seen in two or more passes.
+        ground_sample_median_m: median of the cells' smallest ground sample distances.
+        ground_sample_p95_m: 95th percentile of the same.
+        incidence_median_deg: median of the cells' smallest incidence angles.
+        incidence_p95_deg: 95th percentile of the same.
     """
 
     count: int
@@ -129,11 +129,11 @@ class CellStatistics:
 
 @dataclass(frozen=True, slots=True)
 class CoverageMoment:
-    """How much had been seen at a moment.
+    """Coverage reached at a moment.
 
     Attributes:
         time_s: vehicle time.
-        coverage_fraction: share of the area seen by then.
+        coverage_fraction: fraction of the area seen by then.
     """
 
     time_s: float
@@ -142,15 +142,15 @@ class CoverageMoment:
 
 @dataclass(frozen=True, slots=True)
 class Unobserved:
-    """A stretch of a flight of which nothing is known: nothing was seen there, and no limit was kept.
+    """An unobserved stretch of a flight: it proves neither coverage nor any limit.
 
     Attributes:
-        reason: why not.
+        reason: why it was not observed.
         detail: the same with figures, for people.
         start_s: vehicle time of the last evidence before it.
         end_s: vehicle time of the first evidence after it; both are the same before the first sample and after the last.
-        length_m: the straight way between its ends; before the first sample and after the last, of the planned route that is
-            missing.
+        length_m: straight distance between its ends; before the first sample and after the last, the length of the planned
+            route that is missing.
         lat_deg: where it begins.
         lon_deg: where it begins.
         east_m: where it begins.
@@ -175,7 +175,7 @@ class Unobserved:
 
     @property
     def duration_s(self) -> float:
-        """How long it is."""
+        """Its duration."""
         return self.end_s - self.start_s
 
 
@@ -184,33 +184,33 @@ class VerificationReport:
     """Coverage and safety of a flown track; ``verification.json``.
 
     Attributes:
-        coverage_fraction: share of the area's ground that was seen, 0..1.
-        coverage_of_coverable: share of what can be seen from inside the limits.
-        surely_covered_fraction: share of the area that was seen whatever the errors of [uncertainty] were.
-        surely_covered_of_coverable: the same of what can be seen from inside the limits.
-        possibly_covered_fraction: share of the area that may have been seen, these errors being as they may.
-        planned_coverage_fraction: what the plan promised, none without a plan.
-        min_height_agl_m: lowest point between the first and the last planned waypoint.
-        max_height_agl_m: highest point there.
-        min_transit_clearance_m: lowest point above ground on the way there and home, take-off and landing apart.
-        max_transit_height_agl_m: highest point above ground outside of the route, take-off and landing among them.
-        violations: limits that were not kept.
+        coverage_fraction: fraction of the area's ground that was seen, 0..1.
+        coverage_of_coverable: fraction of the area that can be covered within the limits.
+        surely_covered_fraction: fraction of the area seen for every error within [uncertainty].
+        surely_covered_of_coverable: the same of the coverable area.
+        possibly_covered_fraction: fraction of the area seen for some error within [uncertainty].
+        planned_coverage_fraction: coverage that the plan promised, none without a plan.
+        min_height_agl_m: lowest height above ground between the first and the last planned waypoint.
+        max_height_agl_m: largest height above ground there.
+        min_transit_clearance_m: lowest height above ground in transit, without take-off and landing.
+        max_transit_height_agl_m: largest height above ground outside the route, including take-off and landing.
+        violations: limits that were broken.
         max_deviation_m: largest distance from the planned route between its ends, none without a plan.
-        max_ground_speed_m_s: largest speed over ground on the route, over a second of flight; none without a route.
-        gaps: what was not seen, the largest first.
+        max_ground_speed_m_s: largest ground speed on the route, averaged over a second; none without a route.
+        gaps: coverage gaps, largest first.
         cells: how well the cells were seen.
-        coverage_by_time: how coverage grew; with several tracks, each is taken to begin right after the one before.
-        samples: how many samples the track has.
-        unknown_attitude_looks: looks whose direction is not known: what they may have seen is possibly seen, not seen.
-        unobserved: stretches of the flight that were not observed, in order of tracks and time.
-        unobserved_s: how long they are in all, between take-off and landing.
-        unobserved_m: how long they are in all, in metres.
-        unobserved_route_fraction: share of the route's time that was not observed; none without a route.
+        coverage_by_time: coverage over time; with several tracks, each is taken to begin right after the previous one.
+        samples: number of samples of the track.
+        unknown_attitude_looks: number of observations of unknown direction; what they may have seen counts as possibly seen.
+        unobserved: unobserved stretches of the flight, in order of tracks and time.
+        unobserved_s: their total duration between take-off and landing.
+        unobserved_m: their total length in metres.
+        unobserved_route_fraction: unobserved fraction of the route's time; none without a route.
         verdict: passed, failed or not proved.
         passed: whether the verdict is "passed".
         reasons: why it failed, one line each.
         doubts: why it is not proved, one line each.
-        findings: what is odd without being a reason for either, one line each.
+        findings: other irregularities, one line each.
         requirements: the requirements and limits that were judged, by their names in the scenario.
     """
 
