@@ -3,7 +3,7 @@
 from typing import Any, Literal
 
 VehicleHolds = Literal["unchanged", "replaced", "mixed", "unknown"]
-"""What the vehicle has in its memory after a transfer failed."""
+"""What the vehicle holds after a failed transfer."""
 
 
 class MissionIoError(Exception):
@@ -15,8 +15,8 @@ class FormatError(MissionIoError):
 
     Attributes:
         what: What is wrong.
-        where: The line, row, item or field, as the reader would look for it; empty when it is the whole.
-        advice: What to do about it; empty when that is plain.
+        where: The line, row, item or field; empty when it is the whole.
+        advice: What to do about it; empty when that is obvious.
     """
 
     def __init__(self, what: str, *, where: str = "", advice: str = "") -> None:
@@ -25,7 +25,7 @@ class FormatError(MissionIoError):
 
 
 class MisuseError(MissionIoError):
-    """This side asked for something that cannot be done: a wrong argument, or a call at the wrong moment."""
+    """Wrong use by this side: a wrong argument, or a call at the wrong time."""
 
 
 class AmbiguousVehicleError(MisuseError):
@@ -45,15 +45,15 @@ class LinkError(MissionIoError):
 
 
 class VehicleSilentError(MissionIoError):
-    """The vehicle did not answer in the time it was given."""
+    """The vehicle did not answer in time."""
 
 
 class TransferError(MissionIoError):
     """A mission transfer that the vehicle ended, or that fell silent.
 
     Attributes:
-        vehicle_holds: What the vehicle has now, as far as it can be known.
-        held_items: The list (of MissionItem) that was read back from it, as it is on the wire; None when it could not be read.
+        vehicle_holds: What the vehicle holds now, as far as it is known.
+        held_items: The MissionItems read back from it, as on the wire; None when they could not be read.
     """
 
     def __init__(

@@ -19,8 +19,8 @@ class Problem:
     """Something an autopilot would refuse or misunderstand.
 
     Attributes:
-        item: Number of the item as it goes on the wire, from 0; None when it is about the whole list.
-        field: The field it is about; empty for the whole item.
+        item: Number of the item on the wire, from 0; None for the whole list.
+        field: The field; empty for the whole item.
         what: What is wrong and what to do.
     """
 
@@ -41,10 +41,10 @@ def check_for_autopilot(
     *,
     item_limit: int | None = None,
 ) -> tuple[Problem, ...]:
-    """Everything that ``autopilot`` would refuse or silently change the meaning of.
+    """Find everything that ``autopilot`` would refuse or silently misinterpret.
 
-    ``items`` are numbered as they go on the wire, so with home in front for ArduPilot (see ``wire_items``).
-    ``item_limit`` is what the vehicle itself said it takes; without it, what this autopilot was seen to take.
+    ``items`` are numbered as on the wire, so with home first for ArduPilot (see ``wire_items``). ``item_limit`` is the
+    limit stated by the vehicle; without it, the known limit of the autopilot applies.
     """
     problems: list[Problem] = []
     known_limit = autopilot.item_limit if autopilot.item_limit is not None else _WHOLE_ITEM_COUNT
@@ -61,8 +61,8 @@ def check_for_autopilot(
 
 
 def fence_problems(fence: Fence) -> tuple[str, ...]:
-    """Polygons of a fence that cross themselves or have no area; ArduPilot accepts such a fence without a word."""
-    import shapely  # takes as long to load as the rest of the package, which is needed without fences too
+    """Fence polygons that cross themselves or have no area, which ArduPilot accepts silently."""
+    import shapely  # loads as slowly as the rest of the package, which also works without it
 
     found = []
     for number, polygon in enumerate(fence.polygons):
@@ -121,7 +121,7 @@ def _item_problems(item: MissionItem, autopilot: Autopilot, count: int) -> list[
 
 
 def _change_in_storage(item: MissionItem, autopilot: Autopilot, name: str, value: float) -> str | None:
-    """What is wrong with a number that this autopilot would give back as another than it makes of it by design."""
+    """The problem with a number that the autopilot would return changed, beyond its changes by design."""
     rule = autopilot.rule_for(item, name)
     if rule is None or math.isnan(value):
         return None
@@ -130,7 +130,7 @@ def _change_in_storage(item: MissionItem, autopilot: Autopilot, name: str, value
 
 
 def _meaning_problems(item: MissionItem, count: int) -> list[tuple[str, str]]:
-    """What no autopilot refuses and none can mean."""
+    """Values that no autopilot refuses and that have no meaning."""
     first, second = item.params[:2]
     if item.command in (Command.NAV_WAYPOINT, Command.NAV_SPLINE_WAYPOINT, Command.NAV_LOITER_TIME) and first < 0:
         return [("param1", f"a hold of {first:g} s; a wait cannot be negative")]

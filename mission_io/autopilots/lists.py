@@ -17,26 +17,26 @@ from mission_io.model.items import Mission, MissionItem, MissionType
 MissionList: TypeAlias = Mission | Fence | RallyPoints
 
 
-def mission_type_of(content: MissionList) -> MissionType:
-    """Which of a vehicle's lists some content belongs into."""
-    if isinstance(content, Mission):
+def mission_type_of(mission_list: MissionList) -> MissionType:
+    """The type of a mission list."""
+    if isinstance(mission_list, Mission):
         return MissionType.MISSION
-    return MissionType.FENCE if isinstance(content, Fence) else MissionType.RALLY
+    return MissionType.FENCE if isinstance(mission_list, Fence) else MissionType.RALLY
 
 
-def items_of(content: MissionList, autopilot: Autopilot) -> tuple[MissionItem, ...]:
-    """The items of some content as they are sent to an autopilot.
+def items_of(mission_list: MissionList, autopilot: Autopilot) -> tuple[MissionItem, ...]:
+    """The items of a mission list as sent to an autopilot.
 
     Raises:
-        FormatError: a fence polygon or circle that is none.
+        FormatError: an invalid fence polygon or circle.
     """
-    if isinstance(content, Mission):
-        return wire_items(content, autopilot)
-    return items_from_fence(content) if isinstance(content, Fence) else items_from_rally(content)
+    if isinstance(mission_list, Mission):
+        return wire_items(mission_list, autopilot)
+    return items_from_fence(mission_list) if isinstance(mission_list, Fence) else items_from_rally(mission_list)
 
 
 def mission_list_of(mission_type: MissionType, items: Sequence[MissionItem], autopilot: Autopilot) -> MissionList:
-    """What an autopilot's item list stands for; the inverse of ``items_of``.
+    """The mission, fence or rally points of an autopilot's item list; the inverse of ``items_of``.
 
     Raises:
         FormatError: items that do not belong in such a list.

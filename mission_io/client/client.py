@@ -44,16 +44,16 @@ MessageT = TypeVar("MessageT", bound=Message)
 _log = logging.getLogger(__name__)
 
 Progress = Callable[[int, int], None]
-"""Called with the number of items that are across and the number of all, when the first changes."""
+"""Called with the number of items transferred and the total, whenever the first changes."""
 Stop = Callable[[], bool]
-"""Asked all the time whether to cancel."""
+"""Polled during a transfer; True cancels it."""
 
 _ANSWER_S = 10.0
 _ITEM_LIMIT_S = 3.0
 
 
 class _Terms(TypedDict):
-    """The arguments that every conversation takes."""
+    """The arguments common to all exchanges."""
 
     local: Address
     vehicle: Address
@@ -67,14 +67,14 @@ class Client(Connection):
 
     Args:
         link: Carries the datagrams; ``close`` closes it.
-        clock: Times everything; None takes the link's own.
+        clock: Source of time; None uses the link's own.
         system_id: This side's MAVLink system; ground stations use 255.
         component_id: This side's component; 190 is a mission planner.
-        timing: How patient transfers are; see ``mission_io.protocol.presets`` for kinds of links.
-        listener: Called with every message that arrives, whoever waits for it, with the time in seconds: for logs.
+        timing: Time-outs of transfers; see ``link_preset`` for kinds of links.
+        listener: Called with every message that arrives and the time in seconds, for logs.
 
     Attributes:
-        patience: What the transfers learnt about the link so far, for instance its round trip.
+        patience: What transfers have learnt about the link so far, such as its round-trip time.
     """
 
     def __init__(
@@ -102,16 +102,16 @@ class Client(Connection):
         stop: Stop | None = None,
         in_flight: bool = False,
     ) -> None:
-        """Replace one of the vehicle's lists by ``items`` as they go on the wire (see ``wire_items``).
+        """Replace one of the vehicle's lists by ``items``, given as sent on the wire (see ``wire_items``).
 
-        When the final acknowledgement is lost or doubtful, the list is read back to find out. When the upload fails or
-        is cancelled, it is read back to say what the vehicle holds now.
+        When the final acknowledgement is lost or doubtful, the list is read back to find out. After a failed or cancelled
+        upload it is read back to state what the vehicle holds now.
 
         Raises:
-            MisuseError: the vehicle is armed and ``in_flight`` was not said.
-            TransferError: the vehicle refused, cancelled, or did not get on; ``vehicle_holds`` and ``held_items`` say
-                what it has now.
-            TransferCancelledError: ``stop`` said so.
+            MisuseError: the vehicle is armed and ``in_flight`` is False.
+            TransferError: the vehicle refused, cancelled, or made no progress; ``vehicle_holds`` and ``held_items`` say
+                what it holds now.
+            TransferCancelledError: ``stop`` returned True.
             TransferSilentError: the vehicle stopped answering; also a VehicleSilentError.
             TransferInterrupted: Ctrl-C; a KeyboardInterrupt that knows what the vehicle holds now.
         """
@@ -129,15 +129,15 @@ class Client(Connection):
     def download(
         self, mission_type: MissionType, *, progress: Progress | None = None, stop: Stop | None = None
     ) -> tuple[MissionItem, ...]:
-        """One of the vehicle's lists, as it is on the wire (see ``mission_from_wire``).
+        """Download one of the vehicle's lists, as it is on the wire (see ``mission_from_wire``).
 
         Raises:
-            TransferError: the vehicle refused, cancelled, or did not get on.
-            TransferCancelledError: ``stop`` said so.
+            TransferError: the vehicle refused, cancelled, or made no progress.
+            TransferCancelledError: ``stop`` returned True.
             TransferSilentError: the vehicle stopped answering; also a VehicleSilentError.
             FormatError: the vehicle holds an item in a frame that mission_io does not know.
         """
-        # A vehicle that keeps nothing about a download serves its items in any order.
+        # A vehicle that keeps no state about a download serves items in any order.
         autopilot = self.known_autopilot
         any_order = autopilot is not None and autopilot.download_blocks_s == 0.0
         download = Download(mission_type=mission_type, any_order=any_order, **self._terms())
@@ -150,17 +150,17 @@ class Client(Connection):
         raise TransferInterrupted(error) if interrupted else error
 
     def clear(self, mission_type: MissionType, *, in_flight: bool = False) -> None:
-        """Empty one of the vehicle's lists, and read back that it is empty but for home.
+        """Clear one of the vehicle's lists, and read back that it is empty except for home.
 
         Raises:
-            MisuseError: the vehicle is armed and ``in_flight`` was not said.
-            TransferError: the vehicle refused, did not get on, or says that it is done and is not; ``held_items`` says
-                what it has now.
+            MisuseError: the vehicle is armed and ``in_flight`` is False.
+            TransferError: the vehicle refused, made no progress, or acknowledged without clearing; ``held_items`` says
+                what it holds now.
             TransferSilentError: the vehicle did not answer; also a VehicleSilentError.
         """
         self._refuse_armed("clear", in_flight=in_flight)
         left: tuple[MissionItem, ...] = ()
-        for _ in range(CLEAR_TRIES):  # an acknowledgement may be a late one of an earlier upload
+        for _ in range(CLEAR_TRIES):  # the acknowledgement may be a late one of an earlier upload
             self._clear_once(mission_type)
             try:
                 left = self.download(mission_type)
@@ -192,14 +192,14 @@ class Client(Connection):
     ) -> ReadBack:
         """Check, upload, read back and compare a mission, a fence or rally points.
 
-        A vehicle is asked for its own limit when a mission is longer than its autopilot was seen to take.
+        When a mission exceeds the known item limit of its autopilot, the vehicle is asked for its own.
 
         Args:
-            content: What the vehicle is to hold.
-            progress: Called while the items go across.
-            stop: Asked whether to cancel.
-            in_flight: Whether an armed vehicle is meant.
-            autopilot: Whose ways to expect; None takes the vehicle's own.
+            content: The list that the vehicle should hold.
+            progress: Called during the upload.
+            stop: Polled; True cancels.
+            in_flight: Allow an upload to an armed vehicle.
+            autopilot: The autopilot whose behaviour to expect; None uses the vehicle's own.
 
         Raises:
             MisuseError: the autopilot would refuse or misunderstand an item (nothing was sent), or the vehicle is armed.
@@ -223,34 +223,34 @@ class Client(Connection):
             ) from None
 
     def ask_item_limit(self, *, timeout_s: float = _ITEM_LIMIT_S) -> int | None:
-        """How many mission items the vehicle takes, home included; None when it does not tell within ``timeout_s``."""
+        """The number of mission items the vehicle accepts, home included; None without an answer within ``timeout_s``."""
         return transfer_outcome.ask_item_limit(self, self.vehicle.autopilot, timeout_s=timeout_s)
 
     def download_list(
         self, mission_type: MissionType, *, progress: Progress | None = None, stop: Stop | None = None
     ) -> MissionList:
-        """One of the vehicle's lists as the Mission, Fence or RallyPoints it stands for; errors as ``download``."""
+        """Download one of the vehicle's lists as a Mission, Fence or RallyPoints; errors as ``download``."""
         items = self.download(mission_type, progress=progress, stop=stop)
         return mission_list_of(mission_type, items, self.vehicle.autopilot)
 
     # Commands, modes, parameters: see mission_io.client.commands.
 
     def command(self, command: int, *params: float, timeout_s: float = _ANSWER_S) -> CommandAck:
-        """Send a command until it is answered; see ``commands.send_command``."""
+        """Send a command, repeatedly until answered; see ``commands.send_command``."""
         return commands.send_command(self, command, params, timeout_s=timeout_s)
 
     def set_mode(self, custom_mode: int, *, timeout_s: float = _ANSWER_S) -> None:
-        """Change the flight mode and see it in the heartbeat; see ``commands.set_mode``."""
+        """Change the flight mode and wait for it in the heartbeat; see ``commands.set_mode``."""
         commands.set_mode(self, custom_mode, timeout_s=timeout_s)
 
     def request_message_interval(
         self, kind: type[Message], interval_s: float, *, timeout_s: float = _ANSWER_S
     ) -> CommandAck:
-        """Ask for a kind of message each ``interval_s`` seconds."""
+        """Request a message at an interval of ``interval_s`` seconds."""
         return commands.request_message_interval(self, kind, interval_s, timeout_s=timeout_s)
 
     def request_message(self, kind: type[MessageT], *, timeout_s: float = _ANSWER_S) -> MessageT:
-        """Ask for one message of a kind and wait for it."""
+        """Request a message once and wait for it."""
         return commands.request_message(self, kind, timeout_s=timeout_s)
 
     def read_parameter(self, name: str, *, timeout_s: float = _ANSWER_S) -> ParamValue:
@@ -260,13 +260,13 @@ class Client(Connection):
     def set_parameter(
         self, name: str, value: float, *, param_type: int = 9, timeout_s: float = _ANSWER_S
     ) -> ParamValue:
-        """Set a parameter and see that it is so."""
+        """Set a parameter and verify its new value."""
         return commands.set_parameter(self, name, value, param_type=param_type, timeout_s=timeout_s)
 
-    # How transfers are driven, and what their ends mean.
+    # Running transfers, and the meaning of their outcomes.
 
     def _terms(self) -> _Terms:
-        """What every conversation with the vehicle begins with."""
+        """The common arguments of an exchange with the vehicle."""
         return _Terms(
             local=self.local,
             vehicle=self.vehicle.address,
@@ -282,13 +282,13 @@ class Client(Connection):
         progress: Progress | None,
         stop: Stop | None,
     ) -> bool:
-        """Drive a conversation to its end; whether Ctrl-C came (the conversation is cancelled then, not dropped).
+        """Run an exchange to its end; True after a Ctrl-C, which cancels the exchange instead of dropping it.
 
         Args:
-            exchange: The conversation.
-            counts: How many items are across, and how many there are if that is known.
-            progress: Told when the first changes.
-            stop: Asked whether to cancel.
+            exchange: The exchange.
+            counts: Returns the number of items transferred, and the total if known.
+            progress: Called when the first changes.
+            stop: Polled; True cancels.
         """
         interrupted = False
         while True:
@@ -344,7 +344,7 @@ class Client(Connection):
         raise failure(doing, clear, now_held, vehicle_holds=holds, held_items=held, advice=self.signing_advice())
 
     def _held(self, mission_type: MissionType) -> tuple[MissionItem, ...] | None:
-        """What the vehicle holds after a failure; None when it does not tell."""
+        """What the vehicle holds after a failure; None when it cannot be read."""
         try:
             return self.download(mission_type)
         except (TransferError, FormatError) as error:

@@ -27,7 +27,7 @@ _RESEND_S = 0.5
 
 
 def send_command(connection: Connection, command: int, params: tuple[float, ...], *, timeout_s: float) -> CommandAck:
-    """Send a COMMAND_LONG until it is answered, with its confirmation counted up each time.
+    """Send a COMMAND_LONG repeatedly until answered, with an increasing confirmation.
 
     Raises:
         MisuseError: more than seven parameters.
@@ -49,7 +49,7 @@ def send_command(connection: Connection, command: int, params: tuple[float, ...]
 
 
 def send_command_int(connection: Connection, message: CommandInt, *, timeout_s: float) -> CommandAck:
-    """Send a COMMAND_INT until it is answered; errors as ``send_command``."""
+    """Send a COMMAND_INT repeatedly until answered; errors as ``send_command``."""
     return _await_answer(connection, message.command, lambda _: connection.send(message), timeout_s)
 
 
@@ -67,7 +67,7 @@ def _await_answer(connection: Connection, command: int, send: Callable[[int], No
         return ack.result != CommandResult.IN_PROGRESS
 
     def ask(attempt: int) -> None:
-        if not started:  # a vehicle that is at it must not be told twice
+        if not started:  # a command in progress must not be repeated
             send(attempt)
 
     what = f"an answer to command {name_of(command)}"
@@ -80,7 +80,7 @@ def _await_answer(connection: Connection, command: int, send: Callable[[int], No
 
 
 def refusal(system_id: int, ack: CommandAck) -> CommandRefusedError:
-    """The error for an answer of a vehicle that is not ACCEPTED."""
+    """The error for a command answer other than ACCEPTED."""
     result = name_of_result(ack.result)
     return CommandRefusedError(
         f"vehicle {system_id} answered {name_of(ack.command)} with {result}",
@@ -94,7 +94,7 @@ def set_mode(connection: Connection, custom_mode: int, *, timeout_s: float) -> N
     """Change the flight mode and wait until the vehicle's heartbeat shows it.
 
     Raises:
-        CommandRefusedError: the vehicle does not want that mode now.
+        CommandRefusedError: the vehicle refuses that mode now.
         VehicleSilentError: no answer, or no heartbeat with that mode, within ``timeout_s`` seconds each.
     """
     send_command(connection, Command.DO_SET_MODE, mode_params(connection.vehicle, custom_mode), timeout_s=timeout_s)
@@ -126,13 +126,13 @@ def await_mode(connection: Connection, custom_mode: int, *, timeout_s: float) ->
 def request_message_interval(
     connection: Connection, kind: type[Message], interval_s: float, *, timeout_s: float
 ) -> CommandAck:
-    """Ask for a kind of message each ``interval_s`` seconds; errors as ``send_command``."""
+    """Request a message at an interval of ``interval_s`` seconds; errors as ``send_command``."""
     params = (float(message_id(kind)), interval_s * 1e6)
     return send_command(connection, Command.SET_MESSAGE_INTERVAL, params, timeout_s=timeout_s)
 
 
 def request_message(connection: Connection, kind: type[MessageT], *, timeout_s: float) -> MessageT:
-    """Ask for one message of a kind and wait for it.
+    """Request a message once and wait for it.
 
     Raises:
         VehicleSilentError: none came within ``timeout_s`` seconds.
@@ -170,7 +170,7 @@ def read_parameter(connection: Connection, name: str, *, timeout_s: float) -> Pa
 def set_parameter(
     connection: Connection, name: str, value: float, *, param_type: int = 9, timeout_s: float
 ) -> ParamValue:
-    """Set a parameter and wait for the vehicle to say what it is now.
+    """Set a parameter and wait for the vehicle to report its value.
 
     Raises:
         MisuseError: the vehicle answered with another value than the 32-bit float nearest to ``value``.

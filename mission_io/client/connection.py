@@ -26,27 +26,26 @@ _log = logging.getLogger(__name__)
 _HEARTBEAT_S = 1.0
 
 _CATCH_UP_S = 0.1
-"""How long ``poll`` reads what is here already: a vehicle that sends faster than a busy machine reads would never let it end."""
+"""How long ``poll`` reads what has arrived already; otherwise a vehicle that sends faster than we read would never let it end."""
 
 
 class Connection:
-    """Sends a heartbeat each second while it waits, and keeps the latest heartbeat of the vehicle it talks to.
+    """A connection to one vehicle: sends a heartbeat each second while it waits, and keeps the vehicle's latest one.
 
     Args:
         link: Carries the datagrams.
-        clock: Times everything; None takes the link's own.
+        clock: Source of time; None uses the link's own.
         system_id: This side's MAVLink system; ground stations use 255.
         component_id: This side's component; 190 is a mission planner.
-        listener: Called with every message that arrives, whoever waits for it and whomever it is for, with the time in
-            seconds: for logs.
+        listener: Called with every message that arrives, whoever its recipient, and the time in seconds, for logs.
 
     Attributes:
         peers: Who else is on the link: vehicles, and others that use our ids.
-        impostor: What a heartbeat with our vehicle's ids told of another vehicle (autopilot or type); None while all is well.
+        impostor: A different vehicle (by autopilot or type) whose heartbeats carry our vehicle's ids; None normally.
             Such heartbeats do not count as our vehicle's.
-        give_up: Asked at every message and at least once a second while a call waits; the call ends with a
-            WaitCancelledError when it says yes. None never ends one. Transfers have a ``stop`` of their own, which also
-            cancels them on the vehicle.
+        give_up: Polled at every message and at least once a second while a call waits; True ends the call with a
+            WaitCancelledError. None never does. Transfers have their own ``stop``, which also cancels them on the
+            vehicle.
     """
 
     def __init__(
@@ -93,13 +92,13 @@ class Connection:
         clock: UnixClock | None = None,
         store: TimestampStore | None = None,
     ) -> None:
-        """Sign all that is sent from here on, and believe only what is signed with the same key.
+        """Sign everything sent from now on, and accept only messages signed with the same key.
 
         Args:
-            key: What both ends know.
+            key: The key shared by both ends.
             link_id: Tells apart the links of one sender, 0 to 255.
-            clock: The time of day; None takes the operating system's.
-            store: Keeps the timestamps; None takes a file beside the key's, or for a key without a file nothing.
+            clock: The time of day; None uses the operating system's.
+            store: Keeps the timestamps; None uses a file beside the key's, or no store for a key without a file.
 
         Raises:
             LinkError: the timestamp beside the key cannot be read.
@@ -111,7 +110,7 @@ class Connection:
 
     @property
     def statistics(self) -> LinkStatistics:
-        """What went over the link up to now; ``str`` of it is one line."""
+        """Counts of the link so far; ``str`` of them is one line."""
         counts = replace(self.codec.statistics, for_others=self._for_others)
         if not isinstance(self.link, StreamLink):
             return counts
@@ -159,8 +158,8 @@ class Connection:
     def poll(self, timeout_s: float) -> list[Received]:
         """Wait for messages, for at most ``timeout_s`` seconds, and return all that are here; none is an empty list.
 
-        Where more come than can be read in a tenth of a second, the others are left for the next call. Messages that arrived
-        while a command or a transfer was going on are not here again: see ``listener``.
+        Messages beyond what can be read in a tenth of a second are left for the next call. Messages that arrived during a
+        command or a transfer are not returned again: see ``listener``.
         """
         deadline = self.clock.now() + timeout_s
         messages = self._next_messages(deadline)
@@ -172,17 +171,16 @@ class Connection:
     def wait_for_vehicle(
         self, timeout_s: float = 10.0, *, system_id: int | None = None, component_id: int | None = None
     ) -> VehicleInfo:
-        """Wait for an autopilot's heartbeat, and talk to that one from here on.
+        """Wait for an autopilot's heartbeat, and talk to that vehicle from now on.
 
-        Without a system id the link is listened to for a heartbeat's time longer, in case that there is a second vehicle; once
-        a vehicle is talked to, a further call waits for that same one. Of several components that speak as autopilots of a
-        system, component 1 is meant. A vehicle that is first heard in MAVLink 1 gets the time of a few heartbeats to change to
-        MAVLink 2.
+        Without a system id, the call listens for another heartbeat interval in case there is a second vehicle; later calls wait
+        for the same vehicle again. If several components of a system send autopilot heartbeats, component 1 is chosen. A
+        vehicle first heard in MAVLink 1 gets a few heartbeats' time to change to MAVLink 2.
 
         Args:
             timeout_s: Longest time to wait, in seconds.
-            system_id: Which system is meant.
-            component_id: Which of its components is meant.
+            system_id: The system to wait for; None for any.
+            component_id: The component to wait for; None for the autopilot.
 
         Raises:
             VehicleSilentError: no such heartbeat within ``timeout_s`` seconds.
@@ -212,7 +210,7 @@ class Connection:
         return self._settle_on(chosen, latest[chosen.address], deadline)
 
     def _settle_on(self, chosen: VehicleInfo, received: Received, deadline: float) -> VehicleInfo:
-        """Talk to a vehicle from here on, in the newest version of MAVLink that it speaks."""
+        """Talk to a vehicle from now on, in the newest MAVLink version it speaks."""
         if chosen.system_id == self.local.system_id:
             raise MisuseError(
                 f"the vehicle is system {chosen.system_id}, and so are we; take another system id for this side"
@@ -231,7 +229,7 @@ class Connection:
         return self.vehicle
 
     def _silence(self, timeout_s: float, system_id: int | None, component_id: int | None, others: set[int]) -> str:
-        """Why no vehicle was found, as far as it can be told."""
+        """Why no vehicle was found, as far as is known."""
         wanted = "no vehicle" if system_id is None else f"no vehicle with system id {system_id}"
         if component_id is not None:
             wanted += f"{' with' if system_id is None else ' and'} component id {component_id}"
@@ -258,14 +256,14 @@ class Connection:
         again: Callable[[int], None] | None = None,
         again_s: float = 0.5,
     ) -> Received:
-        """Wait for a message of the vehicle that ``done`` says yes to.
+        """Wait for a message of the vehicle that ``done`` accepts.
 
         Args:
-            done: Looks at each message of the vehicle.
+            done: Called with each message of the vehicle.
             timeout_s: Longest time to wait.
-            what: What is waited for, for the error.
-            again: Called at once with 0, and with 1, 2, ... after each silence, to ask (again) for it.
-            again_s: That silence, in seconds.
+            what: Name of what is awaited, for the error.
+            again: Called with 0 at once, and with 1, 2, ... after each silence, to request it (again).
+            again_s: Length of that silence in seconds.
 
         Raises:
             VehicleSilentError: no such message within ``timeout_s`` seconds; it says ``what``.
@@ -285,14 +283,14 @@ class Connection:
         )
 
     def signing_advice(self) -> str:
-        """Why a vehicle that is heard may answer nothing: it signs, and this side cannot. Empty when that is not so."""
+        """Advice when a vehicle that is heard does not answer because it signs and this side has no key; otherwise empty."""
         signed = self.codec.statistics.signed
         if not signed:
             return ""
         return f"; the vehicle signs what it sends ({signed} frames) and this side has no key: give --signing-key"
 
     def _next_messages(self, deadline: float) -> list[Received]:
-        """Wait until a datagram brings messages; an empty list when the deadline came first."""
+        """Wait until a datagram brings messages; an empty list at the deadline."""
         while True:
             if self.give_up is not None and self.give_up():
                 raise WaitCancelledError("the call was cancelled; the vehicle may have received it all the same")
@@ -306,7 +304,7 @@ class Connection:
                 return messages
 
     def _wait(self, seconds: float) -> None:
-        """Let time pass; what arrives is taken as always."""
+        """Let time pass while messages are processed as usual."""
         deadline = self.clock.now() + seconds
         while self.clock.now() < deadline:
             self._next_messages(deadline)
@@ -320,7 +318,7 @@ class Connection:
             self.codec.version = 1
 
     def _receive(self, timeout_s: float) -> list[Received]:
-        """What one datagram brings for us."""
+        """The messages for us in one datagram."""
         data = self.link.receive(timeout_s)
         if data is None:
             return []
@@ -346,11 +344,11 @@ class Connection:
         return ours
 
     def _answer_time(self, question: TimeSync) -> None:
-        """Tell a vehicle that asks what time it is here."""
+        """Answer a vehicle's question for our time."""
         self.send(TimeSync(answered_ns=round(self.clock.now() * 1e9) or 1, asked_ns=question.asked_ns))
 
     def _agree_on_version(self, received: Received) -> None:
-        """Speak the newest version that the vehicle speaks."""
+        """Use the newest MAVLink version the vehicle speaks."""
         if received.mavlink_version >= 2:
             self.codec.version = 2
         elif self.peers.speaks_only_1(_sender(received)):

@@ -8,15 +8,15 @@ from mission_io.wire.messages import LogData, LogEntry, LogRequestData, LogReque
 
 _LIST_AGAIN_S = 1.0
 _QUIET_S = 0.5
-"""After so long without new bytes, what is missing is asked for again."""
+"""After this long without new bytes, missing ones are requested again."""
 _PIECE_BYTES = 90 * 256
 
 
 def list_flight_logs(connection: Connection, *, timeout_s: float = 10.0) -> tuple[LogEntry, ...]:
-    """The logs that the vehicle keeps, in the order of their numbers.
+    """List the vehicle's logs in the order of their numbers.
 
     Raises:
-        VehicleSilentError: the list did not come whole within ``timeout_s`` seconds.
+        VehicleSilentError: the list was not complete within ``timeout_s`` seconds.
     """
     to = connection.vehicle
     found: dict[int, LogEntry] = {}
@@ -47,16 +47,16 @@ def download_flight_log(
     progress: Callable[[int, int], None] | None = None,
     timeout_s: float = 30.0,
 ) -> bytes:
-    """The bytes of a log.
+    """Download the bytes of a log.
 
     Args:
         connection: With the vehicle.
         entry: One of ``list_flight_logs``.
-        progress: Told the bytes that are here, and all.
+        progress: Called with the bytes received and the total.
         timeout_s: Longest time for a piece of 23,040 bytes, which takes 4 s at 57,600 baud.
 
     Raises:
-        TransferSilentError: a piece took longer; says how much had come.
+        TransferSilentError: a piece took longer; the message says how much had arrived.
     """
     content = bytearray()
     try:
@@ -77,7 +77,7 @@ def download_flight_log(
 
 
 def _piece(connection: Connection, entry: LogEntry, start: int, timeout_s: float) -> bytes:
-    """Some bytes from ``start`` on, without a hole."""
+    """Some bytes from ``start`` on, without gaps."""
     size = min(_PIECE_BYTES, entry.size_bytes - start)
     parts: dict[int, bytes] = {}
     whole_to = start

@@ -15,7 +15,7 @@ from mission_io.protocol.exchange import Address
 from mission_io.wire.messages import Heartbeat, Received
 
 OLD_HEARTBEATS: Final = 3
-"""So many MAVLink 1 heartbeats in a row, while ours go out in MAVLink 2, say that a vehicle speaks nothing newer."""
+"""After this many consecutive MAVLink 1 heartbeats, while ours are MAVLink 2, a vehicle is taken to speak only MAVLink 1."""
 
 _log = logging.getLogger(__name__)
 
@@ -26,10 +26,10 @@ class VehicleInfo:
 
     Attributes:
         system_id: Its MAVLink system.
-        component_id: The component that is the autopilot.
+        component_id: The autopilot's component.
         mav_autopilot: MAV_AUTOPILOT number.
         vehicle_type: MAV_TYPE number.
-        armed: Whether its motors may turn.
+        armed: Whether it is armed.
         custom_mode: The autopilot's own number of its flight mode.
         system_status: MAV_STATE number.
     """
@@ -44,7 +44,7 @@ class VehicleInfo:
 
     @property
     def address(self) -> Address:
-        """Where messages to it go."""
+        """Its address for messages."""
         return Address(self.system_id, self.component_id)
 
     @property
@@ -58,24 +58,24 @@ class VehicleInfo:
 
     @property
     def kind(self) -> VehicleKind:
-        """How it moves."""
+        """Its kind, by the way it moves."""
         return kind_of(self.vehicle_type)
 
     @property
     def described(self) -> str:
-        """What it says it is, for people: ``ArduPilot, quadrotor``."""
+        """Its own description for people: ``ArduPilot, quadrotor``."""
         names: dict[int, str] = {AutopilotId.ARDUPILOT: "ArduPilot", AutopilotId.PX4: "PX4"}
         return f"{names.get(self.mav_autopilot, f'autopilot {self.mav_autopilot}')}, {type_name(self.vehicle_type)}"
 
     def may_become(self, later: "VehicleInfo") -> bool:
-        """Whether a later heartbeat can be of the same vehicle: only one that did not know its type yet may name another."""
+        """Whether a later heartbeat can be of the same vehicle; the type may change only from generic."""
         if self.address != later.address or self.mav_autopilot != later.mav_autopilot:
             return False
         return self.vehicle_type in (later.vehicle_type, VehicleClass.GENERIC)
 
 
 class Peers:
-    """Everybody whose messages arrive here; says in the log, once for each, what a pilot should know.
+    """Everybody whose messages arrive; logs once for each what a pilot should know.
 
     Args:
         local: Our own address.
@@ -89,20 +89,20 @@ class Peers:
 
     @property
     def vehicles(self) -> tuple[VehicleInfo, ...]:
-        """The vehicles that were heard, in the order of their first heartbeats."""
+        """The vehicles heard, in the order of their first heartbeats."""
         return tuple(self._vehicles.values())
 
     @property
     def same_ids(self) -> frozenset[Address]:
-        """Others that speak as our own system: our very address, or another ground station with our system id."""
+        """Others that use our system id: our exact address, or another ground station."""
         return frozenset(self._same_ids)
 
     def speaks_only_1(self, address: Address) -> bool:
-        """Whether somebody goes on in MAVLink 1 although we speak MAVLink 2."""
+        """Whether a peer keeps to MAVLink 1 although we speak MAVLink 2."""
         return self._old_heartbeats.get(address, 0) >= OLD_HEARTBEATS
 
     def take(self, received: Received) -> VehicleInfo | None:
-        """Take a message; the vehicle whose heartbeat it is, if it is one."""
+        """Process a message; returns the vehicle if it is a vehicle's heartbeat."""
         sender = Address(received.system_id, received.component_id)
         if received.mavlink_version >= 2:
             self._old_heartbeats[sender] = 0
@@ -136,7 +136,7 @@ class Peers:
 
 
 def vehicle_of(received: Received) -> VehicleInfo | None:
-    """The vehicle that a message is the heartbeat of; None for other messages and other senders."""
+    """The vehicle whose heartbeat a message is; None for other messages and senders."""
     beat = received.message
     if (
         not isinstance(beat, Heartbeat)
@@ -156,21 +156,21 @@ def vehicle_of(received: Received) -> VehicleInfo | None:
 
 
 AUTOPILOT_COMPONENT: Final = 1
-"""MAV_COMP_ID_AUTOPILOT1: where several components of a system speak as autopilots, this one is it."""
+"""MAV_COMP_ID_AUTOPILOT1: chosen when several components of a system send autopilot heartbeats."""
 
 LISTEN_S: Final = 1.2
-"""After the first vehicle others are listened for so long: heartbeats come once a second."""
+"""How long to listen for others after the first vehicle: heartbeats come once a second."""
 
 
 class VehicleChoice:
-    """Collects the vehicles that are heard, and chooses the one that was asked for.
+    """Collects the vehicles heard, and chooses the requested one.
 
     Args:
-        system_id: Which system is meant; None for any.
-        component_id: Which of its components; None for its autopilot.
+        system_id: The requested system; None for any.
+        component_id: The requested component; None for the autopilot.
 
     Attributes:
-        others: The systems that were heard and not asked for.
+        others: Systems heard but not requested.
     """
 
     def __init__(self, *, system_id: int | None, component_id: int | None) -> None:
@@ -181,7 +181,7 @@ class VehicleChoice:
         self.others: set[int] = set()
 
     def take(self, vehicle: VehicleInfo, now: float) -> None:
-        """Take a vehicle's heartbeat that arrived at ``now``."""
+        """Process a vehicle's heartbeat that arrived at ``now``."""
         if self._system_id not in (None, vehicle.system_id):
             self.others.add(vehicle.system_id)
             return
@@ -195,16 +195,16 @@ class VehicleChoice:
         if self._decide_at is None:
             self._decide_at = now + LISTEN_S
         if self._system_id is not None and AUTOPILOT_COMPONENT in (vehicle.component_id, self._component_id):
-            self._decide_at = now  # nobody can come that would be meant instead
+            self._decide_at = now  # no later one could be meant instead
         elif self._system_id is not None and self._component_id is not None:
             self._decide_at = now
 
     def decide_at(self, deadline: float) -> float:
-        """When to choose, at the latest at ``deadline``."""
+        """The time to choose, at the latest ``deadline``."""
         return deadline if self._decide_at is None else min(deadline, self._decide_at)
 
     def chosen(self) -> VehicleInfo | None:
-        """The vehicle that is meant; None when none was heard.
+        """The chosen vehicle; None when none was heard.
 
         Raises:
             AmbiguousVehicleError: several could be.
@@ -234,7 +234,7 @@ class VehicleChoice:
 
 
 def two_in_one(first: VehicleInfo, second: VehicleInfo) -> str:
-    """What is wrong when heartbeats with the same ids tell of two vehicles."""
+    """The problem when heartbeats with the same ids describe two vehicles."""
     return (
         f"system {first.system_id}, component {first.component_id} says that it is {first.described}, and that it is "
         f"{second.described}: two vehicles share these ids; give one of them another system id"

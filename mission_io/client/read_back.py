@@ -17,8 +17,8 @@ class ReadBack:
     """The result of ``Client.upload_and_verify``.
 
     Attributes:
-        mission_type: Which list.
-        autopilot: Name of the autopilot whose ways the comparison knows.
+        mission_type: The list.
+        autopilot: Name of the autopilot whose changes by design the comparison knows.
         sent: The items as they were sent, with home in front where item 0 is home.
         received: The items as they were read back.
         differences: Every field that came back changed, acceptable or not.
@@ -32,11 +32,11 @@ class ReadBack:
 
     @property
     def passed(self) -> bool:
-        """Whether the vehicle holds what was meant: every difference is one that its autopilot makes by design."""
+        """Whether the vehicle holds what was meant: every difference is by its autopilot's design."""
         return all(difference.acceptable for difference in self.differences)
 
     def as_json(self) -> dict[str, Any]:
-        """The same as numbers, strings, lists and dicts that any JSON writer takes; NaN becomes null."""
+        """The same as plain JSON values; NaN becomes null."""
         return {
             "mission_type": self.mission_type.name.lower(),
             "autopilot": self.autopilot,

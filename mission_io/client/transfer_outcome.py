@@ -35,11 +35,11 @@ _ITEM_BYTES = 15
 
 
 def ask_item_limit(connection: Connection, autopilot: Autopilot, *, timeout_s: float) -> int | None:
-    """Ask the vehicle how many mission items it takes, home included; None when it does not tell.
+    """Ask the vehicle for its number of mission items, home included; None when it does not say.
 
     Args:
-        connection: Has found the vehicle.
-        autopilot: Whose ways to expect.
+        connection: A connection that has found the vehicle.
+        autopilot: Its autopilot.
         timeout_s: How long to wait for an answer; a vehicle without a card slot gives none.
     """
     if autopilot.card_parameter is None:
@@ -52,7 +52,7 @@ def ask_item_limit(connection: Connection, autopilot: Autopilot, *, timeout_s: f
 
 
 def items_on_card(size_kb: float) -> int | None:
-    """How many items ArduPilot keeps in so many kilobytes of a memory card; None for no card, or no size."""
+    """The number of items that ArduPilot stores in so many kilobytes of a memory card; None without a card or a size."""
     if not (math.isfinite(size_kb) and size_kb >= 1.0):
         return None
     return (int(size_kb) * _KILOBYTE - _HEADER_BYTES) // _ITEM_BYTES
@@ -68,11 +68,11 @@ _ERRORS: Final[dict[Enum, type[TransferError]]] = {
 _STUCK: Final = (UploadState.STUCK, DownloadState.STUCK, ClearState.STUCK)
 
 PROVEN_BY_READING: Final = (UploadState.UNCONFIRMED, UploadState.ACCEPTED_EARLY)
-"""Ends of an upload that are a success when the list that was read back is the one that was sent."""
+"""Final states of an upload that are a success if the list read back equals the one sent."""
 
 
 def list_name(mission_type: MissionType) -> str:
-    """What texts call one of the vehicle's lists."""
+    """The name of a list in messages."""
     return {MissionType.MISSION: "mission", MissionType.FENCE: "fence", MissionType.RALLY: "rally points"}[mission_type]
 
 
@@ -85,14 +85,14 @@ def failure(
     held_items: tuple[MissionItem, ...] | None = None,
     advice: str = "",
 ) -> TransferError:
-    """The error for a conversation that did not end well: silent, cancelled, or ended by the vehicle.
+    """The error for an exchange that failed: silent, cancelled, or ended by the vehicle.
 
     Args:
-        doing: What was tried, in front of the text.
-        exchange: The conversation, at its end.
-        how_far: How far it got and what is held now.
-        vehicle_holds: What the vehicle has now.
-        held_items: The same as it was read back.
+        doing: What was attempted; begins the message.
+        exchange: The exchange, at its end.
+        how_far: How far it got and what the vehicle holds now.
+        vehicle_holds: What the vehicle holds now.
+        held_items: The items read back.
         advice: Added when the vehicle is silent.
     """
     result = exchange.last_result
@@ -108,10 +108,10 @@ def failure(
 
 
 def held_by_design(upload: Upload, total: int, autopilot: Autopilot) -> VehicleHolds:
-    """What the vehicle must have when it cannot be asked.
+    """What the vehicle must hold when it cannot be asked.
 
-    An atomic autopilot keeps the old list until the last item is there; the others write over it item by item, and cut
-    it to the new length as soon as they are told that.
+    An atomic autopilot keeps the old list until the last item has arrived. The others overwrite it item by item, and
+    truncate it to the new length as soon as they know it.
     """
     if upload.sent_count == total and upload.state is not UploadState.REFUSED:
         return "unknown"
@@ -125,7 +125,7 @@ def held_by_design(upload: Upload, total: int, autopilot: Autopilot) -> VehicleH
 def new_items_in_front(
     sent: Sequence[MissionItem], held: Sequence[MissionItem], autopilot: Autopilot, mission_type: MissionType
 ) -> int:
-    """How many items at the front of ``held`` are those that were sent."""
+    """Number of items at the front of ``held`` that equal those sent."""
     for number, (new, now) in enumerate(zip(sent, held, strict=False)):
         home = number == 0 and autopilot.home_in_item_0 and mission_type is MissionType.MISSION
         if not home and not all(d.acceptable for d in compare_items([new], [now], autopilot, MissionType.RALLY)):
@@ -136,17 +136,17 @@ def new_items_in_front(
 def held_as_read(
     upload: Upload, sent: Sequence[MissionItem], held: Sequence[MissionItem], autopilot: Autopilot
 ) -> VehicleHolds:
-    """What the vehicle has, by the list that was read back from it."""
+    """What the vehicle holds, by the list read back from it."""
     mission_type = upload.mission_type
     new = new_items_in_front(sent, held, autopilot, mission_type)
     if new == len(sent) == len(held):
         return "replaced"
     home = int(autopilot.home_in_item_0 and mission_type is MissionType.MISSION)
     if mission_type in autopilot.atomic:
-        # By design it is the old list. One that begins like the new one after everything was sent is neither, perhaps.
+        # By design it is the old list. One that begins like the new list after everything was sent is doubtful.
         doubtful = upload.state in PROVEN_BY_READING and new > home
         return "unknown" if doubtful else "unchanged"
-    # A list that is shorter than the new one was not cut to it, so without a new item nothing happened to it.
+    # A list shorter than the new one was not truncated to it, so without a new item it is unchanged.
     return "unchanged" if new <= home and len(held) < len(sent) else "mixed"
 
 
@@ -157,7 +157,7 @@ def description(
     autopilot: Autopilot | None,
     mission_type: MissionType,
 ) -> str:
-    """One line about what the vehicle holds and what to do about it."""
+    """One line on what the vehicle holds and what to do about it."""
     text = f"the vehicle's list is now {holds}"
     if held is not None:
         text += f" ({len(held)} items"
