@@ -11,6 +11,7 @@ import json
 import subprocess
 import sys
 import tokenize
+import tomllib
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -147,8 +148,10 @@ def measured(root: Path) -> dict[str, object]:
         "modules of uavcover outside a package": sum(n.startswith("uavcover.") for n in loose),
         "modules of mission_io outside a package": sum(n.startswith("mission_io.") for n in loose),
         "modules that one other module imports": sum(len(importers[n]) == 1 for n in counted),
-        "import layers of uavcover (longest chain of its parts)": depth(parts("uavcover", 1)),
-        "import layers of mission_io (longest chain of its parts)": depth(parts("mission_io", 1)),
+        "import layers of uavcover, by its contract": layers(root, "layers of uavcover"),
+        "import layers of mission_io, by its contract": layers(root, "mission_io: each layer"),
+        "longest chain of imports between parts of uavcover": depth(parts("uavcover", 1)),
+        "longest chain of imports between parts of mission_io": depth(parts("mission_io", 1)),
         "rings of parts": len(rings(parts("uavcover", 1)) + rings(parts("mission_io", 1))),
         "rings of modules": len(rings(graph)),
         "modules in rings": sum(map(len, rings(graph))),
@@ -162,6 +165,12 @@ def measured(root: Path) -> dict[str, object]:
         "lines": sum(len(text.splitlines()) for text in texts),
         "lines of code (no blank, comment or docstring)": sum(map(code_lines, texts)),
     }
+
+
+def layers(root: Path, name: str) -> int:
+    """Number of layers in the import contract whose name holds ``name``."""
+    contracts = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    return next(len(contract["layers"]) for contract in contracts if name in contract["name"])
 
 
 def exported(tree: ast.Module) -> int:

@@ -40,14 +40,14 @@ def gaps(
     """
     from uavcover.cli.console import Console
     from uavcover.errors import InputError
-    from uavcover.run.close_gaps import GapRequest, Start, close_gaps
+    from uavcover.run.close_gaps import GapRequest, GapStart, close_gaps
     from uavcover.run.folder import RunFolder
 
-    if start not in list(Start):
+    if start not in list(GapStart):
         raise InputError(f"--start: {start!r} is neither home nor last")
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
     request = GapRequest(
-        logs=logs or (), target=target, min_area_m2=min_area_m2, start=Start(start), force=force,
+        logs=logs or (), target=target, min_area_m2=min_area_m2, start=GapStart(start), force=force,
         accepted=accept_changed or (),
     )  # fmt: skip
     _, document = close_gaps(RunFolder(run), console, request, command=sys.argv)

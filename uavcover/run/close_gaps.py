@@ -35,7 +35,7 @@ from uavcover.scenario.site import Site
 GAP_FILES = ("gaps.geojson", "gap_mission.waypoints")
 
 
-class Start(StrEnum):
+class GapStart(StrEnum):
     """Where a gap mission begins."""
 
     HOME = "home"
@@ -58,7 +58,7 @@ class GapRequest:
     logs: Sequence[Path] = ()
     target: float | None = None
     min_area_m2: float = 0.0
-    start: Start = Start.HOME
+    start: GapStart = GapStart.HOME
     force: bool = False
     accepted: Sequence[str] = ()
 
@@ -125,7 +125,7 @@ def close_gaps(
         return None, document
     with user.progress("planning the gap mission"):
         own_logs = list(request.logs) or flown_tracks(run)
-        in_the_air = read_log(own_logs[-1], site).track if start is Start.LAST else None
+        in_the_air = read_log(own_logs[-1], site).track if start is GapStart.LAST else None
         mission = plan_gap_mission(site, verdict, min_area_m2=min_area_m2, target=target, in_the_air=in_the_air)
     folder = save_gap_mission(run, site, mission, command=command, force=request.force)
     path = mission.wanted.path_m
@@ -151,7 +151,7 @@ def close_gaps(
     if not mission.plan.rule_met and target is not None:
         user.warn(f"the mission does not reach {percent(target)}; the best there is has been written")
     user.say(f"written: {run.file('gaps.geojson')}, {run.file('gap_mission.waypoints')}. Next:")
-    if start is Start.LAST:
+    if start is GapStart.LAST:
         user.say(f"  uavcover fly {folder} --resume --to URL, from wherever the vehicle holds in the air;")
         user.say(
             f"  or from a ground station: uavcover upload {run.file('gap_mission.waypoints')} --to URL --in-flight,"

@@ -21,7 +21,7 @@ from uavcover.run.folder import (
 )
 from uavcover.run.provenance import note_files
 from uavcover.run.session import Connected
-from uavcover.run.user import Bar, User
+from uavcover.run.user import ProgressBar, User
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map
 from uavcover.vehicle.outcome import EventKind, FlightEvent
@@ -70,7 +70,7 @@ class FlightLog:
     """
 
     def __init__(
-        self, run: RunFolder, *, overwrite: bool, user: User, bar: Bar, waypoint_count: int, reserve: SpaceReserve,
+        self, run: RunFolder, *, overwrite: bool, user: User, bar: ProgressBar, waypoint_count: int, reserve: SpaceReserve,
         vehicle: Connected, live: LiveRecording | None,
     ) -> None:  # fmt: skip
         self.events: list[FlightEvent] = []

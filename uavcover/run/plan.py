@@ -22,7 +22,7 @@ from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
 from uavcover.run.mission import compile_flights
 from uavcover.run.plan_files import save_plan
 from uavcover.run.search import bounds, least_length_m, plan
-from uavcover.run.user import Bar, StopRequests, User, metres, percent
+from uavcover.run.user import ProgressBar, StopRequests, User, metres, percent
 from uavcover.scenario.site import Site, load_site
 
 _FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
@@ -151,13 +151,19 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     return PlanOutcome(site, result, compiled, sorties, document, code)
 
 
-def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Bar) -> Plan:
+def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: ProgressBar) -> Plan:
     unit = "s" if site.scenario.planner.objective == "flight-time" else "m"
     bar.update(0, note="baselines first")
     least_m = least_length_m(site, request.select or site.scenario.select)
 
+    started, budget_s, furthest = time.monotonic(), request.budget_s, 0.0
+
     def show(progress: Progress) -> None:
-        bar.update(progress.evaluations, total=progress.total, note=progress_in_words(progress, unit, least_m))
+        nonlocal furthest
+        done = float(progress.evaluations) if budget_s is None else min(time.monotonic() - started, budget_s)
+        furthest = max(furthest, done)  # one bar from the start to the end, whatever stages the search has
+        total = progress.total if budget_s is None else budget_s
+        bar.update(furthest, total=total, note=progress_in_words(progress, unit, least_m))
 
     return plan(
         site, seed=request.seed, evaluations=request.evaluations, budget_s=request.budget_s, algorithm=request.algorithm,

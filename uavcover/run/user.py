@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol
 
 
-class Bar(Protocol):
+class ProgressBar(Protocol):
     """Shows how far one task is."""
 
     def update(self, done: float, *, total: float | None = None, note: str = "") -> None:
@@ -58,7 +58,7 @@ class User(Protocol):
         """Draw attention, as a terminal's bell does."""
         ...
 
-    def progress(self, what: str, total: float | None = None) -> AbstractContextManager[Bar]:
+    def progress(self, what: str, total: float | None = None) -> AbstractContextManager[ProgressBar]:
         """Show progress while the context lasts."""
         ...
 
@@ -90,7 +90,7 @@ class Unattended:
         """Nothing."""
 
     @contextmanager
-    def progress(self, what: str, total: float | None = None) -> Iterator[Bar]:
+    def progress(self, what: str, total: float | None = None) -> Iterator[ProgressBar]:
         """Log what begins."""
         del total
         self._log.debug(what)
