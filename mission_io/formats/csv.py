@@ -16,14 +16,14 @@ _VALUES = _COLUMNS[3:10]
 
 @dataclass(frozen=True, slots=True)
 class CsvFile:
-    """What a CSV file holds, and what had to be repaired to read it."""
+    """The content of a CSV file, and the repairs needed to read it."""
 
     mission: Mission
     repairs: tuple[str, ...]
 
 
 def write_mission(mission: Mission) -> str:
-    """All items, numbered from 1, with home as row 0 when it is known; numbers unrounded, a missing value empty.
+    """Write all items, numbered from 1, with home as row 0 when known; numbers are unrounded, missing values empty.
 
     ``alt_datum`` says what ``alt_m`` is measured from: AMSL, ABOVE_HOME, ABOVE_TERRAIN, or COMMAND for none.
     """
@@ -41,10 +41,10 @@ def write_mission(mission: Mission) -> str:
 
 
 def read_mission(text: str) -> CsvFile:
-    """Read what ``write_mission`` writes; columns may stand in any order, and others are left out and listed.
+    """Read what ``write_mission`` writes; columns may be in any order, and unknown ones are dropped and listed.
 
     Raises:
-        FormatError: with the line and the column, for what is missing, no number, no place, or out of order.
+        FormatError: with line and column, for a missing value, an invalid number or position, or a wrong order.
     """
     clean = clean_text(text)
     repairs = list(clean.repairs)

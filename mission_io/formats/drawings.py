@@ -22,7 +22,7 @@ class DrawnArea:
 
 @dataclass(frozen=True, slots=True)
 class DrawnLine:
-    """A line through places."""
+    """A line through positions."""
 
     points: tuple[LatLon, ...]
     name: str = ""
@@ -30,7 +30,7 @@ class DrawnLine:
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """A single place."""
+    """A single position."""
 
     point: LatLon
     name: str = ""
@@ -38,13 +38,13 @@ class Spot:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """What a drawing holds, each kind in the order of the file.
+    """The content of a drawing, each kind in the order of the file.
 
     Attributes:
         areas: The polygons; a multipolygon is several.
         lines: The lines.
-        spots: The single places.
-        repairs: What had to be repaired or was left out to read it, one line each.
+        spots: The single positions.
+        repairs: What was repaired or dropped to read it, one line each.
     """
 
     areas: tuple[DrawnArea, ...] = ()
@@ -54,9 +54,9 @@ class Drawing:
 
 
 def fence_from_areas(areas: Iterable[DrawnArea]) -> Fence:
-    """A fence to stay inside of the areas and out of their holes.
+    """A fence that includes the areas and excludes their holes.
 
-    Autopilots want to be inside *every* inclusion polygon, so only one area makes sense for most of them.
+    Autopilots require a position inside *every* inclusion polygon, so only one area makes sense for most of them.
     """
     polygons: list[FencePolygon] = []
     for area in areas:
@@ -66,7 +66,7 @@ def fence_from_areas(areas: Iterable[DrawnArea]) -> Fence:
 
 
 def open_ring(points: list[LatLon], where: str, repairs: list[str]) -> tuple[LatLon, ...]:
-    """A ring as files have it, first point repeated at the end, without that repetition.
+    """A closed ring, as files have it, without the repeated first point.
 
     Raises:
         FormatError: fewer than three different corners.
@@ -85,14 +85,14 @@ _FLOWN_TO = frozenset({Command.NAV_WAYPOINT, Command.NAV_LOITER_TIME, Command.NA
 
 @dataclass(frozen=True, slots=True)
 class RoutePoint:
-    """A place that the vehicle flies to: the item's number (from 1) and the item, heights in its own frame."""
+    """A position that the vehicle flies to: the item's number (from 1) and the item, with the height in its own frame."""
 
     number: int
     item: MissionItem
 
 
 def route_of(mission: Mission) -> tuple[RoutePoint, ...]:
-    """The items that say where to fly, in order, with their numbers in the mission (home is 0)."""
+    """The items with a position to fly to, in order, with their numbers in the mission (home is 0)."""
     return tuple(
         RoutePoint(number, item)
         for number, item in enumerate(mission.items, start=1)
@@ -104,7 +104,7 @@ def alt_amsl_m(point: RoutePoint, mission: Mission) -> float:
     """The height of a point above mean sea level in metres.
 
     Raises:
-        FormatError: heights above home in a mission without a home, or heights above terrain, which nobody here knows.
+        FormatError: heights above home in a mission without home, or heights above terrain, which is unknown here.
     """
     item = point.item
     if item.frame is Frame.AMSL:

@@ -28,7 +28,7 @@ from mission_io.model.places import doubts_about
 _log = logging.getLogger(__name__)
 
 DRAWING_SUFFIXES: Final = frozenset({".kml", ".geojson", ".json", ".poly"})
-"""Files of these suffixes hold drawn shapes and no items that could be flown."""
+"""Suffixes of files that hold drawn shapes and no mission items."""
 ONLY_LIST: Final[Mapping[str, MissionType]] = MappingProxyType({".csv": MissionType.MISSION, ".fen": MissionType.FENCE})
 """The one list that a file of this suffix can hold."""
 _FENCE_COMMANDS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1)

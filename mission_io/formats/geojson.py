@@ -13,13 +13,13 @@ from mission_io.model.items import Mission
 
 
 def write_mission(mission: Mission, *, name: str = "mission") -> str:
-    """A mission's route as a FeatureCollection.
+    """Write a mission's route as a FeatureCollection.
 
-    Positions are longitude, latitude and, as RFC 7946 would have it, a height in metres; it is above mean sea level,
-    not above the ellipsoid, and the property ``height_datum`` of each feature says so.
+    Positions are longitude, latitude and height in metres. Unlike in RFC 7946 the height is above mean sea level, not above
+    the ellipsoid; the property ``height_datum`` of each feature says so.
 
     Raises:
-        FormatError: a height above mean sea level that cannot be known, or a number that is not finite.
+        FormatError: an unknown height above mean sea level, or a number that is not finite.
     """
     points = [(point, _position(point, mission)) for point in route_of(mission)]
     features: list[dict[str, Any]] = []
@@ -50,13 +50,13 @@ def _position(point: RoutePoint, mission: Mission) -> list[float]:
 
 
 def read_drawing(text: str) -> Drawing:
-    """Areas with holes, lines and points of a GeoJSON document, in its order; a feature's ``name`` is theirs.
+    """Read areas with holes, lines and points of a GeoJSON document, in order, with the ``name`` of their feature.
 
-    Heights are left out. A closed ring is expected; others are closed, and listed.
+    Heights are dropped. Open rings are closed, and listed as repairs.
 
     Raises:
-        FormatError: with the place in the document, for what is no GeoJSON, another reference system than WGS 84 (the
-            only one of RFC 7946) and coordinates that are no places.
+        FormatError: with the place in the document, for invalid GeoJSON, a reference system other than WGS 84 (the only
+            one of RFC 7946), and invalid coordinates.
     """
     clean = clean_text(text)
     areas: list[DrawnArea] = []
@@ -114,7 +114,7 @@ def _places(node: Node) -> list[LatLon]:
 
 
 def _plain_place(position: Any) -> LatLon | None:
-    """The place of a position that is as it should be; None leaves it to the way that can say what is wrong."""
+    """The position, if it is valid; None leaves the error message to the careful reader."""
     if (
         type(position) is not list
         or len(position) < 2
@@ -138,7 +138,7 @@ def _place(node: Node) -> LatLon:
 
 
 def _check_reference_system(node: Node) -> None:
-    """Documents before RFC 7946 could name another reference system; read as WGS 84 they would lie elsewhere."""
+    """Refuse another reference system, which documents before RFC 7946 could name; read as WGS 84, positions would be wrong."""
     if node.value.get("crs") is None:
         return
     crs = node.get("crs")

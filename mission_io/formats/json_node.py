@@ -10,18 +10,18 @@ from mission_io.errors import FormatError
 ResultT = TypeVar("ResultT")
 
 _LARGEST = 1e300
-"""Beyond this a number is taken for a mistake (and 1e999 would be read as infinite)."""
+"""Larger numbers are treated as mistakes (1e999 would read as infinite)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """A value in the document and where it is."""
+    """A value in the document with its location."""
 
     value: Any
     where: str
 
     def get(self, key: str) -> "Node":
-        """The value of a key that has to be there."""
+        """The value of a required key."""
         if not isinstance(self.value, Mapping):
             raise FormatError("an object is expected here", where=self.where)
         if key not in self.value:
@@ -29,7 +29,7 @@ class Node:
         return Node(self.value[key], f"{self.where}.{key}")
 
     def optional(self, key: str, read_node: "Callable[[Node], ResultT]", default: ResultT) -> ResultT:
-        """What a key that may be missing says."""
+        """The value of an optional key."""
         missing = isinstance(self.value, Mapping) and key not in self.value
         return default if missing else read_node(self.get(key))
 
@@ -65,7 +65,7 @@ class Node:
         return self.value
 
     def floats(self, size: int) -> list[float]:
-        """A list of so many numbers."""
+        """A list of a given number of numbers."""
         nodes = self.nodes()
         if len(nodes) != size:
             raise FormatError(f"{len(nodes)} numbers, {size} are expected", where=self.where)
@@ -73,10 +73,10 @@ class Node:
 
 
 def parse_json(text: str, name: str) -> Node:
-    """The document in a text, whose first value is called ``name`` in errors.
+    """Parse a document, whose root is called ``name`` in errors.
 
     Raises:
-        FormatError: no JSON, nested too deeply, or NaN and other numbers that JSON does not have.
+        FormatError: invalid JSON, nesting too deep, or NaN and other numbers that JSON does not have.
     """
     try:
         return Node(json.loads(text, parse_constant=_refuse_constant), name)
@@ -93,7 +93,7 @@ def _refuse_constant(name: str) -> float:
 
 
 def _shown(value: Any) -> str:
-    """A short picture of a value, also of one with a million entries or digits."""
+    """A value in short form, even one with a million entries or digits."""
     if isinstance(value, str):
         return repr(value[:20])
     if isinstance(value, int | float) and not isinstance(value, bool):

@@ -27,10 +27,10 @@ _TAIL = "</Document>\n</kml>\n"
 
 
 def write_mission(mission: Mission, *, name: str = "mission") -> str:
-    """A mission's route as KML: longitude, latitude, height above mean sea level in metres.
+    """Write a mission's route as KML: longitude, latitude, height above mean sea level in metres.
 
     Raises:
-        FormatError: a height above mean sea level that cannot be known, or a number that is not finite.
+        FormatError: an unknown height above mean sea level, or a number that is not finite.
     """
 
     def coordinates(point: RoutePoint) -> str:
@@ -53,14 +53,14 @@ def _xml_text(text: str) -> str:
 
 
 def read_drawing(text: str) -> Drawing:
-    """Areas with holes, lines and points of a KML document, in its order, with the names of their placemarks.
+    """Read areas with holes, lines and points of a KML document, in order, with the names of their placemarks.
 
-    Heights are left out, and so is everything else (pictures, tracks, styles). Liberal: any KML version, or no
-    namespace; rings that are not closed are closed, and listed.
+    Heights and everything else (pictures, tracks, styles) are dropped. Any KML version is read, also without a namespace.
+    Open rings are closed, and listed as repairs.
 
     Raises:
-        FormatError: with the line, for what is no XML or no KML, for a document type or entities of its own (with
-            which a small file can stand for gigabytes), and for coordinates that are no places.
+        FormatError: with the line, for invalid XML or KML, for a document type or entities (which let a small file expand
+            to gigabytes), and for invalid coordinates.
     """
     clean = clean_text(text)
     reader = _DrawingReader(list(clean.repairs))
@@ -84,7 +84,7 @@ _COORDINATE_SEPARATORS = re.compile(r"\s*,\s*")
 
 
 class _DrawingReader:
-    """What expat calls while it reads a document."""
+    """Callbacks for expat."""
 
     def __init__(self, repairs: list[str]) -> None:
         self.line: Callable[[], int] = int

@@ -39,7 +39,7 @@ _FENCE_ENTRIES = {"polygons": {"inclusion", "polygon", "version"}, "circles": {"
 
 @dataclass(frozen=True, slots=True)
 class PlanFile:
-    """What a ``.plan`` file holds.
+    """The content of a ``.plan`` file.
 
     Attributes:
         mission: Its mission with the items of complex items in their places; home is the planned home position.
@@ -49,9 +49,9 @@ class PlanFile:
         vehicle_type: The MAV_TYPE number it was planned for.
         cruise_speed_m_s: The planner's cruise speed, for display only.
         hover_speed_m_s: The planner's hover speed, for display only.
-        entries: The entries of its list of items that say more than the items they fly, in order.
+        entries: The entries of its item list that say more than the items they fly, in order.
         extras: Other keys of the document and of its parts ``mission``, ``geoFence`` and ``rallyPoints``.
-        repairs: What was missing or had to be left out to read it, one line each.
+        repairs: What was missing or dropped to read it, one line each.
     """
 
     mission: Mission
@@ -66,13 +66,13 @@ class PlanFile:
     repairs: tuple[str, ...] = field(default=(), compare=False)
 
     def doubts(self) -> tuple[str, ...]:
-        """What is probably a mistake, such as a route far from home; see ``plausibility.doubts_about``."""
+        """Probable mistakes, such as a route far from home; see ``model.places.doubts_about``."""
         return doubts_about(self.mission)
 
     def with_mission(self, mission: Mission) -> "PlanFile":
         """The same plan with another mission. Entries whose items were changed become simple items.
 
-        Simple entries that moved are written anew too, because their numbers are what jumps go by.
+        Simple entries that moved are rewritten too, because jumps refer to their numbers.
         """
         kept: list[PlanEntry] = []
         edits = deque(diff_items(self.mission.items, mission.items))
@@ -92,11 +92,11 @@ class PlanFile:
 
 
 def write(plan: PlanFile) -> str:
-    """A plan as text. Speeds are written in whole metres per second (see ``losses``).
+    """Write a plan as text. Speeds are written in whole metres per second (see ``losses``).
 
     Raises:
         FormatError: no home, an infinite number, a height that is not a number, heights of rally points or of the
-            return point that are not above home, or items that no longer are what a kept entry flies.
+            return point that are not above home, or items that differ from what a kept entry flies.
     """
     home = plan.mission.home
     if home is None:
@@ -121,7 +121,7 @@ def write(plan: PlanFile) -> str:
 
 
 def _part_text(plan: PlanFile, name: str, part: Mapping[str, Any], *, indent: int) -> str:
-    """A part of the document with its constants and the keys of other programs: a line for each key and each item."""
+    """A part of the document with its constants and the keys of other programs, one line for each key and item."""
     lines = []
     for key, value in sorted({**_CONSTANTS[name], **plan.extras.get(name, {}), **part}.items()):
         if name == "" and key in part:
@@ -187,8 +187,8 @@ def read(text: str) -> PlanFile:
     """Read a ``.plan`` file whose mission can be flown.
 
     Raises:
-        FormatError: with the place in the document, for what is missing, of another type or of an unknown version, and
-            for complex items whose items the file does not say (``read_to_keep`` reads those too).
+        FormatError: with the place in the document, for a missing value, a wrong type or an unknown version, and for
+            complex items whose items the file does not contain (``read_to_keep`` reads those too).
     """
     plan = read_to_keep(text)
     for entry in plan.entries:
@@ -202,10 +202,10 @@ def read(text: str) -> PlanFile:
 
 
 def read_to_keep(text: str) -> PlanFile:
-    """Read a ``.plan`` file to change other parts of it: its mission may lack what cannot be known from the file.
+    """Read a ``.plan`` file to change other parts of it; its mission lacks what the file does not contain.
 
     Raises:
-        FormatError: as ``read``, but for complex items that cannot be flown.
+        FormatError: as ``read``, except for complex items.
     """
     clean = clean_text(text)
     root = parse_json(clean.text, "plan")
@@ -237,7 +237,7 @@ def read_to_keep(text: str) -> PlanFile:
 
 
 def _read_part(node: Node, name: str, repairs: list[str], extras: dict[str, Mapping[str, Any]]) -> None:
-    """The version of a part of the document, and the keys that are not modelled."""
+    """Check the version of a part of the document, and keep the keys that are not modelled."""
     version = _CONSTANTS[name]["version"]
     found = node.optional("version", lambda entry: entry.value, None)
     if found is None:

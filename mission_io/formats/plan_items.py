@@ -23,13 +23,13 @@ _NOTHING = (math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True, slots=True)
 class PlanEntry:
-    """One entry of a plan's list of items, kept as the file has it because it says more than the items it flies.
+    """An entry of a plan's item list, kept as it is because it says more than the items it flies.
 
     Attributes:
-        first: Where its items begin in the mission, from 0.
+        first: Position of its first item in the mission, from 0.
         items: The items that it flies.
-        document: Its JSON, to be written again as it is. Not to be changed.
-        is_flyable: Whether the file says which items it flies.
+        document: Its JSON, written back unchanged. Not to be modified.
+        is_flyable: Whether the file contains the items it flies.
     """
 
     first: int
@@ -47,7 +47,7 @@ def simple_json(number: int, item: MissionItem) -> dict[str, Any]:
     """The JSON of a simple item, whose number counts from 1.
 
     Raises:
-        FormatError: an infinite number, or a place that is not a number.
+        FormatError: an infinite number, or a position that is not a number.
     """
     values = (*item.params, item.lat_deg, item.lon_deg, item.alt_m)
     if not all(map(math.isfinite, values)) and (
@@ -95,7 +95,7 @@ def read_simple(node: Node) -> MissionItem:
 
 
 def read_complex(node: Node) -> tuple[MissionItem, ...] | None:
-    """The items that a complex entry flies; None when the file does not say.
+    """The items that a complex entry flies; None when the file does not contain them.
 
     Raises:
         FormatError: with the place in the document.
@@ -119,7 +119,7 @@ def _simple(node: Node) -> Node:
 
 
 def _plain_item(entry: Any) -> MissionItem | None:
-    """The item of an entry in which everything is there and of its type; None leaves it to the careful way."""
+    """The item of an entry that is complete and correctly typed; None leaves it to the careful reader."""
     if type(entry) is not dict:
         return None
     params, command, autocontinue = entry.get("params"), entry.get("command"), entry.get("autoContinue")
@@ -138,7 +138,9 @@ def _plain_item(entry: Any) -> MissionItem | None:
         p4 = math.nan
     elif type(p4) not in _NUMBERS:
         return None
-    if max(map(abs, params[:3] + params[4:])) > _LARGEST or abs(p4) > _LARGEST:  # no sum: a whole number may be endless
+    if (
+        max(map(abs, params[:3] + params[4:])) > _LARGEST or abs(p4) > _LARGEST
+    ):  # no sum: an integer may be arbitrarily large
         return None
     yaw = float(p4)
     return MissionItem(

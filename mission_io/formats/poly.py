@@ -19,7 +19,7 @@ _SEPARATORS = re.compile(r"[ \t,;]+")
 
 @dataclass(frozen=True, slots=True)
 class PolyFile:
-    """What a ``.poly`` file holds, and what had to be repaired to read it."""
+    """The content of a ``.poly`` file, and the repairs needed to read it."""
 
     area: DrawnArea
     repairs: tuple[str, ...]
@@ -27,10 +27,10 @@ class PolyFile:
 
 @dataclass(frozen=True, slots=True)
 class FenFile:
-    """What a ``.fen`` file holds, and what had to be repaired to read it.
+    """The content of a ``.fen`` file, and the repairs needed to read it.
 
-    The return point has no height in the file: it is given as 0 m above home, which autopilots take for "the height that
-    is set in the parameters".
+    The return point has no height in the file. It is set to 0 m above home, which autopilots take as "the height set in the
+    parameters".
     """
 
     fence: Fence
@@ -41,7 +41,7 @@ def read_area(text: str) -> PolyFile:
     """Read a ``.poly`` file.
 
     Raises:
-        FormatError: with the line, for what is no place, and for fewer than three corners.
+        FormatError: with the line, for an invalid position, and for fewer than three corners.
     """
     places, repairs = _places(text)
     ring = open_ring(places, "the area", repairs)
@@ -52,7 +52,7 @@ def read_fence(text: str) -> FenFile:
     """Read a ``.fen`` file.
 
     Raises:
-        FormatError: with the line, for what is no place, and for fewer than a return point and three corners.
+        FormatError: with the line, for an invalid position, and for fewer than a return point and three corners.
     """
     places, repairs = _places(text)
     if not places:
@@ -63,10 +63,10 @@ def read_fence(text: str) -> FenFile:
 
 
 def write_area(area: DrawnArea) -> str:
-    """An area as a ``.poly`` file.
+    """Write an area as a ``.poly`` file.
 
     Raises:
-        FormatError: an area with holes, which the format cannot hold, or a corner that is no place.
+        FormatError: an area with holes, which the format cannot hold, or an invalid corner.
     """
     if area.holes:
         raise FormatError(f"the area has {len(area.holes)} holes, the format has none", where="area", advice="use KML")
@@ -74,11 +74,11 @@ def write_area(area: DrawnArea) -> str:
 
 
 def write_fence(fence: Fence) -> str:
-    """A fence as a ``.fen`` file.
+    """Write a fence as a ``.fen`` file.
 
     Raises:
-        FormatError: anything but a return point and one polygon to stay inside of, a height of the return point, or a
-            corner that is no place.
+        FormatError: anything but a return point and one inclusion polygon, a height of the return point, or an invalid
+            corner.
     """
     whole = len(fence.polygons) == 1 and fence.polygons[0].inclusion and not fence.circles
     if not whole or fence.return_point is None:

@@ -19,7 +19,7 @@ class FileText:
 
     Attributes:
         text: Without a byte order mark and with LF line ends.
-        repairs: What was not as it should be, one line each.
+        repairs: What was repaired, one line each.
     """
 
     text: str
@@ -27,10 +27,10 @@ class FileText:
 
 
 def text_from_bytes(data: bytes) -> FileText:
-    """Decode a file: UTF-8, UTF-16 and UTF-32 with a byte order mark, and Latin-1 for what is not UTF-8.
+    """Decode a file: UTF-8, UTF-16 and UTF-32 with a byte order mark, and Latin-1 for anything else that is not UTF-8.
 
     Raises:
-        FormatError: zero bytes, so it is no text, or damaged UTF-16.
+        FormatError: zero bytes, so it is not text, or damaged UTF-16.
     """
     for mark, encoding in _WIDE:
         if data.startswith(mark):
@@ -69,7 +69,7 @@ def plain_decimal(value: float, where: str) -> str:
     """The shortest decimal without an exponent that reads back as ``value``.
 
     Raises:
-        FormatError: NaN or infinity, which no reader of these files understands.
+        FormatError: NaN or infinity, which no reader of these files accepts.
     """
     if value == 0.0:
         return "0"
@@ -94,10 +94,10 @@ def degrees_text(value_deg: float, where: str) -> str:
 
 
 def finite_number(text: str, where: str) -> float:
-    """The number that ``text`` says, in plain or exponent form.
+    """Parse a number in plain or exponent form.
 
     Raises:
-        FormatError: no number, or one that is not finite.
+        FormatError: not a finite number.
     """
     try:
         value = float(text) if len(text) <= _LONGEST_NUMBER and "_" not in text and text.isascii() else math.nan
@@ -109,7 +109,7 @@ def finite_number(text: str, where: str) -> float:
 
 
 def place_problem(lat_deg: float, lon_deg: float) -> FormatError | None:
-    """An error without a place in the file when two numbers are no latitude and longitude."""
+    """The error for an invalid latitude or longitude, without a location in the file; None for valid ones."""
     if -90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0:
         return None
     advice = "latitude comes first" if abs(lon_deg) <= 90.0 and abs(lat_deg) <= 180.0 else ""

@@ -36,7 +36,7 @@ _YAW_IS_FREE = frozenset({Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV
 
 @dataclass(frozen=True, slots=True)
 class WplFile:
-    """What a ``.waypoints`` file holds.
+    """The content of a ``.waypoints`` file.
 
     Attributes:
         version: 110 (the first row is home) or 120 (it is not).
@@ -55,14 +55,14 @@ class WplFile:
         return Mission(self.home, self.items)
 
     def doubts(self) -> tuple[str, ...]:
-        """What is probably a mistake, such as a route far from home; see ``plausibility.doubts_about``."""
+        """Probable mistakes, such as a route far from home; see ``model.places.doubts_about``."""
         return doubts_about(self.mission())
 
     def fence(self) -> Fence:
         """The file as a fence.
 
         Raises:
-            FormatError: rows that are no fence.
+            FormatError: rows that are not fence items.
         """
         return fence_from_items(self.items)
 
@@ -70,17 +70,16 @@ class WplFile:
         """The file as rally points.
 
         Raises:
-            FormatError: rows that are no rally points.
+            FormatError: rows that are not rally points.
         """
         return rally_from_items(self.items)
 
 
 def write_mission(mission: Mission) -> str:
-    """A mission as text.
+    """Write a mission as text.
 
-    Parameter 4 of a waypoint, take-off or landing that is NaN ("any heading") is written as 0, which is what the
-    readers of this format write for it, and so is NaN for a parameter that the command does not use (``losses`` lists
-    them); every other NaN is an error.
+    NaN in parameter 4 of a waypoint, take-off or landing ("any heading") is written as 0, as other programs do, and so is
+    NaN in a parameter that the command does not use (``losses`` lists both). Any other NaN is an error.
 
     Raises:
         FormatError: no home (the format needs it), or a number that the format cannot hold; with the row.
@@ -91,17 +90,17 @@ def write_mission(mission: Mission) -> str:
 
 
 def write_fence(fence: Fence, home: GeoPoint) -> str:
-    """A fence as text, with home in the first row like every file of this format; errors as ``write_mission``."""
+    """Write a fence as text, with home in the first row like every file of this format; errors as ``write_mission``."""
     return _write(home, items_from_fence(fence))
 
 
 def write_rally(rally: RallyPoints, home: GeoPoint) -> str:
-    """Rally points as text, with home in the first row; errors as ``write_mission``."""
+    """Write rally points as text, with home in the first row; errors as ``write_mission``."""
     return _write(home, items_from_rally(rally))
 
 
 def losses(mission: Mission) -> tuple[str, ...]:
-    """What ``write_mission`` leaves out or rounds, one line each; empty when the file holds every bit."""
+    """What ``write_mission`` drops or rounds, one line each; empty when the file is exact."""
     headings = [n for n, item in enumerate(mission.items, start=1) if _heading_is_free(item)]
     unused = [
         number
@@ -138,7 +137,7 @@ def _heading_is_free(item: MissionItem) -> bool:
 
 
 def _without_free_values(item: MissionItem) -> tuple[float, float, float, float]:
-    """The parameters with 0 for every NaN that stands for nothing."""
+    """The parameters with 0 for every NaN without a meaning."""
 
     def written(number: int, value: float) -> float:
         free = (number == 4 and _heading_is_free(item)) or not uses_parameter(item.command, number)
@@ -173,12 +172,12 @@ def _row_text(number: int, item: MissionItem) -> str:
 def read(text: str) -> WplFile:
     """Read a ``.waypoints`` file, version 110 or 120.
 
-    Repaired, and listed: other line ends than LF, a byte order mark, comments and empty lines, spaces or commas for
-    tabs, whole numbers written with decimals, the frames of MISSION_ITEM_INT, numbers that do not count up by one, a
-    home row that says more than where home is. The jumps of version 120, which has no home row, are counted from 1.
+    Repaired and listed: line ends other than LF, a byte order mark, comments and empty lines, spaces or commas instead of
+    tabs, integers written with decimals, the frames of MISSION_ITEM_INT, numbers that do not increase by one, a home row
+    with more than a position. Jumps of version 120, which has no home row, are counted from 1.
 
     Raises:
-        FormatError: with the line, for anything that would have to be guessed.
+        FormatError: with the line, for anything that would require guessing.
     """
     clean = clean_text(text)
     repairs = list(clean.repairs)
@@ -223,7 +222,7 @@ def _version(content: str, line_number: int) -> int:
 
 
 def _note_what_home_says(item: MissionItem, row: "_Row", repairs: list[str]) -> None:
-    """The first row of version 110 is home; whatever else it says is not kept, so it is listed."""
+    """List what the first row of version 110, which is home, says beyond a position: it is not kept."""
     if item.command not in (Command.NAV_WAYPOINT, 0):
         repairs.append(f"line {row.number}: the first row is home, its command {item.command} is not kept")
     if item.frame is not Frame.AMSL:
@@ -239,7 +238,7 @@ _NAMES = (
 
 
 class _Row:
-    """A line on its way to an item."""
+    """A line being parsed into an item."""
 
     def __init__(self, number: int, content: str, line: str) -> None:
         self.number, self._content, self._line = number, content, line
@@ -278,7 +277,7 @@ class _Row:
         return columns
 
     def _numbers(self) -> list[float]:
-        """Parameters, place and height: all at once when they are plain, one by one to say which is not."""
+        """Parse parameters, position and height: all at once if they are plain, otherwise one by one to name the invalid one."""
         content = self._content
         if content.isascii() and "_" not in content and len(content) <= _SHORT_LINE:
             try:

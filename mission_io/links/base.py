@@ -7,7 +7,7 @@ from mission_io.wire.framing import FramingCounts
 
 
 class Link(Protocol):
-    """Carries datagrams, unreliably. Its clock is the one that its time-outs are measured with."""
+    """Carries datagrams, unreliably. Its time-outs are measured by its own clock."""
 
     @property
     def clock(self) -> Clock:
@@ -15,33 +15,33 @@ class Link(Protocol):
         ...
 
     def send(self, data: bytes) -> None:
-        """Send one datagram; it may get lost without a word."""
+        """Send one datagram, which may get lost silently."""
         ...
 
     def receive(self, timeout_s: float) -> bytes | None:
-        """The next datagram, or None when none came within ``timeout_s`` seconds."""
+        """The next datagram, or None when none arrived within ``timeout_s`` seconds."""
         ...
 
     def close(self) -> None:
-        """Let go of the port; closing twice is fine."""
+        """Release the port; may be called twice."""
         ...
 
 
 @runtime_checkable
 class PeerLink(Protocol):
-    """A link on which others than the vehicle may speak, too, and that can be told to hear it alone."""
+    """A link with several peers that can be restricted to one."""
 
     def keep_to(self, system_id: int, component_id: int) -> None:
-        """Hear and speak to this sender's place only."""
+        """Communicate with this sender's address only."""
         ...
 
     def let_go(self) -> None:
-        """Hear everybody again."""
+        """Communicate with everybody again."""
         ...
 
 
 class WrappingLink:
-    """What links that stand around another one pass on to it.
+    """Base of links that wrap another one.
 
     Args:
         link: the one inside.
@@ -56,12 +56,12 @@ class WrappingLink:
         return self._link.clock
 
     def keep_to(self, system_id: int, component_id: int) -> None:
-        """Hear and speak to this sender's place only, where the link inside can."""
+        """Communicate with this sender's address only, if the inner link can."""
         if isinstance(self._link, PeerLink):
             self._link.keep_to(system_id, component_id)
 
     def let_go(self) -> None:
-        """Hear everybody again."""
+        """Communicate with everybody again."""
         if isinstance(self._link, PeerLink):
             self._link.let_go()
 
@@ -72,9 +72,9 @@ class WrappingLink:
 
 @runtime_checkable
 class StreamLink(Protocol):
-    """A link that cuts a stream of bytes into frames itself, and so is the one that sees the garbage."""
+    """A link that splits a byte stream into frames itself, and therefore counts the garbage."""
 
     @property
     def framing(self) -> FramingCounts:
-        """What of the stream was no frame."""
+        """Counts of bytes that were no frames."""
         ...

@@ -49,10 +49,10 @@ def register_endpoint(scheme: str, factory: EndpointFactory) -> None:
 
 
 def parse_link_url(url: str) -> LinkUrl:
-    """Take a link URL apart without opening anything.
+    """Parse a link URL without opening anything.
 
     Raises:
-        MisuseError: a scheme that is not known, or a missing or impossible port or baud rate; it says what is.
+        MisuseError: an unknown scheme, or a missing or invalid port or baud rate.
     """
     return parse_url(url, registered=frozenset(_endpoints))
 
@@ -61,7 +61,7 @@ def open_link(url: str) -> Link:
     """Open the link that a URL names.
 
     Raises:
-        MisuseError: a URL that is not understood, or pyserial is missing for a serial one.
+        MisuseError: an invalid URL, or pyserial is missing for a serial one.
         LinkError: the operating system refuses, for instance because the port is taken or nobody listens there.
     """
     parsed = parse_link_url(url)

@@ -16,9 +16,9 @@ class LinkPreset:
     """A kind of link.
 
     Attributes:
-        name: What options call it.
+        name: Its name in options.
         timing: For ``Client(timing=...)``.
-        conditions: For ``SimulatedLink(conditions=...)``: a bad day of such a link, each way.
+        conditions: For ``SimulatedLink(conditions=...)``: such a link on a bad day, each way.
     """
 
     name: str
@@ -69,17 +69,17 @@ SATELLITE: Final = LinkPreset(
         queue_bytes=4_000,
     ),
 )
-"""A link over a satellite: 600 ms there and back, and little bandwidth."""
+"""A satellite link: 600 ms round trip and little bandwidth."""
 
 LINK_PRESETS: Final = {preset.name: preset for preset in (DEFAULT, TELEMETRY_RADIO, SATELLITE)}
 """By name."""
 
 
 def link_preset(name: str) -> LinkPreset:
-    """The preset of a name.
+    """Look a preset up by name.
 
     Raises:
-        MisuseError: there is none; it says which there are.
+        MisuseError: an unknown name; the message lists the known ones.
     """
     try:
         return LINK_PRESETS[name]

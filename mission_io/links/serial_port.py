@@ -19,10 +19,10 @@ _ADVICE = {
 
 
 class SerialChannel:
-    """One serial port, without waiting.
+    """A non-blocking serial port.
 
-    pyserial opens and configures it. It is read and written here, since pyserial's ``write`` spins while a port takes
-    nothing, and its ``read`` forgets what it has when the port goes away.
+    pyserial opens and configures it. Reading and writing is done here, since pyserial's ``write`` spins while a port accepts
+    nothing, and its ``read`` discards data when the port disappears.
     """
 
     def __init__(self, port: Any, name: str) -> None:
@@ -34,11 +34,11 @@ class SerialChannel:
         return self._name
 
     def fileno(self) -> int:
-        """Its number; -1 when it is closed."""
+        """Its file descriptor; -1 when closed."""
         return int(self._port.fileno()) if self._port.is_open else -1
 
     def read(self, size: int) -> bytes:
-        """What is here; nothing when nothing is."""
+        """The bytes available now, possibly none."""
         try:
             data = os.read(self.fileno(), size)
         except BlockingIOError:
@@ -50,7 +50,7 @@ class SerialChannel:
         return data
 
     def write(self, data: bytes) -> int:
-        """Send what can be sent at once; how many bytes that was."""
+        """Send what can be sent at once; returns the number of bytes."""
         try:
             return os.write(self.fileno(), data)
         except BlockingIOError:
@@ -59,7 +59,7 @@ class SerialChannel:
             raise self._gone(error.strerror or str(error)) from None
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close the port."""
         self._port.close()
 
     def _gone(self, why: str) -> LinkError:
@@ -70,11 +70,11 @@ class SerialChannel:
 
 
 def open_serial(device: str, baud: int = DEFAULT_BAUD) -> ChannelLink:
-    """A link over a serial port, which no other program may open meanwhile.
+    """Open a link over a serial port, for exclusive use.
 
     Raises:
         MisuseError: pyserial is not installed.
-        LinkError: there is no such port, or it cannot be opened, or not with this baud rate.
+        LinkError: no such port, or it cannot be opened with this baud rate.
     """
     serial = _pyserial()
     try:

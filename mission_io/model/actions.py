@@ -18,7 +18,7 @@ EnumT = TypeVar("EnumT", bound=Enum)
 
 
 class TurnDirection(Enum):
-    """Which way round to turn."""
+    """Direction of a turn."""
 
     COUNTERCLOCKWISE = -1
     SHORTEST = 0
@@ -26,7 +26,7 @@ class TurnDirection(Enum):
 
 
 class MountMode(Enum):
-    """What a DO_MOUNT_CONTROL asks of a camera mount (MAV_MOUNT_MODE)."""
+    """Mode of a camera mount in DO_MOUNT_CONTROL (MAV_MOUNT_MODE)."""
 
     RETRACT = 0
     NEUTRAL = 1
@@ -37,7 +37,7 @@ class MountMode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class _Parameter:
-    """Where an attribute travels: 1 to 7, and how it becomes a number and one again."""
+    """The parameter (1 to 7) that carries an attribute, with the conversions to and from a number."""
 
     number: int
     encode: Callable[[Any], float]
@@ -58,7 +58,7 @@ def _whole(number: int) -> dict[str, _Parameter]:
 
 
 def _or_none(number: int) -> dict[str, _Parameter]:
-    """None is "whatever the vehicle thinks best", NaN on the wire."""
+    """None leaves the value to the vehicle; it is NaN on the wire."""
     return {
         "parameter": _Parameter(
             number,
@@ -78,7 +78,7 @@ def _kind(number: int, kind: type[EnumT]) -> dict[str, _Parameter]:
 
 @dataclass(frozen=True, slots=True)
 class Waypoint:
-    """Fly to a place. A radius of 0 and a heading of None are left to the vehicle."""
+    """Fly to a position. A radius of 0 and a heading of None are left to the vehicle."""
 
     COMMAND: ClassVar = Command.NAV_WAYPOINT
     place: FramedPoint
@@ -90,7 +90,7 @@ class Waypoint:
 
 @dataclass(frozen=True, slots=True)
 class SplineWaypoint:
-    """Fly to a place along a smooth curve."""
+    """Fly to a position along a smooth curve."""
 
     COMMAND: ClassVar = Command.NAV_SPLINE_WAYPOINT
     place: FramedPoint
@@ -109,7 +109,7 @@ class Takeoff:
 
 @dataclass(frozen=True, slots=True)
 class Land:
-    """Land at a place; ``abort_alt_m`` is the height to climb to when a fixed wing's landing is aborted."""
+    """Land at a position; ``abort_alt_m`` is the height to climb to when a fixed wing's landing is aborted."""
 
     COMMAND: ClassVar = Command.NAV_LAND
     place: FramedPoint
@@ -119,7 +119,7 @@ class Land:
 
 @dataclass(frozen=True, slots=True)
 class LoiterUnlimited:
-    """Circle a place until told otherwise; a negative radius is counterclockwise."""
+    """Circle a position until commanded otherwise; a negative radius is counterclockwise."""
 
     COMMAND: ClassVar = Command.NAV_LOITER_UNLIM
     place: FramedPoint
@@ -128,7 +128,7 @@ class LoiterUnlimited:
 
 @dataclass(frozen=True, slots=True)
 class LoiterTurns:
-    """Circle a place so many times; a negative radius is counterclockwise."""
+    """Circle a position a number of times; a negative radius is counterclockwise."""
 
     COMMAND: ClassVar = Command.NAV_LOITER_TURNS
     place: FramedPoint
@@ -138,7 +138,7 @@ class LoiterTurns:
 
 @dataclass(frozen=True, slots=True)
 class LoiterTime:
-    """Circle or hover at a place for so long; a negative radius is counterclockwise."""
+    """Circle or hover at a position for a time; a negative radius is counterclockwise."""
 
     COMMAND: ClassVar = Command.NAV_LOITER_TIME
     place: FramedPoint
@@ -148,14 +148,14 @@ class LoiterTime:
 
 @dataclass(frozen=True, slots=True)
 class ReturnToLaunch:
-    """Go home in a straight line at the height that is set in the autopilot, and land."""
+    """Return home in a straight line at the height set in the autopilot, and land."""
 
     COMMAND: ClassVar = Command.NAV_RETURN_TO_LAUNCH
 
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """Wait for a time, or until a time of day (UTC); -1 is "not this"."""
+    """Wait for a time, or until a time of day (UTC); -1 disables either."""
 
     COMMAND: ClassVar = Command.NAV_DELAY
     time_s: float = field(default=-1.0, metadata=_number(1))
@@ -166,7 +166,7 @@ class Delay:
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Turn the vehicle to a heading, or by an angle when it is ``relative``. A rate of 0 is the vehicle's own."""
+    """Turn the vehicle to a heading, or by an angle when it is ``relative``. A rate of 0 leaves it to the vehicle."""
 
     COMMAND: ClassVar = Command.CONDITION_YAW
     heading_deg: float = field(metadata=_number(1))
@@ -177,7 +177,7 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """Go on with another item (the first of the mission is 1); ``times`` -1 is for ever."""
+    """Continue with another item (the first of the mission is 1); ``times`` -1 repeats forever."""
 
     COMMAND: ClassVar = Command.DO_JUMP
     item: int = field(metadata=_whole(1))
@@ -186,7 +186,7 @@ class Jump:
 
 @dataclass(frozen=True, slots=True)
 class ChangeSpeed:
-    """Fly at another speed from here on; a throttle of -1 leaves that alone."""
+    """Change the speed; a throttle of -1 leaves it unchanged."""
 
     COMMAND: ClassVar = Command.DO_CHANGE_SPEED
     kind: SpeedType = field(metadata=_kind(1, SpeedType))
@@ -196,7 +196,7 @@ class ChangeSpeed:
 
 @dataclass(frozen=True, slots=True)
 class LookAt:
-    """Point the camera at a place from here on; gimbal 0 is all of them."""
+    """Point the camera at a position from now on; gimbal 0 is all of them."""
 
     COMMAND: ClassVar = Command.DO_SET_ROI_LOCATION
     place: FramedPoint
@@ -205,7 +205,7 @@ class LookAt:
 
 @dataclass(frozen=True, slots=True)
 class LookAhead:
-    """Give the camera back to the vehicle, after ``LookAt``."""
+    """End ``LookAt`` and return camera control to the vehicle."""
 
     COMMAND: ClassVar = Command.DO_SET_ROI_NONE
     gimbal: int = field(default=0, metadata=_whole(1))
@@ -224,7 +224,7 @@ class PointMount:
 
 @dataclass(frozen=True, slots=True)
 class PointGimbal:
-    """Point a gimbal: pitch 0 is level, -90 straight down. None leaves an axis alone; gimbal 0 is the first.
+    """Point a gimbal: pitch 0 is level, -90 straight down. None leaves an axis unchanged; gimbal 0 is the first.
 
     ``flags`` are GIMBAL_MANAGER_FLAGS; 0 keeps yaw with the vehicle's nose.
     """
@@ -240,7 +240,7 @@ class PointGimbal:
 
 @dataclass(frozen=True, slots=True)
 class TriggerEvery:
-    """Take a picture after each so many metres over ground, 0 to stop; ``at_once`` takes the first one now."""
+    """Take a picture at a distance interval over ground, 0 to stop; ``at_once`` takes the first one now."""
 
     COMMAND: ClassVar = Command.DO_SET_CAM_TRIGG_DIST
     distance_m: float = field(metadata=_number(1))
@@ -307,7 +307,7 @@ _BY_COMMAND = {int(kind.COMMAND): kind for kind in ACTIONS}
 
 
 def uses_parameter(command: int, number: int) -> bool:
-    """Whether a parameter (1 to 7) means anything to a command; True for commands that are not among ``ACTIONS``."""
+    """Whether a command uses a parameter (1 to 7); True for commands that are not among ``ACTIONS``."""
     kind = _BY_COMMAND.get(command)
     if kind is None:
         return True
@@ -316,7 +316,7 @@ def uses_parameter(command: int, number: int) -> bool:
 
 
 def item_of(action: Action, *, autocontinue: bool = True) -> MissionItem:
-    """The item that does it; parameters without a meaning are 0."""
+    """The item of an action; unused parameters are 0."""
     values = [0.0] * 7
     frame = Frame.COMMAND
     for attribute in dataclasses.fields(action):
@@ -331,9 +331,9 @@ def item_of(action: Action, *, autocontinue: bool = True) -> MissionItem:
 
 
 def action_of(item: MissionItem) -> Action | None:
-    """What an item does; None when its command is not among ``ACTIONS`` or a parameter has no meaning for it.
+    """The action of an item; None when its command is not among ``ACTIONS`` or a parameter value is invalid.
 
-    Parameters that the command does not use are not looked at, so ``item_of`` puts 0 in their place.
+    Unused parameters are ignored, so ``item_of`` writes 0 in their place.
     """
     kind = _BY_COMMAND.get(item.command)
     if kind is None:

@@ -9,7 +9,7 @@ from mission_io.model.items import Command, Frame, MissionItem
 
 @dataclass(frozen=True, slots=True)
 class LatLon:
-    """A place without a height: degrees, WGS 84."""
+    """A position without height: degrees, WGS 84."""
 
     lat_deg: float
     lon_deg: float
@@ -17,7 +17,7 @@ class LatLon:
 
 @dataclass(frozen=True, slots=True)
 class FramedPoint:
-    """A place with a height in metres above what ``frame`` says."""
+    """A position with a height in metres above the reference of ``frame``."""
 
     lat_deg: float
     lon_deg: float
@@ -27,7 +27,7 @@ class FramedPoint:
 
 @dataclass(frozen=True, slots=True)
 class FencePolygon:
-    """A polygon to stay inside of (``inclusion``) or out of; its ring is not closed: no vertex is repeated."""
+    """A polygon to stay inside (``inclusion``) or outside. Its ring is open: no vertex is repeated."""
 
     vertices: tuple[LatLon, ...]
     inclusion: bool = True
@@ -35,7 +35,7 @@ class FencePolygon:
 
 @dataclass(frozen=True, slots=True)
 class FenceCircle:
-    """A circle to stay inside of (``inclusion``) or out of."""
+    """A circle to stay inside (``inclusion``) or outside."""
 
     center: LatLon
     radius_m: float
@@ -44,7 +44,7 @@ class FenceCircle:
 
 @dataclass(frozen=True, slots=True)
 class Fence:
-    """Everything that bounds where a vehicle may fly; ``return_point`` is where it goes after a breach, if set."""
+    """A geofence; ``return_point``, if set, is where the vehicle goes after a breach."""
 
     polygons: tuple[FencePolygon, ...] = ()
     circles: tuple[FenceCircle, ...] = ()
@@ -53,7 +53,7 @@ class Fence:
 
 @dataclass(frozen=True, slots=True)
 class RallyPoints:
-    """Places to return to that are nearer than home."""
+    """Alternative return positions nearer than home."""
 
     points: tuple[FramedPoint, ...] = ()
 
@@ -137,7 +137,7 @@ def rally_from_items(items: Iterable[MissionItem]) -> RallyPoints:
     """The rally points that an item list describes.
 
     Raises:
-        FormatError: with the number of the item (from 0) that is no rally point.
+        FormatError: with the number of the item (from 0) that is not a rally point.
     """
     points: list[FramedPoint] = []
     for number, item in enumerate(items):

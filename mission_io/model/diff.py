@@ -15,12 +15,12 @@ from mission_io.model.items import Command, GeoPoint, Mission, MissionItem
 
 @dataclass(frozen=True, slots=True)
 class Edit:
-    """One stretch of items that became another.
+    """A run of items replaced by another.
 
     Attributes:
-        at: Where it begins in the old list, from 0.
-        removed: The items that were there; empty when some were only put in.
-        inserted: The items that are there instead.
+        at: Position of its first item in the old list, from 0.
+        removed: The old items; empty for an insertion.
+        inserted: The new items; empty for a removal.
     """
 
     at: int
@@ -30,11 +30,11 @@ class Edit:
 
 @dataclass(frozen=True, slots=True)
 class MissionDiff:
-    """What changed from one mission to another; ``not diff`` when nothing did.
+    """The changes from one mission to another; false when there are none.
 
     Attributes:
         home: The old and the new home, when they differ.
-        edits: The changed stretches of items, in order, none touching another.
+        edits: The changed runs of items, in order, none adjacent to another.
     """
 
     home: tuple[GeoPoint | None, GeoPoint | None] | None
@@ -54,7 +54,7 @@ class MissionDiff:
         return "\n".join(lines) or "no difference"
 
     def inverse(self) -> "MissionDiff":
-        """The way back."""
+        """The reverse changes."""
         edits: list[Edit] = []
         shift = 0
         for edit in self.edits:
@@ -64,16 +64,16 @@ class MissionDiff:
 
 
 def diff(old: Mission, new: Mission) -> MissionDiff:
-    """What changed from ``old`` to ``new``."""
+    """The changes from ``old`` to ``new``."""
     home = None if _home_bits(old.home) == _home_bits(new.home) else (old.home, new.home)
     return MissionDiff(home, diff_items(old.items, new.items))
 
 
 def apply_diff(change: MissionDiff, mission: Mission) -> Mission:
-    """The mission after a change.
+    """Apply changes to the mission they were made from.
 
     Raises:
-        MisuseError: it is not the mission that the change was made from.
+        MisuseError: it is another mission.
     """
     if change.home is None:
         home = mission.home
@@ -85,10 +85,10 @@ def apply_diff(change: MissionDiff, mission: Mission) -> Mission:
 
 
 def diff_items(old: Sequence[MissionItem], new: Sequence[MissionItem]) -> tuple[Edit, ...]:
-    """The changed stretches between two item lists: of missions, fences or rally points.
+    """The changed runs between two item lists: of missions, fences or rally points.
 
-    Items that occur once in each list anchor the comparison, in their longest common order (patience sorting); from
-    there it grows over equal neighbours. A list of equal items only is compared from its two ends.
+    Items that occur once in each list anchor the comparison, in their longest common order (patience sorting); matches
+    extend from there over equal neighbours. Lists without such items are compared from both ends.
     """
     old_bits, new_bits = [_bits(item) for item in old], [_bits(item) for item in new]
     edits: list[Edit] = []
@@ -106,10 +106,10 @@ def diff_items(old: Sequence[MissionItem], new: Sequence[MissionItem]) -> tuple[
 
 
 def apply_edits(edits: Sequence[Edit], items: Sequence[MissionItem]) -> tuple[MissionItem, ...]:
-    """The item list after some edits.
+    """Apply edits to the item list they were made from.
 
     Raises:
-        MisuseError: it is not the list that the edits were made from.
+        MisuseError: it is another list.
     """
     result: list[MissionItem] = []
     position = 0

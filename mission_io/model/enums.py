@@ -4,7 +4,7 @@ from enum import Enum, IntEnum, IntFlag
 
 
 class MissionResult(IntEnum):
-    """How a mission transfer ended (MAV_MISSION_RESULT)."""
+    """Result of a mission transfer (MAV_MISSION_RESULT)."""
 
     ACCEPTED = 0
     ERROR = 1
@@ -25,7 +25,7 @@ class MissionResult(IntEnum):
 
 
 class CommandResult(IntEnum):
-    """How a command was taken (MAV_RESULT)."""
+    """Result of a command (MAV_RESULT)."""
 
     ACCEPTED = 0
     TEMPORARILY_REJECTED = 1
@@ -61,7 +61,7 @@ class LandedState(IntEnum):
 
 
 class ModeFlag(IntFlag):
-    """Bits of a heartbeat's base mode (MAV_MODE_FLAG) that mission_io looks at."""
+    """Bits of a heartbeat's base mode (MAV_MODE_FLAG) that mission_io uses."""
 
     CUSTOM_MODE_ENABLED = 1
     AUTO_ENABLED = 4
@@ -97,7 +97,7 @@ class AutopilotId(IntEnum):
 
 
 class Firmware(Enum):
-    """An autopilot's programs that give flight modes numbers of their own."""
+    """Autopilot firmwares, each with its own flight mode numbers."""
 
     COPTER = "ArduCopter"
     PLANE = "ArduPlane"
@@ -109,7 +109,7 @@ class Firmware(Enum):
 
 
 class EkfFlag(IntFlag):
-    """Bits of EkfStatusReport.flags that tell whether a position can be trusted."""
+    """Bits of EkfStatusReport.flags that say whether a position can be trusted."""
 
     ATTITUDE = 0x1
     VELOCITY_HORIZONTAL = 0x2

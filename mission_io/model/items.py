@@ -25,7 +25,7 @@ ALL_MISSION_TYPES = 255
 
 
 class Frame(IntEnum):
-    """What a position's height is measured from (MAV_FRAME, the numbers that files use)."""
+    """The reference of a height (MAV_FRAME, with the numbers used in files)."""
 
     AMSL = 0
     """Height above mean sea level."""
@@ -46,7 +46,7 @@ class Frame(IntEnum):
         """The frame for a MAV_FRAME number, with integer or with floating-point coordinates.
 
         Raises:
-            FormatError: a frame in which mission_io has no meaning for the coordinates.
+            FormatError: a frame that mission_io does not support.
         """
         try:
             return _FRAMES[number]
@@ -111,7 +111,7 @@ class Command(IntEnum):
 
 
 class SpeedType(Enum):
-    """What a DO_CHANGE_SPEED speaks of."""
+    """The speed that a DO_CHANGE_SPEED changes."""
 
     AIRSPEED = 0
     GROUND = 1
@@ -134,12 +134,12 @@ class MissionItem:
 
     Attributes:
         command: MAV_CMD number; any number is kept.
-        frame: What ``alt_m`` is measured from.
+        frame: The reference of ``alt_m``.
         params: The first four parameters, whose meaning depends on the command. NaN means "the vehicle's default".
         lat_deg: Latitude in degrees, WGS 84 (the fifth parameter when the frame is COMMAND).
         lon_deg: Longitude in degrees, WGS 84 (the sixth parameter when the frame is COMMAND).
-        alt_m: Height in metres above what the frame says (the seventh parameter when the frame is COMMAND).
-        autocontinue: Whether the vehicle goes on to the next item by itself.
+        alt_m: Height in metres above the frame's reference (the seventh parameter when the frame is COMMAND).
+        autocontinue: Whether the vehicle continues with the next item by itself.
     """
 
     command: int
@@ -152,23 +152,23 @@ class MissionItem:
 
     @property
     def has_position(self) -> bool:
-        """Whether latitude, longitude and height say where something is."""
+        """Whether latitude, longitude and height are a position."""
         return self.frame is not Frame.COMMAND
 
     def values(self) -> Iterator[tuple[str, float]]:
-        """The seven numbers with the names that error messages give them."""
+        """The seven numbers with their names in error messages."""
         yield from zip(("param1", "param2", "param3", "param4"), self.params, strict=True)
         yield from (("lat_deg", self.lat_deg), ("lon_deg", self.lon_deg), ("alt_m", self.alt_m))
 
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """What a vehicle flies: its items in order, without home.
+    """A mission: its items in flying order, without home.
 
-    The first item is number 1 (home is 0), and that is how a DO_JUMP names the item it goes to, for every autopilot.
+    The first item is number 1 (home is 0); DO_JUMP refers to items by these numbers, for every autopilot.
 
     Attributes:
-        home: Where the mission was planned to start; None when that is not known (a vehicle that does not tell).
+        home: The planned start; None when unknown.
         items: The items in flying order. Home is not one of them, whatever a file or an autopilot puts in row 0.
     """
 
@@ -179,27 +179,27 @@ class Mission:
 def waypoint(
     lat_deg: float, lon_deg: float, alt_m: float, *, frame: Frame, hold_s: float = 0.0, acceptance_radius_m: float = 0.0
 ) -> MissionItem:
-    """A point to fly to. ``acceptance_radius_m`` 0 leaves the radius to the vehicle, and so does heading."""
+    """Fly to a point. The vehicle chooses the heading, and the acceptance radius if ``acceptance_radius_m`` is 0."""
     return MissionItem(Command.NAV_WAYPOINT, frame, (hold_s, acceptance_radius_m, 0.0, 0.0), lat_deg, lon_deg, alt_m)
 
 
 def takeoff(lat_deg: float, lon_deg: float, alt_m: float, *, frame: Frame) -> MissionItem:
-    """Climb to a height; a multicopter goes straight up and ignores the place."""
+    """Climb to a height; a multicopter climbs vertically and ignores the position."""
     return MissionItem(Command.NAV_TAKEOFF, frame, (0.0, 0.0, 0.0, 0.0), lat_deg, lon_deg, alt_m)
 
 
 def land(lat_deg: float, lon_deg: float, alt_m: float = 0.0, *, frame: Frame) -> MissionItem:
-    """Fly to a place at the present height and land there; ``alt_m`` is the height of the ground there."""
+    """Fly to a position at the current height and land; ``alt_m`` is the height of the ground there."""
     return MissionItem(Command.NAV_LAND, frame, (0.0, 0.0, 0.0, 0.0), lat_deg, lon_deg, alt_m)
 
 
 def return_to_launch() -> MissionItem:
-    """Go home in a straight line at the height that is set in the autopilot, and land."""
+    """Return home in a straight line at the height set in the autopilot, and land."""
     return MissionItem(Command.NAV_RETURN_TO_LAUNCH, Frame.COMMAND)
 
 
 def change_speed(speed_m_s: float, *, kind: SpeedType = SpeedType.GROUND) -> MissionItem:
-    """Fly at another speed from here on; the throttle is left alone."""
+    """Change the speed from here on; the throttle stays unchanged."""
     return MissionItem(Command.DO_CHANGE_SPEED, Frame.COMMAND, (float(kind.value), speed_m_s, -1.0, 0.0))
 
 
@@ -214,12 +214,12 @@ def trigger_camera_every(distance_m: float) -> MissionItem:
 
 
 def look_at(lat_deg: float, lon_deg: float, alt_m: float, *, frame: Frame) -> MissionItem:
-    """Point the camera at a place from here on."""
+    """Point the camera at a position from here on."""
     return MissionItem(Command.DO_SET_ROI_LOCATION, frame, (0.0, 0.0, 0.0, 0.0), lat_deg, lon_deg, alt_m)
 
 
 def look_ahead() -> MissionItem:
-    """Give the camera back to the vehicle, after ``look_at``."""
+    """End ``look_at`` and return camera control to the vehicle."""
     return MissionItem(Command.DO_SET_ROI_NONE, Frame.COMMAND)
 
 

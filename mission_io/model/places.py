@@ -13,7 +13,7 @@ ECCENTRICITY_SQUARED = (2.0 - 1.0 / 298.257223563) / 298.257223563
 
 
 def earth_centred_m(lat_deg: float, lon_deg: float, height_m: float = 0.0) -> tuple[float, float, float]:
-    """A place as x, y, z from the centre of the Earth; ``height_m`` is above the ellipsoid."""
+    """A position as x, y, z from the centre of the Earth; ``height_m`` is above the ellipsoid."""
     lat, lon = math.radians(lat_deg), math.radians(lon_deg)
     normal_m = EQUATOR_RADIUS_M / math.sqrt(1.0 - ECCENTRICITY_SQUARED * math.sin(lat) ** 2)
     across_m = (normal_m + height_m) * math.cos(lat)
@@ -22,9 +22,9 @@ def earth_centred_m(lat_deg: float, lon_deg: float, height_m: float = 0.0) -> tu
 
 
 def ground_distance_m(lat_a_deg: float, lon_a_deg: float, lat_b_deg: float, lon_b_deg: float) -> float:
-    """The distance over ground between two places, at sea level.
+    """The distance over ground between two positions, at sea level.
 
-    The chord through the Earth, bent with the mean curvature between them: below 500 km it agrees with the geodesic to
+    Computed as the chord through the Earth, bent with the mean curvature: below 500 km it agrees with the geodesic to
     1 part in 10,000, and below 20 km to a millimetre and 1 part in a million (tested against pyproj).
     """
     a, b = earth_centred_m(lat_a_deg, lon_a_deg), earth_centred_m(lat_b_deg, lon_b_deg)
@@ -34,14 +34,14 @@ def ground_distance_m(lat_a_deg: float, lon_a_deg: float, lat_b_deg: float, lon_
 
 
 FAR_FROM_HOME_M = 100_000.0
-"""Beyond this a place is doubted; no electric multicopter flies so far."""
+"""Positions further away are doubted; no electric multicopter flies so far."""
 
 
 def doubts_about(mission: Mission, *, far_from_home_m: float = FAR_FROM_HOME_M) -> tuple[str, ...]:
-    """One line for each thing that is probably a mistake; empty when nothing is.
+    """Probable mistakes, one line each.
 
-    A route far from home is told apart from one whose latitudes and longitudes are swapped. Doubts are no errors: the
-    mission is what the file says.
+    Swapped latitudes and longitudes are distinguished from a route that is far from home. A doubt is not an error: the
+    mission stays as the file says.
     """
     home = mission.home
     doubts: list[str] = []
