@@ -36,7 +36,7 @@ from uavcover.planning.encodings import WaypointEncoding
 from uavcover.planning.front import Snapshots, judge_members
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.search.memetic import improve
-from uavcover.planning.search.optimizer_search import rounds_of, search
+from uavcover.planning.search.optimizer_search import SearchRun, rounds_of, search
 from uavcover.planning.selection import parse_rule
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site, load_site
@@ -99,11 +99,11 @@ def planned(bench: Bench, algorithm: str, budget_s: float) -> list[Route]:
 
 def improved(bench: Bench, routes: Sequence[Route], budget_s: float) -> list[Route]:
     """Local search of routes, from a random stream of its own."""
+    effort = Effort(bench.settings.evaluations, budget_s, time.process_time)
     done = improve(
-        bench.coarse, bench.fine, routes, settings=dataclasses.replace(bench.settings, seed=bench.settings.seed + 1000),
-        rule=parse_rule(bench.rule), effort=Effort(bench.settings.evaluations, budget_s, time.process_time),
-        started=time.process_time(), evaluations_done=0, executor=None, should_stop=lambda: False,
-        on_progress=lambda _: None,
+        bench.coarse, bench.fine, routes, SearchRun(effort=effort, started=time.process_time()),
+        settings=dataclasses.replace(bench.settings, seed=bench.settings.seed + 1000), rule=parse_rule(bench.rule),
+        evaluations_done=0,
     )  # fmt: skip
     return [*routes, *done.routes]
 
@@ -122,8 +122,8 @@ def fed_back(bench: Bench, routes: Sequence[Route], budget_s: float) -> list[Rou
         archive_size=max(100, size), seed=bench.settings.seed, initial=np.array([encoding.near(r) for r in best]),
     )  # fmt: skip
     search(
-        optimizer, rounds=rounds, encoding=encoding, coverage=bench.coarse, effort=effort, started=started,
-        at_least_one_round=True, goal=bench.asked, executor=None, should_stop=lambda: False, on_progress=lambda _: None,
+        optimizer, SearchRun(effort=effort, started=started), rounds=rounds, encoding=encoding, coverage=bench.coarse,
+        at_least_one_round=True, goal=bench.asked,
     )  # fmt: skip
     return [encoding.decode(genes) for genes in optimizer.pareto_set().x]
 

@@ -31,11 +31,11 @@ from uavcover.kernels.annealing import Prices, Schedule, anneal
 from uavcover.model.area import Area
 from uavcover.model.route import Route
 from uavcover.model.scenario import Home, Origin, Scenario
-from uavcover.planning.baselines.adaptive_swaths import balanced_lines, can_be_balanced
+from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted
 from uavcover.planning.baselines.boustrophedon import NodeRows, best_height_agl_m, fly_rows, plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad
 from uavcover.planning.search.local_search import CHAINS, Chain, PaceByClock, Work
-from uavcover.planning.search.route_problem import LocalTask, draft_of, local_task
+from uavcover.planning.search.route_problem import RouteProblem, route_problem, state_of
 from uavcover.routes.objectives import evaluate_routes
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario
 from uavcover.scenario.site import Site, load_site
@@ -99,8 +99,8 @@ def usual_route(site: Site) -> Route:
     """What the local search begins with: balanced or straight lines, or 42 nodes."""
     if site.scenario.sensor.sensing == "at-waypoints":
         return fly_rows(site, NodeRows(rows=6, columns=7, stagger=0.5, height_share=0.5))
-    if can_be_balanced(site):
-        routes = balanced_lines(site, long_side_angle_rad(site))
+    if can_be_adapted(site):
+        routes = adaptive_swaths(site, long_side_angle_rad(site))
         return routes[len(routes) // 2]
     return fly_layout(site, plain_boustrophedon(site))
 
@@ -109,13 +109,13 @@ def chain_on(coverage: CoverageMap) -> Chain:
     """A chain as :mod:`uavcover.planning.search.goal_search` begins one, at a middle temperature."""
     site = coverage.site
     reach_m = max(reach_at_height_m(site.scenario.sensor, best_height_agl_m(site)), coverage.grid.cells.size_m)
-    task: LocalTask = local_task(coverage, margin_m=0.0, reach_m=reach_m)
+    problem: RouteProblem = route_problem(coverage, margin_m=0.0, reach_m=reach_m)
     route = usual_route(site)
     capacity = 3 * len(route) + 100
-    draft = draft_of(task, route, capacity=capacity)
-    prices = Prices(task.metres_per_cost(route), 0.03 * reach_m, 10.0 * route.length_m, 0.995)
+    state = state_of(problem, route, capacity=capacity)
+    prices = Prices(problem.metres_per_cost(route), 0.03 * reach_m, 10.0 * route.length_m, 0.995)
     hottest, _, coldest = (share * reach_m for share in HEATS)
-    return Chain(task, draft, prices, hottest, coldest, 0.4 * reach_m, 2, capacity)
+    return Chain(problem, state, prices, hottest, coldest, 0.4 * reach_m, 2, capacity)
 
 
 def measure_cost(name: str, site: Site, cell_m: float) -> Row:
@@ -134,11 +134,11 @@ def measure_cost(name: str, site: Site, cell_m: float) -> Row:
         for share in HEATS:
             heat = share * chain.hottest / HEATS[0]
             schedule = Schedule(PROPOSALS, heat, heat, chain.step_m, chain.fewest, chain.most)
-            anneal(chain.task.numbers, chain.prices, schedule, chain.draft, rng)
+            anneal(chain.problem.numbers, chain.prices, schedule, chain.state, rng)
         if turn > 0:  # the first one waits for the compiler
             evaluations.append(middle - begin)
             proposals.append((time.process_time() - middle) / (PROPOSALS * len(HEATS)))
-    chain_mib = sum(array.nbytes for array in chain.draft) / 2**20
+    chain_mib = sum(array.nbytes for array in chain.state) / 2**20
     values = (
         name, coverage.grid.count, len(route), maps_s, 1e3 * min(evaluations), 1e6 * min(proposals), chain_mib,
     )  # fmt: skip
@@ -195,7 +195,7 @@ def proposals_in(chains: list[Chain], executor: Executor | None) -> int:
     """Proposals that the local search makes in STRETCH_S of wall time."""
     begin = time.monotonic()
     work = Work(
-        chains[0].task, PaceByClock(time.monotonic, begin + STRETCH_S), [np.random.default_rng(k) for k in range(CHAINS)],
+        chains[0].problem, PaceByClock(time.monotonic, begin + STRETCH_S), [np.random.default_rng(k) for k in range(CHAINS)],
         executor, lambda: False, lambda _: None,
     )  # fmt: skip
     work.run(chains, until=1.0)

@@ -26,7 +26,7 @@ from uavcover.planning.baselines.boustrophedon import best_height_agl_m, plain_b
 from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.planning.encodings import WaypointEncoding
 from uavcover.planning.planner import Effort, plan_routes
-from uavcover.planning.search.route_problem import draft_of, local_task
+from uavcover.planning.search.route_problem import route_problem, state_of
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import reach_at_height_m
@@ -76,7 +76,7 @@ def measure_speed(scenario: str, proposals: int) -> tuple[float, float]:
     site = load_site(scenario)
     coverage = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
     reach_m = reach_at_height_m(site.scenario.sensor, best_height_agl_m(site))
-    task = local_task(coverage, margin_m=0.0, reach_m=reach_m)
+    problem = route_problem(coverage, margin_m=0.0, reach_m=reach_m)
     if site.scenario.planner.encoding == "swaths":
         route = fly_layout(site, plain_boustrophedon(site))
     else:
@@ -85,13 +85,13 @@ def measure_speed(scenario: str, proposals: int) -> tuple[float, float]:
         genes[3::4] = 1.0
         route = encoding.decode(genes)
     capacity = max(60, 3 * len(route))
-    draft = draft_of(task, route, capacity=capacity)
+    state = state_of(problem, route, capacity=capacity)
     prices = Prices(1.0, 0.03 * reach_m, 10.0 * route.length_m, 1.0)
     heat = 4e-4 * route.length_m
     rng = np.random.default_rng(1)
-    anneal(task.numbers, prices, Schedule(proposals // 10, heat, heat, 0.4 * reach_m, 2, capacity), draft, rng)
+    anneal(problem.numbers, prices, Schedule(proposals // 10, heat, heat, 0.4 * reach_m, 2, capacity), state, rng)
     begin = time.process_time()
-    anneal(task.numbers, prices, Schedule(proposals, heat, heat, 0.4 * reach_m, 2, capacity), draft, rng)
+    anneal(problem.numbers, prices, Schedule(proposals, heat, heat, 0.4 * reach_m, 2, capacity), state, rng)
     each_s = (time.process_time() - begin) / proposals
     coverage.seen(route.waypoints_m)
     begin = time.process_time()

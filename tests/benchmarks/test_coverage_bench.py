@@ -27,7 +27,7 @@ from uavcover.benchmarks.coverage.judging import (
     Chosen,
     HoldOut,
     Judge,
-    Moment,
+    JudgedMoment,
     Point,
     hypervolume_share,
     moment_document,
@@ -43,7 +43,7 @@ from uavcover.benchmarks.coverage.runs import (
     run_of_key,
     wanted_runs,
 )
-from uavcover.benchmarks.coverage.summary import Outcome, Outcomes, is_no_worse, read_outcomes
+from uavcover.benchmarks.coverage.summary import CoverageOutcome, Outcomes, is_no_worse, read_outcomes
 from uavcover.benchmarks.runs import KeptRuns
 from uavcover.model.route import Route
 from uavcover.planning.baselines.boustrophedon import (
@@ -213,12 +213,14 @@ class TestPlanners:
         assert found.cpu_s > 0.3, "CPU seconds of the search to its last moment, 0.4, less what it began with"
 
 
-def outcome(run: CoverageRun, moments: list[tuple[float, float, float]], tried: tuple[Tried, ...] = ()) -> Outcome:
+def outcome(
+    run: CoverageRun, moments: list[tuple[float, float, float]], tried: tuple[Tried, ...] = ()
+) -> CoverageOutcome:
     """Moments as (time, coverage, length)."""
-    return Outcome(
+    return CoverageOutcome(
         run,
         tuple(
-            Moment(
+            JudgedMoment(
                 at_s,
                 (Point(coverage, 30.0, length),),
                 {name: Chosen(coverage >= 1.0, coverage, 0.9, 30, length, 0.0, run.algorithm) for name in CHOICES},

@@ -13,7 +13,15 @@ from mission_io.links.simulated import Conditions
 from uavcover.benchmarks.link import runs
 from uavcover.benchmarks.link.peers import Transferred, conditions_of, outcome_of, run_real, run_simulated, serve
 from uavcover.benchmarks.link.runs import OUTCOMES, read_outcomes, run_missing, run_over_udp, trials
-from uavcover.benchmarks.link.trials import Outcome, Trial, cells_of, csv_lines, items_on, markdown, mission_items
+from uavcover.benchmarks.link.trials import (
+    TransferOutcome,
+    Trial,
+    cells_of,
+    csv_lines,
+    items_on,
+    markdown,
+    mission_items,
+)
 from uavcover.errors import InputError
 
 UPLOAD = Trial("native", "px4", "upload", 0.0, 0.0, 0)
@@ -55,8 +63,8 @@ def test_what_a_client_claims_and_what_is_so_are_two_things() -> None:
 
 
 def test_outcomes_survive_the_file() -> None:
-    outcome = Outcome(trial(loss=0.05), True, False, 1.0 / 3.0, 'said "no", twice')
-    assert Outcome.of_row(outcome.row()) == outcome
+    outcome = TransferOutcome(trial(loss=0.05), True, False, 1.0 / 3.0, 'said "no", twice')
+    assert TransferOutcome.of_row(outcome.row()) == outcome
 
 
 @pytest.fixture
@@ -147,11 +155,11 @@ def test_a_file_of_something_else_is_refused(tmp_path: Path) -> None:
 
 def test_tables_by_hand() -> None:
     outcomes = [
-        Outcome(trial("native", loss=0.2, seed=0), True, True, 1.0),
-        Outcome(trial("native", loss=0.2, seed=1), True, True, 3.0),
-        Outcome(trial("native", loss=0.2, seed=2), True, False, 9.0),
-        Outcome(trial("mavsdk", loss=0.2, seed=0), False, True, 9.0, "TIMEOUT"),
-        Outcome(trial("native", vehicle="ardupilot", seed=0), True, True, 0.0123),
+        TransferOutcome(trial("native", loss=0.2, seed=0), True, True, 1.0),
+        TransferOutcome(trial("native", loss=0.2, seed=1), True, True, 3.0),
+        TransferOutcome(trial("native", loss=0.2, seed=2), True, False, 9.0),
+        TransferOutcome(trial("mavsdk", loss=0.2, seed=0), False, True, 9.0, "TIMEOUT"),
+        TransferOutcome(trial("native", vehicle="ardupilot", seed=0), True, True, 0.0123),
     ]
     cells = cells_of(outcomes)
     assert [(c.vehicle, c.client, c.runs, c.correct, c.wrong_unnoticed) for c in cells] == [

@@ -10,7 +10,7 @@ import pytest
 
 from uavcover.benchmarks.paper.readings import READINGS, TABLE_5, Figures
 from uavcover.benchmarks.paper.results import (
-    Row,
+    TableRow,
     by_nodes,
     by_weights,
     misfit,
@@ -86,10 +86,10 @@ class TestChoices:
         assert math.isnan(row([result((0.5, 30, 60.0))], "weights").std.coverage)
 
     def test_misfit_is_zero_on_the_papers_own_rows(self) -> None:
-        rows = {name: Row(mean, std, 5) for name, (mean, std) in TABLE_5.items()}
+        rows = {name: TableRow(mean, std, 5) for name, (mean, std) in TABLE_5.items()}
         assert misfit(rows) == 0.0
         worse = dataclasses.replace(TABLE_5["modbo"][0], nodes=1.6 * TABLE_5["modbo"][0].nodes)
-        rows["modbo"] = Row(worse, worse, 5)
+        rows["modbo"] = TableRow(worse, worse, 5)
         assert misfit(rows) == pytest.approx(math.sqrt(0.36 / 6.0))
 
 

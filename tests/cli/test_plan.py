@@ -11,7 +11,7 @@ import pytest
 
 from tests.cli.conftest import EVALUATIONS, Cli, command, files, in_process, limited_to, started, wait_for_line
 from uavcover.model.route import RouteMetrics
-from uavcover.planning.planner import Progress
+from uavcover.planning.planner import SearchProgress
 from uavcover.run.plan import PlanRequest, plan_into, progress_in_words, room_in_words
 from uavcover.run.user import Unattended
 from uavcover.scenario.site import load_site
@@ -228,7 +228,7 @@ def test_progress_bar_only_on_a_terminal_and_after_two_seconds(tmp_path: Path) -
     ],
 )
 def test_progress_tells_coverage_length_and_gap(shortest_m: float | None, least_m: float | None, words: str) -> None:
-    assert progress_in_words(Progress(10, 20, 0.972, shortest_m), "m", least_m) == words
+    assert progress_in_words(SearchProgress(10, 20, 0.972, shortest_m), "m", least_m) == words
 
 
 @pytest.mark.parametrize(

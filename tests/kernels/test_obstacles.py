@@ -52,7 +52,7 @@ places = st.tuples(st.one_of(coordinates, odd), st.one_of(coordinates, odd), hei
 
 
 def clear(prisms, p, q, beside=0.0, above=0.0):
-    return keeps_clear(obstacles_of(prisms), *p, *q, beside, above)
+    return keeps_clear(obstacles_of(prisms), tuple(p), tuple(q), beside, above)
 
 
 @deterministic
@@ -78,7 +78,7 @@ def test_clearance_is_that_of_shapely(prisms, p, q, beside, above):
 @given(footprints(), heights, places, places, st.floats(0.5, GROWN_M, width=32), st.floats(0.0, 10.0, width=32))
 def test_what_a_line_lacks_is_found_by_trying_places(footprint, top, p, q, beside, above):
     expected = naive.lacking(footprint, top, p, q, beside, above)
-    number, lacking, at = worst_breach(obstacles_of([(footprint, top)]), *p, *q, beside, above)
+    number, lacking, at = worst_breach(obstacles_of([(footprint, top)]), tuple(p), tuple(q), beside, above)
     # Between two places that were tried lie at most 0.03 m, and as much height.
     assert lacking == pytest.approx(expected, abs=0.06)
     assert (number == 0) == (lacking > 0.0)
@@ -150,8 +150,8 @@ def test_a_ray_and_a_box(p, q, is_clear):
 
 
 def test_no_obstacles_are_never_in_the_way():
-    assert keeps_clear(NO_OBSTACLES, -5.0, 5.0, 10.0, 15.0, 5.0, 10.0, 5.0, 5.0)
-    assert worst_breach(NO_OBSTACLES, -5.0, 5.0, 10.0, 15.0, 5.0, 10.0, 5.0, 5.0)[0] == -1
+    assert keeps_clear(NO_OBSTACLES, (-5.0, 5.0, 10.0), (15.0, 5.0, 10.0), 5.0, 5.0)
+    assert worst_breach(NO_OBSTACLES, (-5.0, 5.0, 10.0), (15.0, 5.0, 10.0), 5.0, 5.0)[0] == -1
     assert roofs_m(NO_OBSTACLES, np.zeros(1), np.zeros(1)).tolist() == [-math.inf]
 
 
@@ -168,7 +168,7 @@ def test_tiles_leave_no_prism_out():
     answers = set()
     for p, q in rng.uniform([0.0, 0.0, 0.0], [2000.0, 2000.0, 120.0], (300, 2, 3)):
         q = p + (q - p) * rng.choice([0.02, 0.1, 1.0])
-        answer = keeps_clear(obstacles, *p, *q, 5.0, 4.0)
+        answer = keeps_clear(obstacles, tuple(p), tuple(q), 5.0, 4.0)
         assert answer == (naive.clearance_beside(prisms, p, q, 4.0) > 5.0)
         answers.add(answer)
     assert answers == {True, False}

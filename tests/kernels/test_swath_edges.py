@@ -45,7 +45,7 @@ def gaps(across, heights, along):
     return edges[1::2] - edges[::2]
 
 
-def test_balanced_lines_have_like_gaps_everywhere():
+def test_adaptive_swaths_have_like_gaps_everywhere():
     along, heights = np.linspace(0.0, 40.0, 41), np.full(5, 2.5)
     straight = np.repeat(np.linspace(2.0, 18.0, 5)[:, None], 41, axis=1)
     there = np.ones(straight.shape, dtype=bool)

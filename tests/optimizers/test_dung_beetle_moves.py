@@ -56,7 +56,7 @@ def test_eq_12_13_15_16_area_is_clipped_to_the_search_space():
 
 
 HERE = np.array([[1.0, 2.0]])
-AREA = moves.Area(np.array([[0.0, 1.0]]), np.array([[2.0, 5.0]]))
+AREA = moves.Region(np.array([[0.0, 1.0]]), np.array([[2.0, 5.0]]))
 
 
 def test_eq_14_breeder():

@@ -9,7 +9,7 @@ from tests.planning.sites import flat, hills, make_site
 from tests.planning.test_planner import frozen
 from uavcover.model.route import Route, RouteMember, RouteMetrics
 from uavcover.model.sensor import FrameCamera, Sensor, SphereSensor
-from uavcover.planning.baselines.adaptive_swaths import BENT, STRAIGHT, can_be_balanced, simple_lines
+from uavcover.planning.baselines.adaptive_swaths import BENT, STRAIGHT, can_be_adapted, simple_lines
 from uavcover.planning.baselines.swaths import fly_layout, regular_layout
 from uavcover.planning.front import MOST_MEMBERS, Candidate, Finish, gains_of, parts_of, thinned
 from uavcover.planning.search.optimizer_search import Effort
@@ -120,7 +120,7 @@ def test_simple_lines_need_ever_fewer_waypoints_and_keep_the_limits(sensor: Sens
     routes = simple_lines(site, 0.0)
     assert all(measure_violations(site, route.waypoints_m, margin_m=0.0).total == 0.0 for route in routes)
     assert min(map(len, routes)) < len(routes[0])
-    assert len(routes) <= 3 * (len(BENT) * can_be_balanced(site) + len(STRAIGHT))
+    assert len(routes) <= 3 * (len(BENT) * can_be_adapted(site) + len(STRAIGHT))
     coverage = CoverageMap(site, cell_size_m=10.0)
     assert max(coverage.share(coverage.seen(route.waypoints_m)) for route in routes) > 0.97
 

@@ -14,9 +14,9 @@ from uavcover.kernels.sight import CONE, DISC, Sight
 from uavcover.model.route import Plan, Route
 from uavcover.model.sensor import DiscSensor, SphereSensor
 from uavcover.model.vehicle import Wind
-from uavcover.planning.planner import Effort, Progress, plan_routes
+from uavcover.planning.planner import Effort, SearchProgress, plan_routes
 from uavcover.planning.search.local_search import CHAINS, PaceByClock, PaceByNumber
-from uavcover.planning.search.route_problem import draft_of, local_task, narrowed
+from uavcover.planning.search.route_problem import narrowed, route_problem, state_of
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap
@@ -67,7 +67,7 @@ def test_equal_seed_and_evaluations_give_an_equal_plan_on_any_number_of_threads(
     assert not same(alone, make_plan(site, seed=2))
 
 
-def test_balanced_lines_and_the_local_search_are_shorter_than_what_the_optimizer_finds() -> None:
+def test_adaptive_swaths_and_the_local_search_are_shorter_than_what_the_optimizer_finds() -> None:
     site = SITES["along-path"]
     alone, improved = (make_plan(site, algorithm=name, evaluations=800) for name in ("imodbo", "memetic"))
     assert improved.chosen.metrics.path_length_m < 0.95 * alone.chosen.metrics.path_length_m
@@ -120,7 +120,7 @@ def test_the_papers_scenario_with_sixteen_waypoints() -> None:
 
 @pytest.mark.parametrize("site", [SITES["along-path"], SITES["free-order"]], ids=["along-path", "free-order"])
 def test_stopped_in_the_local_search_the_best_so_far_is_returned(site: Site) -> None:
-    seen: list[Progress] = []
+    seen: list[SearchProgress] = []
     plan = make_plan(site, should_stop=lambda: len(seen) >= 30, on_progress=seen.append)
     assert plan.interrupted
     assert 20 < plan.evaluations < 300
@@ -132,7 +132,7 @@ def test_stopped_in_the_local_search_the_best_so_far_is_returned(site: Site) -> 
 
 
 def test_the_time_budget_ends_the_local_search() -> None:
-    clock, seen = Clock(0.25), list[Progress]()
+    clock, seen = Clock(0.25), list[SearchProgress]()
     plan = make_plan(SITES["along-path"], evaluations=10**9, budget_s=30.0, now=clock, on_progress=seen.append)
     assert not plan.interrupted
     assert plan.wall_s <= 31.0
@@ -183,21 +183,21 @@ def test_a_narrowed_sensor_sees_that_much_less_far() -> None:
     assert narrowed(Sight(DISC, 50.0, 0.0, -1.0, 0), margin_m=5.0, reach_m=50.0).reach_m == 45.0
 
 
-def test_only_cells_that_can_be_covered_count_and_a_draft_sees_what_the_map_says() -> None:
+def test_only_coverable_cells_count_and_a_route_state_sees_what_the_map_says() -> None:
     site = SITES["along-path"]
     coverage = CoverageMap(site, cell_size_m=20.0)
-    task = local_task(coverage, margin_m=0.0, reach_m=70.0)
-    assert task.numbers.weight.sum() == pytest.approx(1.0)
-    assert (task.numbers.weight > 0.0).tolist() == coverage.coverable.tolist()
+    problem = route_problem(coverage, margin_m=0.0, reach_m=70.0)
+    assert problem.numbers.weight.sum() == pytest.approx(1.0)
+    assert (problem.numbers.weight > 0.0).tolist() == coverage.coverable.tolist()
     corners = np.array([[0.0, 60.0], [300.0, 60.0], [300.0, 140.0]])
     route = Route(np.column_stack([corners, site.ground.heights_m(corners) + 80.0]))
-    draft = draft_of(task, route, capacity=10)
-    assert draft.seen[0] == pytest.approx(coverage.share_of_coverable(coverage.seen(route.waypoints_m)), rel=1e-12)
-    assert ((draft.counts > 0) == coverage.seen(route.waypoints_m)).all()
+    state = state_of(problem, route, capacity=10)
+    assert state.seen[0] == pytest.approx(coverage.share_of_coverable(coverage.seen(route.waypoints_m)), rel=1e-12)
+    assert ((state.counts > 0) == coverage.seen(route.waypoints_m)).all()
     # A leg that sees more runs than there is room for is cut; what is seen changes only by where the samples fall.
-    short = draft_of(dataclasses.replace(task, stride=18), route, capacity=10)
+    short = state_of(dataclasses.replace(problem, stride=18), route, capacity=10)
     assert short.size[0] > 3
-    assert short.seen[0] == pytest.approx(draft.seen[0], abs=0.02)
+    assert short.seen[0] == pytest.approx(state.seen[0], abs=0.02)
 
 
 def test_flight_time_as_the_objective_flies_faster_in_a_strong_wind() -> None:

@@ -12,7 +12,7 @@ from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Plan, RouteMember
 from uavcover.model.sensor import SphereSensor
 from uavcover.planning.encodings import WaypointEncoding
-from uavcover.planning.planner import Effort, Progress, plan_routes
+from uavcover.planning.planner import Effort, SearchProgress, plan_routes
 from uavcover.planning.search.optimizer_search import rounds_of
 from uavcover.routes.leg_checks import find_problems, measure_violations
 from uavcover.routes.objectives import judge
@@ -131,7 +131,7 @@ def test_stopped_before_the_first_round(encoding: str) -> None:
 
 
 def test_stopped_after_a_round_the_best_so_far_is_returned() -> None:
-    seen: list[Progress] = []
+    seen: list[SearchProgress] = []
     site = make_site(hills)
     plan = make_plan(site, evaluations=200, should_stop=lambda: len(seen) >= 2, on_progress=seen.append)
     assert plan.interrupted
@@ -163,7 +163,7 @@ class Clock:
 
 def test_the_budget_is_honoured() -> None:
     # Read once a batch of baselines (6), twice while timing, once a round: 20 s are over after a dozen rounds.
-    clock, seen = Clock(1.0), list[Progress]()
+    clock, seen = Clock(1.0), list[SearchProgress]()
     plan = make_plan(make_site(), evaluations=10**9, budget_s=20.0, now=clock, on_progress=seen.append)
     assert not plan.interrupted
     assert 2 * 20 <= plan.evaluations <= 20 * 20

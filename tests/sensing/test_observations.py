@@ -14,7 +14,7 @@ from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.verify import FlownTrack, flown_coverage, verify_flight
 from uavcover.model.route import Route
 from uavcover.model.sensor import DiscSensor, SphereSensor
-from uavcover.planning.search.route_problem import draft_of, local_task
+from uavcover.planning.search.route_problem import route_problem, state_of
 from uavcover.scenario.scenario_file import dump_scenario, parse_scenario
 from uavcover.sensing.coverage_map import CoverageMap
 
@@ -44,15 +44,15 @@ def test_two_waypoints_too_near_to_each_other_are_one_look():
 def test_the_local_search_counts_as_the_judge_does():
     sensor = SphereSensor(kind="sphere", range_m=110.0)
     coverage = coverage_of(sensor, ups=hills, limits={"applies_to": "waypoints"})
-    task = local_task(coverage, margin_m=0.0, reach_m=70.0)
+    problem = route_problem(coverage, margin_m=0.0, reach_m=70.0)
     points = np.random.default_rng(3).uniform([0.0, 0.0, 60.0], [300.0, 200.0, 110.0], (14, 3))
-    draft = draft_of(task, Route(points), capacity=20)
-    kept = draft.route[: draft.size[0]]
+    state = state_of(problem, Route(points), capacity=20)
+    kept = state.route[: state.size[0]]
     assert 4 < len(kept) < 14
     assert all(math.dist(p, q) >= 30.0 for p, q in itertools.combinations(kept.tolist(), 2))
     seen = coverage.seen(kept)
-    assert ((draft.counts[task.numbers.square] >= 2) == seen).all()
-    assert draft.seen[0] == pytest.approx(coverage.share_of_coverable(seen), abs=1e-9)
+    assert ((state.counts[problem.numbers.square] >= 2) == seen).all()
+    assert state.seen[0] == pytest.approx(coverage.share_of_coverable(seen), abs=1e-9)
 
 
 def test_what_can_be_covered_twice():
@@ -105,7 +105,7 @@ def test_waypoints_that_may_have_been_anywhere_may_all_be_looks_of_their_own():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"looks": 0}, "requirements.looks: 0 is outside 1..20"),
+        ({"looks": 0}, "requirements.observations: 0 is outside 1..20"),
         ({"looks": 2}, "requirements.look_distance_m: is needed with more than one look"),
         ({"look_distance_m": 5.0}, "requirements.look_distance_m: must be above 0, and goes with more than one look"),
     ],
@@ -121,5 +121,5 @@ def test_values_that_make_no_sense(changes, message, tmp_path):
 
 
 def test_several_looks_go_with_waypoints():
-    with pytest.raises(ValueError, match=r"^requirements.looks: more than one goes with sensor.sensing = "):
+    with pytest.raises(ValueError, match=r"^requirements.observations: more than one goes with sensor.sensing = "):
         coverage_of(dataclasses.replace(DISC, sensing="along-path"))

@@ -1,8 +1,7 @@
-"""A benchmark's runs: made in processes that end with this one, and kept as one file each.
+"""Runs of a benchmark in processes that end with this one, kept as one JSON file each.
 
-Work in many processes that end with this one: no thread pools fighting for cores, nothing left behind.
-
-A benchmark's folder: one JSON file for each run, written whole, so that a killed benchmark goes on where it was.
+Each process has one BLAS thread, so that thread pools do not fight for cores. Files are written whole: a killed benchmark
+goes on where it was.
 """
 
 import json

@@ -11,7 +11,7 @@ from uavcover.judging.observations import Observations
 from uavcover.judging.possible_motion import MAX_LEAN_DEG
 from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.kernels.observation_counting import Camera, Tally
+from uavcover.kernels.observation_counting import Camera, ObservationCounts, SensorPoses
 from uavcover.kernels.sight import LocalSlopes, local_slopes
 from uavcover.model.sensor import Camera as CameraSensor
 from uavcover.sensing.coverage_map import CoverageMap
@@ -36,7 +36,7 @@ class FlownCoverage:
         nearest_m: shortest distance from which it was seen, NaN where it was not.
         ground_sample_m: smallest ground sample distance with which it was seen, NaN where it was not or none is known.
         incidence_deg: smallest incidence angle under which it was seen, NaN where it was not.
-        outcome: the best outcome of any observation, see :class:`uavcover.kernels.observation_counting.Tally`.
+        outcome: the best outcome of any observation, see :class:`uavcover.kernels.observation_counting.ObservationCounts`.
     """
 
     seen: BoolArray
@@ -60,26 +60,26 @@ def count_observations(coverage: CoverageMap, observations: Observations) -> Flo
     slopes = local_slopes(site.ground.surface)
     camera = _camera(coverage, slopes)
     certain = observations.where(observations.known)
-    tally = _tallied(coverage, certain, slopes, camera)
-    seen = tally.first >= 0
+    counts = _counted(coverage, certain, slopes, camera)
+    seen = counts.first >= 0
     when = np.full(seen.size, np.nan)
-    when[seen] = certain.times_s[tally.first[seen]]
+    when[seen] = certain.times_s[counts.first[seen]]
     exact = camera.offset_m == 0.0 and camera.turn_rad == 0.0
-    possible = seen if exact else seen | (tally.possible >= camera.looks)
+    possible = seen if exact else seen | (counts.possible >= camera.needed)
     doubtful = observations.where(~observations.known)
     by_attitude = possibly_seen(coverage, doubtful) if len(doubtful) else np.zeros(seen.size, dtype=bool)
     return FlownCoverage(
         seen=seen,
-        surely_seen=seen if exact else seen & (tally.sure >= camera.looks),
+        surely_seen=seen if exact else seen & (counts.sure >= camera.needed),
         possibly_seen=possible | by_attitude,
         possibly_by_attitude=by_attitude & ~seen,
         first_seen_s=when,
-        passes=tally.passes,
-        nearest_m=_finite(tally.nearest_m),
-        ground_sample_m=_finite(tally.ground_sample_m),
+        passes=counts.passes,
+        nearest_m=_finite(counts.nearest_m),
+        ground_sample_m=_finite(counts.ground_sample_m),
         # Rounding may leave a cosine slightly above 1.
-        incidence_deg=np.where(seen, np.degrees(np.arccos(np.clip(tally.cos_incidence, -1.0, 1.0))), np.nan),
-        outcome=tally.outcome,
+        incidence_deg=np.where(seen, np.degrees(np.arccos(np.clip(counts.cos_incidence, -1.0, 1.0))), np.nan),
+        outcome=counts.outcome,
     )
 
 
@@ -90,8 +90,8 @@ def possibly_seen(coverage: CoverageMap, observations: Observations) -> BoolArra
     camera = _camera(coverage, slopes)
     if isinstance(site.scenario.sensor, CameraSensor):
         camera = camera._replace(turn_rad=max(camera.turn_rad, float(np.radians(MAX_LEAN_DEG))))
-    tally = _tallied(coverage, observations, slopes, camera)
-    return np.asarray((tally.first >= 0) | (tally.possible > 0))
+    counts = _counted(coverage, observations, slopes, camera)
+    return np.asarray((counts.first >= 0) | (counts.possible > 0))
 
 
 def joining_shifts_s(
@@ -133,18 +133,22 @@ def joined_observations(parts: Sequence[Observations], shifts_s: Sequence[float]
     )
 
 
-def _tallied(coverage: CoverageMap, observations: Observations, slopes: LocalSlopes, camera: Camera) -> Tally:
-    tally: Tally = kernels.empty_tally(coverage.grid.count, camera.looks)
+def _counted(
+    coverage: CoverageMap, observations: Observations, slopes: LocalSlopes, camera: Camera
+) -> ObservationCounts:
+    counts: ObservationCounts = kernels.no_observations(coverage.grid.count, camera.needed)
+
+    poses = SensorPoses(observations.places_m, observations.axes, observations.tops, observations.times_s)
 
     def add(first_row: int) -> None:
-        kernels.tally_rows(
+        kernels.count_rows(
             coverage.site.ground.surface, slopes, coverage.sight, camera, coverage.grid.cells,
-            observations.places_m, observations.axes, observations.tops, observations.times_s, first_row, WORKERS, tally,
+            poses, (first_row, WORKERS), counts,
         )  # fmt: skip
 
     with ThreadPoolExecutor(WORKERS) as executor:
         list(executor.map(add, range(WORKERS)))
-    return tally
+    return counts
 
 
 def _camera(coverage: CoverageMap, slopes: LocalSlopes) -> Camera:
@@ -162,7 +166,7 @@ def _camera(coverage: CoverageMap, slopes: LocalSlopes) -> Camera:
         horizontal_m=horizontal,
         lift_m=lift,
         turn_rad=float(np.radians(uncertainty.attitude_deg)) if isinstance(sensor, CameraSensor) else 0.0,
-        looks=wanted.looks,
+        needed=wanted.looks,
         apart_m=wanted.look_distance_m or 0.0,
     )
 

@@ -15,26 +15,21 @@ from numpy.typing import NDArray
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.nadir_visibility import compare, make_changes
 from uavcover.kernels.route_state import (
-    ALONG_PATH,
     WIDEST,
-    Draft,
-    Task,
-    allowed_leg,
-    allowed_place,
-    distance,
+    RouteState,
     exchange_allowed,
     keep_apart,
     keep_exchange,
-    list_span,
-    place,
+    list_visible,
     reverse_order,
     reverse_rows,
-    span_count,
+    segment_count,
     transfer,
     try_exchange,
     weigh,
 )
 from uavcover.kernels.route_state_cost import exchange_cost, reversal_cost, transfer_cost
+from uavcover.kernels.search_problem import ALONG_PATH, SearchProblem, allowed_leg, allowed_place, distance, place
 from uavcover.kernels.sight import FRUSTUM, Sight
 from uavcover.kernels.surface import height_above, up_above
 
@@ -48,7 +43,7 @@ class Prices(NamedTuple):
     """What the energy is made of.
 
     Attributes:
-        way: of what the way costs: metres, or what else the task makes small.
+        way: of what the way costs: metres, or what else the problem makes small.
         waypoint: of each waypoint.
         coverage: of the share that is missing to the goal.
         goal: share of the counted cells, 0..1, beyond which more is worth nothing.
@@ -81,14 +76,16 @@ class Schedule(NamedTuple):
 
 
 @kernel
-def anneal(task: Task, prices: Prices, schedule: Schedule, draft: Draft, rng: np.random.Generator) -> int:
-    """Change ``draft`` in place by so many proposals; returns how many were kept.
+def anneal(
+    problem: SearchProblem, prices: Prices, schedule: Schedule, state: RouteState, rng: np.random.Generator
+) -> int:
+    """Change ``state`` in place by so many proposals; returns how many were kept.
 
-    The draft must be counted (:func:`uavcover.kernels.route_state.recount`).
+    The route state must be counted (:func:`uavcover.kernels.route_state.recount`).
     """
     kept = 0
     cooling = math.log(schedule.coldest / schedule.hottest) / max(1, schedule.proposals - 1)
-    free_order = task.sensing != ALONG_PATH and task.room.legs == 0
+    free_order = problem.sensing != ALONG_PATH and problem.limits.legs == 0
     for number in range(schedule.proposals):
         temperature = schedule.hottest * math.exp(cooling * number)
         # How much the energy may rise: the Metropolis rule, solved for it.
@@ -96,11 +93,11 @@ def anneal(task: Task, prices: Prices, schedule: Schedule, draft: Draft, rng: np
         draw = rng.random()
         step = schedule.largest_step_m * math.exp(math.log(_SMALLEST_STEP) * rng.random())
         if draw < 0.10:
-            done = _turn_round(task, prices, draft, allowance, rng)
+            done = _turn_round(problem, prices, state, allowance, rng)
         elif free_order and draw < 0.35:
-            done = _transfer(task, prices, draft, allowance, step if draw < 0.25 else 0.0, rng)
+            done = _transfer(problem, prices, state, allowance, step if draw < 0.25 else 0.0, rng)
         else:
-            done = _exchange(task, prices, schedule, draft, allowance, step, rng)
+            done = _exchange(problem, prices, schedule, state, allowance, step, rng)
         if done:
             kept += 1
     return kept
@@ -114,25 +111,25 @@ def energy_of_share(prices: Prices, seen: float) -> float:
 
 @kernel
 def _exchange(
-    task: Task,
+    problem: SearchProblem,
     prices: Prices,
     schedule: Schedule,
-    draft: Draft,
+    state: RouteState,
     allowance: float,
     step: float,
     rng: np.random.Generator,
 ) -> bool:
     """Move, lift, shift, insert or remove; whether it was kept."""
-    n = draft.size[0]
+    n = state.size[0]
     kind = rng.random()
     first = int(rng.random() * n)
     last, fresh = first + 1, 1
     de, dn = step * rng.standard_normal(), step * rng.standard_normal()
     du = 0.5 * step * rng.standard_normal()
     if kind < 0.45:  # move
-        _put(task, draft, 0, first, de, dn, du if kind < 0.2 else 0.0)
+        _put(problem, state, 0, first, de, dn, du if kind < 0.2 else 0.0)
     elif kind < 0.60:  # height
-        _put(task, draft, 0, first, 0.0, 0.0, du)
+        _put(problem, state, 0, first, 0.0, 0.0, du)
     elif kind < 0.75:  # shift a stretch sideways, up or down
         fresh = min(n - first, 1 + int(rng.random() * WIDEST))
         last = first + fresh
@@ -141,88 +138,92 @@ def _exchange(
         else:
             de, dn = 0.0, 0.0
         for k in range(fresh):
-            _put(task, draft, k, first + k, de, dn, du)
+            _put(problem, state, k, first + k, de, dn, du)
     elif kind < 0.85:  # insert
         if n >= schedule.most:
             return False
-        if not _insertion(task, draft, first, de, dn, rng):
+        if not _insertion(problem, state, first, de, dn, rng):
             return False
-        last = first = first + 1 if task.sensing == ALONG_PATH or task.room.legs == 1 else _best_gap(draft, -1)
+        last = first = first + 1 if problem.sensing == ALONG_PATH or problem.limits.legs == 1 else _best_gap(state, -1)
     else:  # remove one, seldom more
         fresh = 0
         last = min(n, first + 1 + int(3.0 * rng.random() ** 3))
         if n - (last - first) < schedule.fewest:
             return False
-    return _settle(task, prices, draft, allowance, first, last, fresh)
+    return _settle(problem, prices, state, allowance, first, last, fresh)
 
 
 @kernel
-def _settle(task: Task, prices: Prices, draft: Draft, allowance: float, first: int, last: int, fresh: int) -> bool:
-    """Put the first ``fresh`` of draft.fresh in the place of waypoints first..last - 1; whether it was kept."""
-    if not exchange_allowed(task, draft, first, last, fresh):
+def _settle(
+    problem: SearchProblem, prices: Prices, state: RouteState, allowance: float, first: int, last: int, fresh: int
+) -> bool:
+    """Put the first ``fresh`` of state.fresh in the place of waypoints first..last - 1; whether it was kept."""
+    if not exchange_allowed(problem, state, first, last, fresh):
         return False
-    change = prices.way * exchange_cost(task, draft, first, last, fresh) + prices.waypoint * (fresh - (last - first))
-    before = energy_of_share(prices, draft.seen[0])
+    change = prices.way * exchange_cost(problem, state, first, last, fresh) + prices.waypoint * (fresh - (last - first))
+    before = energy_of_share(prices, state.seen[0])
     if change - before > allowance:
         return False  # even with the whole goal reached
-    gained, new = try_exchange(task, draft, first, last, fresh)
+    gained, new = try_exchange(problem, state, first, last, fresh)
     if new < 0:
         return False
-    if change + energy_of_share(prices, draft.seen[0] + gained) - before > allowance:
+    if change + energy_of_share(prices, state.seen[0] + gained) - before > allowance:
         return False
-    keep_exchange(task, draft, first, last, fresh, new, gained)
+    keep_exchange(problem, state, first, last, fresh, new, gained)
     return True
 
 
 @kernel
-def _put(task: Task, draft: Draft, k: int, waypoint: int, de: float, dn: float, du: float) -> None:
+def _put(problem: SearchProblem, state: RouteState, k: int, waypoint: int, de: float, dn: float, du: float) -> None:
     """Write into fresh[k] a waypoint moved on the map, at the same height above ground, and by ``du`` up."""
-    e, n, u = place(draft.route, waypoint)
+    e, n, u = place(state.route, waypoint)
     if de != 0.0 or dn != 0.0:
-        u = up_above(task.surface, e + de, n + dn, height_above(task.surface, e, n, u))
-    draft.fresh[k, 0], draft.fresh[k, 1], draft.fresh[k, 2] = e + de, n + dn, u + du
+        u = up_above(problem.surface, e + de, n + dn, height_above(problem.surface, e, n, u))
+    state.fresh[k, 0], state.fresh[k, 1], state.fresh[k, 2] = e + de, n + dn, u + du
 
 
 @kernel
-def _insertion(task: Task, draft: Draft, at: int, de: float, dn: float, rng: np.random.Generator) -> bool:
+def _insertion(
+    problem: SearchProblem, state: RouteState, at: int, de: float, dn: float, rng: np.random.Generator
+) -> bool:
     """Write a waypoint to insert into fresh[0]: where the order is free near a cell that nobody sees, or else beside a leg."""
-    if task.sensing != ALONG_PATH and task.room.legs == 0 and _near_a_gap(task, draft, de, dn, rng):
+    if problem.sensing != ALONG_PATH and problem.limits.legs == 0 and _near_a_gap(problem, state, de, dn, rng):
         return True
-    if at + 1 >= draft.size[0]:
+    if at + 1 >= state.size[0]:
         return False
     t = rng.random()
-    pe, pn, pu = place(draft.route, at)
-    qe, qn, qu = place(draft.route, at + 1)
+    pe, pn, pu = place(state.route, at)
+    qe, qn, qu = place(state.route, at + 1)
     e, n, u = pe + t * (qe - pe), pn + t * (qn - pn), pu + t * (qu - pu)
-    u = up_above(task.surface, e + de, n + dn, height_above(task.surface, e, n, u))
-    draft.fresh[0, 0], draft.fresh[0, 1], draft.fresh[0, 2] = e + de, n + dn, u
+    u = up_above(problem.surface, e + de, n + dn, height_above(problem.surface, e, n, u))
+    state.fresh[0, 0], state.fresh[0, 1], state.fresh[0, 2] = e + de, n + dn, u
     return True
 
 
 @kernel
-def _near_a_gap(task: Task, draft: Draft, de: float, dn: float, rng: np.random.Generator) -> bool:
+def _near_a_gap(problem: SearchProblem, state: RouteState, de: float, dn: float, rng: np.random.Generator) -> bool:
     """Write a place near a cell that is not seen often enough into fresh[0], at any allowed height; False when none was met."""
     for _ in range(_TRIES_FOR_A_GAP):
-        cell = int(rng.random() * task.square.size)
-        square = task.square[cell]
-        if draft.counts[square] < task.looks and task.weight[square] > 0.0:
-            e, n = task.cells.centre_m[cell, 0] + de, task.cells.centre_m[cell, 1] + dn
-            low = max(up_above(task.surface, e, n, task.room.lowest_agl_m), task.room.lowest_up_m)
-            high = min(up_above(task.surface, e, n, task.room.highest_agl_m), task.room.highest_up_m)
-            draft.fresh[0, 0], draft.fresh[0, 1] = e, n
-            draft.fresh[0, 2] = low + rng.random() * (high - low)
+        cell = int(rng.random() * problem.square.size)
+        square = problem.square[cell]
+        if state.counts[square] < problem.needed and problem.weight[square] > 0.0:
+            e, n = problem.cells.centre_m[cell, 0] + de, problem.cells.centre_m[cell, 1] + dn
+            low = max(up_above(problem.surface, e, n, problem.limits.lowest_agl_m), problem.limits.lowest_up_m)
+            high = min(up_above(problem.surface, e, n, problem.limits.highest_agl_m), problem.limits.highest_up_m)
+            state.fresh[0, 0], state.fresh[0, 1] = e, n
+            state.fresh[0, 2] = low + rng.random() * (high - low)
             return True
     return False
 
 
 @kernel
-def _best_gap(draft: Draft, without: int) -> int:
+def _best_gap(state: RouteState, without: int) -> int:
     """Before which waypoint fresh[0] makes the route longest by least, the route taken without one of its waypoints.
 
     Numbers count the route as it is; ``without`` -1 leaves none out. The end of the route is its size.
     """
-    n = draft.size[0]
-    p = place(draft.fresh, 0)
+    n = state.size[0]
+    p = place(state.fresh, 0)
     best, best_at = math.inf, 0
     before = -1
     for k in range(n + 1):
@@ -230,11 +231,11 @@ def _best_gap(draft: Draft, without: int) -> int:
             continue
         longer = 0.0
         if before >= 0:
-            longer += distance(place(draft.route, before), p)
+            longer += distance(place(state.route, before), p)
         if k < n:
-            longer += distance(p, place(draft.route, k))
+            longer += distance(p, place(state.route, k))
             if before >= 0:
-                longer -= distance(place(draft.route, before), place(draft.route, k))
+                longer -= distance(place(state.route, before), place(state.route, k))
         if longer < best:
             best, best_at = longer, k
         before = k
@@ -243,68 +244,70 @@ def _best_gap(draft: Draft, without: int) -> int:
 
 @kernel
 def _transfer(
-    task: Task, prices: Prices, draft: Draft, allowance: float, step: float, rng: np.random.Generator
+    problem: SearchProblem, prices: Prices, state: RouteState, allowance: float, step: float, rng: np.random.Generator
 ) -> bool:
     """Put a waypoint where the order is shortest for it; with a step: at a cell that nobody sees. Whether it was kept."""
-    n = draft.size[0]
+    n = state.size[0]
     if n < 3:
         return False
     at = int(rng.random() * n)
     if step > 0.0:
-        if not _near_a_gap(task, draft, step * rng.standard_normal(), step * rng.standard_normal(), rng):
+        if not _near_a_gap(problem, state, step * rng.standard_normal(), step * rng.standard_normal(), rng):
             return False
-        if not allowed_place(task, place(draft.fresh, 0)):
+        if not allowed_place(problem, place(state.fresh, 0)):
             return False
-        if task.apart_m > 0.0 and not keep_apart(task, draft, at, at + 1, 1):
+        if problem.apart_m > 0.0 and not keep_apart(problem, state, at, at + 1, 1):
             return False
     else:
-        draft.fresh[0, 0], draft.fresh[0, 1], draft.fresh[0, 2] = place(draft.route, at)
-    to = _best_gap(draft, at)
-    change = prices.way * transfer_cost(task, draft, at, to)
+        state.fresh[0, 0], state.fresh[0, 1], state.fresh[0, 2] = place(state.route, at)
+    to = _best_gap(state, at)
+    change = prices.way * transfer_cost(problem, state, at, to)
     if step > 0.0:
-        share = energy_of_share(prices, draft.seen[0])
-        gained, new = try_exchange(task, draft, at, at + 1, 1)
+        share = energy_of_share(prices, state.seen[0])
+        gained, new = try_exchange(problem, state, at, at + 1, 1)
         if new < 0:
             return False
-        if change + energy_of_share(prices, draft.seen[0] + gained) - share > allowance:
+        if change + energy_of_share(prices, state.seen[0] + gained) - share > allowance:
             return False
-        keep_exchange(task, draft, at, at + 1, 1, new, gained)
+        keep_exchange(problem, state, at, at + 1, 1, new, gained)
     elif to in (at, at + 1) or change > allowance:
         return False
-    transfer(draft, at, to - 1 if to > at else to)
+    transfer(state, at, to - 1 if to > at else to)
     return True
 
 
 @kernel
-def _turn_round(task: Task, prices: Prices, draft: Draft, allowance: float, rng: np.random.Generator) -> bool:
+def _turn_round(
+    problem: SearchProblem, prices: Prices, state: RouteState, allowance: float, rng: np.random.Generator
+) -> bool:
     """Fly a stretch of the route the other way round (2-opt); of two waypoints: a swap. Whether it was kept."""
-    n = draft.size[0]
+    n = state.size[0]
     i, j = int(rng.random() * n), int(rng.random() * n)
     if i > j:
         i, j = j, i
     if i == j or (i == 0 and j == n - 1):
         return False
-    if task.sensing == ALONG_PATH and _shows_more_one_way(task.sight):
+    if problem.sensing == ALONG_PATH and _shows_more_one_way(problem.sight):
         # Every leg of the stretch shows other cells on the way back: all are exchanged, and so the stretch is short.
         count = min(j - i + 1, WIDEST)
         for k in range(count):
-            draft.fresh[k, 0], draft.fresh[k, 1], draft.fresh[k, 2] = place(draft.route, i + count - 1 - k)
-        return _settle(task, prices, draft, allowance, i, i + count, count)
-    p, q = place(draft.route, i), place(draft.route, j)
-    change = prices.way * reversal_cost(task, draft, i, j)
-    share = energy_of_share(prices, draft.seen[0])
+            state.fresh[k, 0], state.fresh[k, 1], state.fresh[k, 2] = place(state.route, i + count - 1 - k)
+        return _settle(problem, prices, state, allowance, i, i + count, count)
+    p, q = place(state.route, i), place(state.route, j)
+    change = prices.way * reversal_cost(problem, state, i, j)
+    share = energy_of_share(prices, state.seen[0])
     if change - share > allowance:
         return False
-    if (i > 0 and not allowed_leg(task, place(draft.route, i - 1), q)) or (
-        j < n - 1 and not allowed_leg(task, p, place(draft.route, j + 1))
+    if (i > 0 and not allowed_leg(problem, place(state.route, i - 1), q)) or (
+        j < n - 1 and not allowed_leg(problem, p, place(state.route, j + 1))
     ):
         return False
-    if task.sensing == ALONG_PATH:
-        return _turn_legs_round(task, prices, draft, i, j, allowance - change + share)
+    if problem.sensing == ALONG_PATH:
+        return _turn_legs_round(problem, prices, state, i, j, allowance - change + share)
     if change > allowance:
         return False
-    reverse_order(draft.slot, i, j)
-    reverse_rows(draft.route, i, j)
+    reverse_order(state.slot, i, j)
+    reverse_rows(state.route, i, j)
     return True
 
 
@@ -315,56 +318,56 @@ def _shows_more_one_way(sight: Sight) -> bool:
 
 
 @kernel
-def _turn_legs_round(task: Task, prices: Prices, draft: Draft, i: int, j: int, most: float) -> bool:
+def _turn_legs_round(problem: SearchProblem, prices: Prices, state: RouteState, i: int, j: int, most: float) -> bool:
     """Turn waypoints i..j round where legs see, if what is then missing costs no more than ``most``."""
-    n = draft.size[0]
-    spans = span_count(task, n)
-    p, q = place(draft.route, i), place(draft.route, j)
+    n = state.size[0]
+    segments = segment_count(problem, n)
+    p, q = place(state.route, i), place(state.route, j)
     new = 0
     if i > 0:
-        if not list_span(task, draft, spans, place(draft.route, i - 1), q):
+        if not list_visible(problem, state, segments, place(state.route, i - 1), q):
             return False
         new = 1
     if j < n - 1:
-        if not list_span(task, draft, spans + new, p, place(draft.route, j + 1)):
+        if not list_visible(problem, state, segments + new, p, place(state.route, j + 1)):
             return False
         new += 1
-    gained = _compare_ends(task, draft, i, j, spans, new)
-    if energy_of_share(prices, draft.seen[0] + gained) > most:
+    gained = _compare_ends(problem, state, i, j, segments, new)
+    if energy_of_share(prices, state.seen[0] + gained) > most:
         return False
-    make_changes(draft.changes, draft.changed[0], draft.counts)
+    make_changes(state.changes, state.changed[0], state.counts)
     if i > 0:
-        draft.slot[i - 1], draft.slot[spans] = draft.slot[spans], draft.slot[i - 1]
+        state.slot[i - 1], state.slot[segments] = state.slot[segments], state.slot[i - 1]
     if j < n - 1:
-        free = spans + new - 1
-        draft.slot[j], draft.slot[free] = draft.slot[free], draft.slot[j]
-    reverse_order(draft.slot, i, j - 1)
-    reverse_rows(draft.route, i, j)
-    draft.seen[0] += gained
+        free = segments + new - 1
+        state.slot[j], state.slot[free] = state.slot[free], state.slot[j]
+    reverse_order(state.slot, i, j - 1)
+    reverse_rows(state.route, i, j)
+    state.seen[0] += gained
     return True
 
 
 @kernel
-def _compare_ends(task: Task, draft: Draft, i: int, j: int, spans: int, new: int) -> float:
-    """Change of the weight that is seen when the legs before waypoint i and behind j give way to the sets behind the spans."""
+def _compare_ends(problem: SearchProblem, state: RouteState, i: int, j: int, segments: int, new: int) -> float:
+    """Change of the weight that is seen when the legs before waypoint i and behind j give way to the sets behind the segments."""
     olds = 0
     if i > 0:
-        draft.sets[olds, 0] = draft.slot[i - 1]
+        state.sets[olds, 0] = state.slot[i - 1]
         olds += 1
-    if j < draft.size[0] - 1:
-        draft.sets[olds, 0] = draft.slot[j]
+    if j < state.size[0] - 1:
+        state.sets[olds, 0] = state.slot[j]
         olds += 1
     for k in range(new):
-        draft.sets[olds + k, 0] = draft.slot[spans + k]
-    draft.changed[0] = compare(draft.runs, draft.sizes, draft.sets, olds, new, draft.changes)
-    return weigh(task, draft)
+        state.sets[olds + k, 0] = state.slot[segments + k]
+    state.changed[0] = compare(state.runs, state.sizes, state.sets, olds, new, state.changes)
+    return weigh(problem, state)
 
 
 @kernel
-def snapshot(draft: Draft) -> NDArray[np.float64]:
+def snapshot(state: RouteState) -> NDArray[np.float64]:
     """(n, 3) the waypoints as they are."""
-    out = np.empty((draft.size[0], 3))
-    for k in range(draft.size[0]):
+    out = np.empty((state.size[0], 3))
+    for k in range(state.size[0]):
         for axis in range(3):
-            out[k, axis] = draft.route[k, axis]
+            out[k, axis] = state.route[k, axis]
     return out

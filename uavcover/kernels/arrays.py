@@ -7,3 +7,6 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 ByteArray = NDArray[np.uint8]
+
+Point = tuple[float, float, float]
+"""East, north, up, metres."""

@@ -1,4 +1,4 @@
-"""Which cells does a route see? One loop over the looks, one over the cells in reach of each.
+"""Which cells a route sees: one loop over the observations, one over the cells in reach of each.
 
 The cells lie on a square lattice; ``lattice`` maps its rows and columns to cell numbers, -1 where there is no cell.
 """
@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import Point
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.obstacles import keeps_clear
 from uavcover.kernels.sight import MIDPOINT, RAY, Aim, Sight, horizontal_reach, in_view, level_aim
@@ -68,17 +69,17 @@ def sees(
 @kernel
 def in_line_of_sight(surface: Surface, sight: Sight, eye: NDArray[np.float64], centre: NDArray[np.float64]) -> bool:
     """Whether neither ground nor an obstacle stands between ``eye`` (3,) and the centre (3,) of a cell."""
-    return nothing_between(surface, sight, math.inf, eye[0], eye[1], eye[2], centre[0], centre[1], centre[2])
+    p, q = (eye[0], eye[1], eye[2]), (centre[0], centre[1], centre[2])
+    return nothing_between(surface, sight, math.inf, p, q)
 
 
 @kernel
-def nothing_between(
-    surface: Surface, sight: Sight, horizon: float, ee: float, en: float, eu: float, ce: float, cn: float, cu: float
-) -> bool:
+def nothing_between(surface: Surface, sight: Sight, horizon: float, eye: Point, centre: Point) -> bool:
     """:func:`in_line_of_sight` by coordinates, with the cell's own ``horizon`` (infinite: not known)."""
+    (ee, en, eu), (ce, cn, cu) = eye, centre
     if sight.line_of_sight == RAY:
         if not eu - cu >= horizon * math.hypot(ee - ce, en - cn) and not keeps_clear(
-            surface.obstacles, ee, en, eu, ce, cn, cu, 0.0, 0.0
+            surface.obstacles, eye, centre, 0.0, 0.0
         ):
             return False
         if eu - cu >= surface.steepest * math.hypot(ee - ce, en - cn) and has_node_cell(surface, ee, en, eu):
@@ -94,7 +95,7 @@ def nothing_between(
 def _open_columns(cells: Cells, first: NDArray[np.int64]) -> NDArray[np.int32]:
     """(rows, columns + 1) for each place of the lattice, the next column, itself included, with a cell not yet seen.
 
-    ``columns`` stands for none. :func:`_look` keeps the table up to date and jumps over runs of seen cells: along a path
+    ``columns`` stands for none. :func:`_observe` keeps the table up to date and jumps over runs of seen cells: along a path
     seven of ten cells in reach were seen from the place before.
     """
     rows, columns = cells.lattice.shape
@@ -108,19 +109,18 @@ def _open_columns(cells: Cells, first: NDArray[np.int64]) -> NDArray[np.int32]:
 
 
 @kernel
-def _look(
+def _observe(
     surface: Surface,
     sight: Sight,
     cells: Cells,
     aim: Aim,
-    ee: float,
-    en: float,
-    eu: float,
+    eye: Point,
     number: int,
     first: NDArray[np.int64],
     table: NDArray[np.int32],
 ) -> int:
-    """Set ``first`` (n,) to ``number`` for every open cell that is seen from (ee, en, eu), and close it in ``table``."""
+    """Set ``first`` (n,) to ``number`` for every open cell that is seen from ``eye``, and close it in ``table``."""
+    ee, en, eu = eye
     if not math.isfinite(ee + en + eu):
         return 0
     rows, columns = cells.lattice.shape
@@ -145,7 +145,7 @@ def _look(
             ce, cn, cu = centre[cell, 0], centre[cell, 1], centre[cell, 2]
             if in_view(
                 sight, aim, ee - ce, en - cn, eu - cu, normal[cell, 0], normal[cell, 1], normal[cell, 2]
-            ) and nothing_between(surface, sight, cells.horizon[cell], ee, en, eu, ce, cn, cu):
+            ) and nothing_between(surface, sight, cells.horizon[cell], eye, (ce, cn, cu)):
                 first[cell] = number
                 table[i, j] = j + 1
                 new += 1
@@ -161,20 +161,20 @@ def first_seen(
     eyes: NDArray[np.float64],
     headings: NDArray[np.float64],
 ) -> NDArray[np.int64]:
-    """(n,) number of the first look that sees each cell, -1 where none does.
+    """(n,) number of the first observation that sees each cell, -1 where none does.
 
     Args:
         surface: the ground.
         sight: the sensor.
         cells: of the area.
-        eyes: (m, 3) from where it looks.
+        eyes: (m, 3) from where it observes.
         headings: (m, 2) east and north, of any length: where the level vehicle heads there.
     """
     first = np.full(cells.centre_m.shape[0], -1, dtype=np.int64)
     table = _open_columns(cells, first)
     for k in range(eyes.shape[0]):
         aim = level_aim(sight, headings[k, 0], headings[k, 1])
-        _look(surface, sight, cells, aim, eyes[k, 0], eyes[k, 1], eyes[k, 2], k, first, table)
+        _observe(surface, sight, cells, aim, (eyes[k, 0], eyes[k, 1], eyes[k, 2]), k, first, table)
     return first
 
 
@@ -185,18 +185,18 @@ def seen_often(
     cells: Cells,
     eyes: NDArray[np.float64],
     headings: NDArray[np.float64],
-    looks: int,
+    needed: int,
     apart_m: float,
 ) -> NDArray[np.int64]:
-    """(n,) number of the look with which each cell has been seen ``looks`` times, -1 where it never is.
+    """(n,) number of the observation with which each cell has been seen ``needed`` times, -1 where it never is.
 
-    Looks are taken in their order; one that is nearer than ``apart_m`` to another that counted for the cell does not count.
+    Observations are taken in their order; one nearer than ``apart_m`` to another that counted for the cell does not count.
     See :func:`first_seen` for the rest.
     """
     rows, columns = cells.lattice.shape
     found = np.full(cells.centre_m.shape[0], -1, dtype=np.int64)
     times = np.zeros(cells.centre_m.shape[0], dtype=np.int64)
-    counted = np.zeros((cells.centre_m.shape[0], looks, 3))
+    counted = np.zeros((cells.centre_m.shape[0], needed, 3))
     # A little wider against rounding: in_view decides.
     reach = horizontal_reach(sight) + cells.scatter_m + 1e-6 * cells.size_m
     for k in range(eyes.shape[0]):
@@ -213,13 +213,13 @@ def seen_often(
                 min(columns - 1, math.floor((ee + reach - cells.east0_m) / cells.size_m)) + 1,
             ):
                 cell = cells.lattice[i, j]
-                if cell < 0 or times[cell] == looks or near_another(counted, cell, times[cell], apart_m, ee, en, eu):
+                if cell < 0 or times[cell] == needed or near_another(counted, cell, times[cell], apart_m, ee, en, eu):
                     continue
                 if sees(surface, sight, aim, eyes[k], cells.centre_m[cell], cells.normal[cell]):
                     counted[cell, times[cell], 0], counted[cell, times[cell], 1] = ee, en
                     counted[cell, times[cell], 2] = eu
                     times[cell] += 1
-                    if times[cell] == looks:
+                    if times[cell] == needed:
                         found[cell] = k
     return found
 
@@ -228,7 +228,7 @@ def seen_often(
 def near_another(
     counted: NDArray[np.float64], cell: int, times: int, apart_m: float, ee: float, en: float, eu: float
 ) -> bool:
-    """Whether a place is nearer than ``apart_m`` to one of the first ``times`` of (n, looks, 3) places of a cell."""
+    """Whether a place is nearer than ``apart_m`` to one of the first ``times`` of (n, needed, 3) places of a cell."""
     for k in range(times):
         de, dn, du = counted[cell, k, 0] - ee, counted[cell, k, 1] - en, counted[cell, k, 2] - eu
         if de * de + dn * dn + du * du < apart_m * apart_m:
@@ -244,7 +244,7 @@ def seen_from_points(
     eyes: NDArray[np.float64],
     headings: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """(n,) whether each cell is seen by any of the looks; see :func:`first_seen`."""
+    """(n,) whether each cell is seen by any of the observations; see :func:`first_seen`."""
     return first_seen(surface, sight, cells, eyes, headings) >= 0
 
 
@@ -289,12 +289,12 @@ def sees_each(
     centres: NDArray[np.float64],
     normals: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """(k,) whether each of k looks sees the cell of the same row; False where a place is not finite.
+    """(k,) whether each of k observations sees the cell of the same row; False where a place is not finite.
 
     Args:
         surface: the ground.
         sight: the sensor.
-        eyes: (k, 3) from where it looks.
+        eyes: (k, 3) from where it observes.
         headings: (k, 2) east and north, of any length: where the level vehicle heads there.
         centres: (k, 3) of the cells.
         normals: (k, 3) of the cells.

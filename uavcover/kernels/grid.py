@@ -1,19 +1,16 @@
-"""Elevation grids: from a place to a column and a row, and heights between nodes.
+"""Elevation grids: from a place in the local frame to a column and a row, and heights between the nodes.
 
-Where the nodes of a grid are: from a place in the local frame to a column and a row.
+The nodes are the pixels of the elevation file; nothing is resampled. A raster in degrees or in a projection lies turned,
+stretched and slightly bent in the local frame, so column and row are polynomials of the third degree in east and north: within
+10 km of latitude 60 they are exact to a hundredth of a millimetre, where the second degree errs by 6 mm.
 
-The ground keeps the pixels of its file as nodes; nothing is resampled. A raster in degrees or in a projection lies turned,
-stretched and a little bent in the local frame, so column and row are polynomials of the third degree in east and north:
-within 10 km of latitude 60 that is exact to a hundredth of a millimetre, where the second degree errs by 6 mm.
-
-Height above ground is measured along the plumb line, which is how an elevation file means it: the height above sea level of a
-place less that of the file at its latitude and longitude. Away from the origin a plumb line leans against the up axis, by the
-distance over the Earth's radius: 0.3 m on 500 m at 4 km. Each place is therefore first brought along its plumb line to one
+Height above ground is measured along the plumb line, as an elevation file means it: the height above sea level of a place
+minus that of the file at its latitude and longitude. Away from the origin a plumb line leans against the up axis by the
+distance over the Earth's radius: 0.3 m on 500 m at 4 km. Each place is therefore first moved along its plumb line to one
 level.
 
-Heights at the nodes of a grid, bilinear between them, in columns and rows: nothing here knows of metres.
-
-A node without data is NaN, and so is every place of a cell that touches one.
+Heights between nodes are bilinear, in columns and rows: that part knows nothing of metres. A node without data is NaN, and so
+is every place in a cell that touches one.
 """
 
 import math

@@ -1,17 +1,25 @@
-"""How every kernel is compiled, what it may take and keep, and where its machine code is cached.
+"""How kernels are compiled, what a kernel may take and keep, and where its machine code is cached.
 
-Where the machine code of kernels is kept between runs, so that it is never older than any of their sources.
+**What a kernel takes.** Numbers, NumPy arrays, tuples and NamedTuples of these, other kernels, and a ``np.random.Generator``;
+no dataclass, dictionary, string or callback. Arrays are C-contiguous and of the type that the annotation states; a read-only
+array and a writable one are two compiled versions. A group of values that belong together is a NamedTuple (``Surface``,
+``Sight``, ``Cells``, ``SearchProblem``): numba passes it as it is, at no cost.
 
-Numba's own cache looks at the file that a function stands in, and not at the files of the kernels it calls, which are compiled
-into it. Here one folder holds the machine code of one state of *all* kernel sources, of numba and of numpy; another state has
-another folder. The folder is beside the sources, or in the user's cache where that cannot be written to, or in
-``NUMBA_CACHE_DIR`` where that is set; with none of them kernels are compiled anew in every run.
+**What a kernel changes.** Nothing that it is given, unless its docstring says which array it writes. Working memory that
+outlives a call is a NamedTuple of arrays that owns them (``RouteState``), made by the caller and used by one thread at a
+time; its docstring names the owner.
 
-The compiler settings of every kernel, in one place.
+**What a kernel keeps.** Nothing between calls: no module state, no clock, no global random stream. Module constants are
+compiled in.
 
-No fastmath: no-data is NaN, and NaN must stay NaN. ``nogil`` lets threads evaluate routes side by side; the machine code is kept
-between runs (:mod:`uavcover.kernels.jit`). ``NUMBA_DISABLE_JIT=1`` turns all of it off, for debugging and for measuring test
-coverage.
+**Settings.** No fastmath: no-data is NaN, and NaN must stay NaN. ``nogil`` lets threads evaluate routes side by side.
+``NUMBA_DISABLE_JIT=1`` runs kernels as plain Python, for debugging and for measuring test coverage.
+
+**Cache.** Numba's own cache checks the file that a function stands in, but not the files of the kernels that are compiled
+into it. Here one folder holds the machine code for one state of *all* kernel sources, of numba and of numpy; another state
+has another folder, so machine code is never older than its sources. The folder is beside the sources, in the user's cache
+where that cannot be written to, or in ``NUMBA_CACHE_DIR`` where that is set; where none of them can be used, kernels are
+compiled in every run.
 """
 
 import contextlib

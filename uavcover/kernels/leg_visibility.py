@@ -1,9 +1,9 @@
-"""The cells that a stretch of a route sees, as a list: what a local search adds and takes away again.
+"""The cells that a leg or a place sees, as a list: what the local search adds and removes.
 
-A span is a leg whose sensor looks at regular samples along it, or a single place (both ends the same). The set of places from
-which a cell is in view is convex for every sensor here (a ball, a disc, a cone or a pyramid above the cell; a level vehicle keeps
-its heading along a leg), so the samples of a leg that see a cell are neighbours: their range is solved in closed form, and
-only inside it are samples tried. Along a straight leg each side plane of a pyramid is linear.
+A leg is observed from regular samples along it; a place is a leg whose ends coincide. The set of places from which a cell is
+in view is convex for every sensor here (a ball, a disc, a cone or a pyramid above the cell; a level vehicle keeps its heading
+along a leg), so the samples of a leg that see a cell are consecutive: their range is solved in closed form, and only inside
+it are samples tried. Along a straight leg each side plane of a pyramid is linear.
 """
 
 import math
@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import Point
 from uavcover.kernels.coverage import Cells, nothing_between
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.sight import CONE, DISC, FRUSTUM, Aim, Sight, horizontal_reach, in_round_view, in_view, level_aim
@@ -35,7 +36,7 @@ def list_cells(
     spacing: float,
     out: NDArray[np.int32],
 ) -> int:
-    """Write the numbers of the cells that are seen from the span p-q into ``out``; returns how many.
+    """Write the numbers of the cells that are seen from the leg p-q into ``out``; returns how many.
 
     Args:
         surface: the ground.
@@ -111,7 +112,7 @@ def list_cells(
                 )
             clear = always_clear and cells.horizon[cell] * widest <= 1.0
             if not (seen and clear) and (seen or pieces > 0 or picture):
-                seen = leg_sees_cell(surface, sight, cells, cell, p, de, dn, du, pieces, clear)
+                seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, clear)
             if seen:
                 if count == out.size:
                     return -1
@@ -126,14 +127,13 @@ def leg_sees_cell(
     sight: Sight,
     cells: Cells,
     cell: int,
-    p: tuple[float, float, float],
-    de: float,
-    dn: float,
-    du: float,
+    p: Point,
+    d: Point,
     pieces: int,
     always_clear: bool,
 ) -> bool:
-    """Whether any sample of the leg from p by (de, dn, du), cut in ``pieces``, sees the cell."""
+    """Whether any sample of the leg from p by d, cut in ``pieces``, sees the cell."""
+    de, dn, du = d
     ce, cn, cu = cells.centre_m[cell, 0], cells.centre_m[cell, 1], cells.centre_m[cell, 2]
     ae, an, au = p[0] - ce, p[1] - cn, p[2] - cu
     first, last = 0, pieces
@@ -153,7 +153,7 @@ def leg_sees_cell(
             )
             low, high = max(low, cone_low), min(high, cone_high)
         elif sight.kind == FRUSTUM:
-            low, high = _inside_picture(sight, level_aim(sight, de, dn), low, high, ae, an, au, de, dn, du)
+            low, high = _inside_picture(sight, level_aim(sight, de, dn), low, high, (ae, an, au), d)
         if low > high:
             return False
         first = max(0, math.ceil(low * pieces - _ROUNDING * pieces))
@@ -165,7 +165,7 @@ def leg_sees_cell(
     for away in range(last - first + 1):
         for k in (middle - away, middle + away):
             if first <= k <= last and _sample_sees(
-                surface, sight, cells, cell, ae, an, au, de, dn, du, k / max(pieces, 1), always_clear
+                surface, sight, cells, cell, (ae, an, au), d, k / max(pieces, 1), always_clear
             ):
                 return True
             if away == 0:
@@ -179,16 +179,13 @@ def _sample_sees(
     sight: Sight,
     cells: Cells,
     cell: int,
-    ae: float,
-    an: float,
-    au: float,
-    de: float,
-    dn: float,
-    du: float,
+    a: Point,
+    d: Point,
     t: float,
     always_clear: bool,
 ) -> bool:
-    """Whether the cell is seen from its own centre plus (ae, an, au) plus t (de, dn, du)."""
+    """Whether the cell is seen from its own centre plus a plus t d."""
+    (ae, an, au), (de, dn, du) = a, d
     e, n, u = ae + t * de, an + t * dn, au + t * du
     ne, nn, nu = cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2]
     if sight.kind == FRUSTUM:
@@ -200,7 +197,7 @@ def _sample_sees(
     if always_clear:
         return True
     ce, cn, cu = cells.centre_m[cell, 0], cells.centre_m[cell, 1], cells.centre_m[cell, 2]
-    return nothing_between(surface, sight, cells.horizon[cell], ce + e, cn + n, cu + u, ce, cn, cu)
+    return nothing_between(surface, sight, cells.horizon[cell], (ce + e, cn + n, cu + u), (ce, cn, cu))
 
 
 @kernel
@@ -216,13 +213,12 @@ def _inside(a: float, b: float, c: float) -> tuple[float, float]:
 
 
 @kernel
-def _inside_picture(
-    sight: Sight, aim: Aim, low: float, high: float, ae: float, an: float, au: float, de: float, dn: float, du: float
-) -> tuple[float, float]:
+def _inside_picture(sight: Sight, aim: Aim, low: float, high: float, a: Point, d: Point) -> tuple[float, float]:
     """The part of low..high, 0..1 of a leg, on which a cell is between the four side planes of the picture.
 
-    The sensor is at (ae, an, au) + t (de, dn, du) from the cell. Empty (low above high) where the camera's turn is not known.
+    The sensor is at a + t d from the cell. Empty (low above high) where the camera's turn is not known.
     """
+    (ae, an, au), (de, dn, du) = a, d
     depth = -(ae * aim.axis_e + an * aim.axis_n + au * aim.axis_u)
     deeper = -(de * aim.axis_e + dn * aim.axis_n + du * aim.axis_u)
     across = ae * aim.right_e + an * aim.right_n + au * aim.right_u

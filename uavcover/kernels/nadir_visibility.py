@@ -1,18 +1,15 @@
-"""What a camera that looks straight down sees from a leg, as runs of cells, and how counts change with them.
+"""What a camera that looks straight down sees from a leg, as runs of squares, and how counts change with them.
 
-Sets of squares as runs, and what changes in the counts when some sets give way to others.
-
-A set is a rising row of numbers: the first square of a run, the first square behind it, the first of the next run, and so on.
-Squares are the places of a lattice, row * columns + column, so what a camera sees of a row of cells is one run or few.
-
-What a camera that looks straight down sees from a leg, as runs of squares: the quick way of
-:mod:`uavcover.kernels.leg_visibility`.
+This is the fast path of :mod:`uavcover.kernels.leg_visibility`. Squares are the places of a lattice, row * columns + column,
+so what a camera sees of a row of cells is one run or a few. A set of squares is a rising row of numbers: the first square of
+a run, the first square behind it, the first of the next run, and so on. When some sets replace others, only their differences
+change counts.
 
 A cell c is inside the cone of the sample at s metres along the leg when |c - P(s)| <= tan (u(s) - z_c), on the map. The left
-side is convex in s and the right one linear, so their difference has one smallest value, at a known place, and of the
-samples along the leg one of the two beside that place is the best. Two tests decide, whatever the number of samples.
-Cells for which more than the cone counts (rays that are not steep enough, incidence, range, ground sample distance) are tried
-one by one.
+side is convex in s and the right side linear, so their difference has one smallest value, at a known place, and of the
+samples along the leg one of the two beside that place is the best. Two tests decide, whatever the number of samples. Cells
+for which more than the cone counts (rays that are not steep enough, incidence, range, ground sample distance) are tried one
+by one.
 """
 
 import math
@@ -228,7 +225,7 @@ def list_cone_runs(
     row: NDArray[np.uint8],
     out: NDArray[np.int32],
 ) -> int:
-    """Write the runs of squares that are seen from the span p-q into ``out``; returns how many numbers were written.
+    """Write the runs of squares that are seen from the leg p-q into ``out``; returns how many numbers were written.
 
     Args:
         surface: the ground.
@@ -271,7 +268,7 @@ def list_cone_runs(
             if row[j - first] == _TO_BE_TRIED:
                 cell = cells.lattice[i, j]
                 clear = max(surface.steepest, cells.horizon[cell]) * tan <= 1.0
-                seen = leg_sees_cell(surface, sight, cells, cell, p, de, dn, du, pieces, clear)
+                seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, clear)
             if seen != inside:
                 if count == out.size:
                     return -1

@@ -29,6 +29,31 @@ def _squared_distance_above(x: FloatArray, i: int, j: int, limit: float) -> bool
 
 
 @kernel
+def _below_and_above(objectives: FloatArray, i: int, j: int) -> tuple[bool, bool]:
+    """Whether row i is below, and whether it is above row j in some objective."""
+    less, more = False, False
+    for k in range(objectives.shape[1]):
+        if objectives[i, k] < objectives[j, k]:
+            less = True
+        elif objectives[i, k] > objectives[j, k]:
+            more = True
+        if less and more:
+            break
+    return less, more
+
+
+@kernel
+def _measure_to_earlier(x: FloatArray, columns: FloatArray, i: int, away: FloatArray) -> None:
+    """Write the squared distances of row i to rows 0..i - 1 into ``away``."""
+    for j in range(i):
+        away[j] = 0.0
+    for k in range(len(columns)):
+        column, own = columns[k], x[i, k]
+        for j in range(i):
+            away[j] += (own - column[j]) ** 2
+
+
+@kernel
 def niche_survivors(
     x: FloatArray, objectives: FloatArray, start: int, radius: float, slack: FloatArray, spacing: float
 ) -> BoolArray:
@@ -57,23 +82,11 @@ def niche_survivors(
     away = np.zeros(n)  # squared distances of row i
     for i in range(start, n):
         if reach < np.inf:
-            for j in range(i):
-                away[j] = 0.0
-            for k in range(len(columns)):
-                column, own = columns[k], x[i, k]
-                for j in range(i):
-                    away[j] += (own - column[j]) ** 2
+            _measure_to_earlier(x, columns, i, away)
         for j in range(i):
             if gone[j] or away[j] > reach * reach:
                 continue
-            less, more = False, False  # whether i is below, above j in some objective
-            for k in range(m):
-                if objectives[i, k] < objectives[j, k]:
-                    less = True
-                elif objectives[i, k] > objectives[j, k]:
-                    more = True
-                if less and more:
-                    break
+            less, more = _below_and_above(objectives, i, j)
             if less == more:
                 if _squared_distance_above(x, i, j, spacing * spacing):
                     continue
@@ -146,6 +159,40 @@ def _cells_along(x: FloatArray, other_x: FloatArray, k: int, least: float) -> tu
 
 
 @kernel
+def _grouped(cell_of: IntArray, totals: FloatArray, cells: int) -> tuple[IntArray, IntArray]:
+    """Rows by cell, and by total inside a cell: where each cell begins, ``(cells + 1,)``, and ``(k,)`` row numbers."""
+    starts = np.zeros(cells + 1, np.int64)
+    for cell in cell_of:
+        starts[cell + 1] += 1
+    starts = np.cumsum(starts)
+    free, order = starts.copy(), np.empty(len(cell_of), np.int64)
+    for j in np.argsort(totals):
+        order[free[cell_of[j]]] = j
+        free[cell_of[j]] += 1
+    return starts, order
+
+
+@kernel
+def _within(x: FloatArray, i: int, other_x: FloatArray, j: int, radius: float) -> bool:
+    """Whether row i of ``x`` and row j of ``other_x`` are at most ``radius`` apart."""
+    total = 0.0
+    for k in range(x.shape[1]):
+        total += (x[i, k] - other_x[j, k]) ** 2
+    return total <= radius * radius
+
+
+@kernel
+def _dominates(better: FloatArray, j: int, objectives: FloatArray, i: int) -> bool:
+    """Whether row j of ``better`` dominates row i of ``objectives``."""
+    below = False
+    for k in range(objectives.shape[1]):
+        if better[j, k] > objectives[i, k]:
+            return False
+        below = below or better[j, k] < objectives[i, k]
+    return below
+
+
+@kernel
 def dominated_near(
     x: FloatArray, objectives: FloatArray, other_x: FloatArray, other_objectives: FloatArray, radius: float
 ) -> BoolArray:
@@ -163,7 +210,7 @@ def dominated_near(
     Returns:
         ``(n,)``; O(n k (d + m)).
     """
-    n, m = objectives.shape
+    n = len(objectives)
     dominated = np.zeros(n, np.bool_)
     if n == 0 or len(other_x) == 0:
         return dominated
@@ -177,15 +224,8 @@ def dominated_near(
         for j in range(len(other_x)):
             other_cells[k, j] = others[j]
     totals, other_totals = _row_sums(objectives), _row_sums(other_objectives)
-    starts = np.zeros(counts[0] * counts[1] * counts[2] + 1, np.int64)
     cell_of = (other_cells[0] * counts[1] + other_cells[1]) * counts[2] + other_cells[2]
-    for cell in cell_of:
-        starts[cell + 1] += 1
-    starts = np.cumsum(starts)
-    free, order = starts.copy(), np.empty(len(other_x), np.int64)
-    for j in np.argsort(other_totals):
-        order[free[cell_of[j]]] = j
-        free[cell_of[j]] += 1
+    starts, order = _grouped(cell_of, other_totals, counts[0] * counts[1] * counts[2])
     for i in range(n):
         for a in range(max(0, cells[0, i] - 1), min(counts[0], cells[0, i] + 2)):
             for b in range(max(0, cells[1, i] - 1), min(counts[1], cells[1, i] + 2)):
@@ -195,19 +235,9 @@ def dominated_near(
                         j = order[q]
                         if other_totals[j] > totals[i]:
                             break  # what dominates has no larger sum
-                        below, not_above = False, True
-                        for k in range(m):
-                            if other_objectives[j, k] > objectives[i, k]:
-                                not_above = False
-                                break
-                            below = below or other_objectives[j, k] < objectives[i, k]
-                        if below and not_above:
-                            total = 0.0
-                            for k in range(x.shape[1]):
-                                total += (x[i, k] - other_x[j, k]) ** 2
-                            if total <= radius * radius:
-                                dominated[i] = True
-                                break
+                        if _dominates(other_objectives, j, objectives, i) and _within(x, i, other_x, j, radius):
+                            dominated[i] = True
+                            break
                     if dominated[i]:
                         break
                 if dominated[i]:
@@ -255,6 +285,25 @@ def _two_nearest(points: FloatArray, medoids: IntArray, i: int) -> tuple[int, in
 
 
 @kernel
+def _find_two_nearest(
+    points: FloatArray, medoids: IntArray, one: IntArray, two: IntArray, near: FloatArray, next_near: FloatArray
+) -> None:
+    """Write the two nearest medoids of every row, and how far away they are, into the last four arrays."""
+    for i in range(len(points)):
+        one[i], two[i], near[i], next_near[i] = _two_nearest(points, medoids, i)
+
+
+@kernel
+def _cheapest_loss(loss: FloatArray, fixed: int) -> int:
+    """The medoid behind the first ``fixed`` whose loss costs least; -1 when there is none."""
+    worst = -1
+    for q in range(fixed, len(loss)):
+        if worst == -1 or loss[q] < loss[worst]:
+            worst = q
+    return worst
+
+
+@kernel
 def two_space_medoids(
     x: FloatArray,
     f: FloatArray,
@@ -290,8 +339,7 @@ def two_space_medoids(
     one, two = np.empty((2, n), np.int64), np.empty((2, n), np.int64)
     near, next_near, away = np.empty((2, n)), np.empty((2, n)), np.empty((2, n))
     for s in range(2):
-        for i in range(n):
-            one[s, i], two[s, i], near[s, i], next_near[s, i] = _two_nearest(spaces[s], medoids, i)
+        _find_two_nearest(spaces[s], medoids, one[s], two[s], near[s], next_near[s])
     loss = np.empty(k)
     for _ in range(passes):
         swapped = False
@@ -309,10 +357,7 @@ def two_space_medoids(
                         change += weight[i] * (d - near[s, i])
                     else:
                         loss[one[s, i]] += weight[i] * (min(d, next_near[s, i]) - near[s, i])
-            worst = -1
-            for q in range(fixed, k):
-                if worst == -1 or loss[q] < loss[worst]:
-                    worst = q
+            worst = _cheapest_loss(loss, fixed)
             if worst == -1 or change + loss[worst] >= -1e-12:
                 continue
             swapped = True

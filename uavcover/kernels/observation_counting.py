@@ -1,7 +1,7 @@
 """How often, how closely and how surely each cell was seen from a flown track, and why the others were not.
 
-Every look is counted, unlike in :mod:`uavcover.kernels.coverage`, which asks for the first one only. Rows of the lattice are
-independent of each other, so threads can share them out without ever touching the same cell.
+Every observation is counted, unlike in :mod:`uavcover.kernels.coverage`, which asks for the first one only. Rows of the
+lattice are independent of each other, so threads can share them out without ever touching the same cell.
 """
 
 import math
@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import Point
 from uavcover.kernels.coverage import GRAZING_M, Cells, near_another
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.obstacles import keeps_clear
@@ -32,7 +33,7 @@ from uavcover.kernels.surface import Surface, height_above, height_range_between
 
 
 class Camera(NamedTuple):
-    """What a tally needs beside the sensor's sight.
+    """What counting needs beside the sensor's sight.
 
     Attributes:
         focal_px: focal length in pixels; NaN when it is not known.
@@ -40,8 +41,8 @@ class Camera(NamedTuple):
         offset_m: the eye may be anywhere within this distance of where it was measured, relative to the ground.
         horizontal_m: the horizontal part of that.
         lift_m: raised or lowered by this, the ray to the measured eye bounds the rays to all of these places.
-        looks: a cell counts when it was seen by so many looks that are ``apart_m`` from each other.
-        apart_m: 0 when every pass is a look of its own.
+        needed: a cell counts when so many observations have seen it that are ``apart_m`` from each other.
+        apart_m: 0 when every pass is an observation of its own.
         turn_rad: the camera may be turned anyhow within this angle of how it was measured.
     """
 
@@ -51,24 +52,40 @@ class Camera(NamedTuple):
     horizontal_m: float
     lift_m: float
     turn_rad: float
-    looks: int = 1
+    needed: int = 1
     apart_m: float = 0.0
 
 
-class Tally(NamedTuple):
+class SensorPoses(NamedTuple):
+    """Where a sensor observed from, and how it was turned.
+
+    Attributes:
+        eyes: (k, 3) ENU metres; a place that is not finite sees nothing.
+        axes: (k, 3) unit vectors along which a camera looked.
+        tops: (k, 3) unit vectors at right angles to them: the top of its picture; NaN where it is not known.
+        times_s: (k,) increasing.
+    """
+
+    eyes: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    tops: NDArray[np.float64]
+    times_s: NDArray[np.float64]
+
+
+class ObservationCounts(NamedTuple):
     """What is known of each of (n,) cells.
 
     Attributes:
         passes: int32, how often it came into sight.
-        first: int64, number of the look by which it was seen as often as it has to be, -1: none.
-        last_s: time of the last look that saw it, NaN: none.
+        first: int64, number of the observation by which it was seen as often as needed, -1: none.
+        last_s: time of the last observation that saw it, NaN: none.
         nearest_m: shortest distance from which it was seen, infinite: never.
         ground_sample_m: smallest ground sample distance with which it was seen, infinite: never, or not known.
         cos_incidence: cosine of the smallest incidence angle under which it was seen, -1: never.
-        outcome: uint8, the furthest that any look got: NOT_IN_RANGE, TOO_OBLIQUE, TOO_COARSE, OCCLUDED, SEEN.
-        sure: int32, how many looks that count saw it whatever the errors were, no more than it has to be.
+        outcome: uint8, the furthest that any observation got: NOT_IN_RANGE, TOO_OBLIQUE, TOO_COARSE, OCCLUDED, SEEN.
+        sure: int32, how many observations that count saw it whatever the errors were, no more than it has to be.
         possible: int32, how many may have seen it, the errors being as they may, no more than it has to be.
-        places: (3, n, looks, 3) from where the looks were made that count: as measured, surely, possibly.
+        places: (3, n, needed, 3) from where the observations were made that count: as measured, surely, possibly.
     """
 
     passes: NDArray[np.int32]
@@ -83,9 +100,9 @@ class Tally(NamedTuple):
     places: NDArray[np.float64]
 
 
-def empty_tally(count: int, looks: int = 1) -> Tally:
-    """Of ``count`` cells that nothing has looked at yet, and that have to be seen by so many looks."""
-    return Tally(
+def no_observations(count: int, needed: int = 1) -> ObservationCounts:
+    """Of ``count`` cells that nothing has observed yet, and that have to be seen by so many observations."""
+    return ObservationCounts(
         passes=np.zeros(count, dtype=np.int32),
         first=np.full(count, -1, dtype=np.int64),
         last_s=np.full(count, np.nan),
@@ -95,26 +112,22 @@ def empty_tally(count: int, looks: int = 1) -> Tally:
         outcome=np.zeros(count, dtype=np.uint8),
         sure=np.zeros(count, dtype=np.int32),
         possible=np.zeros(count, dtype=np.int32),
-        places=np.zeros((3, count if looks > 1 else 0, looks, 3)),
+        places=np.zeros((3, count if needed > 1 else 0, needed, 3)),
     )
 
 
 @kernel
-def tally_rows(
+def count_rows(
     surface: Surface,
     slopes: LocalSlopes,
     sight: Sight,
     camera: Camera,
     cells: Cells,
-    eyes: NDArray[np.float64],
-    axes: NDArray[np.float64],
-    tops: NDArray[np.float64],
-    times_s: NDArray[np.float64],
-    first_row: int,
-    row_step: int,
-    tally: Tally,
+    poses: SensorPoses,
+    lattice_rows: tuple[int, int],
+    counts: ObservationCounts,
 ) -> None:
-    """Add (k, 3) looks to ``tally``, for the cells in rows first_row, first_row + row_step, ... of the lattice.
+    """Add k observations to ``counts``, for the cells in some rows of the lattice.
 
     Args:
         surface: the ground.
@@ -122,14 +135,12 @@ def tally_rows(
         sight: the sensor.
         camera: what else is to be known of it.
         cells: of the area.
-        eyes: (k, 3) where the sensor was; a place that is not finite sees nothing.
-        axes: (k, 3) unit vectors along which a camera looked.
-        tops: (k, 3) unit vectors at right angles to them: the top of its picture; NaN where it is not known.
-        times_s: (k,) increasing.
-        first_row: of the lattice.
-        row_step: of the lattice.
-        tally: is added to.
+        poses: where and how the sensor was.
+        lattice_rows: the first row, and the step from each to the next: threads that share the lattice out have like steps.
+        counts: is added to.
     """
+    eyes, axes, tops, times_s = poses
+    first_row, row_step = lattice_rows
     rows, columns = cells.lattice.shape
     centre, normal = cells.centre_m, cells.normal
     exact = camera.offset_m == 0.0 and camera.turn_rad == 0.0
@@ -167,49 +178,55 @@ def tally_rows(
                 facing = de * normal[cell, 0] + dn * normal[cell, 1] + du * normal[cell, 2]
                 outcome = view(sight, horizontal2, distance2, depth, across, along, facing)
                 if outcome == OCCLUDED and _unhidden(
-                    surface, slopes, sight, cells.horizon[cell], 0.0, ee, en, eu, ce, cn, cu
+                    surface, slopes, sight, cells.horizon[cell], 0.0, (ee, en, eu), (ce, cn, cu)
                 ):
                     outcome = SEEN
-                    _note(sight, camera, k, times_s[k], cell, (ee, en, eu), math.sqrt(distance2), depth, facing, tally)
-                if outcome > tally.outcome[cell]:
-                    tally.outcome[cell] = outcome
+                    _note(sight, camera, k, times_s[k], cell, (ee, en, eu), math.sqrt(distance2), depth, facing, counts)
+                if outcome > counts.outcome[cell]:
+                    counts.outcome[cell] = outcome
                 if exact:
                     continue
                 horizon, beside, lift = cells.horizon[cell], camera.horizontal_m, camera.lift_m
                 eye = (ee, en, eu)
                 if (
                     outcome == SEEN
-                    and tally.sure[cell] < camera.looks
+                    and counts.sure[cell] < camera.needed
                     and _sure_in_view(sight, camera, horizontal2, distance2, depth, across, along, facing)
-                    and _unhidden(surface, slopes, sight, horizon, beside, ee, en, eu - lift, ce, cn, cu)
+                    and _unhidden(surface, slopes, sight, horizon, beside, (ee, en, eu - lift), (ce, cn, cu))
                 ):
-                    tally.sure[cell] += _is_new(camera, tally, 1, cell, tally.sure[cell], 2.0 * camera.offset_m, eye)
+                    counts.sure[cell] += _is_new(camera, counts, 1, cell, counts.sure[cell], 2.0 * camera.offset_m, eye)
                 # From a place a little aside an obstacle may not be in the way.
-                if tally.possible[cell] < camera.looks and (
+                if counts.possible[cell] < camera.needed and (
                     outcome == SEEN
                     or (
                         _possible_in_view(sight, camera, horizontal2, distance2, depth, across, along, facing)
-                        and _unhidden(surface, slopes, sight, horizon, -beside, ee, en, eu + lift, ce, cn, cu)
+                        and _unhidden(surface, slopes, sight, horizon, -beside, (ee, en, eu + lift), (ce, cn, cu))
                     )
                 ):
-                    # Each of the looks that are apart is near another one that is counted here: half the distance misses none.
+                    # Each of the observations that are apart is near another one that counts here: half the distance misses none.
                     nearer = -0.5 * camera.apart_m - camera.offset_m
-                    tally.possible[cell] += _is_new(camera, tally, 2, cell, tally.possible[cell], nearer, eye)
+                    counts.possible[cell] += _is_new(camera, counts, 2, cell, counts.possible[cell], nearer, eye)
 
 
 @kernel
 def _is_new(
-    camera: Camera, tally: Tally, which: int, cell: int, times: int, further_m: float, eye: tuple[float, float, float]
+    camera: Camera,
+    counts: ObservationCounts,
+    which: int,
+    cell: int,
+    times: int,
+    further_m: float,
+    eye: tuple[float, float, float],
 ) -> int:
-    """1 when a look is ``apart_m`` and ``further_m`` from all that count for a cell, and its place is noted; 0 else."""
-    if camera.looks == 1:
+    """1 when an observation is ``apart_m`` and ``further_m`` from all that count for a cell, and its place is noted; 0 else."""
+    if camera.needed == 1:
         return 1
-    places = tally.places[which]
-    # Below 0 any two looks may have been far enough from each other.
+    places = counts.places[which]
+    # Below 0 any two observations may have been far enough from each other.
     apart_m = max(0.0, camera.apart_m + further_m)
-    if near_another(places, cell, min(times, camera.looks), apart_m, eye[0], eye[1], eye[2]):
+    if near_another(places, cell, min(times, camera.needed), apart_m, eye[0], eye[1], eye[2]):
         return 0
-    if times < camera.looks:
+    if times < camera.needed:
         for axis in range(3):
             places[cell, times, axis] = eye[axis]
     return 1
@@ -222,22 +239,19 @@ def _unhidden(
     sight: Sight,
     horizon: float,
     beside: float,
-    ee: float,
-    en: float,
-    eu: float,
-    ce: float,
-    cn: float,
-    cu: float,
+    eye: Point,
+    centre: Point,
 ) -> bool:
     """Whether nothing stands between an eye and a cell; most rays leave the cell more steeply than any ground around it.
 
     Obstacles stand in the way when the ray comes within ``beside`` of them; below 0 they never do.
     """
+    (ee, en, eu), (ce, cn, cu) = eye, centre
     if sight.line_of_sight == RAY:
         if (
             beside >= 0.0
             and not eu - cu >= horizon * (math.hypot(ee - ce, en - cn) + beside)
-            and not keeps_clear(surface.obstacles, ee, en, eu, ce, cn, cu, beside, 0.0)
+            and not keeps_clear(surface.obstacles, eye, centre, beside, 0.0)
         ):
             return False
         if eu - cu >= steepest_between(surface, slopes, ee, en, ce, cn) * math.hypot(ee - ce, en - cn):
@@ -259,21 +273,21 @@ def _note(
     distance: float,
     depth: float,
     facing: float,
-    tally: Tally,
+    counts: ObservationCounts,
 ) -> None:
-    """Note that a look saw a cell."""
-    # "not <=" counts the first look, too, whose last time is NaN.
-    if not time_s - tally.last_s[cell] <= camera.pass_gap_s:
-        tally.passes[cell] += _is_new(camera, tally, 0, cell, tally.passes[cell], 0.0, eye)
-    if tally.first[cell] < 0 and tally.passes[cell] >= camera.looks:
-        tally.first[cell] = number
-    tally.last_s[cell] = time_s
-    tally.nearest_m[cell] = min(tally.nearest_m[cell], distance)
-    tally.cos_incidence[cell] = max(tally.cos_incidence[cell], facing / distance if distance > 0.0 else 1.0)
+    """Note that an observation saw a cell."""
+    # "not <=" counts the first observation, too, whose last time is NaN.
+    if not time_s - counts.last_s[cell] <= camera.pass_gap_s:
+        counts.passes[cell] += _is_new(camera, counts, 0, cell, counts.passes[cell], 0.0, eye)
+    if counts.first[cell] < 0 and counts.passes[cell] >= camera.needed:
+        counts.first[cell] = number
+    counts.last_s[cell] = time_s
+    counts.nearest_m[cell] = min(counts.nearest_m[cell], distance)
+    counts.cos_incidence[cell] = max(counts.cos_incidence[cell], facing / distance if distance > 0.0 else 1.0)
     if (sight.kind == CONE or sight.kind == FRUSTUM) and depth > 0.0 and facing > 0.0:
         sample = ground_sample_m(camera.focal_px, depth, facing)
-        if sample < tally.ground_sample_m[cell]:
-            tally.ground_sample_m[cell] = sample
+        if sample < counts.ground_sample_m[cell]:
+            counts.ground_sample_m[cell] = sample
 
 
 @kernel

@@ -5,9 +5,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import Point
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.obstacles import (
-    Obstacles,
+    ObstaclePrisms,
     clear_of,
     distance_m,
     keeps_clear,
@@ -19,7 +20,11 @@ from uavcover.kernels.obstacles import (
 
 @kernel
 def worst_breach(
-    obstacles: Obstacles, pe: float, pn: float, pu: float, qe: float, qn: float, qu: float, beside: float, above: float
+    obstacles: ObstaclePrisms,
+    p: Point,
+    q: Point,
+    beside: float,
+    above: float,
 ) -> tuple[int, float, float]:
     """How much clearance the line p-q lacks where it lacks most.
 
@@ -29,11 +34,12 @@ def worst_breach(
     Returns:
         number of the prism, -1 when the line is clear of all; metres that it lacks; the parameter 0..1 where.
     """
+    (pe, pn, pu), (qe, qn, qu) = p, q
     worst, lacking, place = -1, 0.0, 0.0
     for prism in range(obstacles.top_m.size):
-        if clear_of(obstacles, prism, pe, pn, pu, qe, qn, qu, beside, above):
+        if clear_of(obstacles, prism, p, q, beside, above):
             continue
-        higher, at = _lacking_height(obstacles, prism, pe, pn, pu, qe, qn, qu, beside, above)
+        higher, at = _lacking_height(obstacles, prism, p, q, beside, above)
         begin, end = lower_part(pu, qu, obstacles.top_m[prism] + above)
         if not over_footprint(obstacles, prism, pe, pn, qe, qn, begin, end):
             distance, nearest_at = distance_m(obstacles, prism, pe, pn, qe, qn, begin, end)
@@ -46,14 +52,10 @@ def worst_breach(
 
 @kernel
 def _lacking_height(
-    obstacles: Obstacles,
+    obstacles: ObstaclePrisms,
     prism: int,
-    pe: float,
-    pn: float,
-    pu: float,
-    qe: float,
-    qn: float,
-    qu: float,
+    p: Point,
+    q: Point,
     beside: float,
     above: float,
 ) -> tuple[float, float]:
@@ -62,6 +64,7 @@ def _lacking_height(
     Along the line height changes evenly, so it is lowest at an end of the part that is that near: at an end of the line, or
     where it enters or leaves the surroundings of an edge.
     """
+    (pe, pn, pu), (qe, qn, qu) = p, q
     lowest, at = math.inf, 0.0
     for t in (0.0, 1.0):
         e, n = pe + t * (qe - pe), pn + t * (qn - pn)
@@ -69,8 +72,8 @@ def _lacking_height(
             lowest, at = pu + t * (qu - pu), t
     for edge in range(obstacles.first_edge[prism], obstacles.first_edge[prism + 1]):
         begin, end = _near_edge(
-            pe, pn, qe - pe, qn - pn, obstacles.edges_m[edge, 0], obstacles.edges_m[edge, 1],
-            obstacles.edges_m[edge, 2], obstacles.edges_m[edge, 3], beside,
+            (pe, pn), (qe - pe, qn - pn), (obstacles.edges_m[edge, 0], obstacles.edges_m[edge, 1]),
+            (obstacles.edges_m[edge, 2], obstacles.edges_m[edge, 3]), beside,
         )  # fmt: skip
         if begin <= end:
             for t in (begin, end):
@@ -82,12 +85,17 @@ def _lacking_height(
 
 @kernel
 def _near_edge(
-    pe: float, pn: float, de: float, dn: float, ae: float, an: float, be: float, bn: float, radius: float
+    p: tuple[float, float],
+    d: tuple[float, float],
+    a: tuple[float, float],
+    b: tuple[float, float],
+    radius: float,
 ) -> tuple[float, float]:
     """Where in 0..1 the line from p by d comes within ``radius`` of the edge a-b: one interval, empty when reversed.
 
     The surroundings of an edge are convex: two discs and the strip between them.
     """
+    (pe, pn), (de, dn), (ae, an), (be, bn) = p, d, a, b
     begin, end = 1.0, 0.0
     for ce, cn in ((ae, an), (be, bn)):
         low, high = _in_disc(pe - ce, pn - cn, de, dn, radius)
@@ -128,7 +136,7 @@ def _between(value: float, change: float, low: float, high: float) -> tuple[floa
 
 @kernel
 def breaches(
-    obstacles: Obstacles,
+    obstacles: ObstaclePrisms,
     begins: NDArray[np.float64],
     ends: NDArray[np.float64],
     beside: float,
@@ -137,25 +145,28 @@ def breaches(
     """(n, 3) :func:`worst_breach` of the lines between (n, 3) places; -1, 0, 0 for one that is clear or not finite."""
     out = np.zeros((begins.shape[0], 3))
     for k in range(begins.shape[0]):
-        pe, pn, pu = begins[k, 0], begins[k, 1], begins[k, 2]
-        qe, qn, qu = ends[k, 0], ends[k, 1], ends[k, 2]
+        p = (begins[k, 0], begins[k, 1], begins[k, 2])
+        q = (ends[k, 0], ends[k, 1], ends[k, 2])
         out[k, 0] = -1.0
-        if math.isfinite(pe + pn + pu + qe + qn + qu) and not keeps_clear(
-            obstacles, pe, pn, pu, qe, qn, qu, beside, above
-        ):
-            out[k, 0], out[k, 1], out[k, 2] = worst_breach(obstacles, pe, pn, pu, qe, qn, qu, beside, above)
+        if math.isfinite(p[0] + p[1] + p[2] + q[0] + q[1] + q[2]) and not keeps_clear(obstacles, p, q, beside, above):
+            out[k, 0], out[k, 1], out[k, 2] = worst_breach(obstacles, p, q, beside, above)
     return out
 
 
 @kernel
-def tops_near_m(obstacles: Obstacles, lines: NDArray[np.float64], beside: float) -> NDArray[np.float64]:
+def tops_near_m(obstacles: ObstaclePrisms, lines: NDArray[np.float64], beside: float) -> NDArray[np.float64]:
     """(n,) highest top within ``beside`` of each of (n, 4) lines on the map, east and north of both ends; -inf where none is."""
     out = np.full(lines.shape[0], -math.inf)
     for k in range(lines.shape[0]):
         for prism in range(obstacles.top_m.size):
             # Lower than any top, every part of the line counts.
             if obstacles.top_m[prism] > out[k] and not clear_of(
-                obstacles, prism, lines[k, 0], lines[k, 1], -math.inf, lines[k, 2], lines[k, 3], -math.inf, beside, 0.0
+                obstacles,
+                prism,
+                (lines[k, 0], lines[k, 1], -math.inf),
+                (lines[k, 2], lines[k, 3], -math.inf),
+                beside,
+                0.0,
             ):
                 out[k] = obstacles.top_m[prism]
     return out

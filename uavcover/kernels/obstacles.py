@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import Point
 from uavcover.kernels.jit import kernel
 
 _ROUNDING = 1e-9
@@ -23,7 +24,7 @@ _MARGIN_M = 0.01
 _MOST_TILES = 250_000
 
 
-class Obstacles(NamedTuple):
+class ObstaclePrisms(NamedTuple):
     """Prisms in the local frame.
 
     Attributes:
@@ -53,7 +54,7 @@ class Obstacles(NamedTuple):
 
 def make_obstacles(
     edges_m: NDArray[np.float64], first_edge: NDArray[np.int64], top_m: NDArray[np.float64], *, grown_m: float
-) -> Obstacles:
+) -> ObstaclePrisms:
     """Prisms with their index of tiles.
 
     Args:
@@ -82,7 +83,7 @@ def make_obstacles(
             for j in range(j0, j1 + 1):
                 members[i * columns + j].append(number)
     first = np.concatenate([[0], np.cumsum([len(tile_members) for tile_members in members])])
-    made = Obstacles(
+    made = ObstaclePrisms(
         edges_m=np.array(edges_m, dtype=np.float64, order="C").reshape(-1, 4),
         first_edge=np.array(first_edge, dtype=np.int64),
         top_m=np.array(top_m, dtype=np.float64),
@@ -104,7 +105,11 @@ NO_OBSTACLES = make_obstacles(np.empty((0, 4)), np.zeros(1, dtype=np.int64), np.
 
 @kernel
 def keeps_clear(
-    obstacles: Obstacles, pe: float, pn: float, pu: float, qe: float, qn: float, qu: float, beside: float, above: float
+    obstacles: ObstaclePrisms,
+    p: Point,
+    q: Point,
+    beside: float,
+    above: float,
 ) -> bool:
     """Whether the line p-q, wherever it is lower than ``above`` over a top, keeps ``beside`` away from that footprint.
 
@@ -112,17 +117,14 @@ def keeps_clear(
 
     Args:
         obstacles: the prisms.
-        pe: one end, east, metres.
-        pn: north.
-        pu: up.
-        qe: the other end, east.
-        qn: north.
-        qu: up.
+        p: one end: east, north, up, metres.
+        q: the other end.
         beside: clearance on the map, metres, at most ``obstacles.grown_m``.
         above: clearance over a top, metres.
     """
     if obstacles.top_m.size == 0:
         return True
+    (pe, pn, pu), (qe, qn, qu) = p, q
     if not math.isfinite(pe + pn + pu + qe + qn + qu):
         return False
     rows, columns = obstacles.tile_top_m.shape
@@ -146,7 +148,7 @@ def keeps_clear(
             cell = i * columns + j
             for entry in range(obstacles.tile_first[cell], obstacles.tile_first[cell + 1]):
                 prism = obstacles.tile_prisms[entry]
-                if not clear_of(obstacles, prism, pe, pn, pu, qe, qn, qu, beside, above):
+                if not clear_of(obstacles, prism, p, q, beside, above):
                     return False
     return True
 
@@ -166,18 +168,15 @@ def lower_part(pu: float, qu: float, limit: float) -> tuple[float, float]:
 
 @kernel
 def clear_of(
-    obstacles: Obstacles,
+    obstacles: ObstaclePrisms,
     prism: int,
-    pe: float,
-    pn: float,
-    pu: float,
-    qe: float,
-    qn: float,
-    qu: float,
+    p: Point,
+    q: Point,
     beside: float,
     above: float,
 ) -> bool:
     """:func:`keeps_clear` for one prism."""
+    (pe, pn, pu), (qe, qn, qu) = p, q
     begin, end = lower_part(pu, qu, obstacles.top_m[prism] + above)
     if begin > end:
         return True
@@ -190,7 +189,7 @@ def clear_of(
 
 @kernel
 def over_footprint(
-    obstacles: Obstacles, prism: int, pe: float, pn: float, qe: float, qn: float, begin: float, end: float
+    obstacles: ObstaclePrisms, prism: int, pe: float, pn: float, qe: float, qn: float, begin: float, end: float
 ) -> bool:
     """Whether the part begin..end of the line p-q on the map lies over a footprint; just touching it may count either way."""
     de, dn = qe - pe, qn - pn
@@ -215,7 +214,7 @@ def over_footprint(
 
 
 @kernel
-def over_prism(obstacles: Obstacles, prism: int, east: float, north: float) -> bool:
+def over_prism(obstacles: ObstaclePrisms, prism: int, east: float, north: float) -> bool:
     """Whether a place on the map lies in a footprint (even-odd rule)."""
     inside = False
     for edge in range(obstacles.first_edge[prism], obstacles.first_edge[prism + 1]):
@@ -228,7 +227,7 @@ def over_prism(obstacles: Obstacles, prism: int, east: float, north: float) -> b
 
 @kernel
 def distance_m(
-    obstacles: Obstacles, prism: int, pe: float, pn: float, qe: float, qn: float, begin: float, end: float
+    obstacles: ObstaclePrisms, prism: int, pe: float, pn: float, qe: float, qn: float, begin: float, end: float
 ) -> tuple[float, float]:
     """Distance on the map between the part begin..end of the line p-q and the edges of a footprint, and where 0..1.
 
@@ -266,7 +265,7 @@ def _distance2_to_edge(e: float, n: float, ae: float, an: float, be: float, bn: 
 
 
 @kernel
-def roofs_m(obstacles: Obstacles, east: NDArray[np.float64], north: NDArray[np.float64]) -> NDArray[np.float64]:
+def roofs_m(obstacles: ObstaclePrisms, east: NDArray[np.float64], north: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) up coordinate of the highest top over each of (n,) places; -inf where no prism stands."""
     rows, columns = obstacles.tile_top_m.shape
     out = np.full(east.size, -math.inf)
@@ -284,7 +283,7 @@ def roofs_m(obstacles: Obstacles, east: NDArray[np.float64], north: NDArray[np.f
 
 
 @kernel
-def top_within_m(obstacles: Obstacles, east: float, north: float, radius: float) -> float:
+def top_within_m(obstacles: ObstaclePrisms, east: float, north: float, radius: float) -> float:
     """Up coordinate of the highest top of the prisms within ``radius`` of a place on the map; -inf where there is none."""
     if obstacles.top_m.size == 0 or not math.isfinite(east + north):
         return -math.inf
@@ -314,7 +313,7 @@ def top_within_m(obstacles: Obstacles, east: float, north: float, radius: float)
 
 @kernel
 def horizons(
-    obstacles: Obstacles,
+    obstacles: ObstaclePrisms,
     lattice: NDArray[np.int32],
     centre: NDArray[np.float64],
     east0: float,

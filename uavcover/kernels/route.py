@@ -1,9 +1,4 @@
-"""Order and length of routes, distance from them, and how to lay one over the ground.
-
-Distance of points from a polyline.
-
-Order and length of routes, and how to lay a route over the ground.
-"""
+"""Order and length of routes, distance from them, and how a route is laid over the ground."""
 
 import math
 

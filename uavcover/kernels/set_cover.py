@@ -1,13 +1,8 @@
-"""Set cover: greedy choice, reductions, and local search with weights.
+"""Set cover: greedy choice, reductions, and local search with weights on items that are hard to cover.
 
-Choosing few of many sets that cover much: greedily, and which sets no exact answer needs.
-
-Sets are rows of a compressed table: set k has the numbers ``items[start[k] : start[k + 1]]``, in rising order.
-
-Few sets that cover everything, by local search with weights on what is hard to cover.
-
-RWLS: Gao, Weise and Li, "An efficient local search heuristic with row weighting for the unicost set covering problem", European
-Journal of Operational Research 246 (2015). Tables as in :mod:`uavcover.kernels.set_cover`.
+Sets are rows of a compressed table: set k has the numbers ``items[start[k] : start[k + 1]]``, in rising order. Reductions
+remove sets that no exact answer needs. The local search is RWLS: Gao, Weise and Li, "An efficient local search heuristic with
+row weighting for the unicost set covering problem", European Journal of Operational Research 246 (2015).
 """
 
 from typing import NamedTuple

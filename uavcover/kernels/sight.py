@@ -1,18 +1,15 @@
 """What a sensor has in view, from how far away, and which rays need no tracing.
 
-How steep the ground is at most between two places: what lets most rays pass without being traced.
+One test decides what is in view, whatever lies between, for planner, local search and verification. A camera's view is given
+in its own axes: its direction, the right of its picture and the top of it. For every sensor here the set of places from which
+a cell is in view is convex while the axes stay the same: a ball, a disc, a cone, a pyramid. The places with a small enough
+incidence angle are a cone around the cell's normal, and those with a small enough ground sample distance satisfy depth^3 <=
+constant * height above the cell's plane, a convex function below a linear one. From this follows how far away a cell can be
+seen at all, by anything that flies no higher above ground than allowed.
 
-:attr:`uavcover.kernels.surface.Surface.steepest` bounds the whole ground, and is infinite as soon as one node has no data. Here
-each block of the grid has its own bound, and a ray asks only those between its ends.
-
-What a sensor has in view, whatever lies between: one test for planner, local search and verification.
-
-A camera's view is told in its own axes: where it looks, the right of its picture and the top of it. For every sensor here the set
-of places from which a cell is in view is convex while the axes stay the same: a ball, a disc, a cone, a pyramid; the places with
-a small enough incidence angle are a cone around the cell's normal, and those with a small enough ground sample distance
-satisfy depth^3 <= constant * height above the cell's plane, a convex function below a linear one.
-
-From how far away a cell can be seen at all, with anything that flies not higher above ground than allowed.
+Most rays pass without being traced because the ground between their ends is not steep enough to block them.
+:attr:`uavcover.kernels.surface.Surface.steepest` bounds the slope of the whole ground, and is infinite as soon as one node
+has no data. Here each block of the grid has its own bound, and a ray asks only the blocks between its ends.
 """
 
 import math

@@ -29,7 +29,7 @@ from uavcover.kernels.grid import (
     range_on_nodes,
 )
 from uavcover.kernels.jit import kernel
-from uavcover.kernels.obstacles import NO_OBSTACLES, Obstacles
+from uavcover.kernels.obstacles import NO_OBSTACLES, ObstaclePrisms
 
 GRID = 0
 SINE_COSINE = 1
@@ -57,7 +57,7 @@ class Surface(NamedTuple):
     up_m: NDArray[np.float64]
     steepest: float
     grid: GridFrame
-    obstacles: Obstacles = NO_OBSTACLES
+    obstacles: ObstaclePrisms = NO_OBSTACLES
 
 
 @kernel

@@ -1,12 +1,7 @@
-"""Short tours: closed ones, open ones with free ends, and ways between two given ends.
+"""Short tours: closed ones, open ones with free ends, and paths between two given ends.
 
-Short closed tours: 2-opt and Or-opt among near neighbours, then kicks that are kept where they help.
-
-Open tours are closed ones through one point more, see :mod:`uavcover.kernels.tours`.
-
-Short open tours with free ends, as closed tours through one point more that is near to all others.
-
-The order of points on a way whose two ends are given.
+Closed tours: 2-opt and Or-opt among near neighbours, then kicks that are kept where they help. Open tours with free ends are
+closed tours through one more point that is near to all others.
 """
 
 import math

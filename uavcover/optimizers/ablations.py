@@ -1,15 +1,13 @@
 """Variants that show what each part of IMODBO is worth; a class for each.
 
-IMODBO's three improvements one by one: added to MODBO alone, or taken from IMODBO alone; a class for each.
+IMODBO's three improvements are added to MODBO alone, or taken from IMODBO alone: the Latin hypercube (Eq. 19), the dynamic k
+and b (Eq. 20, 21), the sine-cosine disturbance (Eq. 22, 23).
 
-The improvements: the Latin hypercube (Eq. 19), the dynamic k and b (Eq. 20, 21), the sine-cosine disturbance (Eq. 22, 23).
+``OwnBest`` variants have the survival of the single-objective DBO: each beetle keeps the best place it has been at. The paper
+does not say who survives. Our frame lets parents and offspring compete by front and crowding; these variants are the other
+reading, kept to compare with (docs/explanation/fidelity.md).
 
-MODBO and IMODBO with the survival of the single-objective DBO: each beetle keeps the best place it has been at.
-
-The paper does not say who survives. Our frame lets parents and offspring compete by front and crowding; these variants
-are the other reading, kept to compare with (docs/explanation/fidelity.md).
-
-The parts of `ImodboNiching`, each taken away alone; a class for each. Not in the registry: ``scripts/ablate_niching.py``.
+The parts of `ImodboNiching` are each taken away alone. These classes are not in `ALGORITHMS`: ``scripts/ablate_niching.py``.
 """
 
 from types import MappingProxyType
@@ -20,7 +18,7 @@ import numpy as np
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.dominance import non_dominated_ranks
 from uavcover.optimizers.dung_beetle_moves import (
-    Area,
+    Region,
     disturbed_small_beetle,
     dynamic_deflection,
     dynamic_step,
@@ -50,7 +48,7 @@ class ModboPlusDynamicParameters(MODBO):
 class ModboPlusSineCosine(MODBO):
     """MODBO whose small beetles are disturbed by sine and cosine."""
 
-    def _walk_small_beetles(self, x: FloatArray, area: Area, rng: np.random.Generator) -> FloatArray:
+    def _walk_small_beetles(self, x: FloatArray, area: Region, rng: np.random.Generator) -> FloatArray:
         return disturbed_small_beetle(x, area, t=self._iteration, t_max=self._max_iterations, rng=rng)  # Eq. 22, 23
 
 
@@ -71,7 +69,7 @@ class ImodboMinusDynamicParameters(IMODBO):
 class ImodboMinusSineCosine(IMODBO):
     """IMODBO whose small beetles are not disturbed."""
 
-    def _walk_small_beetles(self, x: FloatArray, area: Area, rng: np.random.Generator) -> FloatArray:
+    def _walk_small_beetles(self, x: FloatArray, area: Region, rng: np.random.Generator) -> FloatArray:
         return small_beetle(x, area, rng=rng)  # Eq. 17
 
 

@@ -1,8 +1,6 @@
-"""What all our optimizers share: the search space, checking, counting, archiving, saving.
+"""What all our optimizers share: the search space with its two ways of sampling, checking, counting, archiving, saving.
 
-The box of allowed decision vectors, and the two ways to sample it.
-
-The part all our optimizers share: checking, counting, archiving, saving. What they propose is their own.
+What an optimizer proposes is its own.
 """
 
 from abc import ABC, abstractmethod

@@ -79,14 +79,14 @@ def roller(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Area:
+class Region:
     """The region around a good position in which eggs are laid or food is looked for; both ``(g, d)``."""
 
     lower: FloatArray
     upper: FloatArray
 
 
-def area_around(centre: FloatArray, lower: FloatArray, upper: FloatArray, *, t: int, t_max: int) -> Area:
+def area_around(centre: FloatArray, lower: FloatArray, upper: FloatArray, *, t: int, t_max: int) -> Region:
     """Oviposition area around X* (Eq. 12, 13) or foraging area around X^b (Eq. 15, 16).
 
     R = 1 - t/Tmax as in the original dung beetle paper; the (1 - t)/Tmax printed here is negative from t = 2 on. The
@@ -101,13 +101,13 @@ def area_around(centre: FloatArray, lower: FloatArray, upper: FloatArray, *, t: 
     """
     radius = 1 - t / t_max
     one, other = centre * (1 - radius), centre * (1 + radius)
-    return Area(
+    return Region(
         lower=np.maximum(np.minimum(one, other), lower),  # Eq. 12, 15
         upper=np.minimum(np.maximum(one, other), upper),  # Eq. 13, 16
     )
 
 
-def breeder(x: FloatArray, best: FloatArray, area: Area, *, rng: np.random.Generator) -> FloatArray:
+def breeder(x: FloatArray, best: FloatArray, area: Region, *, rng: np.random.Generator) -> FloatArray:
     """Brood balls laid around X*, Eq. 14. Draws ``random((g, d))`` for b1, then for b2.
 
     Args:
@@ -123,7 +123,7 @@ def breeder(x: FloatArray, best: FloatArray, area: Area, *, rng: np.random.Gener
     return best + b1 * (x - area.lower) + b2 * (x - area.upper)  # Eq. 14
 
 
-def small_beetle(x: FloatArray, area: Area, *, rng: np.random.Generator) -> FloatArray:
+def small_beetle(x: FloatArray, area: Region, *, rng: np.random.Generator) -> FloatArray:
     """Small beetles looking for food, Eq. 17. Draws ``standard_normal((g, 1))`` for C1, ``random((g, d))`` for C2.
 
     Args:
@@ -138,7 +138,7 @@ def small_beetle(x: FloatArray, area: Area, *, rng: np.random.Generator) -> Floa
     return x + c1 * (x - area.lower) + c2 * (x - area.upper)  # Eq. 17
 
 
-def disturbed_small_beetle(x: FloatArray, area: Area, *, t: int, t_max: int, rng: np.random.Generator) -> FloatArray:
+def disturbed_small_beetle(x: FloatArray, area: Region, *, t: int, t_max: int, rng: np.random.Generator) -> FloatArray:
     """Small beetles with the sine-cosine disturbance, Eq. 22 and 23.
 
     Draws what `small_beetle` draws, then ``random((g, 1))`` for r2 / (2 pi) and ``random((g, 1))`` for r3 / 2.

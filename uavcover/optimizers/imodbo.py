@@ -1,13 +1,7 @@
-"""The paper's method: MODBO and IMODBO, the improved multi-objective dung beetle optimizer.
+"""The paper's method: MODBO, and IMODBO, the improved multi-objective dung beetle optimizer.
 
-The frame that MODBO and IMODBO share: four groups, one archive, survival of the better ones.
-
-The paper gives the moves but not the multi-objective frame around them. What is filled in here is written down, with
-the reasons, in docs/explanation/imodbo.md.
-
-MODBO: the multi-objective dung beetle optimizer that IMODBO improves on.
-
-IMODBO: the paper's improved multi-objective dung beetle optimizer.
+Both share one frame: four groups, one archive, survival of the better ones. The paper gives the moves but not the
+multi-objective frame around them. What is filled in here is written down, with the reasons, in docs/explanation/imodbo.md.
 """
 
 from abc import abstractmethod
@@ -20,7 +14,7 @@ import numpy.typing as npt
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.optimizers.ask_tell import AskTellOptimizer
 from uavcover.optimizers.dung_beetle_moves import (
-    Area,
+    Region,
     area_around,
     breeder,
     disturbed_small_beetle,
@@ -89,7 +83,7 @@ class DungBeetleOptimizer(AskTellOptimizer):
         """The k and b of Eq. 9 in this round."""
 
     @abstractmethod
-    def _walk_small_beetles(self, x: FloatArray, area: Area, rng: np.random.Generator) -> FloatArray:
+    def _walk_small_beetles(self, x: FloatArray, area: Region, rng: np.random.Generator) -> FloatArray:
         """Where small beetles ``(g, d)`` with these foraging areas go."""
 
     def _move(self, rng: np.random.Generator) -> FloatArray:
@@ -114,7 +108,7 @@ class DungBeetleOptimizer(AskTellOptimizer):
         self._parents = parents
         return np.concatenate([rolled, bred, walked, stolen])
 
-    def _area_around(self, centre: FloatArray) -> Area:
+    def _area_around(self, centre: FloatArray) -> Region:
         return area_around(centre, self._box.lower, self._box.upper, t=self._iteration, t_max=self._max_iterations)
 
     def _learn(self, told: Solutions) -> None:
@@ -159,7 +153,7 @@ class MODBO(DungBeetleOptimizer):
     def _roller_coefficients(self) -> tuple[float, float]:
         return self.deflection, self.step
 
-    def _walk_small_beetles(self, x: FloatArray, area: Area, rng: np.random.Generator) -> FloatArray:
+    def _walk_small_beetles(self, x: FloatArray, area: Region, rng: np.random.Generator) -> FloatArray:
         return small_beetle(x, area, rng=rng)
 
 
@@ -177,5 +171,5 @@ class IMODBO(DungBeetleOptimizer):
         t, t_max = self._iteration, self._max_iterations
         return dynamic_deflection(t, t_max), dynamic_step(t, t_max)
 
-    def _walk_small_beetles(self, x: FloatArray, area: Area, rng: np.random.Generator) -> FloatArray:
+    def _walk_small_beetles(self, x: FloatArray, area: Region, rng: np.random.Generator) -> FloatArray:
         return disturbed_small_beetle(x, area, t=self._iteration, t_max=self._max_iterations, rng=rng)

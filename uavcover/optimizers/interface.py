@@ -1,9 +1,7 @@
-"""What every optimizer offers: ask for candidates, tell what they are worth, read the Pareto set.
+"""What every optimizer offers: ask for candidates, tell their values, read the Pareto set.
 
 The optimizer proposes, the caller evaluates: however, wherever and in as many processes as it likes. All objectives are
-minimised; a constraint is a number that is > 0 when violated.
-
-Evaluated decision vectors, as read-only rows that stay together.
+minimised; a constraint is a number that is > 0 when violated. `Solutions` are evaluated decision vectors, as read-only rows.
 """
 
 from dataclasses import dataclass

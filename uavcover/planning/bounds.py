@@ -1,13 +1,10 @@
-"""Proved bounds: how few waypoints, how much coverage, how short a path there can be.
+"""Proved bounds of a plan: how few waypoints, how much coverage, how short a path there can be, beside what was found.
 
-A proved lower bound on the length of a path that sees a share of the ground.
-
-A curve of length L has at most the area 2 r L + pi r^2 within r of it. Every cell has a largest distance on the map from which
-any allowed place sees it. Of the cells for which that is at most r the path must see all but what may stay unseen, so it comes
-within r, and half a cell's diagonal, of their area. The best r is taken. Nothing of it depends on a lattice of places, so no
-route whatever inside the height band beats it; it is far below the shortest path, because a path also has to turn.
-
-The bounds of a plan: how few waypoints, how much coverage, how short a path there can be, beside what was found.
+The lower bound on path length: a curve of length L has at most the area 2 r L + pi r^2 within r of it. Every cell has a
+largest distance on the map from which any allowed place sees it. Of the cells for which that is at most r the path must see
+all but what may stay unseen, so it comes within r, and half a cell's diagonal, of their area. The best r is taken. The bound
+depends on no lattice of places, so no route inside the height band beats it; it is far below the shortest path, because a
+path also has to turn.
 """
 
 import math

@@ -1,8 +1,6 @@
 """Genes of the optimizers: the paper's free waypoints with activation genes, and layouts of swaths.
 
-Free waypoints with activation genes: the paper's encoding, for sensors that look from waypoints.
-
-Genes of a swath layout, counted from a known good one.
+Free waypoints are for sensors that observe from waypoints. The genes of a swath layout are counted from a known good layout.
 """
 
 import math

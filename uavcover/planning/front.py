@@ -1,12 +1,7 @@
-"""The Pareto front that a planner hands over: members judged on the area's own cells, whole or in part.
+"""The Pareto front of a plan: candidates judged on the area's own cells, whole or in part, and thinned so that it can be read.
 
-What a planner would have handed over had it been stopped earlier: one run tells all its moments.
-
-What the search and the baselines found, judged on the area's own cells: members of the Pareto set, or why there is none.
-
-Parts of a route: whoever cannot fly all of it flies the stretch that sees most for its way.
-
-What is handed over of what a planner found: what is worth judging, whole or in part, and few enough members to be read.
+Parts of a route: a vehicle that cannot fly all of it flies the stretch that sees most for its length. Snapshots tell what the
+planner would have returned had it been stopped earlier: one run gives the result at every moment.
 """
 
 import dataclasses
@@ -23,7 +18,7 @@ from uavcover.model.route import PART_OF, Route, RouteMember
 from uavcover.planning.search.optimizer_search import Effort
 from uavcover.planning.selection import Rule, select
 from uavcover.routes.leg_checks import LegProblem, find_problems, find_waypoint_problems, measure_violations
-from uavcover.routes.objectives import judge
+from uavcover.routes.objectives import judge_member
 from uavcover.routes.way_cost import way_cost_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
@@ -80,8 +75,7 @@ def judge_members(
 
     def one(item: tuple[Route, str]) -> RouteMember:
         route, name = item
-        violations = measure_violations(coverage.site, route.waypoints_m, margin_m=margin)
-        return RouteMember(route, judge(coverage, route), violations.total, name)
+        return judge_member(coverage, route, name, margin_m=margin)
 
     return list(executor.map(one, routes) if executor is not None else map(one, routes))
 

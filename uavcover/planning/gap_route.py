@@ -1,10 +1,7 @@
 """The route that closes the gaps of a flight.
 
-The cells that are still to be seen, as kernels take them.
-
-Few places from which all of the missing cells are seen: a greedy set cover over a grid of allowed places.
-
-The route that closes the gaps: viewpoints in a short order, laid over the terrain, and pruned by what it sees on its way.
+A greedy set cover over a grid of allowed places finds few places from which all missing cells are seen. These viewpoints are
+put in a short order, laid over the terrain, and pruned by what the route sees on its way.
 """
 
 import math

@@ -14,7 +14,7 @@ from uavcover.model.route import Plan, Route
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import make_optimizer, optimizer_class, optimizer_name
 from uavcover.optimizers.interface import AskAndTell
-from uavcover.planning.baselines.adaptive_swaths import balanced_lines, can_be_balanced, simple_lines
+from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted, simple_lines
 from uavcover.planning.baselines.boustrophedon import TUNED, Baseline
 from uavcover.planning.baselines.initial_routes import constructed_routes
 from uavcover.planning.baselines.swaths import long_side_angle_rad
@@ -30,14 +30,14 @@ from uavcover.planning.front import (
     why_infeasible,
 )
 from uavcover.planning.search.memetic import improve
-from uavcover.planning.search.optimizer_search import Effort, Encoding, Progress, rounds_of, search
+from uavcover.planning.search.optimizer_search import Effort, Encoding, SearchProgress, SearchRun, rounds_of, search
 from uavcover.planning.selection import parse_rule, select
 from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.routes.way_cost import way_cost_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.coverage_map import judging_map, planning_map
 
-__all__ = ["Effort", "Progress", "plan_routes"]
+__all__ = ["Effort", "SearchProgress", "plan_routes"]
 
 
 CONSTRUCTED_SHARE = 0.25
@@ -78,7 +78,7 @@ def plan_routes(
     effort: Effort,
     executor: Executor | None = None,
     should_stop: Callable[[], bool] = lambda: False,
-    on_progress: Callable[[Progress], None] = lambda _: None,
+    on_progress: Callable[[SearchProgress], None] = lambda _: None,
     snapshots: Snapshots | None = None,
     own: str | type | None = None,
 ) -> Plan:
@@ -116,7 +116,7 @@ def plan_routes(
         settings = dataclasses.replace(settings, algorithm="imodbo")
     started = effort.now()
     rule = parse_rule(select_rule)
-    coarse = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
+    coarse = planning_map(site)
     goal = None
     if rule.required_coverage is not None:
         # The rule speaks of what is coverable, the objectives of the whole area.
@@ -157,21 +157,20 @@ def plan_routes(
         seed=settings.seed,
         initial=initial,
     )
+    run = SearchRun(
+        effort=optimizing, started=started, executor=executor, should_stop=should_stop, on_progress=on_progress
+    )
     searched = search(
         optimizer,
+        run,
         rounds=rounds,
         encoding=encoding,
         coverage=coarse,
-        effort=optimizing,
-        started=started,
         at_least_one_round=not baselines,
         goal=goal,
-        executor=executor,
-        should_stop=should_stop,
-        on_progress=on_progress,
         look=lambda routes: look(lambda: [(route, name) for route in routes()]),
     )
-    fine = _judging_map(site, coarse)
+    fine = judging_map(site)
     optimized = _candidates(optimizer, encoding, searched.scale, name)
     evaluations, interrupted = optimizer.evaluations, searched.interrupted
     if share == 1.0:
@@ -183,16 +182,15 @@ def plan_routes(
             straight = [b.layout for b in _by_merit(baselines, goal) if b.layout is not None]
             angle = straight[0].angle_rad if straight else long_side_angle_rad(site)
             lines += [(_cheaper_way_round(site, route), "simple-lines") for route in simple_lines(site, angle)]
-            if can_be_balanced(site):
-                lines += [(_cheaper_way_round(site, route), "balanced-lines") for route in balanced_lines(site, angle)]
+            if can_be_adapted(site):
+                lines += [(_cheaper_way_round(site, route), "balanced-lines") for route in adaptive_swaths(site, angle)]
         finish = Finish(coarse, fine, constructed, optimized, lines, effort=effort, started=started, executor=executor)
         reference = finish.baselines
         found: list[NamedRoute] = []
         if not interrupted:
             improved = improve(
-                coarse, fine, finish.known,
-                settings=settings, rule=rule, effort=finish.search_effort(), started=started,
-                evaluations_done=evaluations, executor=executor, should_stop=should_stop, on_progress=on_progress,
+                coarse, fine, finish.known, dataclasses.replace(run, effort=finish.search_effort()),
+                settings=settings, rule=rule, evaluations_done=evaluations,
                 look=lambda routes: look(
                     lambda: finish.worth_judging([(route, settings.algorithm) for route in routes()])
                 ),
@@ -294,10 +292,3 @@ def _worth_showing(baselines: Sequence[Baseline], goal: float | None) -> list[Ba
         first = _by_merit(best, goal)[0]
         best = [first, *(best[k] for k in least_crowded(values, _MOST_TUNED) if best[k] is not first)]
     return others + _by_merit(best, goal)
-
-
-def _judging_map(site: Site, coarse: CoverageMap) -> CoverageMap:
-    """The map on the area's own cells; the planner's own where they are the same."""
-    if site.scenario.area.cell_size_m == site.scenario.planning_cell_size_m:
-        return coarse
-    return CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m)

@@ -1,9 +1,4 @@
-"""Laying a line on the map over the terrain, and around obstacles too tall to fly over.
-
-Ways around obstacles that are too tall to fly over inside the height band.
-
-Laying a line on the map over the terrain.
-"""
+"""Lays a line on the map over the terrain, and around obstacles too tall to fly over inside the height band."""
 
 import math
 from functools import lru_cache

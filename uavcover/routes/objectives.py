@@ -9,7 +9,7 @@ import numpy as np
 from uavcover.kernels import route as kernels
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.way_cost import flight_time, route_cost
-from uavcover.model.route import Route, RouteMetrics
+from uavcover.model.route import Route, RouteMember, RouteMetrics
 from uavcover.routes.leg_checks import measure_violations, route_height_range_m
 from uavcover.routes.way_cost import pace_of, way_cost_of
 from uavcover.scenario.site import Site
@@ -47,6 +47,20 @@ def evaluate_routes(coverage: CoverageMap, routes: Sequence[Route], executor: Ex
 
     rows = np.array(list(executor.map(one, routes) if executor is not None else map(one, routes))).reshape(-1, 4)
     return Evaluation(objectives=rows[:, :3], violations=rows[:, 3:])
+
+
+def judge_member(coverage: CoverageMap, route: Route, origin: str, *, margin_m: float) -> RouteMember:
+    """A route with its figures and its violation of the hard limits: the only place that makes one.
+
+    Args:
+        coverage: the cells it is judged on.
+        route: the waypoints.
+        origin: what made it.
+        margin_m: how far inside both ends of the height band it must stay. What is planned keeps ``limits.height_margin_m``;
+            a route that is read back, or a stretch of one, was held to it when it was planned, and is judged with 0.
+    """
+    violations = measure_violations(coverage.site, route.waypoints_m, margin_m=margin_m)
+    return RouteMember(route, judge(coverage, route), violations.total, origin)
 
 
 def judge(coverage: CoverageMap, route: Route) -> RouteMetrics:

@@ -15,13 +15,12 @@ from uavcover.errors import InfeasibleError, InputError
 from uavcover.judging.gaps import gaps_geojson
 from uavcover.judging.verify import Verdict
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.model.route import Plan, Route
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.planning.gap_route import ClosingRoute, plan_closing_route
-from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.mission_compiler import CompiledMission, compile_continuation
-from uavcover.routes.objectives import judge
+from uavcover.routes.objectives import judge_member
 from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
 from uavcover.run.judge import judge_run, read_log, say_inputs
 from uavcover.run.judged_inputs import check_accepted, logs_of_the_verdict
@@ -240,13 +239,7 @@ def plan_gap_mission(
     compiled = compile_plan(site, closing.route)
     continuation = None if in_the_air is None else _continuation(site, closing.route, in_the_air)
     route = closing.route
-    margin_m = site.scenario.limits.height_margin_m
-    member = RouteMember(
-        route,
-        judge(coverage, route),
-        measure_violations(site, route.waypoints_m, margin_m=margin_m).total,
-        "gap-closing",
-    )
+    member = judge_member(coverage, route, "gap-closing", margin_m=site.scenario.limits.height_margin_m)
     after = coverage.share_of_coverable(seen | coverage.seen(route.waypoints_m))
     plan = Plan(
         chosen=member, members=(member,), baselines=(), rule="gaps", rule_met=target is None or after >= target,

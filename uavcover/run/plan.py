@@ -11,7 +11,7 @@ from uavcover.errors import INTERRUPTED, InfeasibleError
 from uavcover.model.limits import FlightLimits
 from uavcover.model.route import Plan, RouteMember, RouteMetrics
 from uavcover.model.vehicle import autopilot_name
-from uavcover.planning.planner import Progress
+from uavcover.planning.planner import SearchProgress
 from uavcover.planning.selection import parse_rule, select
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie
@@ -158,7 +158,7 @@ def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Progress
 
     started, budget_s, furthest = time.monotonic(), request.budget_s, 0.0
 
-    def show(progress: Progress) -> None:
+    def show(progress: SearchProgress) -> None:
         nonlocal furthest
         done = float(progress.evaluations) if budget_s is None else min(time.monotonic() - started, budget_s)
         furthest = max(furthest, done)  # one bar from the start to the end, whatever stages the search has
@@ -172,7 +172,7 @@ def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Progress
     )  # fmt: skip
 
 
-def progress_in_words(progress: Progress, unit: str, least: float | None) -> str:
+def progress_in_words(progress: SearchProgress, unit: str, least: float | None) -> str:
     """Coverage, the shortest route that has what is asked for, and its gap to what no route can beat, as far as they are known.
 
     Args:

@@ -7,11 +7,10 @@ from collections.abc import Mapping, Sequence
 from importlib import metadata
 from typing import Any
 
-from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.model.route import Plan, Route
 from uavcover.model.vehicle import AutopilotName
-from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.mission_compiler import CompiledMission
-from uavcover.routes.objectives import judge
+from uavcover.routes.objectives import judge_member
 from uavcover.routes.sorties import Sortie
 from uavcover.run.documents import (
     PlannedDocument,
@@ -129,8 +128,7 @@ def _sortie_row(number: int, sortie: Sortie) -> dict[str, Any]:
 def _plan_of_sortie(judged: CoverageMap, whole: Plan, sortie: Sortie) -> Plan:
     """A plan with the part of the chosen route that a sortie flies, judged by itself."""
     route = sortie.route
-    violation = measure_violations(judged.site, route.waypoints_m, margin_m=0.0).total
-    member = RouteMember(route, judge(judged, route), violation, whole.chosen.origin)
+    member = judge_member(judged, route, whole.chosen.origin, margin_m=0.0)
     return dataclasses.replace(whole, chosen=member, members=(member,), baselines=())
 
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from uavcover.errors import InputError
-from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.model.route import Plan, Route
 from uavcover.model.track import Track
-from uavcover.routes.leg_checks import measure_violations
-from uavcover.routes.objectives import judge
+from uavcover.routes.objectives import judge_member
 from uavcover.run.documents import PlannedDocument, read_plan_document
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan
@@ -121,8 +120,7 @@ def save_rest(unfinished: Unfinished, site: Site, *, command: Sequence[str]) -> 
     started = time.monotonic()
     route = unfinished.route
     compiled = compile_plan(site, route)
-    violations = measure_violations(site, route.waypoints_m, margin_m=site.scenario.limits.height_margin_m)
-    member = RouteMember(route, judge(judging_map(site), route), violations.total, "resumed")
+    member = judge_member(judging_map(site), route, "resumed", margin_m=site.scenario.limits.height_margin_m)
     plan = Plan(
         chosen=member, members=(member,), baselines=(), rule="resumed", rule_met=True, algorithm="resumed",
         evaluations=0, wall_s=time.monotonic() - started,

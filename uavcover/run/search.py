@@ -12,7 +12,7 @@ from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.planning.baselines.boustrophedon import best_height_agl_m
 from uavcover.planning.bounds import are_quick, least_path_length_m, path_bounds, waypoint_bounds
-from uavcover.planning.planner import Effort, Progress, plan_routes
+from uavcover.planning.planner import Effort, SearchProgress, plan_routes
 from uavcover.planning.selection import parse_rule
 from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.run.documents import (
@@ -34,7 +34,7 @@ def plan(
     select: str | None = None,
     workers: int | None = None,
     should_stop: Callable[[], bool] = lambda: False,
-    on_progress: Callable[[Progress], None] = lambda _: None,
+    on_progress: Callable[[SearchProgress], None] = lambda _: None,
 ) -> Plan:
     """Plan the sensing route. What is not given is taken from the scenario.
 

@@ -6,8 +6,7 @@ from uavcover.errors import InfeasibleError, InputError
 from uavcover.model.route import Plan, RouteMember
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planning.selection import parse_rule, select
-from uavcover.routes.leg_checks import measure_violations
-from uavcover.routes.objectives import judge
+from uavcover.routes.objectives import judge_member
 from uavcover.routes.sorties import Sortie
 from uavcover.run.documents import read_pareto, read_pareto_routes
 from uavcover.run.folder import RunFolder
@@ -37,10 +36,7 @@ def read_members(run: RunFolder, site: Site) -> list[RouteMember]:
             f"{path}: has {len(routes)} routes, and pareto.csv has {len(makers)}; make them again with: uavcover plan"
         )
     judged = judging_map(site)
-    return [
-        RouteMember(route, judge(judged, route), measure_violations(site, route.waypoints_m, margin_m=0.0).total, maker)
-        for route, maker in zip(routes, makers, strict=True)
-    ]
+    return [judge_member(judged, route, maker, margin_m=0.0) for route, maker in zip(routes, makers, strict=True)]
 
 
 def choose(

@@ -1,8 +1,10 @@
 """The site: a scenario on its ground, everything in the local frame, ready for planning, flying and judging."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Hashable
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
@@ -41,6 +43,7 @@ class Site:
         fence: what must not be left, (east, north) metres.
         home_m: (3,) take-off place on the ground, ENU metres; none without a home.
         prisms: the obstacles that stand on the ground, in the numbers of its kernels.
+        derived: what later stages compute once for this site, under keys of their own; a copy of the site begins without it.
     """
 
     scenario: Scenario
@@ -50,6 +53,7 @@ class Site:
     fence: shapely.Polygon
     home_m: FloatArray | None
     prisms: tuple[Prism, ...] = ()
+    derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __repr__(self) -> str:
         where = "no place on Earth" if self.frame is None else f"{self.frame.lat_deg:.5f}, {self.frame.lon_deg:.5f}"

@@ -239,5 +239,18 @@ def sees_each(
 
 
 def judging_map(site: Site) -> CoverageMap:
-    """The cells that results are judged on."""
-    return CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m)
+    """The area's own cells, which results are judged on; built once for a site."""
+    return _map_of(site, site.scenario.area.cell_size_m)
+
+
+def planning_map(site: Site) -> CoverageMap:
+    """The cells that a planner counts on, the area's own where they are of the same size; built once for a site."""
+    return _map_of(site, site.scenario.planning_cell_size_m)
+
+
+def _map_of(site: Site, cell_size_m: float) -> CoverageMap:
+    key = (CoverageMap, cell_size_m)
+    if key not in site.derived:
+        site.derived[key] = CoverageMap(site, cell_size_m=cell_size_m)
+    made: CoverageMap = site.derived[key]
+    return made

@@ -1,8 +1,7 @@
-"""Who takes part: planners with a budget and a seed, and constructions, the exhaustive line scan among them.
+"""Who takes part: planners, which get a budget and a seed, and constructions, which need neither.
 
-The boustrophedon, tuned for as long as it takes: many directions, heights, insets, tolerances, and every number of lines.
-
-Who takes part: planners that get a budget and a seed, and constructions that need neither.
+Among the constructions is the exhaustive line scan, a boustrophedon tuned for as long as it takes: many directions, heights,
+insets, tolerances, and every number of lines.
 """
 
 import dataclasses

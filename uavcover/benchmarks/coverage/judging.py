@@ -1,10 +1,7 @@
-"""The scenarios of the benchmark, and what a set of routes is worth on cells that no planner has seen.
+"""The scenarios of the benchmark, what is asked for on each, and what a set of routes is worth.
 
-The scenarios of the benchmark, what is asked for on each, and where its hypervolume is measured from.
-
-Cells that no planner has seen: by them, routes of different planners are compared.
-
-What a set of routes is worth: on the cells of the area, and the chosen ones on the hold-out.
+Sets are judged on the cells of the area, with the hypervolume measured from a point of each scenario; chosen routes are
+judged on hold-out cells, which no planner has seen.
 """
 
 import dataclasses
@@ -151,7 +148,7 @@ class Chosen:
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class JudgedMoment:
     """A set of routes, judged.
 
     Attributes:
@@ -179,11 +176,11 @@ class Judge:
         self._cells = CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m)
         self._hold_out = HoldOut(site)
 
-    def moment(self, at_s: float, routes: Sequence[NamedRoute]) -> tuple[Moment, RouteMember | None]:
+    def moment(self, at_s: float, routes: Sequence[NamedRoute]) -> tuple[JudgedMoment, RouteMember | None]:
         """The routes judged, and the one that the scenario's rule chooses."""
         members = [member for member in judge_members(self._cells, routes) if member.violation <= 0.0]
         if not members:
-            return Moment(at_s, (), {}), None
+            return JudgedMoment(at_s, (), {}), None
         pareto = pareto_members(members)
         rules = {
             "rule": self.case.rule,
@@ -203,7 +200,7 @@ class Judge:
             Point(m.metrics.coverage_of_coverable, float(m.metrics.waypoint_count), m.metrics.path_length_m)
             for m in pareto
         )
-        return Moment(at_s, front, chosen), pareto[choices["rule"].index]
+        return JudgedMoment(at_s, front, chosen), pareto[choices["rule"].index]
 
     def hold_out(self, member: RouteMember) -> float:
         """Share of what is coverable, on the hold-out cells."""
@@ -226,7 +223,7 @@ class Judge:
         )
 
 
-def moment_document(moment: Moment) -> dict[str, Any]:
+def moment_document(moment: JudgedMoment) -> dict[str, Any]:
     """A moment for JSON."""
     return {
         "at_s": moment.at_s,
@@ -235,9 +232,9 @@ def moment_document(moment: Moment) -> dict[str, Any]:
     }
 
 
-def read_moment(document: dict[str, Any]) -> Moment:
+def read_moment(document: dict[str, Any]) -> JudgedMoment:
     """A moment from JSON."""
-    return Moment(
+    return JudgedMoment(
         at_s=float(document["at_s"]),
         front=tuple(Point(*map(float, values)) for values in document["front"]),
         chosen={name: Chosen(**values) for name, values in document["chosen"].items()},

@@ -1,10 +1,6 @@
-"""Tables and picture of the coverage benchmark.
+"""Tables and picture of the coverage benchmark, from the runs in its folder.
 
-One picture of the benchmark: hypervolume, and length at the coverage asked for, over processor time.
-
-The tables of the coverage benchmark as CSV and Markdown.
-
-Everything that is written about the runs in the folder of a coverage benchmark.
+Tables are CSV and Markdown; the picture shows hypervolume, and length at the required coverage, over processor time.
 """
 
 import csv

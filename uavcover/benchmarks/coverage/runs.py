@@ -1,5 +1,6 @@
 """The runs in the order of their worth, each made in a process of its own kind and kept as one file."""
 
+import dataclasses
 import functools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -90,7 +91,7 @@ def wanted_runs(
 
 
 @dataclass(frozen=True, slots=True)
-class _Task:
+class _CoverageTask:
     folder: Path
     settings: Mapping[str, str | int | float]
     run: CoverageRun
@@ -108,12 +109,12 @@ def make_runs(
     Raises:
         UavcoverError: a process was killed, or a run failed; what is done is kept.
     """
-    tasks = [_Task(folder.path, folder.settings, run, tuple(sorted(times_s))) for run in runs]
+    tasks = [_CoverageTask(folder.path, folder.settings, run, tuple(sorted(times_s))) for run in runs]
     for task, _ in completed(_make, tasks, processes=processes):
         yield task.run
 
 
-def _make(task: _Task) -> None:
+def _make(task: _CoverageTask) -> None:
     run = task.run
     judge = _judge(run.scenario)
     construct = CONSTRUCTIONS.get(run.algorithm)
@@ -135,7 +136,8 @@ def _planned(judge: Judge, run: CoverageRun, times_s: Sequence[float]) -> Found:
     moments = [] if run.budget_s is None else [t for t in times_s if t <= run.budget_s]
     algorithm = next(name for name in PLANNERS if name == run.algorithm)
     return plan_for(
-        judge.site, judge.case, algorithm, seed=run.number, moments_s=moments,
+        # A copy of the site: the planner's clock counts the coverage maps of every run.
+        dataclasses.replace(judge.site), judge.case, algorithm, seed=run.number, moments_s=moments,
         evaluations=judge.site.scenario.planner.evaluations,
     )  # fmt: skip
 

@@ -1,6 +1,4 @@
-"""The runs of the benchmark read back, their figures, and rank tests over them.
-
-The runs of the benchmark read back, and the figures that its tables are made of.
+"""The runs of the coverage benchmark read back, their figures, and rank tests over them.
 
 Is ours better than the other planners: rank-sum tests of the hypervolume, and Friedman's ranks over the scenarios.
 """
@@ -14,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from uavcover.benchmarks.coverage.contenders import CONSTRUCTIONS, CONTENDERS, OURS, PLANNERS, Tried, length_at
-from uavcover.benchmarks.coverage.judging import CASES, Case, Chosen, Moment, hypervolume_share, read_moment
+from uavcover.benchmarks.coverage.judging import CASES, Case, Chosen, JudgedMoment, hypervolume_share, read_moment
 from uavcover.benchmarks.coverage.runs import CoverageRun, run_of_key
 from uavcover.benchmarks.mmf.tables import markdown
 from uavcover.benchmarks.rank_tests import compared, friedman
@@ -28,7 +26,7 @@ _SAME = 1.0 + 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
+class CoverageOutcome:
     """A run that is done.
 
     Attributes:
@@ -40,7 +38,7 @@ class Outcome:
     """
 
     run: CoverageRun
-    moments: tuple[Moment, ...]
+    moments: tuple[JudgedMoment, ...]
     evaluations: int
     cpu_s: float
     tried: tuple[Tried, ...]
@@ -50,8 +48,8 @@ class Outcome:
 class Sample:
     """What a run had at a moment."""
 
-    outcome: Outcome
-    moment: Moment
+    outcome: CoverageOutcome
+    moment: JudgedMoment
 
     @property
     def case(self) -> Case:
@@ -85,7 +83,7 @@ class Sample:
 class Outcomes:
     """Everything that is done."""
 
-    def __init__(self, outcomes: Iterable[Outcome]) -> None:
+    def __init__(self, outcomes: Iterable[CoverageOutcome]) -> None:
         self._all = list(outcomes)
 
     @cached_property
@@ -135,7 +133,7 @@ class Outcomes:
         """Every processor time that was looked at, ascending."""
         return sorted({m.at_s for o in self._all if o.run.budget_s is not None for m in o.moments})
 
-    def _of(self, scenario: str, algorithm: str) -> list[Outcome]:
+    def _of(self, scenario: str, algorithm: str) -> list[CoverageOutcome]:
         return [o for o in self._all if (o.run.scenario, o.run.algorithm) == (scenario, algorithm)]
 
 
@@ -149,7 +147,7 @@ def read_outcomes(folder: KeptRuns) -> Outcomes:
     for key in folder.done():
         document = folder.read(key)
         found.append(
-            Outcome(
+            CoverageOutcome(
                 run_of_key(key),
                 tuple(read_moment(moment) for moment in document["moments"]),
                 int(document["evaluations"]),

@@ -1,8 +1,7 @@
 """The clients that are compared, and the vehicles that they transfer missions to.
 
-Vehicles that only transfer missions, many of them in one process, each behind a UDP port that loses datagrams.
-
-The clients that are compared: each transfers a mission over one link and says whether it believes that it worked.
+A client transfers a mission over one link and says whether it believes that it worked. The vehicles only transfer missions,
+many of them in one process, each behind a UDP port that loses datagrams.
 """
 
 import contextlib
@@ -28,7 +27,7 @@ from mission_io.protocol.exchange import Address, Timing
 from mission_io.protocol.server import MissionServer
 from mission_io.wire.codec import Codec
 from mission_io.wire.messages import Heartbeat
-from uavcover.benchmarks.link.trials import AUTOPILOTS, Outcome, Trial, items_on, mission_items
+from uavcover.benchmarks.link.trials import AUTOPILOTS, TransferOutcome, Trial, items_on, mission_items
 from uavcover.errors import VehicleError
 
 _LOCALHOST = "127.0.0.1"
@@ -170,7 +169,7 @@ class Transferred:
     error: str = ""
 
 
-def run_simulated(trial: Trial, timing: Timing | None = None) -> Outcome:
+def run_simulated(trial: Trial, timing: Timing | None = None) -> TransferOutcome:
     """Our client in simulated time."""
     vehicle = vehicle_for(trial, now=0.0)
     rng = Random(f"{trial.vehicle} {trial.direction} {trial.loss} {trial.seed}")
@@ -220,10 +219,10 @@ def run_mavsdk(trial: Trial, port: int) -> Transferred:
         return Transferred(True, time_s, received)
 
 
-def outcome_of(trial: Trial, transferred: Transferred, held: tuple[MissionItem, ...]) -> Outcome:
+def outcome_of(trial: Trial, transferred: Transferred, held: tuple[MissionItem, ...]) -> TransferOutcome:
     """What came of a transfer, given what the vehicle holds at the end."""
     there = held if trial.direction == "upload" else transferred.received
-    return Outcome(
+    return TransferOutcome(
         trial,
         transferred.claimed,
         there == items_on(trial.vehicle),

@@ -1,8 +1,6 @@
-"""Runs trials over real UDP, in processes, and keeps each outcome as it comes.
+"""Runs the trials that are missing from the grid over real UDP, and keeps each outcome as it comes.
 
-Runs trials over real UDP: one process with the vehicles, and one process for each client that runs at a time.
-
-The grid of trials: which are still to be run, running them, and keeping each outcome as it comes.
+One process has the vehicles, and each client that runs at a time has a process of its own.
 """
 
 import csv
@@ -18,7 +16,7 @@ from typing import Final, Self
 
 from mission_io.model.items import MissionItem
 from uavcover.benchmarks.link.peers import REAL_CLIENTS, Transferred, outcome_of, run_real, run_simulated, serve
-from uavcover.benchmarks.link.trials import AUTOPILOTS, COLUMNS, DIRECTIONS, Outcome, Trial
+from uavcover.benchmarks.link.trials import AUTOPILOTS, COLUMNS, DIRECTIONS, TransferOutcome, Trial
 from uavcover.errors import InputError
 
 LONGEST_S = 240.0
@@ -106,10 +104,10 @@ def _work(control: Connection) -> None:
             control.send(Transferred(False, 0.0, error=f"{type(error).__name__}: {error}"))
 
 
-def run_over_udp(trials: Sequence[Trial], *, at_a_time: int) -> Iterator[Outcome]:
+def run_over_udp(trials: Sequence[Trial], *, at_a_time: int) -> Iterator[TransferOutcome]:
     """Run trials, ``at_a_time`` of them at once, and yield each outcome as it comes."""
     todo: queue.SimpleQueue[Trial | None] = queue.SimpleQueue()
-    done: queue.SimpleQueue[Outcome | BaseException] = queue.SimpleQueue()
+    done: queue.SimpleQueue[TransferOutcome | BaseException] = queue.SimpleQueue()
     for trial in (*trials, *(None,) * at_a_time):
         todo.put(trial)
     with Vehicles() as vehicles:
@@ -159,7 +157,7 @@ def trials(*, clients: Collection[str], losses: Collection[float], delay_s: floa
     ]
 
 
-def read_outcomes(folder: Path) -> list[Outcome]:
+def read_outcomes(folder: Path) -> list[TransferOutcome]:
     """The outcomes in a folder; a last line that was cut off by a kill is left out.
 
     Raises:
@@ -173,7 +171,7 @@ def read_outcomes(folder: Path) -> list[Outcome]:
     outcomes = []
     for number, row in enumerate(csv.DictReader(whole.splitlines()), start=2):
         try:
-            outcomes.append(Outcome.of_row(row))
+            outcomes.append(TransferOutcome.of_row(row))
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
                 f"{file}: line {number}: cannot be read ({error}); remove the file to begin anew"
@@ -181,7 +179,7 @@ def read_outcomes(folder: Path) -> list[Outcome]:
     return outcomes
 
 
-def run_missing(folder: Path, wanted: Collection[Trial], *, at_a_time: int) -> Iterator[Outcome]:
+def run_missing(folder: Path, wanted: Collection[Trial], *, at_a_time: int) -> Iterator[TransferOutcome]:
     """Run what is not in the folder yet, and yield each outcome once it is written.
 
     In simulated time first, then over UDP: without loss one after the other, because there the processor is what takes
@@ -223,7 +221,7 @@ class _Writer:
     def __exit__(self, *_: object) -> None:
         self._file.close()
 
-    def write(self, outcome: Outcome) -> Outcome:
+    def write(self, outcome: TransferOutcome) -> TransferOutcome:
         self._rows.writerow(outcome.row())
         self._file.flush()
         return outcome

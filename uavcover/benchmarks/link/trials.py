@@ -1,9 +1,4 @@
-"""What one measurement is, what came of it, and the tables of all.
-
-What one measurement is, and what came of it.
-
-The outcomes of the grid in numbers: one row a cell, and as Markdown.
-"""
+"""What one measurement is, its outcome, and the tables of all outcomes: one row a cell of the grid, and as Markdown."""
 
 import math
 import statistics
@@ -48,7 +43,7 @@ class Trial:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class TransferOutcome:
     """What came of a trial.
 
     Attributes:
@@ -67,11 +62,11 @@ class Outcome:
     def row(self) -> dict[str, str]:
         """As a line of a CSV file."""
         trial = {field.name: str(getattr(self.trial, field.name)) for field in fields(Trial)}
-        own = {field.name: str(getattr(self, field.name)) for field in fields(Outcome) if field.name != "trial"}
+        own = {field.name: str(getattr(self, field.name)) for field in fields(TransferOutcome) if field.name != "trial"}
         return {**trial, **own}
 
     @classmethod
-    def of_row(cls, row: dict[str, str]) -> "Outcome":
+    def of_row(cls, row: dict[str, str]) -> "TransferOutcome":
         """From a line of a CSV file.
 
         Raises:
@@ -89,7 +84,7 @@ class Outcome:
         )
 
 
-COLUMNS: Final = (*(f.name for f in fields(Trial)), *(f.name for f in fields(Outcome) if f.name != "trial"))
+COLUMNS: Final = (*(f.name for f in fields(Trial)), *(f.name for f in fields(TransferOutcome) if f.name != "trial"))
 
 
 def mission_items(count: int = ITEMS) -> tuple[MissionItem, ...]:
@@ -142,9 +137,9 @@ class Cell:
         return self.correct / self.runs
 
 
-def cells_of(outcomes: Iterable[Outcome]) -> list[Cell]:
+def cells_of(outcomes: Iterable[TransferOutcome]) -> list[Cell]:
     """Every cell, in the order of the table."""
-    groups: dict[tuple[str, str, float, float, str], list[Outcome]] = {}
+    groups: dict[tuple[str, str, float, float, str], list[TransferOutcome]] = {}
     for outcome in outcomes:
         trial = outcome.trial
         groups.setdefault((trial.vehicle, trial.direction, trial.delay_s, trial.loss, trial.client), []).append(outcome)
@@ -153,7 +148,7 @@ def cells_of(outcomes: Iterable[Outcome]) -> list[Cell]:
     return [_cell(key, groups[key]) for key in keys]
 
 
-def _cell(key: tuple[str, str, float, float, str], outcomes: Collection[Outcome]) -> Cell:
+def _cell(key: tuple[str, str, float, float, str], outcomes: Collection[TransferOutcome]) -> Cell:
     times = sorted(outcome.time_s for outcome in outcomes if outcome.claimed and outcome.correct)
     return Cell(
         *key,

@@ -1,8 +1,6 @@
-"""What is written about the runs of an MMF benchmark: tables, and the paper's Figures 3 to 6.
+"""Everything that is written about the runs in the folder of an MMF benchmark: tables, and the paper's Figures 3 to 6.
 
-The paper's Figures 3 to 6: what each algorithm found on a function, beside the reference.
-
-Everything that is written about the runs in the folder of an MMF benchmark.
+A figure shows what each algorithm found on a function, beside the reference.
 """
 
 import csv

@@ -1,8 +1,6 @@
 """The runs of an MMF benchmark: made in processes, kept as one file each.
 
-The folder of an MMF benchmark: one file for each run, written whole, so that a killed benchmark goes on where it was.
-
-Making the runs of an MMF benchmark that are not there yet, in processes.
+Files are written whole, so that a killed benchmark goes on where it was; only runs that are not there yet are made.
 """
 
 import csv
@@ -148,7 +146,7 @@ def _told(budget: Budget) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class _Task:
+class _MmfTask:
     folder: Path
     run: RunId
     budget: Budget
@@ -177,11 +175,11 @@ def make_runs(folder: MmfFolder, runs: Collection[RunId], budget: Budget, *, pro
     Raises:
         UavcoverError: a process was killed, or a run failed; what is done is kept.
     """
-    tasks = [_Task(folder.path, run, budget) for run in runs]
+    tasks = [_MmfTask(folder.path, run, budget) for run in runs]
     for task, _ in completed(_make, tasks, processes=processes):
         yield task.run
 
 
-def _make(task: _Task) -> None:
+def _make(task: _MmfTask) -> None:
     x, objectives = solve(PROBLEMS[task.run.function], task.run.algorithm, seed=task.run.number, budget=task.budget)
     MmfFolder(task.folder).write(task.run, x, objectives)

@@ -1,8 +1,6 @@
 """From the files of the runs to indicators, and their mean, deviation and median.
 
-Indicators of the MMF suite that look at decision space: IGDx, cover rate, PSP. Plain distances, no normalisation.
-
-From the files of the runs to one number: indicators of each run, then mean, deviation and median over the runs.
+IGDx, cover rate and PSP are the MMF suite's indicators in decision space: plain distances, no normalisation.
 """
 
 import csv

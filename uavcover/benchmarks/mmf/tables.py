@@ -1,8 +1,6 @@
-"""The tables of the MMF benchmark, beside what the paper published.
+"""The tables of the MMF benchmark as Markdown and CSV: the paper's Tables 3 and 4, wins and losses, ranks, fidelity, ablation.
 
-What the paper's Tables 3 and 4 report, and the highest PSP that was found for a set of 200 points.
-
-The tables of the MMF benchmark as Markdown and CSV: Tables 3 and 4, wins and losses, ranks, fidelity, ablation.
+Beside our figures stand those that the paper reports, and the highest PSP that was found for a set of 200 points.
 """
 
 import csv

@@ -1,9 +1,4 @@
-"""Tables 5 and 6 as printed, and how the paper's sensor can be read.
-
-Tables 5 and 6 as printed.
-
-How the paper's sensor can be read; its Tables 5 and 6 do not say which reading made them.
-"""
+"""The paper's Tables 5 and 6 as printed, and how its sensor can be read: the paper does not say which reading made them."""
 
 import dataclasses
 from dataclasses import dataclass

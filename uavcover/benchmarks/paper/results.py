@@ -1,12 +1,7 @@
-"""Tables 5 and 6 and Figures 7 to 11 from the runs of the paper's simulation.
+"""Everything that is written about the runs of the paper's simulation: Tables 5 and 6, and Figures 7 to 11.
 
-What the runs of a reading come to, beside the paper's figures.
-
-Tables 5 and 6 under every reading, as Markdown and CSV.
-
-The paper's Figures 7 to 11: the terrain, and what both algorithms planned over it, from the side and from above.
-
-Everything that is written about the runs in the folder of the paper's simulation.
+The tables put what the runs of each reading come to beside the paper's figures, as Markdown and CSV. The figures show the
+terrain and what both algorithms planned over it, from the side and from above.
 """
 
 import csv
@@ -77,7 +72,7 @@ def _all(results: Sequence[PaperResult]) -> list[Scheme]:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TableRow:
     """A row of Table 5: mean and standard deviation (of a sample; NaN for one run) over the runs."""
 
     mean: Figures
@@ -85,15 +80,15 @@ class Row:
     runs: int
 
 
-def row(results: Sequence[PaperResult], choice: str) -> Row:
+def row(results: Sequence[PaperResult], choice: str) -> TableRow:
     """The runs of one algorithm on one reading."""
     chosen = [CHOICES[choice]([result]).figures for result in results]
     values = np.array([[c.coverage, c.nodes, c.length] for c in chosen])
     std = values.std(axis=0, ddof=1) if len(values) > 1 else np.full(3, math.nan)
-    return Row(Figures(*values.mean(axis=0).tolist()), Figures(*std.tolist()), len(values))
+    return TableRow(Figures(*values.mean(axis=0).tolist()), Figures(*std.tolist()), len(values))
 
 
-def misfit(rows: Mapping[str, Row]) -> float:
+def misfit(rows: Mapping[str, TableRow]) -> float:
     """How far the rows of both algorithms are from Table 5: root mean square of the six means' relative deviations."""
     deviations = [
         getattr(rows[algorithm].mean, name) / getattr(mean, name) - 1.0
@@ -155,9 +150,9 @@ def tables_markdown(results: Results, *, population: int, iterations: int, versi
 
 
 def _table_5(results: Results, choice: str) -> str:
-    lines = [["paper", algorithm, *_spread(Row(mean, std, 5)), ""] for algorithm, (mean, std) in TABLE_5.items()]
+    lines = [["paper", algorithm, *_spread(TableRow(mean, std, 5)), ""] for algorithm, (mean, std) in TABLE_5.items()]
     for reading in readings_done(results):
-        rows: dict[str, Row] = {algorithm: row(results[reading, algorithm], choice) for algorithm in ALGORITHMS}
+        rows: dict[str, TableRow] = {algorithm: row(results[reading, algorithm], choice) for algorithm in ALGORITHMS}
         fit = f"{misfit(rows):.3f}"
         lines += [[reading, algorithm, *_spread(rows[algorithm]), fit] for algorithm in ALGORITHMS]
     return markdown(["reading", "algorithm", "coverage %", "length", "nodes", "misfit"], lines) + "\n"
@@ -175,7 +170,9 @@ def _fits(results: Results) -> str:
     found: list[tuple[float, list[str]]] = []
     for choice in CHOICES:
         for reading in readings_done(results):
-            rows: dict[str, Row] = {algorithm: row(results[reading, algorithm], choice) for algorithm in ALGORITHMS}
+            rows: dict[str, TableRow] = {
+                algorithm: row(results[reading, algorithm], choice) for algorithm in ALGORITHMS
+            }
             gaps = [100.0 * (rows[name].mean.coverage - TABLE_5[name][0].coverage) for name in ALGORITHMS]
             gain = 100.0 * (rows["imodbo"].mean.coverage - rows["modbo"].mean.coverage)
             fit = misfit(rows)
@@ -186,7 +183,7 @@ def _fits(results: Results) -> str:
     return markdown(header, [cells for _, cells in sorted(found, key=lambda item: item[0])]) + "\n"
 
 
-def _spread(told: Row) -> Sequence[str]:
+def _spread(told: TableRow) -> Sequence[str]:
     mean, std = told.mean, told.std
     return (
         f"{100 * mean.coverage:.2f} ± {100 * std.coverage:.2f}",

@@ -64,7 +64,7 @@ def paper_runs(readings: Collection[str], algorithms: Collection[PlannerAlgorith
 
 
 @dataclass(frozen=True, slots=True)
-class _Task:
+class _PaperTask:
     folder: Path
     settings: Mapping[str, str | int | float]
     run: PaperRun
@@ -83,12 +83,12 @@ def make_runs(
     Raises:
         UavcoverError: a process was killed, or a run failed; what is done is kept.
     """
-    tasks = [_Task(folder.path, folder.settings, run, population, iterations) for run in runs]
+    tasks = [_PaperTask(folder.path, folder.settings, run, population, iterations) for run in runs]
     for task, _ in completed(_make, tasks, processes=processes):
         yield task.run
 
 
-def _make(task: _Task) -> None:
+def _make(task: _PaperTask) -> None:
     run = task.run
     site = READINGS[run.reading].site()
     settings = dataclasses.replace(

@@ -8,11 +8,14 @@ is `uavcover.optimizers.pymoo.algorithm`.
 
 import importlib
 import inspect
+import io
 import pickle
 import pkgutil
+import sys
 from abc import abstractmethod
 from itertools import combinations
 from math import comb
+from types import FunctionType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -23,7 +26,6 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers.archive import Archive
 from uavcover.optimizers.ask_tell import AskTellOptimizer
 from uavcover.optimizers.interface import ParetoSet, Solutions
-from uavcover.optimizers.pymoo.state import pickled
 
 
 def pymoo_missing(what: str, reason: ImportError) -> OptimizerError:
@@ -156,7 +158,7 @@ class PymooOptimizer(AskTellOptimizer):
             algorithm, stream = self._algorithm, self._algorithm.random_state
             algorithm.random_state = None  # the streams are saved with all others
             try:
-                self._pickled = np.frombuffer(pickled((algorithm, self._pending)), np.uint8)
+                self._pickled = np.frombuffer(_as_bytes((algorithm, self._pending)), np.uint8)
             except (pickle.PicklingError, AttributeError, TypeError) as error:
                 raise OptimizerError(
                     f"state: {type(algorithm).__name__} of pymoo cannot be pickled ({error}): run it in one go"
@@ -310,3 +312,30 @@ def adapted(algorithm: type) -> type[PymooOptimizer]:
         "most_objectives": 1 if algorithm.__module__.startswith("pymoo.algorithms.soo") else None,
     }
     return type(algorithm.__name__, (PymooOptimizer,), members)
+
+
+def _as_bytes(value: object) -> bytes:
+    """``value`` as bytes, for ``pickle.loads``; functions that pymoo's decorators have made nameless are found too.
+
+    Raises:
+        pickle.PicklingError, AttributeError, TypeError: Something in it cannot be pickled.
+    """
+    buffer = io.BytesIO()
+    _Pickler(buffer).dump(value)
+    return buffer.getvalue()
+
+
+class _Pickler(pickle.Pickler):
+    def reducer_override(self, obj: Any) -> Any:
+        # A decorator without functools.wraps leaves the name of its own inner function on what is a module's public one.
+        if isinstance(obj, FunctionType) and "<locals>" in obj.__qualname__:
+            for module_name, module in list(sys.modules.items()):
+                if module_name.startswith("pymoo."):
+                    for name, value in vars(module).items():
+                        if value is obj:
+                            return _member, (module_name, name)
+        return NotImplemented
+
+
+def _member(module_name: str, name: str) -> Any:
+    return getattr(importlib.import_module(module_name), name)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.optimizers.ask_tell import AskTellOptimizer
-from uavcover.optimizers.dung_beetle_moves import Area, area_around, breeder, roller, small_beetle, thief
+from uavcover.optimizers.dung_beetle_moves import Region, area_around, breeder, roller, small_beetle, thief
 from uavcover.optimizers.imodbo import group_sizes
 from uavcover.optimizers.interface import Solutions
 
@@ -58,7 +58,7 @@ class DBO(AskTellOptimizer):
         )  # Eq. 7 (18)
         return np.concatenate([rolled, bred, walked, stolen])
 
-    def _area_around(self, centre: FloatArray) -> Area:
+    def _area_around(self, centre: FloatArray) -> Region:
         return area_around(centre, self._box.lower, self._box.upper, t=self._iteration, t_max=self._max_iterations)
 
     def _learn(self, told: Solutions) -> None:

@@ -1,14 +1,10 @@
 """MOGWO: the multi-objective grey wolf optimizer, and the hypercubes of its archive.
 
-The hypercubes of MOGWO: an archive thinned, and leaders chosen, by how many solutions share a cell of objective space.
-
-Source: Mirjalili, Saremi, Mirjalili and Coelho, "Multi-objective grey wolf optimizer: a novel algorithm for multi-criterion
-optimization", Expert Systems with Applications 47, 2016, section 3, and the authors' published code where the text is silent.
-
-MOGWO: the multi-objective grey wolf optimizer.
-
-Equations are numbered as in Mirjalili, Mirjalili and Lewis, "Grey wolf optimizer", Advances in Engineering Software 69, 2014;
-the archive and the choice of leaders are those of the multi-objective version (2016), see `uavcover.optimizers.rivals.mogwo`.
+Equations are numbered as in Mirjalili, Mirjalili and Lewis, "Grey wolf optimizer", Advances in Engineering Software 69, 2014.
+The archive and the choice of leaders are those of the multi-objective version: Mirjalili, Saremi, Mirjalili and Coelho,
+"Multi-objective grey wolf optimizer: a novel algorithm for multi-criterion optimization", Expert Systems with Applications
+47, 2016, section 3, and the authors' published code where the text is silent. The archive is thinned, and leaders are chosen,
+by how many solutions share a cell of objective space.
 """
 
 from dataclasses import dataclass

@@ -1,14 +1,12 @@
 """Adaptive swaths: lines that bend with the terrain, and lines of few waypoints.
 
-Lines that bend with the terrain: side by side they see strips with the same gap or overlap everywhere.
+Lines that bend see strips side by side with the same gap or overlap everywhere. Straight lines at equal distances waste what
+hills give: a strip is wider over a ridge and on a slope, narrower in a valley. Bending by a tenth of a swath evens that out
+and costs next to no length.
 
-Straight lines at equal distances waste what hills give: a strip is wider over a ridge and on a slope, narrower in a valley. A
-tenth of a swath of bending evens that out and costs next to no length.
-
-Lines of few waypoints: flown lower, legs may leave their height by more, and the terrain needs fewer of them.
-
-A leg that leaves the best height by 2 m follows every hill; one that may leave a lower height by 20 m crosses a valley in one
-go, and sees a strip that is a seventh narrower. What that costs in length it saves several times over in mission items.
+Lines of few waypoints are flown lower, so that legs may leave their height by more and the terrain needs fewer of them. A leg
+that leaves the best height by 2 m follows every hill; one that may leave a lower height by 20 m crosses a valley in one go,
+and sees a strip that is a seventh narrower. What that costs in length it saves several times over in mission items.
 """
 
 import math
@@ -46,12 +44,12 @@ _STRAIGHT_SHARE = 0.01
 """A line may be laid straight where it leaves its bends by no more than this share of the reach."""
 
 
-def can_be_balanced(site: Site) -> bool:
+def can_be_adapted(site: Site) -> bool:
     """Whether the sensor is one whose strip :mod:`uavcover.kernels.swaths` can measure."""
     return site.scenario.sensor.sensing == "along-path" and sight_of(site.scenario.sensor).kind in (CONE, SPHERE)
 
 
-def balanced_lines(site: Site, angle_rad: float) -> list[Route]:
+def adaptive_swaths(site: Site, angle_rad: float) -> list[Route]:
     """Routes of balanced lines in a direction and across it, with the numbers of lines around what the area has room for."""
     limits = site.scenario.limits
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
@@ -74,7 +72,7 @@ def fly_balanced(site: Site, layout: SwathLayout, *, straight_m: float | None = 
     """The route of a layout with its lines bent, laid over the terrain.
 
     Args:
-        site: with a sensor for which :func:`can_be_balanced` holds.
+        site: with a sensor for which :func:`can_be_adapted` holds.
         layout: as for :func:`uavcover.planning.baselines.swaths.fly_layout`.
         straight_m: how far lines may leave their bends on the map to have fewer of them; by default a hundredth of the
             sensor's reach.
@@ -128,7 +126,7 @@ def simple_lines(site: Site, angle_rad: float) -> list[Route]:
     """Routes of lines in a direction, from many waypoints to few, with several numbers of lines each."""
     limits = site.scenario.limits
     band_m = limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m
-    kinds = [(share, True) for share in BENT if can_be_balanced(site)] + [(share, False) for share in STRAIGHT]
+    kinds = [(share, True) for share in BENT if can_be_adapted(site)] + [(share, False) for share in STRAIGHT]
     routes = []
     for share, bent in kinds:
         tolerance_m = share * band_m

@@ -1,8 +1,6 @@
-"""Boustrophedon routes, plain and tuned: what any planner must be compared with.
+"""Boustrophedon routes, plain and tuned: the baselines that every planner is compared with.
 
-The boustrophedon of a sensor that looks from waypoints: rows of nodes, flown back and forth.
-
-Routes that any planner must be compared with, and the plain and the tuned boustrophedon among them.
+For sensors that observe from waypoints the boustrophedon is rows of nodes, flown back and forth.
 """
 
 import dataclasses

@@ -1,8 +1,6 @@
 """Local search for the shortest route that reaches a coverage, and for routes of few waypoints.
 
-Local search for the shortest route that reaches a coverage.
-
-Local search for routes of few waypoints: each next price of a waypoint is dearer, and the way may get longer for it.
+For few waypoints the price of a waypoint rises step by step, and the path may get longer for it.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,7 +11,7 @@ import numpy as np
 from uavcover.kernels.annealing import Prices
 from uavcover.model.route import Route
 from uavcover.planning.search.local_search import CHAINS, Chain, Work
-from uavcover.planning.search.route_problem import LocalTask, draft_of
+from uavcover.planning.search.route_problem import RouteProblem, state_of
 
 LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
 """Goals that are searched for besides the one that is asked for, so that there is something to choose from."""
@@ -51,7 +49,7 @@ _QUENCHED = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Start:
+class SearchStart:
     """A route to begin with, that keeps the limits.
 
     Attributes:
@@ -65,14 +63,14 @@ class Start:
 
 def search_goals(
     work: Work,
-    starts: Sequence[Start],
+    starts: Sequence[SearchStart],
     *,
     asked: float | None,
     capacity: int,
     until: float,
     judged_coverage: Callable[[Route], float],
     found: Callable[[Route], None],
-) -> list[Start]:
+) -> list[SearchStart]:
     """Shortest routes for the goals of the ladder, or above all for the one that is asked for.
 
     Args:
@@ -104,7 +102,7 @@ def search_goals(
 
 def search_goal(
     work: Work,
-    starts: Sequence[Start],
+    starts: Sequence[SearchStart],
     goal: float,
     capacity: int,
     share: tuple[float, float],
@@ -113,7 +111,7 @@ def search_goal(
     found: Callable[[Route], None],
     *,
     waypoint_price: float | None = None,
-) -> list[Start]:
+) -> list[SearchStart]:
     """One goal, in stages: after each the goal is corrected, after the first both chains go on from the better one.
 
     Args:
@@ -132,9 +130,9 @@ def search_goal(
     """
     begin, end = share
     aim = min(1.0, goal + SAFETY)
-    waypoint_m = (_WAYPOINT_PRICE if waypoint_price is None else waypoint_price) * work.task.reach_m
+    waypoint_m = (_WAYPOINT_PRICE if waypoint_price is None else waypoint_price) * work.problem.reach_m
     ranked_by_m = 0.0 if waypoint_price is None else waypoint_m
-    ranked = sorted(starts, key=lambda start: _merit(work.task, start, goal, ranked_by_m))
+    ranked = sorted(starts, key=lambda start: _merit(work.problem, start, goal, ranked_by_m))
     if work.stopped or work.pace.fraction >= end:
         return []
     chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m) for k in range(CHAINS)]
@@ -142,14 +140,14 @@ def search_goal(
         aim = _corrected(goal, chain.seen, judged_coverage(chain.route))
         chain.prices = chain.prices._replace(goal=aim)
     hottest, coldest = chains[0].hottest, chains[0].coldest
-    if work.task.free_order:
+    if work.problem.free_order:
         for chain in chains:
             chain.hottest = _QUENCHED * coldest
         work.run(chains, until=begin + _QUENCH * (end - begin))
         for chain in chains:
             found(chain.route)
     price = max(chain.prices.coverage for chain in chains)
-    out: list[Start] = []
+    out: list[SearchStart] = []
     reached = False
     warm = 0.0
     for stage in stages:
@@ -161,7 +159,7 @@ def search_goal(
         more = work.run(chains, until=begin + stage * (end - begin))
         best = min(chains, key=lambda chain: chain.energy)
         judged = judged_coverage(best.route)
-        out.append(Start(best.route, best.seen))
+        out.append(SearchStart(best.route, best.seen))
         if judged >= goal or not more or stage == stages[-1]:
             reached = reached or judged >= goal
             if judged >= goal or not reached:
@@ -184,33 +182,35 @@ def _corrected(goal: float, seen: float, judged: float) -> float:
     return min(1.0, max(0.0, seen + goal + SAFETY - judged))
 
 
-def _merit(task: LocalTask, start: Start, goal: float, waypoint_m: float) -> tuple[bool, float]:
+def _merit(problem: RouteProblem, start: SearchStart, goal: float, waypoint_m: float) -> tuple[bool, float]:
     """Smallest for the best beginning; where the order is free, what reaches the goal is better than all that does not."""
     missing = max(0.0, goal - start.seen)
-    with_waypoints = 1.0 + waypoint_m * len(start.route) / max(start.route.length_m, task.reach_m)
-    return task.free_order and missing > 0.0, task.cost(start.route) * with_waypoints * (1.0 + _START_PRICE * missing)
+    with_waypoints = 1.0 + waypoint_m * len(start.route) / max(start.route.length_m, problem.reach_m)
+    return problem.free_order and missing > 0.0, problem.cost(start.route) * with_waypoints * (
+        1.0 + _START_PRICE * missing
+    )
 
 
 def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: float) -> Chain:
-    length_m = max(route.length_m, work.task.reach_m)
-    free = work.task.free_order
-    cells = np.count_nonzero(work.task.numbers.weight)
-    fewest = 1 if work.task.free_order else 2
-    draft = draft_of(work.task, route, capacity=capacity)
+    length_m = max(route.length_m, work.problem.reach_m)
+    free = work.problem.free_order
+    cells = np.count_nonzero(work.problem.numbers.weight)
+    fewest = 1 if work.problem.free_order else 2
+    state = state_of(work.problem, route, capacity=capacity)
     return Chain(
-        task=work.task,
-        draft=draft,
+        problem=work.problem,
+        state=state,
         prices=Prices(
-            work.task.metres_per_cost(route),
+            work.problem.metres_per_cost(route),
             waypoint_m,
-            _COVERAGE_PRICE_FREE * work.task.reach_m * cells
+            _COVERAGE_PRICE_FREE * work.problem.reach_m * cells
             if free
             else _COVERAGE_PRICE * (length_m + _DEAR_WAYPOINTS * waypoint_m * len(route)),
             goal,
         ),
-        hottest=(_HOTTEST_FREE if free else _HOTTEST) * work.task.reach_m + _HOTTEST_OF_WAYPOINT * waypoint_m,
-        coldest=_COLDEST * work.task.reach_m,
-        step_m=_LARGEST_STEP * work.task.reach_m,
+        hottest=(_HOTTEST_FREE if free else _HOTTEST) * work.problem.reach_m + _HOTTEST_OF_WAYPOINT * waypoint_m,
+        coldest=_COLDEST * work.problem.reach_m,
+        step_m=_LARGEST_STEP * work.problem.reach_m,
         fewest=fewest,
         most=max(capacity, fewest),
     )
@@ -224,14 +224,14 @@ _WAYPOINT_STAGES = (0.4, 0.8, 1.0)
 
 def search_waypoints(
     work: Work,
-    starts: Sequence[Start],
+    starts: Sequence[SearchStart],
     *,
     goal: float,
     capacity: int,
     until: float,
     judged_coverage: Callable[[Route], float],
     found: Callable[[Route], None],
-) -> list[Start]:
+) -> list[SearchStart]:
     """Routes that reach a goal with ever fewer waypoints.
 
     Args:

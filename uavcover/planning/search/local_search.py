@@ -9,9 +9,9 @@ import numpy as np
 
 from uavcover.kernels import annealing
 from uavcover.kernels.annealing import Prices, Schedule
-from uavcover.kernels.route_state import Draft
+from uavcover.kernels.route_state import RouteState
 from uavcover.model.route import Route
-from uavcover.planning.search.route_problem import LocalTask
+from uavcover.planning.search.route_problem import RouteProblem
 
 CHAINS = 2
 """Chains that run side by side, whatever the number of threads: the result must not depend on it."""
@@ -24,7 +24,7 @@ _LARGEST_BATCH = 5000
 """A batch is not interrupted: it must be over in a moment."""
 
 
-class Pace(Protocol):
+class SearchPace(Protocol):
     """How much work is left."""
 
     @property
@@ -96,8 +96,8 @@ class Chain:
     """One route under annealing.
 
     Attributes:
-        task: what is looked at.
-        draft: the route.
+        problem: what is looked at.
+        state: the route.
         prices: of the energy.
         hottest: temperature at the beginning of a stage.
         coldest: at its end.
@@ -106,8 +106,8 @@ class Chain:
         most: waypoints.
     """
 
-    task: LocalTask
-    draft: Draft
+    problem: RouteProblem
+    state: RouteState
     prices: Prices
     hottest: float
     coldest: float
@@ -118,19 +118,19 @@ class Chain:
     @property
     def route(self) -> Route:
         """The route as it is now."""
-        return Route(annealing.snapshot(self.draft))
+        return Route(annealing.snapshot(self.state))
 
     @property
     def seen(self) -> float:
         """Share of what counts that is seen, 0..1."""
-        return float(self.draft.seen[0])
+        return float(self.state.seen[0])
 
     @property
     def energy(self) -> float:
         """What the chain makes as small as it can."""
         route = self.route
         return (
-            self.prices.way * self.task.cost(route)
+            self.prices.way * self.problem.cost(route)
             + self.prices.waypoint * len(route)
             + annealing.energy_of_share(self.prices, self.seen)
         )
@@ -141,7 +141,7 @@ class Work:
     """The work of one local search, and who watches it.
 
     Attributes:
-        task: what is looked at.
+        problem: what is looked at.
         pace: how much is left.
         rngs: one random generator for each chain.
         executor: runs the chains side by side; the result does not depend on it.
@@ -151,8 +151,8 @@ class Work:
         stopped: whether ``should_stop`` ended the work.
     """
 
-    task: LocalTask
-    pace: Pace
+    problem: RouteProblem
+    pace: SearchPace
     rngs: Sequence[np.random.Generator]
     executor: Executor | None
     should_stop: Callable[[], bool]
@@ -181,7 +181,7 @@ class Work:
                 chain = chains[number]
                 temperature = chain.hottest * (chain.coldest / chain.hottest) ** share
                 schedule = Schedule(batch, temperature, temperature, chain.step_m, chain.fewest, chain.most)
-                annealing.anneal(self.task.numbers, chain.prices, schedule, chain.draft, self.rngs[number])
+                annealing.anneal(self.problem.numbers, chain.prices, schedule, chain.state, self.rngs[number])
 
             numbers = range(len(chains))
             list(map(one, numbers) if self.executor is None else self.executor.map(one, numbers))

@@ -1,7 +1,6 @@
 """The local search of the memetic planner: what the optimizer and the baselines found is improved, change by change."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,18 +10,18 @@ from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
 from uavcover.planning.baselines.boustrophedon import best_height_agl_m
 from uavcover.planning.front import Candidate
-from uavcover.planning.search.goal_search import Start, search_goals, search_waypoints
+from uavcover.planning.search.goal_search import SearchStart, search_goals, search_waypoints
 from uavcover.planning.search.local_search import (
     CHAINS,
     PROPOSALS_PER_EVALUATION,
     Chain,
-    Pace,
     PaceByClock,
     PaceByNumber,
+    SearchPace,
     Work,
 )
-from uavcover.planning.search.optimizer_search import Effort, Progress
-from uavcover.planning.search.route_problem import LocalTask, local_task
+from uavcover.planning.search.optimizer_search import Effort, SearchProgress, SearchRun
+from uavcover.planning.search.route_problem import RouteProblem, route_problem
 from uavcover.planning.search.tour_with_neighbourhoods import search_free_order
 from uavcover.planning.selection import Rule
 from uavcover.scenario.site import Site
@@ -68,15 +67,11 @@ def improve(
     coverage: CoverageMap,
     judging: CoverageMap,
     candidates: Sequence[Candidate],
+    run: SearchRun,
     *,
     settings: PlannerSettings,
     rule: Rule,
-    effort: Effort,
-    started: float,
     evaluations_done: int,
-    executor: Executor | None,
-    should_stop: Callable[[], bool],
-    on_progress: Callable[[Progress], None],
     look: Callable[[Callable[[], Sequence[Route]]], None] = lambda _: None,
 ) -> Improved:
     """Improve routes by local search.
@@ -85,59 +80,55 @@ def improve(
         coverage: on the planner's cells.
         judging: on the cells by which routes are judged.
         candidates: found so far; those that break a limit are no beginning.
+        run: its effort and clock, the executor of its chains, and who follows it; evaluations that are done already count.
         settings: encoding, capacity and seed.
         rule: by which one route will be chosen: most of the work goes where it chooses.
-        effort: when to stop; evaluations that are done already count.
-        started: when planning began, by the effort's clock.
         evaluations_done: by the optimizer.
-        executor: runs the chains side by side.
-        should_stop: asked between batches.
-        on_progress: told after every batch.
         look: may look at what has been found, between batches.
     """
-    site = coverage.site
+    site, effort = coverage.site, run.effort
     left = max(0, effort.evaluations - evaluations_done) if effort.budget_s is None else 1
     starts = _starts(coverage, candidates, settings)
-    if not starts or left == 0 or effort.is_over(started):
+    if not starts or left == 0 or effort.is_over(run.started):
         return Improved((), 0, interrupted=False)
     if site.scenario.sensor.sensing == "along-path":
         scattered = CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m, cut=make_scattered_cells)
-        task = _task(site, scattered, margin_cells=SCATTERED_MARGIN_CELLS)
+        problem = _problem(site, scattered, margin_cells=SCATTERED_MARGIN_CELLS)
         judges = [judging, *_finer(site, judging)]
     else:
-        task = _task(site, coverage, margin_cells=0.0 if judging is coverage else MARGIN_CELLS)
+        problem = _problem(site, coverage, margin_cells=0.0 if judging is coverage else MARGIN_CELLS)
         judges = [judging]
-    pace: Pace
+    pace: SearchPace
     if effort.budget_s is None:
         pace = PaceByNumber(left * PROPOSALS_PER_EVALUATION)
     else:
-        pace = PaceByClock(effort.now, started + effort.budget_s)
+        pace = PaceByClock(effort.now, run.started + effort.budget_s)
     kept: list[Route] = []
 
     def found(route: Route) -> None:
-        kept.append(_shortened(task, route))
+        kept.append(_shortened(problem, route))
 
-    show = _progress(coverage, starts, pace, effort, evaluations_done, rule, on_progress)
+    show = _progress(coverage, starts, pace, effort, evaluations_done, rule, run.on_progress)
     seeds = np.random.SeedSequence([settings.seed, _LOCAL_SEARCH_STREAM]).spawn(CHAINS)
     work = Work(
-        task,
+        problem,
         pace,
         [np.random.default_rng(seed) for seed in seeds],
-        executor,
-        should_stop,
+        run.executor,
+        run.should_stop,
         lambda chains: between(chains),
     )
 
     def between(chains: Sequence[Chain]) -> None:
         show(work, chains)
-        look(lambda: [*kept, *(_shortened(task, chain.route) for chain in chains)])
+        look(lambda: [*kept, *(_shortened(problem, chain.route) for chain in chains)])
 
     def judged_coverage(route: Route) -> float:
         return min(cells.share_of_coverable(cells.seen(route.waypoints_m)) for cells in judges)
 
     asked = rule.required_coverage
-    capacity = _capacity(task, settings, starts)
-    if task.free_order:
+    capacity = _capacity(problem, settings, starts)
+    if problem.free_order:
         search_free_order(work, starts, asked=asked, capacity=capacity, judged_coverage=judged_coverage, found=found)
     else:
         known = search_goals(
@@ -158,7 +149,7 @@ def _finer(site: Site, judging: CoverageMap) -> list[CoverageMap]:
     return [CoverageMap(site, cell_size_m=0.5 * site.scenario.area.cell_size_m)]
 
 
-def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: PlannerSettings) -> list[Start]:
+def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: PlannerSettings) -> list[SearchStart]:
     """The routes that keep the limits, and what they see of what can be covered."""
     legs = coverage.site.scenario.limits.applies_to == "legs"
     # Over terrain there are waypoints between the nodes of the encoding, which its capacity does not count.
@@ -166,28 +157,28 @@ def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: Planner
     fewest = 2 if legs else 1
     coverable = max(coverage.share(coverage.coverable), 1e-12)
     return [
-        Start(each.route[0], min(1.0, -float(each.objectives[0]) / coverable))
+        SearchStart(each.route[0], min(1.0, -float(each.objectives[0]) / coverable))
         for each in known
         if each.violation <= 0.0 and len(each.route[0]) >= fewest and (longest is None or len(each.route[0]) <= longest)
     ]
 
 
-def _task(site: Site, coverage: CoverageMap, *, margin_cells: float) -> LocalTask:
+def _problem(site: Site, coverage: CoverageMap, *, margin_cells: float) -> RouteProblem:
     cell_m = coverage.grid.cells.size_m
     margin_m = margin_cells * cell_m
     reach_m = max(reach_at_height_m(site.scenario.sensor, best_height_agl_m(site)), cell_m)
-    return local_task(coverage, margin_m=margin_m, reach_m=reach_m)
+    return route_problem(coverage, margin_m=margin_m, reach_m=reach_m)
 
 
-def _capacity(task: LocalTask, settings: PlannerSettings, starts: Sequence[Start]) -> int:
-    if settings.encoding == "waypoints" and task.free_order:
+def _capacity(problem: RouteProblem, settings: PlannerSettings, starts: Sequence[SearchStart]) -> int:
+    if settings.encoding == "waypoints" and problem.free_order:
         return settings.max_waypoints
     return _PATH_CAPACITY * max(len(start.route) for start in starts) + _SPARE_WAYPOINTS
 
 
-def _shortened(task: LocalTask, route: Route) -> Route:
+def _shortened(problem: RouteProblem, route: Route) -> Route:
     """Where the order is free: as a short tour, begun at the end that is nearer to the origin."""
-    if not task.free_order or len(route) < 2:
+    if not problem.free_order or len(route) < 2:
         return route
     points = route.waypoints_m
     order = short_tour(points)
@@ -199,12 +190,12 @@ def _shortened(task: LocalTask, route: Route) -> Route:
 
 def _progress(
     coverage: CoverageMap,
-    starts: Sequence[Start],
-    pace: Pace,
+    starts: Sequence[SearchStart],
+    pace: SearchPace,
     effort: Effort,
     evaluations_done: int,
     rule: Rule,
-    on_progress: Callable[[Progress], None],
+    on_progress: Callable[[SearchProgress], None],
 ) -> Callable[[Work, Sequence[Chain]], None]:
     """What tells ``on_progress`` after a batch."""
     coverable = coverage.share(coverage.coverable)
@@ -216,11 +207,11 @@ def _progress(
         evaluations = evaluations_done + work.proposals // PROPOSALS_PER_EVALUATION
         best[0] = max(best[0], *(chain.seen * coverable for chain in chains))
         if asked is not None:
-            shortest.extend(chain.task.cost(chain.route) for chain in chains if chain.seen >= asked)
+            shortest.extend(chain.problem.cost(chain.route) for chain in chains if chain.seen >= asked)
             shortest[:] = [min(shortest)] if shortest else []
         total = effort.evaluations
         if effort.budget_s is not None:
             total = max(evaluations, round(evaluations / max(pace.fraction, 1e-3)))
-        on_progress(Progress(evaluations, total, best[0], shortest[0] if shortest else None))
+        on_progress(SearchProgress(evaluations, total, best[0], shortest[0] if shortest else None))
 
     return show

@@ -35,7 +35,7 @@ class Encoding(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class SearchProgress:
     """Where the search is.
 
     Attributes:
@@ -82,6 +82,25 @@ class Effort:
         return self.budget_s is not None and self.now() - started >= share * self.budget_s
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchRun:
+    """What a search may use, and who follows it.
+
+    Attributes:
+        effort: when to stop.
+        started: when planning began, by the effort's clock.
+        executor: works on routes side by side; the result does not depend on it.
+        should_stop: the user's stop, asked before every round or batch.
+        on_progress: told after every round or batch.
+    """
+
+    effort: Effort
+    started: float
+    executor: Executor | None = None
+    should_stop: Callable[[], bool] = lambda: False
+    on_progress: Callable[[SearchProgress], None] = lambda _: None
+
+
 def rounds_of(
     effort: Effort,
     started: float,
@@ -110,45 +129,37 @@ def rounds_of(
 
 def search(
     optimizer: AskAndTell,
+    run: SearchRun,
     *,
     rounds: int,
     encoding: Encoding,
     coverage: CoverageMap,
-    effort: Effort,
-    started: float,
     at_least_one_round: bool,
     goal: float | None,
-    executor: Executor | None,
-    should_stop: Callable[[], bool],
-    on_progress: Callable[[Progress], None],
     look: Callable[[Callable[[], Sequence[Route]]], None] = lambda _: None,
 ) -> Searched:
     """Run the optimizer to its end, the end of the budget or the user's stop.
 
     Args:
         optimizer: fresh.
+        run: its effort, its clock, and who follows it.
         rounds: that it was made for.
         encoding: of the routes.
         coverage: on the planner's cells.
-        effort: when to stop.
-        started: when planning started.
         at_least_one_round: whether the user's stop waits for the first round, because there is no other route yet.
         goal: share of the planner's cells that is asked for, if one is.
-        executor: evaluates routes side by side.
-        should_stop: asked before every round.
-        on_progress: told after every round.
         look: may look at the Pareto set, before each round is added to it.
     """
     best, shortest = 0.0, math.inf
     scale: FloatArray | None = None
     while not optimizer.should_stop:
         first = optimizer.iteration == 0
-        if should_stop() and not (first and at_least_one_round):
+        if run.should_stop() and not (first and at_least_one_round):
             return Searched(interrupted=True, scale=scale)
-        if not first and effort.is_over(started):
+        if not first and run.effort.is_over(run.started):
             break
         genes = optimizer.ask()
-        values = evaluate_routes(coverage, [encoding.decode(row) for row in genes], executor)
+        values = evaluate_routes(coverage, [encoding.decode(row) for row in genes], run.executor)
         if scale is None:
             scale = _spread(values.objectives)
         else:
@@ -160,7 +171,9 @@ def search(
         if goal is not None:
             shortest = min(shortest, float(values.objectives[keeps & (seen >= goal), 2].min(initial=math.inf)))
         total = max(rounds * len(genes), optimizer.evaluations)
-        on_progress(Progress(optimizer.evaluations, total, best, shortest if math.isfinite(shortest) else None))
+        run.on_progress(
+            SearchProgress(optimizer.evaluations, total, best, shortest if math.isfinite(shortest) else None)
+        )
     return Searched(interrupted=False, scale=scale)
 
 

@@ -8,7 +8,8 @@ import shapely
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.nadir_visibility import cone_cells
-from uavcover.kernels.route_state import ALONG_PATH, AT_WAYPOINTS, Draft, Room, Task, empty_draft, recount
+from uavcover.kernels.route_state import RouteState, recount
+from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS, RouteLimits, SearchProblem
 from uavcover.kernels.sight import CONE, FRUSTUM, Sight, horizontal_reach
 from uavcover.kernels.way_cost import LENGTH, route_cost
 from uavcover.model.route import Route
@@ -22,16 +23,16 @@ _MOST_WAYPOINTS = 60_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LocalTask:
+class RouteProblem:
     """The kernels' view of a site.
 
     Attributes:
         numbers: for :mod:`uavcover.kernels.annealing`.
         reach_m: how far the sensor sees on the map from the middle of the allowed band.
-        stride: most numbers that the runs of a span may have.
+        stride: most numbers that the runs of a segment may have.
     """
 
-    numbers: Task
+    numbers: SearchProblem
     reach_m: float
     stride: int
 
@@ -50,10 +51,10 @@ class LocalTask:
     @property
     def free_order(self) -> bool:
         """Whether waypoints may be visited in any order: nothing is seen and nothing is limited between them."""
-        return self.numbers.sensing == AT_WAYPOINTS and self.numbers.room.legs == 0
+        return self.numbers.sensing == AT_WAYPOINTS and self.numbers.limits.legs == 0
 
 
-def local_task(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> LocalTask:
+def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> RouteProblem:
     """A site as the kernels take it; only cells that can be covered at all count.
 
     Args:
@@ -75,7 +76,7 @@ def local_task(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> Loc
         array.flags.writeable = False
     sight = narrowed(coverage.sight, margin_m=margin_m, reach_m=reach_m)
     sensing = ALONG_PATH if scenario.sensor.sensing == "along-path" else AT_WAYPOINTS
-    numbers = Task(
+    numbers = SearchProblem(
         site.ground.surface,
         sight,
         cells,
@@ -84,7 +85,7 @@ def local_task(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> Loc
         weight,
         observation_spacing_m(scenario),
         sensing,
-        _room(site),
+        _limits(site),
         way_cost_of(site),
         scenario.requirements.looks,
         scenario.requirements.look_distance_m or 0.0,
@@ -92,7 +93,7 @@ def local_task(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> Loc
     across = 2.0 * horizontal_reach(sight) / cells.size_m + 2.0
     # A place may see every other cell of what is in reach; of a leg of up to eight radii a row has few runs. Longer ones are cut.
     stride = max(int(0.25 * math.pi * across * across), 0 if sensing == AT_WAYPOINTS else int(40.0 * across)) + 8
-    return LocalTask(numbers, reach_m, stride)
+    return RouteProblem(numbers, reach_m, stride)
 
 
 def narrowed(sight: Sight, *, margin_m: float, reach_m: float) -> Sight:
@@ -109,7 +110,7 @@ def narrowed(sight: Sight, *, margin_m: float, reach_m: float) -> Sight:
     return sight._replace(reach_m=sight.reach_m * share)
 
 
-def _room(site: Site) -> Room:
+def _limits(site: Site) -> RouteLimits:
     limits = site.scenario.limits
     fence = np.ascontiguousarray(shapely.get_coordinates(shapely.get_exterior_ring(site.fence))[:-1], dtype=float)
     # Height above sea level less up: smallest at the origin, largest at the far corners, where the Earth has curved away.
@@ -117,7 +118,7 @@ def _room(site: Site) -> Room:
     sea = site.alts_amsl_m(places)
     lowest = -math.inf if limits.min_alt_amsl_m is None else limits.min_alt_amsl_m - float(sea.min())
     highest = math.inf if limits.max_alt_amsl_m is None else limits.max_alt_amsl_m - float(sea.max())
-    return Room(
+    return RouteLimits(
         lowest_agl_m=limits.min_height_agl_m + limits.height_margin_m,
         highest_agl_m=limits.max_height_agl_m - limits.height_margin_m,
         lowest_up_m=lowest,
@@ -130,34 +131,34 @@ def _room(site: Site) -> Room:
     )
 
 
-def draft_of(task: LocalTask, route: Route, *, capacity: int) -> Draft:
+def state_of(problem: RouteProblem, route: Route, *, capacity: int) -> RouteState:
     """A route laid out for changes and counted; legs that see more cells than a list holds are cut in equal parts.
 
     Args:
-        task: what is looked at.
+        problem: what is looked at.
         route: one waypoint at least.
         capacity: most waypoints that it may grow to; more when the route has more already.
     """
-    points = _apart(np.array(route.waypoints_m), task.numbers.apart_m)
+    points = _apart(np.array(route.waypoints_m), problem.numbers.apart_m)
     while True:
-        draft = _empty(task, points, capacity)
-        if recount(task.numbers, draft):
-            return draft
+        state = _empty(problem, points, capacity)
+        if recount(problem.numbers, state):
+            return state
         points = _halved(points)
 
 
-def _empty(task: LocalTask, points: FloatArray, capacity: int) -> Draft:
-    cells = task.numbers.cells
-    draft = empty_draft(
+def _empty(problem: RouteProblem, points: FloatArray, capacity: int) -> RouteState:
+    cells = problem.numbers.cells
+    state = RouteState.empty(
         capacity=min(max(capacity, len(points)), _MOST_WAYPOINTS),
-        stride=task.stride,
+        stride=problem.stride,
         squares=cells.lattice.size,
         cells=len(cells.centre_m),
         columns=cells.lattice.shape[1],
     )
-    draft.size[0] = len(points)
-    draft.route[: len(points)] = points
-    return draft
+    state.size[0] = len(points)
+    state.route[: len(points)] = points
+    return state
 
 
 def _apart(points: FloatArray, apart_m: float) -> FloatArray:

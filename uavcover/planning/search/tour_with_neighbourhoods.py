@@ -1,8 +1,6 @@
 """Local search where waypoints may be visited in any order: a tour with neighbourhoods.
 
-Local search for the most coverage with every number of waypoints, where they may be visited in any order.
-
-Local search where waypoints may be visited in any order: shortest tours that see enough, and every number of waypoints.
+It finds shortest tours that see enough, and the most coverage for every number of waypoints.
 """
 
 import math
@@ -14,9 +12,9 @@ import numpy as np
 from uavcover.kernels.annealing import Prices
 from uavcover.kernels.route_state import recount, seen_alone
 from uavcover.model.route import Route
-from uavcover.planning.search.goal_search import Start, search_goals
+from uavcover.planning.search.goal_search import SearchStart, search_goals
 from uavcover.planning.search.local_search import CHAINS, Chain, Work
-from uavcover.planning.search.route_problem import draft_of
+from uavcover.planning.search.route_problem import state_of
 
 FULL = 1.0 - 1e-9
 """Share of what can be seen from which on all is."""
@@ -59,17 +57,17 @@ class Fewest:
     """
 
     best: Chain
-    whole: Start
+    whole: SearchStart
     full: bool
 
 
 def spread(
-    work: Work, starts: Sequence[Start], *, capacity: int, until: float, found: Callable[[Route], None]
+    work: Work, starts: Sequence[SearchStart], *, capacity: int, until: float, found: Callable[[Route], None]
 ) -> Fewest:
     """A waypoint has a price, so as many come in as are worth it.
 
     Args:
-        work: what is looked at, and how much may be done; ``work.task.free_order`` holds.
+        work: what is looked at, and how much may be done; ``work.problem.free_order`` holds.
         starts: one at least.
         capacity: most waypoints.
         until: share of all the work, 0..1, after which this ends.
@@ -79,7 +77,7 @@ def spread(
     chains = _chains(work, [ranked[k % len(ranked)].route for k in range(CHAINS)], _SPREAD, capacity=capacity)
     work.run(chains, until=until)
     best = _better(chains, found)
-    whole = ranked[0] if ranked[0].seen >= FULL else Start(best.route, best.seen)
+    whole = ranked[0] if ranked[0].seen >= FULL else SearchStart(best.route, best.seen)
     return Fewest(best, whole, full=False)
 
 
@@ -105,7 +103,7 @@ def squeeze(work: Work, fewest: Fewest, *, capacity: int, until: float, found: C
         more = work.run(chains, until=min(work.pace.fraction + attempt, until))
         tried = _better(chains, found)
         if tried.seen >= FULL and (whole.seen < FULL or len(tried.route) <= len(whole.route)):
-            whole = Start(tried.route, tried.seen)
+            whole = SearchStart(tried.route, tried.seen)
         # From fewer waypoints there is no way back, also when they do not see all: what saw all is found already.
         if fewer or tried.energy <= best.energy:
             best = tried
@@ -151,17 +149,17 @@ def _better(chains: Sequence[Chain], found: Callable[[Route], None]) -> Chain:
 def _chains(work: Work, routes: Sequence[Route], stage: _Stage, *, capacity: int | None = None) -> list[Chain]:
     """A chain for each route, in a stage's way; with as many waypoints as it has, unless there is a capacity."""
     # Energies in units of one cell's share of the coverage.
-    cells = max(1, int(np.count_nonzero(work.task.numbers.weight)))
+    cells = max(1, int(np.count_nonzero(work.problem.numbers.weight)))
     return [
         Chain(
-            task=work.task,
-            draft=draft_of(work.task, route, capacity=capacity or len(route)),
+            problem=work.problem,
+            state=state_of(work.problem, route, capacity=capacity or len(route)),
             prices=Prices(
-                way * work.task.metres_per_cost(route) / work.task.reach_m, stage.waypoint, float(cells), 1.0
+                way * work.problem.metres_per_cost(route) / work.problem.reach_m, stage.waypoint, float(cells), 1.0
             ),
             hottest=heat * _HOTTEST_CELLS,
             coldest=_COLDEST_CELLS,
-            step_m=work.task.reach_m,
+            step_m=work.problem.reach_m,
             fewest=len(route) if capacity is None else 1,
             most=len(route) if capacity is None else capacity,
         )
@@ -171,9 +169,9 @@ def _chains(work: Work, routes: Sequence[Route], stage: _Stage, *, capacity: int
 
 def _without_least(work: Work, chain: Chain) -> Route:
     """The chain's route without the waypoint that sees least by itself."""
-    draft = chain.draft
-    recount(work.task.numbers, draft)
-    alone = [seen_alone(work.task.numbers, draft, k) for k in range(int(draft.size[0]))]
+    state = chain.state
+    recount(work.problem.numbers, state)
+    alone = [seen_alone(work.problem.numbers, state, k) for k in range(int(state.size[0]))]
     return Route(np.delete(chain.route.waypoints_m, int(np.argmin(alone)), axis=0))
 
 
@@ -188,7 +186,7 @@ _LONG_SPREAD, _FIRST_SQUEEZE, _LATE_TOURS = 0.65, 0.75, 0.9
 
 def search_free_order(
     work: Work,
-    starts: Sequence[Start],
+    starts: Sequence[SearchStart],
     *,
     asked: float | None,
     capacity: int,
@@ -202,7 +200,7 @@ def search_free_order(
     early has a good one; else when few waypoints have been found that do.
 
     Args:
-        work: what is looked at, and how much may be done; ``work.task.free_order`` holds.
+        work: what is looked at, and how much may be done; ``work.problem.free_order`` holds.
         starts: one at least.
         asked: share of what can be covered that the selection rule asks for; None: as much as there is.
         capacity: most waypoints.
@@ -211,7 +209,7 @@ def search_free_order(
     """
     goal = FULL if asked is None else asked
 
-    def tours(known: Sequence[Start], until: float) -> None:
+    def tours(known: Sequence[SearchStart], until: float) -> None:
         search_goals(
             work, known, asked=goal, capacity=capacity, until=until, judged_coverage=judged_coverage, found=found
         )

@@ -1,8 +1,6 @@
-"""Places of a lattice inside the limits, the cells that each of them sees, and the same choice with fewer places.
+"""Places of a lattice inside the limits, and the cells that each of them sees; reduced to what an optimal choice needs.
 
-Places of a lattice inside the limits, and the cells that each of them sees.
-
-The same choice with fewer places: what another place replaces is left out, and cells that count for nothing.
+The reduction removes places that another place replaces, and cells that count for nothing.
 """
 
 from collections.abc import Sequence

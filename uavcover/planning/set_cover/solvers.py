@@ -1,10 +1,7 @@
-"""Set covers on given places: exact (HiGHS through scipy), greedy, by local search; and as routes.
+"""Set covers on given places: exact (linear and mixed-integer programs by HiGHS through scipy), greedy, and by local search.
 
-Exact answers on given places, by linear and mixed-integer programs (HiGHS through scipy).
-
-Covers that take no solver: greedily, and by local search.
-
-Set covers as routes: places in the order of a short tour, laid over the terrain where the limits apply to legs.
+A cover becomes a route when its places are put in the order of a short tour, laid over the terrain where the limits apply to
+legs.
 """
 
 from dataclasses import dataclass
@@ -45,7 +42,7 @@ class SolverEffort:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Answer:
+class CoverSolution:
     """What a program found and proved.
 
     Attributes:
@@ -75,7 +72,7 @@ class CoverProgram:
         """Share of what can be covered that the places see together, 0..1."""
         return self._reduced.reachable
 
-    def fewest_places(self, coverage: float, effort: SolverEffort) -> Answer:
+    def fewest_places(self, coverage: float, effort: SolverEffort) -> CoverSolution:
         """As few places as see a share of what can be covered; the whole ``reachable`` share is the set cover problem.
 
         Args:
@@ -85,7 +82,7 @@ class CoverProgram:
         from scipy import sparse
 
         if coverage <= 0.0:
-            return Answer(np.empty(0, dtype=np.int64), 0.0)
+            return CoverSolution(np.empty(0, dtype=np.int64), 0.0)
         rows, c = self._matrix.shape
         if coverage >= self.reachable - _COVERED:
             return self._counted(self._solve(np.ones(c), self._matrix, np.ones(rows), c, effort))
@@ -99,7 +96,7 @@ class CoverProgram:
         lower = np.append(np.zeros(rows), coverage - _COVERED)
         return self._counted(self._solve(np.append(np.ones(c), np.zeros(rows)), matrix, lower, c, effort))
 
-    def most_coverage(self, count: int, effort: SolverEffort) -> Answer:
+    def most_coverage(self, count: int, effort: SolverEffort) -> CoverSolution:
         """The places, at most ``count``, that see most of what can be covered; the bound is that share."""
         from scipy import sparse
 
@@ -112,12 +109,12 @@ class CoverProgram:
         )
         lower = np.append(np.zeros(rows), -float(count))
         chosen, least = self._solve(np.append(np.zeros(c), -self._reduced.weight), matrix, lower, c, effort)
-        return Answer(chosen, None if least is None else min(-least, self.reachable))
+        return CoverSolution(chosen, None if least is None else min(-least, self.reachable))
 
-    def _counted(self, outcome: tuple[NDArray[np.int64] | None, float | None]) -> Answer:
+    def _counted(self, outcome: tuple[NDArray[np.int64] | None, float | None]) -> CoverSolution:
         """A number of places is whole."""
         chosen, bound = outcome
-        return Answer(chosen, None if bound is None else float(np.ceil(bound - _INTEGRAL)))
+        return CoverSolution(chosen, None if bound is None else float(np.ceil(bound - _INTEGRAL)))
 
     def _solve(
         self, cost: FloatArray, matrix: object, lower: FloatArray, binaries: int, effort: SolverEffort

@@ -48,7 +48,7 @@ def outcome(surface, sight, eye, axis, top, centre, normal):
     return SEEN if in_line_of_sight(surface, sight, eye, centre) else OCCLUDED
 
 
-def tally(surface, sight, camera, cells, eyes, axes, tops, times):
+def counts(surface, sight, camera, cells, eyes, axes, tops, times):
     """A dictionary for each cell."""
     found = []
     for centre, normal in zip(cells.centre_m.tolist(), cells.normal.tolist(), strict=True):

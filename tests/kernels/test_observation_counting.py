@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tests.kernels.test_coverage import cells_on, deterministic, rough_ground, sights
-from tests.naive import tally as naive
+from tests.naive import observation_counting as naive
 from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.coverage import Cells
 from uavcover.kernels.observation_counting import Camera
@@ -59,14 +59,15 @@ def tops_of(axes, turn=0.3):
     return top / np.linalg.norm(top, axis=1)[:, None]
 
 
-def tallied(surface, sight, camera, cells, eyes, axes, times, *, tops=None, workers=1):
-    tally = kernels.empty_tally(cells.centre_m.shape[0], camera.looks)
+def counted(surface, sight, camera, cells, eyes, axes, times, *, tops=None, workers=1):
+    counts = kernels.no_observations(cells.centre_m.shape[0], camera.needed)
     eyes, axes = (np.ascontiguousarray(array, dtype=float) for array in (eyes, axes))
     tops = tops_of(axes) if tops is None else tops
     slopes, times = local_slopes(surface), np.asarray(times, dtype=float)
     for first_row in range(workers):
-        kernels.tally_rows(surface, slopes, sight, camera, cells, eyes, axes, tops, times, first_row, workers, tally)
-    return tally
+        poses = kernels.SensorPoses(eyes, axes, tops, times)
+        kernels.count_rows(surface, slopes, sight, camera, cells, poses, (first_row, workers), counts)
+    return counts
 
 
 def some_looks(rng, count, *, tilt):
@@ -86,26 +87,26 @@ def test_equals_its_naive_twin(seed, sight, tilt):
     eyes[rng.integers(6), 2] = math.nan
     known = np.isfinite(eyes).all(axis=1)
     tops = tops_of(axes, rng.uniform(0.0, math.tau))
-    expected = naive.tally(surface, sight, EXACT, cells, eyes[known], axes[known], tops[known], times[known])
-    tally = tallied(surface, sight, EXACT, cells, eyes, axes, times, tops=tops, workers=int(rng.integers(1, 4)))
+    expected = naive.counts(surface, sight, EXACT, cells, eyes[known], axes[known], tops[known], times[known])
+    counts = counted(surface, sight, EXACT, cells, eyes, axes, times, tops=tops, workers=int(rng.integers(1, 4)))
     numbers = np.flatnonzero(known)
-    assert tally.outcome.tolist() == [cell["outcome"] for cell in expected]
-    assert tally.passes.tolist() == [cell["passes"] for cell in expected]
-    assert tally.first.tolist() == [numbers[cell["first"]] if cell["first"] >= 0 else -1 for cell in expected]
-    np.testing.assert_allclose(tally.nearest_m, [cell["nearest"] for cell in expected])
-    np.testing.assert_allclose(tally.ground_sample_m, [cell["sample"] for cell in expected], rtol=1e-6)
+    assert counts.outcome.tolist() == [cell["outcome"] for cell in expected]
+    assert counts.passes.tolist() == [cell["passes"] for cell in expected]
+    assert counts.first.tolist() == [numbers[cell["first"]] if cell["first"] >= 0 else -1 for cell in expected]
+    np.testing.assert_allclose(counts.nearest_m, [cell["nearest"] for cell in expected])
+    np.testing.assert_allclose(counts.ground_sample_m, [cell["sample"] for cell in expected], rtol=1e-6)
     np.testing.assert_allclose(
-        tally.cos_incidence, np.cos(np.radians([cell["incidence"] for cell in expected])), atol=1e-9
+        counts.cos_incidence, np.cos(np.radians([cell["incidence"] for cell in expected])), atol=1e-9
     )
-    assert not tally.sure.any()
+    assert not counts.sure.any()
 
 
 def test_ground_sample_distance_of_a_level_camera_over_flat_ground_is_height_by_focal_length_everywhere():
     sight = Sight(CONE, 500.0, 1.0, 0.0, RAY)
     for east in (0.0, 40.0, 79.0):
-        tally = tallied(flat_ground(), sight, EXACT, one_cell(east), [[0.0, 0.0, 80.0]], DOWN, [0.0])
-        assert tally.ground_sample_m[0] == pytest.approx(80.0 / 900.0)
-        assert tally.cos_incidence[0] == pytest.approx(80.0 / math.hypot(80.0, east))
+        counts = counted(flat_ground(), sight, EXACT, one_cell(east), [[0.0, 0.0, 80.0]], DOWN, [0.0])
+        assert counts.ground_sample_m[0] == pytest.approx(80.0 / 900.0)
+        assert counts.cos_incidence[0] == pytest.approx(80.0 / math.hypot(80.0, east))
 
 
 def test_a_camera_rolled_by_30_degrees_sees_other_ground():
@@ -113,10 +114,10 @@ def test_a_camera_rolled_by_30_degrees_sees_other_ground():
     rolled = [[math.sin(math.radians(30.0)), 0.0, -math.cos(math.radians(30.0))]]
     below, beside = one_cell(0.0), one_cell(80.0 * math.tan(math.radians(45.0)))
     eye = [[0.0, 0.0, 80.0]]
-    assert tallied(flat_ground(), sight, EXACT, below, eye, DOWN, [0.0]).outcome[0] == SEEN
-    assert tallied(flat_ground(), sight, EXACT, below, eye, rolled, [0.0]).outcome[0] == NOT_IN_RANGE
-    assert tallied(flat_ground(), sight, EXACT, beside, eye, DOWN, [0.0]).outcome[0] == NOT_IN_RANGE
-    assert tallied(flat_ground(), sight, EXACT, beside, eye, rolled, [0.0]).outcome[0] == SEEN
+    assert counted(flat_ground(), sight, EXACT, below, eye, DOWN, [0.0]).outcome[0] == SEEN
+    assert counted(flat_ground(), sight, EXACT, below, eye, rolled, [0.0]).outcome[0] == NOT_IN_RANGE
+    assert counted(flat_ground(), sight, EXACT, beside, eye, DOWN, [0.0]).outcome[0] == NOT_IN_RANGE
+    assert counted(flat_ground(), sight, EXACT, beside, eye, rolled, [0.0]).outcome[0] == SEEN
 
 
 def test_why_a_cell_was_not_seen():
@@ -127,14 +128,14 @@ def test_why_a_cell_was_not_seen():
     ).surface
     sight = Sight(CONE, 150.0, 1.0, math.cos(math.radians(40.0)), RAY)
     cell = one_cell(50.0)
-    assert tallied(surface, sight, EXACT, cell, [[-200.0, 0.0, 80.0]], DOWN, [0.0]).outcome[0] == NOT_IN_RANGE
-    assert tallied(surface, sight, EXACT, cell, [[-29.0, 0.0, 80.0]], DOWN, [0.0]).outcome[0] == TOO_OBLIQUE
+    assert counted(surface, sight, EXACT, cell, [[-200.0, 0.0, 80.0]], DOWN, [0.0]).outcome[0] == NOT_IN_RANGE
+    assert counted(surface, sight, EXACT, cell, [[-29.0, 0.0, 80.0]], DOWN, [0.0]).outcome[0] == TOO_OBLIQUE
     behind = [[-2.0, 0.0, 80.0]]
-    assert tallied(surface, sight, EXACT, cell, behind, DOWN, [0.0]).outcome[0] == OCCLUDED
-    assert tallied(flat_ground(), sight, EXACT, cell, behind, DOWN, [0.0]).outcome[0] == SEEN
+    assert counted(surface, sight, EXACT, cell, behind, DOWN, [0.0]).outcome[0] == OCCLUDED
+    assert counted(flat_ground(), sight, EXACT, cell, behind, DOWN, [0.0]).outcome[0] == SEEN
     # The furthest any look got counts, in whatever order they come.
     eyes = [behind[0], [-29.0, 0.0, 80.0], [-200.0, 0.0, 80.0]]
-    assert tallied(surface, sight, EXACT, cell, eyes, np.repeat(DOWN, 3, 0), [0.0, 1.0, 2.0]).outcome[0] == OCCLUDED
+    assert counted(surface, sight, EXACT, cell, eyes, np.repeat(DOWN, 3, 0), [0.0, 1.0, 2.0]).outcome[0] == OCCLUDED
 
 
 def test_a_picture_taken_from_too_high_is_too_coarse():
@@ -142,9 +143,9 @@ def test_a_picture_taken_from_too_high_is_too_coarse():
     for kind in (CONE, FRUSTUM):
         sight = Sight(kind, 500.0, 1.0, 0.0, RAY, tan_half_along=1.0, sample_focal_m=largest_m * focal_px)
         for up, outcome in ((89.9, SEEN), (90.1, TOO_COARSE)):
-            tally = tallied(flat_ground(), sight, EXACT, one_cell(30.0), [[0.0, 0.0, up]], DOWN, [0.0])
-            assert tally.outcome[0] == outcome
-            assert tally.ground_sample_m[0] == (pytest.approx(up / focal_px) if outcome == SEEN else math.inf)
+            counts = counted(flat_ground(), sight, EXACT, one_cell(30.0), [[0.0, 0.0, up]], DOWN, [0.0])
+            assert counts.outcome[0] == outcome
+            assert counts.ground_sample_m[0] == (pytest.approx(up / focal_px) if outcome == SEEN else math.inf)
 
 
 def test_passes_are_separate_when_the_cell_was_out_of_sight_for_longer_than_the_gap():
@@ -152,7 +153,7 @@ def test_passes_are_separate_when_the_cell_was_out_of_sight_for_longer_than_the_
     eye = np.repeat([[0.0, 0.0, 80.0]], 5, axis=0)
     axes = np.repeat(DOWN, 5, axis=0)
     times = [0.0, 1.5, 3.1, 4.0, 9.0]
-    assert tallied(flat_ground(), sight, EXACT, one_cell(), eye, axes, times).passes[0] == 3
+    assert counted(flat_ground(), sight, EXACT, one_cell(), eye, axes, times).passes[0] == 3
 
 
 @deterministic
@@ -168,10 +169,10 @@ def test_sure_and_possible_bound_what_any_error_would_have_made(seed, sight, hor
         math.nan, 1.0, math.hypot(horizontal, vertical), horizontal, vertical + horizontal * surface.steepest, turn
     )
     tops = tops_of(axes, rng.uniform(0.0, math.tau))
-    tally = tallied(surface, sight, camera, cells, eyes, axes, times, tops=tops)
-    seen = tally.outcome == SEEN
-    assert not (tally.sure & ~seen).any()
-    assert not (seen & ~tally.possible).any()
+    counts = counted(surface, sight, camera, cells, eyes, axes, times, tops=tops)
+    seen = counts.outcome == SEEN
+    assert not (counts.sure & ~seen).any()
+    assert not (seen & ~counts.possible).any()
     for _ in range(30):
         angle, radius = rng.uniform(0.0, math.tau), horizontal * math.sqrt(rng.random())
         by = np.array([radius * math.cos(angle), radius * math.sin(angle), rng.uniform(-vertical, vertical)])
@@ -179,9 +180,9 @@ def test_sure_and_possible_bound_what_any_error_would_have_made(seed, sight, hor
         error = rng.normal(size=3)
         error *= turn * rng.random() / np.linalg.norm(error)
         turned, turned_tops = (Rotation.from_rotvec(error).apply(rows) for rows in (axes, tops))
-        other = tallied(surface, sight, EXACT, cells, moved, turned, times, tops=turned_tops).outcome == SEEN
-        assert not (tally.sure & ~other).any()
-        assert not (other & ~tally.possible).any()
+        other = counted(surface, sight, EXACT, cells, moved, turned, times, tops=turned_tops).outcome == SEEN
+        assert not (counts.sure & ~other).any()
+        assert not (other & ~counts.possible).any()
 
 
 @deterministic
@@ -197,13 +198,13 @@ def test_sure_and_possible_bound_how_often_a_cell_is_seen_from_places_that_are_a
     tops = tops_of(axes)
     lift = horizontal * surface.steepest
     camera = Camera(math.nan, 0.0, horizontal, horizontal, lift, 0.0, looks, apart)
-    tally = tallied(surface, sight, camera, cells, eyes, axes, times, tops=tops)
-    surely, possibly = tally.sure >= looks, tally.possible >= looks
+    counts = counted(surface, sight, camera, cells, eyes, axes, times, tops=tops)
+    surely, possibly = counts.sure >= looks, counts.possible >= looks
     for _ in range(6):
         angle, radius = rng.uniform(0.0, math.tau, 6), horizontal * np.sqrt(rng.random(6))
         moved = eyes + np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(6)])
         by_look = [
-            tallied(surface, sight, EXACT, cells, *(rows[k : k + 1] for rows in (moved, axes, times)), tops=tops[[k]])
+            counted(surface, sight, EXACT, cells, *(rows[k : k + 1] for rows in (moved, axes, times)), tops=tops[[k]])
             for k in range(6)
         ]
         often = np.zeros(len(surely), dtype=bool)
@@ -221,13 +222,13 @@ def test_a_sure_cell_keeps_its_distance_from_the_edge_of_the_view():
     eye = [[0.0, 0.0, 80.0]]
 
     def at(east):
-        tally = tallied(flat_ground(), sight, camera, one_cell(east), eye, DOWN, [0.0])
-        return bool(tally.sure[0]), bool(tally.outcome[0] == SEEN), bool(tally.possible[0])
+        counts = counted(flat_ground(), sight, camera, one_cell(east), eye, DOWN, [0.0])
+        return bool(counts.sure[0]), bool(counts.outcome[0] == SEEN), bool(counts.possible[0])
 
     assert at(radius - 8.0) == (True, True, True)
     assert at(radius - 4.0) == (False, True, True)
     assert at(radius + 4.0) == (False, False, True)
     assert at(radius + 8.0) == (False, False, False)
     disc = Sight(DISC, 80.0, 0.0, -1.0, NO_LINE_OF_SIGHT)
-    sure = [tallied(flat_ground(), disc, camera, one_cell(e), eye, DOWN, [0.0]).sure[0] for e in (74.9, 75.1)]
+    sure = [counted(flat_ground(), disc, camera, one_cell(e), eye, DOWN, [0.0]).sure[0] for e in (74.9, 75.1)]
     assert sure == [True, False]

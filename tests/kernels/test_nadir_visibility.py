@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.kernels.test_coverage import cells_on, rough_ground
-from tests.naive import draft as naive
+from tests.naive import route_state as naive
 from tests.naive import runs as naive_runs
 from uavcover.kernels.coverage import Cells
 from uavcover.kernels.nadir_visibility import NOT_SO, cone_cells, list_cone_runs
-from uavcover.kernels.route_state import ALONG_PATH
+from uavcover.kernels.search_problem import ALONG_PATH
 from uavcover.kernels.sight import CONE, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight
 from uavcover.scenario.ground import sine_cosine_ground
 
@@ -55,7 +55,7 @@ def test_the_quick_way_sees_what_any_sample_sees(seed, sight, spacing, rise, rou
     p = rng.uniform([-1, 2, 0.5], [4, 6, 4])
     step = np.array([0.0, 0.0]) if still else rng.normal(0.0, 1.5, 2)
     q = p + np.array([*step, rise * float(np.hypot(*step))])
-    looks = [tuple(p)] if still else naive.span_looks(ALONG_PATH, [tuple(p), tuple(q)], spacing)[0]
+    looks = [tuple(p)] if still else naive.segment_observations(ALONG_PATH, [tuple(p), tuple(q)], spacing)[0]
     found = listed(surface, sight, cells, p, q, spacing)
     if found is not None:
         assert found == naive.list_cells(surface, sight, cells, looks)
@@ -71,7 +71,7 @@ def test_both_ends_of_a_leg_look(spacing, rise):
     cells = cells_on(surface, 5)
     sight = Sight(CONE, 9.0, 0.7, -1.0, NO_LINE_OF_SIGHT)
     p, q = np.array([-0.2, 3.1, 2.0]), np.array([2.9, 4.4, 2.0 + rise * 3.36])
-    looks = naive.span_looks(ALONG_PATH, [tuple(p), tuple(q)], spacing)[0]
+    looks = naive.segment_observations(ALONG_PATH, [tuple(p), tuple(q)], spacing)[0]
     expected = naive.list_cells(surface, sight, cells, looks)
     assert listed(surface, sight, cells, p, q, spacing) == expected == listed(surface, sight, cells, q, p, spacing)
 

@@ -4,11 +4,11 @@ import itertools
 import math
 
 from tests.naive import coverage as naive_coverage
-from uavcover.kernels.route_state import ALONG_PATH
+from uavcover.kernels.search_problem import ALONG_PATH
 
 
-def span_looks(sensing, route, spacing):
-    """The places from which each span looks."""
+def segment_observations(sensing, route, spacing):
+    """The places from which each segment looks."""
     if sensing != ALONG_PATH or len(route) == 1:
         return [[point] for point in route]
     return [naive_coverage.sample_path([a, b], spacing) for a, b in itertools.pairwise(route)]
@@ -25,14 +25,14 @@ def list_cells(surface, sight, cells, looks):
     }
 
 
-def counts(task, route):
-    """By how many spans each cell is seen, and the weight of those that are seen."""
-    found = [0] * len(task.square)
-    for looks in span_looks(task.sensing, [tuple(point) for point in route], task.spacing_m):
-        for cell in list_cells(task.surface, task.sight, task.cells, looks):
+def counts(problem, route):
+    """By how many segments each cell is seen, and the weight of those that are seen."""
+    found = [0] * len(problem.square)
+    for looks in segment_observations(problem.sensing, [tuple(point) for point in route], problem.spacing_m):
+        for cell in list_cells(problem.surface, problem.sight, problem.cells, looks):
             found[cell] += 1
-    shares = task.weight[task.square].tolist()
-    return found, sum(weight for weight, count in zip(shares, found, strict=True) if count >= task.looks)
+    shares = problem.weight[problem.square].tolist()
+    return found, sum(weight for weight, count in zip(shares, found, strict=True) if count >= problem.needed)
 
 
 def inside_ring(ring, east, north):

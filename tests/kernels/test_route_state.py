@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tests.kernels.test_coverage import cells_on, make_sight, rough_ground, sights
 from tests.kernels.test_obstacles import obstacles_of
-from tests.naive import draft as naive
+from tests.naive import route_state as naive
 from tests.planning.sites import hills, make_site, tower
 from uavcover.kernels import coverage as coverage_kernels
 from uavcover.kernels.annealing import Prices, Schedule, anneal, energy_of_share, snapshot
@@ -20,24 +20,14 @@ from uavcover.kernels.leg_visibility import list_cells
 from uavcover.kernels.nadir_visibility import cone_cells
 from uavcover.kernels.obstacles import NO_OBSTACLES
 from uavcover.kernels.route import path_length
-from uavcover.kernels.route_state import (
-    ALONG_PATH,
-    AT_WAYPOINTS,
-    WIDEST,
-    Draft,
-    Room,
-    Task,
-    empty_draft,
-    inside_fence,
-    recount,
-    seen_alone,
-)
+from uavcover.kernels.route_state import WIDEST, RouteState, recount, seen_alone
+from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS, RouteLimits, SearchProblem, inside_fence
 from uavcover.kernels.sight import CONE, DISC, FRUSTUM, MIDPOINT, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight
 from uavcover.kernels.surface import Surface, heights
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Route
 from uavcover.model.sensor import NadirCamera, SphereSensor
-from uavcover.planning.search.route_problem import draft_of, local_task
+from uavcover.planning.search.route_problem import route_problem, state_of
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.ground import grid_ground, sine_cosine_ground
 from uavcover.sensing.coverage_map import CoverageMap
@@ -68,7 +58,7 @@ def test_the_cells_of_a_span_are_those_that_any_of_its_samples_sees(seed, sight,
     p, q = rng.uniform([-1, 2, -1], [4, 6, 4], (2, 3))
     if still:
         q = p
-    (looks,) = naive.span_looks(ALONG_PATH, [tuple(p), tuple(q)], spacing) if not still else [[tuple(p)]]
+    (looks,) = naive.segment_observations(ALONG_PATH, [tuple(p), tuple(q)], spacing) if not still else [[tuple(p)]]
     assert listed(surface, sight, cells, p, q, spacing) == naive.list_cells(surface, sight, cells, looks)
 
 
@@ -111,7 +101,7 @@ SIGHTS = {
     "disc": Sight(DISC, 0.9, 0.0, -1.0, NO_LINE_OF_SIGHT), "sphere by midpoint": Sight(SPHERE, 1.1, 0.0, -1.0, MIDPOINT),
     "wide cone": Sight(CONE, 2.4, 1.3, 0.2, RAY), "cone, three times": Sight(CONE, 2.4, 1.3, 0.2, RAY),
 }  # fmt: skip
-LOOKS = {"sphere, twice": (2, 0.3), "cone, three times": (3, 0.4)}
+NEEDED = {"sphere, twice": (2, 0.3), "cone, three times": (3, 0.4)}
 
 
 def town() -> Surface:
@@ -128,9 +118,9 @@ def town() -> Surface:
     return bare._replace(obstacles=obstacles_of(prisms))
 
 
-def small_task(
+def small_problem(
     sensing: int, *, legs: int = 0, seed: int = 3, kind: str = "sphere", surface: Surface | None = None
-) -> Task:
+) -> SearchProblem:
     surface = sine_cosine_ground(1.0).surface if surface is None else surface
     cells = cells_on(surface, seed)
     shares = np.random.default_rng(seed).uniform(0.5, 1.0, cells.centre_m.shape[0])
@@ -141,77 +131,79 @@ def small_task(
     weight[square] = shares / shares.sum()
     for array in (square, weight):
         array.flags.writeable = False
-    room = Room(0.1, 2.5, -1.0, 3.0, 0.6, legs, SQUARE, beside_m=0.05, above_m=0.05)
+    limits = RouteLimits(0.1, 2.5, -1.0, 3.0, 0.6, legs, SQUARE, beside_m=0.05, above_m=0.05)
     sight = SIGHTS[kind]
-    looks, apart_m = LOOKS.get(kind, (1, 0.0))
+    needed, apart_m = NEEDED.get(kind, (1, 0.0))
     quick = cone_cells(surface, sight, cells)
-    return Task(surface, sight, cells, quick, square, weight, 0.4, sensing, room, looks=looks, apart_m=apart_m)
+    return SearchProblem(
+        surface, sight, cells, quick, square, weight, 0.4, sensing, limits, needed=needed, apart_m=apart_m
+    )
 
 
-def small_draft(task: Task, count: int, capacity: int, *, seed: int = 1) -> Draft:
-    rows, columns = task.cells.lattice.shape
-    cells = len(task.square)
-    draft = empty_draft(capacity=capacity, stride=200, squares=rows * columns, cells=cells, columns=columns)
-    draft.size[0] = count
+def small_state(problem: SearchProblem, count: int, capacity: int, *, seed: int = 1) -> RouteState:
+    rows, columns = problem.cells.lattice.shape
+    cells = len(problem.square)
+    state = RouteState.empty(capacity=capacity, stride=200, squares=rows * columns, cells=cells, columns=columns)
+    state.size[0] = count
     points = np.random.default_rng(seed).uniform([-0.5, 2.3, 1.2], [3.0, 5.0, 1.6], (count, 3))
-    draft.route[:count] = points
-    assert recount(task, draft)
-    return draft
+    state.route[:count] = points
+    assert recount(problem, state)
+    return state
 
 
 @pytest.mark.parametrize("kind", ["sphere", "cone", "picture with a heading"])
 @pytest.mark.parametrize("sensing", [AT_WAYPOINTS, ALONG_PATH])
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_a_recount_is_the_naive_one(kind, sensing, count):
-    task = small_task(sensing, kind=kind)
-    draft = small_draft(task, count, 6)
-    counts, seen = naive.counts(task, draft.route[:count])
-    assert draft.counts[task.square].tolist() == counts
-    assert draft.counts.sum() == sum(counts)
+    problem = small_problem(sensing, kind=kind)
+    state = small_state(problem, count, 6)
+    counts, seen = naive.counts(problem, state.route[:count])
+    assert state.counts[problem.square].tolist() == counts
+    assert state.counts.sum() == sum(counts)
     assert sum(counts) > 0 or count < 5
-    assert draft.seen[0] == pytest.approx(seen, rel=1e-12)
+    assert state.seen[0] == pytest.approx(seen, rel=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["sphere", "cone"])
 @pytest.mark.parametrize("sensing", [AT_WAYPOINTS, ALONG_PATH])
 def test_what_a_span_alone_sees(kind, sensing):
-    task = small_task(sensing, kind=kind)
-    draft = small_draft(task, 5, 6)
-    looks = naive.span_looks(sensing, [tuple(point) for point in draft.route[:5]], task.spacing_m)
-    seen = [naive.list_cells(task.surface, task.sight, task.cells, span) for span in looks]
+    problem = small_problem(sensing, kind=kind)
+    state = small_state(problem, 5, 6)
+    looks = naive.segment_observations(sensing, [tuple(point) for point in state.route[:5]], problem.spacing_m)
+    seen = [naive.list_cells(problem.surface, problem.sight, problem.cells, segment) for segment in looks]
     for k, mine in enumerate(seen):
         alone = mine.difference(*seen[:k], *seen[k + 1 :])
-        assert seen_alone(task, draft, k) == pytest.approx(
-            float(task.weight[task.square[list(alone)]].sum()), abs=1e-12
+        assert seen_alone(problem, state, k) == pytest.approx(
+            float(problem.weight[problem.square[list(alone)]].sum()), abs=1e-12
         )
 
 
-def change_and_recount(task: Task) -> None:
+def change_and_recount(problem: SearchProblem) -> None:
     """10,000 proposals, hot and cold; now and then the counts are compared with a recount, at the end with the naive twin's."""
-    draft = small_draft(task, 6, 14)
+    state = small_state(problem, 6, 14)
     prices, rng = Prices(0.01, 0.005, 1.0, 0.9), np.random.default_rng(4)
-    fewest = 1 if task.sensing == AT_WAYPOINTS and task.room.legs == 0 else 2
+    fewest = 1 if problem.sensing == AT_WAYPOINTS and problem.limits.legs == 0 else 2
     sizes, sums, kept = set(), set(), 0
     # Hot, where nearly everything is kept, and cold, where nearly everything is undone.
     for number in range(20):
         temperature = 1e9 if number % 4 == 0 else 0.02
-        kept += anneal(task, prices, Schedule(CHANGES // 20, temperature, temperature, 1.0, fewest, 14), draft, rng)
-        sizes.add(int(draft.size[0]))
-        assert fewest <= draft.size[0] <= 14
-        assert sorted(draft.slot.tolist()) == list(range(14 + WIDEST + 1))
-        anew = Draft(*(array.copy() for array in draft))
-        assert recount(task, anew)
-        assert draft.counts.tolist() == anew.counts.tolist()
-        assert draft.seen[0] == pytest.approx(anew.seen[0], abs=1e-9)
+        kept += anneal(problem, prices, Schedule(CHANGES // 20, temperature, temperature, 1.0, fewest, 14), state, rng)
+        sizes.add(int(state.size[0]))
+        assert fewest <= state.size[0] <= 14
+        assert sorted(state.slot.tolist()) == list(range(14 + WIDEST + 1))
+        anew = RouteState(*(array.copy() for array in state))
+        assert recount(problem, anew)
+        assert state.counts.tolist() == anew.counts.tolist()
+        assert state.seen[0] == pytest.approx(anew.seen[0], abs=1e-9)
         sums.add(int(anew.counts.sum()))
     assert 0.03 < kept / CHANGES < 0.9
     assert len(sizes) > 1
     assert len(sums) > 3
-    counts, seen = naive.counts(task, snapshot(draft))
-    assert draft.counts[task.square].tolist() == counts
-    assert draft.seen[0] == pytest.approx(seen, abs=1e-9)
-    places = snapshot(draft)
-    assert all(math.dist(p, q) >= task.apart_m for p, q in itertools.combinations(places.tolist(), 2))
+    counts, seen = naive.counts(problem, snapshot(state))
+    assert state.counts[problem.square].tolist() == counts
+    assert state.seen[0] == pytest.approx(seen, abs=1e-9)
+    places = snapshot(state)
+    assert all(math.dist(p, q) >= problem.apart_m for p, q in itertools.combinations(places.tolist(), 2))
 
 
 @pytest.mark.parametrize(
@@ -227,7 +219,7 @@ def change_and_recount(task: Task) -> None:
     ],
 )  # fmt: skip
 def test_counts_after_10_000_changes_are_those_of_a_full_recount(kind, sensing, legs):
-    change_and_recount(small_task(sensing, legs=legs, kind=kind))
+    change_and_recount(small_problem(sensing, legs=legs, kind=kind))
 
 
 @pytest.mark.parametrize(
@@ -238,37 +230,43 @@ def test_counts_after_10_000_changes_are_those_of_a_full_recount(kind, sensing, 
     ],
 )  # fmt: skip
 def test_counts_among_obstacles_after_10_000_changes_are_those_of_a_full_recount(kind, sensing, legs):
-    task = small_task(sensing, legs=legs, kind=kind, surface=town())
-    draft = small_draft(task, 14, 14)
-    bare = small_draft(task._replace(surface=task.surface._replace(obstacles=NO_OBSTACLES)), 14, 14)
-    assert draft.counts.tolist() != bare.counts.tolist()
-    change_and_recount(task)
+    problem = small_problem(sensing, legs=legs, kind=kind, surface=town())
+    state = small_state(problem, 14, 14)
+    bare = small_state(problem._replace(surface=problem.surface._replace(obstacles=NO_OBSTACLES)), 14, 14)
+    assert state.counts.tolist() != bare.counts.tolist()
+    change_and_recount(problem)
 
 
 @pytest.mark.parametrize("sensing", [AT_WAYPOINTS, ALONG_PATH])
 def test_cold_annealing_never_makes_the_energy_larger(sensing):
-    task = small_task(sensing)
-    draft = small_draft(task, 6, 14)
+    problem = small_problem(sensing)
+    state = small_state(problem, 6, 14)
     prices, rng = Prices(0.01, 0.05, 3.0, 0.9), np.random.default_rng(2)
     energies = []
     for _ in range(40):
-        anneal(task, prices, Schedule(50, 1e-12, 1e-12, 1.0, 2, 14), draft, rng)
-        n = int(draft.size[0])
-        points = snapshot(draft)
-        energies.append(0.01 * path_length(points) + 0.05 * n + energy_of_share(prices, naive.counts(task, points)[1]))
+        anneal(problem, prices, Schedule(50, 1e-12, 1e-12, 1.0, 2, 14), state, rng)
+        n = int(state.size[0])
+        points = snapshot(state)
+        energies.append(
+            0.01 * path_length(points) + 0.05 * n + energy_of_share(prices, naive.counts(problem, points)[1])
+        )
     assert all(b <= a + 1e-9 for a, b in itertools.pairwise(energies))
     assert energies[-1] < 0.9 * energies[0]
 
 
 def test_equal_generators_give_equal_routes():
-    task = small_task(ALONG_PATH)
+    problem = small_problem(ALONG_PATH)
     routes = []
     for seed in (1, 1, 2):
-        draft = small_draft(task, 6, 14)
+        state = small_state(problem, 6, 14)
         anneal(
-            task, Prices(0.01, 0.0, 1.0, 1.0), Schedule(400, 0.1, 0.01, 1.0, 2, 14), draft, np.random.default_rng(seed)
+            problem,
+            Prices(0.01, 0.0, 1.0, 1.0),
+            Schedule(400, 0.1, 0.01, 1.0, 2, 14),
+            state,
+            np.random.default_rng(seed),
         )
-        routes.append(snapshot(draft).tolist())
+        routes.append(snapshot(state).tolist())
     assert routes[0] == routes[1] != routes[2]
 
 
@@ -288,16 +286,16 @@ def test_hot_changes_never_break_a_limit_of_the_legs(sensor):
         limits={"height_margin_m": 5.0, "max_alt_amsl_m": 490.0, "max_climb_angle_deg": 20.0},
         obstacles=Obstacles(prisms=(tower(90, 50, 110, 70, 45), tower(50, 130, 80, 150, 150)), clearance_beside_m=15.0),
     )  # fmt: skip
-    task = local_task(CoverageMap(site, cell_size_m=20.0), margin_m=0.0, reach_m=70.0)
+    problem = route_problem(CoverageMap(site, cell_size_m=20.0), margin_m=0.0, reach_m=70.0)
     corners = np.array([[20.0, 20.0], [180.0, 20.0], [180.0, 100.0], [20.0, 100.0]])
     points = np.column_stack([corners, site.ground.heights_m(corners) + 65.0])
     assert measure_violations(site, points, margin_m=5.0).total == 0.0
-    draft = draft_of(task, Route(points), capacity=30)
+    state = state_of(problem, Route(points), capacity=30)
     rng = np.random.default_rng(3)
     for _ in range(30):
-        anneal(task.numbers, Prices(0.0, 0.0, 1.0, 1.0), Schedule(100, 1e6, 1e6, 80.0, 2, 30), draft, rng)
-        assert measure_violations(site, snapshot(draft), margin_m=5.0).total == 0.0
-    assert not np.allclose(snapshot(draft)[0], points[0])
+        anneal(problem.numbers, Prices(0.0, 0.0, 1.0, 1.0), Schedule(100, 1e6, 1e6, 80.0, 2, 30), state, rng)
+        assert measure_violations(site, snapshot(state), margin_m=5.0).total == 0.0
+    assert not np.allclose(snapshot(state)[0], points[0])
 
 
 @deterministic

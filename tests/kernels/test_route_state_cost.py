@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from tests.kernels.test_draft import small_draft, small_task
+from tests.kernels.test_route_state import small_problem, small_state
 from uavcover.kernels.annealing import Prices, Schedule, anneal, energy_of_share, snapshot
-from uavcover.kernels.route_state import ALONG_PATH, AT_WAYPOINTS
 from uavcover.kernels.route_state_cost import exchange_cost, reversal_cost, transfer_cost
+from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS
 from uavcover.kernels.way_cost import LENGTH, SHORTEST, TIME, Pace, WayCost, route_cost
 
 PACE = Pace(2.0, 0.7, 0.5, airspeed_m_s=2.5, wind_east_m_s=1.0, wind_north_m_s=-1.5, acceleration_m_s2=0.8)
@@ -21,47 +21,47 @@ ways = pytest.mark.parametrize("way", WAYS.values(), ids=WAYS.keys())
 
 @ways
 def test_each_kind_of_change(way):
-    task = small_task(AT_WAYPOINTS)._replace(way=way)
-    draft = small_draft(task, 7, 12)
+    problem = small_problem(AT_WAYPOINTS)._replace(way=way)
+    state = small_state(problem, 7, 12)
     rng = np.random.default_rng(3)
-    route = draft.route[:7].copy()
-    before = route_cost(task.surface, way, route)
+    route = state.route[:7].copy()
+    before = route_cost(problem.surface, way, route)
     for _ in range(300):
         first = int(rng.integers(0, 7))
         last = int(rng.integers(first, min(7, first + 4) + 1))
         fresh = int(rng.integers(0, 4))
-        draft.fresh[:fresh] = rng.uniform([-0.5, 2.3, 1.2], [3.0, 5.0, 1.6], (fresh, 3))
-        after = np.vstack([route[:first], draft.fresh[:fresh], route[last:]])
+        state.fresh[:fresh] = rng.uniform([-0.5, 2.3, 1.2], [3.0, 5.0, 1.6], (fresh, 3))
+        after = np.vstack([route[:first], state.fresh[:fresh], route[last:]])
         if len(after) > 0:
-            expected = route_cost(task.surface, way, after) - before
-            assert exchange_cost(task, draft, first, last, fresh) == pytest.approx(expected, abs=1e-9)
+            expected = route_cost(problem.surface, way, after) - before
+            assert exchange_cost(problem, state, first, last, fresh) == pytest.approx(expected, abs=1e-9)
         i, j = sorted(rng.integers(0, 7, 2).tolist())
         turned = np.vstack([route[:i], route[i : j + 1][::-1], route[j + 1 :]])
-        expected = route_cost(task.surface, way, turned) - before
-        assert reversal_cost(task, draft, i, j) == pytest.approx(expected, abs=1e-9)
+        expected = route_cost(problem.surface, way, turned) - before
+        assert reversal_cost(problem, state, i, j) == pytest.approx(expected, abs=1e-9)
         at = int(rng.integers(0, 7))
         to = int(rng.choice([k for k in range(8) if k not in (at, at + 1)]))
-        draft.fresh[0] = rng.uniform([-0.5, 2.3, 1.2], [3.0, 5.0, 1.6])
-        moved = np.insert(route, to, draft.fresh[0], axis=0)
+        state.fresh[0] = rng.uniform([-0.5, 2.3, 1.2], [3.0, 5.0, 1.6])
+        moved = np.insert(route, to, state.fresh[0], axis=0)
         moved = np.delete(moved, at if to > at else at + 1, axis=0)
-        expected = route_cost(task.surface, way, moved) - before
-        assert transfer_cost(task, draft, at, to) == pytest.approx(expected, abs=1e-9)
+        expected = route_cost(problem.surface, way, moved) - before
+        assert transfer_cost(problem, state, at, to) == pytest.approx(expected, abs=1e-9)
 
 
 @ways
 @pytest.mark.parametrize("sensing", [AT_WAYPOINTS, ALONG_PATH])
 def test_cold_annealing_never_makes_the_energy_larger(sensing, way):
-    task = small_task(sensing)._replace(way=way)
-    draft = small_draft(task, 6, 14)
+    problem = small_problem(sensing)._replace(way=way)
+    state = small_state(problem, 6, 14)
     prices, rng = Prices(0.01, 0.05, 3.0, 0.9), np.random.default_rng(2)
     energies = []
     for _ in range(30):
-        anneal(task, prices, Schedule(100, 1e-12, 1e-12, 1.0, 2, 14), draft, rng)
-        points = snapshot(draft)
+        anneal(problem, prices, Schedule(100, 1e-12, 1e-12, 1.0, 2, 14), state, rng)
+        points = snapshot(state)
         energies.append(
-            0.01 * route_cost(task.surface, way, points)
+            0.01 * route_cost(problem.surface, way, points)
             + 0.05 * len(points)
-            + energy_of_share(prices, float(draft.seen[0]))
+            + energy_of_share(prices, float(state.seen[0]))
         )
     assert (np.diff(energies) <= 1e-9).all()
     assert energies[-1] < 0.95 * energies[0]

@@ -12,8 +12,8 @@ from uavcover.kernels.annealing import Prices, Schedule, anneal
 from uavcover.model.route import Plan, Route
 from uavcover.model.scenario import InitialRoute
 from uavcover.model.sensor import DiscSensor
-from uavcover.planning.planner import Effort, Progress, plan_routes
-from uavcover.planning.search.route_problem import draft_of, local_task
+from uavcover.planning.planner import Effort, SearchProgress, plan_routes
+from uavcover.planning.search.route_problem import route_problem, state_of
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap
 
@@ -57,7 +57,7 @@ def test_a_tour_of_more_than_the_fewest_waypoints_is_shorter() -> None:
 def test_a_search_that_is_stopped_at_once_has_routes_of_fewer_waypoints_too() -> None:
     site = row_of_cells()
     settings = dataclasses.replace(site.scenario.planner, algorithm="local-search")
-    seen: list[Progress] = []
+    seen: list[SearchProgress] = []
     plan = plan_routes(
         site, settings=settings, select_rule="max-coverage", effort=Effort(600, None, frozen),
         should_stop=lambda: len(seen) >= 1, on_progress=seen.append,
@@ -72,13 +72,13 @@ def test_a_search_that_is_stopped_at_once_has_routes_of_fewer_waypoints_too() ->
 def test_where_all_is_seen_waypoints_come_in_beside_legs() -> None:
     site = row_of_cells()
     coverage = CoverageMap(site, cell_size_m=20.0)
-    task = local_task(coverage, margin_m=0.0, reach_m=RADIUS_M)
+    problem = route_problem(coverage, margin_m=0.0, reach_m=RADIUS_M)
     least_m = [60.0, 180.0, 240.0, 340.0]
-    draft = draft_of(task, Route([[east, 20.0, 50.0] for east in least_m]), capacity=8)
-    assert draft.seen[0] == pytest.approx(1.0)
+    state = state_of(problem, Route([[east, 20.0, 50.0] for east in least_m]), capacity=8)
+    assert state.seen[0] == pytest.approx(1.0)
     # Waypoints are paid for, ways are dear: all that comes in is on the way.
     prices = Prices(way=1.0, waypoint=-1.0, coverage=1e6, goal=1.0)
     rng = np.random.default_rng(1)
-    anneal(task.numbers, prices, Schedule(20_000, 0.1, 0.01, 20.0, 1, 8), draft, rng)
-    assert draft.size[0] == 8
-    assert draft.seen[0] == pytest.approx(1.0)
+    anneal(problem.numbers, prices, Schedule(20_000, 0.1, 0.01, 20.0, 1, 8), state, rng)
+    assert state.size[0] == 8
+    assert state.seen[0] == pytest.approx(1.0)
