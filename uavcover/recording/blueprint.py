@@ -13,7 +13,7 @@ from uavcover.recording.scene import extent_m, scene_bounds_m
 from uavcover.scenario.site import Site
 
 PLAYED_IN_S = 45.0
-"""A flight that takes longer is played faster, so that it takes this long to watch."""
+"""A longer flight is played faster, so that watching it takes this long."""
 
 _NAMESPACE = uuid.UUID("6f1c1a52-6d0b-4a55-8f3d-6b1a1c0e7d11")
 _BACKGROUND_RGB = (18, 20, 26)
@@ -42,8 +42,8 @@ def make_blueprint(site: Site, *, span_s: tuple[float, float] | None) -> rrb.Blu
     """The default blueprint of a recording.
 
     Args:
-        site: decides on the camera, and on whether there is a map.
-        span_s: vehicle time at the start and at the end of the flight; none for one that goes on, whose newest moment is
+        site: determines the camera, and whether there is a map.
+        span_s: vehicle time at the start and at the end of the flight; none for an ongoing flight, whose latest moment is
             shown.
     """
     words: list[rrb.ContainerLike] = [
@@ -74,7 +74,7 @@ def make_blueprint(site: Site, *, span_s: tuple[float, float] | None) -> rrb.Blu
         column_shares=[3.0, 2.0],
     )
     for number, part in enumerate(_parts(root)):
-        # Random by default, which would make two recordings of one flight differ.
+        # Random by default, so two recordings of one flight would differ.
         part.id = uuid.uuid5(_NAMESPACE, str(number))
     return rrb.Blueprint(
         root,

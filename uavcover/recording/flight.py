@@ -16,17 +16,17 @@ from uavcover.recording.tiles import coverage_tiles, shown_from_s, tick_times_s
 from uavcover.sensing.coverage_map import CoverageMap
 
 LINK_WINDOW_S = 5.0
-"""Losses of the link are counted over this long."""
+"""Link losses are counted over this time."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedEvent:
-    """Something that happened.
+    """An event of the flight.
 
     Attributes:
         time_s: vehicle time.
         text: one line.
-        level: how much it matters.
+        level: its severity.
     """
 
     time_s: float
@@ -36,14 +36,14 @@ class RecordedEvent:
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:
-    """What the vehicle said of itself, and how the link did, at a moment of the flight.
+    """State of vehicle and link at a moment of the flight.
 
     Attributes:
         time_s: vehicle time.
-        battery_v: voltage; none where it is not told.
-        battery_percent: what is left; none where it is not told.
+        battery_v: voltage; none where unknown.
+        battery_percent: remaining charge; none where unknown.
         frames_in: messages that arrived since the link was opened.
-        frames_lost: messages that never came, by the gaps in their numbers.
+        frames_lost: lost messages, by gaps in their sequence numbers.
     """
 
     time_s: float
@@ -72,7 +72,7 @@ def log_track(recording: rr.RecordingStream, track: Track) -> None:
 
 
 def log_coverage(recording: rr.RecordingStream, coverage: CoverageMap, track: Track, first_seen_s: FloatArray) -> None:
-    """Log the cells and the share that has been seen."""
+    """Log the cells and the coverage."""
     start_s = float(track.time_s[0])
     ticks_s = tick_times_s(start_s, float(track.time_s[-1]))
     shown_s = shown_from_s(first_seen_s, ticks_s)
@@ -102,7 +102,7 @@ def log_series(recording: rr.RecordingStream, coverage: CoverageMap, track: Trac
     limits = coverage.site.scenario.limits
     height_agl_m = coverage.site.ground.heights_agl_m(track.enu_m)
     _log_series(recording, layout.HEIGHT_AGL, track.time_s, height_agl_m, name="above ground, m", rgb=layout.FLOWN_RGB)
-    # The band holds from the first planned waypoint to the last; a track that flies no route shows it throughout.
+    # The band applies from the first to the last planned waypoint; a track without a route shows it throughout.
     on_route = np.flatnonzero(track.current_waypoint >= 1)
     ends = [on_route[0], on_route[-1]] if on_route.size else [0, -1]
     for entity, name, height_m in (
@@ -121,7 +121,7 @@ def log_series(recording: rr.RecordingStream, coverage: CoverageMap, track: Trac
 
 
 def log_states(recording: rr.RecordingStream, states: Sequence[VehicleState]) -> None:
-    """Log battery and link, as far as they are known."""
+    """Log battery and link as far as known."""
     if not states:
         return
     time_s = np.array([state.time_s for state in states])
@@ -148,7 +148,7 @@ def log_states(recording: rr.RecordingStream, states: Sequence[VehicleState]) ->
 
 
 def log_events(recording: rr.RecordingStream, events: Iterable[RecordedEvent]) -> None:
-    """Log what happened as text, in order of time."""
+    """Log events as text, in order of time."""
     ordered: Sequence[RecordedEvent] = sorted(events, key=lambda event: event.time_s)
     if ordered:
         recording.send_columns(

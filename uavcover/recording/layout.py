@@ -61,10 +61,10 @@ TRACK: Final = "/track"
 """The track in float64, one component for each column of ``track.csv``."""
 
 SAMPLE_COUNT: Final = "sample_count"
-"""Static component of ``TRACK``: how many samples were written, by which a reader knows a recording that was cut off."""
+"""Static component of ``TRACK``: number of samples written, by which a reader detects a truncated recording."""
 
 UNFINISHED: Final = "unfinished"
-"""Static component of ``TRACK`` in a recording that is being made while the vehicle flies."""
+"""Static component of ``TRACK`` in a recording made during the flight."""
 
 CELL_NUMBERS: Final = "cell_numbers"
 """Static component of every coverage tile: which cells of the area its points are."""
@@ -87,7 +87,7 @@ NOT_COVERABLE_RGB: Final[Rgb] = (86, 48, 92)
 
 
 def log_static(recording: rr.RecordingStream, entity: str, *parts: rr.AsComponents) -> None:
-    """Log what does not change in time.
+    """Log static data.
 
     Single calls go through a batching thread and columns do not; without waiting for it here, two recordings of one
     flight would hold the same chunks in another order.
@@ -107,7 +107,7 @@ def time_column(time_s: ArrayLike) -> rr.TimeColumn:
 
 
 def ui_points(size: float) -> rr.components.Radius:
-    """A radius in points of the screen, whatever the distance; rerun knows them by their sign."""
+    """A radius in screen points at any distance; rerun recognises it by its sign."""
     return rr.components.Radius(-size)
 
 
@@ -122,13 +122,13 @@ def any_value_columns(columns: Mapping[str, NDArray[Any]]) -> rr.ComponentColumn
 
 
 def application_id(site: Site) -> str:
-    """The application decides which blueprint the viewer applies, so it is one for each scenario."""
+    """The application id determines which blueprint the viewer applies, so each scenario has its own."""
     return f"uavcover_{site.scenario.name}"
 
 
 @contextlib.contextmanager
 def strict_mode() -> Iterator[None]:
-    """Wrong calls of rerun raise instead of being logged, inside the block only."""
+    """Inside the block, wrong calls of rerun raise instead of being logged."""
     before = rr.error_utils.strict_mode()
     rr.set_strict_mode(True)
     try:

@@ -23,31 +23,31 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 
 PERIOD_S = 0.5
-"""Between two writings: what is older than this, and a little, is in the file."""
+"""Time between two writes: everything slightly older than this is in the file."""
 
 _READ_BYTES = 1 << 16
 
 
 class LiveRecording:
-    """The recording of a flight that goes on.
+    """The recording of an ongoing flight.
 
-    Samples, events and states are only put down here; a thread of its own sends them every ``PERIOD_S``, so that no
-    viewer and no disk holds up the flight. What goes wrong there is kept in ``error`` and ends the recording, not the flight.
+    Samples, events and states are only queued; a separate thread sends them every ``PERIOD_S``, so that no viewer and no
+    disk delays the flight. A failure there is kept in ``error`` and ends the recording, not the flight.
 
-    The bytes go through a pipe that is always read. Rerun's own file sink would wait for ever when the disk is full.
+    The bytes go through a pipe that is always drained. Rerun's own file sink would block forever when the disk is full.
 
-    Cells turn by samples between the first and the last planned waypoint, with a level camera; the recording that replaces
-    this one at the end of the flight has them as verification sees them.
+    Cells change by samples between the first and the last planned waypoint, for a level camera; the recording that replaces
+    this one at the end of the flight shows them as verification does.
 
     Args:
         path: of the file; an existing one is replaced.
         site: the scenario on its ground.
         coverage: its cells.
         planned: the planned sensing route.
-        viewer_url: of a viewer that shows the flight; none for the file alone.
+        viewer_url: viewer that shows the flight; none for the file alone.
 
     Raises:
-        OutputError: the file cannot be made.
+        OutputError: the file cannot be created.
     """
 
     def __init__(
@@ -85,22 +85,22 @@ class LiveRecording:
         self._sender.start()
 
     def take_sample(self, sample: TrackSample) -> None:
-        """Put down a sample of the track."""
+        """Queue a sample of the track."""
         with self._lock:
             self._samples.append(sample)
 
     def take_event(self, event: flight.RecordedEvent) -> None:
-        """Put down what happened."""
+        """Queue an event."""
         with self._lock:
             self._events.append(event)
 
     def take_state(self, state: flight.VehicleState) -> None:
-        """Put down battery and link."""
+        """Queue a state of battery and link."""
         with self._lock:
             self._states.append(state)
 
     def rename(self, path: Path) -> None:
-        """Give the file its name, while it grows.
+        """Rename the file while it grows.
 
         Raises:
             OutputError: it cannot be renamed.
@@ -112,12 +112,12 @@ class LiveRecording:
         self._path = path
 
     def send(self) -> None:
-        """Send now what has been put down; the thread does it every ``PERIOD_S``."""
+        """Send what is queued; the thread does so every ``PERIOD_S``."""
         with self._sending:
             self._send()
 
     def close(self) -> None:
-        """Send what is left, and end the file."""
+        """Send the rest and finish the file."""
         self._stop.set()
         self._sender.join()
         for output in self._outputs:
@@ -163,7 +163,7 @@ class LiveRecording:
         if samples:
             self._send_samples(samples)
         if states:
-            # Losses are counted over a while, so the states of that while go along.
+            # Losses are counted over an interval, so its states are kept.
             self._recent_states = [*self._recent_states, *states]
             newest_s = states[-1].time_s
             self._recent_states = [s for s in self._recent_states if s.time_s > newest_s - 2.0 * flight.LINK_WINDOW_S]
@@ -176,7 +176,7 @@ class LiveRecording:
 
     def _send_samples(self, samples: list[TrackSample]) -> None:
         new = _track_of(samples)
-        # The path goes on from the last sample of the time before.
+        # The path continues from the last sample of the previous interval.
         part = new if self._last is None else _track_of([self._last, *samples])
         self._last = samples[-1]
         height_agl_m = self._coverage.site.ground.heights_agl_m(new.enu_m)
@@ -195,7 +195,7 @@ class LiveRecording:
                 )
 
     def _turned(self, new: Track) -> list[tuple[int, NDArray[np.uint32]]]:
-        """Numbers and colours of the tiles in which cells were seen for the first time."""
+        """Numbers and colours of the tiles with newly seen cells."""
         if self._coverage.site.scenario.sensor.sensing != "along-path":
             return []
         route = new.current_waypoint >= 1
@@ -213,7 +213,7 @@ class LiveRecording:
         ]
 
     def _copy(self, reading: int) -> None:
-        """From the pipe into the file, to the end; what cannot be written is read all the same."""
+        """Copy the pipe into the file to its end; drain it even when writing fails."""
         with self._file:
             while data := os.read(reading, _READ_BYTES):
                 if self.error is None:

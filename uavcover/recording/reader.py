@@ -26,13 +26,13 @@ _FRAME = struct.Struct("<QQ")
 
 @dataclass(frozen=True, slots=True)
 class RecordingRow:
-    """What is known of one entity of a recording.
+    """Summary of one entity of a recording.
 
     Attributes:
-        entity: its path; the tiles of the coverage are one row that ends in ``*``.
-        timelines: names of the timelines it is on, empty for what does not change.
-        samples: rows in time, or 1 for what does not change.
-        start_s: first time on the recording's own timeline, none for what does not change.
+        entity: its path; the coverage tiles are one row that ends in ``*``.
+        timelines: names of its timelines, empty for static data.
+        samples: rows in time, or 1 for static data.
+        start_s: first time on the recording's own timeline, none for static data.
         end_s: last time.
     """
 
@@ -44,17 +44,17 @@ class RecordingRow:
 
 
 def read_recorded_track(path: str | Path) -> Track:
-    """The track of a recording, exactly as it was written; see :func:`read_recorded_track_with_warnings`."""
+    """Read the track of a recording, exactly as written; see :func:`read_recorded_track_with_warnings`."""
     return read_recorded_track_with_warnings(path).track
 
 
 def read_recorded_track_with_warnings(path: str | Path) -> ReadTrack:
-    """The track of a recording, exactly as it was written.
+    """Read the track of a recording, exactly as written.
 
-    Of a recording whose writer was killed in flight, the track up to about a second before, and a warning.
+    If the writer was killed in flight, the track up to about a second before, and a warning.
 
     Raises:
-        RecordingError: no readable recording, cut off, or without a track.
+        RecordingError: unreadable, truncated, or without a track.
     """
     parts: list[Columns] = []
     count: int | None = None
@@ -93,10 +93,10 @@ def read_recorded_track_with_warnings(path: str | Path) -> ReadTrack:
 
 
 def describe_recording(path: str | Path) -> list[RecordingRow]:
-    """What is in a recording, in order of the entities' paths.
+    """List the entities of a recording in order of their paths.
 
     Raises:
-        RecordingError: no readable recording, or cut off.
+        RecordingError: unreadable or truncated.
     """
     times_s: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
     timelines: dict[str, set[str]] = defaultdict(set)
@@ -118,10 +118,10 @@ def describe_recording(path: str | Path) -> list[RecordingRow]:
 
 
 def check_finished(path: Path) -> None:
-    """Make sure that a recording is whole: its writer came to the end.
+    """Check that a recording is complete.
 
     Raises:
-        RecordingError: no readable recording, or cut off.
+        RecordingError: unreadable or truncated.
     """
     for _ in _chunks(path):
         return
@@ -129,7 +129,7 @@ def check_finished(path: Path) -> None:
 
 
 def _chunks(path: Path) -> Iterator[Chunk]:
-    """All chunks of the first recording in a file: by the manifest at its end, or one by one where it was being written."""
+    """All chunks of the first recording in a file: by the manifest at its end, or one by one in an unfinished file."""
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
     try:
@@ -158,7 +158,7 @@ def _whole_chunks(path: Path) -> LazyChunkStream:
 
 
 def _chunks_until_cut(path: Path) -> list[Chunk]:
-    """The chunks of a recording that was being made in flight, as far as its messages are whole; empty for another file."""
+    """The chunks of an unfinished recording as far as its messages are complete; empty for any other file."""
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore", RerunWarning)
         whole = Path(folder) / "whole.rrd"
@@ -173,7 +173,7 @@ def _chunks_until_cut(path: Path) -> list[Chunk]:
 
 
 def whole_messages(data: bytes) -> int:
-    """How many bytes of a recording are its header and whole messages.
+    """Number of bytes of a recording's header and complete messages.
 
     Each message follows its kind and its length, both little-endian 64-bit numbers, after a header of 12 bytes
     (rerun-sdk 0.41, the version that wrote it).
@@ -188,7 +188,7 @@ def whole_messages(data: bytes) -> int:
 
 
 def _columns(chunk: Chunk, names: Iterable[str]) -> Columns:
-    """Those of the named components that a chunk has, each (rows,); its rows hold one value each."""
+    """The named components present in a chunk, each (rows,) with one value a row."""
     batch = chunk.to_record_batch()
     present = set(batch.schema.names)
     return {name: batch.column(name).flatten().to_numpy(zero_copy_only=False) for name in names if name in present}

@@ -20,7 +20,7 @@ from uavcover.scenario.relief import relief_grid
 from uavcover.scenario.site import Site
 
 MAX_NODES_PER_SIDE = 180
-"""Of the mesh: more would not be seen, and would fill the file."""
+"""Largest number of mesh nodes: more would not be visible and would enlarge the file."""
 
 TEXTURE_PIXELS = 512
 """Along the longer side of the picture that lies on the mesh."""
@@ -33,7 +33,7 @@ class ReliefMesh:
     Attributes:
         vertices_m: (n, 3) ENU metres.
         triangles: (m, 3) uint32 numbers of vertices, counter-clockwise seen from above.
-        texture_places: (n, 2) where each vertex lies in the texture: 0..1 from its left and from its top.
+        texture_places: (n, 2) position of each vertex in the texture, 0..1 from its left and top.
         texture: (rows, columns, 3) uint8 RGB, north on top.
     """
 
@@ -44,7 +44,7 @@ class ReliefMesh:
 
 
 def scene_bounds_m(site: Site) -> tuple[float, float, float, float]:
-    """West, south, east, north of what is shown: the fence."""
+    """West, south, east, north of the displayed bounds: those of the fence."""
     west, south, east, north = site.fence.bounds
     return float(west), float(south), float(east), float(north)
 
@@ -55,7 +55,7 @@ def extent_m(bounds_m: tuple[float, float, float, float]) -> float:
 
 
 def relief_mesh(ground: Ground, bounds_m: tuple[float, float, float, float]) -> ReliefMesh:
-    """Sample the ground over a rectangle; squares that touch a place without data are left out.
+    """Sample the ground over a rectangle; squares that touch missing data are omitted.
 
     Args:
         ground: any surface.
@@ -74,7 +74,7 @@ def relief_mesh(ground: Ground, bounds_m: tuple[float, float, float, float]) -> 
     known = np.isfinite(up)
     triangles = triangles[known[triangles].all(axis=1)]
     texture = relief_grid(ground, bounds_m, nodes=TEXTURE_PIXELS).rgb[::-1]
-    # The texture's outer pixels have their middles on the rim of the rectangle.
+    # The centres of the texture's outer pixels lie on the edge of the rectangle.
     rows, columns = texture.shape[:2]
     across = (0.5 + (grid_e - west) / (east - west) * (columns - 1)) / columns
     down = (0.5 + (north - grid_n) / (north - south) * (rows - 1)) / rows
@@ -83,13 +83,13 @@ def relief_mesh(ground: Ground, bounds_m: tuple[float, float, float, float]) -> 
 
 
 MAX_LABELS = 60
-"""A route with more waypoints than this has every second, fifth, tenth... of them labelled, the last one always."""
+"""With more waypoints than this, only every second, fifth, tenth... is labelled, and always the last one."""
 
 _OUTLINE_PIECES_PER_SIDE = 60
 
 
 def log_scene(recording: rr.RecordingStream, site: Site, planned: Route | None, *, lift_m: float) -> None:
-    """Log everything static but the cells; outlines are drawn ``lift_m`` above the ground."""
+    """Log everything static except the cells; outlines are drawn ``lift_m`` above the ground."""
     bounds_m = scene_bounds_m(site)
     mesh = relief_mesh(site.ground, bounds_m)
     log_static(recording, layout.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
@@ -126,12 +126,12 @@ def log_scene(recording: rr.RecordingStream, site: Site, planned: Route | None, 
 
 
 def lat_lon_deg(site: Site, enu_m: FloatArray) -> FloatArray | None:
-    """(n, 2) latitude and longitude of (n, 3) ENU places, none for a site without a place on Earth."""
+    """(n, 2) latitude and longitude of (n, 3) ENU positions; none for a site that is not georeferenced."""
     return None if site.frame is None else np.column_stack(site.frame.geodetic_from_enu(enu_m)[:2])
 
 
 def waypoint_labels(count: int) -> list[str]:
-    """Numbers as in ``plan.json``, thinned out when they would cover the picture."""
+    """Numbers as in ``plan.json``, thinned out when there are too many."""
     step = next(s for m in range(10) for s in (10**m, 2 * 10**m, 5 * 10**m) if math.ceil(count / s) <= MAX_LABELS)
     return [str(i) if i % step == 0 or i == count - 1 else "" for i in range(count)]
 
@@ -181,17 +181,17 @@ def _log_obstacles(recording: rr.RecordingStream, site: Site) -> None:
 
 
 def _rings_m(polygon: shapely.Polygon) -> list[FloatArray]:
-    """(n, 2) places of the outline and of the holes."""
+    """(n, 2) positions of the outline and of the holes."""
     return [np.asarray(ring.coords)[:, :2] for ring in (polygon.exterior, *polygon.interiors)]
 
 
 def _at_height(places_m: FloatArray, up_m: float) -> FloatArray:
-    """(n, 3) places on the map at one height."""
+    """(n, 3) positions at one height."""
     return np.column_stack([places_m[:, :2], np.full(len(places_m), up_m)])
 
 
 def _draped(site: Site, ring_m: FloatArray, bounds_m: tuple[float, float, float, float], lift_m: float) -> FloatArray:
-    """A ring (n, 2) laid over the ground in short pieces, a little above it: (m, 3). Parts without data are left out."""
+    """An (n, 2) ring draped over the ground in short pieces, slightly above it: (m, 3). Parts without data are omitted."""
     line = shapely.LineString(ring_m).segmentize(extent_m(bounds_m) / _OUTLINE_PIECES_PER_SIDE)
     places = np.asarray(line.coords)
     up = site.ground.heights_m(places)

@@ -16,18 +16,18 @@ from uavcover.scenario.relief import hillshade, shaded
 from uavcover.sensing.coverage_map import CoverageMap
 
 TICK_S = 1.0
-"""Vehicle time between updates: a cell turns at the first tick not before it was seen, so never early and at most this late."""
+"""Vehicle time between updates: a cell changes at the first tick after it was seen, never early and at most this late."""
 
 TILE_SIDE_CELLS = 16
 
 
 @dataclass(frozen=True, eq=False)
 class Tile:
-    """Some cells and the colours they have in time.
+    """A group of cells with their colours over time.
 
     Attributes:
         cells: (n,) numbers of cells.
-        vertices_m: (4 n, 3) ENU metres, four corners of each cell, a little above the ground.
+        vertices_m: (4 n, 3) ENU metres, four corners of each cell, slightly above the ground.
         triangles: (2 n, 3) uint32 numbers of vertices, counter-clockwise seen from above.
         time_s: (k,) when the colours change; the first is the start of the flight.
         rgba: (k, n) uint32 colours, 0xRRGGBBAA.
@@ -46,7 +46,7 @@ class Tile:
 
 
 def lift_m(coverage: CoverageMap) -> float:
-    """How far above the ground cells are drawn, so that the terrain does not shine through; lines take twice that."""
+    """Height above ground at which cells are drawn, so that the terrain does not show through; lines use twice that."""
     return 0.1 * coverage.grid.cells.size_m + 0.001 * extent_m(scene_bounds_m(coverage.site))
 
 
@@ -63,11 +63,11 @@ def shown_from_s(first_seen_s: FloatArray, ticks_s: FloatArray) -> FloatArray:
 
 
 def coverage_tiles(coverage: CoverageMap, shown_s: FloatArray, start_s: float) -> list[Tile]:
-    """Cut the cells of a map into tiles, in order of row and column.
+    """Divide the cells of a map into tiles, in order of row and column.
 
     Args:
         coverage: the cells.
-        shown_s: (cells,) when each cell turns, infinite for never.
+        shown_s: (cells,) time at which each cell changes, infinite for never.
         start_s: start of the flight.
     """
     brightness = hillshade(coverage.site.ground.gradients(coverage.grid.cells.centre_m[:, :2]))
@@ -107,7 +107,7 @@ def _corners_m(coverage: CoverageMap) -> FloatArray:
     offsets = half_m * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     places = cells.centre_m[:, None, :2] + offsets
     up = coverage.site.ground.heights_m(places.reshape(-1, 2)).reshape(-1, 4)
-    # A corner can lie beyond the data where the centre does not.
+    # A corner can lie outside the data although the centre does not.
     up = np.where(np.isfinite(up), up, cells.centre_m[:, None, 2])
     return np.concatenate([places, (up + lift_m(coverage))[..., None]], axis=2)
 

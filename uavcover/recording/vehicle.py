@@ -28,17 +28,17 @@ _LEVEL_COS = 0.9995  # an axis nearer to straight down than 1.8 degrees has its 
 
 
 def footprints_m(coverage: CoverageMap, eyes_m: FloatArray, axes: FloatArray, tops: FloatArray) -> list[FloatArray]:
-    """Outlines on the ground of the sensor's view from (k, 3) ENU places.
+    """Outlines on the ground of the sensor's view from (k, 3) ENU positions.
 
-    In each of 48 directions the ground is followed from where the sensor's axis meets it to where it first leaves the
-    sensor's range or opening angle, to within a 40th of the largest reach. What hides behind ground inside the outline is
-    not cut out of it; the cells know.
+    In each of 48 directions the ground is followed from its intersection with the sensor's axis to where it first leaves
+    the sensor's range or opening angle, to within a 40th of the largest reach. Occlusions inside the outline are not cut
+    out; the cells show them.
 
     Args:
         coverage: the cells with their sensor.
-        eyes_m: (k, 3) ENU places of the sensor.
-        axes: (k, 3) unit vectors in ENU, where a camera points; other sensors look everywhere.
-        tops: (k, 3) unit vectors at right angles to them: the top of its picture.
+        eyes_m: (k, 3) ENU positions of the sensor.
+        axes: (k, 3) ENU unit vectors along a camera's viewing direction; other sensors see in all directions.
+        tops: (k, 3) unit vectors perpendicular to them, towards the top of the picture.
 
     Returns:
         k closed rings (49, 3), ENU metres; a ring is empty where the sensor does not reach the ground on its axis, and
@@ -86,7 +86,7 @@ def footprints_m(coverage: CoverageMap, eyes_m: FloatArray, axes: FloatArray, to
 
 
 def _on_axis_m(coverage: CoverageMap, eye_m: FloatArray, axis: FloatArray) -> FloatArray:
-    """(2,) where the axis first comes to the ground, to a 200th of the range; below the sensor where it does not."""
+    """(2,) first intersection of the axis with the ground, to a 200th of the range; below the sensor if there is none."""
     along = np.linspace(0.0, coverage.sight.reach_m, 201)[:, None]
     points = eye_m + along * axis
     under = coverage.site.ground.heights_agl_m(points) <= 0.0
@@ -94,14 +94,14 @@ def _on_axis_m(coverage: CoverageMap, eye_m: FloatArray, axis: FloatArray) -> Fl
 
 
 STEP_S = 0.5
-"""Vehicle time between footprints, and the length of the pieces in which the flown path grows."""
+"""Vehicle time between footprints, and duration of the pieces by which the flown path grows."""
 
 _HEADING_SHARE = 0.06
 _CAMERA_EDGES = 8
 
 
 def draw_vehicle(recording: rr.RecordingStream, coverage: CoverageMap) -> None:
-    """Log what of the vehicle does not change: its shape, that of the camera's view, and the colours of its lines."""
+    """Log the static parts of the vehicle: its shape, that of the camera's view, and the colours of its lines."""
     site = coverage.site
     heading_m = _HEADING_SHARE * extent_m(scene_bounds_m(site))
     log_static(
@@ -124,12 +124,12 @@ def draw_vehicle(recording: rr.RecordingStream, coverage: CoverageMap) -> None:
 
 
 def send_vehicle(recording: rr.RecordingStream, coverage: CoverageMap, track: Track) -> None:
-    """Send where the vehicle was, in the local frame and on the map.
+    """Send the vehicle's motion, in the local frame and on the map.
 
     Args:
-        recording: in which ``draw_vehicle`` was called.
+        recording: recording in which ``draw_vehicle`` was called.
         coverage: the cells with their sensor.
-        track: the flight, or a part of it whose first sample is the last one of the part before.
+        track: the flight, or a part of it whose first sample is the last one of the previous part.
     """
     site = coverage.site
     times = [time_column(track.time_s)]
@@ -175,7 +175,7 @@ def _rotations(turn: CameraTurn) -> Rotation:
 
 
 def _view_edges(sensor: Camera, *, length_m: float) -> list[FloatArray]:
-    """The edges and the rim of a field of view, downwards from the origin; the top of a picture points to x."""
+    """Edges and rim of a field of view, downwards from the origin; the top of a picture points to x."""
     if isinstance(sensor, FrameCamera):
         right = length_m * math.tan(math.radians(sensor.fov_across_deg / 2.0))
         top = length_m * math.tan(math.radians(sensor.fov_along_deg / 2.0))
@@ -189,6 +189,6 @@ def _view_edges(sensor: Camera, *, length_m: float) -> list[FloatArray]:
 
 
 def _step_samples(time_s: FloatArray) -> NDArray[np.intp]:
-    """Numbers of the samples at which a step ends: the first sample, then about one in each ``STEP_S``, the last always."""
+    """Numbers of the samples at which a step ends: the first sample, then about one every ``STEP_S``, and always the last."""
     step = np.floor((time_s - time_s[0]) / STEP_S)
     return np.unique(np.append(np.flatnonzero(np.diff(step, prepend=-1.0) > 0), time_s.size - 1))

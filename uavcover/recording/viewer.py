@@ -39,17 +39,17 @@ _NO_DRIVER = (
 
 
 def open_viewer(path: str | Path) -> None:
-    """Open a recording in the rerun viewer, a process of its own that outlives this one.
+    """Open a recording in the rerun viewer, a separate process that outlives this one.
 
     Raises:
-        RecordingError: no readable recording, no screen, or no viewer that starts.
+        RecordingError: an unreadable recording, no screen, or a viewer that does not start.
     """
     path = Path(path)
     check_finished(path)
     _require_screen(str(path))
     with tempfile.TemporaryFile() as log:
         process = _start_viewer([str(path), "--port", "auto"], log)
-        # A viewer without a window system or driver ends within a second.
+        # A viewer without a window system or driver exits within a second.
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(timeout=3.0)
             if process.returncode != 0:
@@ -57,10 +57,10 @@ def open_viewer(path: str | Path) -> None:
 
 
 def open_live_viewer() -> str:
-    """Open an empty viewer, a process of its own that outlives this one; returns the URL that a flight can be sent to.
+    """Open an empty viewer, a separate process that outlives this one; returns the URL to send a flight to.
 
     Raises:
-        RecordingError: no screen, or no viewer that starts.
+        RecordingError: no screen, or a viewer that does not start.
     """
     _require_screen("--live")
     port = _free_port()
@@ -92,10 +92,10 @@ def screenshot(path: str | Path, png: str | Path, *, at_share: float = 1.0) -> N
     Args:
         path: the recording.
         png: the picture, replaced when it exists.
-        at_share: which moment, 0 the start of the flight and 1 its end.
+        at_share: the moment to show: 0 is the start of the flight, 1 its end.
 
     Raises:
-        RecordingError: no readable recording, no graphics driver, or a viewer that does not answer.
+        RecordingError: an unreadable recording, no graphics driver, or a viewer that does not answer.
         OutputError: the picture cannot be written.
     """
     path, png = Path(path), Path(png)
@@ -118,10 +118,10 @@ def screenshot(path: str | Path, png: str | Path, *, at_share: float = 1.0) -> N
 
 
 def loading_time_s(path: str | Path) -> float:
-    """How long a running viewer takes from being told of a recording until all of it is there, without a screen.
+    """Time a running headless viewer takes to load a recording completely.
 
     Raises:
-        RecordingError: no readable recording, no graphics driver, or a viewer that does not answer.
+        RecordingError: an unreadable recording, no graphics driver, or a viewer that does not answer.
     """
     path = Path(path)
     check_finished(path)
@@ -133,10 +133,10 @@ def loading_time_s(path: str | Path) -> float:
 
 @contextlib.contextmanager
 def headless_viewer(path: Path) -> Iterator[ViewerClient]:
-    """A viewer without a screen, ended at the end of the ``with``.
+    """A headless viewer that ends with the ``with`` block.
 
     Args:
-        path: the recording that errors speak of; it is not opened.
+        path: the recording named in errors; it is not opened.
 
     Raises:
         RecordingError: no graphics driver, or a viewer that does not answer.
@@ -150,8 +150,8 @@ def headless_viewer(path: Path) -> Iterator[ViewerClient]:
         try:
             yield _connect(process, port, log, path)
         except Exception as error:
-            # A viewer that is ending says why better than the connection that it leaves behind. On a busy machine it may
-            # answer for a while before it finds that there is no graphics driver.
+            # A viewer's own exit message is better than the broken connection. On a busy machine it may
+            # answer for a while before it notices that there is no graphics driver.
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(timeout=_ENDING_S)
                 raise RecordingError(f"{path}: {_failure(log, process.returncode)}") from error
@@ -172,7 +172,7 @@ def _connect(process: subprocess.Popen[bytes], port: int, log: IO[bytes], path: 
             raise RecordingError(f"{path}: {_failure(log, process.returncode)}")
         with contextlib.suppress(OSError), socket.create_connection((LOCAL_HOST, port), timeout=_POLL_S):
             client = ViewerClient.connect(f"rerun+http://{LOCAL_HOST}:{port}/proxy")
-            # The server answers before the window is there; a missing driver shows only then.
+            # The server answers before the window exists; only then does a missing driver show.
             with contextlib.suppress(Exception):
                 client.get_state()
                 return client
@@ -181,7 +181,7 @@ def _connect(process: subprocess.Popen[bytes], port: int, log: IO[bytes], path: 
 
 
 def _load(client: ViewerClient, path: Path) -> tuple[int, int]:
-    """Open the recording and wait until all of it is there: start and end of its timeline in nanoseconds."""
+    """Open the recording and wait until it is loaded; returns start and end of its timeline in nanoseconds."""
     try:
         client.open(str(path.resolve()))
         deadline = time.monotonic() + _LOAD_TIMEOUT_S
@@ -200,7 +200,7 @@ def _load(client: ViewerClient, path: Path) -> tuple[int, int]:
 def _save_picture(client: ViewerClient, path: Path, png: Path, moment_s: float) -> None:
     try:
         client.set_time(layout.TIMELINE, duration=moment_s, play_state="paused")
-        # The viewer draws what arrived; cells and meshes of the new moment take it a few frames.
+        # The viewer draws what has arrived; cells and meshes of a new moment take a few frames.
         time.sleep(_SETTLE_S)
         client.save_screenshot(str(png.resolve()))
     except Exception as error:
@@ -226,7 +226,7 @@ def _start_viewer(arguments: list[str], log: IO[bytes]) -> subprocess.Popen[byte
 
 
 def _viewer_program() -> Path:
-    """The viewer that comes with rerun-sdk, started without its Python wrapper so that ending it ends it."""
+    """The viewer of rerun-sdk, started without its Python wrapper so that killing it works."""
     package = importlib.util.find_spec("rerun_cli")
     if package is None or package.origin is None:
         raise RecordingError("the rerun viewer is not installed; `pip install rerun-sdk` brings it")
@@ -238,7 +238,7 @@ def _viewer_program() -> Path:
 
 
 def _failure(log: IO[bytes], code: int) -> str:
-    """Why a viewer ended, by what it wrote."""
+    """Why a viewer exited, by its output."""
     log.seek(0)
     lines = [line.strip() for line in log.read().decode(errors="replace").splitlines() if line.strip()]
     if any("graphics adapter" in line or "render context" in line for line in lines):

@@ -39,20 +39,20 @@ def write_recording(
 ) -> None:
     """Write a flight as a recording for the rerun viewer, with its blueprint.
 
-    The file appears under its name when it is complete: it is written beside it and renamed. An existing file is
+    The file is written beside its final name and renamed when complete. An existing file is
     replaced. Equal arguments give recordings that ``rerun rrd compare`` calls equal (their bytes differ).
 
     Args:
-        path: of the file, ``flight.rrd`` in a run folder.
+        path: the file, ``flight.rrd`` in a run folder.
         coverage: the cells of a site, the ones that ``first_seen_s`` counts.
         planned: the planned sensing route, if there is one.
-        track: what was flown.
+        track: the flown track.
         first_seen_s: (cells,) vehicle time at which each cell was seen first, NaN or infinite where it never was. With
             ``first = coverage.first_seen(observations)`` of one observation a sample:
             ``np.where(first >= 0, track.time_s[first], np.nan)``.
-        events: what happened, in any order.
-        states: battery and link, in any order.
-        name: of the run, shown in the viewer; default: the scenario's name.
+        events: events of the flight, in any order.
+        states: states of battery and link, in any order.
+        name: name of the run, shown in the viewer; default: the scenario's name.
 
     Raises:
         RecordingError: the track is empty or its time does not increase, or ``first_seen_s`` does not fit.
@@ -102,7 +102,7 @@ def _check(coverage: CoverageMap, track: Track, first_seen_s: NDArray[np.float64
 
 
 def _recording_id(name: str, track: Track) -> str:
-    """The same for the same flight of the same run, another for another: two with one id would merge in the viewer."""
+    """An id unique to the flight and run, and reproducible: recordings with one id would merge in the viewer."""
     digest = hashlib.sha256(name.encode())
     for column in flight.track_columns(track).values():
         digest.update(column.tobytes())
@@ -112,7 +112,7 @@ def _recording_id(name: str, track: Track) -> str:
 def _write_whole(path: Path, data: bytes) -> None:
     """Write beside ``path``, then rename.
 
-    Not rerun's own file sink: when the disk is full it logs a line, and the next flush waits for ever.
+    Rerun's own file sink only logs a line when the disk is full, and its next flush blocks forever.
     """
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
     try:

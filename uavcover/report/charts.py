@@ -13,12 +13,12 @@ WIDTH, HEIGHT = 760.0, 270.0
 LEFT, RIGHT, TOP, BOTTOM = 62.0, 14.0, 12.0, 44.0
 
 _MAX_POINTS = 1500
-"""Of a line: more are not to be told apart, and fill the file."""
+"""Largest number of points of a line: more cannot be distinguished and enlarge the file."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """A place on an axis, in units of the picture, and its label."""
+    """A position on an axis, in picture units, and its label."""
 
     at: float
     label: str
@@ -26,7 +26,7 @@ class Tick:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A line or a filled outline: its style class, an SVG path, and its name in the key (empty: not there)."""
+    """A line or a filled outline: its style class, an SVG path, and its name in the legend (empty: not listed)."""
 
     style: str
     path: str
@@ -35,7 +35,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A point: its style class, place in the picture, size, and the words shown over it."""
+    """A point: its style class, position in the picture, size, and tooltip."""
 
     style: str
     x: float
@@ -55,7 +55,7 @@ class Key:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """A chart, ready to be drawn.
+    """A chart ready for drawing.
 
     Attributes:
         name: identifies it in the page.
@@ -85,7 +85,7 @@ class Chart:
 
 
 class Plot:
-    """A chart in the making: values in, places in the picture out.
+    """Builds a chart: converts values to positions in the picture.
 
     Args:
         x_range: values at the left and right end; the right one above the left one.
@@ -98,25 +98,25 @@ class Plot:
         self._marks: list[Mark] = []
 
     def line(self, style: str, x: FloatArray, y: FloatArray, *, name: str = "") -> None:
-        """A line through (n,) points, broken where a value is not known."""
+        """Add a line through (n,) points, broken where a value is unknown."""
         self._lines.append(Line(style, self._path(*_thinned(x, y)), name))
 
     def between(self, style: str, x: FloatArray, low: FloatArray, high: FloatArray, *, name: str = "") -> None:
-        """The region between two lines over the same (n,) places, where both are known."""
+        """Add the region between two lines over the same (n,) positions, where both are known."""
         known = np.isfinite(low) & np.isfinite(high)
         if known.any():
-            # Each line is thinned by its own peaks: what is kept of one has other places than what is kept of the other.
+            # Each line is thinned by its own peaks, so the two keep different points.
             below_x, below = _thinned(x[known], low[known])
             above_x, above = _thinned(x[known], high[known])
             path = self._path(np.append(above_x, below_x[::-1]), np.append(above, below[::-1])) + "Z"
             self._lines.append(Line(style, path, name))
 
     def mark(self, style: str, x: float, y: float, *, radius: float, title: str) -> None:
-        """A point with words."""
+        """Add a point with a tooltip."""
         self._marks.append(Mark(style, self._x(x), self._y(y), radius, title))
 
     def finished(self, name: str, title: str, *, x_label: str, y_label: str, mark_keys: Sequence[Key] = ()) -> Chart:
-        """The chart."""
+        """The finished chart."""
         keys = [Key(line.style, line.name, is_mark=False) for line in self._lines if line.name]
         return Chart(
             name=name,
@@ -152,7 +152,7 @@ class Plot:
 
 
 def nice_ticks(low: float, high: float, *, about: int) -> list[tuple[float, str]]:
-    """Round values inside a range, ``about`` so many, with their texts.
+    """About ``about`` round values inside a range, with their labels.
 
     >>> nice_ticks(0.0, 103.0, about=6)
     [(0.0, '0'), (20.0, '20'), (40.0, '40'), (60.0, '60'), (80.0, '80'), (100.0, '100')]
@@ -163,17 +163,17 @@ def nice_ticks(low: float, high: float, *, about: int) -> list[tuple[float, str]
     digits = max(0, -math.floor(math.log10(step) + 1e-9))
     digits += 1 if abs(round(step, digits) - step) > 1e-9 * step else 0
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    # Adding 0.0 makes a zero of a minus zero.
+    # Adding 0.0 turns minus zero into zero.
     return [(i * step + 0.0, f"{i * step + 0.0:.{digits}f}") for i in range(first, last + 1)]
 
 
 def _opened(low: float, high: float) -> tuple[float, float]:
-    """A range that is not empty."""
+    """The range, widened if empty."""
     return (low, high) if high > low else (low - 0.5, low + 0.5)
 
 
 def _thinned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """At most about _MAX_POINTS of the points: of each stretch the ends, and the lowest and highest, so that no peak is lost."""
+    """At most about _MAX_POINTS of the points: the ends, minimum and maximum of each stretch, so that no peak is lost."""
     if x.size <= _MAX_POINTS:
         return x, y
     edges = np.linspace(0, x.size, _MAX_POINTS // 2 + 1).astype(int)

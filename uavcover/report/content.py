@@ -21,15 +21,15 @@ from uavcover.sensing.coverage_map import CoverageMap, judging_map
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
-    """What was flown.
+    """A flown track with what the report shows of it.
 
     Attributes:
-        name: of the file that the track came from; with its folders where it lies in the run folder.
-        track: what was flown.
-        planned_m: (k, 3) waypoints of the plan that it followed, which ``track.current_waypoint`` counts; none without a plan.
-        enu_m: (n, 3) its positions, the ones that were judged.
+        name: name of the track's file, with its path inside the run folder.
+        track: the flown track.
+        planned_m: (k, 3) waypoints of its plan, which ``track.current_waypoint`` counts; none without a plan.
+        enu_m: (n, 3) its positions as judged.
         height_agl_m: (n,) above ground, NaN where there is no elevation.
-        clock_s: (n,) time on the clock that all flights of the report share, 0 where the first one begins.
+        clock_s: (n,) time on the common clock of all flights, 0 at the start of the first.
     """
 
     name: str
@@ -41,26 +41,26 @@ class Flight:
 
     @property
     def duration_s(self) -> float:
-        """From the first sample to the last."""
+        """Time from the first sample to the last."""
         return float(self.track.time_s[-1] - self.track.time_s[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportContent:
-    """A run, whole.
+    """The content of a whole run.
 
     Attributes:
         site: the scenario on its ground.
         coverage: the cells of the area.
-        plan: ``plan.json`` as it stands there.
-        planned: the chosen route.
+        plan: the content of ``plan.json``.
+        planned: the selected route.
         members: the Pareto set, empty where there is no ``pareto.csv``.
         about: ``run.json``, empty where there is none.
         upload: ``upload.json``, empty where there is none.
-        flights: what was flown, counted as one flight; empty before a flight.
+        flights: the flown tracks, counted as one flight; empty before a flight.
         verdict: coverage and safety, recomputed here from the tracks; none before a flight.
-        warnings: what was odd in the tracks' files.
-        notices: how what is judged stands to what was planned and to ``verification.json``.
+        warnings: irregularities in the track files.
+        notices: how the judged tracks relate to the plan and to ``verification.json``.
     """
 
     site: Site
@@ -77,12 +77,12 @@ class ReportContent:
 
 
 def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = ()) -> ReportContent:
-    """Read a run folder and judge what was flown.
+    """Read a run folder and judge its flights.
 
     Args:
-        run: with a plan.
+        run: a run folder with a plan.
         logs: the flown tracks, as ``verify`` takes them; none: the run's own track, where there is one.
-        notices: what the first screen has to say about the files.
+        notices: notices about the files for the first screen.
 
     Raises:
         InputError: a file is missing or broken.
@@ -130,7 +130,7 @@ def _flights(
 
 
 def _shown(path: Path, run: RunFolder) -> str:
-    """A track of the run by its path in the run folder, any other log by its name."""
+    """The displayed name: the path inside the run folder, or the file name of any other log."""
     inside = path.resolve().is_relative_to(run.path.resolve())
     return path.resolve().relative_to(run.path.resolve()).as_posix() if inside else path.name
 

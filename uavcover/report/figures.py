@@ -27,7 +27,7 @@ _MAX_NUMBERS = 60
 
 
 def save_figures(content: ReportContent, folder: Path) -> list[Path]:
-    """Draw the ground with the planned and the flown route into FIGURE_NAMES of a folder, which is made when it is not there.
+    """Draw the ground with planned and flown route into FIGURE_NAMES of a folder, which is created if missing.
 
     Raises:
         OutputError: a figure cannot be written.
@@ -41,15 +41,15 @@ def save_figures(content: ReportContent, folder: Path) -> list[Path]:
 
 
 def save_pareto_plot(members: tuple[ParetoRow, ...], plan: dict[str, object], path: Path) -> Path:
-    """Draw coverage against length of a Pareto set, waypoints as colour, with the chosen member and the baselines.
+    """Draw coverage against length of a Pareto set, waypoint count as colour, with the selected member and the baselines.
 
     Args:
         members: the Pareto set.
         plan: ``plan.json``, for the baselines; empty for none.
-        path: its ending says the format: .png, .svg or .pdf.
+        path: the file; its suffix sets the format: .png, .svg or .pdf.
 
     Raises:
-        OutputError: the ending is no format that can be drawn, or the file cannot be written.
+        OutputError: an unknown suffix, or the file cannot be written.
     """
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
     axes: Axes = figure.add_subplot()
@@ -141,7 +141,7 @@ def _routes(content: ReportContent) -> list[tuple[str, str, float, FloatArray]]:
 def _save(figure: Figure, path: Path) -> Path:
     FigureCanvasAgg(figure)
     try:
-        # Neither the date nor the version: equal runs give equal figures.
+        # No date and no version, so that equal runs give equal figures.
         no_date = {"Date": None} if path.suffix == ".svg" else {"CreationDate": None} if path.suffix == ".pdf" else {}
         figure.savefig(path, dpi=_DPI, metadata=no_date)
     except ValueError as error:

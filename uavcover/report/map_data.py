@@ -36,7 +36,7 @@ RELIEF_PIXELS = 900
 _JPEG_QUALITY = 82
 _RAMP_STEPS = 9
 
-# Told apart by people with any colour vision (palette of Okabe and Ito).
+# Distinguishable with any colour vision (palette of Okabe and Ito).
 SURE_RGB: Rgb = (0, 114, 96)
 SEEN_RGB: Rgb = (0, 158, 115)
 POSSIBLE_RGB: Rgb = (240, 228, 66)
@@ -103,7 +103,7 @@ def cells_bounds_m(coverage: CoverageMap) -> Bounds:
 
 
 def cell_layers(coverage: CoverageMap, verdict: Verdict) -> list[CellLayer]:
-    """Everything that is known of the cells after a flight; a layer without any known value is left out."""
+    """The cell layers after a flight; layers without any known value are omitted."""
     flown = verdict.flown
     layers = [_coverage_layer(coverage, verdict), _gap_layer(coverage, verdict)]
     start_s = float(np.nanmin(flown.first_seen_s)) if flown.seen.any() else 0.0
@@ -203,7 +203,7 @@ _PAD_M = 30.0
 
 
 def map_data(content: ReportContent) -> dict[str, Any]:
-    """Everything that is drawn, rounded to what can be seen."""
+    """All drawing data, rounded to visible precision."""
     site = content.site
     bounds = bounds_m(site)
     west, south, east, north = cells_bounds_m(content.coverage)
@@ -228,12 +228,12 @@ def map_data(content: ReportContent) -> dict[str, Any]:
 
 
 def drawn_every(samples: int) -> int:
-    """Of how many samples one is drawn."""
+    """Every how many samples one is drawn."""
     return max(1, math.ceil(samples / MAX_SAMPLES))
 
 
 def bounds_m(site: Site) -> Bounds:
-    """What is shown: fence and area, and a little around them."""
+    """The displayed bounds: fence and area with a margin."""
     west, south, east, north = shapely.union_all([site.area, site.fence]).bounds
     return west - _PAD_M, south - _PAD_M, east + _PAD_M, north + _PAD_M
 
@@ -320,7 +320,7 @@ def _surface(site: Site, bounds: Bounds) -> dict[str, Any]:
 
 
 def _geodetic_fit(site: Site, bounds: Bounds) -> dict[str, list[float]] | None:
-    """Coefficients of latitude and longitude in 1, e, n, e e, e n, n n (kilometres), to tell the pointer's place."""
+    """Coefficients of latitude and longitude in 1, e, n, e e, e n, n n (kilometres), to show the pointer's position."""
     if site.frame is None:
         return None
     west, south, east, north = bounds

@@ -29,7 +29,7 @@ BOUND_WORDS = {
 
 
 def render_report(content: ReportContent) -> str:
-    """The page. Whatever comes from files is escaped; scripts are ours alone, by their hashes."""
+    """Render the page. Content from files is escaped; only our own scripts may run, by their hashes."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_PAGE),
         autoescape=True,
@@ -95,7 +95,7 @@ def _facts(content: ReportContent) -> dict[str, Any]:
 
 
 def _bounds(plan: dict[str, Any]) -> list[tuple[str, str]]:
-    """What no plan can beat or be measured by, in words; a bound this version does not know by its own name."""
+    """The bounds in words; one that this version does not know keeps its own name."""
     bounds = plan.get("bounds", {})
     figures = [
         (BOUND_WORDS.get(name, name), _figure(name, value))
@@ -114,7 +114,7 @@ def _figure(name: str, value: object) -> str:
 
 
 def _baselines(plan: dict[str, Any]) -> list[dict[str, Any]]:
-    """The baselines from the shortest to the longest, equal ones once."""
+    """The baselines from shortest to longest, without duplicates."""
     unique: dict[tuple[Any, ...], dict[str, Any]] = {}
     for baseline in plan.get("baselines", []):
         unique.setdefault((baseline["coverage_of_coverable"], baseline["path_length_m"]), baseline)
@@ -122,7 +122,7 @@ def _baselines(plan: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _commands(about: dict[str, Any], plan: dict[str, Any]) -> list[str]:
-    """What gives this plan again, from the scenario that lies beside the report."""
+    """Commands that reproduce this plan from the scenario beside the report."""
     packages = about.get("packages", {})
     version = packages.get("uavcover") if isinstance(packages, dict) else None
     lines = [f"# planned with uavcover {version}"] if version else []
@@ -153,7 +153,7 @@ def _read(path: Path) -> str:
 
 
 def _without_urls(style: str) -> str:
-    """Leaflet's pictures of buttons, which the page does not use, would be asked of the network."""
+    """Remove Leaflet's button pictures, which the page does not use and the browser would request from the network."""
     return re.sub(r"url\([^)]*\)", "none", style)
 
 

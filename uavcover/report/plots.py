@@ -11,7 +11,7 @@ from uavcover.report.content import Flight, ReportContent
 _ALONG_STEPS = 1200
 
 FLIGHT_COLORS = 8
-"""As many as ``report.css`` has, solid and dashed."""
+"""Number of flight styles in ``report.css``, solid and dashed."""
 
 
 def height_along_route(content: ReportContent) -> Chart:
@@ -38,7 +38,7 @@ def elevation_profile(content: ReportContent) -> Chart:
     """Ground, band, planned and flown heights above sea level along the planned route."""
     along_m, points = _along(content.planned.route.waypoints_m)
     ground = content.site.ground.heights_m(points[:, :2])
-    # Sea level seen from the local frame changes by millimetres over an area: the offset of each place itself.
+    # Sea level in the local frame changes by millimetres over an area, so each position has its own offset.
     sea = content.site.alts_amsl_m(points) - points[:, 2]
     limits = content.site.scenario.limits
     km, surface, route = along_m / 1000.0, ground + sea, points[:, 2] + sea
@@ -59,7 +59,7 @@ def elevation_profile(content: ReportContent) -> Chart:
 
 
 def height_over_time(content: ReportContent, verdict: Verdict) -> Chart:
-    """Height above ground over all flights, one after the other, with the band where it holds."""
+    """Height above ground over all flights, one after the other, with the band where it applies."""
     limits, flights = content.site.scenario.limits, content.flights
     known = np.concatenate([flight.height_agl_m for flight in flights])
     top = max(_largest(known), limits.max_height_agl_m) * 1.08
@@ -87,7 +87,7 @@ def height_over_time(content: ReportContent, verdict: Verdict) -> Chart:
 
 
 def coverage_over_time(content: ReportContent, verdict: Verdict) -> Chart:
-    """Share of the area that had been seen, over all flights, one after the other."""
+    """Coverage of the area over all flights, one after the other."""
     moments, flights = verdict.report.coverage_by_time, content.flights
     start_s = float(flights[0].track.time_s[0])
     times = np.array([moment.time_s - start_s for moment in moments])
@@ -168,7 +168,7 @@ def _both(value: float) -> FloatArray:
 
 
 def _along(waypoints_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distances (k,) along a route and the places (k, 3) there, the waypoints themselves among them."""
+    """Distances (k,) along a route and the (k, 3) positions there, waypoints included."""
     if len(waypoints_m) < 2:
         points = np.repeat(waypoints_m, 2, axis=0) if len(waypoints_m) else np.full((2, 3), np.nan)
         return np.array([0.0, 1.0]), points
@@ -178,7 +178,7 @@ def _along(waypoints_m: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def flight_style(number: int) -> str:
-    """The style class of one of the flights; after the last colour they begin anew with dashes (``report.css``)."""
+    """The style class of a flight; after the last colour they repeat with dashes (``report.css``)."""
     return f"flight-{number % (2 * FLIGHT_COLORS)}"
 
 
@@ -187,9 +187,9 @@ def _key(content: ReportContent, number: int) -> str:
 
 
 def flown_along(content: ReportContent, flight: Flight) -> tuple[NDArray[np.int64], FloatArray]:
-    """Numbers (n,) of the samples of a flight on its route, and how many kilometres along the whole plan each lies (n,).
+    """Numbers (n,) of a flight's samples on its route, and their distance (n,) along the whole plan in kilometres.
 
-    A sample that flies to waypoint k lies as far along as its foot on the leg from k - 1 to k says.
+    A sample heading for waypoint k is projected onto the leg from k - 1 to k.
     """
     waypoints = flight.planned_m
     target = flight.track.current_waypoint
@@ -203,16 +203,16 @@ def flown_along(content: ReportContent, flight: Flight) -> tuple[NDArray[np.int6
 
 
 def _places_along_m(whole_m: FloatArray, part_m: FloatArray) -> FloatArray:
-    """How far along the whole route each waypoint of a part of it lies; NaN throughout where it is no part.
+    """Distance along the whole route of each waypoint of a part; all NaN when it is not a part.
 
-    The flight of a sortie and one that resumes another fly consecutive waypoints of the whole plan; the latter may begin with
-    a place on the leg to the first of them.
+    A sortie, or a flight that resumes another one, flies consecutive waypoints of the whole plan; the latter may begin at a
+    position on the leg to the first of them.
     """
     index_of = {place: index for index, place in reversed(list(enumerate(_to_the_mm(whole_m))))}
     found = [(number, index_of[place]) for number, place in enumerate(_to_the_mm(part_m)) if place in index_of]
     if not found:
         return np.full(len(part_m), np.nan)
-    # A place that the whole route passes twice may stand for the other time; most places are passed once.
+    # A position that the route passes twice may match the wrong pass; most positions are passed once.
     offsets = [index - number for number, index in found]
     number, index = found[offsets.index(max(offsets, key=offsets.count))]
     along_part_m, along_whole_m = _along_m(part_m), _along_m(whole_m)

@@ -26,7 +26,7 @@ from uavcover.scenario.pixel_frame import STRAIGHT_WITHIN_M, Bounds, finish_fram
 LOWEST_PLAUSIBLE_M, HIGHEST_PLAUSIBLE_M = -500.0, 9000.0
 MAX_NODES = 40_000_000
 MAX_ERROR_M = 0.1
-"""The ground may differ from its file's own surface by no more than this."""
+"""Largest permitted difference between the ground and its file's own surface."""
 _BLOCKS, _PIXELS_OF_BLOCK, _PLACES_OF_BLOCK = 60, 40.0, 400
 _ABOVE_M = 120.0
 _SEA_LEVEL_DATUMS = {"EGM96": ("egm96", "5773"), "EGM2008": ("egm2008", "3855")}
@@ -34,7 +34,7 @@ _SEA_LEVEL_DATUMS = {"EGM96": ("egm96", "5773"), "EGM2008": ("egm2008", "3855")}
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Raster:
-    """An open file and what was checked of it; ``full_turn`` is 360 degrees in the unit of its longitudes, 0 without them."""
+    """An open, checked file; ``full_turn`` is 360 degrees in the unit of its longitudes, 0 if it has none."""
 
     path: Path
     dataset: Any
@@ -43,11 +43,11 @@ class _Raster:
     full_turn: float
 
     def pixels_at(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
-        """(n, 2) column and row, whole numbers at the pixels' centres, of geodetic places less than half the Earth apart."""
+        """(n, 2) column and row, integers at pixel centres, of geodetic positions less than half the Earth apart."""
         x, y = self.to_source.transform(lon_deg, lat_deg)
         x, y = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
         if self.full_turn > 0.0 and x.size:
-            # Longitudes jump somewhere; here they go on from the first place, and that is in the file if it can be.
+            # Longitudes are unwrapped from the first position, which is inside the file if possible.
             x = x[0] + np.mod(x - x[0] + 0.5 * self.full_turn, self.full_turn) - 0.5 * self.full_turn
             x += self.full_turn * np.round((float(np.mean(_corners(self.dataset)[0])) - x[0]) / self.full_turn)
         inverse = ~self.dataset.transform
@@ -63,7 +63,7 @@ class _Raster:
         return np.asarray(lat, float), np.asarray(lon, float)
 
     def sample_m(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
-        """Heights (n,) at geodetic places, bilinear between pixel centres; NaN where a pixel has no data."""
+        """Heights (n,) at geodetic positions, bilinear between pixel centres; NaN where a pixel has no data."""
         column, row = self.pixels_at(lat_deg, lon_deg).T
         inside = (column >= 0.0) & (row >= 0.0) & (column <= self.dataset.width - 1) & (row <= self.dataset.height - 1)
         out = np.full(column.shape, np.nan)
@@ -132,7 +132,7 @@ def _open(path: Path, vertical_datum: str) -> Iterator[_Raster]:
         try:
             crs = CRS.from_wkt(dataset.crs.to_wkt())
             horizontal = crs.sub_crs_list[0] if crs.is_compound else crs
-            # Without a ballpark: a datum that cannot be reached exactly would be off by up to hundreds of metres, unsaid.
+            # No ballpark transformations: an inexact datum would silently be off by up to hundreds of metres.
             to_source = Transformer.from_crs(4326, horizontal, always_xy=True, allow_ballpark=False)
         except ProjError as error:
             reason = str(error).strip().splitlines()[0]
@@ -185,7 +185,7 @@ def _check_pixel_size(path: Path, crs: CRS, dataset: Any) -> None:
 
 
 def read_height_amsl_m(path: Path, vertical_datum: str, *, lat_deg: float, lon_deg: float) -> float:
-    """Height above sea level of one place in an elevation file, bilinear between its pixels.
+    """Read the height above sea level of one position from an elevation file, bilinear between its pixels.
 
     Raises:
         TerrainError: the file cannot be used, or has no data there.
@@ -205,21 +205,21 @@ def read_ground(
     bounds_m: Bounds,
     grid_step_m: float | None,
 ) -> Ground:
-    """Elevation data as a ground in the local frame.
+    """Read elevation data as a ground in the local frame.
 
-    Its nodes are the pixels of the file, so it is the file's own bilinear surface; by how much it is not is measured and kept
-    with it. With ``grid_step_m`` the nodes lie on a square grid instead, each with the height that the file has there.
+    Its nodes are the pixels of the file, so it is the file's own bilinear surface; the remaining difference is measured and
+    kept with it. With ``grid_step_m`` the nodes lie on a square grid instead, each with the file's height there.
 
     Args:
         path: a file that rasterio reads.
         vertical_datum: EGM96 or EGM2008; anything else is refused.
         frame: the local frame.
-        bounds_m: west, south, east, north that the ground must reach; where the file does not, there is no data.
+        bounds_m: west, south, east, north of the ground; beyond the file there is no data.
         grid_step_m: spacing of a square grid; none: the file's own pixels.
 
     Raises:
-        TerrainError: the file cannot be used, has too many pixels there, or lies in the local frame in a way that cannot be
-            followed to ``MAX_ERROR_M``.
+        TerrainError: the file cannot be used, has too many pixels there, or cannot be represented in the local frame within
+            ``MAX_ERROR_M``.
     """
     with _open(path, vertical_datum) as raster:
         if grid_step_m is None:
@@ -236,7 +236,7 @@ def read_ground(
 
 
 def _ground_of_pixels(raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> Ground:
-    """The pixels that the bounds need, as nodes."""
+    """The pixels inside the bounds, as nodes."""
     try:
         rough = fit_frame(raster.pixels_at, frame, bounds_m, level_up_m=0.0)
     except TerrainError as error:
@@ -268,7 +268,7 @@ def _ground_of_pixels(raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> G
 def _pixels_needed(
     raster: _Raster, frame: LocalFrame, grid: GridFrame, bounds_m: Bounds
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First column and row, and those behind the last, of the part of the file that lies inside the bounds at any height."""
+    """First column and row, and one past the last, of the part of the file inside the bounds at any height."""
     west, south, east, north = bounds_m
     ups = np.array([LOWEST_PLAUSIBLE_M, HIGHEST_PLAUSIBLE_M]) - frame.alt_amsl_m
     rim = np.linspace(0.0, 1.0, 33)
@@ -284,7 +284,7 @@ def _pixels_needed(
 
 
 def _resampled_ground(raster: _Raster, frame: LocalFrame, bounds_m: Bounds, step: float) -> Ground:
-    """A square grid: each node takes the height of the file at the place whose ENU east and north are the node's."""
+    """A square grid: each node gets the file's height at the position with the node's east and north."""
     west, south, east, north = bounds_m
     wide, high = (east - west) / step + 3.0, (north - south) / step + 3.0
     if wide * high > MAX_NODES:
@@ -296,8 +296,8 @@ def _resampled_ground(raster: _Raster, frame: LocalFrame, bounds_m: Bounds, step
     rows = np.arange(np.floor(south / step) - 1, np.ceil(north / step) + 2)
     e, n = np.meshgrid(columns * step, rows * step)
     up = np.zeros(e.size)
-    # East and north of a place depend a little on its height, by height difference times distance over the Earth's
-    # radius. Each round makes the rest smaller by about distance / radius.
+    # East and north of a position depend slightly on its height, by height difference times distance over the Earth's
+    # radius. Each iteration reduces the remainder by about distance / radius.
     for _ in range(3):
         known = np.where(np.isfinite(up), up, 0.0)
         lat, lon, _alt = frame.geodetic_from_enu(np.column_stack([e.ravel(), n.ravel(), known]))
@@ -310,10 +310,11 @@ def _resampled_ground(raster: _Raster, frame: LocalFrame, bounds_m: Bounds, step
 
 
 def measure_error_m(ground: Ground, raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> float:
-    """Largest difference found between a ground and the bilinear surface of its file.
+    """Measure the largest difference between a ground and the bilinear surface of its file.
 
-    Places of the file, on the ground and above it, are brought to the local frame by pyproj and their height above ground is
-    asked for there: seeded random places of random blocks of pixels, half of them beside node lines, where the surface bends.
+    Positions of the file, on the ground and above it, are transformed to the local frame by pyproj, and their height above
+    ground is evaluated there: seeded random positions in random blocks of pixels, half of them next to node lines, where
+    the surface bends.
     """
     rng = np.random.default_rng(20_261_114)
     west, south, east, north = bounds_m
@@ -339,7 +340,7 @@ def measure_error_m(ground: Ground, raster: _Raster, frame: LocalFrame, bounds_m
 
 
 def _corners(dataset: Any) -> tuple[FloatArray, FloatArray]:
-    """The four outer corners (4,), (4,) of a file in its own coordinates, also when it is rotated or south-up."""
+    """The four outer corners (4,), (4,) of a file in its own coordinates, even if rotated or south-up."""
     transform = dataset.transform
     columns = np.array([0.0, dataset.width, 0.0, dataset.width])
     rows = np.array([0.0, 0.0, dataset.height, dataset.height])
@@ -357,7 +358,7 @@ def _extent(raster: _Raster) -> str:
 def source_sha256(path: Path) -> str:
     """Hash of elevation data: of the file, or of the names and hashes of all files that GDAL reads for it.
 
-    A world file or an ``.aux.xml`` beside it moves or scales the heights, and a virtual raster has them in other files.
+    A world file or an ``.aux.xml`` beside it shifts or scales the heights, and a virtual raster keeps them in other files.
 
     Raises:
         OSError: the file, or one that it needs, cannot be read.

@@ -18,7 +18,7 @@ from uavcover.kernels.arrays import FloatArray
 
 @dataclass(frozen=True)
 class LocalFrame:
-    """A right-handed east-north-up frame, in metres, touching the Earth at its origin (WGS 84).
+    """A right-handed east-north-up frame in metres, tangent to the Earth at its origin (WGS 84).
 
     Attributes:
         lat_deg: latitude of the origin, -90..90.

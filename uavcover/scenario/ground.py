@@ -18,13 +18,13 @@ class Ground:
     """A height surface with its provenance.
 
     Attributes:
-        surface: the numbers, for kernels.
-        source: where it came from, for people.
-        vertical_datum: what its heights referred to at the source.
+        surface: the surface as kernels take it.
+        source: its origin, for people.
+        vertical_datum: reference of the source's heights.
         sha256: hash of the source file, empty for a computed surface.
-        error_m: largest difference that was found between the surface and the file's own bilinear surface, metres; 0 for a
-            surface that is computed.
-        cut_error_m: heights above ground along a leg, and along the parts that it is cut into, differ by no more than this.
+        error_m: largest measured difference between the surface and the file's own bilinear surface, metres; 0 for a computed
+            surface.
+        cut_error_m: largest difference between heights above ground along a leg and along the parts it is cut into.
     """
 
     surface: Surface
@@ -35,19 +35,19 @@ class Ground:
     cut_error_m: float = 0.0
 
     def heights_m(self, east_north_m: ArrayLike) -> FloatArray:
-        """Up coordinates (n,) of the ground at (n, 2) places, metres; NaN where there is no data."""
+        """Up coordinates (n,) of the ground at (n, 2) positions, metres; NaN where there is no data."""
         en = np.atleast_2d(np.asarray(east_north_m, float))
         return kernels.heights(self.surface, np.ascontiguousarray(en[:, 0]), np.ascontiguousarray(en[:, 1]))
 
     def heights_agl_m(self, places_m: ArrayLike) -> FloatArray:
-        """Heights above ground (n,) of (n, 3) ENU places, along their plumb lines, metres; NaN where there is no data."""
+        """Heights above ground (n,) of (n, 3) ENU positions, along their plumb lines, metres; NaN where there is no data."""
         return kernels.heights_above(self.surface, np.ascontiguousarray(np.atleast_2d(np.asarray(places_m, float))))
 
     def ups_m(self, east_north_m: ArrayLike, height_agl_m: ArrayLike) -> FloatArray:
-        """Up coordinates (n,) of what is at (n, 2) places with heights above ground (n,), metres; NaN where there is no data.
+        """Up coordinates (n,) for (n, 2) positions and heights above ground (n,), metres; NaN where there is no data.
 
-        The inverse of :meth:`heights_agl_m`. Heights are measured along the plumb line, so this is not quite the ground's up
-        and the height: centimetres, some kilometres from the origin.
+        The inverse of :meth:`heights_agl_m`. Heights are along the plumb line, so this differs from ground plus height
+        by centimetres some kilometres from the origin.
         """
         en = np.atleast_2d(np.asarray(east_north_m, float))
         heights = np.broadcast_to(np.asarray(height_agl_m, float), len(en))
@@ -55,23 +55,23 @@ class Ground:
         return kernels.ups_above(self.surface, east, north, np.ascontiguousarray(heights))
 
     def lean_error_m(self, climb_m: float) -> float:
-        """By how much a height above ground may change, beside the climb itself, straight above or below a place."""
+        """Largest change of a height above ground over a vertical climb, beyond the climb itself."""
         if self.surface.kind != GRID or self.surface.grid.lean == 0.0:
             return 0.0
         return climb_m * self.surface.grid.lean * steepest_of_finite(self.surface.up_m, self.surface.grid)
 
     def gradients(self, east_north_m: ArrayLike) -> FloatArray:
-        """Slopes (n, 2) of the ground towards east and north at (n, 2) places, dimensionless."""
+        """Slopes (n, 2) of the ground towards east and north at (n, 2) positions, dimensionless."""
         en = np.atleast_2d(np.asarray(east_north_m, float))
         return kernels.gradients(self.surface, np.ascontiguousarray(en[:, 0]), np.ascontiguousarray(en[:, 1]))
 
     def roofs_m(self, east_north_m: ArrayLike) -> FloatArray:
-        """Up coordinates (n,) of the highest obstacle over each of (n, 2) places; -inf where none stands."""
+        """Up coordinates (n,) of the highest obstacle at each of (n, 2) positions; -inf where there is none."""
         en = np.atleast_2d(np.asarray(east_north_m, float))
         return roofs_m(self.surface.obstacles, np.ascontiguousarray(en[:, 0]), np.ascontiguousarray(en[:, 1]))
 
     def leg_height_ranges_m(self, route_m: ArrayLike) -> FloatArray:
-        """Lowest and highest point above ground of every leg of an (n, 3) ENU route, at full length.
+        """Lowest and largest height above ground along the full length of every leg of an (n, 3) ENU route.
 
         Returns:
             (n - 1, 4) smallest height, its parameter along the leg 0..1, largest height, its parameter. Rows of NaN where
@@ -85,7 +85,7 @@ class Ground:
 def sine_cosine_ground(scale_m: float) -> Ground:
     """The paper's surface, Eq. 26, with ``scale_m`` metres to its unit."""
     empty = np.zeros((1, 1))
-    # Read-only like the nodes of a grid: kernels are compiled once for both.
+    # Read-only like the nodes of a grid, so that kernels are compiled once for both.
     empty.flags.writeable = False
     frame = square_frame(east0_m=0.0, north0_m=0.0, step_m=1.0)
     return Ground(Surface(SINE_COSINE, scale_m, empty, 1.0, frame), "sine-cosine (paper, Eq. 26)", "local")
@@ -101,7 +101,7 @@ def grid_ground(
     vertical_datum: str,
     sha256: str = "",
 ) -> Ground:
-    """A ground from heights at the nodes of a square grid along east and north; heights above it are along the up axis.
+    """Make a ground from heights on a square grid along east and north; heights above it are along the up axis.
 
     Args:
         up_m: (rows, columns) heights, rows going north, NaN for no-data.
@@ -131,11 +131,11 @@ def ground_of_nodes(
     sha256: str = "",
     cut_error_m: float = 0.0,
 ) -> Ground:
-    """A ground from heights at nodes wherever they are.
+    """Make a ground from heights at nodes in any arrangement.
 
     Args:
         up_m: (rows, columns) up coordinates, NaN for no-data.
-        frame: where the nodes are.
+        frame: the positions of the nodes.
         step_m: their smallest spacing.
         source: for people.
         vertical_datum: of the source.

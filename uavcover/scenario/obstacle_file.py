@@ -14,11 +14,11 @@ from uavcover.model.obstacles import Obstacle
 
 
 def read_geojson(path: Path, *, key: str) -> Any:
-    """The document of a GeoJSON file in longitudes and latitudes.
+    """Read a GeoJSON file in longitude and latitude.
 
     Args:
-        path: of the file.
-        key: of the scenario, for errors.
+        path: the file.
+        key: the scenario's key, for errors.
 
     Raises:
         ScenarioError: it cannot be read, or is in another coordinate system.
@@ -27,7 +27,7 @@ def read_geojson(path: Path, *, key: str) -> Any:
         document = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
         raise ScenarioError(f"{key}: {path} cannot be read as GeoJSON ({error})") from error
-    # RFC 7946 has longitude and latitude on WGS 84 only; older files may name another system.
+    # RFC 7946 allows longitude and latitude on WGS 84 only; older files may name another system.
     crs = document.get("crs") if isinstance(document, dict) else None
     if crs and not any(name in json.dumps(crs) for name in ("CRS84", "EPSG::4326", "EPSG:4326")):
         text = repr(crs)
@@ -40,7 +40,7 @@ def read_geojson(path: Path, *, key: str) -> Any:
 
 
 def polygons_of(document: Any) -> Iterator[tuple[Any, dict[str, Any]]]:
-    """Every polygon's rings as they stand in a document, with the properties of its feature; other shapes are left out."""
+    """The rings of every polygon of a document, with the properties of its feature; other shapes are ignored."""
     yield from _polygons(document, {})
 
 
@@ -65,13 +65,13 @@ _COLUMNS = ("east_m", "north_m", "length_m", "width_m", "heading_deg", "height_m
 
 
 def read_obstacles(path: Path) -> tuple[Obstacle, ...]:
-    """The obstacles of a file.
+    """Read the obstacles of a file.
 
     ``.geojson``, ``.json``: every polygon of every feature, with the feature's property ``height_m`` and, if there is one,
-    ``name``. ``.csv``: boxes by their middle, length along and width across a heading (clockwise from north).
+    ``name``. ``.csv``: boxes by their centre, length along and width across a heading (clockwise from north).
 
     Raises:
-        ScenarioError: it cannot be read; says which feature or row is wrong.
+        ScenarioError: it cannot be read; the message names the invalid feature or row.
     """
     suffix = path.suffix.lower()
     if suffix in {".geojson", ".json"}:
@@ -127,7 +127,7 @@ def _from_table(path: Path) -> tuple[Obstacle, ...]:
 
 
 def box_corners_m(east_m: float, north_m: float, length_m: float, width_m: float, heading_deg: float) -> Ring:
-    """The four corners (east, north) of a box with its middle there, its length along a heading clockwise from north."""
+    """The four corners (east, north) of a box by its centre, with its length along a heading clockwise from north."""
     heading = math.radians(heading_deg)
     along = (math.sin(heading), math.cos(heading))
     across = (math.cos(heading), -math.sin(heading))

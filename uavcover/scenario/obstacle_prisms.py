@@ -21,12 +21,12 @@ from uavcover.scenario.pixel_frame import nodes_inside_m
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """What stands somewhere, before the ground is known.
+    """A footprint before its ground is known.
 
     Attributes:
         name: for people.
-        polygon: on the map, (east, north) metres, courtyards cut out.
-        height_m: of the flat top above the highest ground under the footprint.
+        polygon: (east, north) metres, courtyards cut out.
+        height_m: height of the flat top above the highest ground under the footprint.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Prism:
     """An obstacle in the local frame.
 
     Attributes:
-        footprint: what stands there.
+        footprint: its footprint.
         top_m: up coordinate of its flat top.
     """
 
@@ -50,15 +50,15 @@ class Prism:
 def stand_on(
     ground: Ground, footprints: Sequence[Footprint], *, largest_clearance_m: float
 ) -> tuple[Ground, tuple[Prism, ...]]:
-    """A ground with obstacles on it, and what they are; numbers of the kernels are places in the tuple.
+    """Put obstacles on a ground; the kernels' obstacle numbers index the returned tuple.
 
     Args:
-        ground: without obstacles.
-        footprints: of the obstacles.
-        largest_clearance_m: that will be asked for beside them.
+        ground: the ground without obstacles.
+        footprints: the footprints of the obstacles.
+        largest_clearance_m: largest horizontal clearance that will be requested.
 
     Raises:
-        TerrainError: the ground under a footprint is not known.
+        TerrainError: the ground under a footprint is unknown.
     """
     prisms = tuple(Prism(f, _highest_ground_m(ground, f) + f.height_m) for f in footprints)
     edges = [_edges_m(f.polygon) for f in footprints]
@@ -80,10 +80,10 @@ def _edges_m(polygon: shapely.Polygon) -> FloatArray:
 def _highest_ground_m(ground: Ground, footprint: Footprint) -> float:
     """Up coordinate of the highest ground under a footprint, exactly.
 
-    Inside a bilinear cell there is no peak: the ground is highest at a node or on an edge of the footprint.
+    A bilinear cell has no interior peak: the ground is highest at a node or on an edge of the footprint.
     """
     edges = _edges_m(footprint.polygon)
-    # Level lines along the edges: where they are lowest above ground, the ground is highest. They lie at the height of the
+    # Level lines along the edges: the ground is highest where they are lowest above it. They are at the height of the
     # corners, so that plumb lines from them to the ground are short.
     ends = np.empty((2 * len(edges), 3))
     ends[0::2, :2], ends[1::2, :2] = edges[:, :2], edges[:, 2:]
@@ -101,7 +101,7 @@ def _highest_ground_m(ground: Ground, footprint: Footprint) -> float:
 
 
 def _peaks(ground: Ground, bounds_m: tuple[float, float, float, float]) -> FloatArray:
-    """(k, 2) places between west, south, east, north where the ground may have a peak."""
+    """(k, 2) positions between west, south, east, north where the ground may have a peak."""
     west, south, east, north = bounds_m
     surface = ground.surface
     if surface.kind == GRID:
@@ -114,12 +114,12 @@ def _peaks(ground: Ground, bounds_m: tuple[float, float, float, float]) -> Float
 
 
 def _steps(first: float, last: float, step: float) -> FloatArray:
-    """Whole multiples of a step from first to last."""
+    """Integer multiples of a step from first to last."""
     return np.asarray(np.arange(math.ceil(first / step), math.floor(last / step) + 1) * step, dtype=np.float64)
 
 
 def leg_breaches(ground: Ground, route_m: FloatArray, limits: Obstacles) -> FloatArray:
-    """What the legs of an (n, 3) ENU route lack of the clearances from obstacles.
+    """Missing obstacle clearance of the legs of an (n, 3) ENU route.
 
     Args:
         ground: with its obstacles.
@@ -127,15 +127,15 @@ def leg_breaches(ground: Ground, route_m: FloatArray, limits: Obstacles) -> Floa
         limits: the clearances.
 
     Returns:
-        (n - 1, 3) number of the obstacle, -1 for none; metres that are lacking where it is worst, aside or in height, whichever
-        is less; the parameter 0..1 along the leg there.
+        (n - 1, 3) number of the obstacle, -1 for none; metres of missing clearance at the worst point, beside or above it,
+        whichever is less; the parameter 0..1 along the leg there.
     """
     route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
     return _breaches(ground, route[:-1], route[1:], limits)
 
 
 def waypoint_breaches(ground: Ground, places_m: FloatArray, limits: Obstacles) -> FloatArray:
-    """(n, 3) the same for (n, 3) ENU places alone."""
+    """(n, 3) the same for (n, 3) ENU positions alone."""
     places = np.ascontiguousarray(places_m, dtype=float).reshape(-1, 3)
     return _breaches(ground, places, places, limits)
 

@@ -14,21 +14,21 @@ from uavcover.scenario.frames import LocalFrame
 Bounds = tuple[float, float, float, float]
 
 ToPixels = Callable[[FloatArray, FloatArray], FloatArray]
-"""(n, 2) column and row, whole at pixels' centres, of latitudes (n,) and longitudes (n,)."""
+"""(n, 2) column and row, integers at pixel centres, of latitudes (n,) and longitudes (n,)."""
 
 FromPixels = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Latitudes (n,) and longitudes (n,) of (n, 2) columns and rows."""
 
 STRAIGHT_WITHIN_M = 5e-4
-"""So much a height above ground may be off because a piece of a line is taken as straight on the grid."""
+"""Largest error of a height above ground from treating a piece of a line as straight on the grid."""
 
 _LATTICE = 13
 _WIDER = 1.5
-"""Columns and rows are fitted this much farther than the ground is asked for: a turned raster has its corners there."""
+"""Columns and rows are fitted this far beyond the requested ground, where a rotated raster has its corners."""
 _LONGEST_PIECE_M = 1_000.0
 _CURVE_LENGTH_M = 1_000.0
 _SAFE = 1.001
-"""On figures that are largest values over a lattice of places."""
+"""Safety factor on maxima over a lattice of positions."""
 _EARTH_RADIUS_M = 6_371_000.0
 _UP_DEGREE = 5
 """Of the polynomials that bring heights above sea level to up coordinates, along columns and along rows."""
@@ -37,13 +37,13 @@ _UP_DEGREE = 5
 def fit_frame(to_pixels: ToPixels, frame: LocalFrame, bounds_m: Bounds, *, level_up_m: float) -> GridFrame:
     """Fit columns and rows of a raster to the local frame.
 
-    What depends on the heights of the nodes (pieces, leeway) is left open: :func:`finish_frame` adds it.
+    Values that depend on node heights (pieces, leeway) are added by :func:`finish_frame`.
 
     Args:
         to_pixels: exact columns and rows.
         frame: the local frame.
-        bounds_m: west, south, east, north of what will be asked for.
-        level_up_m: up coordinate at which the fit is made; plumb lines lead there.
+        bounds_m: west, south, east, north of the requested ground.
+        level_up_m: up coordinate of the fit, to which plumb lines lead.
 
     Raises:
         TerrainError: the raster's coordinate system does not reach there.
@@ -67,13 +67,13 @@ def fit_frame(to_pixels: ToPixels, frame: LocalFrame, bounds_m: Bounds, *, level
 
 
 def _cubic(xy: FloatArray) -> FloatArray:
-    """(n, 10) terms of :data:`uavcover.kernels.grid.TERMS` at (n, 2) places."""
+    """(n, 10) terms of :data:`uavcover.kernels.grid.TERMS` at (n, 2) positions."""
     x, y = xy.T
     return np.column_stack([np.ones(len(xy)), x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3])
 
 
 def finish_frame(grid: GridFrame, up_m: FloatArray) -> GridFrame:
-    """Add what bounds slopes and pieces over these (rows, columns) nodes."""
+    """Add the bounds on slopes and pieces over these (rows, columns) nodes."""
     lowest, highest = float(np.nanmin(up_m)), float(np.nanmax(up_m))
     axis = grid.scale_m * np.linspace(-1.0, 1.0, 9)
     lattice = np.array([
@@ -91,13 +91,13 @@ def finish_frame(grid: GridFrame, up_m: FloatArray) -> GridFrame:
     piece_m = _LONGEST_PIECE_M
     if bend * steepest > 0.0:
         piece_m = min(piece_m, math.sqrt(8.0 * STRAIGHT_WITHIN_M / (bend * steepest)))
-    # A line as long as the fitted square is wide deviates by its curvature, and the ground by its lean.
+    # A line across the fitted square deviates by its curvature, and the ground by its lean.
     aside_m = bend * (2.0 * math.sqrt(2.0) * grid.scale_m) ** 2 / 8.0 + grid.lean * (highest - lowest)
     return grid._replace(piece_m=piece_m, leeway=aside_m * max(grid.per_column, grid.per_row))
 
 
 def _bend_per_m(grid: GridFrame, lattice_m: FloatArray, growths: FloatArray) -> float:
-    """How sharply straight lines are bent on the grid at most, in metres on the map: 1 / radius of the bend."""
+    """Largest curvature of straight lines on the grid, 1 / metres on the map."""
     angles = np.arange(12) * math.pi / 12.0
     level = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(12)])
     steep = np.vstack([level * (1.0, 1.0, 0.0) * math.sqrt(0.5) + (0.0, 0.0, s * math.sqrt(0.5)) for s in (-1.0, 1.0)])
@@ -113,8 +113,8 @@ def _bend_per_m(grid: GridFrame, lattice_m: FloatArray, growths: FloatArray) -> 
 def node_ups_m(from_pixels: FromPixels, frame: LocalFrame, heights_amsl_m: FloatArray) -> FloatArray:
     """Up coordinates (rows, columns) of nodes with these heights above sea level.
 
-    On a place's plumb line up is linear in the height. What is left is smooth over columns and rows: polynomials through a
-    few places of it, where pyproj at each of 30 million nodes would take a minute.
+    On a plumb line, up is linear in height. The remainder is smooth over columns and rows, so polynomials through a few
+    positions suffice; pyproj at each of 30 million nodes would take a minute.
     """
     rows, columns = heights_amsl_m.shape
     points = chebpts1(2 * _UP_DEGREE)
@@ -131,7 +131,7 @@ def node_ups_m(from_pixels: FromPixels, frame: LocalFrame, heights_amsl_m: Float
 
 
 def nodes_inside_m(grid: GridFrame, up_m: FloatArray, bounds_m: Bounds) -> FloatArray:
-    """(k, 3) ENU places of the nodes between west, south, east, north; NaN ups where there is no data."""
+    """(k, 3) ENU positions of the nodes between west, south, east, north; NaN ups where there is no data."""
     west, south, east, north = bounds_m
     corners = np.array([(e, n, grid.level_up_m) for e in (west, east) for n in (south, north)])
     box = places_on_grid(grid, corners)

@@ -55,7 +55,7 @@ _SMOOTH_STEPS = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReliefGrid:
-    """Ground on a grid; rows go north, columns east.
+    """Ground on a grid; rows run north, columns east.
 
     Attributes:
         east_m: (rows, columns).
@@ -76,7 +76,7 @@ def relief_grid(ground: Ground, bounds_m: tuple[float, float, float, float], *, 
     Args:
         ground: any surface.
         bounds_m: west, south, east, north.
-        nodes: along the longer side.
+        nodes: number of nodes along the longer side.
     """
     west, south, east, north = bounds_m
     step = max(east - west, north - south) / (nodes - 1)
@@ -90,7 +90,7 @@ def relief_grid(ground: Ground, bounds_m: tuple[float, float, float, float], *, 
 
 
 def _smooth_slopes(ground: Ground, places_m: FloatArray) -> FloatArray:
-    """Slopes (n, 2) across a few steps of the grid: the ground's own jump from square to square, which looks like tiles."""
+    """Slopes (n, 2) across a few steps of the grid: the ground's own slopes jump from square to square and look like tiles."""
     if ground.surface.kind != GRID:
         return ground.gradients(places_m)
     reach = _SMOOTH_STEPS * ground.surface.step_m

@@ -21,7 +21,7 @@ from uavcover.scenario.obstacle_file import polygons_of, read_geojson, read_obst
 
 _BUNDLED = "bundled:"
 _MOST_MISTAKES = 5
-"""An error line names no more obstacles than this."""
+"""Largest number of obstacles named in an error line."""
 _SCENARIO = TypeAdapter(Scenario)
 _AREA = TypeAdapter(Area)
 
@@ -35,10 +35,10 @@ def bundled_scenarios() -> tuple[str, ...]:
 def load_scenario(name_or_path: str | Path) -> Scenario:
     """Read a scenario: a TOML file, or the name of a bundled one.
 
-    What comes back stands alone: a GeoJSON area is read in, and the terrain file's path is absolute.
+    The result is self-contained: a GeoJSON area is read in, and the terrain file's path is absolute.
 
     Raises:
-        ScenarioError: one line with the path of every key that is wrong.
+        ScenarioError: one line with the path of every invalid key.
     """
     path = Path(name_or_path)
     bundled = bundled_scenarios()
@@ -55,21 +55,21 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
 
 
 def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
-    """A scenario from TOML text.
+    """Parse a scenario from TOML text.
 
     Args:
         text: the TOML.
         source: names the text in errors.
-        folder: where relative paths in it start from.
+        folder: base of relative paths.
 
     Raises:
-        ScenarioError: one line with the path of every key that is wrong.
+        ScenarioError: one line with the path of every invalid key.
     """
     try:
         raw = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ScenarioError(f"{source}: not valid TOML: {error}") from error
-    # By way of JSON: there the validator takes a list for a tuple and a table for a dataclass, and is strict otherwise.
+    # Validated as JSON: there the validator accepts a list for a tuple and a table for a dataclass, and is strict otherwise.
     document = json.dumps(raw, default=str)
     mistakes: list[str] = []
     try:
@@ -77,7 +77,7 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
     except ValidationError as error:
         mistakes += _mistakes(error.errors(include_url=False), raw)
         if not any(mistake.startswith("area") for mistake in mistakes):
-            # The rest is wrong already; say in the same breath what is wrong with the shape of the area.
+            # Other keys are invalid already; report the mistakes in the area's shape at the same time.
             mistakes += _shape_mistakes(_AREA.validate_json(json.dumps(raw["area"], default=str), strict=True), folder)
         raise ScenarioError(f"{source}: {'; '.join(mistakes)}") from error
     mistakes += _shape_mistakes(scenario.area, folder) + _fence_mistakes(scenario.limits)
@@ -107,20 +107,20 @@ def terrain_path(terrain: RasterTerrain) -> Path:
 
 
 def _data_file(name: str, folder: Path) -> Path:
-    """A file that a scenario names: of the package, or relative to a folder."""
+    """A file named by a scenario: bundled, or relative to a folder."""
     if name.startswith(_BUNDLED):
         return Path(str(resources.files("uavcover") / "data" / name.removeprefix(_BUNDLED)))
     return folder / name
 
 
 def _mistakes(errors: list[ErrorDetails], raw: dict[str, Any]) -> list[str]:
-    """One line for each thing that is wrong, each once, with the path of its key as the user wrote it."""
+    """The mistakes, one line each without repetition, with the path of the key as the user wrote it."""
     found: list[str] = []
     for details in errors:
         keys = list(details["loc"])
         classes = _section_classes(keys[0]) if keys else []
         if len(classes) > 1 and len(keys) > 1:
-            # A section of several kinds is tried as each of them; only what its own kind says is of interest.
+            # A section with several kinds is validated as each of them; only the errors of its own kind matter.
             section = raw[str(keys[0])]
             by_kind = {get_args(get_type_hints(cls)["kind"])[0]: cls.__name__ for cls in classes}
             kind = section.get("kind") if isinstance(section, dict) else None
@@ -168,7 +168,7 @@ def _mistake(details: ErrorDetails, keys: list[str | int], classes: list[type]) 
         case "dataclass_type":
             return f"{path}: must be a table, not {given}"
         case "value_error":
-            # Rules start with the key they speak of, seen from their own section.
+            # Messages of rules start with their key, relative to their own section.
             message = details["msg"].removeprefix("Value error, ")
             key = message.split(":")[0]
             own = any(key == field.name for cls in classes for field in dataclasses.fields(cls))
@@ -182,7 +182,7 @@ def _shown(value: object) -> str:
 
 
 def _section_classes(section: str | int) -> list[type]:
-    """The dataclasses that a section of the file can be."""
+    """The possible dataclasses of a section of the file."""
     hint = get_type_hints(Scenario).get(str(section))
     return [part for part in (hint, *get_args(hint)) if isinstance(part, type) and dataclasses.is_dataclass(part)]
 
@@ -200,7 +200,7 @@ def _suggestion(key: str, cls: type) -> str:
 
 
 def _inline_geojson(area: Area, folder: Path) -> Area:
-    """The area with the rings of its GeoJSON file in place of the file.
+    """The area with its GeoJSON file replaced by the rings.
 
     Raises:
         ScenarioError: the file cannot be used.
@@ -220,7 +220,7 @@ def _inline_geojson(area: Area, folder: Path) -> Area:
 
 
 def _inline_obstacles(obstacles: Obstacles, folder: Path) -> Obstacles:
-    """The obstacles with those of their file among them in place of the file.
+    """The obstacles with their file replaced by its content.
 
     Raises:
         ScenarioError: the file cannot be used.
@@ -232,7 +232,7 @@ def _inline_obstacles(obstacles: Obstacles, folder: Path) -> Obstacles:
 
 
 def _obstacle_mistakes(scenario: Scenario, folder: Path) -> list[str]:
-    """What is wrong with the footprints of the obstacles."""
+    """Mistakes in the footprints of the obstacles."""
     found: list[str] = []
     try:
         prisms = _inline_obstacles(scenario.obstacles, folder).prisms
@@ -257,7 +257,7 @@ def _absolute_file(terrain: Any, folder: Path) -> Any:
 
 
 def _shape_mistakes(area: Area, folder: Path) -> list[str]:
-    """What is wrong with the rings of an area."""
+    """Mistakes in the rings of an area."""
     geojson = area.geojson is not None
     try:
         area = _inline_geojson(area, folder)
@@ -291,7 +291,7 @@ def _fence_mistakes(limits: FlightLimits) -> list[str]:
 
 
 def _valid_ring(ring: Ring, where: str, found: list[str]) -> Any:
-    """The polygon of a ring; none when it is not one, and ``found`` then has a line more."""
+    """The polygon of a ring; none for an invalid one, which adds a line to ``found``."""
     if len({*ring}) < 3:
         found.append(f"{where}: a ring needs at least 3 different corners, this one has {len({*ring})}")
         return None
@@ -329,6 +329,6 @@ def _toml(value: Any) -> str:
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, str):
-        # A JSON string is a TOML string, but for one character that TOML wants escaped.
+        # A JSON string is a TOML string, except for one character that TOML requires to be escaped.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return "[" + ", ".join(_toml(item) for item in value) + "]"

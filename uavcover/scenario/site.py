@@ -25,10 +25,10 @@ from uavcover.scenario.obstacle_prisms import Footprint, Prism, stand_on
 from uavcover.scenario.scenario_file import load_scenario, terrain_path
 
 MAX_REACH_M = 100_000.0
-"""Farther from the origin than this, a place in a scenario is a mistake."""
+"""A position in a scenario farther from the origin is treated as a mistake."""
 
 TERRAIN_MARGIN_M = 100.0
-"""The terrain is read this far beyond everything that is flown over or looked at."""
+"""The terrain is read this far beyond everything flown over or observed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,14 +36,14 @@ class Site:
     """A scenario in its local frame.
 
     Attributes:
-        scenario: as it was understood.
-        frame: the local frame; none for a scenario that has no place on Earth.
+        scenario: the scenario.
+        frame: the local frame; none for a scenario that is not georeferenced.
         ground: the height surface.
-        area: what is to be seen, holes cut out, (east, north) metres.
-        fence: what must not be left, (east, north) metres.
-        home_m: (3,) take-off place on the ground, ENU metres; none without a home.
-        prisms: the obstacles that stand on the ground, in the numbers of its kernels.
-        derived: what later stages compute once for this site, under keys of their own; a copy of the site begins without it.
+        area: the area to cover, holes cut out, (east, north) metres.
+        fence: the geofence, (east, north) metres.
+        home_m: (3,) take-off position on the ground, ENU metres; none without a home.
+        prisms: the obstacles on the ground, by their kernel numbers.
+        derived: values that later stages compute once for this site, by key; a copy of the site starts without them.
     """
 
     scenario: Scenario
@@ -61,19 +61,19 @@ class Site:
 
     @property
     def alt_amsl_offset_m(self) -> float:
-        """Added to an up coordinate at the origin it gives height above sea level; 0 without a place on Earth."""
+        """Offset from up at the origin to height above sea level; 0 when not georeferenced."""
         return 0.0 if self.frame is None else self.frame.alt_amsl_m
 
     @property
     def ground_error_m(self) -> float:
-        """What every height above ground may be wrong by: of a resampled ground; 0 where it is the file's to ``MAX_ERROR_M``."""
+        """Largest error of heights above a resampled ground; 0 where the ground equals the file within ``MAX_ERROR_M``."""
         return self.ground.error_m if self.ground.error_m > MAX_ERROR_M else 0.0
 
     @property
     def vertical_uncertainty_m(self) -> float:
-        """Largest error of a height above ground in a verdict: as stated, and the ground's own.
+        """Largest error of a height above ground in a verdict: the stated one plus the ground's own.
 
-        With nothing stated what was measured is taken as exact, and so is a ground that is the file's to ``MAX_ERROR_M``.
+        Without a stated uncertainty, measurements are taken as exact, and so is a ground within ``MAX_ERROR_M`` of its file.
         """
         stated = self.scenario.uncertainty
         if stated == Uncertainty():
@@ -81,12 +81,12 @@ class Site:
         return stated.vertical_m + self.ground.error_m
 
     def alts_amsl_m(self, enu_m: FloatArray) -> FloatArray:
-        """Heights above sea level (n,) of (n, 3) ENU positions; without a place on Earth, up itself."""
+        """Heights above sea level (n,) of (n, 3) ENU positions; when not georeferenced, up itself."""
         points = np.atleast_2d(enu_m)
         return points[:, 2] if self.frame is None else self.frame.geodetic_from_enu(points)[2]
 
     def ground_alt_amsl_m(self, lat_deg: float, lon_deg: float) -> float | None:
-        """Height of the ground above sea level; None where it is not known, and for a site without a place on Earth."""
+        """Height of the ground above sea level; None where unknown, and for a site that is not georeferenced."""
         if self.frame is None:
             return None
         place = self.frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)
@@ -96,7 +96,7 @@ class Site:
 
 
 def build_site(scenario: Scenario, *, terrain_file: Path | None = None) -> Site:
-    """Bring a scenario into its local frame and read its terrain.
+    """Transform a scenario into its local frame and read its terrain.
 
     Args:
         scenario: as loaded.
@@ -104,7 +104,7 @@ def build_site(scenario: Scenario, *, terrain_file: Path | None = None) -> Site:
 
     Raises:
         TerrainError: the elevation data cannot be used, or does not reach.
-        ScenarioError: places do not fit together.
+        ScenarioError: positions are inconsistent.
     """
     frame = _frame(scenario, terrain_file)
     area = _area(scenario, frame)
