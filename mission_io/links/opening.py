@@ -5,7 +5,8 @@
 listens beyond this machine unless the URL names such a host. See docs/reference/links.md.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Final
 
 from mission_io.errors import MisuseError
@@ -57,12 +58,17 @@ def parse_link_url(url: str) -> LinkUrl:
     return parse_url(url, registered=frozenset(_endpoints))
 
 
-def open_link(url: str) -> Link:
+def open_link(url: str, *, schemes: Mapping[str, EndpointFactory] = MappingProxyType({})) -> Link:
     """Open the link that a URL names.
+
+    Args:
+        url: The URL.
+        schemes: Further schemes for this call, beside those that are built in or registered.
 
     Raises:
         MisuseError: an invalid URL, or pyserial is missing for a serial one.
         LinkError: the operating system refuses, for instance because the port is taken or nobody listens there.
     """
-    parsed = parse_link_url(url)
-    return (_endpoints | _OPENERS)[parsed.scheme](parsed)
+    further = {**_endpoints, **schemes}
+    parsed = parse_url(url, registered=frozenset(further))
+    return (further | _OPENERS)[parsed.scheme](parsed)

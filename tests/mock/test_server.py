@@ -10,7 +10,7 @@ from random import Random
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.autopilot import PX4
 from mission_io.client.client import Client
 from mission_io.errors import VehicleSilentError
 from mission_io.links.opening import UdpLink, open_link
@@ -22,7 +22,7 @@ from tests.vehicle.scene import HOME, mission, plan_for, way_home
 from uavcover.errors import InputError, VehicleError
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.ports import TcpPort
-from uavcover.mock.server import MockServer, register_mock, run, start_in_background
+from uavcover.mock.server import MockServer, mock_endpoint, run, start_in_background
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.vehicle.fly import Ending, Orders, fly
 from uavcover.vehicle.monitor import open_vehicle
@@ -102,9 +102,9 @@ def background(speed: float = SPEED, autopilot=PX4, **options):
 
 
 def test_the_url_mock_starts_a_vehicle_that_ends_with_its_link():
-    register_mock(lambda: MockVehicle(PX4, HOME, MockConfig(speed=SPEED)), speed=SPEED)
+    endpoint = mock_endpoint(lambda: MockVehicle(PX4, HOME, MockConfig(speed=SPEED)), speed=SPEED)
     before = set(threading.enumerate())
-    client, _ = open_vehicle("mock:")
+    client, _ = open_vehicle(open_link("mock:", schemes={"mock": endpoint}))
     with client:
         assert client.wait_for_vehicle().autopilot is PX4
         (vehicle,) = set(threading.enumerate()) - before
@@ -206,9 +206,8 @@ def test_over_tcp_it_talks_to_whoever_connects_and_forgets_who_has_gone():
 
 
 def test_only_udp_and_incoming_tcp_are_listened_on():
-    register_mock(lambda: MockVehicle(ARDUPILOT, HOME))
     with pytest.raises(InputError, match="use udpin://HOST:PORT or tcpin://HOST:PORT"):
-        run("mock:", MockVehicle(PX4, HOME))
+        run("tcp:127.0.0.1:5760", MockVehicle(PX4, HOME))
 
 
 def test_run_ends_on_a_signal_and_puts_the_handlers_back():

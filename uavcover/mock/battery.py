@@ -1,4 +1,4 @@
-"""The battery: what flying costs by the momentum theory of rotors, what is left, and the voltage that shows it."""
+"""The battery: power by the momentum theory of rotors, remaining charge, and the voltage that shows it."""
 
 import math
 from dataclasses import dataclass

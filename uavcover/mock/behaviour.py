@@ -1,11 +1,7 @@
-"""How the mock vehicle starts up, flies and transfers; by autopilot, as data.
+"""How the mock vehicle flies, starts up, and sends messages and transfers, by autopilot, as data.
 
-How the mock vehicle flies unless a mission says otherwise.
-
-How the mock vehicle starts up, what it tells unasked, and in which time its transfers wait; by autopilot, as data.
-
-``OBSERVED`` is what two simulated vehicles did (ArduCopter 4.7.0-dev and PX4 v1.17.0); ``QUICK`` is the same vehicle for
-those who do not want to wait for it: ready in two seconds, talking from the start, patient on the link's clock.
+``OBSERVED`` reproduces two simulated vehicles (ArduCopter 4.7.0-dev and PX4 v1.17.0). ``quick`` is a vehicle without their
+delays: ready in two seconds, with all streams on from the start, and with transfer timeouts on the link's clock.
 """
 
 from collections.abc import Mapping

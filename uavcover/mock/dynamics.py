@@ -1,18 +1,15 @@
-"""A multirotor as a point mass in a local east-north-up frame, and the wind that pushes it.
+"""A multirotor as a point mass in a local east-north-up frame, and the wind that acts on it.
 
-A multirotor as a point mass in a local east-north-up frame, pushed by wind.
+Rotor thrust and drag accelerate the mass: ``a = thrust + drag * (wind - v)``. The controller demands an acceleration towards
+the wanted velocity and leans against the wind that it estimates with a delay. A steady wind therefore costs lean and a gust
+costs position, as on real multirotors. The demand is jerk limited and never exceeds the airspeed limit: in a stronger wind
+the vehicle drifts.
 
-The mass is accelerated by its rotors and by drag, the air's pull on it: ``a = thrust + drag * (wind - v)``. Its
-controller asks for the acceleration that closes in on a wanted velocity, and leans against the wind as it estimates it
-with a delay, so a steady wind costs lean and a gust costs position, as with real multirotors. What it asks for changes no
-faster than the jerk limit, and it never flies faster through the air than its airspeed limit: in a stronger wind it drifts.
+The wind is steady wind, seeded random gusts, and a change of the steady wind in flight. The gusts have the form of Dryden's
+longitudinal spectrum (MIL-F-8785C, 3.7.1.2): white noise through ``1 / (1 + T s)`` in each axis, where ``T`` is the time an
+eddy takes to pass.
 
 Scalars instead of arrays: a step on three numbers is ten times faster without numpy.
-
-The air over time: a steady wind, gusts as a random process of a seed, and a wind that somebody adds in flight.
-
-The gusts have the form of Dryden's longitudinal spectrum (MIL-F-8785C, 3.7.1.2): first-order noise, white noise through
-``1 / (1 + T s)``, in each axis, with ``T`` the time that an eddy needs to pass.
 """
 
 import math

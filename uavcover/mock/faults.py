@@ -1,4 +1,4 @@
-"""Faults by name: what goes wrong on the vehicle's side, and when; see ``parse_fault`` for how they are written."""
+"""Faults by name: what goes wrong with the vehicle, and when; ``parse_fault`` documents the notation."""
 
 import math
 import re

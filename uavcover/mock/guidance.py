@@ -1,6 +1,6 @@
-"""Along a route of straight legs: how fast to pass each corner, and which velocity to want now.
+"""Guidance along straight legs: the speed at each corner, and the velocity to demand now.
 
-A corner is taken inside the acceptance radius r. The speed vector turns by the angle t under the acceleration a, which
+A corner is flown inside the acceptance radius r. The velocity vector turns by the angle t under the acceleration a, which
 bends the path over v^2 sin(t/2) / a before and after the corner; so v = sqrt(a r / sin(t/2)) keeps the bend inside r.
 """
 

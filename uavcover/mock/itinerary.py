@@ -1,4 +1,4 @@
-"""What the mock vehicle has to do, as simple steps: climb, go to, come down, wait; made from mission items or modes."""
+"""The itinerary of the mock vehicle: simple steps (climb, fly to, descend, wait) made from mission items or flight modes."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence

@@ -1,4 +1,4 @@
-"""The parameters that the mock vehicle has: names, types and units of its autopilot, and what they are bound to."""
+"""The parameters of the mock vehicle: names, types, units and defaults of its autopilot, and what they control."""
 
 import struct
 from collections.abc import Mapping

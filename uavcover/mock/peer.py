@@ -1,8 +1,6 @@
-"""The mock vehicle as bytes: a codec, a clock ratio, its pace, and which ground station gets which message.
+"""The mock vehicle as bytes: its codec, its clock ratio, its pacing, and which ground station receives which message.
 
-How far a vehicle that flies faster than real time may run ahead of the ground stations that listen to it.
-
-The mock vehicle as bytes: a codec, a clock ratio, and the rule which ground station gets which message.
+Pacing limits how far a vehicle that flies faster than real time may run ahead of the ground stations that listen to it.
 """
 
 from collections.abc import Iterable

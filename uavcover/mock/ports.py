@@ -1,4 +1,4 @@
-"""Where the mock vehicle listens: a UDP port that answers whoever speaks to it, or a TCP port that takes connections."""
+"""Where the mock vehicle listens: a UDP port that answers every sender, or a TCP port that accepts connections."""
 
 import logging
 import select

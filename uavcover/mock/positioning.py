@@ -1,8 +1,7 @@
-"""What the mock vehicle believes of its place, and its own log of where it really is.
+"""The mock vehicle's believed position, and a log of its true position.
 
-What the vehicle believes of its place: the truth with a slowly wandering error, and a drift while there is no fix.
-
-The mock's own log of where it really is, beside what it believes and tells: for tests, and for judging a track.
+The believed position is the true one with a slowly wandering error, and a drift while there is no fix. The log is for tests and
+for judging a track.
 """
 
 import csv

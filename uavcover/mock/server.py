@@ -1,4 +1,4 @@
-"""The mock vehicle on a port: as a process of its own (``run``), or in a thread behind the URL ``mock:``."""
+"""Serves the mock vehicle on a port: as a process of its own (``run``), or in a thread behind the URL ``mock:``."""
 
 import logging
 import signal
@@ -9,7 +9,7 @@ from random import Random
 from types import FrameType
 from typing import Self
 
-from mission_io.links.opening import Link, LinkUrl, UdpLink, parse_link_url, register_endpoint
+from mission_io.links.opening import Link, LinkUrl, UdpLink, parse_link_url
 from uavcover.errors import InputError
 from uavcover.mock.peer import MockPeer
 from uavcover.mock.ports import Place, Port, TcpPort, UdpPort
@@ -211,17 +211,18 @@ class _MockLink(UdpLink):
             self._background.close()
 
 
-def register_mock(make_vehicle: Callable[[], MockVehicle], *, speed: float = 1.0, loss: float = 0.0) -> None:
-    """Make ``mock:`` a URL: each link that is opened to it starts a vehicle of its own.
+def mock_endpoint(
+    make_vehicle: Callable[[], MockVehicle], *, speed: float = 1.0, loss: float = 0.0
+) -> Callable[[LinkUrl], Link]:
+    """What opens ``mock:`` for ``open_link``: each link starts a vehicle of its own, which ends with the link.
 
     Args:
         make_vehicle: makes the vehicle, with the same ``speed``.
         speed: vehicle seconds per second.
-        loss: share of the datagrams that get lost, each way.
+        loss: share of the datagrams that are lost, each way.
     """
 
-    def open_mock(url: LinkUrl) -> Link:
-        del url
+    def open_mock(_: LinkUrl) -> Link:
         return _MockLink.starting(start_in_background(make_vehicle(), speed=speed, loss=loss))
 
-    register_endpoint("mock", open_mock)
+    return open_mock

@@ -1,11 +1,7 @@
-"""The ground as ArduPilot knows it: the grid of TERRAIN_REQUEST, answered block by block.
+"""Terrain heights as ArduPilot obtains them: a grid requested with TERRAIN_REQUEST and answered block by block.
 
-The grid in which a vehicle asks for heights of the ground, and the answers to its requests.
-
-Read in ArduPilot's AP_Terrain: a block is 28 by 32 heights, 7 by 8 parts of 4 by 4; blocks overlap by one part, and
-their south-west corners are counted from that of the whole degree, with metres per degree of longitude as there.
-
-The ground as ArduPilot knows it: what ground stations answered to TERRAIN_REQUEST, block by block.
+As in ArduPilot's AP_Terrain, a block is 28 by 32 heights in 7 by 8 parts of 4 by 4. Blocks overlap by one part. Their
+south-west corners are counted from that of the whole degree, with ArduPilot's metres per degree of longitude.
 """
 
 import math

@@ -20,7 +20,7 @@ from mission_io.wire.messages import ExtendedSysState, GlobalPositionInt
 from uavcover.errors import InputError
 from uavcover.mock.battery import BatteryData
 from uavcover.mock.behaviour import Settings
-from uavcover.mock.server import register_mock
+from uavcover.mock.server import mock_endpoint
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
@@ -115,13 +115,13 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
     name = "ardupilot" if site is None else site.scenario.vehicle.autopilot
     settings = Settings() if site is None else Settings.for_vehicle(site.scenario.vehicle)
     battery = BatteryData() if site is None else BatteryData.for_vehicle(site.scenario.vehicle)
-    register_mock(
+    endpoint = mock_endpoint(
         lambda: MockVehicle(
             AUTOPILOTS[name], place, MockConfig(settings=settings, battery=battery, speed=at.mock_speed)
         ),
         speed=at.mock_speed,
     )
-    link = LoggedLink(open_link(at.url))
+    link = LoggedLink(open_link(at.url, schemes={"mock": endpoint}))
     client, monitor = _open_mavsdk(link) if at.client_name == "mavsdk" else open_vehicle(link, timing=at.timing)
     with client:
         if at.signing_key is not None:

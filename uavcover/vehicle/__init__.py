@@ -1,1 +1,1 @@
-"""One vehicle: ready, armed, followed, recorded, brought home."""
+"""The flight of one vehicle: ready, armed, followed, recorded, brought home."""

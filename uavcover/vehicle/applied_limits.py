@@ -1,8 +1,7 @@
-"""Before arming: the table of limits is told; what the plan needs is set, and put back at the end.
+"""Reports the table of limits before arming, sets the parameters that the plan needs, and restores them afterwards.
 
-Parameters of a vehicle, several at once, as plain numbers: PX4 sends the bits of its integers as if they were floats.
-
-Before arming: the table of limits is told; what the plan needs is set, if the user wants that, and put back at the end.
+Parameters are set only if the user wants that. They are read and written as plain numbers in their own units; PX4 transmits the
+bits of its integers as if they were floats.
 """
 
 import struct

@@ -1,4 +1,4 @@
-"""What following and controlling a vehicle need of a client, so that there can be more than one kind of it."""
+"""What following and controlling a vehicle require of a client, so that there can be more than one."""
 
 from collections.abc import Callable
 from typing import Protocol, TypeVar

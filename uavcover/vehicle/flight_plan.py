@@ -1,4 +1,4 @@
-"""What a flight needs to know of the plan, and how patient it is."""
+"""What a flight must know of its plan, and its timeouts."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""One flight: get ready, check, arm, start, follow, record, land; or home along checked legs when the user stops it."""
+"""Flies a mission: get ready, check, arm, start, follow, record, land; or return along checked legs when the user stops it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

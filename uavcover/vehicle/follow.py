@@ -1,4 +1,4 @@
-"""Following a vehicle along its mission until it has landed and disarmed."""
+"""Follows a vehicle along its mission until it has landed and disarmed."""
 
 import math
 from collections.abc import Callable, Sequence

@@ -1,6 +1,6 @@
-"""Whether the vehicle stands on the ground, and whether it fell: its own word, its height and its motion together.
+"""Whether the vehicle stands on the ground, and whether it fell: from its landed state, its height and its motion together.
 
-A landed state alone proves nothing: ArduCopter says ON_GROUND at once when it is disarmed in the air, and falls.
+The landed state alone proves nothing: ArduCopter reports ON_GROUND as soon as it is disarmed, even in the air, while it falls.
 """
 
 from collections import deque

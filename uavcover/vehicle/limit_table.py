@@ -1,8 +1,8 @@
-"""What the plan counts on against what the vehicle is set to: one table, and what of it keeps the vehicle on the ground.
+"""Compares what the plan assumes with the vehicle's settings, and tells what prevents arming.
 
-Refused is what would break the flight off or let it run out of battery by the vehicle's own settings: a fence in force that is
-too low or too small, and an endurance that its own speeds exceed. A low return height and a fence that is not in force are
-warnings: the mission itself needs neither.
+Settings that would interrupt the flight or drain the battery prevent arming: an active fence that is too low or too small, and
+speeds at which the mission takes longer than the endurance. A low return height and an inactive fence are warnings: the
+mission itself needs neither.
 """
 
 import math

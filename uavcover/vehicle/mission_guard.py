@@ -1,10 +1,6 @@
-"""Whether a vehicle still flies the mission that was planned, in the mode it was told to fly.
+"""Whether a vehicle still flies the planned mission, in the commanded mode, and inside its operating volume.
 
-Reading the mission back while it is flown, without getting in the way of the flight.
-
-Notices that the vehicle left the mode in which it was told to fly, and finds out why.
-
-Whether a vehicle in its mission still flies the mission that was planned, where it was planned.
+The mission is read back while it is flown, without disturbing the flight.
 """
 
 import math

@@ -1,8 +1,6 @@
-"""What may be flown (multirotors), and its flight modes by meaning.
+"""Flight modes by meaning, with the numbers that PX4 and each ArduPilot vehicle use, and which vehicles may be flown.
 
-What may be flown: multirotors. Plans, ways home and the meaning of a landing hold for nothing else.
-
-Flight modes by meaning, and the numbers that each of ArduPilot's programs and PX4 give them.
+Only multirotors may be flown: plans, return routes and the meaning of a landing hold for nothing else.
 """
 
 from collections.abc import Mapping

@@ -1,10 +1,7 @@
-"""What the vehicle has said so far, and the vehicle's time.
+"""What the vehicle has reported so far, and its clock.
 
-Lines for the pilot as they were meant: long ones come in pieces of 50 letters, some with a tab at the end.
-
-The vehicle's time, from the stamps of its messages: a wrong one is left out, several that agree are believed.
-
-What the vehicle has said so far, whoever was waiting for it.
+The monitor hears every message, whoever was waiting for it. It joins status texts that arrive in pieces of 50 characters, and
+derives vehicle time from the time stamps of the messages: a single wrong stamp is rejected, several that agree are believed.
 """
 
 import math

@@ -1,9 +1,4 @@
-"""What is told while a flight goes on, and how it ended.
-
-What is told while a flight goes on.
-
-How a flight ended: one name for each way, good or bad, and what happened on the way.
-"""
+"""Events during a flight, and how a flight ended: one name for each way, good or bad, with the incidents on the way."""
 
 from dataclasses import asdict, dataclass
 from enum import Enum

@@ -1,8 +1,6 @@
-"""What the user wants done before and during a flight, and how sure it is that a vehicle is simulated.
+"""What the user wants done before a flight and when it goes wrong, and whether a vehicle is proved to be simulated.
 
-How sure it is that a vehicle is no real one. Only then may it be armed without the user's word.
-
-What the user wants done when a flight goes wrong, and before it begins.
+Only a vehicle that is proved to be simulated may be armed without the user's confirmation.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,4 +1,4 @@
-"""How far along the planned waypoints a vehicle is."""
+"""Progress of a vehicle along its planned waypoints."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Before arming: the telemetry that following needs, the vehicle's readiness, its home, and its mission."""
+"""Checks before arming: telemetry rates, the vehicle's readiness, its home, and the mission that it holds."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""From the vehicle's messages to samples of the track."""
+"""Turns the vehicle's messages into samples of the track."""
 
 import math
 from collections.abc import Callable

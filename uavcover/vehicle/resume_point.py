@@ -1,8 +1,6 @@
-"""Which planned waypoints a track passed, and where a flight left its planned route.
+"""Which planned waypoints a track passed, where it left its route, and what remains to be flown.
 
-Which planned waypoints were passed, one after the other.
-
-Where a flight left its planned route, from its track alone: what is flown is flown, and what is left.
+All of it is judged from the track alone.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""After the user's stop: hold, then fly home along checked legs; after a second one, leave it holding."""
+"""After the user's stop: hold, then fly home along checked legs; a second stop leaves the vehicle holding."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The running session with one vehicle: waiting with timeouts, passing on what it says, noticing that it is gone."""
+"""The session with one vehicle: sending commands, waiting with timeouts, passing on what it reports, noticing its loss."""
 
 from collections import deque
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Arming and starting, in the order that each autopilot wants."""
+"""Arms the vehicle and starts its mission, in the order that each autopilot requires."""
 
 from mission_io.errors import CommandRefusedError, VehicleSilentError
 from mission_io.model.enums import AutopilotId, CommandResult

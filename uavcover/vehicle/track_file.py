@@ -1,8 +1,6 @@
-"""``track.csv``: written row by row as it is flown, on reserved disk space, and read back.
+"""``track.csv``: written row by row during the flight, on reserved disk space, and read back with strict checks.
 
-Space on the disk that is kept free for the record of a flight, so that nothing else can take it meanwhile.
-
-``track.csv``: written row by row as it is flown, and read back with every doubt said.
+The reserved space keeps other programs from taking the room that the record of a flight needs.
 """
 
 import contextlib

@@ -1,8 +1,6 @@
-"""What can go wrong in flight: silence, position, battery, wind, fence; and when it is told.
+"""Watches a vehicle in flight for silence, lost position or satellites, low battery and a restart.
 
-When something that goes wrong is told: at once, when it has doubled, every half a minute, and when it is over.
-
-Looks all the time at what can go wrong with a vehicle in flight: silence, position, satellites, battery, wind, fence.
+An alarm is raised at once, when its amount has doubled, every half minute while it lasts, and when it is over.
 """
 
 from collections.abc import Callable
