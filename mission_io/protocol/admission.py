@@ -19,9 +19,9 @@ _INVALID_PARAMS = (
 
 
 def refusal_of(message: MissionItemInt | MissionItemFloat, autopilot: Autopilot) -> MissionResult | None:
-    """The result that the autopilot refuses an item with; None when it takes it.
+    """The result with which the autopilot refuses an item; None when it accepts it.
 
-    PX4 looks at the frame only; ArduPilot at the numbers as well. Neither looks at what the mission means.
+    PX4 checks only the frame, ArduPilot the numbers as well. Neither checks the meaning of the mission.
     """
     try:
         item = item_from_message(message)
@@ -46,7 +46,7 @@ def refusal_of(message: MissionItemInt | MissionItemFloat, autopilot: Autopilot)
 
 
 def list_is_whole(items: tuple[MissionItem, ...], mission_type: MissionType) -> bool:
-    """Whether a complete list makes sense as what it is: polygons of enough vertices, circles with a radius."""
+    """Whether a complete list is valid: polygons with enough vertices, circles with a radius."""
     try:
         if mission_type is MissionType.FENCE:
             fence_from_items(items)

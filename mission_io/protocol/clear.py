@@ -13,7 +13,7 @@ from mission_io.wire.messages import Message, MissionAck, MissionClearAll
 
 
 class ClearState(Enum):
-    """Where a clear is."""
+    """State of a clear."""
 
     ASKED = "asked to empty the list"
     BACKING_OFF = "the vehicle was busy; it is asked again later"
@@ -24,7 +24,7 @@ class ClearState(Enum):
 
 
 class ClearEvent(Enum):
-    """What can happen to a clear."""
+    """Events of a clear."""
 
     ACK_ACCEPTED = "acknowledged"
     ACK_BUSY = "denied, or an error without a reason: busy"
@@ -53,18 +53,18 @@ CLEAR_TABLE: Table[ClearState, ClearEvent] = Table(
         Row(_S.BACKING_OFF, _E.ACK_REFUSED, _S.REFUSED),
         Row(_S.BACKING_OFF, _E.RETRY, _S.ASKED, "ask_anew"),
         Row(_S.BACKING_OFF, _E.EXHAUSTED, _S.REFUSED),
-        # A denied clear is answered twice by ArduPilot.
+        # ArduPilot answers a denied clear twice.
         *staying([_S.BACKING_OFF], [_E.ACK_BUSY, _E.ACK_STRAY]),
     ]
 )
-"""Every transition of a clear. A finished clear listens to nothing."""
+"""Every transition of a clear. A finished clear ignores everything."""
 
 CLEAR_ENDS = frozenset({_S.CLEARED, _S.REFUSED, _S.SILENT, _S.STUCK})
 
 _ACK_EVENTS: dict[int, ClearEvent] = {
     MissionResult.ACCEPTED: _E.ACK_ACCEPTED,
     MissionResult.DENIED: _E.ACK_BUSY,
-    # What PX4 says while a download is unfinished, and what ArduPilot says to a late duplicate of an item.
+    # PX4 answers this while a download is unfinished, ArduPilot to a late duplicate of an item.
     MissionResult.ERROR: _E.ACK_BUSY,
     MissionResult.INVALID_SEQUENCE: _E.ACK_STRAY,
     MissionResult.OPERATION_CANCELLED: _E.ACK_STRAY,
@@ -72,7 +72,7 @@ _ACK_EVENTS: dict[int, ClearEvent] = {
 
 
 class Clear(Exchange[ClearState, ClearEvent]):
-    """One request to empty the list ``mission_type``."""
+    """One request to clear the list ``mission_type``."""
 
     table: ClassVar = CLEAR_TABLE
 

@@ -16,11 +16,11 @@ TABLES: Final[dict[str, tuple[Table[Any, Any], Enum]]] = {
     "clear": (CLEAR_TABLE, ClearState.ASKED),
     "server": (SERVER_TABLE, ServerState.IDLE),
 }
-"""Every table with the state it begins in."""
+"""Every table with its initial state."""
 
 
 def drawing(name: str) -> str:
-    """A table as Markdown: its diagram, and what its states mean."""
+    """A table as Markdown: diagram and meaning of the states."""
     table, start = TABLES[name]
     meanings = "\n".join(f"- `{state.name}`: {state.value}" for state in type(start))
     return f"```mermaid\n{mermaid(table, start)}\n```\n\n{meanings}\n"
@@ -30,7 +30,7 @@ def with_diagrams(document: str) -> str:
     """The document with each table's drawing between its two marks, ``<!-- NAME table: begin -->`` and ``end``.
 
     Raises:
-        FormatError: it has marks of no table, or only one of two.
+        FormatError: the marks are missing, or only one of two is there.
     """
     found = False
     for name in TABLES:
@@ -47,7 +47,7 @@ def with_diagrams(document: str) -> str:
 
 
 def main(arguments: list[str]) -> int:
-    """Renew the diagrams in each file; the exit code."""
+    """Update the diagrams in each file; returns the exit code."""
     for name in arguments:
         path = Path(name)
         try:

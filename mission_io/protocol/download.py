@@ -26,7 +26,7 @@ from mission_io.wire.mission_items import item_from_message
 
 
 class DownloadState(Enum):
-    """Where a download is."""
+    """State of a download."""
 
     LISTING = "asked how many items there are"
     FETCHING = "asking for one item after the other"
@@ -41,7 +41,7 @@ class DownloadState(Enum):
 
 
 class DownloadEvent(Enum):
-    """What can happen to a download."""
+    """Events of a download."""
 
     COUNT = "the number of items"
     COUNT_ZERO = "the list is empty"
@@ -78,7 +78,7 @@ DOWNLOAD_TABLE: Table[DownloadState, DownloadEvent] = Table(
         #
         Row(_S.FETCHING, _E.ITEM, _S.FETCHING, "store"),
         Row(_S.FETCHING, _E.ITEM_LAST, _S.DONE, "store_last"),
-        # One of the two counts is a leftover of an earlier download: ask again which is true.
+        # One of the two counts belongs to an earlier download: request it again.
         Row(_S.FETCHING, _E.COUNT_CHANGED, _S.LISTING, "begin_anew"),
         Row(_S.FETCHING, _E.COUNT_UNSTABLE, _S.CHANGING, "send_cancel"),
         Row(_S.FETCHING, _E.ACK_BUSY, _S.BACKING_OFF, "note_broken_off"),
@@ -99,16 +99,16 @@ DOWNLOAD_TABLE: Table[DownloadState, DownloadEvent] = Table(
         *(Row(state, _E.NO_PROGRESS, _S.STUCK, "send_cancel") for state in (_S.LISTING, _S.FETCHING)),
     ]
 )
-"""Every transition of a download. A finished download listens to nothing."""
+"""Every transition of a download. A finished download ignores everything."""
 
 DOWNLOAD_ENDS = frozenset({_S.DONE, _S.REFUSED, _S.VEHICLE_CANCELLED, _S.CANCELLED, _S.SILENT, _S.CHANGING, _S.STUCK})
 
 _THANKS_ON_A_BAD_LINK = 3
 _COUNT_CHANGES = 8
 _ERRORS_AT_AN_ITEM = 3
-"""So often in a row the same item is answered with an error before that is the end.
+"""Number of consecutive errors in place of the same item that end a download.
 
-Once is none: a PX4 says ERROR when a late duplicate asks out of turn, and that hits another item each time.
+A single one does not count: PX4 answers ERROR to a late duplicate out of turn, and that hits a different item each time.
 """
 
 _ACK_EVENTS: dict[int, DownloadEvent] = {
@@ -125,7 +125,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     """One download of the list ``mission_type``.
 
     Args:
-        any_order: Whether the vehicle serves items in any order; only then is one asked for before its turn.
+        any_order: Whether the vehicle serves items in any order; only then is one requested ahead of its turn.
     """
 
     table: ClassVar = DOWNLOAD_TABLE
@@ -155,8 +155,8 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         self._announced = 0
         self._arrived: dict[int, MissionItemInt | MissionItemFloat] = {}
         self._latest: MissionItemInt | MissionItemFloat | None = None
-        self._missing = 0  # the first item that is not here
-        self._asked_to = 0  # the items before this one were asked for
+        self._missing = 0  # the first missing item
+        self._asked_to = 0  # the items before this one were requested
         self._list_sent_at = now
         self._count_changes = 0
         self._error_at = -1  # the item that an error came instead of
@@ -170,12 +170,12 @@ class Download(Exchange[DownloadState, DownloadEvent]):
 
     @property
     def count(self) -> int | None:
-        """How many items there are; None before the vehicle said so."""
+        """Number of items; None before the vehicle has announced it."""
         return self._count
 
     @property
     def received_count(self) -> int:
-        """How many items are here, for progress."""
+        """Number of items received, for progress."""
         return len(self._arrived)
 
     def items(self) -> tuple[MissionItem, ...]:
@@ -276,7 +276,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         self._departures.clear()
         round_trip = self.patience.round_trip
         if round_trip is not None and now - self._list_sent_at < round_trip.smoothed_s:
-            return  # an answer to the last one may be on its way; silence will bring the next
+            return  # an answer to the last request may be under way; after a silence the next one follows
         self._send_list(now)
 
     def _ask_anew(self, now: float) -> None:
@@ -317,7 +317,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         return min(self._missing + 1 + ahead, self._count or 0)
 
     def _ask_ahead(self, now: float) -> None:
-        """Ask for what of the first missing item and those ahead of their turn was not asked for yet."""
+        """Request the first missing item and those ahead of their turn, unless requested already."""
         for seq in range(max(self._missing, self._asked_to), self._window_end()):
             self._ask(seq, now)
 
@@ -339,6 +339,6 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         self._send_thanks(now)
 
     def _send_thanks(self, now: float) -> None:
-        """Nobody answers it, and without it PX4 takes no upload for 5 s: on a link that loses things it is said thrice."""
+        """It is not answered, and without it PX4 refuses uploads for 5 s: on a lossy link it is sent three times."""
         for _ in range(_THANKS_ON_A_BAD_LINK if self.silences else 1):
             self._send_result(MissionResult.ACCEPTED, now)

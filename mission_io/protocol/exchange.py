@@ -29,25 +29,25 @@ class Address:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """How patient a client is, and how far ahead it works; times in seconds.
+    """Time-outs of a client, in seconds, and how far ahead it works.
 
     Attributes:
-        resend_s: Silence after which the last thing the vehicle waits for is sent again, while the round trip is
-            not measured yet. From then on it follows the measured one (``RoundTrip.time_out_s``) ...
+        resend_s: Silence after which the last thing the vehicle waits for is sent again, until the round trip is
+            measured. From then on it follows the measurement (``RoundTrip.time_out_s``) ...
         resend_shortest_s: ... but is never shorter than this.
         resend_growth: Each further silence in a row is longer by this factor ...
         resend_longest_s: ... up to this.
-        items_ahead: How many items are sent (or asked for, where the vehicle serves any) before their turn. A silence
-            sets it to 0, eight answers in a row bring one back.
-        stall_s: Silence after which a conversation that had begun is begun anew. Longer than PX4 takes to drop one.
+        items_ahead: Number of items sent (or requested, where the vehicle serves any order) ahead of their turn. A silence
+            sets it to 0, every eight answers in a row add one back.
+        stall_s: Silence after which an exchange is restarted. Longer than PX4 takes to drop one.
         give_up_s: Silence after which the vehicle counts as silent. A vehicle that answered late gets twice the time of
-            its latest answer before it counts as stalled, and so much longer before it counts as silent.
-        no_progress_s: A conversation that answers but gets no further than it was for this long is given up.
+            its latest answer before it counts as stalled, and as much longer before it counts as silent.
+        no_progress_s: Time without progress after which an exchange is given up, although the vehicle answers.
         busy_retry_s: Wait after "busy" or "no space" before asking again.
-        busy_give_up_s: A vehicle that is busy for longer has refused. Longer than ArduPilot's own time-out.
-        doubt_s: Wait after an ERROR that may only answer a duplicate, for a sign that the transfer goes on.
-        recheck_s: The same after an ERROR when everything was sent. Longer than a vehicle takes to ask again.
-        linger_s: How long a cancelled transfer keeps telling the vehicle so.
+        busy_give_up_s: Time after which a busy vehicle counts as refusing. Longer than ArduPilot's own time-out.
+        doubt_s: Wait for a sign of progress after an ERROR that may only answer a duplicate.
+        recheck_s: The same after an ERROR when everything was sent. Longer than a vehicle takes to repeat a request.
+        linger_s: How long a cancelled transfer repeats the cancellation.
     """
 
     resend_s: float = 0.1
@@ -81,26 +81,26 @@ class Timing:
 
 
 OPENING = -1
-"""Stands for the first message of a conversation (COUNT, REQUEST_LIST, CLEAR_ALL) among the item numbers."""
+"""Represents the first message of an exchange (COUNT, REQUEST_LIST, CLEAR_ALL) among the item numbers."""
 
 RESTARTS = 24
-"""A conversation is begun anew no more often than this. A PX4 whose requests are reordered badly needs up to 14."""
+"""Largest number of restarts of an exchange. A PX4 whose requests are badly reordered needs up to 14."""
 
 _CLEAN_ANSWERS = 8
 _CANCELS_ON_A_BAD_LINK = 3
 
 
 class Exchange(ABC, Generic[StateT, EventT]):
-    """One conversation with one vehicle about one list.
+    """One exchange with one vehicle about one list.
 
-    Feed it with ``receive`` and ask ``messages_to_send`` after that and whenever ``next_timer`` is over, until
-    ``finished``. Messages from others, for others, or about another list pass by without effect.
+    Call ``receive`` with every message, and ``messages_to_send`` after that and whenever ``next_timer`` expires, until
+    ``finished``. Messages from others, for others, or about another list have no effect.
 
     Attributes:
-        patience: What was learnt about the link; give it to the next conversation with the same vehicle.
-        last_result: The last MissionResult that the vehicle named; None when it named none.
-        silences: How often something was sent again because nothing came.
-        restarts: How often the conversation was begun anew.
+        patience: What was learnt about the link; pass it to the next exchange with the same vehicle.
+        last_result: The last MissionResult of the vehicle; None before the first.
+        silences: Number of repetitions after a silence.
+        restarts: Number of restarts of the exchange.
     """
 
     table: ClassVar[Table]  # type: ignore[type-arg]
@@ -124,8 +124,8 @@ class Exchange(ABC, Generic[StateT, EventT]):
         self._outbox: list[Message] = []
         self._last_heard = self._last_sent = now
         self.silences = self.restarts = 0
-        self._began_at = self._progress_at = now  # when this attempt began, and when it last got further than ever
-        self._reached = -1  # the furthest it ever got: items held, or the item asked for
+        self._began_at = self._progress_at = now  # start of this attempt, and time of the last progress
+        self._reached = -1  # furthest progress so far: items held, or the item requested
         self._regain_s = self._slowest_s = 0.0
         self._backed_off = 0
         self._departures = Departures()
@@ -138,29 +138,29 @@ class Exchange(ABC, Generic[StateT, EventT]):
     @property
     @abstractmethod
     def finished(self) -> bool:
-        """Whether the conversation is over; ``state`` says how."""
+        """Whether the exchange is over; ``state`` says how."""
 
     @abstractmethod
     def _event_of(self, message: Message, now: float) -> EventT | None:
-        """What a message of the vehicle means; None when it is no part of this conversation."""
+        """The event of a vehicle's message; None when it is not part of this exchange."""
 
     @abstractmethod
     def _deadlines(self) -> list[tuple[float, EventT]]:
-        """The times at which something happens in the present state although nothing arrives.
+        """The times at which something happens in the current state although nothing arrives.
 
-        One of them is ``_stuck_at``, or another that strays of the vehicle cannot put off: so it always ends.
+        One of them is ``_stuck_at``, or another that stray messages cannot postpone, so the exchange always ends.
         """
 
     def _event_when_due(self, event: EventT) -> EventT:
-        """What a deadline's event turns out to be once its time has come."""
+        """The event of a deadline at its time."""
         return event
 
     @abstractmethod
     def _actions(self) -> Mapping[str, Callable[[float], None]]:
-        """What the table's actions do."""
+        """The actions of the table."""
 
     def receive(self, received: Received, now: float) -> None:
-        """Take a message that arrived at ``now``."""
+        """Process a message that arrived at ``now``."""
         message = received.message
         sender = Address(received.system_id, received.component_id)
         if self.finished or sender != self.vehicle:
@@ -178,7 +178,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
         self._step(event, now)
 
     def messages_to_send(self, now: float) -> list[Message]:
-        """Everything that has to be sent by ``now``."""
+        """The messages due by ``now``."""
         while not self.finished:
             due, event = min(self._deadlines(), key=_due)
             if due > now:
@@ -189,7 +189,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
         return outbox
 
     def next_timer(self) -> float | None:
-        """When to ask ``messages_to_send`` again although nothing arrives; None when finished."""
+        """When to call ``messages_to_send`` again although nothing arrives; None when finished."""
         if self.finished:
             return None
         if self._next_timer is None:
@@ -206,33 +206,33 @@ class Exchange(ABC, Generic[StateT, EventT]):
             self._actions()[row.action](now)
 
     def _send(self, message: Message, now: float, *, question: int | None = None) -> None:
-        """Send; ``question`` is the number under which its answer will be told to ``_answered``."""
+        """Send; ``question`` is the number that ``_answered`` will get with the answer."""
         self._outbox.append(message)
         self._last_sent = now
         if question is not None:
             self._departures.sent(question, now)
 
     def _got_to(self, reached: int, now: float) -> None:
-        """Take note of how far the conversation is; only what is further than ever counts as progress."""
+        """Note how far the exchange is; only getting further than ever counts as progress."""
         if reached > self._reached:
             self._reached = reached
             self._progress_at, self._regain_s = now, 0.0
             self._busy_since = None
 
     def _stuck_at(self) -> float:
-        """When the conversation is given up unless it gets further than it ever was."""
+        """When the exchange is given up unless there is progress."""
         return self._progress_at + self._regain_s + self.timing.no_progress_s
 
     def _stalled_at(self) -> float:
-        """When silence means that the conversation has broken off: later for a vehicle that was slow to answer before."""
+        """When a silence means a stalled exchange: later for a vehicle that answered slowly before."""
         return self._last_heard + max(self.timing.stall_s, 2.0 * self._slowest_s)
 
     def _silent_at(self) -> float:
-        """When silence means that the vehicle is gone: as much later."""
+        """When a silence means that the vehicle is gone: as much later."""
         return self._stalled_at() + max(0.0, self.timing.give_up_s - self.timing.stall_s)
 
     def _note_restart(self, now: float) -> None:
-        """The conversation begins anew: grant it the time that it takes to get as far again."""
+        """The exchange restarts: allow the time to get as far again."""
         self.restarts += 1
         if self.restarts <= RESTARTS:
             longest_s = (self._reached + 1) * self.timing.resend_longest_s
@@ -240,7 +240,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
         self._began_at = now
 
     def _answered(self, question: int, now: float) -> None:
-        """The vehicle answered a question: learn how long that takes, and trust the link a bit more."""
+        """The vehicle answered a question: learn the round-trip time, and work further ahead."""
         answer = self._departures.answered(question, now)
         if answer is not None:
             self.patience = self.patience.after(answer)
@@ -261,16 +261,16 @@ class Exchange(ABC, Generic[StateT, EventT]):
         self._send(MissionAck(to.system_id, to.component_id, result, self.mission_type), now)
 
     def _send_cancel(self, now: float) -> None:
-        """Tell the vehicle that it is over. Nobody answers it: on a link that loses things it is said thrice."""
+        """Tell the vehicle that the transfer is cancelled. It is not answered: on a lossy link it is sent three times."""
         for _ in range(_CANCELS_ON_A_BAD_LINK if self.silences else 1):
             self._send_result(MissionResult.OPERATION_CANCELLED, now)
 
     def _on_its_way(self, question: int, now: float) -> bool:
-        """Whether what is asked for went out less than a round trip ago, so that the two crossed on the way."""
+        """Whether the requested item was sent less than a round trip ago, so that the two crossed."""
         return self._sent_within(1.0, question, now)
 
     def _just_sent(self, question: int, now: float) -> bool:
-        """Whether it went out so short a time ago that it cannot be there yet."""
+        """Whether it was sent too recently to have arrived."""
         return self._sent_within(0.5, question, now)
 
     def _sent_within(self, round_trips: float, question: int, now: float) -> bool:

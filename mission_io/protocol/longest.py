@@ -11,24 +11,24 @@ from dataclasses import dataclass
 from mission_io.protocol.exchange import RESTARTS, Timing
 
 CLEAR_TRIES = 3
-"""So often ``Client.clear`` asks for an empty list that the vehicle acknowledges and does not empty."""
+"""Number of attempts of ``Client.clear`` when the vehicle acknowledges without clearing."""
 
 READINGS = 2
-"""So often a list is read back that is not what was sent."""
+"""Number of times a differing list is read back."""
 
 STALE_READ_BACK_S = 0.1
-"""The pause between the two."""
+"""The pause between them."""
 
 
 @dataclass(frozen=True, slots=True)
 class LongestTimes:
-    """Bounds in seconds, each reached by a vehicle that does its worst and by no honest one.
+    """Bounds in seconds, reached only by a hostile vehicle.
 
     Attributes:
         stuck_s: From the last progress of a transfer to its end.
         download_s: ``Client.download``.
         upload_s: ``Client.upload``, with reading back what the vehicle holds when it fails.
-        verified_upload_s: ``Client.upload_and_verify`` of a list that the vehicle need not be asked whether it has room for.
+        verified_upload_s: ``Client.upload_and_verify`` of a list within the known item limit.
         clear_s: ``Client.clear``, with reading back.
     """
 
@@ -40,10 +40,10 @@ class LongestTimes:
 
 
 def longest_times(timing: Timing, item_count: int) -> LongestTimes:
-    """The bounds for a vehicle with which at most ``item_count`` items get across in either direction.
+    """The bounds for at most ``item_count`` items transferred in either direction.
 
-    A vehicle may take all but ``no_progress_s`` for each item and still gets on, so this grows with the number of items;
-    a vehicle that announces 65,535 items and sends three is over after the time for three.
+    A vehicle may take almost ``no_progress_s`` for each item and still progress, so the bounds grow with the number of items;
+    for a vehicle that announces 65,535 items and sends three, the time for three applies.
     """
     steps = item_count + 1  # the count, and then each item
     restarts_s = RESTARTS * steps * timing.resend_longest_s

@@ -10,7 +10,7 @@ _FIRST_DOUBTFUL, _DOUBTFUL = 3, 8
 
 @dataclass(frozen=True, slots=True)
 class RoundTrip:
-    """A smoothed round trip and how much it varies, both in seconds."""
+    """Smoothed round-trip time and its variation, in seconds."""
 
     smoothed_s: float
     variation_s: float
@@ -21,10 +21,10 @@ class RoundTrip:
         return cls(sample_s, sample_s / 2.0)
 
     def updated(self, sample_s: float) -> "RoundTrip":
-        """With one more measurement (RFC 6298, 2.3), more readily downwards.
+        """Updated by a measurement (RFC 6298, 2.3), faster downwards.
 
-        When the vehicle's answer gets lost and the vehicle repeats it by itself, the measurement is too long by the
-        time it took to do so; too short it never is.
+        When the vehicle's answer is lost and it repeats the answer by itself, the measurement is too long by that time; it is
+        never too short.
         """
         if sample_s < self.smoothed_s / _QUITE_ANOTHER:
             return RoundTrip.first(sample_s)
@@ -34,23 +34,22 @@ class RoundTrip:
 
     @property
     def time_out_s(self) -> float:
-        """After this silence something was lost, most likely (RFC 6298, 2.3)."""
+        """Silence after which something was most likely lost (RFC 6298, 2.3)."""
         return self.smoothed_s + 4.0 * self.variation_s
 
 
 @dataclass(frozen=True, slots=True)
 class Patience:
-    """How long to wait for an answer, from the answers so far.
+    """How long to wait for an answer, learnt from the answers so far.
 
-    An answer to a question that went out more than once does not tell which of them it answers (Karn), but it bounds the
-    round trip: it cannot be longer than the time since the first. On a link that loses every third datagram it is the
-    wrong conclusion to wait longer and longer; only after a run of doubtful answers is the smallest bound among them
-    taken for the round trip.
+    An answer to a repeated question does not tell which repetition it answers (Karn), but it bounds the round trip, which
+    cannot exceed the time since the first. On a link that loses every third datagram, waiting longer and longer would be
+    wrong; only after a run of doubtful answers is the smallest bound among them taken as the round trip.
 
     Attributes:
         round_trip: The estimate; None before the first answer.
         is_bound: Whether the estimate is such a bound, which the first certain answer replaces.
-        doubtful: How many doubtful answers came in a row.
+        doubtful: Number of consecutive doubtful answers.
         smallest_s: The smallest bound among them.
     """
 
@@ -60,7 +59,7 @@ class Patience:
     smallest_s: float = math.inf
 
     def after(self, answer: "AnswerDelay") -> "Patience":
-        """With one more answer."""
+        """Updated by an answer."""
         if answer.certain:
             known = None if self.is_bound else self.round_trip
             return Patience(
@@ -73,16 +72,16 @@ class Patience:
 
 
 class AnswerDelay(NamedTuple):
-    """How long an answer took since its question went out for the first time, and whether it went out only once."""
+    """Time from the first sending of a question to its answer; certain if the question was sent only once."""
 
     since_first_s: float
     certain: bool
 
 
 class Departures:
-    """When what was sent and is not answered yet went out, by a number that stands for the question.
+    """Sending times of unanswered questions, by number.
 
-    Forgets what is answered, so that it stays as small as what is under way.
+    Answered questions are forgotten, so its size is that of what is under way.
     """
 
     def __init__(self) -> None:
@@ -90,28 +89,28 @@ class Departures:
         self._last: dict[int, float] = {}
 
     def sent(self, question: int, now: float) -> None:
-        """A question went out, for the first time or again."""
+        """Note that a question was sent, for the first time or again."""
         self._first.setdefault(question, now)
         self._last[question] = now
 
     def answered(self, question: int, now: float) -> AnswerDelay | None:
-        """Forget a question; how long its answer took, None when it was not asked."""
+        """Forget a question; returns the delay of its answer, None when it was not asked."""
         if question not in self._first:
             return None
         first, last = self._first.pop(question), self._last.pop(question)
         return AnswerDelay(now - first, first == last)
 
     def forget_to(self, question: int) -> None:
-        """Forget the questions up to this one: a later answer answered them, too."""
+        """Forget the questions up to this one, which a later answer covers."""
         for number in [number for number in self._first if number <= question]:
             del self._first[number], self._last[number]
 
     def age_s(self, question: int, now: float) -> float | None:
-        """How long ago a question that is not answered went out for the last time; None when it did not."""
+        """Time since an unanswered question was last sent; None when it was not."""
         sent_at = self._last.get(question)
         return None if sent_at is None else now - sent_at
 
     def clear(self) -> None:
-        """Forget everything: the conversation begins anew."""
+        """Forget everything: the exchange restarts."""
         self._first.clear()
         self._last.clear()

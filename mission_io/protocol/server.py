@@ -29,11 +29,11 @@ from mission_io.wire.mission_items import item_from_message, message_from_item
 
 @dataclass(frozen=True, slots=True)
 class ListChanged:
-    """What the vehicle holds as one of its lists has changed.
+    """One of the vehicle's lists has changed.
 
     Attributes:
-        mission_type: Which list.
-        items: What it holds now, as it is on the wire (with home in front where item 0 is home).
+        mission_type: The list.
+        items: Its items now, as on the wire (with home first where item 0 is home).
         reason: An upload was completed, one failed half-way (non-atomic autopilots), or the list was emptied.
     """
 
@@ -44,7 +44,7 @@ class ListChanged:
 
 @dataclass(slots=True)
 class _Incoming:
-    """An upload that is going on."""
+    """An upload in progress."""
 
     station: Address
     mission_type: MissionType
@@ -55,16 +55,16 @@ class _Incoming:
 
 
 class MissionServer:
-    """The three lists of a vehicle and the conversations about them, one at a time.
+    """The three lists of a vehicle, and the exchanges about them, one at a time.
 
-    Feed it with ``receive``, ask ``messages_to_send`` after that and whenever ``next_timer`` is over, and look at
-    ``events``. Other messages than those of the mission protocol pass by without effect.
+    Call ``receive`` with every message, ``messages_to_send`` after that and whenever ``next_timer`` expires, and read
+    ``events``. Messages outside the mission protocol have no effect.
 
     Args:
-        autopilot: Whose behaviour to show.
+        autopilot: The autopilot to emulate.
         local: The vehicle's own address.
-        booted_at: When it was switched on; some autopilots take no upload just after.
-        capacity: Most items in a list; None takes the autopilot's own limit, or 65535.
+        booted_at: Time of power-up; some autopilots refuse uploads right after it.
+        capacity: Largest number of items in a list; None uses the autopilot's own limit, or 65535.
 
     Attributes:
         home: The vehicle's home; an autopilot that keeps home in item 0 puts this one there. None leaves item 0 as it
@@ -98,17 +98,17 @@ class MissionServer:
         self._actions = {name: getattr(self, f"_{name}") for name in {row.action for row in SERVER_TABLE.rows} if name}
 
     def items(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
-        """What the vehicle holds, as it is on the wire."""
+        """The vehicle's items, as on the wire."""
         held = self._lists[mission_type]
         if mission_type is MissionType.MISSION and held and self.home and self.autopilot.home_in_item_0:
             return (home_item(self.home), *held[1:])
         return held
 
     def set_items(self, mission_type: MissionType, items: Iterable[MissionItem]) -> None:
-        """Put a list into the vehicle from its own side, for instance home into item 0.
+        """Set a list from the vehicle's side, for instance home in item 0.
 
         Raises:
-            MisuseError: more items than it has room for.
+            MisuseError: more items than it can hold.
         """
         items = tuple(items)
         if len(items) > self.capacity:
@@ -116,12 +116,12 @@ class MissionServer:
         self._lists[mission_type] = items
 
     def events(self) -> list[ListChanged]:
-        """What changed since the last call."""
+        """The changes since the last call."""
         events, self._events = self._events, []
         return events
 
     def receive(self, received: Received, now: float) -> None:
-        """Take a message that arrived at ``now``."""
+        """Process a message that arrived at ``now``."""
         message = received.message
         if not is_for(message, system_id=self.local.system_id, component_id=self.local.component_id):
             return
@@ -132,7 +132,7 @@ class MissionServer:
             self._step(event, now)
 
     def messages_to_send(self, now: float) -> list[Message]:
-        """Everything that has to be sent by ``now``."""
+        """The messages due by ``now``."""
         while True:
             deadlines = self._deadlines()
             if not deadlines or deadlines[0][0] > now:
@@ -142,7 +142,7 @@ class MissionServer:
         return outbox
 
     def next_timer(self) -> float | None:
-        """When to ask ``messages_to_send`` again although nothing arrives; None for not at all."""
+        """When to call ``messages_to_send`` again although nothing arrives; None for never."""
         deadlines = self._deadlines()
         return deadlines[0][0] if deadlines else None
 
@@ -153,7 +153,7 @@ class MissionServer:
             self._actions[row.action](now)
 
     def _deadlines(self) -> list[tuple[float, ServerEvent]]:
-        """What happens by itself, the nearest first."""
+        """Pending timed events, the nearest first."""
         if self._incoming is not None:
             give_up = self._incoming.heard_at + self.autopilot.give_up_s
             ask = self._incoming.asked_at + self.autopilot.rerequest_s
@@ -280,7 +280,7 @@ class MissionServer:
         self._clear(now)
 
     def _clear(self, now: float) -> None:
-        """Empty one list or all three."""
+        """Clear one list or all three."""
         del now
         types = tuple(MissionType) if self._about == ALL_MISSION_TYPES else (MissionType(self._about),)
         for mission_type in types:
@@ -299,7 +299,7 @@ class MissionServer:
             self._send_ack(incoming.station, MissionResult.OPERATION_CANCELLED, incoming.mission_type)
 
     def _abandon(self, now: float) -> None:
-        """End an upload half-way; an autopilot that is not atomic keeps what has arrived."""
+        """Abort an upload; a non-atomic autopilot keeps what has arrived."""
         del now
         incoming = self._upload()
         self._incoming = None
@@ -366,7 +366,7 @@ class MissionServer:
             self._answer(self.autopilot.idle_item_result)
 
     def _is_answered(self) -> bool:
-        """Whether an item of the message's sender that was not asked for gets an answer."""
+        """Whether an unrequested item of the message's sender is answered."""
         return self.autopilot.answers_strangers or self._sender == self._partner
 
     def _answer_wrong_sequence(self, now: float) -> None:

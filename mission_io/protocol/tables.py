@@ -16,12 +16,12 @@ EventT = TypeVar("EventT", bound=Enum)
 
 
 class MissingRowError(MissionIoError):
-    """A transition table has no row for what happened: a mistake in this package, not of the peer."""
+    """A transition table lacks a row for an event: a bug in this package, not a fault of the peer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Row(Generic[StateT, EventT]):
-    """In ``state``, when ``event`` happens: do ``action`` (empty: nothing) and be in ``next_state``."""
+    """In ``state``, ``event`` triggers ``action`` (empty: none) and leads to ``next_state``."""
 
     state: StateT
     event: EventT
@@ -30,7 +30,7 @@ class Row(Generic[StateT, EventT]):
 
 
 class Table(Generic[StateT, EventT]):
-    """Rows by state and event. What is legal and changes nothing, such as a duplicate, has a row too."""
+    """Rows by state and event. Legal events without effect, such as duplicates, have rows too."""
 
     def __init__(self, rows: Iterable[Row[StateT, EventT]]) -> None:
         self.rows = tuple(rows)
@@ -55,7 +55,7 @@ def staying(states: Iterable[StateT], events: Iterable[EventT]) -> list[Row[Stat
 
 
 def mermaid(table: Table[StateT, EventT], start: StateT) -> str:
-    """The table as a Mermaid state diagram; events that change nothing are left out."""
+    """The table as a Mermaid state diagram; events without effect are omitted."""
     lines = ["stateDiagram-v2", f"    [*] --> {start.name}"]
     arrows: dict[tuple[str, str, str], list[str]] = {}
     for row in table.rows:
@@ -70,7 +70,7 @@ def mermaid(table: Table[StateT, EventT], start: StateT) -> str:
 
 
 class ServerState(Enum):
-    """What the vehicle's mission protocol is doing."""
+    """State of the vehicle's mission protocol."""
 
     IDLE = "no transfer"
     RECEIVING = "an upload is going on"
@@ -78,7 +78,7 @@ class ServerState(Enum):
 
 
 class ServerEvent(Enum):
-    """What can happen to the vehicle's mission protocol."""
+    """Events of the vehicle's mission protocol."""
 
     COUNT = "an upload is announced"
     COUNT_ZERO = "an empty list is announced"
@@ -159,7 +159,7 @@ SERVER_TABLE: Table[ServerState, ServerEvent] = Table(
 
 
 class UploadState(Enum):
-    """Where an upload is."""
+    """State of an upload."""
 
     ANNOUNCED = "COUNT sent, no item asked for yet"
     SERVING = "items are being asked for"
@@ -180,7 +180,7 @@ class UploadState(Enum):
 
 
 class UploadEvent(Enum):
-    """What can happen to an upload."""
+    """Events of an upload."""
 
     REQUEST = "an item is asked for"
     REQUEST_LAST = "an item is asked for, and with it the last one goes out"
@@ -227,7 +227,7 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         Row(_S.ANNOUNCED, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
         Row(_S.ANNOUNCED, _E.ACK_EMPTIED, _S.ACCEPTED),
         Row(_S.ANNOUNCED, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
-        # PX4 has no other word for "busy with another ground station" than ERROR.
+        # PX4 reports "busy with another ground station" as ERROR.
         Row(_S.ANNOUNCED, _E.ACK_ERROR, _S.BACKING_OFF, "note_busy"),
         Row(_S.ANNOUNCED, _E.ACK_REFUSED, _S.REFUSED),
         Row(_S.ANNOUNCED, _E.RESEND, _S.ANNOUNCED, "resend_count"),
@@ -335,7 +335,7 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         *staying([_S.CANCELLING], [_E.CANCEL, _E.REQUEST_CROSSED]),
     ]
 )
-"""Every transition of an upload. A finished upload listens to nothing."""
+"""Every transition of an upload. A finished upload ignores everything."""
 
 UPLOAD_ENDS = frozenset(
     {

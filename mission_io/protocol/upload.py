@@ -19,10 +19,10 @@ from mission_io.wire.messages import Message, MissionAck, MissionCount, MissionR
 from mission_io.wire.mission_items import message_from_item
 
 _FRESH_STARTS = 2
-"""So often an upload begins anew after the vehicle gave it up or said ERROR."""
+"""Number of restarts of an upload after the vehicle gave up or answered ERROR."""
 _DOUBTFUL_ITEMS = 8
 REPEATS, REPEATS_PER_ITEM = 64, 4
-"""So many requests for what was asked for before are answered at once; further ones wait for the next silence."""
+"""Number of repeated requests answered at once; further ones wait for the next silence."""
 _CANCELS = 16
 _BEGUN = (
     UploadState.SERVING,
@@ -42,10 +42,10 @@ _ACK_EVENTS: dict[int, UploadEvent] = {
 
 
 class Upload(Exchange[UploadState, UploadEvent]):
-    """One upload of ``items`` (as they go on the wire) as the list ``mission_type``.
+    """One upload of ``items`` (as on the wire) as the list ``mission_type``.
 
     Attributes:
-        sent_count: How many different items were sent so far.
+        sent_count: Number of different items sent so far.
     """
 
     table: ClassVar = UPLOAD_TABLE
@@ -82,8 +82,8 @@ class Upload(Exchange[UploadState, UploadEvent]):
             )
             for seq, item in enumerate(items)
         ]
-        self._asked = -1  # the item that was asked for last
-        self._furthest = -1  # the furthest item that was asked for since COUNT
+        self._asked = -1  # the item requested last
+        self._furthest = -1  # the furthest item requested since COUNT
         self._sent_to = 0  # the items before this one went out since COUNT
         self._across = 0
         self._fresh_starts = 0
@@ -99,11 +99,11 @@ class Upload(Exchange[UploadState, UploadEvent]):
 
     @property
     def across_count(self) -> int:
-        """How many items the vehicle has taken, as far as its requests tell; never goes back, for progress."""
+        """Number of items the vehicle has received, judged by its requests; never decreases, for progress."""
         return len(self._items) if self.state is UploadState.ACCEPTED else self._across
 
     def cancel(self, now: float) -> None:
-        """Stop: the vehicle is told, and told again when it still asks. No effect on a finished upload."""
+        """Stop and tell the vehicle, again if it still sends requests. No effect on a finished upload."""
         if not self.finished:
             self._step(UploadEvent.CANCEL, now)
 
@@ -160,14 +160,14 @@ class Upload(Exchange[UploadState, UploadEvent]):
         return UploadEvent.REQUEST_LAST if everything else UploadEvent.REQUEST
 
     def _window_end(self) -> int:
-        """One past the last item that goes out with the one that was asked for."""
+        """One past the last item sent along with the requested one."""
         return min(self._asked + 1 + self._ahead, len(self._items))
 
     def _doubtful(self) -> list[int]:
-        """Items of which one is what the vehicle waits for when nothing comes, whatever was lost.
+        """Items among which is the one the vehicle waits for after a silence, whatever was lost.
 
-        Those that went out since the last request, and one more: the vehicle may have taken them all, and only its
-        requests were lost. A request that came late tells less than the furthest one.
+        Those sent since the last request, and one more: the vehicle may have received them all, and only its requests were
+        lost. A late request says less than the furthest one.
         """
         candidates: set[int] = set()
         for first in (self._asked, self._furthest):
@@ -246,7 +246,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
         self._begin_anew(now)
 
     def _send_items(self, now: float) -> None:
-        """Answer a request: what of the item and those ahead of their turn did not go out yet."""
+        """Answer a request with the item and those ahead of their turn, unless sent already."""
         for seq in range(max(self._asked, self._sent_to), self._window_end()):
             self._send_item(seq, now)
 

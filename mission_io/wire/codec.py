@@ -19,24 +19,24 @@ from mission_io.wire.statistics import LinkStatistics, SequenceCounter
 
 
 def message_id(kind: type[Any]) -> int:
-    """The number that MAVLink gives a kind of message, as SET_MESSAGE_INTERVAL and REQUEST_MESSAGE want it."""
+    """The MAVLink number of a message class, as SET_MESSAGE_INTERVAL and REQUEST_MESSAGE need it."""
     return BY_CLASS[kind].layout.message_id
 
 
 _REMEMBERED = 200
-"""Frames of our own that are known when they come back; fewer than there are sequence numbers."""
+"""Number of own frames recognised when they come back; fewer than there are sequence numbers."""
 
 _USE_2 = "the peer speaks nothing newer: switch its link to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
 _WHAT_IS_NEW = {"mission_type": "fences and rally points"}
 
 
 class Codec:
-    """Speaks as one system and component; keeps the sequence number of what it sends and counts what it skips.
+    """Encodes and decodes for one system and component; numbers what it sends and counts what it skips.
 
     Args:
-        system_id: The MAVLink system that it speaks as.
-        component_id: The component.
-        signing: Signs what is sent and refuses what is not signed with the same key; None does neither.
+        system_id: Our MAVLink system.
+        component_id: Our component.
+        signing: Signs what is sent and refuses what is not signed with the same key; None disables both.
 
     Attributes:
         version: The MAVLink version that is spoken: 2, or 1 to peers that know no other.
@@ -57,7 +57,7 @@ class Codec:
 
     @property
     def statistics(self) -> LinkStatistics:
-        """What was sent, received, lost and refused up to now."""
+        """Counts of messages sent, received, lost and refused so far."""
         framing = self._framer.counts
         return LinkStatistics(
             **self._counts,

@@ -29,11 +29,11 @@ def read_private(path: Path, *, what: str, largest: int) -> bytes:
 
     Args:
         path: The file.
-        what: What it is, for the error.
-        largest: More bytes than this are refused.
+        what: Its description, for the error.
+        largest: Largest size in bytes.
 
     Raises:
-        MisuseError: it cannot be read, is no file, is too large, or its group or others may read or write it.
+        MisuseError: it cannot be read, is not a regular file, is too large, or its group or others may read or write it.
     """
     try:
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
@@ -84,7 +84,7 @@ class TimestampFile:
         return int(text)
 
     def raise_to(self, timestamp: int) -> None:
-        """Keep this one unless a higher one is kept already; it is on the disk when this returns.
+        """Store this timestamp unless a higher one is stored; it is on disk when this returns.
 
         Raises:
             LinkError: it cannot be written.
@@ -94,7 +94,7 @@ class TimestampFile:
                 self._write(timestamp)
 
     def settle(self, reserved: int, used: int) -> None:
-        """Keep ``used`` in the place of ``reserved``, unless another program has raised it since."""
+        """Replace ``reserved`` by ``used``, unless another program has raised it since."""
         with self._locked():
             if self.read() == reserved:
                 self._write(used)
@@ -140,7 +140,7 @@ NEW_STREAM_TICKS: Final = 60 * TICKS_PER_S
 """How far behind our own time a sender's first timestamp may be."""
 
 UNSIGNED_ALLOWED: Final = frozenset({109, 166})
-"""RADIO_STATUS and RADIO: telemetry radios put them into the stream, and have no key to sign them with."""
+"""RADIO_STATUS and RADIO: inserted by telemetry radios, which have no key to sign them."""
 
 _RESERVED_TICKS = 5 * TICKS_PER_S
 _LATEST = 2**48 - 1
@@ -150,7 +150,7 @@ _LARGEST_KEY_FILE = 4096
 
 @dataclass(frozen=True, slots=True)
 class SigningKey:
-    """The 32 bytes that both ends of a signed link know. Never shown in texts.
+    """The 32-byte key shared by both ends of a signed link. Never shown in text.
 
     Attributes:
         secret: The bytes.
@@ -195,18 +195,18 @@ class SigningKey:
 
 
 class TimestampStore(Protocol):
-    """Where the highest timestamp that a key was used with is kept while nothing runs."""
+    """Persistent storage of the highest timestamp used with a key."""
 
     def read(self) -> int:
         """The timestamp; 0 when there is none yet."""
         ...
 
     def raise_to(self, timestamp: int) -> None:
-        """Keep this one unless a higher one is kept already."""
+        """Store this timestamp unless a higher one is stored."""
         ...
 
     def settle(self, reserved: int, used: int) -> None:
-        """Keep ``used`` in the place of ``reserved``, unless another program has raised it since."""
+        """Replace ``reserved`` by ``used``, unless another program has raised it since."""
         ...
 
 
@@ -221,17 +221,17 @@ class UnsavedTimestamps:
         return self._timestamp
 
     def raise_to(self, timestamp: int) -> None:
-        """Keep this one unless a higher one is kept already."""
+        """Store this timestamp unless a higher one is stored."""
         self._timestamp = max(self._timestamp, timestamp)
 
     def settle(self, reserved: int, used: int) -> None:
-        """Keep ``used`` in the place of ``reserved``."""
+        """Replace ``reserved`` by ``used``."""
         if self._timestamp == reserved:
             self._timestamp = used
 
 
 class SignatureCheck(Enum):
-    """Whether a frame may be believed."""
+    """Result of checking a frame's signature."""
 
     ACCEPTED = "accepted"
     UNSIGNED = "unsigned"
@@ -240,15 +240,15 @@ class SignatureCheck(Enum):
 
 
 class Signing:
-    """Signs what one end of a link sends and judges what it receives.
+    """Signs what one end of a link sends and checks what it receives.
 
     Timestamps never repeat, not even after a crash or when the clock goes back: they are reserved in the store some
     seconds ahead before they are used.
 
     Args:
-        key: What both ends know.
+        key: The shared key.
         clock: The time in seconds since 1970.
-        store: Keeps the timestamps.
+        store: Stores the timestamps.
         link_id: Tells apart the links of one sender, 0 to 255.
     """
 
@@ -261,7 +261,7 @@ class Signing:
         self._heard: dict[tuple[int, int, int], int] = {}
 
     def signature(self, frame: bytes) -> bytes:
-        """The 13 bytes that go behind a frame whose flag says that it is signed.
+        """The 13 bytes that follow a frame with the signed flag.
 
         Raises:
             MisuseError: somebody with the key has used the last timestamp there is.
@@ -276,7 +276,7 @@ class Signing:
         return tail + self._digest(frame + tail)
 
     def judge(self, frame: WireFrame) -> SignatureCheck:
-        """Whether a frame may be believed; remembers its timestamp if so."""
+        """Check a frame's signature; remembers its timestamp if accepted."""
         if not frame.signature:
             return SignatureCheck.ACCEPTED if frame.message_id in UNSIGNED_ALLOWED else SignatureCheck.UNSIGNED
         if not hmac.compare_digest(self._digest(frame.data[:-_DIGEST_SIZE]), frame.data[-_DIGEST_SIZE:]):
