@@ -9,13 +9,13 @@ from uavcover.model.vehicle import Vehicle
 
 _RESERVE = 0.2
 _IDLE_SHARE = 0.03
-"""Share of the hovering power that the electronics take, motors or not."""
+"""Share of the hovering power that the electronics draw, with motors on or off."""
 _DESCENT_GAIN = 0.3
-"""Share of a descent's gravity power that the rotors get back."""
+"""Share of the potential energy of a descent that the rotors recover."""
 _CELLS = 4
 _FULL_V, _EMPTY_V = 4.2, 3.4
 _SAG_V = 0.12
-"""Voltage that a cell loses under the hovering current."""
+"""Voltage sag of a cell at hovering current."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,9 +23,9 @@ class BatteryData:
     """A battery and the multirotor that it carries.
 
     Attributes:
-        endurance_s: for how long a full one hovers; a day unless somebody says, so that no flight ends by surprise.
-        hover_w: power of hovering.
-        hover_induced_m_s: how fast the rotors blow the air down in hovering.
+        endurance_s: hovering time on a full charge; a day by default, so that no flight ends unexpectedly.
+        hover_w: hovering power.
+        hover_induced_m_s: induced velocity in hover.
         drag_1_s: the airframe's drag: acceleration per metre per second of air speed.
     """
 
@@ -64,8 +64,8 @@ class Battery:
     """Charge over time.
 
     Attributes:
-        remaining: what is left, 1 is full.
-        power_w: what is drawn.
+        remaining: state of charge; 1 is full.
+        power_w: present power.
     """
 
     def __init__(self, data: BatteryData, *, remaining: float = 1.0) -> None:
@@ -78,35 +78,35 @@ class Battery:
 
     @property
     def capacity_mah(self) -> float:
-        """What a full one holds, at its nominal voltage."""
+        """Capacity at nominal voltage."""
         return 1000.0 * self.capacity_wh / (_CELLS * 0.5 * (_FULL_V + _EMPTY_V))
 
     @property
     def voltage_v(self) -> float:
-        """At its terminals, under the present load."""
+        """Terminal voltage under the present load."""
         open_v = _EMPTY_V + (_FULL_V - _EMPTY_V) * self.remaining
         return _CELLS * (open_v - _SAG_V * self.power_w / self.data.hover_w)
 
     @property
     def current_a(self) -> float:
-        """What is drawn now."""
+        """Present current."""
         return self.power_w / self.voltage_v
 
     @property
     def time_left_s(self) -> float:
-        """Until it is empty, at the present power."""
+        """Time until it is empty at the present power."""
         return self.remaining * self.capacity_wh * 3600.0 / self.power_w
 
     def fly(self, seconds: float, *, airspeed_m_s: float, climb_m_s: float) -> None:
-        """Draw what flying takes."""
+        """Draw the power of flight."""
         self._draw(seconds, power_share(airspeed_m_s, climb_m_s, self.data))
 
     def idle(self, seconds: float) -> None:
-        """Draw what the electronics take."""
+        """Draw the power of the electronics."""
         self._draw(seconds, _IDLE_SHARE)
 
     def drop_to(self, remaining: float) -> None:
-        """Lose charge at once, as a battery with a bad cell does; one that has less already stays as it is."""
+        """Drop to this charge at once, as a battery with a bad cell does; a lower charge stays as it is."""
         self.remaining = min(self.remaining, remaining)
 
     def _draw(self, seconds: float, share: float) -> None:

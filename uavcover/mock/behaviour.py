@@ -61,14 +61,14 @@ _CRITICAL, _WARNING, _INFO = 2, 4, 6
 
 
 class TransferClock(Enum):
-    """In which time mission transfers wait and give up."""
+    """The clock on which mission transfers time out."""
 
     LINK = "seconds of the link, however fast the vehicle's time runs"
     VEHICLE = "vehicle time, as simulated autopilots do"
 
 
 class TerrainSource(Enum):
-    """Where the vehicle knows the ground from, for heights above terrain."""
+    """Source of the terrain heights."""
 
     KNOWN = "it has the ground on its memory card"
     GROUND_STATION = "it asks with TERRAIN_REQUEST and has what was answered"
@@ -76,7 +76,7 @@ class TerrainSource(Enum):
 
 @dataclass(frozen=True, slots=True)
 class StartText:
-    """A line for the pilot while it starts up.
+    """A STATUSTEXT sent during start-up.
 
     Attributes:
         at_s: when, in seconds since it was switched on.
@@ -97,11 +97,11 @@ class Behaviour:
         fix_s: satellite fix, in seconds since it was switched on.
         checks_pass_s: home is known and the pre-arm bit is good.
         ready_s: arming works.
-        start_texts: what it says on the way there.
-        streams_s: what it tells unasked, each with its interval in seconds.
-        transfer_clock: in which time transfers wait.
-        terrain: where it knows the ground from.
-        stale_read_back: share of the uploads after which the previous list is still given out for a moment.
+        start_texts: the texts it sends until then.
+        streams_s: messages that it sends unasked, each with its interval in seconds.
+        transfer_clock: the clock on which transfers time out.
+        terrain: source of its terrain heights.
+        stale_read_back: share of the uploads after which a read-back still returns the previous list for a moment.
     """
 
     fix_s: float
@@ -134,7 +134,7 @@ _ONLY_HEARTBEATS: Mapping[type[m.Message], float] = MappingProxyType({m.Heartbea
 
 
 def quick(ready_s: float = 2.0) -> Behaviour:
-    """A vehicle that is ready after ``ready_s`` seconds and passes its own checks half-way there."""
+    """A vehicle that is ready after ``ready_s`` seconds and passes its pre-arm checks half-way there."""
     return Behaviour(
         fix_s=0.5 * ready_s,
         checks_pass_s=0.5 * ready_s,

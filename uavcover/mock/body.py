@@ -19,33 +19,33 @@ STEP_S = 0.02
 
 _SAME_PLACE_M = 0.05
 _TOUCH_M = 0.1
-"""So deep below the ground a vehicle that does not mean to land has crashed; less is standing on it."""
+"""A vehicle this far below the ground that is not landing has crashed; anything less counts as standing on it."""
 
 Ground = Callable[[float, float], float]
 """Height of the ground above mean sea level in metres, at a latitude and a longitude in degrees."""
 
 
 class MockBody:
-    """Where the vehicle is, and how it gets to where it is told to go.
+    """Position and motion of the vehicle, and the itinerary that it follows.
 
-    Without ``ground`` the world is flat at home's height and only a landing vehicle notices it, so that a route may
-    lead below home. With it, flying into the ground is a crash.
+    Without ``ground`` the world is flat at home's height and only a landing vehicle touches it, so a route may lead below
+    home. With it, flying into the ground is a crash.
 
     Args:
         home: where it stands at first, and the origin of its frame; home itself moves to where it is armed.
-        airframe: what it can do.
+        airframe: limits of its dynamics.
         wind: steady wind and gusts.
-        gps: how far its positions are off.
-        battery: what it flies on.
+        gps: error of its positions.
+        battery: its battery.
         rng: of the gusts and of the errors.
-        ground: height of the ground, or none.
+        ground: height of the ground; None is flat.
 
     Attributes:
-        point: where it really is.
-        believed: where it believes to be; it steers by that.
+        point: its true state.
+        believed: its believed position, by which it steers.
         air: the wind.
-        battery: what is left.
-        falling: whether it is in the air without motors.
+        battery: the battery and its charge.
+        falling: whether it is in the air with its motors off.
     """
 
     def __init__(
@@ -71,46 +71,46 @@ class MockBody:
 
     @property
     def landed_state(self) -> LandedState:
-        """What an EXTENDED_SYS_STATE says."""
-        if self.on_ground or self.falling:  # without motors both autopilots say so at once, however high they are
+        """The landed state that EXTENDED_SYS_STATE reports."""
+        if self.on_ground or self.falling:  # with motors off both autopilots report this at once, at any height
             return LandedState.ON_GROUND
         return LandedState.LANDING if self.itinerary.landing else LandedState.IN_AIR
 
     def geodetic(self) -> GeoPoint:
-        """Where it really is."""
+        """The true position."""
         return self.geodetic_of(self.point.position_m)
 
     def geodetic_of(self, position_m: Vector) -> GeoPoint:
-        """A position in its frame as a place on Earth."""
+        """A position in its frame as geodetic coordinates."""
         lat, lon, alt = self.frame.geodetic_from_enu(position_m)
         return GeoPoint(float(lat[0]), float(lon[0]), float(alt[0]))
 
     def follow(self, steps: list[Step], now: float, *, land_m_s: float) -> None:
-        """Do these steps from now on instead of what was being done; none is to stay."""
+        """Replace the itinerary by these steps; an empty list is to stay here."""
         self.itinerary = Itinerary(steps, self.believed, now, land_m_s=land_m_s)
 
     def cut_motors(self) -> None:
-        """Stop the motors: on the ground it stands, in the air it falls."""
+        """Stop the motors: in the air the vehicle falls."""
         self.falling = not self.on_ground
         self.crashed |= self.falling
         if self.on_ground:
             self.point.rest(up_m=self.point.position_m[2])
 
     def draw_power(self, seconds: float, *, motors: bool) -> None:
-        """Draw from the battery what the motors, or without them the electronics, take in so many seconds."""
+        """Draw power from the battery for some seconds: of the motors, or of the electronics alone."""
         if motors:
             self.battery.fly(seconds, airspeed_m_s=self.point.airspeed_m_s, climb_m_s=self.point.velocity_m_s[2])
         else:
             self.battery.idle(seconds)
 
     def set_home_here(self) -> None:
-        """Count heights above home from here on from where it believes to stand."""
+        """Set home to the believed position."""
         here = self.believed.position_m
         if math.dist(here, self.home_m) > _SAME_PLACE_M:
             self.home, self.home_m = self.geodetic_of(here), here
 
     def place(self, item: MissionItem, ground: Ground) -> Vector:
-        """The position that a mission item names; a take-off goes straight up, whatever place it names.
+        """The position of a mission item; a take-off goes straight up, whatever its coordinates.
 
         Args:
             item: the item.
@@ -128,7 +128,7 @@ class MockBody:
         return (float(east), float(north), float(up))
 
     def step(self, now: float) -> None:
-        """Fly on for one step. On the ground nothing happens until there is something to do."""
+        """Fly for one step. On the ground nothing happens until the itinerary has a step."""
         wind = self.air.step()
         if self.on_ground:
             if self.itinerary.step is None or self.itinerary.landing:
@@ -146,7 +146,7 @@ class MockBody:
             self.point.rest(up_m=ground_up_m)
 
     def _ground_up_m(self) -> float:
-        """Height of the ground below, in the vehicle's frame; the Earth's curvature is left out."""
+        """Height of the ground below in the vehicle's frame; the Earth's curvature is neglected."""
         if self._ground is None:
             return 0.0
         here = self.geodetic()

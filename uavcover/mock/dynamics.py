@@ -25,7 +25,7 @@ GRAVITY_M_S2 = 9.80665
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Airframe:
-    """What the vehicle can do, whatever it is asked.
+    """Limits of the vehicle's dynamics.
 
     Attributes:
         max_speed_m_s: largest horizontal speed over ground.
@@ -35,8 +35,8 @@ class Airframe:
         max_vertical_acceleration_m_s2: largest vertical acceleration of the controller.
         max_jerk_m_s3: how fast that acceleration changes, over ground and vertically.
         max_airspeed_m_s: largest horizontal speed through the air that it asks for.
-        max_lean_deg: largest lean; what the wind takes of it is missing for accelerating.
-        max_yaw_rate_deg_s: how fast it turns its nose.
+        max_lean_deg: largest lean; the part that the wind takes is not available for acceleration.
+        max_yaw_rate_deg_s: largest yaw rate.
         velocity_gain_1_s: acceleration asked for per metre per second of speed error.
         drag_1_s: acceleration per metre per second of air speed.
         wind_estimate_s: time constant with which the controller learns the wind.
@@ -100,13 +100,13 @@ class PointMass:
         ez += learning * (wind_m_s[2] - ez)
         self._wind_estimate = (ex, ey, ez)
 
-        # No faster through the air than it can: what is left of the wind carries it away.
+        # The airspeed is limited: stronger wind carries the vehicle away.
         wx, wy = _within(wanted_m_s[0] - ex, wanted_m_s[1] - ey, frame.max_airspeed_m_s)
         ax, ay = _within(gain * (wx + ex - vx), gain * (wy + ey - vy), frame.max_acceleration_m_s2)
         az = gain * (wanted_m_s[2] - vz)
         az = max(-frame.max_vertical_acceleration_m_s2, min(az, frame.max_vertical_acceleration_m_s2))
         ax, ay, az = self._slewed(ax, ay, az)
-        # Lean: what was asked for, less the drag expected in the estimated wind.
+        # Lean: the demanded acceleration less the drag expected in the estimated wind.
         tx, ty = _within(ax - drag * (ex - vx), ay - drag * (ey - vy), self._max_lean_m_s2)
         ax = tx + drag * (wind_m_s[0] - vx)
         ay = ty + drag * (wind_m_s[1] - vy)
@@ -137,7 +137,7 @@ class PointMass:
         return math.hypot(self.velocity_m_s[0] - self._wind_estimate[0], self.velocity_m_s[1] - self._wind_estimate[1])
 
     def _slewed(self, ax: float, ay: float, az: float) -> Vector:
-        """The acceleration to ask for now: towards the wanted one as fast as the jerk limit lets it."""
+        """The acceleration to demand now: towards the wanted one within the jerk limit."""
         most = self.airframe.max_jerk_m_s3 * self.step_s
         bx, by, bz = self._asked
         dx, dy = _within(ax - bx, ay - by, most)
@@ -145,7 +145,7 @@ class PointMass:
         return self._asked
 
     def _turn(self, wanted_m_s: Vector) -> None:
-        """Turn the nose towards the course, when there is one."""
+        """Yaw towards the course, if there is one."""
         if math.hypot(wanted_m_s[0], wanted_m_s[1]) < 0.5:
             return
         course = math.atan2(wanted_m_s[0], wanted_m_s[1])
@@ -218,11 +218,11 @@ class WindField:
         self.velocity_m_s: Vector = self._steady
 
     def change(self, wind: WindModel) -> None:
-        """Let another steady wind come up; the gusts stay."""
+        """Change gradually to another steady wind; the gusts stay."""
         self._coming = wind.steady_m_s
 
     def step(self) -> Vector:
-        """Velocity of the air after one more step."""
+        """Wind velocity after one more step."""
         if self._coming is not None:
             self._come_up(self._coming)
         if self._scales[0] == 0.0:

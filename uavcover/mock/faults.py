@@ -11,7 +11,7 @@ from uavcover.vehicle.modes import Mode
 
 
 class FaultKind(Enum):
-    """What goes wrong; the value is the name that it is asked for by."""
+    """What goes wrong; the value is its name on the command line."""
 
     HEARTBEAT_LOSS = "heartbeat-loss"
     GPS_LOSS = "gps-loss"
@@ -28,7 +28,7 @@ class FaultKind(Enum):
 
 
 class Since(Enum):
-    """What the moment of a fault is counted from."""
+    """What the time of a fault is counted from."""
 
     BOOT = "seconds after it was switched on"
     TAKE_OFF = "seconds after it first left the ground"
@@ -40,8 +40,8 @@ class FaultTrigger:
     """When a fault begins.
 
     Attributes:
-        since: what is counted from.
-        value: vehicle seconds, or the number of an item.
+        since: the reference.
+        value: vehicle seconds after it, or the number of an item.
     """
 
     since: Since
@@ -69,7 +69,7 @@ class Fault:
     Attributes:
         kind: what goes wrong.
         trigger: when it begins.
-        number: for how long or how much, see ``ARGUMENTS``; infinite for good.
+        number: duration or amount, see ``ARGUMENTS``; infinite is permanent.
         mode: what the pilot or the failsafe changes to; None where a fault has no mode.
     """
 
@@ -86,12 +86,12 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """What stands after the colon.
+    """The argument after the colon.
 
     Attributes:
         meaning: for people.
-        default: the number when none is given; infinite is for good.
-        modes: the modes that may be named instead of a number, the first is the default; none takes a number.
+        default: the number when none is given; infinite is permanent.
+        modes: the modes that may be named instead of a number, the default first; empty for a number.
     """
 
     meaning: str
@@ -118,7 +118,7 @@ ARGUMENTS: dict[FaultKind, Argument] = {
     FaultKind.MISSION_LOWERED: Argument("metres, 25 when not given", default=25.0),
     FaultKind.STRONG_WIND: Argument("metres per second, 25 when not given", default=25.0),
 }
-"""What each fault takes after its colon; one that is not here takes nothing."""
+"""The argument of each fault; a fault that is not listed takes none."""
 
 _DEFAULT_TRIGGER = FaultTrigger(Since.TAKE_OFF, 20.0)
 _WRITTEN = re.compile(r"(?P<name>[a-z-]+)(?::(?P<argument>[^@]+))?(?:@(?P<moment>.+))?")
@@ -137,7 +137,7 @@ def parse_fault(text: str) -> Fault:
     'pilot-mode:land@item5'
 
     Raises:
-        InputError: a name, an argument or a moment that does not exist; it names what does.
+        InputError: an unknown name, argument or moment; the error lists the valid ones.
     """
     written = _WRITTEN.fullmatch(text)
     names = [kind.value for kind in FaultKind]

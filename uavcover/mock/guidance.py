@@ -84,7 +84,7 @@ def velocity_along(
         stop: where it ends.
         passing_m_s: speed to have at its end.
         speeds: the speeds to keep.
-        airframe: what it can do.
+        airframe: limits of its dynamics.
     """
     unit, length = direction_and_length(start_m, stop.position_m)
     if length < 0.05:

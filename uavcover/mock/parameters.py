@@ -19,7 +19,7 @@ class Parameter:
 
     Attributes:
         default: its value unless it is set.
-        attribute: the attribute of ``Settings`` that it shows; empty for a value of its own.
+        attribute: the attribute of ``Settings`` that it exposes; empty for a value of its own.
         per_unit: units of the parameter in one of the attribute.
         whole: whether it is an integer.
     """
@@ -93,10 +93,10 @@ ground stations look for when they connect."""
 
 
 class Parameters:
-    """The values of one vehicle.
+    """Parameter values of one vehicle.
 
     Attributes:
-        settings: what the parameters that are bound to it show.
+        settings: the settings that some parameters expose.
     """
 
     def __init__(self, mav_autopilot: int, settings: Settings) -> None:
@@ -120,7 +120,7 @@ class Parameters:
         return name if name in self._known else None
 
     def message(self, name: str) -> ParamValue:
-        """What a vehicle tells of a parameter: PX4 sends an integer's bits, ArduPilot its value."""
+        """The PARAM_VALUE of a parameter: PX4 sends the bits of an integer, ArduPilot its value."""
         row, value = self._known[name], self[name]
         if row.whole and self._bytewise:
             value = float(struct.unpack("<f", struct.pack("<i", int(value)))[0])
@@ -131,7 +131,7 @@ class Parameters:
         return [self.message(name) for name in self._names]
 
     def set(self, name: str, wire_value: float) -> None:
-        """Set a parameter as it is on the wire; a value that makes no sense changes nothing, as on real vehicles."""
+        """Set a parameter from its wire value; an invalid value changes nothing, as on real vehicles."""
         row = self._known[name]
         value = wire_value
         if row.whole and self._bytewise:
@@ -139,7 +139,7 @@ class Parameters:
         self.put(name, value)
 
     def put(self, name: str, value: float) -> None:
-        """Set a parameter to a number in its own unit; a value that makes no sense changes nothing."""
+        """Set a parameter to a number in its own unit; an invalid value changes nothing."""
         row = self._known[name]
         if not row.attribute:
             self._values[name] = float(round(value)) if row.whole else value

@@ -14,19 +14,19 @@ from uavcover.mock.vehicle import MockVehicle
 PlaceT = TypeVar("PlaceT")
 
 _ASK_EVERY_S: Final = 0.5
-"""Vehicle time between two questions."""
+"""Vehicle time between two TIMESYNC requests."""
 _AHEAD_S: Final = 5.0
-"""Vehicle time of messages that may be on their way: far less than the buffer of a socket holds."""
+"""Vehicle time of messages that may be in transit: far less than a socket buffer holds."""
 _ASK_AGAIN_S: Final = 0.05
 _PATIENCE_S: Final = 1.0
-"""A ground station that has left a question unanswered for so long, in real time, is not waited for."""
+"""After this real time without an answer a ground station is not waited for any more."""
 
 
 class Pacing(Generic[PlaceT]):
-    """Asks the time with TIMESYNC, behind all that was sent before: the answer tells how far a ground station has read.
+    """Sends TIMESYNC requests after all other messages: the answer shows how far a ground station has read.
 
-    A real vehicle sends what a ground station can take in; at a hundred times real time a busy machine would lose messages that
-    no real link loses. Ground stations that never answer are not waited for, and neither are those that have stopped.
+    A real vehicle sends no more than a ground station can process; at a hundred times real time a busy machine would lose
+    messages that no real link loses. Ground stations that never answer, or have stopped answering, are not waited for.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class Pacing(Generic[PlaceT]):
         self._waits_since: float | None = None
 
     def question(self, vehicle_s: float, now: float) -> TimeSync | None:
-        """What to send at a vehicle time, and at ``now`` on the link's clock; None when nothing is to be asked."""
+        """The request to send at a vehicle time, and at ``now`` on the link's clock; None when none is due."""
         due = vehicle_s - self._asked_s >= _ASK_EVERY_S
         again = self._waits_since is not None and now - self._asked_at >= _ASK_AGAIN_S
         if not (due or again):
@@ -45,13 +45,13 @@ class Pacing(Generic[PlaceT]):
         return TimeSync(answered_ns=0, asked_ns=round(vehicle_s * 1e9))
 
     def take(self, place: PlaceT, answer: TimeSync) -> None:
-        """Take a ground station's answer to a question of this vehicle's; its own questions are none."""
+        """Take a ground station's answer to a request of this vehicle; its own requests are ignored."""
         if answer.answered_ns == 0 or not 0 < answer.asked_ns <= round(self._asked_s * 1e9):
             return
         self._read_s[place] = max(self._read_s.get(place, 0.0), answer.asked_ns / 1e9)
 
     def waits(self, vehicle_s: float, now: float) -> bool:
-        """Whether the vehicle's time has to stand still, for a ground station that has not read what it was sent."""
+        """Whether vehicle time must stand still because a ground station lags behind."""
         behind = [place for place, read_s in self._read_s.items() if vehicle_s - read_s > _AHEAD_S]
         if not behind:
             self._waits_since = None
@@ -94,7 +94,7 @@ class MockPeer(Generic[PlaceT]):
         self._place_of: dict[Address, PlaceT] = {}
 
     def greet(self, place: PlaceT) -> None:
-        """Count a place as one that has spoken."""
+        """Treat a place as one that has sent something."""
         self._places[place] = None
 
     def receive_from(self, place: PlaceT, data: bytes, now: float) -> None:
@@ -112,7 +112,7 @@ class MockPeer(Generic[PlaceT]):
             del self._places[oldest]
 
     def datagrams(self, now: float) -> list[tuple[PlaceT, bytes]]:
-        """Everything to be sent by ``now``, with where to."""
+        """Datagrams to send by ``now``, with their destinations."""
         self.vehicle.advance(self._vehicle_time(now))
         waiting: dict[PlaceT, list[bytes]] = {}
         messages = list(self.vehicle.outgoing())
@@ -164,7 +164,7 @@ class InMemoryPeer(MockPeer[None]):
         return [data for _, data in self.datagrams(now)]
 
     def next_timer(self) -> float:
-        """When it wants to be asked again although nothing arrives."""
+        """When it must be polled again even if nothing arrives."""
         return self._next_tick_s
 
 

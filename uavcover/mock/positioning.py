@@ -19,22 +19,22 @@ from uavcover.errors import InputError
 from uavcover.mock.dynamics import Airframe, PointMass, Vector
 
 _RECEIVER_S = 0.2
-"""The satellite receiver tells a position five times a second."""
+"""The satellite receiver reports a position five times a second."""
 _RECOVERY_S = 2.0
-"""With a fix again, what was believed wrongly is forgotten with this time constant."""
+"""After a fix is regained, the drift decays with this time constant."""
 _DRIFT_M_S = 0.6
-"""Without a fix the believed place runs away this fast, in a direction of the seed."""
+"""Without a fix the believed position drifts at this speed, in a seeded direction."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GpsError:
-    """How far the satellite receiver is off.
+    """Position error of the satellite receiver.
 
     Attributes:
         horizontal_m: standard deviation of the error, east and north each.
         vertical_m: standard deviation of the error in height.
         time_s: correlation time of both: the error wanders, it does not jump.
-        latency_s: how old a position is when the receiver tells it.
+        latency_s: age of a position when the receiver reports it.
     """
 
     horizontal_m: float = 0.0
@@ -51,12 +51,12 @@ class GpsError:
 
 
 class Positioning:
-    """The believed state that the vehicle steers by; it has what an ``Itinerary`` needs of a body.
+    """The believed state by which the vehicle steers; a ``Mover`` for its ``Itinerary``.
 
     Attributes:
         position_m: the believed position, east, north, up.
         velocity_m_s: over ground, believed to be as it is.
-        receiver_m: the position that the satellite receiver told last, as old as its latency.
+        receiver_m: the latest position of the satellite receiver, delayed by its latency.
         lost: whether there is no fix.
     """
 
@@ -69,7 +69,7 @@ class Positioning:
         share = math.sqrt(1.0 - self._keep**2)
         self._scales = (error.horizontal_m * share, error.horizontal_m * share, error.vertical_m * share)
         self._exact = error.horizontal_m == 0.0 and error.vertical_m == 0.0
-        if not self._exact:  # a receiver that is on since long: the error has its spread from the start
+        if not self._exact:  # the receiver has been on for long: the error has its full spread from the start
             first = self._rng.standard_normal(3)
             spread = (error.horizontal_m, error.horizontal_m, error.vertical_m)
             self._wander_m = tuple(float(a) * b for a, b in zip(first, spread, strict=True))  # type: ignore[assignment]
@@ -97,17 +97,17 @@ class Positioning:
         return (self.position_m[0] - x, self.position_m[1] - y, self.position_m[2] - z)
 
     def lose_fix(self) -> None:
-        """There are no satellites any more."""
+        """Lose the satellite fix."""
         angle = float(self._rng.uniform(0.0, math.tau))
         self._drift_m_s = (_DRIFT_M_S * math.sin(angle), _DRIFT_M_S * math.cos(angle), 0.0)
         self.lost = True
 
     def find_fix(self) -> None:
-        """The satellites are back."""
+        """Regain the satellite fix."""
         self.lost = False
 
     def step(self) -> None:
-        """Look where the vehicle is after one more step."""
+        """Update the believed position after one more step."""
         if not self._exact:
             self._wander()
         dt = self._point.step_s
@@ -146,10 +146,10 @@ def _sum(a: Vector, b: Vector) -> Vector:
 
 @dataclass(frozen=True, slots=True)
 class TruthSample:
-    """The true and the believed position at the moment a position was told.
+    """True and believed position when a position was reported.
 
     Attributes:
-        time_s: vehicle time since it was switched on, as in the position that was told.
+        time_s: vehicle time since it was switched on, as in the reported position.
         lat_deg: true latitude.
         lon_deg: true longitude.
         alt_amsl_m: true height above mean sea level.
@@ -174,7 +174,7 @@ class TruthSample:
 
 
 OnTruth = Callable[[TruthSample], None]
-"""Takes each sample."""
+"""Called with each sample."""
 
 
 class TruthFile:

@@ -19,7 +19,7 @@ _log = logging.getLogger(__name__)
 
 _TICK_S = 0.01
 _LONGEST_TICK_S = 0.1
-"""After a longer pause (a busy machine) the vehicle's time is held back, not caught up with in one burst."""
+"""After a longer pause (a busy machine) vehicle time is held back instead of catching up in one burst."""
 
 
 class MockServer:
@@ -31,8 +31,8 @@ class MockServer:
         port: port to bind; 0 is any free one, see ``port``.
         kind: UDP, or TCP.
         speed: vehicle seconds per second.
-        loss: share of the datagrams that get lost, each way.
-        rng: decides which.
+        loss: share of the datagrams that are lost, each way.
+        rng: decides which datagrams.
         greet: a place that is told about the vehicle before it has spoken, or none.
 
     Raises:

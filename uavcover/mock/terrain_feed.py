@@ -44,7 +44,7 @@ def part_places(corner: tuple[float, float], spacing_m: int, part: int) -> Itera
 
 
 def terrain_answers(request: TerrainRequest, ground: Ground) -> list[TerrainData]:
-    """What a ground station answers a request with: the parts that are wanted and known in whole."""
+    """A ground station's answers to a request: the requested parts whose heights are all known."""
     corner = (request.lat_deg, request.lon_deg)
     answers: list[TerrainData] = []
     for part in range(PART_COUNT):
@@ -77,7 +77,7 @@ Corner = tuple[float, float]
 
 
 class TerrainFeed:
-    """Asks for blocks of heights, keeps the answers, and tells the ground between them."""
+    """Requests blocks of terrain heights, keeps the answers, and interpolates between them."""
 
     def __init__(self, spacing_m: int = _SPACING_M) -> None:
         self.spacing_m = spacing_m
@@ -106,7 +106,7 @@ class TerrainFeed:
         return [TerrainRequest(*corner, self.spacing_m, ALL_PARTS & ~there)]
 
     def take(self, data: TerrainData) -> None:
-        """Keep an answer; one that was not asked for is left alone."""
+        """Keep an answer; one that was not requested is ignored."""
         parts = self._blocks.get((data.lat_deg, data.lon_deg))
         if parts is not None and data.spacing_m == self.spacing_m and 0 <= data.part < PARTS_NORTH * PARTS_EAST:
             parts[data.part] = data.heights_amsl_m
@@ -128,7 +128,7 @@ class TerrainFeed:
         return height
 
     def known_or(self, otherwise: Callable[[float, float], float]) -> Callable[[float, float], float]:
-        """The ground as it is known, and as ``otherwise`` tells it where it is not."""
+        """The known ground, and ``otherwise`` where it is not known."""
 
         def ground(lat_deg: float, lon_deg: float) -> float:
             height = self.height_amsl_m(lat_deg, lon_deg)
@@ -137,10 +137,10 @@ class TerrainFeed:
         return ground
 
     def report(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> TerrainReport:
-        """What it knows, seen from a place at a height above sea level."""
+        """The TERRAIN_REPORT at a place and a height above sea level."""
         loaded = sum(len(parts) for parts in self._blocks.values())
         pending = PARTS_NORTH * PARTS_EAST * len(self._blocks) - loaded
         ground_m = self.height_amsl_m(lat_deg, lon_deg)
-        if ground_m is None:  # MAVLink has no word for "unknown" here: spacing 0 says it
+        if ground_m is None:  # MAVLink cannot express "unknown" here: spacing 0 stands for it
             return TerrainReport(lat_deg, lon_deg, 0, 0.0, 0.0, pending, loaded)
         return TerrainReport(lat_deg, lon_deg, self.spacing_m, ground_m, alt_amsl_m - ground_m, pending, loaded)

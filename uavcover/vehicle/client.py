@@ -16,13 +16,13 @@ MessageT = TypeVar("MessageT", bound=Message)
 class VehicleClient(Protocol):
     """A ground station's end of the session with one vehicle; ``mission_io.client.client.Client`` is one.
 
-    Everything that it hears goes to the :class:`~uavcover.vehicle.monitor.Monitor` as messages of
-    ``mission_io.wire.messages``, whoever waits for it. Errors are ``mission_io.errors``.
+    Everything that it receives goes to the :class:`~uavcover.vehicle.monitor.Monitor` as messages of
+    ``mission_io.wire.messages``, whichever call is waiting for it. Errors are ``mission_io.errors``.
     """
 
     @property
     def clock(self) -> Clock:
-        """What silence is measured with."""
+        """The clock that silence is measured on."""
         ...
 
     @property
@@ -37,7 +37,7 @@ class VehicleClient(Protocol):
 
     @property
     def impostor(self) -> VehicleInfo | None:
-        """What a heartbeat with our vehicle's ids told of another vehicle; None while all is well."""
+        """Another vehicle that uses our vehicle's ids, as its heartbeat describes it; None while there is none."""
         ...
 
     def wait_for_vehicle(self, timeout_s: float = 10.0) -> VehicleInfo:
@@ -45,7 +45,7 @@ class VehicleClient(Protocol):
         ...
 
     def poll(self, timeout_s: float) -> list[Received]:
-        """Listen for at most so long."""
+        """Listen for at most ``timeout_s``."""
         ...
 
     def send(self, message: Message) -> None:
@@ -57,7 +57,7 @@ class VehicleClient(Protocol):
         ...
 
     def set_mode(self, custom_mode: int, *, timeout_s: float = ...) -> None:
-        """Change the flight mode and see it in the heartbeat."""
+        """Change the flight mode and confirm it in the heartbeat."""
         ...
 
     def request_message_interval(self, kind: type[Message], interval_s: float, *, timeout_s: float = ...) -> CommandAck:
@@ -73,11 +73,11 @@ class VehicleClient(Protocol):
         ...
 
     def set_parameter(self, name: str, value: float, *, param_type: int = ..., timeout_s: float = ...) -> ParamValue:
-        """Set a parameter, as it is on the wire, and see that it is so."""
+        """Set a parameter to a wire value and confirm it."""
         ...
 
     def download(self, mission_type: MissionType, *, stop: Callable[[], bool] | None = ...) -> tuple[MissionItem, ...]:
-        """One of the vehicle's lists, as it is on the wire; ``stop`` is asked all the time whether to cancel."""
+        """One of the vehicle's lists in wire order; ``stop`` is polled and cancels the transfer."""
         ...
 
     def upload_and_verify(self, content: MissionList, *, in_flight: bool = ...) -> ReadBack:

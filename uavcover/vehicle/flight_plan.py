@@ -19,12 +19,12 @@ _PLACES = (Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND, Command.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanNeeds:
-    """What a plan counts on of the vehicle's settings.
+    """What a plan assumes of the vehicle's settings.
 
     Attributes:
-        pace: how fast it gets along.
-        return_height_m: above home, checked for a straight return.
-        fence: whether it has a fence that is to be in force.
+        pace: its speeds and acceleration.
+        return_height_m: height above home at which a straight return was checked.
+        fence: whether it has a fence that must be active.
         endurance_s: longest flight; None where there is no limit.
     """
 
@@ -53,7 +53,7 @@ class OperatingVolume:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightPlan:
-    """The mission that the vehicle is to hold, and where it belongs.
+    """The mission that the vehicle must hold, and what was planned with it.
 
     Attributes:
         mission: the mission as it was uploaded; the vehicle's is compared with it before arming.
@@ -65,11 +65,11 @@ class FlightPlan:
         ground_at: height of the terrain anywhere, or none when there is no terrain.
         max_home_error_m: largest distance of the vehicle's home from the planned one, over ground and in height.
         passed_before: how many planned waypoints were passed before the flight, where it goes on with a mission.
-        acceptance_radius_m: a planned waypoint that the vehicle came so near to was passed.
-        max_climb_m_s: upward speed that the plan counts on; none when it does not say.
-        max_descent_m_s: downward speed that the plan counts on.
-        needs: what else the plan counts on, for the table before arming; None is not to make one.
-        volume: ground, fence and height band, to judge positions in flight; None is not to.
+        acceptance_radius_m: distance within which a planned waypoint counts as passed.
+        max_climb_m_s: upward speed that the plan assumes; None when it assumes none.
+        max_descent_m_s: downward speed that the plan assumes.
+        needs: what else the plan assumes, for the table of limits before arming; None skips the table.
+        volume: ground, fence and height band to check positions against in flight; None skips the check.
     """
 
     mission: Mission
@@ -127,23 +127,23 @@ class FlightPlan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightTimeouts:
-    """How long to wait for what, in seconds of vehicle time unless it says otherwise.
+    """Timeouts of a flight, in seconds of vehicle time unless noted otherwise.
 
     Attributes:
-        deadman_s: without any message, or without a position, after which that is told; on the link's clock.
-        heartbeat_s: without a heartbeat, while other messages come, after which that is told; on the link's clock.
-        link_lost_s: without a heartbeat, or without any message, after which the vehicle is given up; on the link's clock.
-        ready_s: until the vehicle can be armed; ArduPilot needs about 41 s.
-        arm_s: for how long a refused arming is tried again.
-        start_s: from the start command until it leaves the ground.
-        halt_s: until it has come to rest after it was told to hold.
-        stuck_s: without getting on.
+        deadman_s: silence, or time without a position, before a warning; on the link's clock.
+        heartbeat_s: time without a heartbeat, while other messages arrive, before a warning; on the link's clock.
+        link_lost_s: silence before the vehicle is given up; on the link's clock.
+        ready_s: time to get ready for arming; ArduPilot needs about 41 s.
+        arm_s: time during which a refused arming is retried.
+        start_s: time from the start command to leaving the ground.
+        halt_s: time to come to rest after a hold command.
+        stuck_s: time without progress.
         override_s: without moving in a mode that somebody else chose, after which following ends; by default it never does, and
             the record goes on until the vehicle is on the ground.
-        held_s: without moving where it was told to hold because of an alarm, after which it is left holding.
-        rate_s: over which the telemetry's rates are measured.
-        disarm_s: from landing until it disarms itself.
-        watchdog: on the link's clock, this many times as long as each of the above is always the end.
+        held_s: time of holding because of a breach, after which following ends and the vehicle is left holding.
+        rate_s: window over which telemetry rates are measured.
+        disarm_s: time from landing to disarming itself.
+        watchdog: each timeout in vehicle time also ends after this many times as long on the link's clock.
     """
 
     deadman_s: float = 3.0

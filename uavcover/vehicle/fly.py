@@ -41,17 +41,17 @@ __all__ = ["Continuation", "Ending", "FlightOutcome", "Orders", "fly", "fly_on"]
 
 
 _AFTER_RESTART_S = 3.0
-"""So long a vehicle that restarted is listened to, to say what it does now."""
+"""Time to listen to a vehicle that restarted, to report what it does now."""
 
 
 @dataclass(frozen=True, slots=True)
 class Continuation:
-    """How a vehicle in the air goes on.
+    """How a vehicle in the air continues.
 
     Attributes:
-        plan: what it is to fly from here.
-        upload: whether it has to be sent; otherwise the vehicle holds it already.
-        first_item: index in ``plan.mission.items`` of the item that it flies to first.
+        plan: what it flies from here.
+        upload: whether the mission must be uploaded; otherwise the vehicle holds it already.
+        first_item: index in ``plan.mission.items`` of the first item to fly to.
     """
 
     plan: FlightPlan
@@ -60,7 +60,7 @@ class Continuation:
 
 
 PlanContinuation = Callable[[float, float, float], Continuation]
-"""From latitude, longitude (degrees) and height above sea level (metres), how to go on; every leg of it was checked."""
+"""Plans a checked continuation from latitude, longitude (degrees) and height above sea level (metres)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,10 +18,10 @@ from uavcover.vehicle.start import hold_mode, set_mode
 _MOVED_M = 2.0
 _METRES_PER_DEGREE = 111_320.0
 _GOING_ON_S = 2.0
-"""After a pause the vehicle may still tell for a moment that its mission is paused."""
+"""After a pause the vehicle may still report for a moment that its mission is paused."""
 _LASTING = (Ending.MISSION_CHANGED, Ending.WIND_ABOVE_LIMITS, Ending.OFF_ROUTE, Ending.FENCE_BREACHED)
 _COMES_TO_REST_S = 10.0
-"""So long a vehicle that disarmed is listened to until it lies still; one that has landed does at once."""
+"""Time to wait for a disarmed vehicle to come to rest; one that has landed is at rest at once."""
 _LOOK_S = 0.1
 
 
@@ -134,7 +134,7 @@ def _fallen(session: Session, follower: "_Follower") -> str | None:
 
 
 class _Follower:
-    """What following has to look at all the time, whatever is flown.
+    """What following checks all the time, whatever is flown.
 
     Args:
         session: with the vehicle.
@@ -316,7 +316,7 @@ class _Follower:
 
 
 class Stillness:
-    """Notices that a vehicle neither moves nor goes on to another item."""
+    """Detects that a vehicle neither moves nor continues to another item."""
 
     def __init__(self, session: Session, timeout_s: float) -> None:
         self.timeout_s = timeout_s

@@ -11,21 +11,21 @@ from mission_io.model.enums import LandedState
 from mission_io.wire import messages as m
 
 GroundAt = Callable[[float, float], float | None]
-"""Height of the ground above sea level (metres) at a latitude and longitude (degrees); None where it is not known."""
+"""Height of the ground above sea level (metres) by latitude and longitude (degrees); None where unknown."""
 
 _SETTLE_S = 1.0
-"""For so long word and motion have to agree."""
+"""Time for which landed state and motion must agree."""
 _STILL_SINK_M_S, _STILL_SPEED_M_S, _STILL_HEIGHT_M = 0.5, 1.0, 1.5
 _MOVES_SINK_M_S, _MOVES_SPEED_M_S = 1.5, 2.5
 _NEAR_M = 5.0
-"""Near the ground: what barometer, satellites and terrain data are off together."""
+"""Near the ground: combined error of barometer, satellites and terrain data."""
 _FALLS_M_S = 2.5
-"""Who sinks so fast without motors falls; autopilots land with less than 1 m/s."""
+"""A vehicle that sinks this fast with its motors off is falling; autopilots land at less than 1 m/s."""
 _FALL_GAINS_M_S2, _FAST_M_S = 4.0, 5.0
-"""A fall begins with far more than any controller accelerates with; at its end the air holds it."""
+"""A fall begins with a far larger acceleration than any controller commands, and ends at terminal velocity."""
 _FALLEN_M = 3.0
 _BEFORE_S = 1.5
-"""A heartbeat may tell so late that the motors stopped."""
+"""A heartbeat may report this late that the motors stopped."""
 _OLD_S = 2.0
 _KEEP_S = 15.0
 
@@ -65,7 +65,7 @@ class Fall:
 
 
 class GroundContact:
-    """Collects what tells about the ground. All times are the vehicle's."""
+    """Collects the evidence for ground contact. All times are vehicle time."""
 
     def __init__(self) -> None:
         self._places: deque[_Place] = deque()
@@ -76,7 +76,7 @@ class GroundContact:
         self._home_ground_alt_amsl_m = 0.0
 
     def know_ground(self, ground_at: GroundAt | None, *, home_alt_amsl_m: float) -> None:
-        """From here on count heights above the ground.
+        """Measure heights above the ground from here on.
 
         Args:
             ground_at: height of the ground; None when it is not known.
@@ -108,7 +108,7 @@ class GroundContact:
             self._places.popleft()
 
     def take_word(self, state: int, time_s: float | None) -> None:
-        """Take the vehicle's own word (MAV_LANDED_STATE)."""
+        """Take the vehicle's landed state (MAV_LANDED_STATE)."""
         said = None if state == LandedState.UNDEFINED else state == LandedState.ON_GROUND
         if said is not self._said:
             self._said, self._said_since_s, self._said_count = said, time_s or 0.0, 0
@@ -116,7 +116,7 @@ class GroundContact:
 
     @property
     def says_landed(self) -> bool | None:
-        """The vehicle's own word; None when it does not say."""
+        """The vehicle's landed state; None when it does not report one."""
         return self._said
 
     def on_ground(self, now_s: float | None) -> bool | None:
@@ -156,7 +156,7 @@ class GroundContact:
         return Fall(begin.height_m, "home" if begin.above_ground_m is None else "the ground", sink_m_s)
 
     def is_still(self, now_s: float | None) -> bool:
-        """Whether it has neither sunk nor moved for a while."""
+        """Whether it has been at rest for a while."""
         recent = self._since(now_s, _SETTLE_S)
         return len(recent) > 1 and self._is_still(recent)
 

@@ -31,7 +31,7 @@ _IDLE_FENCE = "the uploaded fence is not in force"
 
 
 class Weight(Enum):
-    """How much a difference matters."""
+    """How serious a difference is."""
 
     NONE = "none"
     NOTE = "note"
@@ -132,7 +132,7 @@ def parameter_groups(*, px4: bool) -> list[list[str]]:
 def limit_table(
     values: Mapping[str, float], plan: FlightPlan, *, px4: bool, home_alt_amsl_m: float | None
 ) -> tuple[Limit, ...]:
-    """The table.
+    """Compare the plan with the vehicle's parameters.
 
     Args:
         values: the vehicle's parameters that are known, in their own units.

@@ -18,16 +18,16 @@ from uavcover.vehicle.progress import MissionProgress
 from uavcover.vehicle.session import Session, Timer
 
 _EVERY_S = 60.0
-"""Vehicle time between two readings that nothing has asked for."""
+"""Vehicle time between two periodic readings."""
 _BUSY_SHARE = 0.1
-"""Readings that nothing has asked for take no more of the link's time than this."""
+"""Largest share of the link's time for periodic readings."""
 _LONGEST_S = 120.0
 _AGAIN_S = 5.0
 _LOOK_S = 0.1
 
 
 class MissionReading:
-    """Compares the mission that the vehicle holds with the planned one: when there is a sign of a change, and every minute.
+    """Compares the vehicle's mission with the planned one at each sign of a change, and every minute.
 
     Positions that arrive meanwhile are recorded as ever, and what has to be looked at all the time is looked at. The user's
     stop or pause ends a reading at once. One that fails is tried again, later each time.
@@ -47,7 +47,7 @@ class MissionReading:
         self._not_before_s = self._rest_until_s = 0.0
 
     def ask(self) -> None:
-        """There is a sign of a change: read as soon as may be."""
+        """Read as soon as possible, because of a sign of a change."""
         self._asked = True
 
     @property
@@ -113,18 +113,18 @@ class MissionReading:
 
 
 _SETTLE_S = 2.0
-"""The heartbeat with the new mode may come before the words that say why."""
+"""The heartbeat with the new mode may arrive before the text that gives the reason."""
 _CAUSE_WITHIN_S = 10.0
 
 
 class ModeOverride:
-    """Whether somebody else, a pilot or a failsafe, has the vehicle now.
+    """Whether a pilot or a failsafe has overridden the commanded mode.
 
     Args:
         session: with the vehicle.
 
     Attributes:
-        cause: why; None while the vehicle does what it was told, or has changed only a moment ago.
+        cause: why; None while the vehicle is in the commanded mode, or has only just left it.
     """
 
     def __init__(self, session: Session) -> None:
@@ -134,15 +134,15 @@ class ModeOverride:
 
     @property
     def begun(self) -> bool:
-        """Whether the vehicle is in another mode than it was told."""
+        """Whether the vehicle is in another mode than the commanded one."""
         return self._left is not None
 
     def update(self, expected: Collection[Mode]) -> None:
-        """Look at the mode; ``expected`` are those it was told."""
+        """Check the mode; ``expected`` are the commanded ones."""
         session = self._session
         numbers = [custom_mode(session.autopilot, mode) for mode in expected]
         if self._left is not None and session.monitor.ground.says_landed:
-            self.settle()  # PX4 goes back to the mode it was told once it has landed: that ends no takeover
+            self.settle()  # PX4 returns to the commanded mode after landing: that does not end an override
         elif session.client.vehicle.custom_mode in numbers:
             if self.cause is not None:
                 session.watch.close(self.cause, f"the vehicle is back in {session.mode_name}")
@@ -153,7 +153,7 @@ class ModeOverride:
             self.settle()
 
     def settle(self) -> None:
-        """Find the cause now, if the vehicle has left its mode."""
+        """Determine the cause now if the vehicle has left its mode."""
         if self._left is None or self.cause is not None:
             return
         session = self._session
@@ -175,7 +175,7 @@ _LEANS_DEG = 15.0
 
 
 class MissionGuard:
-    """Notices that another ground station changed the mission or the item that is flown, and that the vehicle drifts away.
+    """Detects that another ground station changed the mission or its current item, and that the vehicle leaves its route.
 
     The mission is read back and compared every minute, and at each sign of a change: the vehicle's word for it, another mission
     id or number of items, an upload that somebody else was thanked for, waypoints that are left out, going back. So it is far

@@ -20,7 +20,7 @@ _ANSWER_S = 8.0
 
 
 def simulated_by(client: VehicleClient) -> str | None:
-    """What simulates the vehicle; None when nothing proves that anything does.
+    """What simulates the vehicle; None without proof.
 
     Heartbeats cannot tell. What counts as proof:
 
@@ -62,7 +62,7 @@ BREACHES = frozenset(
         Ending.MISSION_CHANGED,
     }
 )
-"""What is acted on. A silent link cannot be, and a low battery is the vehicle's own business: holding would drain it."""
+"""Breaches that are acted on. A silent link cannot be, and a low battery is left to the vehicle: holding would drain it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,4 +91,4 @@ class Precautions:
 
 
 USUAL = Precautions()
-"""What is done unless the user says otherwise."""
+"""The default precautions."""

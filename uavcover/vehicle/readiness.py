@@ -49,15 +49,15 @@ _ASK_WHY_S = 15.0
 
 
 def request_telemetry(session: Session) -> None:
-    """Ask for what following needs, as often as it needs it. A refusal is a warning: the rate is checked later."""
+    """Request the telemetry that following needs. A refusal is only a warning: the rates are checked later."""
     _request(session, _streams(session))
 
 
 def check_telemetry(session: Session) -> None:
-    """Measure how often what following needs comes; ask again for what is too rare.
+    """Measure the telemetry rates that following needs, and request again what arrives too rarely.
 
     Raises:
-        FlightFaultError: a kind of message does not come, or too rarely; it names it.
+        FlightFaultError: a kind of message does not arrive, or too rarely; the error names it.
     """
     wanted = _streams(session)
     rare = _rare(session, wanted)
@@ -159,7 +159,7 @@ class _Reasons:
 
 
 def missing(session: Session) -> list[str]:
-    """What the vehicle still lacks before it can be armed; empty when it is ready."""
+    """What is missing before the vehicle can be armed; empty when it is ready."""
     monitor = session.monitor
     lacks: list[str] = []
     gps = monitor.latest(m.GpsRawInt)

@@ -9,11 +9,11 @@ from uavcover.scenario.frames import LocalFrame
 from uavcover.vehicle.monitor import Monitor
 
 MAX_ATTITUDE_AGE_S = 1.0
-"""An attitude that is older than this, or newer, is not the one of a position."""
+"""Largest age difference between an attitude and a position in one sample."""
 
 
 class Recorder:
-    """Makes a sample of each position, with the attitude and the mission item that were told last.
+    """Makes a sample of each position, with the latest attitude and mission item.
 
     Positions that come late or twice are left out: the track's time always goes on. Where no attitude of that moment is known it
     stays unknown; the heading that the position itself tells is taken then.

@@ -12,11 +12,11 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import Track
 
 _NEAR_RADII = 1.25
-"""The vehicle goes on as soon as it is inside the radius, and what it tells of its place are samples of that."""
+"""The vehicle continues as soon as it is inside the radius, and its reported positions only sample its path."""
 
 
 class Passage:
-    """Counts planned waypoints as they are passed, by what the vehicle says and by where it is.
+    """Counts the planned waypoints that were passed, from the vehicle's reports and its position.
 
     A waypoint counts when the vehicle goes on from it to the very next one, or comes near it while it says that it flies to it
     or to a later one; the last one also when the vehicle is near it as it goes on to something else. A jump over waypoints, as
@@ -27,8 +27,8 @@ class Passage:
         radius_m: how near is near.
 
     Attributes:
-        reached: so many, counted from the first, were passed.
-        number: of the waypoint that was flown to at the last look; -1 for none.
+        reached: number of waypoints passed, counted from the first.
+        number: the waypoint that was flown to at the last update; -1 for none.
     """
 
     def __init__(self, waypoints_m: FloatArray, *, radius_m: float) -> None:
@@ -58,7 +58,7 @@ class Passage:
         self._before_m = np.array(place_m, dtype=float)
 
     def believe(self, count: int) -> None:
-        """Count the first ``count`` waypoints as passed, as after a silence in which nobody could look."""
+        """Count the first ``count`` waypoints as passed, as after a silence."""
         self.reached = max(self.reached, min(count, len(self._waypoints_m)))
 
     def _near(self, place_m: FloatArray) -> bool:
@@ -81,8 +81,8 @@ class ResumePoint:
     """The end of what was flown of a planned route.
 
     Attributes:
-        waypoint: number of the first planned waypoint that was not flown to; as many as there are when all were.
-        flown_m: how far along the leg to it the vehicle came before it left it; 0 when that leg was not begun.
+        waypoint: number of the first planned waypoint that was not passed; the number of waypoints when all were.
+        flown_m: distance flown along the leg to it before the vehicle left it; 0 when that leg was not begun.
     """
 
     waypoint: int

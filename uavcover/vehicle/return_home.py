@@ -16,7 +16,7 @@ _AT_REST_M_S = 0.3
 _ASKED = "second stop"
 
 PlanReturn = Callable[[float, float, float], Mission]
-"""From latitude, longitude (degrees) and height above sea level (metres), a mission home whose legs were checked."""
+"""Plans a mission home with checked legs from latitude, longitude (degrees) and height above sea level (metres)."""
 
 
 def hold(session: Session, text: str = "stop: the vehicle is told to hold") -> None:

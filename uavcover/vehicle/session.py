@@ -35,20 +35,20 @@ class Stopped(Exception):  # noqa: N818 - the user's wish is no error
 
 
 class Session:
-    """What the stages of a flight share.
+    """The session with one vehicle, shared by all stages of a flight.
 
     Args:
         client: talks to the vehicle.
         monitor: hears what the client hears.
         timeouts: how long to wait for what.
-        on_event: is told what happens.
+        on_event: called with every event.
         stop: how often the user has asked to stop.
         pause: whether the user wants the vehicle to wait where it is.
 
     Attributes:
-        watch: notices what goes wrong.
+        watch: watches for failures.
         on_breach: what to do on a breach.
-        paused: whether the vehicle was told to wait on its way, and has not gone on since.
+        paused: whether the vehicle was commanded to hold on its way and has not continued since.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Session:
 
     @property
     def on_mission(self) -> bool:
-        """Whether the vehicle is in its mission, or paused by us; MISSION_CURRENT tells sooner than the heartbeat."""
+        """Whether the vehicle flies its mission or was paused by us; MISSION_CURRENT shows a change before the heartbeat."""
         if self.paused:
             return True
         current = self.monitor.latest(m.MissionCurrent)
@@ -94,19 +94,19 @@ class Session:
 
     @property
     def mode_name(self) -> str:
-        """The vehicle's flight mode, for people."""
+        """The vehicle's flight mode as text."""
         number = self.client.vehicle.custom_mode
         mode = mode_from_custom(self.autopilot, number)
         return f"mode {number}" if mode is None else f"{mode.value} mode"
 
     @property
     def silence_s(self) -> float:
-        """How long nothing of the vehicle was heard."""
+        """Time since the vehicle's last message."""
         return self.monitor.silence_s(self.client.clock.now())
 
     @property
     def vehicle_now(self) -> str:
-        """What the vehicle does, or did when it was heard last, for people."""
+        """What the vehicle does, or did when it was last heard, as text."""
         monitor = self.monitor
         try:
             vehicle = self.client.vehicle
@@ -154,13 +154,13 @@ class Session:
         self.watch.look()
 
     def listen(self, seconds: float) -> None:
-        """Hear what the vehicle says for so long on the link's clock, whatever goes wrong."""
+        """Listen for some seconds on the link's clock, whatever goes wrong."""
         until_s = self.client.clock.now() + seconds
         while self.client.clock.now() < until_s:
             self.client.poll(_POLL_S)
 
     def insist(self, act: Callable[[], ResultT]) -> ResultT:
-        """Do something that the vehicle has to answer; when it does not, again until the link counts as lost.
+        """Do something that the vehicle must answer, and repeat it until it does or the link counts as lost.
 
         Raises:
             FlightFaultError: the vehicle is gone.
@@ -207,7 +207,7 @@ class Session:
 
 
 class Timer:
-    """Runs in vehicle time where that is known, with the link's clock as the watchdog behind it."""
+    """A timer in vehicle time where that is known, with the link's clock as its watchdog."""
 
     def __init__(self, session: Session, timeout_s: float) -> None:
         self._session, self._timeout_s = session, timeout_s

@@ -57,7 +57,7 @@ def start_mission(session: Session) -> None:
 
 
 def set_mode(session: Session, mode: Mode) -> None:
-    """Change the flight mode and see it in the heartbeat."""
+    """Change the flight mode and confirm it in the heartbeat."""
     session.client.set_mode(custom_mode(session.autopilot, mode))
 
 

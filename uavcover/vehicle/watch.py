@@ -15,7 +15,7 @@ from uavcover.vehicle.monitor import Monitor
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError, Incident
 
 REPEAT_S = 30.0
-"""No longer without a word while it lasts."""
+"""Interval at which a lasting alarm is repeated."""
 
 
 class Told(Enum):
@@ -96,7 +96,7 @@ _WORDS: tuple[tuple[Ending, tuple[str, ...]], ...] = (
 
 
 def cause_in(text: str) -> Ending | None:
-    """What a warning of the vehicle is about; None when nothing is known by its words."""
+    """The cause that a warning of the vehicle names; None when its words are not known."""
     words = text.lower()
     return next((cause for cause, known in _WORDS if any(word in words for word in known)), None)
 
@@ -129,7 +129,7 @@ class _Said:
 
 
 class Watch:
-    """Notices what goes wrong and when it is over, and tells both.
+    """Detects failures and their end, and reports both.
 
     Args:
         client: hears the vehicle.
@@ -162,7 +162,7 @@ class Watch:
         self.mission_words = 0
 
     def take_off(self) -> None:
-        """From here on a lost fix counts too: on the ground it was waited for."""
+        """Watch for a lost fix from here on; on the ground it was waited for."""
         self._in_flight = True
 
     def take_text(self, said: m.StatusText) -> None:
@@ -175,7 +175,7 @@ class Watch:
             self._said.append(_Said(cause, said.text, self._client.clock.now()))
 
     def is_open(self, kind: Ending) -> bool:
-        """Whether something goes wrong now."""
+        """Whether an incident of this kind is open."""
         return kind in self._open
 
     def text_of(self, kind: Ending) -> str:
@@ -183,7 +183,7 @@ class Watch:
         return next((i.text for i in reversed(self.incidents) if i.kind is kind), kind.value)
 
     def take_begun(self) -> list[Ending]:
-        """What began to go wrong since the last call."""
+        """Incidents that have begun since the last call."""
         begun, self._begun = self._begun, []
         return begun
 
