@@ -29,20 +29,6 @@ def _squared_distance_above(x: FloatArray, i: int, j: int, limit: float) -> bool
 
 
 @kernel
-def _below_and_above(objectives: FloatArray, i: int, j: int) -> tuple[bool, bool]:
-    """Whether row i is below, and whether it is above row j in some objective."""
-    less, more = False, False
-    for k in range(objectives.shape[1]):
-        if objectives[i, k] < objectives[j, k]:
-            less = True
-        elif objectives[i, k] > objectives[j, k]:
-            more = True
-        if less and more:
-            break
-    return less, more
-
-
-@kernel
 def _measure_to_earlier(x: FloatArray, columns: FloatArray, i: int, away: FloatArray) -> None:
     """Write the squared distances of row i to rows 0..i - 1 into ``away``."""
     for j in range(i):
@@ -86,7 +72,14 @@ def niche_survivors(
         for j in range(i):
             if gone[j] or away[j] > reach * reach:
                 continue
-            less, more = _below_and_above(objectives, i, j)
+            less, more = False, False  # whether i is below, above j in some objective
+            for k in range(m):
+                if objectives[i, k] < objectives[j, k]:
+                    less = True
+                elif objectives[i, k] > objectives[j, k]:
+                    more = True
+                if less and more:
+                    break
             if less == more:
                 if _squared_distance_above(x, i, j, spacing * spacing):
                     continue
