@@ -61,8 +61,9 @@ from mission_io.model.items import (
     trigger_camera_every,
     waypoint,
 )
-from mission_io.protocol.exchange import Address, Timing
+from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import ListChanged, MissionServer
+from mission_io.protocol.timing import Timing
 from mission_io.wire.signing import SigningKey
 from mission_io.wire.statistics import LinkStatistics
 

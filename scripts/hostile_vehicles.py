@@ -4,7 +4,7 @@
 
 Each seed is a vehicle with one to three tricks (tests/mission_io/protocol/hostile.py) as ArduPilot and as PX4; upload (and
 reading back), download and clear run for mission, fence and rally points: 1,800 calls with 100 seeds. Exit code 0 when
-every call ended within its time (mission_io/protocol/longest.py) and number of messages, with a named error or rightly.
+every call ended within its time (mission_io/protocol/timing.py) and number of messages, with a named error or rightly.
 """
 
 import argparse
@@ -23,7 +23,7 @@ from tests.mission_io.protocol.hostile import TRICKS  # noqa: E402
 HEAD = f"""# Transfers with hostile vehicles
 
 Written by `scripts/hostile_vehicles.py` in simulated time: a vehicle is an autopilot's own server with one to three tricks, and
-some answer up to 3 s late. Lists of {ITEMS} items; an upload is read back. "Bound" is the time that `mission_io.protocol.longest`
+some answer up to 3 s late. Lists of {ITEMS} items; an upload is read back. "Bound" is the time that `mission_io.protocol.timing`
 states for the call, however slowly a vehicle gets on; "wrong" is a success that was none. An error of another kind than the
 package's own would end the script.
 

@@ -15,12 +15,12 @@ from sitl_tests.missions import FIRST_WAYPOINT_ITEM, route_mission
 from uavcover.model.track import TrackSample
 from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.scenario.frames import LocalFrame
+from uavcover.vehicle.arming import arm_and_start, first_seq
 from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts
 from uavcover.vehicle.fly import Orders, fly
 from uavcover.vehicle.outcome import FlightEvent, FlightFailedError, FlightOutcome
 from uavcover.vehicle.precautions import OnBreach, Precautions
 from uavcover.vehicle.readiness import request_telemetry, wait_until_ready
-from uavcover.vehicle.start import arm_and_start, first_seq
 
 PASSED_WITHIN_M = 4.0
 """A waypoint counts as flown when the track comes so near; both autopilots turn 2 m before it by default."""

@@ -33,10 +33,10 @@ from mission_io.links.opening import Link
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.clear import Clear, ClearState
 from mission_io.protocol.download import Download, DownloadState
-from mission_io.protocol.exchange import Address, Timing
-from mission_io.protocol.longest import CLEAR_TRIES
+from mission_io.protocol.exchange import Address
 from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.tables import UploadState
+from mission_io.protocol.timing import CLEAR_TRIES, Timing
 from mission_io.protocol.upload import Upload
 from mission_io.wire.messages import CommandAck, Message, ParamValue, Received
 

@@ -9,7 +9,7 @@ from typing import Any
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.autopilots.comparison import Difference, compare_items
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.longest import STALE_READ_BACK_S
+from mission_io.protocol.timing import STALE_READ_BACK_S
 
 
 @dataclass(frozen=True, slots=True)

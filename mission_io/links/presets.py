@@ -8,7 +8,7 @@ from typing import Final
 
 from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions
-from mission_io.protocol.exchange import Timing
+from mission_io.protocol.timing import Timing
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,9 +6,10 @@ from typing import ClassVar
 
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionType
-from mission_io.protocol.exchange import OPENING, Address, Exchange, Timing
+from mission_io.protocol.exchange import OPENING, Address, Exchange
 from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.tables import Row, Table, staying
+from mission_io.protocol.timing import Timing
 from mission_io.wire.messages import Message, MissionAck, MissionClearAll
 
 

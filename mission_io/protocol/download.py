@@ -10,9 +10,10 @@ from typing import ClassVar
 
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.exchange import OPENING, RESTARTS, Address, Exchange, Timing
+from mission_io.protocol.exchange import OPENING, Address, Exchange
 from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.tables import Row, Table, staying
+from mission_io.protocol.timing import RESTARTS, Timing
 from mission_io.wire.messages import (
     Message,
     MissionAck,

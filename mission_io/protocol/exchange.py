@@ -1,6 +1,5 @@
 """The common part of the client's three exchanges: upload, download and clear."""
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -8,14 +7,16 @@ from enum import Enum
 from operator import itemgetter
 from typing import ClassVar, Generic, TypeVar
 
-from mission_io.errors import MisuseError
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionType
 from mission_io.protocol.round_trip import Departures, Patience
 from mission_io.protocol.tables import Table
+from mission_io.protocol.timing import RESTARTS, Timing
 from mission_io.wire.messages import Message, MissionAck, Received, is_for
 
 StateT = TypeVar("StateT", bound=Enum)
+
+
 EventT = TypeVar("EventT", bound=Enum)
 
 
@@ -27,66 +28,13 @@ class Address:
     component_id: int
 
 
-@dataclass(frozen=True, slots=True)
-class Timing:
-    """Time-outs of a client, in seconds, and how far ahead it works.
-
-    Attributes:
-        resend_s: Silence after which the last thing the vehicle waits for is sent again, until the round trip is
-            measured. From then on it follows the measurement (``RoundTrip.time_out_s``) ...
-        resend_shortest_s: ... but is never shorter than this.
-        resend_growth: Each further silence in a row is longer by this factor ...
-        resend_longest_s: ... up to this.
-        items_ahead: Number of items sent (or requested, where the vehicle serves any order) ahead of their turn. A silence
-            sets it to 0, every eight answers in a row add one back.
-        stall_s: Silence after which an exchange is restarted. Longer than PX4 takes to drop one.
-        give_up_s: Silence after which the vehicle counts as silent. A vehicle that answered late gets twice the time of
-            its latest answer before it counts as stalled, and as much longer before it counts as silent.
-        no_progress_s: Time without progress after which an exchange is given up, although the vehicle answers.
-        busy_retry_s: Wait after "busy" or "no space" before asking again.
-        busy_give_up_s: Time after which a busy vehicle counts as refusing. Longer than ArduPilot's own time-out.
-        doubt_s: Wait for a sign of progress after an ERROR that may only answer a duplicate.
-        recheck_s: The same after an ERROR when everything was sent. Longer than a vehicle takes to repeat a request.
-        linger_s: How long a cancelled transfer repeats the cancellation.
-    """
-
-    resend_s: float = 0.1
-    resend_shortest_s: float = 0.02
-    resend_growth: float = 1.25
-    resend_longest_s: float = 0.5
-    items_ahead: int = 1
-    stall_s: float = 6.0
-    give_up_s: float = 15.0
-    no_progress_s: float = 60.0
-    busy_retry_s: float = 0.5
-    busy_give_up_s: float = 15.0
-    doubt_s: float = 2.5
-    recheck_s: float = 0.8
-    linger_s: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Refuse times that would never end or never begin."""
-        for name in (
-            "resend_s", "resend_shortest_s", "stall_s", "give_up_s", "no_progress_s", "busy_retry_s", "busy_give_up_s",
-            "doubt_s", "recheck_s", "linger_s",
-        ):  # fmt: skip
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise MisuseError(f"Timing.{name} is {getattr(self, name)}, give a positive number of seconds")
-        if not (self.resend_growth >= 1.0 and self.resend_longest_s >= max(self.resend_s, self.resend_shortest_s)):
-            raise MisuseError(
-                "Timing: resend_growth must be at least 1, and resend_longest_s at least resend_s and resend_shortest_s"
-            )
-        if self.items_ahead < 0:
-            raise MisuseError(f"Timing.items_ahead is {self.items_ahead}, give 0 or more")
-
-
 OPENING = -1
 """Represents the first message of an exchange (COUNT, REQUEST_LIST, CLEAR_ALL) among the item numbers."""
 
-RESTARTS = 24
-"""Largest number of restarts of an exchange. A PX4 whose requests are badly reordered needs up to 14."""
 
 _CLEAN_ANSWERS = 8
+
+
 _CANCELS_ON_A_BAD_LINK = 3
 
 

@@ -12,9 +12,10 @@ from typing import ClassVar
 from mission_io.errors import MisuseError
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.exchange import OPENING, RESTARTS, Address, Exchange, Timing
+from mission_io.protocol.exchange import OPENING, Address, Exchange
 from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.tables import UPLOAD_ENDS, UPLOAD_TABLE, UploadEvent, UploadState
+from mission_io.protocol.timing import RESTARTS, Timing
 from mission_io.wire.messages import Message, MissionAck, MissionCount, MissionRequest, MissionRequestInt
 from mission_io.wire.mission_items import message_from_item
 

@@ -18,11 +18,11 @@ from sitl_tests.flying import (
 )
 from sitl_tests.matrix import WORKS
 from sitl_tests.missions import DIAMOND_M, FIRST_WAYPOINT_ITEM, route_mission
+from uavcover.vehicle.arming import first_seq, hold_mode, set_current_item, set_mode, start_mission
 from uavcover.vehicle.modes import custom_mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightOutcome
 from uavcover.vehicle.readiness import request_telemetry, wait_until_ready
 from uavcover.vehicle.return_home import hold
-from uavcover.vehicle.start import first_seq, hold_mode, set_current_item, set_mode, start_mission
 
 _ARM_TRIES = 10
 _HOLDS_WITHIN_M = 3.0

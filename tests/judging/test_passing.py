@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.judging.flights import fly_along, make_site
-from uavcover.judging.passing import LATENESS_S, Passing, contradiction, passing, plan_doubt
+from uavcover.judging.waypoints_passed import LATENESS_S, Passing, contradiction, passing, plan_doubt
 from uavcover.model.track import Track
 
 PLAN = np.array([[0.0, 0.0, 80.0], [100.0, 0.0, 80.0], [100.0, 50.0, 80.0], [0.0, 50.0, 80.0]])

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.judging.flights import make_site, track_of
-from uavcover.judging.passing import Passing
 from uavcover.judging.phases import PlannedRoute, on_route
+from uavcover.judging.waypoints_passed import Passing
 
 SAMPLES = 40
 PLAN = PlannedRoute(np.column_stack([20.0 * np.arange(1.0, 8.0), np.zeros(7), np.full(7, 80.0)]), 0.9)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from tests.judging.flights import make_site, track_of
-from uavcover.judging.passing import Passing
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.possible_motion import ImpossibleMove, Motion
 from uavcover.judging.unobserved import (
@@ -15,6 +14,7 @@ from uavcover.judging.unobserved import (
     way_before_m,
     ways_between_m,
 )
+from uavcover.judging.waypoints_passed import Passing
 from uavcover.model.verdict import Unobserved
 
 PLAN = PlannedRoute(np.column_stack([100.0 * np.arange(5.0), np.zeros(5), np.full(5, 80.0)]), 0.9)

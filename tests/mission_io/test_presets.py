@@ -10,7 +10,7 @@ from mission_io.errors import MisuseError
 from mission_io.links.presets import LINK_PRESETS, SATELLITE, TELEMETRY_RADIO, LinkPreset, link_preset
 from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.model.items import GeoPoint, Mission, MissionType
-from mission_io.protocol.exchange import Timing
+from mission_io.protocol.timing import Timing
 from tests.mission_io.protocol.scripts import items
 from tests.mission_io.vehicle import VehiclePeer, connected
 

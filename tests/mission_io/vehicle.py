@@ -5,8 +5,9 @@ import random
 from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot
 from mission_io.client.client import Client
 from mission_io.links.simulated import Conditions, SimulatedLink
-from mission_io.protocol.exchange import Address, Timing
+from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import MissionServer
+from mission_io.protocol.timing import Timing
 from mission_io.wire.codec import Codec
 from mission_io.wire.messages import Heartbeat, Message, Received
 

@@ -15,7 +15,7 @@ from mission_io.client.client import Client
 from mission_io.errors import VehicleSilentError
 from mission_io.links.opening import UdpLink, open_link
 from mission_io.model.items import Frame, Mission, MissionType, waypoint
-from mission_io.protocol.exchange import Timing
+from mission_io.protocol.timing import Timing
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
 from tests.vehicle.scene import HOME, mission, plan_for, way_home

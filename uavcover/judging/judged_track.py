@@ -8,7 +8,6 @@ from uavcover.errors import TrackError
 from uavcover.judging.attitude import known_attitude
 from uavcover.judging.ends import TrackEnd, ground_tolerance_m, track_ends
 from uavcover.judging.observations import REACHED_RADII, Observations, observations_of
-from uavcover.judging.passing import Passing, contradiction, passing, plan_doubt
 from uavcover.judging.phases import PlannedRoute, on_route
 from uavcover.judging.possible_motion import Motion, judge_motion, motion_limits
 from uavcover.judging.safety import (
@@ -24,6 +23,7 @@ from uavcover.judging.safety import (
     track_heights,
 )
 from uavcover.judging.unobserved import place_of, unobserved_stretches
+from uavcover.judging.waypoints_passed import Passing, contradiction, passing, plan_doubt
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.track import Track
 from uavcover.model.verdict import Unobserved, Violation

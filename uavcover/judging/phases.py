@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.judging.passing import Passing
+from uavcover.judging.waypoints_passed import Passing
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.track import Track
 

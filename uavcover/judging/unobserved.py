@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from uavcover.judging.passing import Passing
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.possible_motion import MAX_JUMP_M, Motion
+from uavcover.judging.waypoints_passed import Passing
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
 from uavcover.model.verdict import Unobserved, UnobservedReason

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from uavcover.judging.deciding import cell_statistics, coverage_by_time, decide, judged_requirements
+from uavcover.judging.decision import cell_statistics, coverage_by_time, decide, judged_requirements
 from uavcover.judging.flown_coverage import FlownCoverage, count_observations, joined_observations, joining_shifts_s
 from uavcover.judging.gaps import GapRegion, find_gaps
 from uavcover.judging.judged_track import JudgedTrack, judge_track, largest, track_positions_m

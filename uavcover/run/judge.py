@@ -13,7 +13,7 @@ from uavcover.judging.flown_coverage import FlownCoverage
 from uavcover.judging.gaps import REASONS, reason_codes
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.requirements import requirement_rows
-from uavcover.judging.track_logs.reading import READERS, read_foreign_log
+from uavcover.judging.track_logs.readers import READERS, read_foreign_log
 from uavcover.judging.verify import FlownTrack, Verdict, verify_flight, verify_track
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import ReadTrack, Track

@@ -15,7 +15,7 @@ from mission_io.client.client import Client
 from mission_io.links.opening import Link, open_link
 from mission_io.links.telemetry_log import LoggedLink
 from mission_io.model.items import GeoPoint, MissionType
-from mission_io.protocol.exchange import Timing
+from mission_io.protocol.timing import Timing
 from mission_io.wire.messages import ExtendedSysState, GlobalPositionInt
 from uavcover.errors import InputError
 from uavcover.mock.battery import BatteryData

@@ -1,5 +1,7 @@
 """Sensors of a scenario as plain numbers for the kernels, and their view of flat ground.
 
+A new kind of sensor has its data in ``model/sensor.py``, its view in ``kernels/sight.py`` and its row here.
+
 Also the direction of the camera for a flown attitude: gimbal, roll, pitch and yaw.
 """
 

@@ -8,6 +8,15 @@ from mission_io.wire import messages as m
 from uavcover.errors import UavcoverError, VehicleError
 from uavcover.model.track import TrackSample
 from uavcover.vehicle.applied_limits import AppliedLimits
+from uavcover.vehicle.arming import (
+    arm_and_start,
+    disarm_on_ground,
+    hold_mode,
+    is_flying,
+    set_current_item,
+    start_mission,
+    wire_seq,
+)
 from uavcover.vehicle.client import VehicleClient
 from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts
 from uavcover.vehicle.follow import follow_mission
@@ -27,15 +36,6 @@ from uavcover.vehicle.readiness import (
 from uavcover.vehicle.recorder import Recorder
 from uavcover.vehicle.return_home import PlanReturn, hold, return_home
 from uavcover.vehicle.session import Session, Stopped
-from uavcover.vehicle.start import (
-    arm_and_start,
-    disarm_on_ground,
-    hold_mode,
-    is_flying,
-    set_current_item,
-    start_mission,
-    wire_seq,
-)
 
 __all__ = ["Continuation", "Ending", "FlightOutcome", "Orders", "fly", "fly_on"]
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from mission_io.errors import CommandRefusedError
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
+from uavcover.vehicle.arming import hold_mode, send_disarm, set_mode
 from uavcover.vehicle.flight_plan import FlightPlan
 from uavcover.vehicle.mission_guard import MissionGuard, ModeOverride, VolumeWatch
 from uavcover.vehicle.modes import Mode
@@ -13,7 +14,6 @@ from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
 from uavcover.vehicle.precautions import BREACHES, OnBreach
 from uavcover.vehicle.progress import MissionProgress
 from uavcover.vehicle.session import Session, Stopped, Timer
-from uavcover.vehicle.start import hold_mode, set_mode
 
 _MOVED_M = 2.0
 _METRES_PER_DEGREE = 111_320.0
@@ -311,7 +311,7 @@ class _Follower:
                     Ending.STAYED_ARMED, f"the vehicle has landed but stays armed{session.recent_warnings}"
                 )
             self._told_to_disarm = True
-            session.client.command(Command.COMPONENT_ARM_DISARM, 0.0)
+            send_disarm(session)
             self._landed.restart()
 
 

@@ -7,10 +7,10 @@ from mission_io.errors import MissionIoError
 from mission_io.model.items import Mission
 from mission_io.wire import messages as m
 from uavcover.errors import UavcoverError
+from uavcover.vehicle.arming import first_seq, hold_mode, is_flying, set_current_item, set_mode, start_mission
 from uavcover.vehicle.follow import follow_home
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
 from uavcover.vehicle.session import Session, Stopped
-from uavcover.vehicle.start import first_seq, hold_mode, is_flying, set_current_item, set_mode, start_mission
 
 _AT_REST_M_S = 0.3
 _ASKED = "second stop"

@@ -7,7 +7,7 @@ import pytest
 from tests.judging.track_logs.samples import COUNT, FRAME, flight, write_dataflash, write_gpx, write_tlog, write_ulog
 from uavcover.errors import TrackError
 from uavcover.judging.track_logs.assembly import LoggedRows, assemble_track
-from uavcover.judging.track_logs.reading import READERS, read_foreign_log
+from uavcover.judging.track_logs.readers import READERS, read_foreign_log
 from uavcover.model.track import ReadTrack
 
 WRITERS = {"flight.tlog": write_tlog, "flight.BIN": write_dataflash, "flight.ulg": write_ulog}

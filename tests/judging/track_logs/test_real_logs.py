@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uavcover.judging.track_logs.reading import read_foreign_log
+from uavcover.judging.track_logs.readers import read_foreign_log
 from uavcover.model.track import Track
 from uavcover.scenario.frames import LocalFrame
 

@@ -5,8 +5,7 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.errors import TransferError, TransferSilentError
 from mission_io.model.items import MissionType
-from mission_io.protocol.exchange import RESTARTS, Timing
-from mission_io.protocol.longest import longest_times
+from mission_io.protocol.timing import RESTARTS, Timing, longest_times
 from mission_io.wire.messages import (
     MissionAck,
     MissionCount,

@@ -5,7 +5,7 @@ import pytest
 
 from tests.judging.flights import Flight, changed, fly_along, make_site, taken
 from tests.planning.sites import with_scenario
-from uavcover.judging.deciding import judged_requirements
+from uavcover.judging.decision import judged_requirements
 from uavcover.judging.verify import verify_track
 from uavcover.model.route import Route
 from uavcover.model.scenario import Requirements

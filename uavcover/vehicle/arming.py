@@ -1,4 +1,4 @@
-"""Arms the vehicle and starts its mission, in the order that each autopilot requires."""
+"""Arms, starts and disarms the vehicle, in the order that each autopilot requires. Every (dis)arm command comes from here."""
 
 from mission_io.errors import CommandRefusedError, VehicleSilentError
 from mission_io.model.enums import AutopilotId, CommandResult
@@ -102,10 +102,19 @@ def disarm_on_ground(session: Session) -> bool:
     if session.monitor.on_ground is not True:
         return False
     try:
-        session.client.command(Command.COMPONENT_ARM_DISARM, 0.0)
+        send_disarm(session)
     except CommandRefusedError:
         return False
     return True
+
+
+def send_disarm(session: Session) -> None:
+    """Send the command; the caller has made sure that the vehicle stands on the ground.
+
+    Raises:
+        mission_io.errors.CommandRefusedError: the autopilot refuses.
+    """
+    session.client.command(Command.COMPONENT_ARM_DISARM, 0.0)
 
 
 def is_flying(session: Session) -> bool:

@@ -1,4 +1,7 @@
-"""Reads a log of other software, chosen by file suffix."""
+"""Reads a log of other software, chosen by file suffix: a format is one module and one row of ``READERS``.
+
+Our own ``.csv`` and ``.rrd`` are read by :func:`uavcover.run.judge.read_log`.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
