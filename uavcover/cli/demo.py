@@ -24,9 +24,11 @@ def demo(
     """Plan on real terrain, upload to a mock vehicle over UDP, read back, fly, record, verify."""
     from uavcover.cli.console import Console
     from uavcover.cli.whole_chain import demonstrate
+    from uavcover.run.plan import PlanRequest
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
-    return demonstrate(
-        run, scenario, console,
-        evaluations=evaluations, seed=seed, autopilot=autopilot, speed=speed, force=force, command=sys.argv,
+    request = PlanRequest(
+        scenario=scenario, folder=run, command=sys.argv, force=force, seed=seed, evaluations=evaluations,
+        autopilot=autopilot,
     )  # fmt: skip
+    return demonstrate(request, scenario, console, speed=speed)

@@ -6,9 +6,8 @@ import select
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from uavcover.cli.console import Console
@@ -28,35 +27,27 @@ _MOCK_START_S = 30.0
 _WIND = ("--wind", "3", "--wind-from", "250", "--gust", "0.7")
 
 
-def demonstrate(
-    folder: Path,
-    scenario: str,
-    console: Console,
-    *,
-    evaluations: int | None,
-    seed: int | None,
-    autopilot: str | None,
-    speed: float,
-    force: bool,
-    command: Sequence[str],
-) -> int:
-    """The whole chain; returns the exit code."""
+def demonstrate(request: PlanRequest, scenario: str, console: Console, *, speed: float) -> int:
+    """The whole chain; returns the exit code.
+
+    Args:
+        request: what is planned, and into which folder.
+        scenario: the same scenario by name or file, for the vehicle's process.
+        console: told what happens.
+        speed: of the vehicle, times real time.
+    """
     started = time.monotonic()
     if not 0.0 < speed < math.inf:
         raise InputError(f"--speed: {speed:g} is not a number above 0")
-    run = RunFolder(folder)
+    run = RunFolder(request.folder)
     console.say("1 of 4  plan")
-    request = PlanRequest(
-        scenario=scenario, folder=folder, command=command, force=force, seed=seed, evaluations=evaluations,
-        autopilot=autopilot,
-    )  # fmt: skip
     outcome = plan_into(request, console, check_site=require_home)
     if outcome.exit_code == INTERRUPTED:
         console.say(f"stopped; the plan is in {run}")
         console.result({"run": str(run), "plan": outcome.document})
         return INTERRUPTED
     site, route = outcome.site, outcome.plan.chosen.route
-    with mock_process(scenario, autopilot or site.scenario.vehicle.autopilot, speed, seed) as url:
+    with mock_process(scenario, request.autopilot or site.scenario.vehicle.autopilot, speed, request.seed) as url:
         console.say("2 of 4  upload to a mock vehicle in another process, read back, compare")
         at = time.monotonic()
         uploaded = upload_run(run, site, route, VehicleLink(url=url), console)
@@ -72,7 +63,7 @@ def demonstrate(
         return INTERRUPTED
     console.say("4 of 4  verify from the flown track alone")
     at = time.monotonic()
-    _, verdict = verify_run(run, console, command=command)
+    _, verdict = verify_run(run, console, command=request.command)
     _stage(run, "verify", at)
     save_report(run, run.file("report.html"), console)
     console.say()

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from uavcover.judging.ends import Continuation, continuations
+from uavcover.judging.ends import FlightContinuation, continuations
 from uavcover.judging.flown_coverage import FlownCoverage, possibly_seen
 from uavcover.judging.judged_track import JudgedTrack
 from uavcover.judging.observations import level_observations
@@ -174,7 +174,7 @@ def _judge_coverage(
 
 
 def _all_unobserved(
-    site: Site, judged: Sequence[JudgedTrack], links: Sequence[Continuation]
+    site: Site, judged: Sequence[JudgedTrack], links: Sequence[FlightContinuation]
 ) -> tuple[list[Unobserved], list[FloatArray]]:
     """Stretches without evidence, within the tracks and at their ends, and the parts of the route they may have covered."""
     found: list[Unobserved] = []
@@ -217,7 +217,7 @@ def _missing(site: Site, j: JudgedTrack, number: int, way_m: FloatArray, *, firs
     return replace(stretch, track=number)
 
 
-def _end_doubts(site: Site, number: int, j: JudgedTrack, links: Sequence[Continuation]) -> list[str]:
+def _end_doubts(site: Site, number: int, j: JudgedTrack, links: Sequence[FlightContinuation]) -> list[str]:
     doubts = []
     if not j.begin.on_ground and not any(link.after == number for link in links):
         doubts.append(

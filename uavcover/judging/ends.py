@@ -109,7 +109,7 @@ def _still(enu_m: FloatArray, first: int, last: int, time_s: FloatArray, noise_m
 
 
 @dataclass(frozen=True, slots=True)
-class Continuation:
+class FlightContinuation:
     """A track that continues in the air where another one ended.
 
     Attributes:
@@ -121,13 +121,13 @@ class Continuation:
     after: int
 
 
-def continuations(ends: Sequence[tuple[TrackEnd, TrackEnd]], limits: MotionLimits) -> list[Continuation]:
+def continuations(ends: Sequence[tuple[TrackEnd, TrackEnd]], limits: MotionLimits) -> list[FlightContinuation]:
     """Match tracks that begin in the air with tracks that ended in the air.
 
     A track continues one that ended before it, no further away than can have been flown: the one that ended last. Each is
     continued at most once.
     """
-    found: list[Continuation] = []
+    found: list[FlightContinuation] = []
     for after in sorted(range(len(ends)), key=lambda number: ends[number][0].time_s):
         begin = ends[after][0]
         if begin.on_ground:
@@ -141,5 +141,5 @@ def continuations(ends: Sequence[tuple[TrackEnd, TrackEnd]], limits: MotionLimit
             and np.linalg.norm(begin.enu_m - end.enu_m) <= MAX_JUMP_M + limits.speed_m_s * (begin.time_s - end.time_s)
         ]  # fmt: skip
         if fitting:
-            found.append(Continuation(max(fitting, key=lambda number: ends[number][1].time_s), after))
+            found.append(FlightContinuation(max(fitting, key=lambda number: ends[number][1].time_s), after))
     return found
