@@ -88,7 +88,7 @@ def test_hold_holds_and_does_not_wait_for_ever(autopilot, kind):
     scene = scene_of(autopilot)
     outcome, text = failed(scene, BREACHES[kind], OnBreach.HOLD)
     assert outcome.ending is kind
-    assert "holds its place since 20 s and nobody went on: left holding" in text
+    assert "has held its place for 20 s and nobody continued: left holding" in text
     assert scene.vehicle.flying
     [begun] = [i.begin_s for i in outcome.incidents if i.kind is kind][:1]
     later = [s for s in scene.samples if s.time_s > begun + 10.0]
@@ -116,7 +116,7 @@ def test_one_key_ends_the_hold_and_the_same_breach_does_not_hold_again(autopilot
 
     def listen(event: FlightEvent) -> None:
         scene.events.append(event)
-        if "because of that the vehicle holds" in event.text:
+        if "the vehicle therefore holds" in event.text:
             held.append(event)
             paused[0] = not paused[0]
 
@@ -146,7 +146,7 @@ def test_a_stop_while_it_holds_brings_it_home():
 
     def listen(event: FlightEvent) -> None:
         scene.events.append(event)
-        if "because of that the vehicle holds" in event.text:
+        if "the vehicle therefore holds" in event.text:
             stops[0] = 1
 
     outcome = flown(scene, BREACHES[Ending.BAND_LEFT], OnBreach.HOLD, on_event=listen, stop=lambda: stops[0])

@@ -53,7 +53,7 @@ def ended(scene: Scene, **options) -> tuple[FlightOutcome, str]:
             PX4,
             "stuck@20s",
             "STUCK",
-            "stuck: item 4 since 20 s without getting on",
+            "stuck: no progress at item 4 for 20 s",
             "in the air, armed, in mission mode",
         ),
         (ARDUPILOT, "mission-changed@20s", "MISSION_CHANGED", "8 items instead of 9", "disarmed, in mission mode"),

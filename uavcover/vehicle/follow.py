@@ -138,7 +138,7 @@ class _Follower:
 
     Args:
         session: with the vehicle.
-        stuck_s: without getting on, in its mission.
+        stuck_s: time without progress in its mission.
         stops_before: how many stops of the user are known already.
         pause: whether the vehicle is to wait now.
 
@@ -230,21 +230,21 @@ class _Follower:
             session.insist(lambda: set_mode(session, hold_mode(session)))
         except CommandRefusedError as error:
             session.paused = False
-            session.tell(EventKind.WARNING, f"the vehicle does not want to hold: {error}", alarm=True)
+            session.tell(EventKind.WARNING, f"the vehicle refuses to hold: {error}", alarm=True)
             return
         self._holds, self._held_for, self._upside_down = True, breach, not self._pause()
         self._held_still.restart()
         session.tell(
             EventKind.STOP,
-            f"because of that the vehicle holds its place in {session.mode_name}: p goes on, Ctrl-C brings it home",
+            f"the vehicle therefore holds its place in {session.mode_name}: p continues, Ctrl-C flies it home",
         )
 
     def _end_if_held_for_good(self) -> None:
         if self._held_for is not None and self._held_still.too_long:
             raise FlightFaultError(
                 self._held_for,
-                f"{self._session.watch.text_of(self._held_for)}; it holds its place since "
-                f"{self._held_still.timeout_s:g} s and nobody went on: left holding; fly --resume goes on",
+                f"{self._session.watch.text_of(self._held_for)}; it has held its place for "
+                f"{self._held_still.timeout_s:g} s and nobody continued: left holding; fly --resume continues",
             )
 
     def _end_at_users_wish(self, stops: int) -> None:
@@ -285,8 +285,8 @@ class _Follower:
         cause = session.watch.recent_cause(within_s=self._stillness.timeout_s)
         windy = cause is not None and cause[0] is Ending.WIND_ABOVE_LIMITS
         text = (
-            f"the vehicle is stuck: item {session.monitor.current_seq} since {self._stillness.timeout_s:g} s "
-            f"without getting on{session.recent_warnings}"
+            f"the vehicle is stuck: no progress at item {session.monitor.current_seq} "
+            f"for {self._stillness.timeout_s:g} s{session.recent_warnings}"
         )
         raise FlightFaultError(Ending.WIND_ABOVE_LIMITS if windy else Ending.STUCK, text)
 

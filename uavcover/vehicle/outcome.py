@@ -64,7 +64,7 @@ class Ending(Enum):
     PILOT_TOOK_OVER = "somebody else changed the flight mode"
     MISSION_CHANGED = "somebody else changed the mission, or the item that is flown"
     RESTARTED = "the vehicle's autopilot restarted"
-    STUCK = "the vehicle did not get on"
+    STUCK = "the vehicle made no progress"
     CRASHED = "the vehicle crashed: it says so, or it was disarmed in the air and fell"
     ENDED_EARLY = "the vehicle landed before the last planned waypoint"
     STAYED_ARMED = "the vehicle landed and did not disarm"

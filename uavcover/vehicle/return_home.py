@@ -24,7 +24,7 @@ def hold(session: Session, text: str = "stop: the vehicle is told to hold") -> N
 
     Raises:
         FlightFaultError: it is gone, or does not come to rest.
-        mission_io.errors.CommandRefusedError: it does not want to hold.
+        mission_io.errors.CommandRefusedError: it refuses to hold.
     """
     session.tell(EventKind.STOP, text)
     session.insist(lambda: set_mode(session, hold_mode(session)))

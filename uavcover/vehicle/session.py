@@ -164,7 +164,7 @@ class Session:
 
         Raises:
             FlightFaultError: the vehicle is gone.
-            mission_io.errors.MissionIoError: whatever ``act`` raises but silence; silence too, when other messages come.
+            mission_io.errors.MissionIoError: whatever ``act`` raises but silence; silence too, when other messages arrive.
         """
         began_s = self.client.clock.now()
         while True:

@@ -289,13 +289,13 @@ class Watch:
             self.close(Ending.LINK_LOST, f"vehicle {vehicle} is heard again")
 
     def _look_at_heartbeat(self, now: float) -> None:
-        """A heartbeat that stays away while other messages come: following goes on by these."""
+        """A missing heartbeat while other messages arrive: following continues with these."""
         age_s = min(self._client.heartbeat_age_s, now - self._heard_again_at_s)
         vehicle = self._client.vehicle.system_id
         if age_s > self._timeouts.heartbeat_s:
             self.open(
                 Ending.HEARTBEAT_LOST,
-                f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages come; its mode, and "
+                f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages arrive; its mode, and "
                 "whether it is armed, are not known",
                 age_s,
             )
@@ -313,7 +313,7 @@ class Watch:
                 now - heard_at,
             )
         elif self.is_open(Ending.POSITION_LOST):
-            self.close(Ending.POSITION_LOST, "positions come again")
+            self.close(Ending.POSITION_LOST, "positions arrive again")
 
     def _look_at_fix(self) -> None:
         gps = self._monitor.latest(m.GpsRawInt)
