@@ -84,7 +84,7 @@ def test_a_fixed_or_round_camera_without_such_wishes_has_no_commands():
 def test_an_angle_that_ardupilot_would_change_is_refused():
     half = dataclasses.replace(FRAME, pitch_deg=-60.5)
     with pytest.raises(
-        InfeasibleError, match=r"^sensor.pitch_deg: ArduPilot keeps .* whole degrees, -60.5 would be changed"
+        InfeasibleError, match=r"^sensor.pitch_deg: ArduPilot stores .* whole degrees and would change -60.5"
     ):
         compiled(half, "ardupilot")
     assert compiled(half, "px4").waypoint_count == 3
