@@ -156,3 +156,12 @@ def test_reference_has_every_key_of_a_scenario_with_its_default() -> None:
     assert "| `select` | text | " in page
     assert "| `max_home_error_m` | number | `10.0` | Largest" in page
     assert re.findall(r"^\|.*\|\s*\|$", page, re.MULTILINE) == []
+
+
+def test_every_page_is_in_the_navigation_once() -> None:
+    """Pages of results come from scripts; the build names one that is missing."""
+    listed = re.findall(r"^ +- [^#]*?([\w/-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(listed) == sorted(set(listed))
+    pages = {str(page.relative_to(ROOT / "docs")) for page in (ROOT / "docs").rglob("*.md")}
+    wanted = {page for page in pages if not page.startswith("results/")} | set(site_hook().PAGES)
+    assert wanted - set(listed) == set()
