@@ -12,13 +12,16 @@ from mission_io.autopilots.autopilot import (
     ARDUPILOT_ROVER,
     PX4,
     Autopilot,
+    MissionList,
     autopilot_for,
+    items_of,
     mission_from_wire,
+    mission_list_of,
+    mission_type_of,
     wire_items,
 )
 from mission_io.autopilots.checks import Problem, check_for_autopilot
 from mission_io.autopilots.comparison import Difference, compare_items
-from mission_io.autopilots.lists import MissionList, items_of, mission_list_of, mission_type_of
 from mission_io.client.async_client import AsyncClient
 from mission_io.client.client import Client
 from mission_io.client.connection import VehicleInfo
@@ -39,7 +42,7 @@ from mission_io.errors import (
 )
 from mission_io.formats.files import MissionFile, read_file, read_mission, write_mission
 from mission_io.links.opening import Link, UdpLink, open_link, register_endpoint
-from mission_io.links.presets import LINK_PRESETS, LinkPreset, link_preset
+from mission_io.links.simulated import LINK_PRESETS, LinkPreset, link_preset
 from mission_io.model.actions import Action, action_of, item_of
 from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.diff import MissionDiff, apply_diff, diff

@@ -36,8 +36,8 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from mission_io.clock import Clock
 from mission_io.links.simulated import Conditions, SimulatedLink
-from uavcover.mock.battery import BatteryData
 from uavcover.mock.behaviour import Settings
+from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import ARGUMENTS, FaultKind, parse_fault
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle

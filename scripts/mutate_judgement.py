@@ -212,10 +212,6 @@ def _warm_up() -> None:
     import shapely  # noqa: F401
     from pymavlink.dialects.v20 import ardupilotmega  # noqa: F401
 
-    from uavcover.kernels import (
-        observation_counting,  # noqa: F401
-    )
-
 
 def kept_rows(path: Path | None) -> dict[tuple[str, str, int], Row]:
     """What was tried already."""

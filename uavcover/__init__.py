@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from uavcover.judging.verify import Verdict
     from uavcover.model.route import Plan, Route
     from uavcover.model.track import Track
-    from uavcover.report.report_file import write_report
+    from uavcover.report.page import write_report
     from uavcover.run.api import (
         compile_mission,
         find_gaps,
@@ -69,7 +69,7 @@ _PLACES = {
     "uavcover.judging.verify": ("Verdict",),
     "uavcover.model.route": ("Plan", "Route"),
     "uavcover.model.track": ("Track",),
-    "uavcover.report.report_file": ("write_report",),
+    "uavcover.report.page": ("write_report",),
     "uavcover.run.api": (
         "compile_mission", "find_gaps", "fly", "plan", "select", "upload", "verify", "verify_track",
     ),

@@ -1,11 +1,16 @@
-"""How ArduPilot and PX4 treat missions, as data, and the conversion of missions into each one's terms.
+"""What ArduPilot and PX4 do differently with missions, as data; missions in each one's terms, and the lists on the wire.
+
+How ArduPilot and PX4 treat missions, as data, and the conversion of missions into each one's terms.
 
 Every fact was observed on a simulated vehicle of ArduCopter 4.7 or PX4 1.17, or read in their sources.
+
+The three lists a vehicle keeps (mission, fence, rally points) and the item lists that represent them on the wire.
 """
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 from mission_io.autopilots.storage import (
     ARDUPILOT_COPTER_STORAGE,
@@ -18,6 +23,14 @@ from mission_io.autopilots.storage import (
 )
 from mission_io.autopilots.vehicle_types import VehicleKind, kind_of
 from mission_io.errors import MisuseError
+from mission_io.model.areas import (
+    Fence,
+    RallyPoints,
+    fence_from_items,
+    items_from_fence,
+    items_from_rally,
+    rally_from_items,
+)
 from mission_io.model.enums import AutopilotId, Firmware, MissionResult, VehicleClass
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
 from mission_io.wire.mission_items import DEGREES_SCALE, float32
@@ -320,3 +333,35 @@ def stored_item(item: MissionItem, autopilot: Autopilot) -> MissionItem:
         kept("alt_m", item.alt_m),
         item.autocontinue if autopilot.keeps_autocontinue else item.command not in NOT_STEPS,
     )
+
+
+MissionList: TypeAlias = Mission | Fence | RallyPoints
+
+
+def mission_type_of(mission_list: MissionList) -> MissionType:
+    """The type of a mission list."""
+    if isinstance(mission_list, Mission):
+        return MissionType.MISSION
+    return MissionType.FENCE if isinstance(mission_list, Fence) else MissionType.RALLY
+
+
+def items_of(mission_list: MissionList, autopilot: Autopilot) -> tuple[MissionItem, ...]:
+    """The items of a mission list as sent to an autopilot.
+
+    Raises:
+        FormatError: an invalid fence polygon or circle.
+    """
+    if isinstance(mission_list, Mission):
+        return wire_items(mission_list, autopilot)
+    return items_from_fence(mission_list) if isinstance(mission_list, Fence) else items_from_rally(mission_list)
+
+
+def mission_list_of(mission_type: MissionType, items: Sequence[MissionItem], autopilot: Autopilot) -> MissionList:
+    """The mission, fence or rally points of an autopilot's item list; the inverse of ``items_of``.
+
+    Raises:
+        FormatError: items that do not belong in such a list.
+    """
+    if mission_type is MissionType.MISSION:
+        return mission_from_wire(items, autopilot)
+    return fence_from_items(items) if mission_type is MissionType.FENCE else rally_from_items(items)

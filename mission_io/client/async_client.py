@@ -8,8 +8,7 @@ from threading import Event
 from types import TracebackType
 from typing import Concatenate, ParamSpec, Self, TypeVar
 
-from mission_io.autopilots.autopilot import Autopilot
-from mission_io.autopilots.lists import MissionList
+from mission_io.autopilots.autopilot import Autopilot, MissionList
 from mission_io.client.client import Client, Progress, Stop
 from mission_io.client.connection import VehicleInfo
 from mission_io.client.read_back import ReadBack

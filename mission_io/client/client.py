@@ -4,9 +4,8 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import TypedDict, TypeVar
 
-from mission_io.autopilots.autopilot import Autopilot
+from mission_io.autopilots.autopilot import Autopilot, MissionList, items_of, mission_list_of, mission_type_of
 from mission_io.autopilots.checks import check_for_autopilot
-from mission_io.autopilots.lists import MissionList, items_of, mission_list_of, mission_type_of
 from mission_io.client import commands, transfer_outcome
 from mission_io.client.connection import Connection
 from mission_io.client.peers import two_in_one

@@ -16,8 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot
-from mission_io.autopilots.lists import MissionList, items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot, MissionList, items_of
 from mission_io.errors import FormatError, MisuseError
 from mission_io.formats import csv, geojson, kml, plan, poly, wpl
 from mission_io.formats.text import text_from_bytes

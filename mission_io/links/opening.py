@@ -10,11 +10,10 @@ from types import MappingProxyType
 from typing import Final
 
 from mission_io.errors import MisuseError
-from mission_io.links.base import Link, PeerLink, StreamLink
+from mission_io.links.base import BUILT_IN_SCHEMES, LINK_FORMS, Link, LinkUrl, PeerLink, StreamLink, parse_url
 from mission_io.links.serial_port import open_serial
 from mission_io.links.tcp import TcpListeningLink, connect_tcp
 from mission_io.links.udp import UdpLink
-from mission_io.links.url import BUILT_IN_SCHEMES, LINK_FORMS, LinkUrl, parse_url
 
 __all__ = [
     "LINK_FORMS",

@@ -6,8 +6,8 @@ from types import ModuleType
 from typing import Any
 
 from mission_io.errors import LinkError, MisuseError
+from mission_io.links.base import DEFAULT_BAUD
 from mission_io.links.stream import ChannelLink
-from mission_io.links.url import DEFAULT_BAUD
 
 _ADVICE = {
     errno.ENOENT: "is it plugged in?",
@@ -91,6 +91,6 @@ def _pyserial() -> ModuleType:
     try:
         import serial
     except ImportError:
-        raise MisuseError("serial links need pyserial; install the extra: pip install 'uavcover[serial]'") from None
+        raise MisuseError("serial links need pyserial; pip install pyserial") from None
     module: ModuleType = serial
     return module

@@ -8,8 +8,8 @@ from typing import Final, Self
 
 from mission_io.clock import Clock, MonotonicClock
 from mission_io.errors import LinkError
+from mission_io.links.base import DEFAULT_HOST
 from mission_io.links.stream import ChannelLink, FramedChannel, wait_for
-from mission_io.links.url import DEFAULT_HOST
 from mission_io.wire.framing import FramingCounts
 
 CONNECT_TIMEOUT_S: Final = 5.0

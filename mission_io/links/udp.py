@@ -8,7 +8,7 @@ from typing import Final, Self
 
 from mission_io.clock import Clock, MonotonicClock
 from mission_io.errors import LinkError
-from mission_io.links.url import DEFAULT_HOST
+from mission_io.links.base import DEFAULT_HOST
 from mission_io.wire.framing import Framer
 
 FORGOTTEN_AFTER_S: Final = 15.0

@@ -1,7 +1,7 @@
 """Finding a vehicle, and giving it missions, fences and rally points; each is compared with a download of its own."""
 
+from mission_io.autopilots.autopilot import MissionList, items_of, mission_type_of
 from mission_io.autopilots.comparison import compare_items
-from mission_io.autopilots.lists import MissionList, items_of, mission_type_of
 from mission_io.links.simulated import Conditions
 from mission_io.wire import messages as m
 from sitl_tests.case import Case, Finding, Station, Stopwatch

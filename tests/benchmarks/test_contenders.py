@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from uavcover.benchmarks.mmf.contenders import CONTENDERS, FLOOR, Budget, solve
 from uavcover.benchmarks.mmf.problems import PROBLEMS, MmfProblem
+from uavcover.benchmarks.mmf.runs import CONTENDERS, FLOOR, Budget, solve
 from uavcover.optimizers import ALGORITHMS
 
 SMALL = Budget(population=24, iterations=6, archive=12)

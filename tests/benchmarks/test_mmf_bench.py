@@ -8,11 +8,10 @@ import pytest
 from pymoo.indicators.hv import HV
 from pymoo.indicators.igd import IGD
 
-from uavcover.benchmarks.mmf.contenders import Budget
 from uavcover.benchmarks.mmf.problems import PROBLEMS
 from uavcover.benchmarks.mmf.reference_sets import reference_sets
 from uavcover.benchmarks.mmf.results import FIGURES, comparisons_csv, draw, median_run, write_results
-from uavcover.benchmarks.mmf.runs import MmfFolder, RunId, make_runs, missing_runs
+from uavcover.benchmarks.mmf.runs import Budget, MmfFolder, RunId, make_runs, missing_runs
 from uavcover.benchmarks.mmf.summary import METRICS, figure, indicators, measured, summary_csv
 from uavcover.benchmarks.mmf.tables import contestants, markdown, published, short, tables_markdown
 from uavcover.errors import InputError, OutputError

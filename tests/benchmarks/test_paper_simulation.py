@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uavcover.benchmarks.paper.readings import READINGS, TABLE_5, Figures
 from uavcover.benchmarks.paper.results import (
     TableRow,
     by_nodes,
@@ -19,7 +18,7 @@ from uavcover.benchmarks.paper.results import (
     tables_markdown,
     write_results,
 )
-from uavcover.benchmarks.paper.runs import ALGORITHMS, PaperResult, make_runs, paper_runs
+from uavcover.benchmarks.paper.runs import ALGORITHMS, READINGS, TABLE_5, Figures, PaperResult, make_runs, paper_runs
 from uavcover.benchmarks.runs import KeptRuns
 from uavcover.errors import InputError, OutputError
 from uavcover.sensing.coverage_map import CoverageMap

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Cli, command, in_process, started
-from uavcover.benchmarks.mmf.contenders import CONTENDERS
 from uavcover.benchmarks.mmf.problems import PROBLEMS
+from uavcover.benchmarks.mmf.runs import CONTENDERS
 
 SMALL = ("--population", 12, "--iterations", 4, "--archive", 8)
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.links.telemetry_log import LoggedLink
-from uavcover.mock.battery import BatteryData
 from uavcover.mock.behaviour import Settings
+from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Plan, Route, RouteMember

@@ -3,8 +3,16 @@
 import numpy as np
 import pytest
 
-from uavcover.judging.motion_windows import MAX_NOISE_M, NOISE_MEDIANS, Windows
-from uavcover.judging.possible_motion import ImpossibleMove, Motion, MotionLimits, judge_motion, motion_limits
+from uavcover.judging.possible_motion import (
+    MAX_NOISE_M,
+    NOISE_MEDIANS,
+    ImpossibleMove,
+    Motion,
+    MotionLimits,
+    Windows,
+    judge_motion,
+    motion_limits,
+)
 from uavcover.model.vehicle import Vehicle, Wind
 
 LIMITS = MotionLimits(speed_m_s=20.0, climb_m_s=10.0, descent_m_s=6.0, acceleration_m_s2=6.0)

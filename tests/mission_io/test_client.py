@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, wire_items
-from mission_io.autopilots.lists import MissionList
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, MissionList, wire_items
 from mission_io.client.client import Client
 from mission_io.errors import (
     FormatError,

@@ -3,8 +3,7 @@ import math
 
 import pytest
 
-from mission_io.autopilots.autopilot import PX4
-from mission_io.autopilots.lists import items_of, mission_list_of, mission_type_of
+from mission_io.autopilots.autopilot import PX4, items_of, mission_list_of, mission_type_of
 from mission_io.errors import CommandRefusedError, FormatError, MissionIoError, TransferSilentError
 from mission_io.model import items as i
 from mission_io.model.areas import (

@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4
-from mission_io.autopilots.lists import items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, items_of
 from mission_io.client.client import Client
 from mission_io.errors import TransferCancelledError
 from mission_io.links.opening import UdpLink

@@ -7,8 +7,15 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, wire_items
 from mission_io.errors import MisuseError
-from mission_io.links.presets import LINK_PRESETS, SATELLITE, TELEMETRY_RADIO, LinkPreset, link_preset
-from mission_io.links.simulated import Conditions, SimulatedLink
+from mission_io.links.simulated import (
+    LINK_PRESETS,
+    SATELLITE,
+    TELEMETRY_RADIO,
+    Conditions,
+    LinkPreset,
+    SimulatedLink,
+    link_preset,
+)
 from mission_io.model.items import GeoPoint, Mission, MissionType
 from mission_io.protocol.timing import Timing
 from tests.mission_io.protocol.scripts import items

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from uavcover.mock.battery import Battery, BatteryData, power_share
+from uavcover.mock.dynamics import Battery, BatteryData, power_share
 from uavcover.model.vehicle import Vehicle
 
 DATA = BatteryData(endurance_s=1200.0, hover_w=250.0, hover_induced_m_s=6.0)

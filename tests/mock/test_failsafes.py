@@ -11,7 +11,7 @@ from mission_io.model.items import Command, MissionType
 from mission_io.wire import messages as m
 from tests.mock.bench import Bench, go, ready, up_there
 from tests.vehicle.scene import HOME, above_home
-from uavcover.mock.battery import BatteryData
+from uavcover.mock.dynamics import BatteryData
 from uavcover.vehicle.modes import Mode
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uavcover.benchmarks.mmf.contenders import Budget, contender_names, solve
 from uavcover.benchmarks.mmf.problems import PROBLEMS
-from uavcover.benchmarks.mmf.runs import MmfFolder, RunId, make_runs
+from uavcover.benchmarks.mmf.runs import Budget, MmfFolder, RunId, contender_names, make_runs, solve
 from uavcover.errors import OptimizerError
 from uavcover.optimizers import (
     ALGORITHMS,

@@ -15,7 +15,7 @@ from uavcover.model.sensor import NadirCamera, Sensor
 from uavcover.model.vehicle import Vehicle
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import grid_ground
-from uavcover.scenario.obstacle_prisms import Footprint, stand_on
+from uavcover.scenario.obstacles import Footprint, stand_on
 from uavcover.scenario.site import Site
 
 ORIGIN = Origin(lat_deg=36.5, lon_deg=-84.2, alt_amsl_m=400.0)

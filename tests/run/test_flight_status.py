@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from uavcover.run import flight_status
+from uavcover.run import provenance
 from uavcover.run.folder import RunFolder
 from uavcover.vehicle.outcome import Ending, FlightOutcome
 
@@ -29,11 +29,11 @@ def flight(run: RunFolder) -> dict[str, Any]:
 
 
 def test_a_flight_is_flying_from_its_first_second_and_then_has_its_outcome(run: RunFolder) -> None:
-    assert flight_status.settled_ending(run) == "landed"
-    flight_status.note_flying(run)
-    assert flight(run)["ending"] == flight_status.settled_ending(run) == "flying"
+    assert provenance.settled_ending(run) == "landed"
+    provenance.note_flying(run)
+    assert flight(run)["ending"] == provenance.settled_ending(run) == "flying"
     assert "samples" not in flight(run), "nothing of the older flight is left"
-    flight_status.note_outcome(run, OUTCOME)
+    provenance.note_outcome(run, OUTCOME)
     assert flight(run) == OUTCOME.as_json()
 
 
@@ -45,7 +45,7 @@ def test_a_killed_flight_reads_interrupted_and_is_written_down(run: RunFolder) -
     killed = subprocess.run([sys.executable, "-c", code, str(run)], check=False)
     assert killed.returncode == -9
     assert flight(run)["ending"] == "flying"
-    assert flight_status.settled_ending(run) == "interrupted"
+    assert provenance.settled_ending(run) == "interrupted"
     assert flight(run)["ending"] == "interrupted"
     assert "process" not in flight(run)
 
@@ -64,49 +64,49 @@ def test_a_killed_flight_reads_interrupted_and_is_written_down(run: RunFolder) -
     ids=["restarted machine", "number given anew", "no such process", "zero", "minus one", "text", "none"],
 )
 def test_another_process_is_not_the_one_that_flew(process: dict[str, Any], run: RunFolder) -> None:
-    flight_status.note_flying(run)
+    provenance.note_flying(run)
     document = json.loads(run.file("run.json").read_text())
     document["flight"]["process"] |= process
     run.write_json("run.json", document)
-    assert flight_status.settled_ending(run) == "interrupted"
+    assert provenance.settled_ending(run) == "interrupted"
 
 
 @pytest.mark.parametrize("process", [None, [], "pid 7", {}])
 def test_a_flight_of_which_nobody_says_who_follows_it_is_interrupted(process: object, run: RunFolder) -> None:
     run.write_json("run.json", {"seed": 3, "flight": {"ending": "flying", "process": process}})
-    assert flight_status.settled_ending(run) == "interrupted"
+    assert provenance.settled_ending(run) == "interrupted"
 
 
 def test_where_the_operating_system_tells_little_the_process_number_decides(
     run: RunFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(flight_status, "_BOOT", Path("/nowhere/boot_id"))
-    monkeypatch.setattr(flight_status, "_started", lambda _: None)
-    flight_status.note_flying(run)
-    assert flight_status.settled_ending(run) == "flying"
+    monkeypatch.setattr(provenance, "_BOOT", Path("/nowhere/boot_id"))
+    monkeypatch.setattr(provenance, "_started", lambda _: None)
+    provenance.note_flying(run)
+    assert provenance.settled_ending(run) == "flying"
     monkeypatch.setattr(os, "kill", lambda *_: (_ for _ in ()).throw(PermissionError()))
-    assert flight_status.settled_ending(run) == "flying"
+    assert provenance.settled_ending(run) == "flying"
     monkeypatch.setattr(os, "kill", lambda *_: (_ for _ in ()).throw(ProcessLookupError()))
-    assert flight_status.settled_ending(run) == "interrupted"
+    assert provenance.settled_ending(run) == "interrupted"
 
 
 @pytest.mark.parametrize("document", [{}, {"flight": None}, {"flight": "landed"}, {"flight": {"ending": 3}}])
 def test_a_run_without_a_flight_has_no_ending(document: dict[str, Any], tmp_path: Path) -> None:
     run = RunFolder(tmp_path)
-    assert flight_status.settled_ending(run) is None
+    assert provenance.settled_ending(run) is None
     run.write_json("run.json", document)
-    assert flight_status.settled_ending(run) is None
+    assert provenance.settled_ending(run) is None
 
 
 def test_a_folder_that_may_only_be_read_is_looked_at(run: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
     from uavcover.errors import OutputError
 
-    flight_status.note_flying(run)
-    monkeypatch.setattr(flight_status, "_is_there", lambda _: False)
+    provenance.note_flying(run)
+    monkeypatch.setattr(provenance, "_is_there", lambda _: False)
 
     def refuse(*_: object) -> None:
         raise OutputError("read-only")
 
     monkeypatch.setattr(RunFolder, "write_json", refuse)
-    assert flight_status.settled_ending(run) == "interrupted"
+    assert provenance.settled_ending(run) == "interrupted"
     assert flight(run)["ending"] == "flying"

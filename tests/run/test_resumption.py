@@ -11,8 +11,8 @@ import pytest
 from mission_io.links.simulated import Conditions, SimulatedLink
 from tests.planning.sites import hills, make_site
 from uavcover.errors import InputError
-from uavcover.mock.battery import Battery, BatteryData
 from uavcover.mock.behaviour import Settings
+from uavcover.mock.dynamics import Battery, BatteryData
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle

@@ -10,7 +10,7 @@ import shapely
 
 from uavcover.errors import ScenarioError
 from uavcover.model.obstacles import Obstacle, Obstacles
-from uavcover.scenario.obstacle_file import box_corners_m, read_obstacles
+from uavcover.scenario.obstacles import box_corners_m, read_obstacles
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario, parse_scenario
 from uavcover.scenario.site import load_site
 from uavcover.sensing.cells import make_cells

@@ -7,8 +7,7 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from tests.vehicle.scene import FRAME, HOME, Scene, make_scene, mission, plan_for
-from uavcover.mock.battery import BatteryData
-from uavcover.mock.dynamics import WindModel
+from uavcover.mock.dynamics import BatteryData, WindModel
 from uavcover.mock.faults import parse_fault
 from uavcover.vehicle.flight_plan import FlightTimeouts, OperatingVolume
 from uavcover.vehicle.fly import Ending

@@ -5,7 +5,7 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from tests.vehicle.scene import Scene, make_scene, mission
-from uavcover.mock.battery import BatteryData
+from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import parse_fault
 from uavcover.vehicle.flight_plan import FlightTimeouts
 from uavcover.vehicle.fly import Ending

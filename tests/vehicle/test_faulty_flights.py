@@ -10,7 +10,7 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.links.simulated import Conditions
 from tests.vehicle.scene import make_scene, mission, plan_for, way_home
-from uavcover.mock.battery import BatteryData
+from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import parse_fault
 from uavcover.model.track import TrackSample
 from uavcover.vehicle.fly import Orders, fly

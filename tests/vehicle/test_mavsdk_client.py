@@ -25,7 +25,7 @@ from mission_io.model.items import Command, MissionType
 from mission_io.wire.messages import AutopilotVersion
 from tests.mission_io.protocol.scripts import items
 from tests.vehicle.scene import HOME, mission, plan_for, way_home
-from uavcover.mock.battery import BatteryData
+from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.server import MockServer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.vehicle.flight_plan import FlightTimeouts

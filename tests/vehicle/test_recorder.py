@@ -8,7 +8,7 @@ import pytest
 from mission_io.wire import messages as m
 from uavcover.model.track import TrackSample
 from uavcover.scenario.frames import LocalFrame
-from uavcover.vehicle.recorder import Recorder
+from uavcover.vehicle.track_file import Recorder
 
 FRAME = LocalFrame(36.5, -84.2, 400.0)
 

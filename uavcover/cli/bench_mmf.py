@@ -38,10 +38,9 @@ def bench_mmf(
     Stop it when you like: what is done is kept, and the same command goes on. Results: summary.csv, tables.md with
     the paper's figures beside, runs.csv, comparisons.csv, figure3.png to figure6.png, and sets/FUNCTION/ALGORITHM/RUN.csv.
     """
-    from uavcover.benchmarks.mmf.contenders import Budget, contender_names
     from uavcover.benchmarks.mmf.problems import PROBLEMS
     from uavcover.benchmarks.mmf.results import write_results
-    from uavcover.benchmarks.mmf.runs import MmfFolder, make_runs, missing_runs
+    from uavcover.benchmarks.mmf.runs import Budget, MmfFolder, contender_names, make_runs, missing_runs
     from uavcover.benchmarks.runs import available_cores
     from uavcover.cli.console import Console
     from uavcover.errors import InputError

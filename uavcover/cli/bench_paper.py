@@ -31,9 +31,8 @@ def bench_paper(
     Stop it when you like: what is done is kept, and the same command goes on. Results: tables.md (Tables 5 and 6 beside
     the paper's, and which reading fits), runs.csv, the routes, figure7.png and figures8-11-READING.png.
     """
-    from uavcover.benchmarks.paper.readings import READINGS
     from uavcover.benchmarks.paper.results import write_results
-    from uavcover.benchmarks.paper.runs import ALGORITHMS, make_runs, paper_runs
+    from uavcover.benchmarks.paper.runs import ALGORITHMS, READINGS, make_runs, paper_runs
     from uavcover.benchmarks.runs import KeptRuns, available_cores
     from uavcover.cli.console import Console
     from uavcover.errors import InputError

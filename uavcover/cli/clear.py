@@ -21,7 +21,7 @@ def clear(
     verbose: options.Verbose = 0,
 ) -> int:
     """Empty a vehicle's mission, fence or rally points, and read back that they are empty."""
-    from mission_io.links.presets import link_preset
+    from mission_io.links.simulated import link_preset
     from mission_io.model.items import MissionType
     from uavcover.cli.console import Console
     from uavcover.cli.mission_files import KINDS

@@ -108,7 +108,12 @@ def _extra(name: str, purpose: str, extra: str) -> Finding:
     try:
         return Finding(name, True, False, f"{metadata.version(name)}, for {purpose}")
     except metadata.PackageNotFoundError:
-        return Finding(name, False, False, f"needed for {purpose}: pip install 'uavcover[{extra}]'")
+        return Finding(
+            name,
+            False,
+            False,
+            f"needed for {purpose}: pip install {name} (extra {extra})",
+        )
 
 
 _VULKAN = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d")

@@ -24,7 +24,7 @@ def download(
     verbose: options.Verbose = 0,
 ) -> int:
     """Download a vehicle's mission, fence or rally points into a file."""
-    from mission_io.links.presets import link_preset
+    from mission_io.links.simulated import link_preset
     from mission_io.model.items import MissionType
     from uavcover.cli.console import Console
     from uavcover.cli.mission_files import check_output, text_of

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from mission_io.autopilots.lists import MissionList
+from mission_io.autopilots.autopilot import MissionList
 from mission_io.client.client import Client
 from mission_io.errors import MissionIoError
 from mission_io.formats import plan, wpl

@@ -71,9 +71,8 @@ def mock_vehicle(
     from mission_io.model.items import GeoPoint
     from uavcover.cli.console import Console
     from uavcover.errors import InputError
-    from uavcover.mock.battery import BatteryData
     from uavcover.mock.behaviour import OBSERVED, Settings, quick
-    from uavcover.mock.dynamics import WindModel
+    from uavcover.mock.dynamics import BatteryData, WindModel
     from uavcover.mock.faults import parse_fault
     from uavcover.mock.positioning import GpsError, TruthFile
     from uavcover.mock.server import run

@@ -36,7 +36,7 @@ def plan_upload(
 
     upload.json tells of the last upload; an older one is replaced.
     """
-    from mission_io.links.presets import link_preset
+    from mission_io.links.simulated import link_preset
     from uavcover.cli.console import Console
     from uavcover.errors import InputError
     from uavcover.run.folder import RunFolder

@@ -29,7 +29,7 @@ def report(
     """Write report.html: map, 3D view, heights, coverage, requirements, alternatives; one file, opens offline."""
     from uavcover.cli.console import Console
     from uavcover.errors import OutputError
-    from uavcover.report.report_file import draw_figures, save_report
+    from uavcover.report.page import draw_figures, save_report
     from uavcover.run.folder import RunFolder
 
     console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))

@@ -26,7 +26,7 @@ def upload(
     verbose: options.Verbose = 0,
 ) -> int:
     """Upload a mission, fence or rally file, read it back and compare; the terrain is not checked."""
-    from mission_io.links.presets import link_preset
+    from mission_io.links.simulated import link_preset
     from uavcover.cli.console import Console
     from uavcover.cli.mission_files import home_of, read_contents, warn_of_home
     from uavcover.run.session import VehicleLink, connect

@@ -12,7 +12,7 @@ from typing import Any
 
 from uavcover.cli.console import Console
 from uavcover.errors import INTERRUPTED, InputError, VehicleError
-from uavcover.report.report_file import save_report
+from uavcover.report.page import save_report
 from uavcover.run.fly import ENDED_BY_USER, FlightOptions, fly_run
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import verify_run

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uavcover.judging.motion_windows import Windows
-from uavcover.judging.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG
+from uavcover.judging.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG, Windows
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
 

@@ -17,7 +17,7 @@ from uavcover.kernels.route import distances_to_polyline
 from uavcover.model.track import Track
 from uavcover.model.vehicle import Vehicle
 from uavcover.model.verdict import Violation, ViolationKind
-from uavcover.scenario.obstacle_prisms import leg_breaches, waypoint_breaches
+from uavcover.scenario.obstacles import leg_breaches, waypoint_breaches
 from uavcover.scenario.site import Site
 
 SPEED_WINDOW_S = 1.0

@@ -8,8 +8,7 @@ import numpy as np
 
 from mission_io.model.enums import LandedState
 from mission_io.model.items import Command, Frame, GeoPoint, MissionItem
-from uavcover.mock.battery import Battery, BatteryData
-from uavcover.mock.dynamics import Airframe, PointMass, Vector, WindField, WindModel
+from uavcover.mock.dynamics import Airframe, Battery, BatteryData, PointMass, Vector, WindField, WindModel
 from uavcover.mock.itinerary import Itinerary, Step
 from uavcover.mock.positioning import GpsError, Positioning
 from uavcover.scenario.frames import LocalFrame

@@ -15,10 +15,9 @@ from mission_io.model.enums import AutopilotId, MissionState, VehicleClass
 from mission_io.model.items import GeoPoint, MissionItem, MissionType
 from mission_io.protocol.exchange import Address
 from mission_io.wire import messages as m
-from uavcover.mock.battery import BatteryData
 from uavcover.mock.behaviour import Behaviour, Settings, TerrainSource, TransferClock, quick
 from uavcover.mock.body import STEP_S, Ground, MockBody
-from uavcover.mock.dynamics import Airframe, Vector, WindModel
+from uavcover.mock.dynamics import Airframe, BatteryData, Vector, WindModel
 from uavcover.mock.faults import Fault, FaultKind, FaultSchedule
 from uavcover.mock.fence import FenceWatch
 from uavcover.mock.itinerary import Step

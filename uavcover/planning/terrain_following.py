@@ -9,7 +9,7 @@ from shapely.ops import nearest_points, substring
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.route import follow_terrain
-from uavcover.scenario.obstacle_prisms import Prism
+from uavcover.scenario.obstacles import Prism
 from uavcover.scenario.site import Site
 
 _MARGIN_M = 0.05

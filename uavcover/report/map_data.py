@@ -22,7 +22,7 @@ from uavcover.kernels.arrays import ByteArray, FloatArray
 from uavcover.report.content import Flight, ReportContent
 from uavcover.report.plots import flight_style
 from uavcover.scenario.ground import Ground
-from uavcover.scenario.obstacle_prisms import Prism
+from uavcover.scenario.obstacles import Prism
 from uavcover.scenario.relief import relief_grid
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap

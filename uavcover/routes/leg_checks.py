@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.scenario.obstacle_prisms import leg_breaches, waypoint_breaches
+from uavcover.scenario.obstacles import leg_breaches, waypoint_breaches
 from uavcover.scenario.site import Site
 
 CLIMB_TOLERANCE_DEG = 1e-6

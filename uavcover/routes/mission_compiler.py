@@ -1,19 +1,25 @@
 """Compiles a route into a mission: take-off, transit, planned waypoints, transit home, landing; every leg is checked.
 
 Heights are above home, so a wrong home would shift all of them: ``fly`` and ``plan-upload`` compare it first.
+
+Camera items follow each autopilot. ArduPilot takes gimbal angles as DO_GIMBAL_MANAGER_PITCHYAW, in whole degrees, and can hold
+a heading; its DO_MOUNT_CONTROL would turn a vehicle whose gimbal has no yaw axis. PX4 refuses DO_GIMBAL_MANAGER_PITCHYAW in a
+mission unless the mission has taken control of the gimbal, so it gets DO_MOUNT_CONTROL, as ground stations send it, and holds a
+heading by its waypoints.
 """
 
 import dataclasses
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 
 from mission_io.autopilots import autopilot as autopilots
+from mission_io.autopilots.autopilot import MissionList, items_of, mission_type_of
 from mission_io.autopilots.checks import check_for_autopilot
-from mission_io.autopilots.lists import MissionList, items_of, mission_type_of
+from mission_io.model.actions import PointGimbal, PointMount, item_of
 from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.items import (
     Frame,
@@ -24,14 +30,15 @@ from mission_io.model.items import (
     change_speed,
     land,
     takeoff,
+    trigger_camera_every,
     waypoint,
 )
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.way_cost import flight_time
 from uavcover.model.route import Route
+from uavcover.model.sensor import Camera, FrameCamera, Sensor
 from uavcover.model.vehicle import AutopilotName
-from uavcover.routes.camera_items import headed, pointing_items, start_pictures, stop_pictures
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.transit import (
     ReturnAdvice,
@@ -47,6 +54,51 @@ from uavcover.routes.way_cost import pace_of
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m
+
+_YAW_LOCK = 16
+"""GIMBAL_MANAGER_FLAGS: yaw is a heading, not an angle relative to the vehicle's nose."""
+
+
+def pointing_items(sensor: Sensor, autopilot: AutopilotName) -> list[MissionItem]:
+    """Items that point a stabilised camera as the scenario requires; empty for other sensors.
+
+    Raises:
+        InfeasibleError: the autopilot cannot keep the angle.
+    """
+    if not isinstance(sensor, Camera) or sensor.mount != "stabilised":
+        return []
+    pitch_deg, heading_deg = (
+        (sensor.pitch_deg, sensor.heading_deg) if isinstance(sensor, FrameCamera) else (-90.0, None)
+    )
+    if autopilot == "px4":
+        return [item_of(PointMount(pitch_deg))]
+    for key, angle in (("pitch_deg", pitch_deg), ("heading_deg", heading_deg)):
+        if angle is not None and not angle.is_integer():
+            raise InfeasibleError(
+                f"sensor.{key}: ArduPilot stores gimbal angles in whole degrees and would change {angle:g}; "
+                f"give {round(angle)}"
+            )
+    flags = 0 if heading_deg is None else _YAW_LOCK
+    yaw_deg = 0.0 if heading_deg is None else heading_deg
+    return [item_of(PointGimbal(pitch_deg, yaw_deg, 0.0, 0.0, flags=flags))]
+
+
+def headed(item: MissionItem, sensor: Sensor, autopilot: AutopilotName) -> MissionItem:
+    """The waypoint, for PX4 with the heading to hold on the way to it if the scenario sets one."""
+    if autopilot != "px4" or not isinstance(sensor, FrameCamera) or sensor.heading_deg is None:
+        return item
+    return replace(item, params=(*item.params[:3], sensor.heading_deg))
+
+
+def start_pictures(distance_m: float) -> MissionItem:
+    """Take a picture now and after every ``distance_m`` metres over ground."""
+    return trigger_camera_every(distance_m)
+
+
+def stop_pictures() -> MissionItem:
+    """Stop taking pictures by distance."""
+    return trigger_camera_every(0.0)
+
 
 AUTOPILOTS = {"ardupilot": autopilots.ARDUPILOT, "px4": autopilots.PX4}
 

@@ -42,6 +42,7 @@ def plan(
     evaluations: int | None = None,
     budget_s: float | None = None,
     seed: int | None = None,
+    algorithm: str | type | None = None,
     select: str | None = None,
     force: bool = False,
     user: User = NOBODY,
@@ -54,6 +55,7 @@ def plan(
         evaluations: of the search; equal seed and evaluations give an equal plan. Default: the scenario's.
         budget_s: search this long instead.
         seed: of every random number. Default: the scenario's.
+        algorithm: a name, ``module:Class``, or a class with ``ask`` and ``tell``. Default: the scenario's.
         select: the rule by which one route of the Pareto set is chosen. Default: the scenario's.
         force: whether a plan that is there may be replaced, with all that belongs to it.
         user: who is told, and may stop the search.
@@ -67,7 +69,7 @@ def plan(
     """
     request = PlanRequest(
         scenario=site, folder=Path(out), command=sys.argv, force=force, seed=seed, evaluations=evaluations,
-        budget_s=budget_s, select=select,
+        budget_s=budget_s, algorithm=algorithm, select=select,
     )  # fmt: skip
     return plan_into(request, user, check_site=lambda _: None).plan
 

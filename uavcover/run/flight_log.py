@@ -9,7 +9,7 @@ from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
 from uavcover.recording import flight as recorded
 from uavcover.recording.live import LiveRecording
-from uavcover.run import flight_status
+from uavcover.run import provenance
 from uavcover.run.file_group import writing
 from uavcover.run.folder import (
     FLIGHT_FILES,
@@ -102,7 +102,7 @@ class FlightLog:
             if ended is not None and ended.error is not None:
                 raise OutputError(f"{ended.error}; nothing was armed")
         self._set_older_flight_aside()
-        flight_status.forget(self._run)
+        provenance.forget(self._run)
         self._writer = TrackWriter(self._run.file("track.csv"), overwrite=self._overwrite, reserve=self._reserve)
         if self._live is not None:
             self._live.rename(self._run.file("flight.rrd"))
@@ -110,7 +110,7 @@ class FlightLog:
             self._telemetry.move_to(self._run.file(TELEMETRY_LOG))
             if self._telemetry.error is not None:
                 raise OutputError(f"{self._telemetry.error}; nothing was armed")
-        flight_status.note_flying(self._run)
+        provenance.note_flying(self._run)
         self.begun = True
 
     def take_sample(self, sample: TrackSample) -> None:

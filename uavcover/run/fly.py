@@ -11,7 +11,7 @@ from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.verify import flown_coverage
 from uavcover.model.route import Route
 from uavcover.recording.writer import write_recording
-from uavcover.run import flight_status
+from uavcover.run import provenance
 from uavcover.run.flight_log import FlightLog, live_recording
 from uavcover.run.folder import FLIGHT_FILES, RunFolder
 from uavcover.run.mission import compile_plan
@@ -131,7 +131,7 @@ def record_flight(
         except KeyboardInterrupt:
             user.warn("aborted: the vehicle was left as it is, maybe armed and in the air; take over from here")
             if log.begun:
-                flight_status.note_interrupted(run)
+                provenance.note_interrupted(run)
             raise
         finally:
             log.close()
@@ -164,7 +164,7 @@ def _seal(run: RunFolder, log: FlightLog, user: User) -> None:
 def _note_outcome(run: RunFolder, outcome: FlightOutcome, user: User) -> None:
     """A disk that is full takes no outcome; the flight's own error is the one that counts then."""
     try:
-        flight_status.note_outcome(run, outcome)
+        provenance.note_outcome(run, outcome)
     except UavcoverError as error:
         user.warn(str(error))
 

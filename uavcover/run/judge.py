@@ -18,7 +18,7 @@ from uavcover.judging.verify import FlownTrack, Verdict, verify_flight, verify_t
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import ReadTrack, Track
 from uavcover.model.verdict import VerificationReport
-from uavcover.run import flight_status
+from uavcover.run import provenance
 from uavcover.run.documents import (
     read_plan_document,
     verification_document,
@@ -74,10 +74,10 @@ def _of_its_standing(path: Path) -> list[str]:
     """What is to be said of the track of a flight that goes on, or that nobody followed to its end."""
     if path.name != TRACK:
         return []
-    match flight_status.settled_ending(RunFolder(path.parent)):
-        case flight_status.FLYING:
+    match provenance.settled_ending(RunFolder(path.parent)):
+        case provenance.FLYING:
             return [f"{path}: this flight goes on: what it sees from now on is not in the track yet"]
-        case flight_status.INTERRUPTED:
+        case provenance.INTERRUPTED:
             return [
                 f"{path}: this flight was interrupted: the program that followed it ended before it; fly --resume goes on"
             ]

@@ -59,7 +59,7 @@ class PlanRequest:
     seed: int | None = None
     evaluations: int | None = None
     budget_s: float | None = None
-    algorithm: str | None = None
+    algorithm: str | type | None = None
     max_waypoints: int | None = None
     select: str | None = None
     autopilot: str | None = None

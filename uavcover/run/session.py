@@ -18,8 +18,8 @@ from mission_io.model.items import GeoPoint, MissionType
 from mission_io.protocol.timing import Timing
 from mission_io.wire.messages import ExtendedSysState, GlobalPositionInt
 from uavcover.errors import InputError
-from uavcover.mock.battery import BatteryData
 from uavcover.mock.behaviour import Settings
+from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.server import mock_endpoint
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Route

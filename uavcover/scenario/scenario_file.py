@@ -17,7 +17,7 @@ from uavcover.model.area import Area, Ring
 from uavcover.model.limits import FlightLimits
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.scenario import RasterTerrain, Scenario
-from uavcover.scenario.obstacle_file import polygons_of, read_geojson, read_obstacles
+from uavcover.scenario.obstacles import polygons_of, read_geojson, read_obstacles
 
 _BUNDLED = "bundled:"
 _MOST_MISTAKES = 5

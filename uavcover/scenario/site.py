@@ -21,7 +21,7 @@ from uavcover.model.scenario import (
 from uavcover.scenario.elevation_file import MAX_ERROR_M, read_ground, read_height_amsl_m
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground, sine_cosine_ground
-from uavcover.scenario.obstacle_prisms import Footprint, Prism, stand_on
+from uavcover.scenario.obstacles import Footprint, Prism, stand_on
 from uavcover.scenario.scenario_file import load_scenario, terrain_path
 
 MAX_REACH_M = 100_000.0

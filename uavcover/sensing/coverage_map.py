@@ -19,7 +19,7 @@ from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.sight import Sight
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import FrameCamera
-from uavcover.scenario.obstacle_prisms import waypoint_breaches
+from uavcover.scenario.obstacles import waypoint_breaches
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import CellGrid, make_cells
 from uavcover.sensing.sensors import flat_picture, observation_spacing_m, reach_at_height_m, sight_of, turns_with_legs

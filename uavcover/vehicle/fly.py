@@ -33,9 +33,9 @@ from uavcover.vehicle.readiness import (
     request_telemetry,
     wait_until_ready,
 )
-from uavcover.vehicle.recorder import Recorder
 from uavcover.vehicle.return_home import PlanReturn, hold, return_home
 from uavcover.vehicle.session import Session, Stopped
+from uavcover.vehicle.track_file import Recorder
 
 __all__ = ["Continuation", "Ending", "FlightOutcome", "Orders", "fly", "fly_on"]
 

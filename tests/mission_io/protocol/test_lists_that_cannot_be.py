@@ -6,8 +6,7 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import common
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
-from mission_io.autopilots.lists import items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, items_of
 from mission_io.errors import FormatError, MisuseError, TransferError
 from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
 from mission_io.model.items import Command, Frame, MissionItem, MissionType

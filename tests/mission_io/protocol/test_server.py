@@ -3,8 +3,7 @@ from dataclasses import replace
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
-from mission_io.autopilots.lists import items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, items_of
 from mission_io.errors import MisuseError
 from mission_io.model.areas import Fence, FencePolygon, LatLon
 from mission_io.model.enums import MissionResult

@@ -13,9 +13,8 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from uavcover.benchmarks.mmf.contenders import Budget
 from uavcover.benchmarks.mmf.reference_sets import reference_sets
-from uavcover.benchmarks.mmf.runs import MmfFolder, RunId
+from uavcover.benchmarks.mmf.runs import Budget, MmfFolder, RunId
 from uavcover.benchmarks.mmf.summary import METRICS, Samples, measured, runs_csv, summary_csv
 from uavcover.benchmarks.mmf.tables import comparisons, contestants, functions, pivots, tables_markdown
 from uavcover.run.folder import write_text

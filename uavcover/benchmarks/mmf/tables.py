@@ -13,8 +13,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from uavcover.benchmarks.mmf.contenders import FLOOR, Budget, table_order
 from uavcover.benchmarks.mmf.problems import PROBLEMS
+from uavcover.benchmarks.mmf.runs import FLOOR, Budget, table_order
 from uavcover.benchmarks.mmf.summary import METRICS, Samples, figure
 from uavcover.benchmarks.rank_tests import Comparison, compared, friedman
 

@@ -17,8 +17,17 @@ from typing import Any, Final
 import numpy as np
 
 from uavcover.benchmarks.mmf.tables import markdown
-from uavcover.benchmarks.paper.readings import READINGS, TABLE_5, TABLE_6, Figures, Reading
-from uavcover.benchmarks.paper.runs import ALGORITHMS, PaperResult, paper_runs, read_result
+from uavcover.benchmarks.paper.runs import (
+    ALGORITHMS,
+    READINGS,
+    TABLE_5,
+    TABLE_6,
+    Figures,
+    PaperResult,
+    Reading,
+    paper_runs,
+    read_result,
+)
 from uavcover.benchmarks.runs import KeptRuns
 from uavcover.kernels.arrays import FloatArray
 from uavcover.planning.selection import PAPER_WEIGHTS

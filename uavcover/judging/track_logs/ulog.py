@@ -24,7 +24,7 @@ def read_ulog(path: Path) -> LoggedRows:
     try:
         from pyulog import ULog
     except ImportError:
-        raise TrackError(f"{path}: reading .ulg needs pyulog: pip install 'uavcover[ulog]'") from None
+        raise TrackError(f"{path}: reading .ulg needs pyulog: pip install pyulog") from None
     try:
         log = ULog(str(path), message_name_filter_list=["vehicle_global_position", "vehicle_attitude"])
     except (ValueError, IndexError, KeyError, TypeError, struct.error, UnicodeDecodeError) as error:

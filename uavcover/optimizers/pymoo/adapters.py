@@ -32,9 +32,9 @@ def pymoo_missing(what: str, reason: ImportError) -> OptimizerError:
     """The error to raise when ``what`` cannot import pymoo.
 
     >>> print(pymoo_missing("NSGA2", ImportError("No module named 'pymoo'")))
-    NSGA2 needs pymoo (No module named 'pymoo'): install the extra, pip install 'uavcover[bench]'
+    NSGA2 needs pymoo (No module named 'pymoo'): pip install pymoo
     """
-    return OptimizerError(f"{what} needs pymoo ({reason}): install the extra, pip install 'uavcover[bench]'")
+    return OptimizerError(f"{what} needs pymoo ({reason}): pip install pymoo")
 
 
 def spread_weights(n: int, m: int) -> FloatArray:

@@ -1,0 +1,280 @@
+"""Obstacles: footprints with heights from GeoJSON (places on Earth) or a table of boxes (local frame), as prisms with flat tops.
+
+Lines are checked against the prisms along their full length.
+"""
+
+import csv
+import dataclasses
+import io
+import itertools
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from uavcover.errors import ScenarioError, TerrainError
+from uavcover.kernels import obstacle_breach as kernels
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.obstacles import make_obstacles
+from uavcover.kernels.surface import GRID
+from uavcover.model.area import Ring
+from uavcover.model.obstacles import Obstacle, Obstacles
+from uavcover.scenario.ground import Ground
+from uavcover.scenario.pixel_frame import nodes_inside_m
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """A footprint before its ground is known.
+
+    Attributes:
+        name: for people.
+        polygon: (east, north) metres, courtyards cut out.
+        height_m: height of the flat top above the highest ground under the footprint.
+    """
+
+    name: str
+    polygon: shapely.Polygon
+    height_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prism:
+    """An obstacle in the local frame.
+
+    Attributes:
+        footprint: its footprint.
+        top_m: up coordinate of its flat top.
+    """
+
+    footprint: Footprint
+    top_m: float
+
+
+def stand_on(
+    ground: Ground, footprints: Sequence[Footprint], *, largest_clearance_m: float
+) -> tuple[Ground, tuple[Prism, ...]]:
+    """Put obstacles on a ground; the kernels' obstacle numbers index the returned tuple.
+
+    Args:
+        ground: the ground without obstacles.
+        footprints: the footprints of the obstacles.
+        largest_clearance_m: largest horizontal clearance that will be requested.
+
+    Raises:
+        TerrainError: the ground under a footprint is unknown.
+    """
+    prisms = tuple(Prism(f, _highest_ground_m(ground, f) + f.height_m) for f in footprints)
+    edges = [_edges_m(f.polygon) for f in footprints]
+    obstacles = make_obstacles(
+        np.vstack([np.empty((0, 4)), *edges]),
+        np.concatenate([[0], np.cumsum([len(part) for part in edges])]).astype(np.int64),
+        np.array([prism.top_m for prism in prisms]),
+        grown_m=largest_clearance_m,
+    )
+    return dataclasses.replace(ground, surface=ground.surface._replace(obstacles=obstacles)), prisms
+
+
+def _edges_m(polygon: shapely.Polygon) -> FloatArray:
+    """(m, 4) east and north of both ends of the edges, courtyards included."""
+    rings = [np.asarray(ring.coords)[:, :2] for ring in (polygon.exterior, *polygon.interiors)]
+    return np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in rings])
+
+
+def _highest_ground_m(ground: Ground, footprint: Footprint) -> float:
+    """Up coordinate of the highest ground under a footprint, exactly.
+
+    A bilinear cell has no interior peak: the ground is highest at a node or on an edge of the footprint.
+    """
+    edges = _edges_m(footprint.polygon)
+    # Level lines along the edges: the ground is highest where they are lowest above it. They are at the height of the
+    # corners, so that plumb lines from them to the ground are short.
+    ends = np.empty((2 * len(edges), 3))
+    ends[0::2, :2], ends[1::2, :2] = edges[:, :2], edges[:, 2:]
+    ends[:, 2] = np.max(ground.heights_m(ends[:, :2]))
+    on_edges = ends[0, 2] - ground.leg_height_ranges_m(ends)[0::2, 0]
+    peaks = _peaks(ground, footprint.polygon.bounds)
+    inside = ground.heights_m(peaks[shapely.contains_xy(footprint.polygon, peaks[:, 0], peaks[:, 1])])
+    if not (np.isfinite(on_edges).all() and np.isfinite(inside).all()):
+        east, north = footprint.polygon.representative_point().coords[0]
+        raise TerrainError(
+            f"obstacle {footprint.name!r}: no elevation under all of its footprint at {east:.0f} m east, {north:.0f} m north "
+            f"of the origin ({ground.source}); remove it, or give elevation data that reaches there"
+        )
+    return float(max(on_edges.max(), inside.max(initial=-math.inf)))
+
+
+def _peaks(ground: Ground, bounds_m: tuple[float, float, float, float]) -> FloatArray:
+    """(k, 2) positions between west, south, east, north where the ground may have a peak."""
+    west, south, east, north = bounds_m
+    surface = ground.surface
+    if surface.kind == GRID:
+        return nodes_inside_m(surface.grid, surface.up_m, bounds_m)[:, :2]
+    # sin(y / s) cos(x / s) is 1 only where both factors are 1 or -1.
+    easts = _steps(west, east, math.pi * surface.step_m)
+    quarter = 0.5 * math.pi * surface.step_m
+    norths = _steps(south - quarter, north - quarter, math.pi * surface.step_m) + quarter
+    return np.array(list(itertools.product(easts, norths)), dtype=float).reshape(-1, 2)
+
+
+def _steps(first: float, last: float, step: float) -> FloatArray:
+    """Integer multiples of a step from first to last."""
+    return np.asarray(np.arange(math.ceil(first / step), math.floor(last / step) + 1) * step, dtype=np.float64)
+
+
+def leg_breaches(ground: Ground, route_m: FloatArray, limits: Obstacles) -> FloatArray:
+    """Missing obstacle clearance of the legs of an (n, 3) ENU route.
+
+    Args:
+        ground: with its obstacles.
+        route_m: waypoints in flying order.
+        limits: the clearances.
+
+    Returns:
+        (n - 1, 3) number of the obstacle, -1 for none; metres of missing clearance at the worst point, beside or above it,
+        whichever is less; the parameter 0..1 along the leg there.
+    """
+    route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
+    return _breaches(ground, route[:-1], route[1:], limits)
+
+
+def waypoint_breaches(ground: Ground, places_m: FloatArray, limits: Obstacles) -> FloatArray:
+    """(n, 3) the same for (n, 3) ENU positions alone."""
+    places = np.ascontiguousarray(places_m, dtype=float).reshape(-1, 3)
+    return _breaches(ground, places, places, limits)
+
+
+def _breaches(ground: Ground, begins: FloatArray, ends: FloatArray, limits: Obstacles) -> FloatArray:
+    return kernels.breaches(ground.surface.obstacles, begins, ends, limits.clearance_beside_m, limits.clearance_above_m)
+
+
+def read_geojson(path: Path, *, key: str) -> Any:
+    """Read a GeoJSON file in longitude and latitude.
+
+    Args:
+        path: the file.
+        key: the scenario's key, for errors.
+
+    Raises:
+        ScenarioError: it cannot be read, or is in another coordinate system.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ScenarioError(f"{key}: {path} cannot be read as GeoJSON ({error})") from error
+    # RFC 7946 allows longitude and latitude on WGS 84 only; older files may name another system.
+    crs = document.get("crs") if isinstance(document, dict) else None
+    if crs and not any(name in json.dumps(crs) for name in ("CRS84", "EPSG::4326", "EPSG:4326")):
+        text = repr(crs)
+        shown = text if len(text) <= 60 else f"{text[:57]}..."
+        raise ScenarioError(
+            f"{key}: {path} names another coordinate system ({shown}); convert it to longitude and latitude "
+            "on WGS 84 (ogr2ogr -t_srs EPSG:4326)"
+        )
+    return document
+
+
+def polygons_of(document: Any) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """The rings of every polygon of a document, with the properties of its feature; other shapes are ignored."""
+    yield from _polygons(document, {})
+
+
+def _polygons(document: Any, properties: dict[str, Any]) -> Iterator[tuple[Any, dict[str, Any]]]:
+    if not isinstance(document, dict):
+        return
+    match document.get("type"):
+        case "FeatureCollection":
+            for feature in document.get("features") or []:
+                yield from _polygons(feature, {})
+        case "Feature":
+            yield from _polygons(document.get("geometry"), document.get("properties") or {})
+        case "MultiPolygon":
+            for rings in document.get("coordinates") or []:
+                yield rings, properties
+        case "Polygon":
+            yield document.get("coordinates"), properties
+
+
+_KEY = "obstacles.file"
+_COLUMNS = ("east_m", "north_m", "length_m", "width_m", "heading_deg", "height_m")
+
+
+def read_obstacles(path: Path) -> tuple[Obstacle, ...]:
+    """Read the obstacles of a file.
+
+    ``.geojson``, ``.json``: every polygon of every feature, with the feature's property ``height_m`` and, if there is one,
+    ``name``. ``.csv``: boxes by their centre, length along and width across a heading (clockwise from north).
+
+    Raises:
+        ScenarioError: it cannot be read; the message names the invalid feature or row.
+    """
+    suffix = path.suffix.lower()
+    if suffix in {".geojson", ".json"}:
+        return _from_geojson(path)
+    if suffix == ".csv":
+        return _from_table(path)
+    raise ScenarioError(f"{_KEY}: {path} is neither .geojson nor .csv")
+
+
+def _from_geojson(path: Path) -> tuple[Obstacle, ...]:
+    found = []
+    for number, (rings, properties) in enumerate(polygons_of(read_geojson(path, key=_KEY))):
+        try:
+            height = properties["height_m"]
+            if isinstance(height, bool) or not isinstance(height, int | float):
+                raise ValueError(f"height_m: {height!r} is no number")
+            found.append(
+                Obstacle(
+                    height_m=float(height),
+                    rings_lon_lat_deg=tuple(tuple((float(p[0]), float(p[1])) for p in ring) for ring in rings),
+                    name=str(properties.get("name", number)),
+                )
+            )
+        except KeyError as error:
+            raise ScenarioError(f"{_KEY}: {path}: polygon {number} has no property height_m (metres)") from error
+        except (TypeError, ValueError, IndexError) as error:
+            raise ScenarioError(f"{_KEY}: {path}: polygon {number}: {error}") from error
+    return tuple(found)
+
+
+def _from_table(path: Path) -> tuple[Obstacle, ...]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{_KEY}: {path} cannot be read ({error.__class__.__name__})") from error
+    rows = csv.DictReader(io.StringIO(text))
+    missing = [column for column in _COLUMNS if column not in (rows.fieldnames or ())]
+    if missing:
+        raise ScenarioError(f"{_KEY}: {path} has no column {', '.join(missing)}; columns: name, {', '.join(_COLUMNS)}")
+    found = []
+    for line, row in enumerate(rows, start=2):
+        try:
+            east, north, length, width, heading, height = (float(row[column]) for column in _COLUMNS)
+            if not all(map(math.isfinite, (east, north, length, width, heading))) or min(length, width) <= 0.0:
+                raise ValueError("length_m and width_m must be above 0, and every value a finite number")
+            corners = box_corners_m(east, north, length, width, heading)
+            found.append(
+                Obstacle(height_m=height, rings_east_north_m=(corners,), name=row.get("name") or str(line - 2))
+            )
+        except (TypeError, ValueError) as error:
+            raise ScenarioError(f"{_KEY}: {path}: line {line}: {error}") from error
+    return tuple(found)
+
+
+def box_corners_m(east_m: float, north_m: float, length_m: float, width_m: float, heading_deg: float) -> Ring:
+    """The four corners (east, north) of a box by its centre, with its length along a heading clockwise from north."""
+    heading = math.radians(heading_deg)
+    along = (math.sin(heading), math.cos(heading))
+    across = (math.cos(heading), -math.sin(heading))
+    return tuple(
+        (
+            east_m + 0.5 * (f * length_m * along[0] + s * width_m * across[0]),
+            north_m + 0.5 * (f * length_m * along[1] + s * width_m * across[1]),
+        )
+        for f, s in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    )
