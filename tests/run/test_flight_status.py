@@ -39,8 +39,8 @@ def test_a_flight_is_flying_from_its_first_second_and_then_has_its_outcome(run: 
 
 def test_a_killed_flight_reads_interrupted_and_is_written_down(run: RunFolder) -> None:
     code = (
-        "import os, signal, sys; from uavcover.run import flight_status; from uavcover.run.folder import RunFolder; "
-        "flight_status.note_flying(RunFolder(sys.argv[1])); os.kill(os.getpid(), signal.SIGKILL)"
+        "import os, signal, sys; from uavcover.run import provenance; from uavcover.run.folder import RunFolder; "
+        "provenance.note_flying(RunFolder(sys.argv[1])); os.kill(os.getpid(), signal.SIGKILL)"
     )
     killed = subprocess.run([sys.executable, "-c", code, str(run)], check=False)
     assert killed.returncode == -9

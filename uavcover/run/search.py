@@ -10,6 +10,7 @@ from typing import Any, get_args
 from uavcover.errors import InputError
 from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
+from uavcover.optimizers.by_name import ALGORITHMS
 from uavcover.planning.baselines.boustrophedon import best_height_agl_m
 from uavcover.planning.bounds import are_quick, least_path_length_m, path_bounds, waypoint_bounds
 from uavcover.planning.planner import Effort, SearchProgress, plan_routes
@@ -57,7 +58,13 @@ def plan(
         InputError: an argument is out of range.
         OptimizerError: the optimizer cannot be found, is none, or fails.
     """
-    known = algorithm is None or algorithm in get_args(PlannerAlgorithm)
+    planners = get_args(PlannerAlgorithm)
+    known = algorithm is None or algorithm in planners
+    if not known and isinstance(algorithm, str) and ":" not in algorithm and algorithm not in ALGORITHMS:
+        raise InputError(
+            f"algorithm: {algorithm!r} is not one of {', '.join(planners)}; nor one of the optimizers "
+            f"{', '.join(name for name in ALGORITHMS if name not in planners)}; nor module:Class"
+        )
     settings = _settings(site.scenario.planner, seed, evaluations, algorithm if known else None, max_waypoints)
     if budget_s is not None and not budget_s > 0.0:
         raise InputError(f"budget: {budget_s} s must be above 0")

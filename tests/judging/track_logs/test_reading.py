@@ -105,7 +105,7 @@ def test_without_pyulog_the_way_to_get_it_is_said(tmp_path: Path, monkeypatch: p
     path = tmp_path / "x.ulg"
     write_ulog(path)
     monkeypatch.setitem(sys.modules, "pyulog", None)
-    with pytest.raises(TrackError, match=r"pip install 'uavcover\[ulog\]'"):
+    with pytest.raises(TrackError, match=r"pip install pyulog"):
         read(path)
 
 
