@@ -152,7 +152,7 @@ def test_a_port_that_is_not_there_or_not_ours_is_an_error(tmp_path: Path, monkey
 
 def test_without_pyserial_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "serial", None)
-    with pytest.raises(MisuseError, match=r"pip install 'uavcover\[serial\]'"):
+    with pytest.raises(MisuseError, match=r"pip install pyserial"):
         open_link("/dev/ttyUSB0")
 
 
