@@ -33,7 +33,7 @@ fi
 kernels="$venv/.uavcover-kernels"
 sources="$(cat uavcover/kernels/*.py | cksum)"
 if [ "$(cat "$kernels" 2>/dev/null || true)" != "$sources" ]; then
-    echo "set-up: compiling the numeric kernels (1 to 3 minutes the first time)"
+    echo "set-up: compiling the numeric kernels (2 to 4 minutes the first time)"
     "$venv/bin/uavcover" doctor --compile -q
     echo "$sources" > "$kernels"
 fi

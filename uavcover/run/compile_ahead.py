@@ -22,8 +22,8 @@ from uavcover.run.user import User
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map
 
-ROUNDS = (("jacksboro", 40), ("paper-R2", 50))
-"""A camera along its path, and a sphere at waypoints; with how many evaluations of the search."""
+ROUNDS = (("jacksboro", 200), ("paper-R2", 200))
+"""A camera along its path, and a sphere at waypoints; with evaluations enough for the local search too."""
 
 _SAMPLE_S = 0.2
 _GAP_CELLS = 40
