@@ -13,11 +13,13 @@ import pytest
 
 from uavcover.errors import OutputError
 from uavcover.run import file_group
-from uavcover.run.file_group import change_together, settle
+from uavcover.run.file_group import change_together, settle, write_file
 from uavcover.run.folder import RunFolder
 
 OPERATIONS = ("mkdir", "rename", "replace", "unlink", "rmdir", "open", "fsync", "chmod", "link", "symlink")
 """Of ``os``: what pathlib, tempfile and shutil call as well."""
+OPERATIONS_OF_A_FILE = 4
+"""Folder, file, content, and its name: the last one is not done."""
 
 
 class Killed(BaseException):
@@ -199,6 +201,17 @@ def test_readers_after_a_real_kill_see_no_mixture(tmp_path: Path) -> None:
     assert ends[0] == (-9, "old")
     assert (-9, "new") in ends
     assert ends[-1] == (0, "new")
+
+
+def test_a_file_half_written_when_killed_goes_with_the_next_command(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("old")
+    with pytest.MonkeyPatch.context() as patch:
+        failing(patch, OPERATIONS_OF_A_FILE, Killed, for_good=True)
+        with pytest.raises(Killed):
+            write_file(tmp_path / "a.csv", b"new")
+    assert len(held(tmp_path)) == 2
+    settle(tmp_path)
+    assert held(tmp_path) == {"a.csv": "old"}
 
 
 def test_a_journal_that_cannot_be_finished_is_named(tmp_path: Path) -> None:

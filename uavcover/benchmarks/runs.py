@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from uavcover.errors import InputError, OutputError, UavcoverError
+from uavcover.run.file_group import remove_half_written
 from uavcover.run.folder import RunFolder, json_text, write_text
 
 Task = TypeVar("Task")
@@ -168,6 +169,7 @@ class KeptRuns:
                 raise OutputError(f"{self.path}: has files, but no {_SETTINGS} of a benchmark; use another folder")
             else:
                 write_text(file, json_text(self.settings))
+            remove_half_written((self.path / "runs").rglob("*"))
             yield
 
     def file(self, key: str) -> Path:

@@ -8,6 +8,7 @@ what it lists. An error between two renames, such as a directory in the way, und
 import contextlib
 import json
 import os
+import secrets
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -16,7 +17,7 @@ from pathlib import Path
 from uavcover.errors import OutputError
 
 JOURNAL = ".uavcover-journal.json"
-_STAGED = ".uavcover-staged-"
+_STAGED, _PART = ".uavcover-staged-", ".uavcover-part-"
 _AWAY, _PLACE = "away", "place"
 
 Step = tuple[str, str, str]
@@ -33,10 +34,11 @@ def write_file(path: Path, content: bytes) -> None:
     try:
         with writing(path):
             path.parent.mkdir(exist_ok=True)
-            handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+            new = path.parent / f"{_PART}{secrets.token_hex(8)}"
+            handle = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+            temporary = new
             _fill(handle, content)
-            os.chmod(temporary, 0o666 & ~_umask())
-            os.replace(temporary, path)
+            os.replace(new, path)
             temporary = None
     finally:
         if temporary is not None:
@@ -105,7 +107,7 @@ def is_unsettled(folder: Path) -> bool:
 
 
 def settle(folder: Path) -> None:
-    """Finish, or undo, the group that another process has left half done; remove what it never began.
+    """Finish, or undo, the group that another process has left half done; remove what it never began, and files half written.
 
     Nobody else may be working in the folder.
 
@@ -126,6 +128,15 @@ def settle(folder: Path) -> None:
             ) from error
     for left in folder.glob(f"{_STAGED}*"):
         shutil.rmtree(left, ignore_errors=True)
+    remove_half_written(folder.glob("*"))
+
+
+def remove_half_written(paths: Iterable[Path]) -> None:
+    """Remove, of these files, those that ``write_file`` was writing when its process was killed."""
+    for path in paths:
+        if path.name.startswith(_PART):
+            with contextlib.suppress(OSError):
+                path.unlink()
 
 
 def _make_parents(folder: Path, path: Path) -> list[Path]:
@@ -213,12 +224,6 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(handle)
         finally:
             os.close(handle)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 @contextlib.contextmanager

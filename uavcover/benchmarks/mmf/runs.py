@@ -23,6 +23,7 @@ from uavcover.errors import InputError, OutputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers import ALGORITHMS, DBO, make_optimizer, optimizer_class
 from uavcover.optimizers.pymoo.adapters import spread_weights
+from uavcover.run.file_group import remove_half_written
 from uavcover.run.folder import RunFolder, json_text, write_text
 
 
@@ -191,6 +192,7 @@ class MmfFolder:
                 raise OutputError(f"{self.path}: has files, but no {_SETTINGS} of a benchmark; use another folder")
             else:
                 write_text(settings, json_text(asdict(budget)))
+            remove_half_written((self.path / "sets").glob("*/*/*"))
             yield
 
     def _check(self, budget: Budget, settings: Path) -> None:
