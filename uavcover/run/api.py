@@ -9,7 +9,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from uavcover.errors import OutputError
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.verify import FlownTrack, Verdict, verify_flight
 from uavcover.model.route import Plan, Route
@@ -17,15 +16,14 @@ from uavcover.model.track import Track
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.run.close_gaps import GapMission, GapRequest, close_gaps
-from uavcover.run.fly import USUAL_FLIGHT, FlightOptions, record_flight
+from uavcover.run.fly import USUAL_FLIGHT, FlightOptions, fly_connected, refuse_older_flight
 from uavcover.run.folder import FLIGHT_FILES, RunFolder, flown_in
 from uavcover.run.judge import verify_run
 from uavcover.run.mission import compile_plan
 from uavcover.run.plan import PlanRequest, plan_into
 from uavcover.run.plan_files import read_planned
 from uavcover.run.select import choose
-from uavcover.run.session import Connected, check_home
-from uavcover.run.session import fly as fly_mission
+from uavcover.run.session import Connected
 from uavcover.run.upload import send_and_compare
 from uavcover.run.user import Unattended, User
 from uavcover.scenario.site import Site
@@ -126,26 +124,20 @@ def fly(vehicle: Connected, run: str | Path, *, options: FlightOptions = USUAL_F
         vehicle: connected, on the ground.
         run: the run folder whose mission it holds.
         options: ``confirmed=True`` arms a vehicle that is not simulated.
-        user: who is told, and may stop or pause the flight.
+        user: who is told, and may stop or pause the flight. Without one, Ctrl-C leaves the vehicle as it is, maybe in the air.
 
     Returns:
         The flown track, as ``track.csv`` has it.
 
     Raises:
         FlightFailedError: the flight did not end as it should; the run folder has what was recorded.
-        OutputError: the folder holds a flight already.
+        OutputError: the folder holds a flight already; ``force=True`` replaces it.
     """
     folder = RunFolder(run)
     site, planned = read_planned(folder)
-    if folder.file("track.csv").exists() and not options.force:
-        raise OutputError(f"{folder}: holds the track of a flight; replace it by FlightOptions(force=True)")
-    compiled = compile_plan(site, planned.route, autopilot=vehicle.autopilot)
-    check_home(vehicle, site, compiled)
+    refuse_older_flight(folder, options)
     with folder.reserved(FLIGHT_FILES, force=options.force):
-        record_flight(
-            folder, site, planned.route, user, vehicle, lambda orders: fly_mission(vehicle, site, compiled, orders),
-            options=options,
-        )  # fmt: skip
+        fly_connected(folder, site, planned.route, vehicle, user, options)
     return read_track(folder.file("track.csv"))
 
 

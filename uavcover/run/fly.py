@@ -81,19 +81,32 @@ def fly_run(
     """
     require_home(site)
     compile_plan(site, route)  # a bad leg is known before anybody is asked
+    refuse_older_flight(run, options)
+    with run.reserved(FLIGHT_FILES, force=options.force), connect(to, site) as vehicle:
+        return fly_connected(run, site, route, vehicle, user, options)
+
+
+def refuse_older_flight(run: RunFolder, options: FlightOptions) -> None:
+    """A flight that is there is replaced only when that was asked for.
+
+    Raises:
+        OutputError: it was not.
+    """
     if run.file("track.csv").exists() and not options.force:
         raise OutputError(f"{run}: holds the track of a flight; go on with it by --resume, or replace it by --force")
-    with (
-        run.reserved(FLIGHT_FILES, force=options.force),
-        connect(to, site) as vehicle,
-    ):
-        compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
-        if options.upload_first:
-            check_home(vehicle, site, compiled)
-            upload(vehicle.client, compiled)
-        return record_flight(
-            run, site, route, user, vehicle, lambda orders: fly(vehicle, site, compiled, orders), options=options
-        )
+
+
+def fly_connected(
+    run: RunFolder, site: Site, route: Route, vehicle: Connected, user: User, options: FlightOptions
+) -> tuple[FlightOutcome, dict[str, Any]]:
+    """The same with a vehicle that is connected, into a run folder that is reserved."""
+    compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
+    if options.upload_first:
+        check_home(vehicle, site, compiled)
+        upload(vehicle.client, compiled)
+    return record_flight(
+        run, site, route, user, vehicle, lambda orders: fly(vehicle, site, compiled, orders), options=options
+    )
 
 
 def record_flight(
