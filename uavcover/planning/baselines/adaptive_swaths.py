@@ -9,7 +9,12 @@ that leaves the best height by 2 m follows every hill; one that may leave a lowe
 and sees a strip that is a seventh narrower. What that costs in length it saves several times over in mission items.
 """
 
+import dataclasses
 import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import shapely
@@ -49,34 +54,86 @@ def can_be_adapted(site: Site) -> bool:
     return site.scenario.sensor.sensing == "along-path" and sight_of(site.scenario.sensor).kind in (CONE, SPHERE)
 
 
-def adaptive_swaths(site: Site, angle_rad: float) -> list[Route]:
-    """Routes of balanced lines in a direction and across it, with the numbers of lines around what the area has room for."""
+def adaptive_swaths(
+    site: Site,
+    angle_rad: float,
+    *,
+    executor: Executor | None = None,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> list[Route]:
+    """Routes of balanced lines in a direction and across it, with the numbers of lines around what the area has room for.
+
+    The number of lines that just fits comes first: on every bundled terrain it is the best beginning for a search.
+
+    Args:
+        site: with a sensor for which :func:`can_be_adapted` holds.
+        angle_rad: direction of the lines, counter-clockwise from east.
+        executor: lays out several at once; the routes do not depend on it.
+        should_stop: asked before each number of lines; the first is always laid out.
+    """
     limits = site.scenario.limits
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
     tolerance = _TOLERANCE_SHARE * (high - low)
     height = best_height_agl_m(site, tolerance_m=tolerance)
     swath = 2.0 * max(reach_at_height_m(site.scenario.sensor, height), site.scenario.area.cell_size_m)
-    routes = []
+    ranked = []
     for angle in (angle_rad, angle_rad + 0.5 * math.pi):
-        lines = width_across_m(site, angle) / swath
-        for number in range(max(1, math.floor(lines) - 1), math.ceil(lines) + 2):
-            for inset in _INSETS:
-                layout = regular_layout(
-                    angle_rad=angle, lines=number, height_agl_m=height, inset=inset, tolerance_m=tolerance
-                )
-                routes.append(fly_balanced(site, layout))
-    return routes
+        fitting = math.floor(width_across_m(site, angle) / swath)
+        more = math.ceil(width_across_m(site, angle) / swath) - fitting
+        numbers = (fitting, fitting - 1, *range(fitting + 1, fitting + more + 2))
+        for rank, number in enumerate(number for number in numbers if number >= 1):
+            layout = regular_layout(
+                angle_rad=angle, lines=number, height_agl_m=height, inset=0.0, tolerance_m=tolerance
+            )
+            ranked.append((rank, layout))
+
+    def with_insets(layout: SwathLayout) -> list[Route]:
+        bent = bend_lines(site, layout)
+        return [fly_bent(site, dataclasses.replace(layout, inset=inset), bent) for inset in _INSETS]
+
+    layouts = [layout for _, layout in sorted(ranked, key=lambda item: item[0])]
+    return [route for routes in _each(with_insets, layouts, executor, should_stop) for route in routes]
 
 
-def fly_balanced(site: Site, layout: SwathLayout, *, straight_m: float | None = None) -> Route:
-    """The route of a layout with its lines bent, laid over the terrain.
+_Given = TypeVar("_Given")
+_Made = TypeVar("_Made")
 
-    Args:
-        site: with a sensor for which :func:`can_be_adapted` holds.
-        layout: as for :func:`uavcover.planning.baselines.swaths.fly_layout`.
-        straight_m: how far lines may leave their bends on the map to have fewer of them; by default a hundredth of the
-            sensor's reach.
+
+def _each(
+    make: Callable[[_Given], _Made], items: Sequence[_Given], executor: Executor | None, should_stop: Callable[[], bool]
+) -> list[_Made]:
+    """What is made of the items, the first in any case, the others until it is time to stop."""
+
+    def unless_stopped(item: _Given) -> _Made | None:
+        return None if should_stop() else make(item)
+
+    rest = executor.map(unless_stopped, items[1:]) if executor is not None else map(unless_stopped, items[1:])
+    return [make(item) for item in items[:1]] + [made for made in rest if made is not None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BentLines:
+    """The lines of a layout, bent; n lines, s stations. They do not depend on the layout's inset.
+
+    Attributes:
+        along_m: (s,) stations along the lines' direction, from the origin.
+        across_m: (n, s) the lines at the stations.
+        west_m: (n,) where the area begins in each line's strip, along.
+        east_m: (n,) where it ends.
+        heights_agl_m: (n,) wanted height above ground of each line.
+        reach_m: of the sensor at the mean of these heights.
     """
+
+    along_m: FloatArray
+    across_m: FloatArray
+    west_m: FloatArray
+    east_m: FloatArray
+    heights_agl_m: FloatArray
+    reach_m: float
+
+
+def bend_lines(site: Site, layout: SwathLayout) -> BentLines:
+    """Bend the lines of a layout until the strips that they see share the ground evenly."""
     angle = layout.angle_rad
     borders, west, east = line_extents(site, layout)
     flown = west <= east
@@ -93,20 +150,35 @@ def fly_balanced(site: Site, layout: SwathLayout, *, straight_m: float | None = 
         site.ground.surface, sight_of(site.scenario.sensor), angle, along, np.ascontiguousarray(low),
         np.ascontiguousarray(high), heights, np.repeat(borders[:, None], count, axis=1), there, _ROUNDS, _SMOOTHING,
     )  # fmt: skip
-    straight = _STRAIGHT_SHARE * reach if straight_m is None else straight_m
+    return BentLines(along, across, west, east, heights, reach)
+
+
+def fly_bent(site: Site, layout: SwathLayout, bent: BentLines, *, straight_m: float | None = None) -> Route:
+    """The route of a layout with its lines bent, laid over the terrain.
+
+    Args:
+        site: the layout's.
+        layout: as for :func:`uavcover.planning.baselines.swaths.fly_layout`.
+        bent: its lines.
+        straight_m: how far lines may leave their bends on the map to have fewer of them; by default a hundredth of the
+            sensor's reach.
+    """
+    straight = _STRAIGHT_SHARE * bent.reach_m if straight_m is None else straight_m
     polyline: list[FloatArray] = []
-    for k in range(len(borders)):
-        inset = min(layout.inset * reach, max(0.0, 0.5 * (east[k] - west[k]) - 0.5))
-        inner = along[(along > west[k] + inset) & (along < east[k] - inset)]
-        places = np.concatenate([[west[k] + inset], inner, [east[k] - inset]])
-        line = shapely.LineString(np.column_stack([places, np.interp(places, along, across[k])]))
+    for k, (west, east, across) in enumerate(zip(bent.west_m, bent.east_m, bent.across_m, strict=True)):
+        inset = min(layout.inset * bent.reach_m, max(0.0, 0.5 * (east - west) - 0.5))
+        inner = bent.along_m[(bent.along_m > west + inset) & (bent.along_m < east - inset)]
+        places = np.concatenate([[west + inset], inner, [east - inset]])
+        line = shapely.LineString(np.column_stack([places, np.interp(places, bent.along_m, across)]))
         corners = shapely.get_coordinates(line.simplify(straight))
         polyline.append(corners if (k + layout.start) % 2 == 0 else corners[::-1])
-    wanted = np.repeat(heights, [len(line) for line in polyline])
+    wanted = np.repeat(bent.heights_agl_m, [len(line) for line in polyline])
     points = np.vstack(polyline)
     if layout.start & 2:
         points, wanted = points[::-1], wanted[::-1]
-    return Route(lay_over_terrain(site, points @ to_lines_frame(angle), wanted, tolerance_m=layout.tolerance_m))
+    return Route(
+        lay_over_terrain(site, points @ to_lines_frame(layout.angle_rad), wanted, tolerance_m=layout.tolerance_m)
+    )
 
 
 BENT = (1 / 16, 1 / 8, 3 / 16)
@@ -122,12 +194,25 @@ _LINES = {True: (1.0, 1.08), False: (1.0, 1.08, 1.2)}
 _INSET = 0.5
 
 
-def simple_lines(site: Site, angle_rad: float) -> list[Route]:
-    """Routes of lines in a direction, from many waypoints to few, with several numbers of lines each."""
+def simple_lines(
+    site: Site,
+    angle_rad: float,
+    *,
+    executor: Executor | None = None,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> list[Route]:
+    """Routes of lines in a direction, from many waypoints to few, with several numbers of lines each.
+
+    Args:
+        site: of any sensor.
+        angle_rad: direction of the lines, counter-clockwise from east.
+        executor: lays out several at once; the routes do not depend on it.
+        should_stop: asked before each; the first is always laid out.
+    """
     limits = site.scenario.limits
     band_m = limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m
     kinds = [(share, True) for share in BENT if can_be_adapted(site)] + [(share, False) for share in STRAIGHT]
-    routes = []
+    layouts: list[tuple[SwathLayout, bool]] = []
     for share, bent in kinds:
         tolerance_m = share * band_m
         height_m = best_height_agl_m(site, tolerance_m=tolerance_m)
@@ -137,7 +222,12 @@ def simple_lines(site: Site, angle_rad: float) -> list[Route]:
             layout = regular_layout(
                 angle_rad=angle_rad, lines=lines, height_agl_m=height_m, inset=_INSET, tolerance_m=tolerance_m
             )
-            routes.append(
-                fly_balanced(site, layout, straight_m=_BEND * tolerance_m) if bent else fly_layout(site, layout)
-            )
-    return routes
+            layouts.append((layout, bent))
+
+    def laid_out(item: tuple[SwathLayout, bool]) -> Route:
+        layout, bent = item
+        if not bent:
+            return fly_layout(site, layout)
+        return fly_bent(site, layout, bend_lines(site, layout), straight_m=_BEND * layout.tolerance_m)
+
+    return _each(laid_out, layouts, executor, should_stop)
