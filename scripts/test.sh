@@ -18,38 +18,48 @@ background=""
 trap 'kill $background 2>/dev/null || true; rm -rf "$scratch"' EXIT
 trap 'exit 130' INT TERM
 
+# mypy takes as long as the other gates together: side by side.
+echo "gate: mypy --strict"
+"$bin/mypy" > "$scratch/mypy" 2>&1 &
+background="$!"
 echo "gate: ruff"
 "$bin/ruff" check .
 "$bin/ruff" format --check .
-echo "gate: mypy --strict"
-"$bin/mypy"
 echo "gate: import contracts"
 "$bin/lint-imports"
 echo "gate: documentation"
 NO_MKDOCS_2_WARNING=1 "$bin/python" -m mkdocs build --strict --quiet -d "$scratch/site"
+wait "$background" || { cat "$scratch/mypy"; exit 1; }
+cat "$scratch/mypy"
 
 # A test file stays in one process: what its tests share is made once. tests/conftest.py puts the long ones first.
-parallel="-q -n auto --dist loadfile --no-loadscope-reorder"
-# Tracing every line makes a test take three times as long: only what the gates below ask for is measured.
-measured="tests/planning tests/kernels tests/optimizers tests/sensing tests/mission_io"
+parallel="-q -n auto --dist loadfile --no-loadscope-reorder --durations=50"
+# Tracing every line makes a test take three times as long: only what the gates below ask for is measured. Lines of a kernel
+# are reached where it is interpreted only, so its compiled tests are not traced.
+measured="tests/planning tests/optimizers tests/sensing tests/mission_io"
 rm -f .coverage .coverage.*
 # These only compute: they take what the flights, which have a clock and wait for each other, leave of the cores.
-env COVERAGE_FILE=.coverage.compiled nice -n 19 \
-    "$bin/python" -m pytest $parallel --cov --cov-report= $measured > "$scratch/compiled" 2>&1 &
-compiled=$!
-env COVERAGE_FILE=.coverage.interpreted NUMBA_DISABLE_JIT=1 nice -n 19 \
-    "$bin/python" -m pytest $parallel --cov --cov-report= tests/kernels > "$scratch/interpreted" 2>&1 &
-interpreted=$!
-background="$compiled $interpreted"
+compute() {
+    failures=0
+    trap 'kill "$running" 2>/dev/null || true; exit 1' TERM
+    env COVERAGE_FILE=.coverage.compiled nice -n 19 \
+        "$bin/python" -m pytest $parallel --cov --cov-report= $measured > "$scratch/compiled" 2>&1 &
+    running="$!"
+    wait "$running" || failures=1
+    env COVERAGE_FILE=.coverage.interpreted NUMBA_DISABLE_JIT=1 nice -n 19 \
+        "$bin/python" -m pytest $parallel --cov --cov-report= tests/kernels > "$scratch/interpreted" 2>&1 &
+    running="$!"
+    wait "$running" || failures=1
+    return "$failures"
+}
+compute &
+background="$!"
 failed=""
-echo "gate: tests of commands, whole flights, set-up, and all the rest"
+echo "gate: tests of commands, whole flights, compiled kernels, set-up, and all the rest"
 "$bin/python" -m pytest $parallel $(printf -- '--ignore=%s ' $measured) || failed="$failed the-rest"
-echo "gate: tests of mission_io and of the planner's core"
-wait "$compiled" || failed="$failed mission_io-and-planner"
-cat "$scratch/compiled"
-echo "gate: tests of the kernels, JIT off, so that their coverage can be measured"
-wait "$interpreted" || failed="$failed kernels-without-JIT"
-cat "$scratch/interpreted"
+echo "gate: tests of mission_io and of the planner's core; tests of the kernels, JIT off, so that their coverage can be measured"
+wait "$background" || failed="$failed mission_io-planner-or-kernels-without-JIT"
+cat "$scratch/compiled" "$scratch/interpreted"
 [ -z "$failed" ] || { echo "tests failed:$failed" >&2; exit 1; }
 echo "gate: branch coverage: 95 % of mission_io, 90 % of the planner's core"
 "$bin/coverage" combine -q .coverage.compiled .coverage.interpreted

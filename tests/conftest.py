@@ -9,9 +9,9 @@ settings.register_profile(
 settings.load_profile("uavcover")
 
 LONG = (
-    "tests/test_setup.py", "tests/test_wheel.py", "tests/cli/test_fly.py", "tests/cli/test_gaps.py", "tests/cli/test_plan.py",
-    "tests/cli/", "tests/vehicle/", "tests/mock/", "tests/planning/test_memetic.py", "tests/kernels/test_route_state.py",
-    "tests/mission_io/test_presets.py",
+    "tests/test_setup.py", "tests/test_wheel.py", "tests/kernels/test_route_state.py", "tests/cli/test_fly.py",
+    "tests/cli/test_gaps.py", "tests/cli/test_plan.py", "sitl_tests/", "tests/cli/", "tests/vehicle/", "tests/mock/",
+    "tests/planning/test_memetic.py", "tests/mission_io/test_presets.py",
 )  # fmt: skip
 """Files and folders that take long, the longest first: begun last, one of them would keep a single process busy at the end."""
 

@@ -6,6 +6,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.compiled_kernels import cases
 from tests.kernels.test_obstacles import obstacles_of
 from tests.naive import coverage as naive
 from uavcover.kernels import coverage as kernels
@@ -27,7 +28,7 @@ from uavcover.kernels.sight import (
 from uavcover.kernels.surface import gradients, heights
 from uavcover.scenario.ground import grid_ground, sine_cosine_ground
 
-deterministic = settings(derandomize=True, deadline=None, max_examples=25)
+deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=25, interpreted=6))
 
 
 def make_sight(pitch_deg, heading_deg, **numbers):

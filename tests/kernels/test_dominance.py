@@ -7,10 +7,11 @@ from hypothesis.extra import numpy as hnp
 from pymoo.operators.survival.rank_and_crowding.metrics import calc_crowding_distance
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
+from tests.compiled_kernels import cases
 from tests.naive import dominance as naive
 from uavcover.kernels import dominance
 
-deterministic = settings(derandomize=True, deadline=None, max_examples=50)
+deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=50, interpreted=10))
 
 # Whole numbers make ties; the others reach the ends of the floating-point range.
 values = st.one_of(st.integers(-2, 2).map(float), st.floats(allow_nan=False, allow_infinity=False, width=64))

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.compiled_kernels import cases
 from uavcover.kernels.sight import local_slopes, steepest_between
 from uavcover.kernels.surface import heights
 from uavcover.scenario.ground import grid_ground, sine_cosine_ground
@@ -17,7 +18,7 @@ def test_no_way_between_two_places_is_steeper_anywhere(seed):
     rng = np.random.default_rng(seed)
     surface = rough(rng.normal(0.0, 3.0, (14, 19)) * rng.uniform(0.1, 1.0, (14, 19)))
     slopes = local_slopes(surface)
-    for _ in range(200):
+    for _ in range(cases(compiled=200, interpreted=10)):
         ends = rng.uniform([-20.0, 5.0], [16.0, 31.0], (2, 2))
         way = ends[0] + np.linspace(0.0, 1.0, 400)[:, None] * (ends[1] - ends[0])
         ups = heights(surface, np.ascontiguousarray(way[:, 0]), np.ascontiguousarray(way[:, 1]))

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.compiled_kernels import cases
 from tests.kernels.test_coverage import cells_on, rough_ground
 from tests.naive import route_state as naive
 from tests.naive import runs as naive_runs
@@ -17,7 +18,7 @@ from uavcover.kernels.search_problem import ALONG_PATH
 from uavcover.kernels.sight import CONE, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight
 from uavcover.scenario.ground import sine_cosine_ground
 
-deterministic = settings(derandomize=True, deadline=None, max_examples=60)
+deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=60, interpreted=8))
 
 
 def listed(surface, sight, cells, p, q, spacing):

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from tests.compiled_kernels import cases
 from tests.kernels.test_coverage import cells_on, deterministic, rough_ground, sights
 from tests.naive import observation_counting as naive
 from uavcover.kernels import observation_counting as kernels
@@ -173,7 +174,7 @@ def test_sure_and_possible_bound_what_any_error_would_have_made(seed, sight, hor
     seen = counts.outcome == SEEN
     assert not (counts.sure & ~seen).any()
     assert not (seen & ~counts.possible).any()
-    for _ in range(30):
+    for _ in range(cases(compiled=30, interpreted=5)):
         angle, radius = rng.uniform(0.0, math.tau), horizontal * math.sqrt(rng.random())
         by = np.array([radius * math.cos(angle), radius * math.sin(angle), rng.uniform(-vertical, vertical)])
         moved = eyes + by

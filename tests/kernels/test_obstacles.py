@@ -6,11 +6,12 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.compiled_kernels import cases
 from tests.naive import obstacles as naive
 from uavcover.kernels.obstacle_breach import tops_near_m, worst_breach
 from uavcover.kernels.obstacles import NO_OBSTACLES, horizons, keeps_clear, make_obstacles, roofs_m, top_within_m
 
-deterministic = settings(derandomize=True, deadline=None, max_examples=150)
+deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=150, interpreted=15))
 
 GROWN_M = 6.0
 

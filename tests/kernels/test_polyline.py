@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from shapely import LineString, Point
 
+from tests.compiled_kernels import cases
 from tests.naive import route as naive
 from uavcover.kernels.route import distances_to_polyline
 
-deterministic = settings(derandomize=True, deadline=None, max_examples=25)
+deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=25, interpreted=10))
 coordinates = st.one_of(st.integers(-2, 2).map(float), st.floats(-100, 100, width=32))
 
 

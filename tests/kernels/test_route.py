@@ -7,12 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from tests.compiled_kernels import cases
 from tests.naive import route as naive
 from uavcover.kernels import route as kernels
 from uavcover.kernels.surface import height, height_range_above
 from uavcover.scenario.ground import grid_ground, sine_cosine_ground
 
-deterministic = settings(derandomize=True, deadline=None, max_examples=25)
+deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=25, interpreted=8))
 
 coordinates = st.one_of(st.integers(-2, 2).map(float), st.floats(-100, 100, width=32))
 

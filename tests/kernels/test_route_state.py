@@ -3,13 +3,13 @@
 import itertools
 import math
 
-import numba
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.compiled_kernels import cases
 from tests.kernels.test_coverage import cells_on, make_sight, rough_ground, sights
 from tests.kernels.test_obstacles import obstacles_of
 from tests.naive import route_state as naive
@@ -32,10 +32,10 @@ from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.ground import grid_ground, sine_cosine_ground
 from uavcover.sensing.coverage_map import CoverageMap
 
-deterministic = settings(derandomize=True, deadline=None, max_examples=25)
+deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=25, interpreted=5))
 
-CHANGES = 600 if numba.config.DISABLE_JIT else 10_000
-"""Interpreted, where only the lines that are reached count, a change takes a hundred times as long."""
+ROUNDS = cases(compiled=20, interpreted=8)
+CHANGES = ROUNDS * cases(compiled=500, interpreted=30)
 
 SQUARE = np.array([[-1.6, 1.4], [4.2, 1.4], [4.2, 6.2], [-1.6, 6.2]])
 
@@ -185,9 +185,11 @@ def change_and_recount(problem: SearchProblem) -> None:
     fewest = 1 if problem.sensing == AT_WAYPOINTS and problem.limits.legs == 0 else 2
     sizes, sums, kept = set(), set(), 0
     # Hot, where nearly everything is kept, and cold, where nearly everything is undone.
-    for number in range(20):
+    for number in range(ROUNDS):
         temperature = 1e9 if number % 4 == 0 else 0.02
-        kept += anneal(problem, prices, Schedule(CHANGES // 20, temperature, temperature, 1.0, fewest, 14), state, rng)
+        kept += anneal(
+            problem, prices, Schedule(CHANGES // ROUNDS, temperature, temperature, 1.0, fewest, 14), state, rng
+        )
         sizes.add(int(state.size[0]))
         assert fewest <= state.size[0] <= 14
         assert sorted(state.slot.tolist()) == list(range(14 + WIDEST + 1))
@@ -243,7 +245,7 @@ def test_cold_annealing_never_makes_the_energy_larger(sensing):
     state = small_state(problem, 6, 14)
     prices, rng = Prices(0.01, 0.05, 3.0, 0.9), np.random.default_rng(2)
     energies = []
-    for _ in range(40):
+    for _ in range(cases(compiled=40, interpreted=5)):
         anneal(problem, prices, Schedule(50, 1e-12, 1e-12, 1.0, 2, 14), state, rng)
         n = int(state.size[0])
         points = snapshot(state)
@@ -262,7 +264,7 @@ def test_equal_generators_give_equal_routes():
         anneal(
             problem,
             Prices(0.01, 0.0, 1.0, 1.0),
-            Schedule(400, 0.1, 0.01, 1.0, 2, 14),
+            Schedule(cases(compiled=400, interpreted=60), 0.1, 0.01, 1.0, 2, 14),
             state,
             np.random.default_rng(seed),
         )
@@ -292,7 +294,7 @@ def test_hot_changes_never_break_a_limit_of_the_legs(sensor):
     assert measure_violations(site, points, margin_m=5.0).total == 0.0
     state = state_of(problem, Route(points), capacity=30)
     rng = np.random.default_rng(3)
-    for _ in range(30):
+    for _ in range(cases(compiled=30, interpreted=4)):
         anneal(problem.numbers, Prices(0.0, 0.0, 1.0, 1.0), Schedule(100, 1e6, 1e6, 80.0, 2, 30), state, rng)
         assert measure_violations(site, snapshot(state), margin_m=5.0).total == 0.0
     assert not np.allclose(snapshot(state)[0], points[0])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.compiled_kernels import cases
 from tests.kernels.test_route_state import small_problem, small_state
 from uavcover.kernels.annealing import Prices, Schedule, anneal, energy_of_share, snapshot
 from uavcover.kernels.route_state_cost import exchange_cost, reversal_cost, transfer_cost
@@ -26,7 +27,7 @@ def test_each_kind_of_change(way):
     rng = np.random.default_rng(3)
     route = state.route[:7].copy()
     before = route_cost(problem.surface, way, route)
-    for _ in range(300):
+    for _ in range(cases(compiled=300, interpreted=60)):
         first = int(rng.integers(0, 7))
         last = int(rng.integers(first, min(7, first + 4) + 1))
         fresh = int(rng.integers(0, 4))
@@ -55,7 +56,7 @@ def test_cold_annealing_never_makes_the_energy_larger(sensing, way):
     state = small_state(problem, 6, 14)
     prices, rng = Prices(0.01, 0.05, 3.0, 0.9), np.random.default_rng(2)
     energies = []
-    for _ in range(30):
+    for _ in range(cases(compiled=30, interpreted=5)):
         anneal(problem, prices, Schedule(100, 1e-12, 1e-12, 1.0, 2, 14), state, rng)
         points = snapshot(state)
         energies.append(

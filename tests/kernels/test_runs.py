@@ -4,10 +4,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.compiled_kernels import cases
 from tests.naive import runs as naive
 from uavcover.kernels.nadir_visibility import compare, make_changes, runs_of, weigh_changes
 
-deterministic = settings(derandomize=True, deadline=None, max_examples=60)
+deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=60, interpreted=15))
 sets_of_squares = st.lists(st.sets(st.integers(0, 29), max_size=20), max_size=3)
 
 

@@ -6,13 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from tests.compiled_kernels import cases
 from tests.naive import surface as naive
 from uavcover.kernels import surface as kernels
 from uavcover.kernels.grid import square_frame, steepest_slope
 from uavcover.kernels.surface import GRID, Surface
 from uavcover.scenario.ground import grid_ground, sine_cosine_ground
 
-deterministic = settings(derandomize=True, deadline=None, max_examples=40)
+deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=40, interpreted=12))
 
 shares = st.one_of(st.sampled_from([0.0, 0.25, 0.5, 1.0]), st.floats(0.0, 1.0, width=32))
 node_heights = st.one_of(st.integers(-3, 3).map(float), st.floats(-500.0, 500.0, width=32))

@@ -3,6 +3,8 @@
 import itertools
 import math
 
+import numpy as np
+
 from tests.naive import obstacles as naive_obstacles
 from tests.naive import surface as naive_surface
 from uavcover.kernels.coverage import GRAZING_M
@@ -14,7 +16,7 @@ def height(surface, east, north):
     if surface.kind == SINE_COSINE:
         return naive_surface.analytic_height(surface.step_m, east, north)
     nodes = surface.up_m.tolist()
-    return naive_surface.height(nodes, surface.grid, east, north)
+    return naive_surface.height(nodes, surface.grid, east, north, float)
 
 
 def _angle_deg(a, b):
@@ -85,9 +87,10 @@ def in_line_of_sight(surface, sight, eye, centre):
         if naive_obstacles.enters(naive_obstacles.prisms_of(surface.obstacles), eye, centre) > 1e-9:
             return False
         if surface.kind == SINE_COSINE:
-            heights = naive_surface.sampled_heights(lambda e, n: height(surface, e, n), eye, centre, 400)
-            return min(heights) >= -GRAZING_M
-        low, _ = naive_surface.height_range_above(surface.up_m.tolist(), surface.grid, list(eye), list(centre))
+            east, north, up = np.linspace(eye, centre, 401).T
+            ground = surface.step_m * np.sin(north / surface.step_m) * np.cos(east / surface.step_m)
+            return bool((up - ground >= -GRAZING_M).all())
+        low, _ = naive_surface.height_range_above(surface.up_m.tolist(), surface.grid, list(eye), list(centre), float)
         return low >= -GRAZING_M
     return True
 

@@ -1,5 +1,6 @@
 """Prisms by shapely: lines cut at their tops, footprints as polygons, clearances by trying many places."""
 
+import functools
 import math
 
 import numpy as np
@@ -8,15 +9,22 @@ import shapely
 
 def prisms_of(obstacles):
     """(footprint, top) pairs of the kernels' numbers; every ring is an outline, inside of which even-odd counts."""
-    found = []
-    for k in range(obstacles.top_m.size):
-        edges = obstacles.edges_m[obstacles.first_edge[k] : obstacles.first_edge[k + 1]]
-        rings = shapely.polygonize([shapely.LineString([edge[:2], edge[2:]]) for edge in edges])
-        footprint = shapely.Polygon()
-        for outline in sorted({shapely.Polygon(part.exterior) for part in rings.geoms}, key=lambda p: -p.area):
-            footprint = footprint.symmetric_difference(outline)
-        found.append((footprint, float(obstacles.top_m[k])))
-    return found
+    first = obstacles.first_edge.tolist()
+    rings = [obstacles.edges_m[first[k] : first[k + 1]].tolist() for k in range(obstacles.top_m.size)]
+    return [
+        (footprint_of(tuple(map(tuple, edges))), top)
+        for edges, top in zip(rings, obstacles.top_m.tolist(), strict=True)
+    ]
+
+
+@functools.cache
+def footprint_of(edges):
+    """Every ray is tried against the same few footprints: each is made once."""
+    rings = shapely.polygonize([shapely.LineString([edge[:2], edge[2:]]) for edge in edges])
+    footprint = shapely.Polygon()
+    for outline in sorted({shapely.Polygon(part.exterior) for part in rings.geoms}, key=lambda p: -p.area):
+        footprint = footprint.symmetric_difference(outline)
+    return footprint
 
 
 def lower_part(p, q, limit):

@@ -1,4 +1,8 @@
-"""The bilinear surface, its slopes and the height of a segment above it, in exact fractions."""
+"""The bilinear surface, its slopes and the height of a segment above it, in exact fractions.
+
+With ``number=float`` the same steps in floating point, thirty times as fast: for who asks only whether a line is clear of the
+ground by more than rounding.
+"""
 
 import itertools
 import math
@@ -7,18 +11,20 @@ from fractions import Fraction
 EXPONENTS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 
 
-def on_grid(frame, east, north, up):
+def on_grid(frame, east, north, up, number=Fraction):
     """Column and row, by the definition: down the plumb line to the level, then two polynomials."""
-    shrink = 1 - (Fraction(up) - Fraction(frame.level_up_m)) * Fraction(frame.lean_per_m)
-    x = (Fraction(east) * shrink - Fraction(frame.east0_m)) / Fraction(frame.scale_m)
-    y = (Fraction(north) * shrink - Fraction(frame.north0_m)) / Fraction(frame.scale_m)
-    powers = [x**i * y**j for i, j in EXPONENTS]
-    return tuple(sum(Fraction(float(c)) * p for c, p in zip(row, powers, strict=True)) for row in frame.terms)
+    shrink = 1 - (number(up) - number(frame.level_up_m)) * number(frame.lean_per_m)
+    x = (number(east) * shrink - number(frame.east0_m)) / number(frame.scale_m)
+    y = (number(north) * shrink - number(frame.north0_m)) / number(frame.scale_m)
+    return tuple(
+        sum((number(c) * x**i * y**j for c, (i, j) in zip(row.tolist(), EXPONENTS, strict=True) if c != 0.0), number(0))
+        for row in frame.terms
+    )
 
 
-def _place(nodes, frame, east, north, up):
+def _place(nodes, frame, east, north, up, number=Fraction):
     """Row and column of the cell, and where in it; None outside."""
-    u, v = on_grid(frame, east, north, up)
+    u, v = on_grid(frame, east, north, up, number)
     rows, columns = len(nodes), len(nodes[0])
     if not (0 <= u <= columns - 1 and 0 <= v <= rows - 1):
         return None
@@ -26,21 +32,21 @@ def _place(nodes, frame, east, north, up):
     return i, j, u - j, v - i
 
 
-def _bilinear(nodes, i, j, u, v):
+def _bilinear(nodes, i, j, u, v, number=Fraction):
     corners = [nodes[i][j], nodes[i][j + 1], nodes[i + 1][j], nodes[i + 1][j + 1]]
     if any(math.isnan(z) for z in corners):
         return None
-    sw, se, nw, ne = (Fraction(float(z)) for z in corners)
+    sw, se, nw, ne = (number(float(z)) for z in corners)
     return (1 - u) * (1 - v) * sw + u * (1 - v) * se + (1 - u) * v * nw + u * v * ne
 
 
-def height_above(nodes, frame, east, north, up):
-    place = _place(nodes, frame, east, north, up)
-    z = None if place is None else _bilinear(nodes, *place)
-    return math.nan if z is None else float(Fraction(up) - z)
+def height_above(nodes, frame, east, north, up, number=Fraction):
+    place = _place(nodes, frame, east, north, up, number)
+    z = None if place is None else _bilinear(nodes, *place, number)
+    return math.nan if z is None else float(number(up) - z)
 
 
-def up_above(nodes, frame, east, north, agl):
+def up_above(nodes, frame, east, north, agl, number=Fraction):
     """Halving the interval of all heights until it is nothing."""
     finite = [z for row in nodes for z in row if not math.isnan(z)]
     if not finite:
@@ -48,15 +54,15 @@ def up_above(nodes, frame, east, north, agl):
     low, high = min(finite) + agl - 1.0, max(finite) + agl + 1.0
     for _ in range(80):
         middle = 0.5 * (low + high)
-        above = height_above(nodes, frame, east, north, middle)
+        above = height_above(nodes, frame, east, north, middle, number)
         if math.isnan(above):
             return math.nan
         low, high = (middle, high) if above < agl else (low, middle)
     return 0.5 * (low + high)
 
 
-def height(nodes, frame, east, north):
-    return up_above(nodes, frame, east, north, 0.0)
+def height(nodes, frame, east, north, number=Fraction):
+    return up_above(nodes, frame, east, north, 0.0, number)
 
 
 def gradient(nodes, frame, east, north):
@@ -71,25 +77,25 @@ def gradient(nodes, frame, east, north):
     return float(to_east / step), float(to_north / step)
 
 
-def height_range_above(nodes, frame, p, q):
+def height_range_above(nodes, frame, p, q, number=Fraction):
     """Smallest and largest height of the segment above the grid, in pieces that are straight on it."""
     if not all(math.isfinite(x) for x in (*p, *q)):
         return math.nan, math.nan
     pieces = max(1, math.ceil(math.dist(p, q) / frame.piece_m))
     places = [[a + k / pieces * (b - a) for a, b in zip(p, q, strict=True)] for k in range(pieces)] + [q]
-    ranges = [_range_of_piece(nodes, frame, a, b) for a, b in itertools.pairwise(places)]
+    ranges = [_range_of_piece(nodes, frame, a, b, number) for a, b in itertools.pairwise(places)]
     if any(math.isnan(low) for low, _ in ranges):
         return math.nan, math.nan
     return min(low for low, _ in ranges), max(high for _, high in ranges)
 
 
-def _range_of_piece(nodes, frame, p, q):
+def _range_of_piece(nodes, frame, p, q, number):
     """Every parabola between two node lines, one by one."""
-    if _place(nodes, frame, *p) is None or _place(nodes, frame, *q) is None:
+    if _place(nodes, frame, *p, number) is None or _place(nodes, frame, *q, number) is None:
         return math.nan, math.nan
-    (u0, v0), (u1, v1) = (on_grid(frame, *point) for point in (p, q))
-    z0, z1 = Fraction(p[2]), Fraction(q[2])
-    cuts = {Fraction(0), Fraction(1)}
+    (u0, v0), (u1, v1) = (on_grid(frame, *point, number) for point in (p, q))
+    z0, z1 = number(p[2]), number(q[2])
+    cuts = {number(0), number(1)}
     for a, b, lines in ((u0, u1, len(nodes[0])), (v0, v1, len(nodes))):
         cuts |= {(line - a) / (b - a) for line in range(lines) if a != b and 0 < (line - a) / (b - a) < 1}
     cuts = sorted(cuts)
@@ -100,14 +106,14 @@ def _range_of_piece(nodes, frame, p, q):
         j = min(math.floor(u0 + middle * (u1 - u0)), len(nodes[0]) - 2)
 
         def above(t, i=i, j=j):
-            z = _bilinear(nodes, i, j, u0 + t * (u1 - u0) - j, v0 + t * (v1 - v0) - i)
+            z = _bilinear(nodes, i, j, u0 + t * (u1 - u0) - j, v0 + t * (v1 - v0) - i, number)
             return None if z is None else z0 + t * (z1 - z0) - z
 
         if above(middle) is None:
             return math.nan, math.nan
         candidates = [start, end]
         # A quadratic a + b t + c t^2 through three places.
-        f0, f1, f2 = above(Fraction(0)), above(Fraction(1)), above(Fraction(2))
+        f0, f1, f2 = above(number(0)), above(number(1)), above(number(2))
         c = (f2 - 2 * f1 + f0) / 2
         if c != 0:
             vertex = -(f1 - f0 - c) / (2 * c)
