@@ -4,7 +4,7 @@ import contextlib
 import os
 import sys
 
-INTERRUPTED = 130
+from uavcover.errors import INTERRUPTED
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ from uavcover.cli.bench_link import bench_link
 from uavcover.cli.bench_mmf import bench_mmf
 from uavcover.cli.bench_paper import bench_paper
 from uavcover.cli.ending import ending_well
-from uavcover.cli.options import Overview
+from uavcover.cli.options import Overview, one_by_one
 
 bench = typer.Typer(
     cls=Overview,
@@ -25,7 +25,7 @@ _BENCHMARKS: dict[str, tuple[Callable[..., int], str]] = {
 }
 
 for _name, (_command, _short) in _BENCHMARKS.items():
-    bench.command(_name, short_help=_short, rich_help_panel="Measure")(ending_well(_command))
+    bench.command(_name, short_help=_short, rich_help_panel="Measure")(ending_well(one_by_one(_command)))
 
 
 @bench.callback()

@@ -1,6 +1,7 @@
 """``uavcover bench coverage``: planners and baselines on the bundled scenarios."""
 
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,22 +10,30 @@ import typer
 from uavcover.cli import options
 
 
+@dataclass(frozen=True, slots=True)
+class SeedsAndTimes:
+    """How often and for how long each planner runs."""
+
+    seeds: Annotated[int, typer.Option(help="Runs of each planner; their numbers, from 1, are their seeds.", min=1)] = (
+        10
+    )
+    seeds_long: Annotated[
+        int, typer.Option("--seeds-long", help="Runs with budgets above 100 s.", min=1, metavar="N")
+    ] = 3
+    times: Annotated[str, typer.Option("--time", help="Budgets in seconds of processor time.", metavar="S,T")] = (
+        "10,60,300"
+    )
+
+
 def bench_coverage(
+    *,
     scenarios: Annotated[
         str | None, typer.Option(help="Some of the scenarios, as paper-r1,jacksboro; default: all.", metavar="A,B")
     ] = None,
     algorithms: Annotated[
         str | None, typer.Option(help="Some of the contenders, as memetic,nsga2; default: all.", metavar="X,Y")
     ] = None,
-    seeds: Annotated[
-        int, typer.Option(help="Runs of each planner; their numbers, from 1, are their seeds.", min=1)
-    ] = 10,
-    seeds_long: Annotated[
-        int, typer.Option("--seeds-long", help="Runs with budgets above 100 s.", min=1, metavar="N")
-    ] = 3,
-    times: Annotated[
-        str, typer.Option("--time", help="Budgets in seconds of processor time.", metavar="S,T")
-    ] = "10,60,300",
+    each: SeedsAndTimes,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Folder of the results; runs in it are kept.", metavar="DIR")
     ] = None,
@@ -32,9 +41,7 @@ def bench_coverage(
         int | None, typer.Option(help="Runs at a time; default: one for each core.", min=1, metavar="N")
     ] = None,
     list_names: Annotated[bool, typer.Option("--list", help="Print the names and end.")] = False,
-    as_json: options.Json = False,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = 0,
+    output: options.Output,
 ) -> int:
     """Compare the planner with baselines and other optimizers, at equal processor time and at equal evaluations.
 
@@ -46,10 +53,9 @@ def bench_coverage(
     from uavcover.benchmarks.coverage.results import write_results
     from uavcover.benchmarks.coverage.runs import make_runs, wanted_runs
     from uavcover.benchmarks.runs import KeptRuns, available_cores
-    from uavcover.cli.console import Console
     from uavcover.errors import InputError
 
-    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    console = output.console()
     if list_names:
         console.say(f"scenarios:  {' '.join(CASES)}")
         console.say(f"algorithms: {' '.join(CONTENDERS)}")
@@ -57,7 +63,7 @@ def bench_coverage(
         return 0
     chosen_scenarios = options.names("--scenarios", scenarios, CASES)
     chosen_algorithms = options.names("--algorithms", algorithms, CONTENDERS)
-    times_s = _seconds(times)
+    times_s = _seconds(each.times)
     if out is None:
         raise InputError("-o/--out: name the folder of the results, as: uavcover bench coverage -o coverage")
     folder = KeptRuns(out, {"benchmark": "coverage"})
@@ -65,8 +71,8 @@ def bench_coverage(
         wanted = wanted_runs(
             scenarios=chosen_scenarios,
             algorithms=chosen_algorithms,
-            seeds=seeds,
-            seeds_long=seeds_long,
+            seeds=each.seeds,
+            seeds_long=each.seeds_long,
             times_s=times_s,
         )
         missing = [run for run in wanted if not folder.has(run.key)]
@@ -80,10 +86,10 @@ def bench_coverage(
                     left_min = (whole_s / done_s - 1.0) * (time.monotonic() - begin) / 60.0
                     bar.update(done, note=f"{done} of {len(missing)}, about {left_min:.0f} min left, last {run.key}")
         except KeyboardInterrupt:
-            write_results(folder, command=_command(scenarios, algorithms, seeds, times))
+            write_results(folder, command=_command(scenarios, algorithms, each))
             console.warn(f"stopped; the runs that are done are in {out}, with their table: the same command goes on")
             raise
-        files = write_results(folder, command=_command(scenarios, algorithms, seeds, times))
+        files = write_results(folder, command=_command(scenarios, algorithms, each))
     for file in files:
         console.say(f"written: {file}")
     console.result({"runs": len(wanted), "made": len(missing), "files": [str(file) for file in files]})
@@ -102,10 +108,10 @@ def _seconds(text: str) -> list[float]:
     return sorted(set(times_s))
 
 
-def _command(scenarios: str | None, algorithms: str | None, seeds: int, times: str) -> str:
+def _command(scenarios: str | None, algorithms: str | None, each: SeedsAndTimes) -> str:
     parts = ["uavcover bench coverage"]
     if scenarios is not None:
         parts.append(f"--scenarios {scenarios}")
     if algorithms is not None:
         parts.append(f"--algorithms {algorithms}")
-    return " ".join([*parts, f"--seeds {seeds} --time {times} -o DIR"])
+    return " ".join([*parts, f"--seeds {each.seeds} --time {each.times} -o DIR"])

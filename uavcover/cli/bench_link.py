@@ -9,6 +9,7 @@ from uavcover.cli import options
 
 
 def bench_link(
+    *,
     clients: Annotated[
         str | None, typer.Option(help="Some of simulated,native,mavsdk; default: all.", metavar="A,B")
     ] = None,
@@ -25,9 +26,7 @@ def bench_link(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Folder of the results; runs in it are kept.", metavar="DIR")
     ] = None,
-    as_json: options.Json = False,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = 0,
+    output: options.Output,
 ) -> int:
     """Upload and download 100 items with vehicles that time out as ArduPilot and PX4 do, and count what worked.
 
@@ -36,11 +35,10 @@ def bench_link(
     """
     from uavcover.benchmarks.link.runs import read_outcomes, run_missing, trials
     from uavcover.benchmarks.link.trials import CLIENTS, cells_of, csv_lines, markdown
-    from uavcover.cli.console import Console
     from uavcover.errors import InputError
     from uavcover.run.folder import write_text
 
-    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    console = output.console()
     if out is None:
         raise InputError("-o/--out: name the folder of the results, as: uavcover bench link -o link")
     chosen = options.names("--clients", clients, CLIENTS)

@@ -1,5 +1,6 @@
 """``uavcover bench mmf``: optimizers on the 24 functions of the paper, and its tables and figures."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -8,7 +9,17 @@ import typer
 from uavcover.cli import options
 
 
+@dataclass(frozen=True, slots=True)
+class RunSize:
+    """How much each run does and returns."""
+
+    population: Annotated[int, typer.Option(help="Candidates of each iteration.", min=1)] = 200
+    iterations: Annotated[int, typer.Option(help="Iterations of each run.", min=1)] = 500
+    archive: Annotated[int, typer.Option(help="Most solutions that a run returns.", min=1)] = 200
+
+
 def bench_mmf(
+    *,
     functions: Annotated[
         str | None, typer.Option(help="Some of the functions, as MMF1,MMF14_a; default: all.", metavar="A,B")
     ] = None,
@@ -22,16 +33,12 @@ def bench_mmf(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Folder of the results; runs in it are kept.", metavar="DIR")
     ] = None,
-    population: Annotated[int, typer.Option(help="Candidates of each iteration.", min=1)] = 200,
-    iterations: Annotated[int, typer.Option(help="Iterations of each run.", min=1)] = 500,
-    archive: Annotated[int, typer.Option(help="Most solutions that a run returns.", min=1)] = 200,
+    size: RunSize,
     processes: Annotated[
         int | None, typer.Option(help="Runs at a time; default: one for each core.", min=1, metavar="N")
     ] = None,
     list_names: Annotated[bool, typer.Option("--list", help="Print the names and end.")] = False,
-    as_json: options.Json = False,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = 0,
+    output: options.Output,
 ) -> int:
     """Run optimizers on the 24 multimodal functions, and tabulate IGD, IGDx, CR, PSP and hypervolume.
 
@@ -42,10 +49,9 @@ def bench_mmf(
     from uavcover.benchmarks.mmf.results import write_results
     from uavcover.benchmarks.mmf.runs import Budget, MmfFolder, contender_names, make_runs, missing_runs
     from uavcover.benchmarks.runs import available_cores
-    from uavcover.cli.console import Console
     from uavcover.errors import InputError
 
-    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    console = output.console()
     if list_names:
         console.say(f"functions:  {' '.join(PROBLEMS)}")
         console.say(f"algorithms: {' '.join(contender_names())}")
@@ -55,7 +61,7 @@ def bench_mmf(
     chosen_algorithms = options.names("--algorithms", algorithms, contender_names(options.listed(algorithms)))
     if out is None:
         raise InputError("-o/--out: name the folder of the results, as: uavcover bench mmf -o mmf")
-    folder, budget = MmfFolder(out), Budget(population, iterations, archive)
+    folder, budget = MmfFolder(out), Budget(size.population, size.iterations, size.archive)
     with folder.reserved(budget):
         missing = missing_runs(folder, functions=chosen_functions, algorithms=chosen_algorithms, runs=runs)
         wanted = len(chosen_functions) * len(chosen_algorithms) * runs

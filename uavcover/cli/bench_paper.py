@@ -9,6 +9,7 @@ from uavcover.cli import options
 
 
 def bench_paper(
+    *,
     readings: Annotated[
         str | None, typer.Option(help="Some of the readings, as R2-ray,planar; default: all.", metavar="A,B")
     ] = None,
@@ -22,9 +23,7 @@ def bench_paper(
         int | None, typer.Option(help="Runs at a time; default: one for each core.", min=1, metavar="N")
     ] = None,
     list_names: Annotated[bool, typer.Option("--list", help="Print the readings and end.")] = False,
-    as_json: options.Json = False,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = 0,
+    output: options.Output,
 ) -> int:
     """Run MODBO and IMODBO on the paper's simulation, under five readings of its sensor.
 
@@ -34,10 +33,9 @@ def bench_paper(
     from uavcover.benchmarks.paper.results import write_results
     from uavcover.benchmarks.paper.runs import ALGORITHMS, READINGS, make_runs, paper_runs
     from uavcover.benchmarks.runs import KeptRuns, available_cores
-    from uavcover.cli.console import Console
     from uavcover.errors import InputError
 
-    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    console = output.console()
     if list_names:
         for reading in READINGS.values():
             console.say(f"{reading.name:12} {reading.meaning}")

@@ -10,6 +10,7 @@ from uavcover.cli import options
 
 
 def demo(
+    *,
     run: Annotated[Path, typer.Option("-o", "--out", help="Run folder to write.", metavar="RUN")] = Path("out"),
     scenario: Annotated[str, typer.Option(help="Another scenario.")] = "jacksboro",
     evaluations: Annotated[int | None, typer.Option(help="Evaluations of the optimizer.")] = None,
@@ -17,16 +18,13 @@ def demo(
     autopilot: options.Autopilot = None,
     speed: Annotated[float, typer.Option(help="How fast the mock vehicle flies, times real time.")] = 100.0,
     force: options.ForcePlan = False,
-    as_json: options.Json = False,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = 0,
+    output: options.Output,
 ) -> int:
     """Plan on real terrain, upload to a mock vehicle over UDP, read back, fly, record, verify."""
-    from uavcover.cli.console import Console
     from uavcover.cli.whole_chain import demonstrate
     from uavcover.run.plan import PlanRequest
 
-    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    console = output.console()
     request = PlanRequest(
         scenario=scenario, folder=run, command=sys.argv, force=force, seed=seed, evaluations=evaluations,
         autopilot=autopilot,

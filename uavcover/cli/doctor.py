@@ -7,7 +7,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated
@@ -120,18 +120,14 @@ _VULKAN = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d")
 
 
 def doctor(
-    as_json: options.Json = False,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = 0,
+    output: options.Output,
     imports: Annotated[bool, typer.Option(help="Try every package, not only look it up.")] = True,
     compile_ahead: Annotated[
         bool, typer.Option("--compile", help="Compile the numeric kernels now, so that no search waits for it.")
     ] = False,
 ) -> int:
     """Say what is installed, what works, and what each optional part would need."""
-    from uavcover.cli.console import Console
-
-    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    console = output.console()
     if compile_ahead:
         from uavcover.run.compile_ahead import compile_kernels
 
@@ -145,12 +141,5 @@ def doctor(
             f"{'ok     ' if finding.ok else 'MISSING' if finding.needed else 'absent '} {finding.name:28} {finding.text}"
         )
     healthy = all(finding.ok for finding in findings if finding.needed)
-    console.result({"healthy": healthy, "findings": [vars_of(finding) for finding in findings]})
+    console.result({"healthy": healthy, "findings": [asdict(finding) for finding in findings]})
     return 0 if healthy else 1
-
-
-def vars_of(finding: object) -> dict[str, object]:
-    """A finding as a dictionary."""
-    import dataclasses
-
-    return dataclasses.asdict(finding)  # type: ignore[call-overload, no-any-return]

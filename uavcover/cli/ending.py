@@ -1,6 +1,7 @@
 """How commands end: every error becomes one line on stderr and an exit code."""
 
 import functools
+import inspect
 import signal
 import sys
 import traceback
@@ -17,11 +18,9 @@ BAD_USAGE = 2
 FAULT = 70
 """A fault of uavcover itself; 70 is what sysexits.h calls it, so that no script takes it for an answer."""
 
-_settings = {"traces": False}
 
-
-def ending_well(command: Callable[..., Any]) -> Callable[..., None]:
-    """A command that returns its exit code, as typer wants it: ending in ``typer.Exit``.
+def ending_well(command: Callable[..., int]) -> Callable[..., None]:
+    """A command that returns its exit code, as typer wants it: ending in ``typer.Exit``, and told its context.
 
     Exit codes: 0 done; 1 done, and the answer is no; 2 bad usage or bad input; 3 the vehicle or the link failed; 4 no
     feasible plan; 130 interrupted. Under --json an error is also an object on stdout: ``error``, ``exit_code``, and
@@ -29,9 +28,14 @@ def ending_well(command: Callable[..., Any]) -> Callable[..., None]:
     """
 
     @functools.wraps(command)
-    def wrapped(*args: object, **kwargs: object) -> None:
-        raise typer.Exit(_code(lambda: int(command(*args, **kwargs)), as_json=bool(kwargs.get("as_json"))))
+    def wrapped(context: typer.Context, **values: Any) -> None:
+        traces = bool(context.find_root().params["debug"])
+        raise typer.Exit(_code(lambda: command(**values), as_json=values["as_json"], traces=traces))
 
+    signature = inspect.signature(command)
+    context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
+    parameters = [context, *signature.parameters.values()]
+    wrapped.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return wrapped
 
 
@@ -56,7 +60,7 @@ _UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 """The root of what typer raises for bad usage; it has no public name in every version."""
 
 
-def _code(call: Callable[[], int], *, as_json: bool) -> int:
+def _code(call: Callable[[], int], *, as_json: bool, traces: bool) -> int:
     try:
         return call()
     except UavcoverError as error:
@@ -73,7 +77,7 @@ def _code(call: Callable[[], int], *, as_json: bool) -> int:
         else:
             traceback.print_exception(error)
             return _fail(f"a fault of uavcover: {type(error).__name__}: {error}", FAULT, as_json=as_json)
-    if _settings["traces"]:
+    if traces:
         traceback.print_exception(shown)
     details = shown.details() if isinstance(shown, UavcoverError) else {}
     return _fail(str(shown), code, as_json=as_json, details=details)
@@ -93,8 +97,3 @@ def stop_signals() -> list[signal.Signals]:
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         numbers.append(signal.SIGHUP)
     return numbers
-
-
-def show_traces(wanted: bool) -> None:
-    """Whether errors come with their trace from here on."""
-    _settings["traces"] = wanted

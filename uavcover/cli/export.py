@@ -12,22 +12,20 @@ def export(
     run: Annotated[Path, typer.Argument(help="Run folder.")],
     file_format: Annotated[str, typer.Option("--format", help="waypoints, plan, kml, geojson or csv.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="File to write.", metavar="FILE")],
+    *,
     sortie: options.Sortie = None,
     autopilot: options.Autopilot = None,
     force: options.Force = False,
-    as_json: options.Json = False,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = 0,
+    output: options.Output,
 ) -> int:
     """Write one mission file for other software."""
-    from uavcover.cli.console import Console
     from uavcover.errors import InputError, OutputError
     from uavcover.model.vehicle import autopilot_name
     from uavcover.run.folder import RunFolder, write_text
     from uavcover.run.mission import EXPORT_FORMATS, compile_plan, export_text
     from uavcover.run.plan_files import read_planned
 
-    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    console = output.console()
     if file_format not in EXPORT_FORMATS:
         raise InputError(f"--format: {file_format!r} is not one of {', '.join(EXPORT_FORMATS)}")
     site, planned = read_planned(RunFolder(run).flight(sortie))

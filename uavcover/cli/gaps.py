@@ -11,6 +11,7 @@ from uavcover.cli import options
 
 def gaps(
     run: Annotated[Path, typer.Argument(help="Run folder of a flight.")],
+    *,
     logs: options.Logs = None,
     accept_changed: options.AcceptChanged = None,
     target: Annotated[
@@ -29,23 +30,20 @@ def gaps(
         ),
     ] = "home",
     force: Annotated[bool, typer.Option("--force", help="Replace an older gap mission, and its flight.")] = False,
-    as_json: options.Json = False,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = 0,
+    output: options.Output,
 ) -> int:
     """Group what was not seen by place and reason, and plan the mission that closes the gaps.
 
     Writes gaps.geojson, gap_mission.waypoints, and RUN/gaps, a run folder to upload, fly and verify. Exit 1 when the mission
     cannot reach what was asked for.
     """
-    from uavcover.cli.console import Console
     from uavcover.errors import InputError
     from uavcover.run.close_gaps import GapRequest, GapStart, close_gaps
     from uavcover.run.folder import RunFolder
 
     if start not in list(GapStart):
         raise InputError(f"--start: {start!r} is neither home nor last")
-    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    console = output.console()
     request = GapRequest(
         logs=logs or (), target=target, min_area_m2=min_area_m2, start=GapStart(start), force=force,
         accepted=accept_changed or (),

@@ -10,6 +10,7 @@ from uavcover.cli import options
 
 def inspect(
     run: Annotated[Path, typer.Argument(help="Run folder with flight.rrd, or a .rrd file.")],
+    *,
     text: Annotated[bool, typer.Option("--text", help="Print what is in the recording.")] = False,
     screenshot: Annotated[
         Path | None, typer.Option(help="Make a picture, without a screen.", metavar="FILE.png")
@@ -18,21 +19,18 @@ def inspect(
         float, typer.Option(help="Moment of the picture: 0 the start of the flight, 1 its end.", metavar="SHARE")
     ] = 1.0,
     force: options.Force = False,
-    as_json: options.Json = False,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = 0,
+    output: options.Output,
 ) -> int:
     """Open the recording in the rerun viewer; or print it; or make a picture of it."""
     import dataclasses
 
-    from uavcover.cli.console import Console
     from uavcover.errors import OutputError
     from uavcover.recording import reader, viewer
     from uavcover.run.folder import RunFolder
 
-    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    console = output.console()
     path = run if run.suffix == ".rrd" else RunFolder(run).existing("flight.rrd", made_by="uavcover fly")
-    if text or as_json:
+    if text or output.as_json:
         rows = reader.describe_recording(path)
         console.say(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
         for row in rows:
@@ -44,7 +42,7 @@ def inspect(
             raise OutputError(f"{screenshot}: would be overwritten; use --force, or another name")
         viewer.screenshot(path, screenshot, at_share=at)
         console.say(f"written: {screenshot}")
-    if not text and not as_json and screenshot is None:
+    if not text and not output.as_json and screenshot is None:
         viewer.open_viewer(path)
         console.say(f"the viewer shows {path}")
     return 0

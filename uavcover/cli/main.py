@@ -12,13 +12,13 @@ from uavcover.cli.clear import clear
 from uavcover.cli.demo import demo
 from uavcover.cli.doctor import doctor
 from uavcover.cli.download import download
-from uavcover.cli.ending import ending_well, run_app, show_traces
+from uavcover.cli.ending import ending_well, run_app
 from uavcover.cli.export import export
 from uavcover.cli.fly import fly
 from uavcover.cli.gaps import gaps
 from uavcover.cli.inspect import inspect
 from uavcover.cli.mock_vehicle import mock_vehicle
-from uavcover.cli.options import Overview
+from uavcover.cli.options import Overview, one_by_one
 from uavcover.cli.pareto import pareto
 from uavcover.cli.plan import plan
 from uavcover.cli.plan_upload import plan_upload
@@ -146,7 +146,7 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
 for _title, _commands in _GROUPS.items():
     for _name, (_command, _short, _examples) in _commands.items():
         _epilog = "\b\nExamples:\n" + "\n".join(f"  {example}" for example in _examples)
-        app.command(_name, short_help=_short, rich_help_panel=_title, epilog=_epilog)(ending_well(_command))
+        app.command(_name, short_help=_short, rich_help_panel=_title, epilog=_epilog)(ending_well(one_by_one(_command)))
 
 app.add_typer(bench, name="bench", short_help="the benchmarks of this project", rich_help_panel="Measure")
 
@@ -164,7 +164,8 @@ def _root(
         False, "--version", help="Show the version.", callback=_tell_version, is_eager=True, expose_value=False
     ),
 ) -> None:
-    show_traces(debug)
+    """Every command reads ``--debug`` from its context; see :func:`ending_well`."""
+    del debug
 
 
 def run() -> None:

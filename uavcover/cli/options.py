@@ -1,6 +1,10 @@
-"""Options that several commands share, and how their overview is shown."""
+"""Options that several commands share, how groups of them reach a command, and how the overview of commands is shown."""
 
-from collections.abc import Iterable
+import dataclasses
+import functools
+import inspect
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,7 +37,8 @@ class Overview(TyperGroup):
 
 if TYPE_CHECKING:
     from mission_io import SigningKey
-    from uavcover.run.session import ClientName
+    from uavcover.cli.console import Console
+    from uavcover.run.session import ClientName, VehicleLink
     from uavcover.vehicle.precautions import OnBreach
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
@@ -132,9 +137,85 @@ OnBreachAction = Annotated[
 ]
 
 
-def verbosity(quiet: bool, verbose: int) -> int:
-    """-1 for quiet, otherwise how often -v was given."""
-    return -1 if quiet else verbose
+def one_by_one(command: Callable[..., int]) -> Callable[..., int]:
+    """A command as typer wants it, with one parameter for each option.
+
+    Our commands take options that belong together as one dataclass, such as :class:`Output`. In the command that is returned
+    each field of such a dataclass is a parameter of its own, in the same place; when it is called, the dataclass is made
+    from them.
+    """
+    groups: dict[str, type] = {}
+    parameters: list[inspect.Parameter] = []
+    for parameter in inspect.signature(command).parameters.values():
+        if isinstance(parameter.annotation, type) and dataclasses.is_dataclass(parameter.annotation):
+            groups[parameter.name] = parameter.annotation
+            parameters += inspect.signature(parameter.annotation).parameters.values()
+        else:
+            parameters.append(parameter)
+
+    @functools.wraps(command)
+    def with_groups(**values: Any) -> int:
+        for name, group in groups.items():
+            values[name] = group(**{field: values.pop(field) for field in inspect.signature(group).parameters})
+        return command(**values)
+
+    by_name = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in parameters]
+    with_groups.__signature__ = inspect.Signature(by_name)  # type: ignore[attr-defined]
+    with_groups.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return with_groups
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """How a command answers."""
+
+    as_json: Json = False
+    quiet: Quiet = False
+    verbose: Verbose = 0
+
+    def console(self) -> "Console":
+        """Where the command writes to."""
+        from uavcover.cli.console import Console
+
+        return Console(as_json=self.as_json, verbosity=-1 if self.quiet else self.verbose)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleOptions:
+    """Which vehicle is meant, and how long to wait for it."""
+
+    timeout_s: Timeout = 10.0
+    system: System = None
+    component: Component = None
+    signing_key: SigningKeyFile = None
+
+    def link_to(self, url: str, *, client: str = "native", link: str = "default") -> "VehicleLink":
+        """The vehicle at ``url``.
+
+        Raises:
+            InputError: the client is not known, or cannot do what the other options ask for.
+            mission_io.errors.MissionIoError: the kind of link is not known, or the signing key cannot be used.
+        """
+        from mission_io.links.simulated import link_preset
+        from uavcover.run.session import VehicleLink
+
+        name = client_name(client, link=link, signed=self.signing_key is not None)
+        return VehicleLink(
+            url=url, timeout_s=self.timeout_s, timing=link_preset(link).timing, signing_key=signing_key(self.signing_key),
+            client_name=name, system_id=self.system, component_id=self.component,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class TransferOptions(VehicleOptions):
+    """Which vehicle a mission is sent to or comes from, by which client, over what kind of link."""
+
+    client: ClientKind = "native"
+    link: LinkKind = "default"
+
+    def transfer_link(self, url: str) -> "VehicleLink":
+        """The vehicle at ``url``; see :meth:`VehicleOptions.link_to`."""
+        return self.link_to(url, client=self.client, link=self.link)
 
 
 def on_breach(text: str | None) -> "OnBreach | None":

@@ -10,22 +10,20 @@ from uavcover.cli import options
 
 def pareto(
     run: Annotated[Path, typer.Argument(help="Run folder with a plan.")],
+    *,
     plot: Annotated[Path | None, typer.Option(help="Draw it; .png, .svg or .pdf.", metavar="FILE.png")] = None,
     force: options.Force = False,
-    as_json: options.Json = False,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = 0,
+    output: options.Output,
 ) -> int:
     """List the Pareto set of a plan: coverage, waypoints, length and time of every member; or draw it."""
     import dataclasses
 
-    from uavcover.cli.console import Console
     from uavcover.errors import OutputError
     from uavcover.run.documents import bounds_in_words, read_pareto
     from uavcover.run.folder import RunFolder
     from uavcover.run.user import percent
 
-    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    console = output.console()
     folder = RunFolder(run)
     members = read_pareto(folder.existing("pareto.csv", made_by="uavcover plan"))
     plan = folder.read_json("plan.json", made_by="uavcover plan")

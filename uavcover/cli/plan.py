@@ -1,6 +1,7 @@
 """``uavcover plan``: from a scenario to a Pareto set, a chosen route and its mission files."""
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,53 +10,59 @@ import typer
 from uavcover.cli import options
 
 
-def plan(
-    scenario: Annotated[str, typer.Argument(help="A scenario file, or the name of a bundled one (see doctor).")],
-    run: Annotated[Path, typer.Option("-o", "--out", help="Run folder to write.", metavar="RUN")],
+@dataclass(frozen=True, slots=True)
+class Search:
+    """How to search, which route to choose, and for whom the mission files are."""
+
     algorithm: Annotated[
         str | None,
         typer.Option(
             help="memetic, local-search, imodbo, modbo, nsga2, moead, pymoo:NSGA3 or your own module:Class; default: the "
             "scenario's."
         ),
-    ] = None,
+    ] = None
     budget: Annotated[
         str | None, typer.Option(help="Search this long (30s, 5m) instead of a number of evaluations.")
-    ] = None,
+    ] = None
     evaluations: Annotated[
         int | None, typer.Option(help="Route evaluations; 50 proposals of the local search count as one.")
-    ] = None,
-    max_waypoints: Annotated[int | None, typer.Option(help="Capacity of the waypoints encoding.")] = None,
+    ] = None
+    max_waypoints: Annotated[int | None, typer.Option(help="Capacity of the waypoints encoding.")] = None
     select: Annotated[
         str | None,
         typer.Option(help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N.", metavar="RULE"),
-    ] = None,
+    ] = None
     bounds: Annotated[
         str | None,
         typer.Option(
             help="After the search, prove for this long (30s) how few waypoints, or how much coverage, there can be."
         ),
-    ] = None,
-    autopilot: options.Autopilot = None,
-    workers: Annotated[int | None, typer.Option(help="Threads; the result does not depend on it.")] = None,
-    seed: options.Seed = None,
+    ] = None
+    autopilot: options.Autopilot = None
+    workers: Annotated[int | None, typer.Option(help="Threads; the result does not depend on it.")] = None
+    seed: options.Seed = None
+
+
+def plan(
+    scenario: Annotated[str, typer.Argument(help="A scenario file, or the name of a bundled one (see doctor).")],
+    run: Annotated[Path, typer.Option("-o", "--out", help="Run folder to write.", metavar="RUN")],
+    *,
+    search: Search,
     force: options.ForcePlan = False,
-    as_json: options.Json = False,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = 0,
+    output: options.Output,
 ) -> int:
     """Plan a route that sees the area, and write its mission files.
 
     Ctrl-C writes the best route so far and ends with 130.
     """
-    from uavcover.cli.console import Console
     from uavcover.run.plan import PlanRequest, plan_into
 
-    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    console = output.console()
     request = PlanRequest(
-        scenario=scenario, folder=run, command=sys.argv, force=force, seed=seed, evaluations=evaluations,
-        budget_s=options.seconds(budget), algorithm=algorithm, max_waypoints=max_waypoints, select=select,
-        autopilot=autopilot, workers=workers, bounds_s=options.seconds(bounds, option="--bounds"),
+        scenario=scenario, folder=run, command=sys.argv, force=force, seed=search.seed,
+        evaluations=search.evaluations, budget_s=options.seconds(search.budget), algorithm=search.algorithm,
+        max_waypoints=search.max_waypoints, select=search.select, autopilot=search.autopilot, workers=search.workers,
+        bounds_s=options.seconds(search.bounds, option="--bounds"),
     )  # fmt: skip
     outcome = plan_into(request, console, check_site=lambda _: None)
     if outcome.document["mission_files"]:

@@ -10,7 +10,8 @@ from uavcover.cli import options
 
 def report(
     run: Annotated[Path, typer.Argument(help="Run folder with a plan; with track.csv where it was flown.")],
-    output: Annotated[
+    *,
+    page: Annotated[
         Path | None, typer.Option("-o", "--output", help="Default: RUN/report.html.", metavar="FILE.html")
     ] = None,
     log: Annotated[
@@ -22,19 +23,16 @@ def report(
         typer.Option(help="Also draw the ground and the routes from the side and from above.", metavar="DIR"),
     ] = None,
     force: options.Force = False,
-    as_json: options.Json = False,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = 0,
+    output: options.Output,
 ) -> int:
     """Write report.html: map, 3D view, heights, coverage, requirements, alternatives; one file, opens offline."""
-    from uavcover.cli.console import Console
     from uavcover.errors import OutputError
     from uavcover.report.page import draw_figures, save_report
     from uavcover.run.folder import RunFolder
 
-    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
-    path = RunFolder(run).file("report.html") if output is None else output
-    if output is not None and path.exists() and not force:
+    console = output.console()
+    path = RunFolder(run).file("report.html") if page is None else page
+    if page is not None and path.exists() and not force:
         raise OutputError(f"{path}: would be overwritten; use --force, or another name")
     content = save_report(RunFolder(run), path, console, logs=log or [])
     drawn = [] if figures is None else draw_figures(content, figures, console, force=force)

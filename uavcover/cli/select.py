@@ -18,6 +18,7 @@ def select(
             metavar="RULE",
         ),
     ],
+    *,
     autopilot: options.Autopilot = None,
     force: Annotated[
         bool,
@@ -26,9 +27,7 @@ def select(
             help="Also when the route before was flown: it goes to RUN/older-N with its flight.",
         ),
     ] = False,
-    as_json: options.Json = False,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = 0,
+    output: options.Output,
 ) -> int:
     """Choose another route of the Pareto set, and write plan.json and the mission files for it.
 
@@ -36,7 +35,6 @@ def select(
     """
     import dataclasses
 
-    from uavcover.cli.console import Console
     from uavcover.model.vehicle import autopilot_name
     from uavcover.planning.selection import parse_rule
     from uavcover.run.folder import RunFolder, flown_in
@@ -44,7 +42,7 @@ def select(
     from uavcover.run.plan_files import read_planned
     from uavcover.run.select import choose
 
-    console = Console(as_json=as_json, verbosity=options.verbosity(quiet, verbose))
+    console = output.console()
     parse_rule(rule)
     folder = RunFolder(run)
     site, _ = read_planned(folder)
