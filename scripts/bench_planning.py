@@ -16,6 +16,7 @@ from pathlib import Path
 
 from uavcover.model.route import RouteMember
 from uavcover.planning.selection import parse_rule, select
+from uavcover.run.search import SearchRequest
 from uavcover.run.search import plan as plan_site
 from uavcover.scenario.site import load_site
 
@@ -38,7 +39,8 @@ Row = dict[str, str]
 def run_case(scenario: str, rule: str, evaluations: int, algorithm: str, seed: int) -> Row:
     """One run as a row."""
     site = load_site(scenario)
-    plan = plan_site(site, seed=seed, evaluations=evaluations, algorithm=algorithm, select=rule, workers=1)
+    request = SearchRequest(seed=seed, evaluations=evaluations, algorithm=algorithm, select=rule, workers=1)
+    plan = plan_site(site, request)
     chosen, most = plan.chosen.metrics, plan.members[select(plan.members, parse_rule("max-coverage")).index].metrics
     plain = [b.metrics for b in plan.baselines if b.origin == "boustrophedon"]
     tuned = _shortest([b for b in plan.baselines if b.origin != "boustrophedon"], rule)

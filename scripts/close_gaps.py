@@ -27,6 +27,7 @@ from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.run.close_gaps import plan_gap_mission
 from uavcover.run.judge import judge_tracks
 from uavcover.run.mission import compile_plan
+from uavcover.run.search import SearchRequest
 from uavcover.run.search import plan as plan_site
 from uavcover.run.session import VehicleLink, connect, fly
 from uavcover.run.upload import upload
@@ -148,7 +149,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     arguments = parser.parse_args()
     site = load_site(SCENARIO)
-    plan = plan_site(site, seed=1, evaluations=EVALUATIONS)
+    plan = plan_site(site, SearchRequest(seed=1, evaluations=EVALUATIONS))
     compiled = compile_plan(site, plan.chosen.route)
     first_m = length_m(compiled)
     metrics = plan.chosen.metrics

@@ -10,8 +10,8 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan, export_text
 from uavcover.run.plan import PlanRequest, plan_into
 from uavcover.run.plan_files import read_planned
+from uavcover.run.search import SearchRequest, least_length_m, plan
 from uavcover.run.search import bounds as bounds_of
-from uavcover.run.search import least_length_m, plan
 from uavcover.run.session import VehicleLink, connect, home_of, require_home
 from uavcover.run.user import Unattended
 from uavcover.scenario.site import load_site
@@ -72,7 +72,7 @@ def test_the_least_length_is_the_bound_of_the_plan() -> None:
 def test_arguments_out_of_range(changes: dict[str, object]) -> None:
     site = load_site("paper-R2")
     with pytest.raises((InputError, OptimizerError), match=re.escape(next(iter(changes)).removesuffix("_s"))):
-        plan(site, **changes)  # type: ignore[arg-type]
+        plan(site, SearchRequest(**changes))  # type: ignore[arg-type]
 
 
 def test_no_place_on_earth_no_home() -> None:

@@ -17,7 +17,7 @@ from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.planning.gap_route import plan_closing_route
 from uavcover.run.mission import compile_flights
-from uavcover.run.search import bounds, plan
+from uavcover.run.search import SearchRequest, bounds, plan
 from uavcover.run.user import User
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map
@@ -39,7 +39,7 @@ def compile_kernels(user: User) -> float:
     for number, (name, evaluations) in enumerate(ROUNDS, start=1):
         user.say(f"compiling the numeric kernels: {number} of {len(ROUNDS)}")
         site = load_site(name)
-        result = plan(site, evaluations=evaluations, seed=1)
+        result = plan(site, SearchRequest(evaluations=evaluations, seed=1))
         bounds(site, result, time_s=0.0)
         chosen = result.chosen
         promised = PlannedRoute(chosen.route.waypoints_m, chosen.metrics.coverage_fraction)

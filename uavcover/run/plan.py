@@ -21,7 +21,7 @@ from uavcover.run.documents import (
 from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
 from uavcover.run.mission import compile_flights
 from uavcover.run.plan_files import save_plan
-from uavcover.run.search import bounds, least_length_m, plan
+from uavcover.run.search import SearchRequest, bounds, least_length_m, plan
 from uavcover.run.user import ProgressBar, StopRequests, User, metres, percent
 from uavcover.scenario.site import Site, load_site
 
@@ -33,7 +33,7 @@ _FLOWN_EXACTLY_M = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlanRequest:
+class PlanRequest(SearchRequest):
     """What to plan, where to, and how; what is None is taken from the scenario.
 
     Attributes:
@@ -41,14 +41,7 @@ class PlanRequest:
         folder: the run folder.
         command: how it was asked for, for ``run.json``.
         force: whether a plan that is there may be replaced, with all that belongs to it.
-        seed: of every random number.
-        evaluations: of the optimizer.
-        budget_s: search this long instead.
-        algorithm: which optimizer.
-        max_waypoints: capacity of the waypoints encoding.
-        select: rule.
         autopilot: for whom the mission files are.
-        workers: threads.
         bounds_s: prove bounds for so long, after the search.
     """
 
@@ -56,14 +49,7 @@ class PlanRequest:
     folder: Path
     command: Sequence[str]
     force: bool
-    seed: int | None = None
-    evaluations: int | None = None
-    budget_s: float | None = None
-    algorithm: str | type | None = None
-    max_waypoints: int | None = None
-    select: str | None = None
     autopilot: str | None = None
-    workers: int | None = None
     bounds_s: float | None = None
 
 
@@ -165,11 +151,7 @@ def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Progress
         total = progress.total if budget_s is None else budget_s
         bar.update(furthest, total=total, note=progress_in_words(progress, unit, least_m))
 
-    return plan(
-        site, seed=request.seed, evaluations=request.evaluations, budget_s=request.budget_s, algorithm=request.algorithm,
-        max_waypoints=request.max_waypoints, select=request.select, workers=request.workers,
-        should_stop=stops.any, on_progress=show,
-    )  # fmt: skip
+    return plan(site, request, should_stop=stops.any, on_progress=show)
 
 
 def progress_in_words(progress: SearchProgress, unit: str, least: float | None) -> str:

@@ -5,6 +5,7 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any, get_args
 
 from uavcover.errors import InputError
@@ -24,23 +25,11 @@ from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.sensors import reach_at_height_m
 
 
-def plan(
-    site: Site,
-    *,
-    seed: int | None = None,
-    evaluations: int | None = None,
-    budget_s: float | None = None,
-    algorithm: str | type | None = None,
-    max_waypoints: int | None = None,
-    select: str | None = None,
-    workers: int | None = None,
-    should_stop: Callable[[], bool] = lambda: False,
-    on_progress: Callable[[SearchProgress], None] = lambda _: None,
-) -> Plan:
-    """Plan the sensing route. What is not given is taken from the scenario.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchRequest:
+    """How to search; what is None is taken from the scenario.
 
-    Args:
-        site: the scenario on its ground.
+    Attributes:
         seed: of every random number.
         evaluations: full route evaluations, 50 proposals of the local search counted as one; equal seed and evaluations
             give an equal plan.
@@ -49,15 +38,39 @@ def plan(
             ``module:Class`` that :func:`uavcover.optimizers.optimizer_class` finds, or the class itself.
         max_waypoints: capacity of the "waypoints" encoding.
         select: the rule by which one route is chosen.
-        workers: threads; the result does not depend on it. Default: one a core.
+        workers: threads; the result does not depend on it. None: one a core.
+    """
+
+    seed: int | None = None
+    evaluations: int | None = None
+    budget_s: float | None = None
+    algorithm: str | type | None = None
+    max_waypoints: int | None = None
+    select: str | None = None
+    workers: int | None = None
+
+
+def plan(
+    site: Site,
+    request: SearchRequest,
+    *,
+    should_stop: Callable[[], bool] = lambda: False,
+    on_progress: Callable[[SearchProgress], None] = lambda _: None,
+) -> Plan:
+    """Plan the sensing route.
+
+    Args:
+        site: the scenario on its ground.
+        request: how to search.
         should_stop: asked after every round of the search; the best so far is returned.
         on_progress: told after every round.
 
     Raises:
         InfeasibleError: no route keeps the limits.
-        InputError: an argument is out of range.
+        InputError: a value of the request is out of range.
         OptimizerError: the optimizer cannot be found, is none, or fails.
     """
+    algorithm, budget_s, workers = request.algorithm, request.budget_s, request.workers
     planners = get_args(PlannerAlgorithm)
     known = algorithm is None or algorithm in planners
     if not known and isinstance(algorithm, str) and ":" not in algorithm and algorithm not in ALGORITHMS:
@@ -65,7 +78,7 @@ def plan(
             f"algorithm: {algorithm!r} is not one of {', '.join(planners)}; nor one of the optimizers "
             f"{', '.join(name for name in ALGORITHMS if name not in planners)}; nor module:Class"
         )
-    settings = _settings(site.scenario.planner, seed, evaluations, algorithm if known else None, max_waypoints)
+    settings = _settings(site.scenario.planner, request, algorithm=algorithm if known else None)
     if budget_s is not None and not budget_s > 0.0:
         raise InputError(f"budget: {budget_s} s must be above 0")
     if workers is not None and workers < 1:
@@ -74,7 +87,7 @@ def plan(
         return plan_routes(
             site,
             settings=settings,
-            select_rule=select if select is not None else site.scenario.select,
+            select_rule=request.select if request.select is not None else site.scenario.select,
             effort=Effort(settings.evaluations, budget_s, time.monotonic),
             executor=executor,
             should_stop=should_stop,
@@ -83,18 +96,12 @@ def plan(
         )
 
 
-def _settings(
-    base: PlannerSettings,
-    seed: int | None,
-    evaluations: int | None,
-    algorithm: str | type | None,
-    max_waypoints: int | None,
-) -> PlannerSettings:
+def _settings(base: PlannerSettings, request: SearchRequest, *, algorithm: str | type | None) -> PlannerSettings:
     changes: dict[str, Any] = {
-        "seed": seed,
-        "evaluations": evaluations,
+        "seed": request.seed,
+        "evaluations": request.evaluations,
         "algorithm": algorithm,
-        "max_waypoints": max_waypoints,
+        "max_waypoints": request.max_waypoints,
     }
     try:
         return dataclasses.replace(base, **{key: value for key, value in changes.items() if value is not None})

@@ -61,6 +61,19 @@ class SearchStart:
     seen: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RouteJudge:
+    """Who judges the routes of a search.
+
+    Attributes:
+        coverage: share of what can be covered that a route sees, on the cells it is judged on.
+        found: told every route worth judging.
+    """
+
+    coverage: Callable[[Route], float]
+    found: Callable[[Route], None]
+
+
 def search_goals(
     work: Work,
     starts: Sequence[SearchStart],
@@ -68,8 +81,7 @@ def search_goals(
     asked: float | None,
     capacity: int,
     until: float,
-    judged_coverage: Callable[[Route], float],
-    found: Callable[[Route], None],
+    judge: RouteJudge,
 ) -> list[SearchStart]:
     """Shortest routes for the goals of the ladder, or above all for the one that is asked for.
 
@@ -79,8 +91,7 @@ def search_goals(
         asked: share of what can be covered that the selection rule asks for, if it does.
         capacity: most waypoints.
         until: share of all the work, 0..1, after which this search ends.
-        judged_coverage: of a route, on the cells it is judged on: the goal on the planner's cells is corrected by it.
-        found: told every route worth judging.
+        judge: judges what is found; goals on the planner's cells are corrected by it.
 
     Returns:
         The beginnings, and what the stages ended with.
@@ -91,12 +102,12 @@ def search_goals(
     known = list(starts)
     if asked is not None:
         end = begin + main * (until - begin)
-        known += search_goal(work, known, asked, capacity, (begin, end), _MAIN_STAGES, judged_coverage, found)
+        known += search_goal(work, known, asked, capacity, (begin, end), _MAIN_STAGES, judge)
     each = (1.0 - main) * (until - begin) / len(goals)
     # From the highest: what reaches more is a good beginning for what may see less.
     for number, goal in enumerate(reversed(goals)):
         at = begin + main * (until - begin) + number * each
-        known += search_goal(work, known, goal, capacity, (at, at + each), _STAGES, judged_coverage, found)
+        known += search_goal(work, known, goal, capacity, (at, at + each), _STAGES, judge)
     return known
 
 
@@ -107,8 +118,7 @@ def search_goal(
     capacity: int,
     share: tuple[float, float],
     stages: Sequence[float],
-    judged_coverage: Callable[[Route], float],
-    found: Callable[[Route], None],
+    judge: RouteJudge,
     *,
     waypoint_price: float | None = None,
 ) -> list[SearchStart]:
@@ -121,8 +131,7 @@ def search_goal(
         capacity: most waypoints.
         share: of all the work, 0..1, where this search begins and ends.
         stages: shares of this search's work after which the goal is corrected, the last is 1.
-        judged_coverage: of a route, on the cells it is judged on.
-        found: told every route worth judging.
+        judge: judges what is found.
         waypoint_price: in radii of the sensor; beginnings are ranked by it too. By default next to nothing.
 
     Returns:
@@ -137,7 +146,7 @@ def search_goal(
         return []
     chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m) for k in range(CHAINS)]
     for chain in chains:
-        aim = _corrected(goal, chain.seen, judged_coverage(chain.route))
+        aim = _corrected(goal, chain.seen, judge.coverage(chain.route))
         chain.prices = chain.prices._replace(goal=aim)
     hottest, coldest = chains[0].hottest, chains[0].coldest
     if work.problem.free_order:
@@ -145,7 +154,7 @@ def search_goal(
             chain.hottest = _QUENCHED * coldest
         work.run(chains, until=begin + _QUENCH * (end - begin))
         for chain in chains:
-            found(chain.route)
+            judge.found(chain.route)
     price = max(chain.prices.coverage for chain in chains)
     out: list[SearchStart] = []
     reached = False
@@ -158,12 +167,12 @@ def search_goal(
             chain.coldest = max(coldest, cooler * hottest * (coldest / hottest) ** stage)
         more = work.run(chains, until=begin + stage * (end - begin))
         best = min(chains, key=lambda chain: chain.energy)
-        judged = judged_coverage(best.route)
+        judged = judge.coverage(best.route)
         out.append(SearchStart(best.route, best.seen))
         if judged >= goal or not more or stage == stages[-1]:
             reached = reached or judged >= goal
             if judged >= goal or not reached:
-                found(best.route)
+                judge.found(best.route)
         if not more or work.stopped:
             break
         aim = _corrected(goal, best.seen, judged)
@@ -229,8 +238,7 @@ def search_waypoints(
     goal: float,
     capacity: int,
     until: float,
-    judged_coverage: Callable[[Route], float],
-    found: Callable[[Route], None],
+    judge: RouteJudge,
 ) -> list[SearchStart]:
     """Routes that reach a goal with ever fewer waypoints.
 
@@ -240,8 +248,7 @@ def search_waypoints(
         goal: share of what can be covered.
         capacity: most waypoints.
         until: share of all the work, 0..1, after which this search ends.
-        judged_coverage: of a route, on the cells it is judged on.
-        found: told every route worth judging.
+        judge: judges what is found.
     """
     begin = work.pace.fraction
     each = (until - begin) / len(PRICES)
@@ -249,6 +256,6 @@ def search_waypoints(
     for number, price in enumerate(PRICES):
         share = (begin + number * each, begin + (number + 1) * each)
         known += search_goal(
-            work, known, goal, capacity, share, _WAYPOINT_STAGES, judged_coverage, found, waypoint_price=price
+            work, known, goal, capacity, share, _WAYPOINT_STAGES, judge, waypoint_price=price
         )  # fmt: skip
     return known

@@ -10,7 +10,7 @@ from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
 from uavcover.planning.baselines.boustrophedon import best_height_agl_m
 from uavcover.planning.front import Candidate
-from uavcover.planning.search.goal_search import SearchStart, search_goals, search_waypoints
+from uavcover.planning.search.goal_search import RouteJudge, SearchStart, search_goals, search_waypoints
 from uavcover.planning.search.local_search import (
     CHAINS,
     PROPOSALS_PER_EVALUATION,
@@ -128,17 +128,15 @@ def improve(
 
     asked = rule.required_coverage
     capacity = _capacity(problem, settings, starts)
+    judge = RouteJudge(judged_coverage, found)
     if problem.free_order:
-        search_free_order(work, starts, asked=asked, capacity=capacity, judged_coverage=judged_coverage, found=found)
+        search_free_order(work, starts, asked=asked, capacity=capacity, judge=judge)
     else:
-        known = search_goals(
-            work, starts, asked=asked, capacity=capacity, until=1.0 - _WAYPOINTS_SHARE,
-            judged_coverage=judged_coverage, found=found,
-        )  # fmt: skip
+        known = search_goals(work, starts, asked=asked, capacity=capacity, until=1.0 - _WAYPOINTS_SHARE, judge=judge)
+        on_these_cells = RouteJudge(lambda route: judging.share_of_coverable(judging.seen(route.waypoints_m)), found)
         search_waypoints(
-            work, known, goal=_FLOWN if asked is None else asked, capacity=capacity, until=1.0,
-            judged_coverage=lambda route: judging.share_of_coverable(judging.seen(route.waypoints_m)), found=found,
-        )  # fmt: skip
+            work, known, goal=_FLOWN if asked is None else asked, capacity=capacity, until=1.0, judge=on_these_cells
+        )
     return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
 
 

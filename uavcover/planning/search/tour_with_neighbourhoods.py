@@ -12,7 +12,7 @@ import numpy as np
 from uavcover.kernels.annealing import Prices
 from uavcover.kernels.route_state import recount, seen_alone
 from uavcover.model.route import Route
-from uavcover.planning.search.goal_search import SearchStart, search_goals
+from uavcover.planning.search.goal_search import RouteJudge, SearchStart, search_goals
 from uavcover.planning.search.local_search import CHAINS, Chain, Work
 from uavcover.planning.search.route_problem import state_of
 
@@ -190,8 +190,7 @@ def search_free_order(
     *,
     asked: float | None,
     capacity: int,
-    judged_coverage: Callable[[Route], float],
-    found: Callable[[Route], None],
+    judge: RouteJudge,
 ) -> None:
     """Shortest tours for what is asked for, or all, and the most coverage with every number of waypoints.
 
@@ -204,18 +203,15 @@ def search_free_order(
         starts: one at least.
         asked: share of what can be covered that the selection rule asks for; None: as much as there is.
         capacity: most waypoints.
-        judged_coverage: of a route, on the cells it is judged on.
-        found: told every route worth judging.
+        judge: judges what is found.
     """
     goal = FULL if asked is None else asked
 
     def tours(known: Sequence[SearchStart], until: float) -> None:
-        search_goals(
-            work, known, asked=goal, capacity=capacity, until=until, judged_coverage=judged_coverage, found=found
-        )
+        search_goals(work, known, asked=goal, capacity=capacity, until=until, judge=judge)
 
     most = min(starts, key=lambda start: (-start.seen, len(start.route)))
-    thin(work, most.route, found)
+    thin(work, most.route, judge.found)
     begin = work.pace.fraction
     toured = asked is not None or any(start.seen >= goal for start in starts)
     if toured:
@@ -227,10 +223,14 @@ def search_free_order(
 
     if work.stopped or begin >= 1.0:
         return
-    fewest = spread(work, starts, capacity=capacity, until=at(_TOUR_SPREAD if toured else _LONG_SPREAD), found=found)
+    fewest = spread(
+        work, starts, capacity=capacity, until=at(_TOUR_SPREAD if toured else _LONG_SPREAD), found=judge.found
+    )
     if not toured:
-        fewest = squeeze(work, fewest, capacity=capacity, until=at(_FIRST_SQUEEZE), found=found)
+        fewest = squeeze(work, fewest, capacity=capacity, until=at(_FIRST_SQUEEZE), found=judge.found)
         if fewest.whole.seen >= goal:
             tours([*starts, fewest.whole], at(_LATE_TOURS))
-    fewest = squeeze(work, fewest, capacity=capacity, until=at(_TOUR_SQUEEZE if toured else _LATE_TOURS), found=found)
-    sweep(work, fewest, until=1.0, found=found)
+    fewest = squeeze(
+        work, fewest, capacity=capacity, until=at(_TOUR_SQUEEZE if toured else _LATE_TOURS), found=judge.found
+    )
+    sweep(work, fewest, until=1.0, found=judge.found)
