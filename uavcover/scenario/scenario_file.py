@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import shapely
+import tomli_w
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
@@ -94,9 +95,12 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
 
 def dump_scenario(scenario: Scenario) -> str:
     """TOML of a scenario with every default written out; reading it gives the same scenario."""
-    lines: list[str] = []
-    _dump_table(dataclasses.asdict(scenario), (), lines)
-    return "\n".join(lines).strip() + "\n"
+    return tomli_w.dumps(dataclasses.asdict(scenario, dict_factory=_given))
+
+
+def _given(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A table without the keys that are None: TOML has no word for it."""
+    return {key: value for key, value in pairs if value is not None}
 
 
 def terrain_path(terrain: RasterTerrain) -> Path:
@@ -300,35 +304,3 @@ def _valid_ring(ring: Ring, where: str, found: list[str]) -> Any:
         found.append(f"{where}: {shapely.is_valid_reason(polygon)}; a ring must not cross or touch itself")
         return None
     return polygon
-
-
-def _dump_table(table: dict[str, Any], path: tuple[str, ...], lines: list[str], *, opening: str = "[{}]") -> None:
-    if path:
-        lines.append("\n" + opening.format(".".join(path)))
-    rows = {key: value for key, value in table.items() if _is_rows(value)}
-    lines.extend(
-        f"{key} = {_toml(value)}"
-        for key, value in table.items()
-        if value is not None and key not in rows and not isinstance(value, dict)
-    )
-    for key, value in table.items():
-        if isinstance(value, dict):
-            _dump_table(value, (*path, key), lines)
-    for key, value in rows.items():
-        for row in value:
-            _dump_table(row, (*path, key), lines, opening="[[{}]]")
-
-
-def _is_rows(value: Any) -> bool:
-    return isinstance(value, tuple) and bool(value) and all(isinstance(row, dict) for row in value)
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, str):
-        # A JSON string is a TOML string, except for one character that TOML requires to be escaped.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return "[" + ", ".join(_toml(item) for item in value) + "]"
