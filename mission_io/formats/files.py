@@ -30,6 +30,8 @@ DRAWING_SUFFIXES: Final = frozenset({".kml", ".geojson", ".json", ".poly"})
 """Suffixes of files that hold drawn shapes and no mission items."""
 ONLY_LIST: Final[Mapping[str, MissionType]] = MappingProxyType({".csv": MissionType.MISSION, ".fen": MissionType.FENCE})
 """The one list that a file of this suffix can hold."""
+EVERY_LIST: Final = (".waypoints", ".plan")
+"""Suffixes of files that hold whichever of a vehicle's lists: one of them, or all three."""
 _FENCE_COMMANDS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1)
 
 
@@ -136,18 +138,20 @@ def write_mission(
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    losses: tuple[str, ...] = ()
-    if suffix == ".plan":
-        plan_file = plan.PlanFile(mission, fence or Fence(), rally or RallyPoints(), autopilot.mav_autopilot)
-        text, losses = plan.write(plan_file), plan.losses(plan_file)
-    elif fence is not None or rally is not None:
+    lists = plan.PlanFile(mission, fence or Fence(), rally or RallyPoints(), autopilot.mav_autopilot)
+    if suffix != ".plan" and (fence is not None or rally is not None):
         raise MisuseError(f"{path}: only a .plan file holds fence and rally points along with a mission")
-    elif suffix in _WRITERS:
-        text = _WRITERS[suffix](mission)
-    elif suffix in {".fen", ".poly"}:
+    if suffix in {".fen", ".poly"}:
         raise MisuseError(f"{path}: a {suffix} file cannot hold a mission; name it .waypoints or .plan")
-    else:
-        text, losses = wpl.write_mission(mission), wpl.losses(mission)
+    file_format = {".json": "geojson"}.get(suffix, suffix.removeprefix("."))
+    if file_format not in FORMATS:
+        file_format = "waypoints"
+    text = mission_text(file_format, lists)
+    losses: tuple[str, ...] = ()
+    if file_format == "plan":
+        losses = plan.losses(lists)
+    elif file_format == "waypoints":
+        losses = wpl.losses(mission)
     try:
         path.write_text(text, encoding="utf-8", newline="")
     except OSError as error:
@@ -197,11 +201,33 @@ def _read_fen(text: str, _: MissionType | None) -> MissionFile:
 _READERS: Final[Mapping[str, Callable[[str, MissionType | None], MissionFile]]] = MappingProxyType(
     {".plan": _read_plan, ".csv": _read_csv, ".fen": _read_fen}
 )
-_WRITERS: Final[Mapping[str, Callable[[Mission], str]]] = MappingProxyType(
+_WRITERS: Final[Mapping[str, Callable[[plan.PlanFile, str], str]]] = MappingProxyType(
     {
-        ".csv": csv.write_mission,
-        ".kml": kml.write_mission,
-        ".geojson": geojson.write_mission,
-        ".json": geojson.write_mission,
+        ".waypoints": lambda lists, _: wpl.write_mission(lists.mission),
+        ".plan": lambda lists, _: plan.write(lists),
+        ".kml": lambda lists, name: kml.write_mission(lists.mission, name=name),
+        ".geojson": lambda lists, name: geojson.write_mission(lists.mission, name=name),
+        ".csv": lambda lists, _: csv.write_mission(lists.mission),
     }
 )
+
+FORMATS: Final = tuple(suffix.removeprefix(".") for suffix in _WRITERS)
+"""Formats that a mission can be written in, by name."""
+
+
+def mission_text(file_format: str, lists: plan.PlanFile, *, name: str = "mission") -> str:
+    """The text of a mission in one of FORMATS; fence and rally points are in a ``plan`` alone.
+
+    Args:
+        file_format: One of FORMATS.
+        lists: What to write.
+        name: What drawings call the route.
+
+    Raises:
+        FormatError: the mission has no home although the format needs one, or a number that the format cannot hold.
+        MisuseError: another format.
+    """
+    writer = _WRITERS.get(f".{file_format}")
+    if writer is None:
+        raise MisuseError(f"format {file_format!r} is not one of {', '.join(FORMATS)}")
+    return writer(lists, name)

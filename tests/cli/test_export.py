@@ -3,11 +3,11 @@ from pathlib import Path
 
 import pytest
 
+from mission_io.formats.files import FORMATS
 from tests.cli.conftest import Cli
-from uavcover.run.mission import EXPORT_FORMATS
 
 
-@pytest.mark.parametrize("file_format", EXPORT_FORMATS)
+@pytest.mark.parametrize("file_format", FORMATS)
 def test_every_format(cli: Cli, planned: Path, tmp_path: Path, file_format: str) -> None:
     out = tmp_path / f"mission.{file_format}"
     ended = cli("export", planned, "--format", file_format, "-o", out, "--json")

@@ -19,15 +19,16 @@ def export(
     output: options.Output,
 ) -> int:
     """Write one mission file for other software."""
+    from mission_io.formats.files import FORMATS
     from uavcover.errors import InputError, OutputError
     from uavcover.model.vehicle import autopilot_name
     from uavcover.run.folder import RunFolder, write_text
-    from uavcover.run.mission import EXPORT_FORMATS, compile_plan, export_text
+    from uavcover.run.mission import compile_plan, export_text
     from uavcover.run.plan_files import read_planned
 
     console = output.console()
-    if file_format not in EXPORT_FORMATS:
-        raise InputError(f"--format: {file_format!r} is not one of {', '.join(EXPORT_FORMATS)}")
+    if file_format not in FORMATS:
+        raise InputError(f"--format: {file_format!r} is not one of {', '.join(FORMATS)}")
     site, planned = read_planned(RunFolder(run).flight(sortie))
     name = autopilot_name(autopilot, site.scenario.vehicle.autopilot)
     compiled = compile_plan(site, planned.route, autopilot=name)

@@ -8,7 +8,7 @@ from mission_io.autopilots.autopilot import MissionList
 from mission_io.client.client import Client
 from mission_io.errors import MissionIoError
 from mission_io.formats import plan, wpl
-from mission_io.formats.files import DRAWING_SUFFIXES, ONLY_LIST, read_file
+from mission_io.formats.files import DRAWING_SUFFIXES, EVERY_LIST, ONLY_LIST, read_file
 from mission_io.model.areas import Fence, RallyPoints, items_from_fence, items_from_rally
 from mission_io.model.items import GeoPoint, Mission, MissionType
 from mission_io.wire.messages import HomePosition
@@ -84,8 +84,8 @@ def check_output(out: Path, kind: str, *, force: bool) -> None:
     """Refuse a file that cannot hold what is asked for, or that would be overwritten."""
     if kind not in KINDS:
         raise InputError(f"--type: {kind!r} is not one of {', '.join(KINDS)}")
-    if out.suffix not in {".waypoints", ".plan"}:
-        raise InputError(f"{out}: name it .waypoints or .plan")
+    if out.suffix not in EVERY_LIST:
+        raise InputError(f"{out}: name it {' or '.join(EVERY_LIST)}")
     if kind == "all" and out.suffix != ".plan":
         raise InputError(f"{out}: a .waypoints file holds one list; use a .plan file for --type all")
     if out.exists() and not force:

@@ -1,16 +1,14 @@
 """From a planned route to missions, and to the files of other software."""
 
-from mission_io.formats import csv as csv_format
-from mission_io.formats import geojson, kml, wpl
-from mission_io.formats import plan as plan_format
+from mission_io.formats import wpl
+from mission_io.formats.files import FORMATS, mission_text
+from mission_io.formats.plan import PlanFile
 from uavcover.errors import InputError
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compile_mission
 from uavcover.routes.sorties import Sortie, compile_sorties
 from uavcover.scenario.site import Site
-
-EXPORT_FORMATS = ("waypoints", "plan", "kml", "geojson", "csv")
 
 
 def compile_plan(site: Site, route: Route, *, autopilot: AutopilotName | None = None) -> CompiledMission:
@@ -38,27 +36,12 @@ def mission_texts(compiled: CompiledMission, *, autopilot: AutopilotName, name: 
 
 
 def export_text(compiled: CompiledMission, file_format: str, *, autopilot: AutopilotName, name: str) -> str:
-    """A compiled mission in one of EXPORT_FORMATS.
+    """A compiled mission in one of the formats of :mod:`mission_io.formats.files`.
 
     Raises:
         InputError: another format.
     """
-    match file_format:
-        case "waypoints":
-            return wpl.write_mission(compiled.mission)
-        case "plan":
-            return plan_format.write(
-                plan_format.PlanFile(
-                    mission=compiled.mission,
-                    fence=compiled.fence,
-                    rally=compiled.rally,
-                    mav_autopilot=AUTOPILOTS[autopilot].mav_autopilot,
-                )
-            )
-        case "kml":
-            return kml.write_mission(compiled.mission, name=name)
-        case "geojson":
-            return geojson.write_mission(compiled.mission, name=name)
-        case "csv":
-            return csv_format.write_mission(compiled.mission)
-    raise InputError(f"format {file_format!r} is not one of {', '.join(EXPORT_FORMATS)}")
+    if file_format not in FORMATS:
+        raise InputError(f"format {file_format!r} is not one of {', '.join(FORMATS)}")
+    lists = PlanFile(compiled.mission, compiled.fence, compiled.rally, AUTOPILOTS[autopilot].mav_autopilot)
+    return mission_text(file_format, lists, name=name)
