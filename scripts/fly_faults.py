@@ -16,37 +16,35 @@ Flights whose row is in the .csv beside the page already are not flown again. Ex
 """
 
 import argparse
-import csv
-import datetime
 import os
-import platform
 import shutil
 import sys
 import tempfile
 import threading
-from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass, fields
-from importlib import metadata
+from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega
 
+if __name__ == "__main__":
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
 from mission_io.clock import Clock
 from mission_io.links.simulated import Conditions, SimulatedLink
+from scripts.faulty_flights import Row, kept_rows, summary, write_csv, write_page
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import ARGUMENTS, FaultKind, parse_fault
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.route import Plan, RouteMember
+from uavcover.model.route import Plan
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planning.baselines.boustrophedon import fly_layout, regular_layout
-from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.mission_compiler import AUTOPILOTS
-from uavcover.routes.objectives import judge
+from uavcover.routes.objectives import judge_member
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan
 from uavcover.run.plan_files import read_planned, save_plan
@@ -85,41 +83,6 @@ class Drawn:
     stops_s: tuple[float, ...]
     pause_s: tuple[float, float] | None
     loss: float
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One flight of the table.
-
-    Attributes:
-        flight: its number.
-        autopilot: whose behaviour.
-        happens: faults, stops and pauses.
-        loss: of the link.
-        ending: its name.
-        waypoints: how many were passed, of how many.
-        incidents: what was told as going wrong, in order.
-        arrived: positions that reached this side while it was recorded, counted by pymavlink.
-        recorded: rows of its track.
-        resumed: the endings of the flights that went on with it; empty when nothing was left.
-    """
-
-    flight: int
-    autopilot: str
-    happens: str
-    loss: float
-    ending: str
-    waypoints: str
-    incidents: str
-    arrived: int
-    recorded: int
-    resumed: str
-
-    @property
-    def good(self) -> bool:
-        """Whether it is as it should be."""
-        finished = self.resumed.split()[-1:] in (["landed"], [])
-        return "unnamed" not in self.ending + self.resumed and int(self.arrived) == int(self.recorded) and finished
 
 
 class CountedLink:
@@ -312,8 +275,7 @@ def save_lines(site: Site, run: RunFolder) -> None:
     """The plan that is flown: parallel lines over the area."""
     layout = regular_layout(angle_rad=0.0, lines=LINES, height_agl_m=HEIGHT_AGL_M, inset=0.1, tolerance_m=10.0)
     route = fly_layout(site, layout)
-    violation = measure_violations(site, route.waypoints_m, margin_m=0.0).total
-    member = RouteMember(route, judge(judging_map(site), route), violation, "lines")
+    member = judge_member(judging_map(site), route, "lines", margin_m=0.0)
     plan = Plan(
         chosen=member, members=(member,), baselines=(), rule="none", rule_met=True, algorithm="lines", evaluations=0,
         wall_s=0.0,
@@ -359,69 +321,6 @@ class Open:
         children = [p.read_text().split() for p in Path("/proc/self/task").glob("*/children")]
         files = len(os.listdir("/proc/self/fd")) if Path("/proc/self/fd").is_dir() else 0
         return cls(threading.active_count(), sum(map(len, children)), files)
-
-
-def kept_rows(out: Path | None) -> list[Row]:
-    """The rows that are there already."""
-    path = None if out is None else out.with_suffix(".csv")
-    if path is None or not path.exists():
-        return []
-    with path.open(newline="") as file:
-        return [
-            Row(
-                **{
-                    **row,
-                    **{name: int(row[name]) for name in ("flight", "arrived", "recorded")},
-                    "loss": float(row["loss"]),
-                }
-            )
-            for row in csv.DictReader(file)
-        ]
-
-
-def write_csv(out: Path, rows: Sequence[Row]) -> None:
-    """The rows, beside the page."""
-    with out.with_suffix(".csv").open("w", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerows([[field.name for field in fields(Row)], *(astuple(row) for row in rows)])
-
-
-def summary(rows: Sequence[Row], left_open: str) -> str:
-    """The result in words."""
-    endings = Counter(row.ending for row in rows)
-    lost = sum(row.arrived - row.recorded for row in rows)
-    finished = sum(row.resumed.split()[-1] == "landed" for row in rows if row.resumed)
-    return (
-        f"{len(rows)} flights, {sum('unnamed' in row.ending for row in rows)} without a named ending: "
-        + ", ".join(f"{name} {count}" for name, count in endings.most_common())
-        + f". Of {sum(row.arrived for row in rows)} positions that arrived while flights were recorded, {lost} are missing in "
-        f"the tracks. {finished} of {sum(bool(row.resumed) for row in rows)} flights that had something left were finished by "
-        f"going on with them. {left_open}"
-    )
-
-
-def write_page(out: Path, rows: Sequence[Row], words: str, *, flights: int, seed: int) -> None:
-    """The Markdown page."""
-    lines = [
-        "# Flights with random faults, measured",
-        "",
-        f"Command: `.venv/bin/python scripts/fly_faults.py --flights {flights} --seed {seed}`, "
-        f"{datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, Python "
-        f"{platform.python_version()}, {os.cpu_count()} cores ({platform.machine()}). What is done is said at the top of the "
-        "script; what the faults are, in `uavcover mock-vehicle --help`.",
-        "",
-        words,
-        "",
-        "| flight | autopilot | what happens | loss | ending | waypoints | told as going wrong | arrived | recorded | "
-        "gone on with |",
-        "|---:|---|---|---:|---|---|---|---:|---:|---|",
-    ]
-    lines += [
-        f"| {r.flight} | {r.autopilot} | {r.happens} | {100 * r.loss:g} % | {r.ending} | {r.waypoints} | {r.incidents or '-'} | "
-        f"{r.arrived} | {r.recorded} | {r.resumed or '-'} |"
-        for r in rows
-    ]
-    out.write_text("\n".join(lines) + "\n")
 
 
 def main() -> int:

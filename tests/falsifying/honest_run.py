@@ -18,12 +18,11 @@ from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.model.route import Plan, Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planning.baselines.boustrophedon import fly_layout, regular_layout
-from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.mission_compiler import AUTOPILOTS
-from uavcover.routes.objectives import judge
+from uavcover.routes.objectives import judge_member
 from uavcover.run.fly import FlightOptions, record_flight
 from uavcover.run.folder import RunFolder
 from uavcover.run.geotiff import Band, geotiff
@@ -161,8 +160,7 @@ def lines_over(site: Site, *, lines: int, height_agl_m: float) -> Plan:
     """Parallel lines over the area as a plan."""
     layout = regular_layout(angle_rad=0.0, lines=lines, height_agl_m=height_agl_m, inset=0.0, tolerance_m=10.0)
     route = fly_layout(site, layout)
-    violation = measure_violations(site, route.waypoints_m, margin_m=0.0).total
-    member = RouteMember(route, judge(judging_map(site), route), violation, "lines")
+    member = judge_member(judging_map(site), route, "lines", margin_m=0.0)
     return Plan(
         chosen=member, members=(member,), baselines=(), rule="none", rule_met=True, algorithm="lines", evaluations=0,
         wall_s=0.0,

@@ -16,14 +16,14 @@ from uavcover.mock.dynamics import Battery, BatteryData
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.model.route import Plan, Route
 from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import AutopilotName
 from uavcover.model.verdict import VerificationReport
 from uavcover.planning.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.mission_compiler import AUTOPILOTS
-from uavcover.routes.objectives import judge
+from uavcover.routes.objectives import judge_member
 from uavcover.run.close_gaps import plan_gap_mission, save_gap_mission
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import judge_tracks, planned_for, read_planned_route
@@ -57,8 +57,7 @@ def planned(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Path:
     run.path.mkdir()
     layout = regular_layout(angle_rad=0.0, lines=3, height_agl_m=80.0, inset=0.0, tolerance_m=10.0)
     route = fly_layout(site, layout)
-    violation = measure_violations(site, route.waypoints_m, margin_m=0.0).total
-    member = RouteMember(route, judge(judging_map(site), route), violation, "lines")
+    member = judge_member(judging_map(site), route, "lines", margin_m=0.0)
     plan = Plan(
         chosen=member, members=(member,), baselines=(), rule="none", rule_met=True, algorithm="lines", evaluations=0,
         wall_s=0.0,
