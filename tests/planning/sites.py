@@ -43,6 +43,7 @@ def make_site(
     *,
     ring: tuple[tuple[float, float], ...] = SQUARE,
     holes: tuple[tuple[tuple[float, float], ...], ...] = (),
+    more_parts: tuple[tuple[tuple[float, float], ...], ...] = (),
     home: tuple[float, float] | None = (-100.0, 50.0),
     on_earth: bool = True,
     fence: tuple[tuple[float, float], ...] | None = None,
@@ -56,7 +57,7 @@ def make_site(
 ) -> Site:
     scenario = Scenario(
         name="test",
-        area=Area(cell_size_m=cell_m, polygon_east_north_m=ring, holes_east_north_m=holes),
+        area=Area(cell_size_m=cell_m, polygons_east_north_m=((ring, *holes), *((part,) for part in more_parts))),
         terrain=SineCosineTerrain(kind="sine-cosine"),
         sensor=sensor,
         limits=FlightLimits(**{"min_height_agl_m": 40.0, "max_height_agl_m": 120.0, **(limits or {})}),
@@ -73,6 +74,7 @@ def make_site(
         ups(east, north), east0_m=LOW_M, north0_m=LOW_M, step_m=STEP_M, source="a formula", vertical_datum="EGM96"
     )
     area = shapely.Polygon(ring).difference(shapely.union_all([shapely.Polygon(hole) for hole in holes]))
+    area = shapely.union_all([area, *map(shapely.Polygon, more_parts)])
     hull = shapely.union_all([area, shapely.Point(home)] if home is not None else [area]).convex_hull
     home_m = None
     if home is not None:

@@ -1,12 +1,14 @@
 import dataclasses
+import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 
-from tests.planning.sites import flat, hills, make_site, tower
+from tests.planning.sites import flat, hills, make_site, ridge, tower
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Plan, RouteMember
@@ -56,6 +58,29 @@ def test_the_same_seed_gives_the_same_plan_with_any_number_of_threads() -> None:
             assert same(alone, make_plan(site, executor=executor))
     assert alone.evaluations == 60
     assert not same(alone, make_plan(site, seed=2))
+
+
+SMALL = ((0.0, 0.0), (150.0, 0.0), (150.0, 120.0), (0.0, 120.0))
+FAR = tuple((east + 320.0, north + 260.0) for east, north in SMALL)
+
+
+@pytest.mark.parametrize(
+    "planner", [{"algorithm": "memetic"}, {"algorithm": "imodbo", "encoding": "waypoints", "max_waypoints": 30}]
+)
+def test_parts_are_covered_in_one_flight_and_the_legs_between_them_keep_the_limits(planner: dict[str, Any]) -> None:
+    between = ridge(240.0, 60.0)
+    site = make_site(between, ring=SMALL, more_parts=(FAR,), planner=planner)
+    plan = make_plan(site, rule="max-coverage", evaluations=40)
+    route = plan.chosen.route.waypoints_m
+    assert plan.chosen.metrics.coverage_of_coverable > (0.97 if planner["algorithm"] == "memetic" else 0.4)
+    limits = site.scenario.limits
+    assert not find_problems(site, route, lowest_agl_m=limits.min_height_agl_m, highest_agl_m=limits.max_height_agl_m)
+    if planner["algorithm"] == "memetic":
+        # By hand: the camera sees as far beside its path as 35 degrees reach down to the flat ground there.
+        for part in (SMALL, FAR):
+            path = shapely.LineString(route[:, :2])
+            corners = shapely.points(np.array(part))
+            assert shapely.distance(corners, path).max() < 120.0 * math.tan(math.radians(35.0))
 
 
 L_SHAPE = ((0.0, 0.0), (300.0, 0.0), (300.0, 100.0), (100.0, 100.0), (100.0, 300.0), (0.0, 300.0))

@@ -311,14 +311,45 @@ def test_geojson_with_one_polygon(tmp_path, document):
     assert parse(dump_scenario(scenario), Path("/elsewhere")) == scenario
 
 
+EAST = [[lon + 0.02, lat] for lon, lat in OUTER]
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        {"type": "MultiPolygon", "coordinates": [[OUTER, HOLE], [EAST]]},
+        {
+            "type": "FeatureCollection",
+            "features": [
+                FEATURE,
+                {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [EAST]}},
+            ],
+        },
+    ],
+    ids=["MultiPolygon", "two features"],
+)
+def test_geojson_with_several_parts(tmp_path, document):
+    write_geojson(tmp_path, document)
+    scenario = parse(WITH_GEOJSON, tmp_path)
+    rings = [tuple((lon, lat) for lon, lat in ring) for ring in (OUTER, HOLE, EAST)]
+    assert scenario.area.parts == ((rings[0], rings[1]), (rings[2],))
+    assert parse(dump_scenario(scenario), Path("/elsewhere")) == scenario
+
+
 @pytest.mark.parametrize(
     ("document", "words"),
     [
         ("{", "cannot be read as GeoJSON"),
         ("[" * 100_000, "cannot be read as GeoJSON"),
-        ({"type": "MultiPolygon", "coordinates": [[OUTER], [HOLE]]}, "has 2 polygons; exactly one is needed"),
-        ({"type": "Point", "coordinates": [1, 2]}, "has 0 polygons"),
-        ([], "has 0 polygons"),
+        ({"type": "Point", "coordinates": [1, 2]}, "has no polygon"),
+        ([], "has no polygon"),
+        ({"type": "MultiPolygon", "coordinates": []}, "has no polygon"),
+        ({"type": "MultiPolygon", "coordinates": [[OUTER], []]}, "not a GeoJSON polygon"),
+        (
+            {"type": "MultiPolygon", "coordinates": [[OUTER], [HOLE, OUTER]]},
+            "polygon 1: hole 0: the hole reaches outside",
+        ),
+        ({"type": "MultiPolygon", "coordinates": [[OUTER], [HOLE[:2]]]}, "polygon 1: a ring needs at least 3"),
         ({"type": "Polygon", "coordinates": []}, "not a GeoJSON polygon"),
         ({"type": "Polygon"}, "not a GeoJSON polygon"),
         ({"type": "Polygon", "coordinates": [[["a", "b"]]]}, "not a GeoJSON polygon"),
@@ -330,7 +361,7 @@ def test_geojson_with_one_polygon(tmp_path, document):
         ({"type": "Polygon", "coordinates": [HOLE, OUTER]}, "hole 0: the hole reaches outside"),
     ],
 )
-def test_geojson_that_is_not_one_polygon(tmp_path, document, words):
+def test_geojson_that_is_no_area(tmp_path, document, words):
     write_geojson(tmp_path, document)
     message = refused(text=WITH_GEOJSON, folder=tmp_path)
     assert message.startswith("area.geojson: ")

@@ -96,6 +96,21 @@ def test_an_area_beyond_the_data_is_refused_with_its_place():
         make_cells(site, 20.0)
 
 
+def test_parts_are_united_and_the_fence_holds_all_of_them():
+    square = ((0.0, 0.0), (100.0, 0.0), (100.0, 100.0), (0.0, 100.0))
+    hole = ((20.0, 20.0), (40.0, 20.0), (40.0, 40.0), (20.0, 40.0))
+    touching = tuple((east + 100.0, north) for east, north in square)
+    apart = tuple((east + 400.0, north + 300.0) for east, north in square)
+    parts = ((square, hole), (touching,), (apart,), (apart,))
+    area = {"polygon_lon_lat_deg": None, "polygons_east_north_m": parts}
+    site = build(jacksboro(area=area, origin=PLACE, home=Home(east_m=50.0, north_m=-10.0)))
+    assert site.area.area == pytest.approx(30_000.0 - 400.0)
+    assert len(site.area.geoms) == 2
+    assert site.fence.covers(site.area.convex_hull)
+    cells = make_cells(site, 10.0)
+    assert cells.count == 296
+
+
 def test_a_home_in_metres_and_an_origin():
     ring = ((0.0, 0.0), (300.0, 0.0), (300.0, 300.0))
     hole = ((50.0, 10.0), (90.0, 10.0), (90.0, 40.0))

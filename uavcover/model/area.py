@@ -1,4 +1,4 @@
-"""The area to cover: a polygon with holes, divided into square cells."""
+"""The area to cover: polygons with holes, divided into square cells."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -6,16 +6,21 @@ from typing import ClassVar
 from uavcover.model.value_checks import STRICT, require, require_lon_lat, require_positive
 
 Ring = tuple[tuple[float, float], ...]
+Rings = tuple[Ring, ...]
+"""A polygon: its outer ring, then its holes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """The area to cover, as the scenario gives it: exactly one of the three polygon keys.
+    """The area to cover, as the scenario gives it: exactly one of its five polygon keys.
 
     Attributes:
         polygon_lon_lat_deg: outer ring as (longitude, latitude) pairs on WGS 84, the order of GeoJSON.
         polygon_east_north_m: outer ring in the local frame.
-        geojson: a GeoJSON file with one Polygon, holes included; relative to the scenario file.
+        polygons_lon_lat_deg: several parts, each a list of rings, the outer one first: the coordinates of a GeoJSON
+            MultiPolygon. Parts may touch or overlap.
+        polygons_east_north_m: the same in the local frame.
+        geojson: a GeoJSON file with one Polygon, or several as parts, holes included; relative to the scenario file.
         holes_lon_lat_deg: rings that need no coverage, with ``polygon_lon_lat_deg``.
         holes_east_north_m: the same with ``polygon_east_north_m``.
         cell_size_m: side of the square cells on which results are judged. A cell is seen when its centre is.
@@ -29,11 +34,16 @@ class Area:
     geojson: str | None = None
     holes_lon_lat_deg: tuple[Ring, ...] = ()
     holes_east_north_m: tuple[Ring, ...] = ()
+    polygons_lon_lat_deg: tuple[Rings, ...] | None = None
+    polygons_east_north_m: tuple[Rings, ...] | None = None
 
     def __post_init__(self) -> None:
         require_positive(cell_size_m=self.cell_size_m)
-        given = [self.polygon_lon_lat_deg is not None, self.polygon_east_north_m is not None, self.geojson is not None]
-        require(sum(given) == 1, "give exactly one of polygon_lon_lat_deg, polygon_east_north_m and geojson")
+        keys = (
+            "polygon_lon_lat_deg", "polygon_east_north_m", "polygons_lon_lat_deg", "polygons_east_north_m", "geojson",
+        )  # fmt: skip
+        given = [key for key in keys if getattr(self, key) is not None]
+        require(len(given) == 1, f"give exactly one of {', '.join(keys[:-1])} and {keys[-1]}")
         require(
             not self.holes_lon_lat_deg or self.polygon_lon_lat_deg is not None,
             "holes_lon_lat_deg: goes with polygon_lon_lat_deg",
@@ -45,8 +55,23 @@ class Area:
         require_lon_lat(self.polygon_lon_lat_deg or (), "polygon_lon_lat_deg")
         for hole in self.holes_lon_lat_deg:
             require_lon_lat(hole, "holes_lon_lat_deg")
+        for number, rings in enumerate(self.polygons_lon_lat_deg or ()):
+            for ring in rings:
+                require_lon_lat(ring, f"polygons_lon_lat_deg.{number}")
+        for key in ("polygons_lon_lat_deg", "polygons_east_north_m"):
+            parts = getattr(self, key)
+            require(parts is None or (parts and all(parts)), f"{key}: a list of polygons, each a list of rings")
 
     @property
     def is_geographic(self) -> bool:
         """Whether the area's own coordinates are geographic."""
-        return self.polygon_east_north_m is None
+        return self.polygon_east_north_m is None and self.polygons_east_north_m is None
+
+    @property
+    def parts(self) -> tuple[Rings, ...]:
+        """Every polygon in the area's own coordinates; none while they are in a file."""
+        if self.polygon_lon_lat_deg is not None:
+            return ((self.polygon_lon_lat_deg, *self.holes_lon_lat_deg),)
+        if self.polygon_east_north_m is not None:
+            return ((self.polygon_east_north_m, *self.holes_east_north_m),)
+        return self.polygons_lon_lat_deg or self.polygons_east_north_m or ()

@@ -214,11 +214,16 @@ def _inline_geojson(area: Area, folder: Path) -> Area:
     path = folder / area.geojson
     document = read_geojson(path, key="area.geojson")
     try:
-        polygons = [rings for rings, _ in polygons_of(document)]
-        if len(polygons) != 1:
-            raise ScenarioError(f"area.geojson: {path} has {len(polygons)} polygons; exactly one is needed")
-        rings = tuple(tuple((float(p[0]), float(p[1])) for p in ring) for ring in polygons[0])
-        return dataclasses.replace(area, geojson=None, polygon_lon_lat_deg=rings[0], holes_lon_lat_deg=rings[1:])
+        parts = tuple(
+            tuple(tuple((float(p[0]), float(p[1])) for p in ring) for ring in rings)
+            for rings, _ in polygons_of(document)
+        )
+        if not parts:
+            raise ScenarioError(f"area.geojson: {path} has no polygon; at least one is needed")
+        if len(parts) > 1:
+            return dataclasses.replace(area, geojson=None, polygons_lon_lat_deg=parts)
+        outer, *holes = parts[0]
+        return dataclasses.replace(area, geojson=None, polygon_lon_lat_deg=outer, holes_lon_lat_deg=tuple(holes))
     except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
         raise ScenarioError(f"area.geojson: {path}: not a GeoJSON polygon ({error})") from error
 
@@ -267,22 +272,28 @@ def _shape_mistakes(area: Area, folder: Path) -> list[str]:
         area = _inline_geojson(area, folder)
     except ScenarioError as error:
         return [str(error)]
-    kind = "lon_lat_deg" if area.polygon_lon_lat_deg is not None else "east_north_m"
-    outer_key = "area.geojson" if geojson else f"area.polygon_{kind}"
+    kind = "lon_lat_deg" if area.is_geographic else "east_north_m"
     found: list[str] = []
-    outer = _valid_ring(area.polygon_lon_lat_deg or area.polygon_east_north_m or (), outer_key, found)
-    left = outer
-    for number, ring in enumerate(area.holes_lon_lat_deg or area.holes_east_north_m):
-        key = f"area.geojson: hole {number}" if geojson else f"area.holes_{kind}.{number}"
-        hole = _valid_ring(ring, key, found)
-        if hole is None or outer is None:
-            continue
-        if not outer.covers(hole):
-            found.append(f"{key}: the hole reaches outside the polygon")
-        left = left.difference(hole)
-    if not found and not left.area > 0.0:
-        found.append(f"{outer_key}: nothing is left of the area inside its holes")
-    return found
+    for part, (outer_ring, *hole_rings) in enumerate(area.parts):
+        outer_key = f"area.polygon_{kind}"
+        hole_key = f"area.holes_{kind}."
+        if len(area.parts) > 1:
+            outer_key = f"area.geojson: polygon {part}" if geojson else f"area.polygons_{kind}.{part}"
+            hole_key = f"{outer_key}: hole "
+        elif geojson:
+            outer_key, hole_key = "area.geojson", "area.geojson: hole "
+        left = outer = _valid_ring(outer_ring, outer_key, found)
+        holes_end = len(found)
+        for number, ring in enumerate(hole_rings):
+            hole = _valid_ring(ring, f"{hole_key}{number}", found)
+            if hole is None or outer is None:
+                continue
+            if not outer.covers(hole):
+                found.append(f"{hole_key}{number}: the hole reaches outside the polygon")
+            left = left.difference(hole)
+        if outer is not None and len(found) == holes_end and not left.area > 0.0:
+            found.append(f"{outer_key}: nothing is left of the area inside its holes")
+    return found[:_MOST_MISTAKES]
 
 
 def _fence_mistakes(limits: FlightLimits) -> list[str]:

@@ -155,11 +155,15 @@ def _read_home_height(terrain_file: Path, vertical_datum: str, lat_deg: float, l
 
 
 def _area(scenario: Scenario, frame: LocalFrame | None) -> shapely.Polygon | shapely.MultiPolygon:
-    area = scenario.area
-    outer = _polygon(area.polygon_lon_lat_deg, area.polygon_east_north_m, frame)
-    holes = [_polygon(ring, None, frame) for ring in area.holes_lon_lat_deg]
-    holes += [_polygon(None, ring, frame) for ring in area.holes_east_north_m]
-    left = outer.difference(shapely.union_all(holes))
+    def polygon(ring: Ring) -> shapely.Polygon:
+        return _polygon(ring, None, frame) if scenario.area.is_geographic else _polygon(None, ring, frame)
+
+    left = shapely.union_all(
+        [
+            polygon(outer).difference(shapely.union_all([polygon(hole) for hole in holes]))
+            for outer, *holes in scenario.area.parts
+        ]
+    )
     if left.is_empty or not isinstance(left, shapely.Polygon | shapely.MultiPolygon):
         raise ScenarioError("area: nothing is left of the polygon inside its holes")
     return left
@@ -172,7 +176,8 @@ def _check_near(
     home_en: FloatArray | None,
 ) -> None:
     """Refuse places that cannot be meant: degrees in the wrong order, or map coordinates taken for local ones."""
-    area_key = "polygon_lon_lat_deg" if scenario.area.is_geographic else "polygon_east_north_m"
+    several = "polygons" if len(scenario.area.parts) > 1 else "polygon"
+    area_key = f"{several}_{'lon_lat_deg' if scenario.area.is_geographic else 'east_north_m'}"
     fence_key = "fence_margin_m"
     if scenario.limits.fence_lon_lat_deg is not None:
         fence_key = "fence_lon_lat_deg"
