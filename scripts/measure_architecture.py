@@ -144,6 +144,7 @@ def measured(root: Path) -> dict[str, object]:
                 classes[node.name] += 1
     texts = [path.read_text() for path in files.values()]
     return {
+        "Python files, package markers included": len(files),
         "modules": len(counted),
         "modules of uavcover outside a package": sum(n.startswith("uavcover.") for n in loose),
         "modules of mission_io outside a package": sum(n.startswith("mission_io.") for n in loose),

@@ -21,7 +21,7 @@ class FlyingVehicle(options.VehicleOptions):
 
 
 @dataclass(frozen=True, slots=True)
-class Watch:
+class FlightWatch:
     """How the flight is watched, and what is done when something goes wrong."""
 
     live: Annotated[bool, typer.Option("--live", help="Show the flight in the rerun viewer while it goes on.")] = False
@@ -61,7 +61,7 @@ def fly(
     sortie: options.Sortie = None,
     yes: Annotated[bool, typer.Option("--yes", help="Arm a vehicle that is not simulated.")] = False,
     vehicle: FlyingVehicle,
-    watch: Watch,
+    watch: FlightWatch,
     older: OlderFlight,
     output: options.Output,
 ) -> int:

@@ -67,7 +67,7 @@ class Imitated:
 
 
 @dataclass(frozen=True, slots=True)
-class Conditions:
+class FlightConditions:
     """How fast time runs, what the link and the wind are like, and how well the vehicle does."""
 
     speed: Annotated[float, typer.Option(help="Vehicle seconds per second.")] = 1.0
@@ -121,7 +121,7 @@ def mock_vehicle(
     ],
     *,
     imitated: Imitated,
-    conditions: Conditions,
+    conditions: FlightConditions,
     truth: Annotated[
         Path | None, typer.Option(help="Where it really is, as CSV.", metavar="FILE.csv", show_default=False)
     ] = None,
