@@ -11,7 +11,9 @@ from uavcover.run.plan import plan
 
 
 def planned(algorithm: str | type, *, seed: int = 2) -> Plan:
-    return plan(make_site(hills), algorithm=algorithm, evaluations=60, seed=seed, select="coverage>=0.9", workers=1)
+    return plan(
+        make_site(hills, cell_m=20.0), algorithm=algorithm, evaluations=60, seed=seed, select="coverage>=0.9", workers=1
+    )
 
 
 class OwnRandomSearch(RandomSearch):

@@ -112,7 +112,7 @@ def test_lines_laid_over_turned_terrain_are_the_turned_lines() -> None:
 )  # fmt: skip
 def test_a_turned_scenario_is_planned_as_well(sensor: str, rule: str, options: dict[str, Any]) -> None:
     lengths: list[list[float]] = []
-    for site in twins(*SENSORS[sensor], cell_m=10.0, **options):
+    for site in twins(*SENSORS[sensor], cell_m=20.0, **options):
         found = []
         for seed in (1, 2, 3):
             settings = dataclasses.replace(site.scenario.planner, seed=seed, algorithm="memetic")
