@@ -1,10 +1,8 @@
-"""What ArduPilot and PX4 do differently with missions, as data; missions in each one's terms, and the lists on the wire.
-
-How ArduPilot and PX4 treat missions, as data, and the conversion of missions into each one's terms.
+"""How ArduPilot and PX4 treat missions, as data: conversion of missions into each one's terms and into wire item lists.
 
 Every fact was observed on a simulated vehicle of ArduCopter 4.7 or PX4 1.17, or read in their sources.
 
-The three lists a vehicle keeps (mission, fence, rally points) and the item lists that represent them on the wire.
+A vehicle keeps three lists: mission, fence and rally points. Each is an item list on the wire.
 """
 
 import math
@@ -59,7 +57,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Autopilot:
-    """One autopilot's way with missions.
+    """How one autopilot treats missions.
 
     Attributes:
         name: For people.
@@ -128,7 +126,7 @@ class Autopilot:
     boot_refusal_s: float
 
     def rule_for(self, item: MissionItem, field_name: str) -> StorageRule | None:
-        """The storage rule that concerns a field of an item, if any."""
+        """The storage rule for a field of an item, if any."""
         return self.storage.get((field_name, item.command))
 
 
@@ -263,7 +261,7 @@ def wire_items(mission: Mission, autopilot: Autopilot) -> tuple[MissionItem, ...
 
 
 def jumps_moved(items: Iterable[MissionItem], *, by: int) -> Iterator[MissionItem]:
-    """The items with every DO_JUMP going to an item so many further on."""
+    """The items, with the target of every DO_JUMP shifted by a number of items."""
     for item in items:
         if item.command == Command.DO_JUMP:
             p1, p2, p3, p4 = item.params
@@ -273,7 +271,7 @@ def jumps_moved(items: Iterable[MissionItem], *, by: int) -> Iterator[MissionIte
 
 
 def home_item(home: GeoPoint) -> MissionItem:
-    """Home as the row or item 0 that files and ArduPilot keep it in."""
+    """Home as item 0, where files and ArduPilot keep it."""
     return MissionItem(
         Command.NAV_WAYPOINT, Frame.AMSL, lat_deg=home.lat_deg, lon_deg=home.lon_deg, alt_m=home.alt_amsl_m
     )
@@ -311,7 +309,7 @@ def command_read_back(item: MissionItem) -> MissionItem:
 
 
 def stored_item(item: MissionItem, autopilot: Autopilot) -> MissionItem:
-    """The item as this autopilot gives it back: what travels on the wire, changed by its storage rules."""
+    """The item as this autopilot returns it: as sent on the wire, changed by its storage rules."""
 
     def kept(name: str, value: float) -> float:
         rule = autopilot.rule_for(item, name)

@@ -112,7 +112,7 @@ _STRUCTURE = ("count", "command", "frame")
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One field that is not as it was meant.
+    """One field that differs from what was meant.
 
     Attributes:
         item: Number of the item on the wire, from 0; None when the lists differ in length.
@@ -186,7 +186,7 @@ def fault_text(differences: Sequence[Difference]) -> str | None:
 
 
 def _shown(value: FieldValue) -> str:
-    """A number with as many decimals as matter: seven for degrees."""
+    """A number with its significant decimals: seven for degrees."""
     return f"{value:.7f}".rstrip("0").rstrip(".") if isinstance(value, float) else str(value)
 
 
@@ -271,7 +271,7 @@ def _place_verdict(sent: float, received: float, apart_m: float | None) -> tuple
 
 
 def _apart_m(a: MissionItem, b: MissionItem) -> float | None:
-    """Distance over ground of two places; infinite where one of them is no place, None for commands without one."""
+    """Distance over ground between two places; infinite if one is not a place, None for commands without a position."""
     if not a.has_position:
         return None
     degrees = (a.lat_deg, a.lon_deg, b.lat_deg, b.lon_deg)

@@ -125,7 +125,7 @@ def _rule(
 
 
 def _by_field(*rules: StorageRule) -> Storage:
-    """The rules by what they are looked up by; of two for the same field of a command the first counts."""
+    """The rules by command and field; the first of two for the same field counts."""
     found: dict[tuple[str, int], StorageRule] = {}
     for rule in rules:
         for command in rule.commands:

@@ -95,7 +95,7 @@ def type_name(vehicle_type: int) -> str:
 
 
 def kind_of(vehicle_type: int) -> VehicleKind:
-    """How what has a MAV_TYPE number moves; a number that is not known is an other vehicle."""
+    """The kind of vehicle with a MAV_TYPE number; an unknown number is another vehicle."""
     known = _TYPES.get(vehicle_type)
     return VehicleKind.OTHER if known is None else known[1]
 

@@ -1,1 +1,1 @@
-"""From a site to a set of routes and the one that is handed over."""
+"""From a site to a Pareto set of routes and the selected one."""

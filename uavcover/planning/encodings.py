@@ -1,4 +1,4 @@
-"""Genes of the optimizers: the paper's free waypoints with activation genes, and layouts of swaths.
+"""Encodings for the optimizers: the paper's free waypoints with activation genes, and swath layouts.
 
 Free waypoints are for sensors that observe from waypoints. The genes of a swath layout are counted from a known good layout.
 """
@@ -81,7 +81,7 @@ class WaypointEncoding:
 
 
 def allowed_band_m(site: Site, places_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest allowed up coordinate (n,) at (n, 2) places; they may cross where nothing is allowed."""
+    """Lowest and highest allowed up coordinate (n,) at (n, 2) places; lowest exceeds highest where nothing is allowed."""
     limits = site.scenario.limits
     low = site.ground.ups_m(places_m, limits.min_height_agl_m + limits.height_margin_m)
     high = site.ground.ups_m(places_m, limits.max_height_agl_m - limits.height_margin_m)

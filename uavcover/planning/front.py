@@ -1,4 +1,4 @@
-"""The Pareto front of a plan: candidates judged on the area's own cells, whole or in part, and thinned so that it can be read.
+"""The Pareto front of a plan: whole and partial routes, judged on the area's own cells and thinned to a readable number.
 
 Parts of a route: a vehicle that cannot fly all of it flies the stretch that sees most for its length. Snapshots tell what the
 planner would have returned had it been stopped earlier: one run gives the result at every moment.
@@ -42,13 +42,13 @@ class Snapshots:
         self.last: tuple[NamedRoute, ...] = ()
 
     def look(self, elapsed_s: float, found: Callable[[], Sequence[NamedRoute]]) -> None:
-        """Keep what ``found`` gives for every moment that has passed and has nothing yet; else ``found`` is not called."""
+        """Record the result of ``found`` for every moment that has passed without one; otherwise do not call it."""
         due = [moment for moment in self.moments_s if moment <= elapsed_s and moment not in self.taken]
         if due:
             self.taken |= dict.fromkeys(due, tuple(found()))
 
     def close(self, routes: Sequence[NamedRoute]) -> None:
-        """Keep what the run ended with."""
+        """Record the final result."""
         self.last = tuple(routes)
         self.taken |= {moment: self.last for moment in self.moments_s if moment not in self.taken}
 
@@ -81,7 +81,7 @@ def judge_members(
 
 
 def pareto_members(members: Sequence[RouteMember]) -> list[RouteMember]:
-    """The members that no other dominates on the judged figures, by coverage; of equals the first.
+    """The members that no other dominates on the judged figures, by coverage; the first of equal ones.
 
     Coverage is that of the coverable area, which the selection rules speak of.
     """
@@ -95,7 +95,7 @@ def pareto_members(members: Sequence[RouteMember]) -> list[RouteMember]:
 
 
 def why_infeasible(site: Site, members: Sequence[RouteMember]) -> str:
-    """One line on the least bad of routes that all break a limit: which limit, where, by how much, what to do."""
+    """One line about the route closest to feasible: which limit it breaks, where, by how much, and what to do."""
     least = min(members, key=lambda member: member.violation)
     limits = site.scenario.limits
     find = find_problems if limits.applies_to == "legs" else find_waypoint_problems
@@ -127,7 +127,7 @@ _SAME_PLACE_M = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gains:
-    """A route of n waypoints, and what each of its legs adds.
+    """A route of n waypoints, and the coverage that each leg adds.
 
     Attributes:
         route: its waypoints.
@@ -155,7 +155,7 @@ class Part:
 
 
 def gains_of(coverage: CoverageMap, route: Route) -> Gains:
-    """What each leg of a route is the first to see, on the cells of ``coverage``; a single waypoint sees by itself."""
+    """Coverage that each leg of a route adds, on the cells of ``coverage``; a single waypoint counts by itself."""
     way_m = _way_m(route.waypoints_m)
     if len(route) == 1:
         return Gains(route, way_m, np.array([coverage.share(coverage.seen(route.waypoints_m))]))
@@ -173,7 +173,7 @@ def gains_of(coverage: CoverageMap, route: Route) -> Gains:
 
 
 def parts_of(gains: Gains, *, shares: Sequence[float] = SHARES) -> list[Part]:
-    """For each share of what a route sees, the shortest stretch of whole legs that is known to see so much.
+    """For each share of a route's coverage, the shortest stretch of whole legs known to reach it.
 
     Every stretch keeps the limits that the route keeps. One that is the shortest for two shares is told once, the whole
     route never.
@@ -240,14 +240,14 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whole:
-    """A route that may have parts: its values, and what each of its legs adds."""
+    """A route that may be shortened to a part: its values, and the coverage that each leg adds."""
 
     candidate: Candidate
     gains: Gains
 
 
 class Finish:
-    """The end of a plan: routes and parts that are worth judging, in the time that the budget leaves for it.
+    """The final stage of a plan: picks the routes and parts worth judging in the time that is left.
 
     Attributes:
         baselines: judged, in their order.
@@ -265,7 +265,7 @@ class Finish:
         started: float,
         executor: Executor | None,
     ) -> None:
-        """Judge the baselines, and see how long that takes.
+        """Judge the baselines, and measure how long that takes.
 
         Args:
             coarse: on the planner's cells.
@@ -291,11 +291,11 @@ class Finish:
 
     @property
     def known(self) -> list[Candidate]:
-        """All that there is before a local search, on the planner's cells."""
+        """Every candidate before the local search, on the planner's cells."""
         return [*self._others, *(each.candidate for each in (*self._lines, *self._wholes))]
 
     def search_effort(self) -> Effort:
-        """The effort without the time that looking at what was found and judging it will take."""
+        """The effort, less the time reserved for judging the result."""
         budget_s = self._effort.budget_s
         if budget_s is None:
             return self._effort
@@ -303,7 +303,7 @@ class Finish:
         return dataclasses.replace(self._effort, budget_s=budget_s - min(finish_s, _LARGEST_SHARE * budget_s))
 
     def worth_judging(self, found: Sequence[NamedRoute]) -> list[NamedRoute]:
-        """What was found, and beside it the parts of it and the optimizer's routes that nothing is known to beat."""
+        """The routes found, their parts, and the optimizer's routes that nothing is known to dominate."""
         scenario = self._coarse.site.scenario
         if scenario.sensor.sensing == "at-waypoints" and scenario.limits.applies_to == "waypoints":
             # In any order every number of waypoints is searched for by itself: a part is no news.
@@ -336,7 +336,7 @@ class Finish:
 
 
 def _unbeaten(offered: Sequence[Candidate], known: Sequence[Candidate]) -> list[Candidate]:
-    """The routes that are offered and that nothing offered or known beats; of equals the first."""
+    """Offered routes that no offered or known route dominates; the first of equal ones."""
     if not offered:
         return []
     values = np.array([each.objectives for each in (*known, *offered)])
@@ -347,7 +347,7 @@ def _unbeaten(offered: Sequence[Candidate], known: Sequence[Candidate]) -> list[
 
 
 def _parts(site: Site, wholes: Sequence[Whole]) -> list[Candidate]:
-    """The parts of the routes that see most, where nothing beats the whole."""
+    """The parts of the routes with the most coverage, where nothing dominates the whole."""
     sound = [each for each in wholes if each.candidate.violation <= 0.0]
     if not sound:
         return []
@@ -364,7 +364,7 @@ def _parts(site: Site, wholes: Sequence[Whole]) -> list[Candidate]:
 
 
 def thinned(pareto: Sequence[RouteMember], rule: Rule) -> list[RouteMember]:
-    """At most MOST_MEMBERS of a Pareto set, in its order: the one that the rule chooses, and the least crowded."""
+    """At most MOST_MEMBERS of a Pareto set, in its order: the rule's choice and the least crowded."""
     if len(pareto) <= MOST_MEMBERS:
         return list(pareto)
     metrics = [member.metrics for member in pareto]

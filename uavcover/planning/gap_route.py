@@ -59,7 +59,7 @@ class MissingCells:
         return cls(coverage, cells, coverage.grid.weight_m2[numbers])
 
     def seen_by(self, looks: LevelObservations, sight: Sight) -> BoolArray:
-        """(m,) whether each is seen by any of the looks."""
+        """(m,) whether any observation sees each cell."""
         surface = self.coverage.site.ground.surface
         return kernels.seen_from_points(surface, sight, self.cells, looks.places_m, looks.headings)
 
@@ -122,7 +122,7 @@ def inside_fence(site: Site, places_m: FloatArray) -> BoolArray:
 
 
 def cover(site: Site, missing: MissingCells, places_agl_m: FloatArray, sight: Sight, wanted: BoolArray) -> FloatArray:
-    """Some of (k, 3) places that together see of the ``wanted`` (m,) cells what all of them see.
+    """A subset of (k, 3) places that sees the same ``wanted`` (m,) cells as all of them together.
 
     Always the one that sees the most ground not yet seen (greedy set cover: at most ln(m) + 1 times as many as needed).
 
@@ -231,11 +231,11 @@ class _Builder:
 
     @property
     def seen(self) -> BoolArray:
-        """(m,) what is seen by the sensor as it is."""
+        """(m,) cells seen by the unreduced sensor."""
         return np.asarray(self.views[1])
 
     def add_viewpoints(self) -> None:
-        """Corners until the laid route sees all that can be seen, the narrow sensor first."""
+        """Add corners until the laid route sees all that can be seen: with the narrowed sensor first, then the unreduced one."""
         wanted = np.ones(len(self.missing.weight_m2), dtype=bool)
         grid = grid_places(self.site, self.missing)
         self._take(np.vstack([self.corners, cover(self.site, self.missing, grid, self.narrow, wanted)]))
@@ -252,7 +252,7 @@ class _Builder:
                 return
 
     def drop_costly(self, needed_m2: float) -> None:
-        """Leave out the corners that save the most way for the ground they show, while enough is seen."""
+        """Remove the corners that save the most distance for the ground they cover, while enough is seen."""
         while len(self.corners) > 1:
             now_m2 = self._area_m2(self.seen)
             best, best_score = None, 0.0
@@ -273,7 +273,7 @@ class _Builder:
             self.corners, self.views = best
 
     def shorten(self) -> None:
-        """Leave out and pull in corners while nothing is lost that is seen now, by the narrow sensor and as it is."""
+        """Remove corners and pull them in without losing coverage, by the narrowed or the unreduced sensor."""
         keep = self.views
         improved = True
         while improved:
@@ -302,7 +302,7 @@ class _Builder:
         )
 
     def _moves(self, k: int) -> FloatArray:
-        """(j, 2) moves of a corner that may make the way shorter."""
+        """(j, 2) moves of a corner that may shorten the route."""
         around = self._with_ends()[[k, k + 2], :2]
         pulls = np.multiply.outer(_PULLS, around.mean(axis=0) - self.corners[k, :2])
         angles = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
@@ -310,9 +310,9 @@ class _Builder:
         return np.vstack([pulls, steps.reshape(-1, 2)])
 
     def _try(self, corners: FloatArray, keep: BoolArray) -> bool:
-        """Take other corners if they make the way shorter, lose nothing of ``keep`` and break no limit anew.
+        """Accept other corners if they shorten the route, lose nothing of ``keep`` and break no further limit.
 
-        Fewer corners only need not to make it longer.
+        Fewer corners need only not lengthen it.
         """
         corners = self._ordered(corners)
         gain_m = self._length_m(self.corners) - self._length_m(corners)
@@ -338,7 +338,7 @@ class _Builder:
         return np.vstack([[*self.start_m[:2], 0.0], self.corners, [*self.end_m[:2], 0.0]])
 
     def _savings(self) -> FloatArray:
-        """(n,) way that is saved when a corner is left out."""
+        """(n,) distance saved by removing each corner."""
         places = self._with_ends()[:, :2]
         legs = np.hypot(*np.diff(places, axis=0).T)
         return np.asarray(legs[:-1] + legs[1:] - np.hypot(*(places[2:] - places[:-2]).T))
@@ -354,7 +354,7 @@ class _Builder:
         return lay_over_terrain(self.site, corners[:, :2], corners[:, 2], tolerance_m=_TOLERANCE_M)
 
     def _views_with(self, corners: FloatArray) -> BoolArray:
-        """(2, m) what the laid route sees: with the narrow sensor, and with the sensor as it is."""
+        """(2, m) cells that the laid route sees: with the narrowed sensor, and with the unreduced one."""
         laid = self._laid(corners)
         return np.stack([self.missing.seen_on(laid, sight) for sight in (self.narrow, self.sight)])
 
@@ -362,7 +362,7 @@ class _Builder:
         return measure_violations(self.site, self._laid(corners), margin_m=0.0).total
 
     def _some_unseen(self) -> FloatArray:
-        """Some hundred of the cells that are not seen yet, evenly picked."""
+        """A few hundred of the unseen cells, evenly spaced."""
         numbers = np.flatnonzero(~self.seen)
         return self.missing.cells.centre_m[numbers[:: max(1, len(numbers) // 200)]]
 
@@ -371,7 +371,7 @@ class _Builder:
 
 
 def _narrower(site: Site, sight: Sight) -> Sight:
-    """The sensor with its edge drawn in by the vehicle's acceptance radius at the middle of the band."""
+    """The sensor, narrowed by the vehicle's acceptance radius at the middle of the height band."""
     limits, radius = site.scenario.limits, site.scenario.vehicle.acceptance_radius_m
     reach = max(sight.reach_m - radius, 0.5 * sight.reach_m)
     if sight.kind not in {CONE, FRUSTUM}:

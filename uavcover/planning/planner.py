@@ -1,4 +1,4 @@
-"""The planner: baselines, optimizer, local search, judging on finer cells, choice."""
+"""The planner: baselines, optimizer, local search, judging on finer cells, selection."""
 
 import dataclasses
 import math
@@ -89,7 +89,7 @@ def plan_routes(
 ) -> Plan:
     """Plan the sensing route of a site.
 
-    The search counts on the planner's cells; every route that is reported is judged on the finer cells of the area. The
+    The search uses the planner's cells; every reported route is judged on the finer cells of the area. The
     choice is made among the search's Pareto set and the baselines, so it is never worse than these at the coverage that
     was asked for.
 
@@ -237,7 +237,7 @@ def _other_lines(
 
 
 def _cheaper_way_round(site: Site, route: Route) -> Route:
-    """The route or its reverse, whichever costs less: with a wind they differ, and no single change turns a whole route round."""
+    """The route or its reverse, whichever costs less: in wind they differ, and no single move reverses a whole route."""
     way, surface = way_cost_of(site), site.ground.surface
     back = Route(np.ascontiguousarray(route.waypoints_m[::-1]))
     there_cost, back_cost = (float(route_cost(surface, way, each.waypoints_m)) for each in (route, back))
@@ -264,7 +264,7 @@ def _solver(effort: Effort) -> SolverEffort:
 
 
 def _shared(effort: Effort, share: float, started: float) -> Effort:
-    """A share of the evaluations, or of the time: from now on."""
+    """A share of the evaluations, or of the time, from now on."""
     budget_s = effort.budget_s
     if budget_s is not None:
         budget_s = effort.now() - started + share * budget_s
@@ -288,7 +288,7 @@ def _encoding(
 
 
 def _by_merit(baselines: Sequence[Baseline], goal: float | None) -> list[Baseline]:
-    """Feasible first; then those that reach the coverage by length; then the others by coverage."""
+    """Feasible first; then those that reach the required coverage, by length; then the others, by coverage."""
     asked = 1.0 if goal is None else goal
     return sorted(
         baselines, key=lambda b: (b.violation, max(0.0, asked + float(b.objectives[0])), float(b.objectives[2]))
@@ -296,7 +296,7 @@ def _by_merit(baselines: Sequence[Baseline], goal: float | None) -> list[Baselin
 
 
 def _worth_showing(baselines: Sequence[Baseline], goal: float | None) -> list[Baseline]:
-    """Each method's route; of the tuned boustrophedons those that no other beats, thinned."""
+    """Each method's route; of the tuned boustrophedons, a thinned set of those that no other dominates."""
     tuned = [b for b in baselines if b.name == TUNED and b.violation <= 0.0]
     others = [b for b in baselines if b.name != TUNED]
     if not tuned:

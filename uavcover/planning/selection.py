@@ -1,4 +1,4 @@
-"""Choosing one route of a Pareto set, by a named rule."""
+"""Selection of one route from a Pareto set by a named rule."""
 
 import re
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ class Rule:
 
 
 def parse_rule(text: str) -> Rule:
-    """Understand a selection rule.
+    """Parse a selection rule.
 
     Raises:
         InputError: it is none of the rules, or its numbers are out of range.

@@ -1,4 +1,4 @@
-"""Lays a line on the map over the terrain, and around obstacles too tall to fly over inside the height band."""
+"""Drapes a line on the map over the terrain, and around obstacles too tall for the height band."""
 
 import math
 from functools import lru_cache
@@ -21,7 +21,7 @@ _SAMPLES = 64
 def around_obstacles(
     site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArray, *, apart_m: float
 ) -> tuple[FloatArray, FloatArray]:
-    """A line on the map that leads around what cannot be flown over, along the shorter side of each.
+    """Route a line on the map around obstacles that cannot be overflown, along the shorter side of each.
 
     Corners inside the clearance of such an obstacle move to its edge. Where nothing is too tall, the line as it is.
 
@@ -50,7 +50,7 @@ def around_obstacles(
 
 @lru_cache(maxsize=8)
 def _keep_out(site: Site, apart_m: float) -> shapely.MultiPolygon:
-    """What must be flown around: footprints with their clearance, grown together, without courtyards."""
+    """Zones to fly around: footprints with their clearance, merged, without courtyards."""
     beside_m = site.scenario.obstacles.clearance_beside_m + apart_m + _MARGIN_M
     # Mitred corners are nowhere nearer than the clearance; round ones made of chords would be.
     grown = [prism.footprint.polygon.buffer(beside_m, join_style="mitre") for prism in site.prisms]
@@ -60,7 +60,7 @@ def _keep_out(site: Site, apart_m: float) -> shapely.MultiPolygon:
 
 
 def _is_too_tall(site: Site, prism: Prism, grown: shapely.Polygon) -> bool:
-    """Whether the band does not reach over an obstacle everywhere around it."""
+    """Whether some part of the height band around an obstacle is too low to clear it."""
     limits = site.scenario.limits
     ring = shapely.get_coordinates(shapely.segmentize(grown.exterior, grown.exterior.length / _SAMPLES))
     lowest_ground = float(np.nanmin(site.ground.heights_m(ring), initial=np.inf))

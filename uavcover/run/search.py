@@ -110,11 +110,11 @@ def _settings(base: PlannerSettings, request: SearchRequest, *, algorithm: str |
 
 
 def least_length_m(site: Site, rule: str) -> float | None:
-    """A length that no path which sees what a rule asks for is shorter than; none where there is nothing to compare with it.
+    """Lower bound on path length for the required coverage; None where none applies.
 
     Args:
         site: the scenario on its ground.
-        rule: see :mod:`uavcover.planning.selection`; there is a limit when it names a coverage, for a sensor that looks
+        rule: see :mod:`uavcover.planning.selection`; there is a bound when it names a coverage, for a sensor that observes
             along the path and an objective that is a length.
 
     Raises:
@@ -126,7 +126,7 @@ def least_length_m(site: Site, rule: str) -> float | None:
 
 
 def bounds(site: Site, result: Plan | None = None, *, time_s: float | None = None) -> dict[str, Any]:
-    """What no plan can beat, as far as it is known, and what it can be measured by: ``bounds`` of ``plan.json``.
+    """Known bounds on any plan, and references to measure it by: ``bounds`` of ``plan.json``.
 
     ``coverable_fraction``: share of the area that some allowed place sees (tried places: at least this much).
     ``length_reference_m``: area of the map over the width of flat ground that the sensor sweeps; a reference, no bound,

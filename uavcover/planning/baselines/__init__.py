@@ -1,1 +1,1 @@
-"""Constructed routes that a search begins with and is compared with."""
+"""Constructed routes: starting points of a search, and baselines for its result."""

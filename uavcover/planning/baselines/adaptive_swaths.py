@@ -1,6 +1,6 @@
 """Adaptive swaths: lines that bend with the terrain, and lines of few waypoints.
 
-Lines that bend see strips side by side with the same gap or overlap everywhere. Straight lines at equal distances waste what
+Bent lines keep the gap or overlap between neighbouring strips constant. Straight lines at equal distances waste what
 hills give: a strip is wider over a ridge and on a slope, narrower in a valley. Bending by a tenth of a swath evens that out
 and costs next to no length.
 
@@ -50,7 +50,7 @@ _STRAIGHT_SHARE = 0.01
 
 
 def can_be_adapted(site: Site) -> bool:
-    """Whether the sensor is one whose strip :mod:`uavcover.kernels.swaths` can measure."""
+    """Whether :mod:`uavcover.kernels.swaths` can measure the strip of the sensor."""
     return site.scenario.sensor.sensing == "along-path" and sight_of(site.scenario.sensor).kind in (CONE, SPHERE)
 
 
@@ -102,7 +102,7 @@ _Made = TypeVar("_Made")
 def _each(
     make: Callable[[_Given], _Made], items: Sequence[_Given], executor: Executor | None, should_stop: Callable[[], bool]
 ) -> list[_Made]:
-    """What is made of the items, the first in any case, the others until it is time to stop."""
+    """Results for the items: always the first, then the others until it is time to stop."""
 
     def unless_stopped(item: _Given) -> _Made | None:
         return None if should_stop() else make(item)
@@ -133,7 +133,7 @@ class BentLines:
 
 
 def bend_lines(site: Site, layout: SwathLayout) -> BentLines:
-    """Bend the lines of a layout until the strips that they see share the ground evenly."""
+    """Bend the lines of a layout until their strips share the ground evenly."""
     angle = layout.angle_rad
     borders, west, east = line_extents(site, layout)
     flown = west <= east
@@ -201,7 +201,7 @@ def simple_lines(
     executor: Executor | None = None,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> list[Route]:
-    """Routes of lines in a direction, from many waypoints to few, with several numbers of lines each.
+    """Routes of parallel lines in one direction: several line counts, each from many waypoints to few.
 
     Args:
         site: of any sensor.

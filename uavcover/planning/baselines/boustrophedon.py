@@ -1,4 +1,4 @@
-"""Boustrophedon routes, plain and tuned: the baselines that every planner is compared with.
+"""Boustrophedon routes, plain and tuned: the baselines for every planner.
 
 For sensors that observe from waypoints the boustrophedon is rows of nodes, flown back and forth.
 """
@@ -63,7 +63,7 @@ def fly_rows(site: Site, layout: NodeRows) -> Route:
 
 
 def plain_rows(site: Site) -> NodeRows:
-    """Squares that the sensor sees whole from their middle, side by side, from the middle of the height band."""
+    """Adjacent squares, each seen whole from its centre, at the middle of the height band."""
     limits = site.scenario.limits
     height = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
     side = math.sqrt(2.0) * max(reach_at_height_m(site.scenario.sensor, height), site.scenario.area.cell_size_m)
@@ -73,7 +73,7 @@ def plain_rows(site: Site) -> NodeRows:
 
 
 def scanned_rows(site: Site, *, most_nodes: int) -> Iterator[NodeRows]:
-    """Every lattice of at most so many nodes, rectangular and triangular, at five heights, rows not much longer than high."""
+    """Every rectangular and triangular lattice up to a number of nodes, at five heights; cells at most twice as long as wide."""
     west, south, east, north = site.area.bounds
     aspect = (east - west) / (north - south)
     for rows in range(1, most_nodes + 1):
@@ -125,7 +125,7 @@ def best_height_agl_m(site: Site, *, tolerance_m: float = PLAIN_TOLERANCE_M) -> 
 
 
 def plain_boustrophedon(site: Site) -> SwathLayout:
-    """Lines along the long side, strips of flat ground side by side without overlap, from the height that sees widest."""
+    """Lines along the long side, at the height with the widest strip, without overlap on flat ground."""
     angle = long_side_angle_rad(site)
     height = best_height_agl_m(site)
     return regular_layout(
@@ -188,7 +188,7 @@ def _evaluate(
 
 
 def evaluated(coverage: CoverageMap, name: str, routes: Sequence[Route], executor: Executor | None) -> list[Baseline]:
-    """Routes that a known method made, with their values."""
+    """Evaluate routes made by a known method."""
     values: Evaluation = evaluate_routes(coverage, routes, executor)
     return [
         Baseline(name, route, None, values.objectives[i], float(values.violations[i].sum()))

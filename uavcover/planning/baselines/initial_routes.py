@@ -1,4 +1,4 @@
-"""Constructed routes that the search begins with and its result is compared with, by name."""
+"""Constructed routes by name: starting points of the search, and baselines for its result."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
@@ -106,7 +106,7 @@ def _rows(
 
 
 def initial_names(coverage: CoverageMap, settings: PlannerSettings) -> Sequence[InitialRoute]:
-    """What ``settings.initial`` names, or what is usual: lines for swaths, a set cover where the order of waypoints is free."""
+    """The names in ``settings.initial``, or the defaults: lines for swaths, a set cover where the order of waypoints is free."""
     if settings.initial is not None:
         lines: tuple[InitialRoute, ...] = ("boustrophedon",) if settings.encoding == "swaths" else ()
         return tuple(dict.fromkeys((*lines, *settings.initial)))
@@ -136,7 +136,7 @@ def _cover_route(
     asked: float,
     solver: SolverEffort,
 ) -> Route | None:
-    """The route of one set cover; none when the solver found none in its time, or no place sees anything."""
+    """The route of one set cover; None if the solver ran out of time or no place sees anything."""
     match name:
         case "greedy-set-cover":
             chosen = greedy_cover(reduced, asked)

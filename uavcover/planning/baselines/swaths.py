@@ -1,4 +1,4 @@
-"""Parallel flight lines over an area: how many, where, how high, and which way to fly them."""
+"""Parallel flight lines over an area: their number, positions, heights and direction."""
 
 import math
 from dataclasses import dataclass
@@ -52,7 +52,7 @@ def long_side_angle_rad(site: Site) -> float:
 
 
 def width_across_m(site: Site, angle_rad: float) -> float:
-    """Width of the area at right angles to a direction, metres."""
+    """Width of the area perpendicular to a direction, metres."""
     corners = shapely.get_coordinates(site.area.convex_hull)
     return float(np.ptp(corners @ np.array([-math.sin(angle_rad), math.cos(angle_rad)])))
 
@@ -102,7 +102,7 @@ def area_edges(site: Site, angle_rad: float) -> FloatArray:
 
 
 def line_extents(site: Site, layout: SwathLayout) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where lines run: (k,) across, and (k,) first and last place of the area along each one's strip; inf, -inf for none."""
+    """Extents of lines: (k,) across, and (k,) first and last place of the area along each strip; inf, -inf for an empty one."""
     edges = area_edges(site, layout.angle_rad)
     first, last = edges[:, 1].min(), edges[:, 1].max()
     borders = first + (last - first) * np.cumsum(layout.gaps)[:-1] / layout.gaps.sum()

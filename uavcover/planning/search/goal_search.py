@@ -1,6 +1,6 @@
 """Local search for the shortest route that reaches a coverage, and for routes of few waypoints.
 
-For few waypoints the price of a waypoint rises step by step, and the path may get longer for it.
+For few waypoints, the price of a waypoint rises step by step, at the cost of a longer path.
 """
 
 from collections.abc import Callable, Sequence
@@ -50,7 +50,7 @@ _QUENCHED = 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchStart:
-    """A route to begin with, that keeps the limits.
+    """A feasible route to start from.
 
     Attributes:
         route: its waypoints.
@@ -83,7 +83,7 @@ def search_goals(
     until: float,
     judge: RouteJudge,
 ) -> list[SearchStart]:
-    """Shortest routes for the goals of the ladder, or above all for the one that is asked for.
+    """Find the shortest routes for the goals of the ladder, mainly for the required one.
 
     Args:
         work: what is looked at, and how much may be done.
@@ -122,7 +122,7 @@ def search_goal(
     *,
     waypoint_price: float | None = None,
 ) -> list[SearchStart]:
-    """One goal, in stages: after each the goal is corrected, after the first both chains go on from the better one.
+    """Search for one goal in stages; each corrects the goal, and after the first both chains continue from the better route.
 
     Args:
         work: what is looked at, and how much may be done.
@@ -187,12 +187,12 @@ def search_goal(
 
 
 def _corrected(goal: float, seen: float, judged: float) -> float:
-    """The goal on the search's cells, by what a route sees there and what it is judged to see."""
+    """The goal on the search's cells, corrected by how a route's coverage there differs from its judged coverage."""
     return min(1.0, max(0.0, seen + goal + SAFETY - judged))
 
 
 def _merit(problem: RouteProblem, start: SearchStart, goal: float, waypoint_m: float) -> tuple[bool, float]:
-    """Smallest for the best beginning; where the order is free, what reaches the goal is better than all that does not."""
+    """Smallest for the best start; where the order is free, any route that reaches the goal ranks before those that do not."""
     missing = max(0.0, goal - start.seen)
     with_waypoints = 1.0 + waypoint_m * len(start.route) / max(start.route.length_m, problem.reach_m)
     return problem.free_order and missing > 0.0, problem.cost(start.route) * with_waypoints * (
@@ -240,7 +240,7 @@ def search_waypoints(
     until: float,
     judge: RouteJudge,
 ) -> list[SearchStart]:
-    """Routes that reach a goal with ever fewer waypoints.
+    """Find routes that reach a goal with ever fewer waypoints.
 
     Args:
         work: what is looked at, and how much may be done.

@@ -25,7 +25,7 @@ _LARGEST_BATCH = 5000
 
 
 class SearchPace(Protocol):
-    """How much work is left."""
+    """Pace of a search: how much of the work remains."""
 
     @property
     def fraction(self) -> float:
@@ -42,7 +42,7 @@ class SearchPace(Protocol):
 
 
 class PaceByNumber:
-    """A number of proposals, in batches that depend on nothing else."""
+    """A fixed number of proposals, in reproducible batches."""
 
     def __init__(self, proposals: int) -> None:
         self._total = proposals
@@ -64,7 +64,7 @@ class PaceByNumber:
 
 
 class PaceByClock:
-    """Proposals until a moment, in batches of about ``batch_s``; they vary with the machine's speed."""
+    """Proposals until a deadline, in batches of about ``batch_s``; their number depends on the machine's speed."""
 
     def __init__(self, now: Callable[[], float], until: float, *, batch_s: float = 0.1) -> None:
         self._now = now
@@ -75,7 +75,7 @@ class PaceByClock:
 
     @property
     def fraction(self) -> float:
-        """Share of the time that is over, 0..1."""
+        """Share of the time used, 0..1."""
         return min(1.0, (self._at - self._begin) / max(self._until - self._begin, 1e-9))
 
     def next_batch(self) -> int:
@@ -83,7 +83,7 @@ class PaceByClock:
         return self._batch if self._at < self._until else 0
 
     def done(self, proposals: int) -> None:
-        """Take note of proposals: the next batch is as large as the time that this one took suggests."""
+        """Record proposals, and size the next batch by the time that this one took."""
         before, self._at = self._at, self._now()
         wanted_s = min(self._batch_s, max(self._until - self._at, 1e-3))
         each_s = max(self._at - before, 1e-6) / max(proposals // CHAINS, 1)
@@ -127,7 +127,7 @@ class Chain:
 
     @property
     def energy(self) -> float:
-        """What the chain makes as small as it can."""
+        """Energy that the chain minimises."""
         route = self.route
         return (
             self.prices.way * self.problem.cost(route)
@@ -138,7 +138,7 @@ class Chain:
 
 @dataclass(slots=True, eq=False)
 class Work:
-    """The work of one local search, and who watches it.
+    """The work of one local search, and its observers.
 
     Attributes:
         problem: what is looked at.

@@ -1,4 +1,4 @@
-"""The local search of the memetic planner: what the optimizer and the baselines found is improved, change by change."""
+"""The local search of the memetic planner: improves the routes of the optimizer and the baselines move by move."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ _LOCAL_SEARCH_STREAM = 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Improved:
-    """What the local search gave.
+    """Result of a local search.
 
     Attributes:
         routes: worth judging.
@@ -141,14 +141,14 @@ def improve(
 
 
 def _finer(site: Site, judging: CoverageMap) -> list[CoverageMap]:
-    """Finer cells by which goals are corrected beside those that judge, where that is not too much to keep."""
+    """Finer cells that correct the goals in addition to the judging cells, where memory allows."""
     if site.scenario.limits.applies_to == "waypoints" or judging.grid.count * 4 > _MOST_FINEST_CELLS:
         return []
     return [CoverageMap(site, cell_size_m=0.5 * site.scenario.area.cell_size_m)]
 
 
 def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: PlannerSettings) -> list[SearchStart]:
-    """The routes that keep the limits, and what they see of what can be covered."""
+    """The feasible routes, with their share of the coverable area."""
     legs = coverage.site.scenario.limits.applies_to == "legs"
     # Over terrain there are waypoints between the nodes of the encoding, which its capacity does not count.
     longest = settings.max_waypoints if settings.encoding == "waypoints" and not legs else None
@@ -195,7 +195,7 @@ def _progress(
     rule: Rule,
     on_progress: Callable[[SearchProgress], None],
 ) -> Callable[[Work, Sequence[Chain]], None]:
-    """What tells ``on_progress`` after a batch."""
+    """A callback that reports to ``on_progress`` after each batch."""
     coverable = coverage.share(coverage.coverable)
     asked = rule.required_coverage
     best = [max(start.seen for start in starts) * coverable]

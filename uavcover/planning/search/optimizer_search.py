@@ -19,7 +19,7 @@ _SHORTEST_EVALUATION_S = 1e-5
 
 
 class Encoding(Protocol):
-    """Genes on one side, routes on the other.
+    """Maps genes to routes.
 
     Attributes:
         lower: (d,) lower bounds.
@@ -36,7 +36,7 @@ class Encoding(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class SearchProgress:
-    """Where the search is.
+    """Progress of a search.
 
     Attributes:
         evaluations: routes evaluated so far.
@@ -53,7 +53,7 @@ class SearchProgress:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Searched:
-    """How a search ended.
+    """Result of a search.
 
     Attributes:
         interrupted: whether the user ended it.
@@ -84,7 +84,7 @@ class Effort:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchRun:
-    """What a search may use, and who follows it.
+    """Resources of a search, and its observers.
 
     Attributes:
         effort: when to stop.
@@ -138,7 +138,7 @@ def search(
     goal: float | None,
     look: Callable[[Callable[[], Sequence[Route]]], None] = lambda _: None,
 ) -> Searched:
-    """Run the optimizer to its end, the end of the budget or the user's stop.
+    """Run the optimizer until it ends, the budget is used up or the user stops it.
 
     Args:
         optimizer: fresh.

@@ -1,4 +1,4 @@
-"""What the local search works on: a site's numbers for its kernels, and a route laid out for changes."""
+"""The problem of the local search: a site as numbers for the kernels, and routes as incremental state."""
 
 import math
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class RouteProblem:
     stride: int
 
     def cost(self, route: Route) -> float:
-        """What a route costs beside its waypoints and what it does not see: its length, or what the planner's objective says."""
+        """Cost of a route, apart from its waypoints and missing coverage: its length, or the planner's objective."""
         return float(route_cost(self.numbers.surface, self.numbers.way, route.waypoints_m))
 
     def metres_per_cost(self, route: Route) -> float:
@@ -55,7 +55,7 @@ class RouteProblem:
 
 
 def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> RouteProblem:
-    """A site as the kernels take it; only cells that can be covered at all count.
+    """The kernels' view of a site; only coverable cells count.
 
     Args:
         coverage: the cells to count on.
@@ -132,7 +132,7 @@ def _limits(site: Site) -> RouteLimits:
 
 
 def state_of(problem: RouteProblem, route: Route, *, capacity: int) -> RouteState:
-    """A route laid out for changes and counted; legs that see more cells than a list holds are cut in equal parts.
+    """Incremental state of a route, with its observations counted; legs that see more cells than a list holds are split evenly.
 
     Args:
         problem: what is looked at.
@@ -162,7 +162,7 @@ def _empty(problem: RouteProblem, points: FloatArray, capacity: int) -> RouteSta
 
 
 def _apart(points: FloatArray, apart_m: float) -> FloatArray:
-    """The points without those that are nearer than ``apart_m`` to one before."""
+    """The points, without those closer than ``apart_m`` to an earlier one."""
     if apart_m == 0.0:
         return points
     kept: list[FloatArray] = []
@@ -173,7 +173,7 @@ def _apart(points: FloatArray, apart_m: float) -> FloatArray:
 
 
 def _halved(points: FloatArray) -> FloatArray:
-    """(2 n - 1, 3) points with the middle of every leg between them."""
+    """(2 n - 1, 3) points: the given ones and the midpoints of their legs."""
     out = np.empty((2 * len(points) - 1, 3))
     out[::2] = points
     out[1::2] = 0.5 * (points[1:] + points[:-1])

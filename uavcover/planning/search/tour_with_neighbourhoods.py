@@ -1,6 +1,6 @@
 """Local search where waypoints may be visited in any order: a tour with neighbourhoods.
 
-It finds shortest tours that see enough, and the most coverage for every number of waypoints.
+It finds the shortest tours with enough coverage, and the best coverage for every number of waypoints.
 """
 
 import math
@@ -48,7 +48,7 @@ _SWEEP = _Stage((0.4, 0.4), 0.0, _LENGTH_PRICES)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fewest:
-    """How far the search for few waypoints has come.
+    """State of the search for few waypoints.
 
     Attributes:
         best: the chain to go on with.
@@ -64,7 +64,7 @@ class Fewest:
 def spread(
     work: Work, starts: Sequence[SearchStart], *, capacity: int, until: float, found: Callable[[Route], None]
 ) -> Fewest:
-    """A waypoint has a price, so as many come in as are worth it.
+    """Add as many waypoints as are worth their price.
 
     Args:
         work: what is looked at, and how much may be done; ``work.problem.free_order`` holds.
@@ -82,7 +82,7 @@ def spread(
 
 
 def squeeze(work: Work, fewest: Fewest, *, capacity: int, until: float, found: Callable[[Route], None]) -> Fewest:
-    """Until all is seen, one waypoint more; while it is, one less; then the same number again.
+    """Add a waypoint until everything is seen, remove one while it is, then try the same number again.
 
     Args:
         work: as of :func:`spread`.
@@ -147,7 +147,7 @@ def _better(chains: Sequence[Chain], found: Callable[[Route], None]) -> Chain:
 
 
 def _chains(work: Work, routes: Sequence[Route], stage: _Stage, *, capacity: int | None = None) -> list[Chain]:
-    """A chain for each route, in a stage's way; with as many waypoints as it has, unless there is a capacity."""
+    """A chain for each route, set up for a stage; it keeps its number of waypoints unless a capacity is given."""
     # Energies in units of one cell's share of the coverage.
     cells = max(1, int(np.count_nonzero(work.problem.numbers.weight)))
     return [
@@ -168,7 +168,7 @@ def _chains(work: Work, routes: Sequence[Route], stage: _Stage, *, capacity: int
 
 
 def _without_least(work: Work, chain: Chain) -> Route:
-    """The chain's route without the waypoint that sees least by itself."""
+    """The chain's route without the waypoint that contributes least."""
     state = chain.state
     recount(work.problem.numbers, state)
     alone = [seen_alone(work.problem.numbers, state, k) for k in range(int(state.size[0]))]

@@ -1,1 +1,1 @@
-"""Few places of a lattice from which much is seen: greedily, exactly, and as routes."""
+"""Set covers on a lattice of places: greedy, exact, and turned into routes."""

@@ -1,6 +1,6 @@
 """Places of a lattice inside the limits, and the cells that each of them sees; reduced to what an optimal choice needs.
 
-The reduction removes places that another place replaces, and cells that count for nothing.
+The reduction removes dominated places and cells that do not affect the answer.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ _ROUNDING_M = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """Places, and what they see: set k of :mod:`uavcover.kernels.set_cover` is the cells of place k.
+    """Places and the cells they see: set k of :mod:`uavcover.kernels.set_cover` is the cells of place k.
 
     Attributes:
         places_m: (p, 3) ENU.
@@ -42,7 +42,7 @@ class Candidates:
 
     @property
     def in_words(self) -> str:
-        """What the candidates are, for people."""
+        """Description of the candidates."""
         return f"lattice of {self.spacing_m:g} m, {len(self.places_m):,} places"
 
     @property

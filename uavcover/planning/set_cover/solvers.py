@@ -30,7 +30,7 @@ _COVERED = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class SolverEffort:
-    """How long an exact answer may take.
+    """Limits on the effort for an exact answer.
 
     Attributes:
         time_s: wall time; the outcome then depends on the machine.
@@ -43,7 +43,7 @@ class SolverEffort:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoverSolution:
-    """What a program found and proved.
+    """Solution of a program, with its proved bound.
 
     Attributes:
         chosen: (k,) numbers of the places found, None when none were found in the time.
@@ -55,7 +55,7 @@ class CoverSolution:
 
 
 class CoverProgram:
-    """The programs of a reduced table."""
+    """Linear and mixed-integer programs on a reduced table."""
 
     def __init__(self, reduced: Reduced) -> None:
         from scipy import sparse
@@ -73,7 +73,7 @@ class CoverProgram:
         return self._reduced.reachable
 
     def fewest_places(self, coverage: float, effort: SolverEffort) -> CoverSolution:
-        """As few places as see a share of what can be covered; the whole ``reachable`` share is the set cover problem.
+        """The fewest places that see a share of the coverable area; with all of ``reachable`` this is the set cover problem.
 
         Args:
             coverage: 0..reachable.
@@ -97,7 +97,7 @@ class CoverProgram:
         return self._counted(self._solve(np.append(np.ones(c), np.zeros(rows)), matrix, lower, c, effort))
 
     def most_coverage(self, count: int, effort: SolverEffort) -> CoverSolution:
-        """The places, at most ``count``, that see most of what can be covered; the bound is that share."""
+        """At most ``count`` places with the largest share of the coverable area; the bound is that share."""
         from scipy import sparse
 
         rows, c = self._matrix.shape
@@ -112,7 +112,7 @@ class CoverProgram:
         return CoverSolution(chosen, None if least is None else min(-least, self.reachable))
 
     def _counted(self, outcome: tuple[NDArray[np.int64] | None, float | None]) -> CoverSolution:
-        """A number of places is whole."""
+        """Round a bound on a number of places, which is an integer."""
         chosen, bound = outcome
         return CoverSolution(chosen, None if bound is None else float(np.ceil(bound - _INTEGRAL)))
 
@@ -143,12 +143,12 @@ _ROUNDING = 1e-9
 
 
 def greedy_cover(reduced: Reduced, coverage: float) -> NDArray[np.int64]:
-    """Numbers of candidates that see a share of what can be covered, or all that the places see, each the one that adds most."""
+    """Numbers of candidates that reach a share of the coverable area, or all that is reachable, chosen greedily."""
     return reduced.numbers[_greedy(reduced, coverage)]
 
 
 def searched_cover(reduced: Reduced, *, steps: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Numbers of few candidates that see all that the places see: greedily, then by local search.
+    """Numbers of few candidates that see everything reachable: greedily, then by local search.
 
     Args:
         reduced: the places.
@@ -160,7 +160,7 @@ def searched_cover(reduced: Reduced, *, steps: int, rng: np.random.Generator) ->
 
 
 def cut_down(candidates: Candidates, chosen: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """At most so many of the chosen candidates: one after the other, the one is left out that alone sees least."""
+    """The chosen candidates, reduced to a maximum number by repeatedly removing the one with the least coverage of its own."""
     return kernels.drop_needless(candidates.start, candidates.cells, candidates.weight, chosen, np.inf, most)
 
 
