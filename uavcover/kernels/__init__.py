@@ -1,1 +1,1 @@
-"""Compiled numeric kernels: arrays and scalars in, arrays out. Each has a slow obvious twin in tests/naive."""
+"""Compiled numeric kernels: arrays and scalars in, arrays out. Each has a slow, obvious twin in tests/naive."""

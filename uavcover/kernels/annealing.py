@@ -1,4 +1,4 @@
-"""Simulated annealing of a route by single changes, each evaluated only where it changes something.
+"""Simulated annealing of a route by single moves with incremental evaluation.
 
 The energy is ``way * cost of the way + waypoint * waypoints + coverage * max(0, goal - seen)``. One proposal draws one change
 of one kind; one that breaks a limit is never made. Kinds: move a waypoint, change its height, shift a stretch, insert, remove,
@@ -40,7 +40,7 @@ _STRAIGHT_DOWN = 1e-9
 
 
 class Prices(NamedTuple):
-    """What the energy is made of.
+    """Weights of the terms of the energy.
 
     Attributes:
         way: of what the way costs: metres, or what else the problem makes small.
@@ -56,7 +56,7 @@ class Prices(NamedTuple):
 
 
 class Schedule(NamedTuple):
-    """How a stretch of annealing is run.
+    """Annealing schedule of one stretch.
 
     Attributes:
         proposals: how many.
@@ -79,7 +79,7 @@ class Schedule(NamedTuple):
 def anneal(
     problem: SearchProblem, prices: Prices, schedule: Schedule, state: RouteState, rng: np.random.Generator
 ) -> int:
-    """Change ``state`` in place by so many proposals; returns how many were kept.
+    """Anneal ``state`` in place; returns the number of accepted proposals.
 
     The route state must be counted (:func:`uavcover.kernels.route_state.recount`).
     """
@@ -105,7 +105,7 @@ def anneal(
 
 @kernel
 def energy_of_share(prices: Prices, seen: float) -> float:
-    """Price of what is missing to the goal."""
+    """Energy of the coverage missing to the goal."""
     return prices.coverage * max(0.0, prices.goal - seen)
 
 
@@ -119,7 +119,7 @@ def _exchange(
     step: float,
     rng: np.random.Generator,
 ) -> bool:
-    """Move, lift, shift, insert or remove; whether it was kept."""
+    """Propose a move, lift, shift, insertion or removal; whether it was accepted."""
     n = state.size[0]
     kind = rng.random()
     first = int(rng.random() * n)
@@ -157,7 +157,7 @@ def _exchange(
 def _settle(
     problem: SearchProblem, prices: Prices, state: RouteState, allowance: float, first: int, last: int, fresh: int
 ) -> bool:
-    """Put the first ``fresh`` of state.fresh in the place of waypoints first..last - 1; whether it was kept."""
+    """Replace waypoints first..last - 1 by the first ``fresh`` of state.fresh; whether the change was accepted."""
     if not exchange_allowed(problem, state, first, last, fresh):
         return False
     change = prices.way * exchange_cost(problem, state, first, last, fresh) + prices.waypoint * (fresh - (last - first))
@@ -175,7 +175,7 @@ def _settle(
 
 @kernel
 def _put(problem: SearchProblem, state: RouteState, k: int, waypoint: int, de: float, dn: float, du: float) -> None:
-    """Write into fresh[k] a waypoint moved on the map, at the same height above ground, and by ``du`` up."""
+    """Write into fresh[k] a waypoint moved on the map at the same height above ground, raised by ``du``."""
     e, n, u = place(state.route, waypoint)
     if de != 0.0 or dn != 0.0:
         u = up_above(problem.surface, e + de, n + dn, height_above(problem.surface, e, n, u))
@@ -186,7 +186,7 @@ def _put(problem: SearchProblem, state: RouteState, k: int, waypoint: int, de: f
 def _insertion(
     problem: SearchProblem, state: RouteState, at: int, de: float, dn: float, rng: np.random.Generator
 ) -> bool:
-    """Write a waypoint to insert into fresh[0]: where the order is free near a cell that nobody sees, or else beside a leg."""
+    """Write a waypoint to insert into fresh[0]: near an unseen cell where the order is free, otherwise beside a leg."""
     if problem.sensing != ALONG_PATH and problem.limits.legs == 0 and _near_a_gap(problem, state, de, dn, rng):
         return True
     if at + 1 >= state.size[0]:
@@ -202,7 +202,7 @@ def _insertion(
 
 @kernel
 def _near_a_gap(problem: SearchProblem, state: RouteState, de: float, dn: float, rng: np.random.Generator) -> bool:
-    """Write a place near a cell that is not seen often enough into fresh[0], at any allowed height; False when none was met."""
+    """Write a place near an insufficiently seen cell into fresh[0], at any allowed height; False if none was found."""
     for _ in range(_TRIES_FOR_A_GAP):
         cell = int(rng.random() * problem.square.size)
         square = problem.square[cell]
@@ -218,7 +218,7 @@ def _near_a_gap(problem: SearchProblem, state: RouteState, de: float, dn: float,
 
 @kernel
 def _best_gap(state: RouteState, without: int) -> int:
-    """Before which waypoint fresh[0] makes the route longest by least, the route taken without one of its waypoints.
+    """Cheapest position to insert fresh[0] into the route without one of its waypoints: the number of the next waypoint.
 
     Numbers count the route as it is; ``without`` -1 leaves none out. The end of the route is its size.
     """
@@ -246,7 +246,7 @@ def _best_gap(state: RouteState, without: int) -> int:
 def _transfer(
     problem: SearchProblem, prices: Prices, state: RouteState, allowance: float, step: float, rng: np.random.Generator
 ) -> bool:
-    """Put a waypoint where the order is shortest for it; with a step: at a cell that nobody sees. Whether it was kept."""
+    """Move a waypoint to its cheapest position in the order; with a step, to an unseen cell. Whether it was accepted."""
     n = state.size[0]
     if n < 3:
         return False
@@ -280,7 +280,7 @@ def _transfer(
 def _turn_round(
     problem: SearchProblem, prices: Prices, state: RouteState, allowance: float, rng: np.random.Generator
 ) -> bool:
-    """Fly a stretch of the route the other way round (2-opt); of two waypoints: a swap. Whether it was kept."""
+    """Reverse a stretch of the route (2-opt); for two waypoints, a swap. Whether it was accepted."""
     n = state.size[0]
     i, j = int(rng.random() * n), int(rng.random() * n)
     if i > j:
@@ -313,13 +313,13 @@ def _turn_round(
 
 @kernel
 def _shows_more_one_way(sight: Sight) -> bool:
-    """Whether a leg shows other cells when it is flown the other way: a tilted camera that turns with the legs."""
+    """Whether a leg sees other cells in the opposite direction: true for a tilted camera that turns with the legs."""
     return sight.kind == FRUSTUM and math.isnan(sight.heading_e) and sight.cos_pitch > _STRAIGHT_DOWN
 
 
 @kernel
 def _turn_legs_round(problem: SearchProblem, prices: Prices, state: RouteState, i: int, j: int, most: float) -> bool:
-    """Turn waypoints i..j round where legs see, if what is then missing costs no more than ``most``."""
+    """Reverse waypoints i..j where legs see, if the coverage then missing costs no more than ``most``."""
     n = state.size[0]
     segments = segment_count(problem, n)
     p, q = place(state.route, i), place(state.route, j)
@@ -365,7 +365,7 @@ def _compare_ends(problem: SearchProblem, state: RouteState, i: int, j: int, seg
 
 @kernel
 def snapshot(state: RouteState) -> NDArray[np.float64]:
-    """(n, 3) the waypoints as they are."""
+    """(n, 3) copy of the current waypoints."""
     out = np.empty((state.size[0], 3))
     for k in range(state.size[0]):
         for axis in range(3):

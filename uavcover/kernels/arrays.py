@@ -1,4 +1,4 @@
-"""The array types of this package, declared once: shapes and units stand in each docstring."""
+"""The array types of this package, declared once; docstrings give shapes and units."""
 
 import numpy as np
 from numpy.typing import NDArray

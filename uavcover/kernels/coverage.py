@@ -1,4 +1,4 @@
-"""Which cells a route sees: one loop over the observations, one over the cells in reach of each.
+"""Coverage of a route: a loop over the observations, and within it one over the cells in reach.
 
 The cells lie on a square lattice; ``lattice`` maps its rows and columns to cell numbers, -1 where there is no cell.
 """

@@ -1,4 +1,4 @@
-"""Who dominates whom, in which front, and how crowded it is there.
+"""Dominance, non-dominated fronts and crowding distance.
 
 All objectives are minimised. Constraints enter as one number per row, the total violation (0 when feasible), by the
 feasibility rules: of two rows with different totals the smaller total dominates; at equal totals Pareto dominance

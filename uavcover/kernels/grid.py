@@ -99,7 +99,7 @@ def places_on_grid(frame: GridFrame, places: NDArray[np.float64]) -> NDArray[np.
 
 @kernel
 def growth_on_grid(frame: GridFrame, east: float, north: float, up: float) -> NDArray[np.float64]:
-    """(2, 3) by how much column and row grow at a place, for each metre east, north and up."""
+    """(2, 3) derivatives of column and row at a place, per metre east, north and up."""
     along = 1.0 - (up - frame.level_up_m) * frame.lean_per_m
     x = (east * along - frame.east0_m) / frame.scale_m
     y = (north * along - frame.north0_m) / frame.scale_m
@@ -116,7 +116,7 @@ def growth_on_grid(frame: GridFrame, east: float, north: float, up: float) -> ND
 
 @kernel
 def slope_of_cell(frame: GridFrame, across: float, along: float) -> float:
-    """No ground is steeper (tangent) where it rises by at most ``across`` a column and ``along`` a row; infinite if not known."""
+    """Bound on the slope (tangent) of ground that rises by at most ``across`` a column and ``along`` a row; inf if unknown."""
     x, y = across * frame.per_column, along * frame.per_row
     slope = math.sqrt(x * x + y * y + 2.0 * x * y * frame.skew)
     # What leans with the plumb lines is seen steeper from the up axis.

@@ -1,4 +1,4 @@
-"""The cells that a leg or a place sees, as a list: what the local search adds and removes.
+"""The cells that a leg or a place sees, as a list that the local search adds or removes.
 
 A leg is observed from regular samples along it; a place is a leg whose ends coincide. The set of places from which a cell is
 in view is convex for every sensor here (a ball, a disc, a cone or a pyramid above the cell; a level vehicle keeps its heading
@@ -22,7 +22,7 @@ _ROUNDING = 1e-7
 
 @kernel
 def samples_of_leg(length: float, spacing: float) -> int:
-    """In how many equal pieces a leg is cut by its samples, as in ``sample_path``; 0 for a place."""
+    """Number of equal pieces between the samples of a leg, as in ``sample_path``; 0 for a place."""
     return max(1, math.ceil(length / spacing - 1e-9)) if length > 0.0 else 0
 
 
@@ -36,7 +36,7 @@ def list_cells(
     spacing: float,
     out: NDArray[np.int32],
 ) -> int:
-    """Write the numbers of the cells that are seen from the leg p-q into ``out``; returns how many.
+    """Write the numbers of the cells seen from the leg p-q into ``out``; returns their count.
 
     Args:
         surface: the ground.

@@ -1,4 +1,4 @@
-"""What a camera that looks straight down sees from a leg, as runs of squares, and how counts change with them.
+"""Leg visibility of a nadir camera as runs of squares, and the changes of counts that they make.
 
 This is the fast path of :mod:`uavcover.kernels.leg_visibility`. Squares are the places of a lattice, row * columns + column,
 so what a camera sees of a row of cells is one run or a few. A set of squares is a rising row of numbers: the first square of
@@ -51,7 +51,7 @@ def compare(
     news: int,
     changes: NDArray[np.int32],
 ) -> int:
-    """By how much the count of each square changes when some sets give way to others.
+    """Change of the count of each square when some sets are replaced by others.
 
     Args:
         runs: (sets, stride) a set in each row.
@@ -104,7 +104,7 @@ def compare(
 def weigh_changes(
     changes: NDArray[np.int32], count: int, counts: NDArray[np.uint16], weight: NDArray[np.float64]
 ) -> float:
-    """Change of the weight (squares,) that is counted at least once, if the changes were made."""
+    """Change of the total of ``weight`` (squares,) counted at least once, if the changes were made."""
     gained = 0.0
     for k in range(count):
         by = changes[k, 2]
@@ -123,7 +123,7 @@ def weigh_changes(
 def weigh_often(
     changes: NDArray[np.int32], count: int, counts: NDArray[np.uint16], weight: NDArray[np.float64], times: int
 ) -> float:
-    """Change of the weight (squares,) that is counted at least ``times`` times; :func:`weigh_changes` is the quick way for 1."""
+    """Change of the total of ``weight`` (squares,) counted at least ``times`` times; :func:`weigh_changes` is faster for 1."""
     gained = 0.0
     for k in range(count):
         by = changes[k, 2]
@@ -138,7 +138,7 @@ def weigh_often(
 
 @kernel
 def make_changes(changes: NDArray[np.int32], count: int, counts: NDArray[np.uint16]) -> None:
-    """Change the counts."""
+    """Apply the changes to the counts."""
     for k in range(count):
         by = changes[k, 2]
         for square in range(changes[k, 0], changes[k, 1]):
@@ -159,7 +159,7 @@ _NEARLY_HALF = 0.5 - 1e-7
 
 
 class ConeCells(NamedTuple):
-    """Cells as the quick way takes them.
+    """Cells in the form of the fast path.
 
     Attributes:
         up_m: (rows, columns) heights of the centres on the lattice, NaN where there is no cell; (0, 0) when there is no quick
@@ -179,7 +179,7 @@ class ConeCells(NamedTuple):
 
 
 def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
-    """Lay cells out for the quick way, rows moved east and columns north as they are; nothing for other sensors."""
+    """Lay out cells for the fast path, with the offsets of rows and columns from the lattice; empty for other sensors."""
     if sight.kind != CONE or sight.line_of_sight not in (NO_LINE_OF_SIGHT, RAY):
         nothing = np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0)), np.empty(0), np.empty(0)
         return _read_only(ConeCells(*nothing))
@@ -207,7 +207,7 @@ def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
 
 
 def _read_only(cells: ConeCells) -> ConeCells:
-    """All alike, because kernels are compiled once for arrays that can be written and once for those that cannot."""
+    """Make all arrays read-only, because kernels are compiled separately for writable and read-only arrays."""
     for array in cells:
         array.flags.writeable = False
     return cells
@@ -287,7 +287,7 @@ def list_cone_runs(
 def _reach_over(
     sight: Sight, cells: Cells, quick: ConeCells, p: tuple[float, float, float], q: tuple[float, float, float]
 ) -> float:
-    """No cell is seen farther away than this on the map: the cone's radius over the lowest ground near the leg."""
+    """Largest map distance at which a cell is seen: the cone's radius over the lowest ground near the leg."""
     farthest = horizontal_reach(sight)
     reach = farthest + cells.scatter_m
     per_block = 1.0 / (cells.size_m * _BLOCK)

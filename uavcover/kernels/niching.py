@@ -1,4 +1,4 @@
-"""Niches in decision space: who is beaten near by, who stands too close, and which few stand for many.
+"""Niching in decision space: local dominance, minimum spacing, and medoids that represent many rows.
 
 ``x`` are points of the unit cube (or anything else in which plain distance makes sense), objectives are minimised.
 """
@@ -11,7 +11,7 @@ from uavcover.kernels.jit import kernel
 
 @kernel
 def distance(points: FloatArray, i: int, j: int) -> float:
-    """Plain distance between two rows of ``points`` ``(n, d)``."""
+    """Euclidean distance between two rows of ``points`` ``(n, d)``."""
     total = 0.0
     for k in range(points.shape[1]):
         total += (points[i, k] - points[j, k]) ** 2
@@ -306,7 +306,7 @@ def two_space_medoids(
     fixed: int,
     passes: int,
 ) -> IntArray:
-    """Rows that stand for all rows in two spaces at once: k-medoids by eager swaps (FasterPAM, Schubert and Rousseeuw 2021).
+    """Rows that represent all rows in two spaces at once: k-medoids by eager swaps (FasterPAM, Schubert and Rousseeuw 2021).
 
     The cost is the sum over rows i of ``x_weights[i]`` times the distance in x to the nearest medoid in x, plus
     ``f_weights[i]`` times the distance in f to the nearest medoid in f. Each row in turn replaces the medoid whose loss

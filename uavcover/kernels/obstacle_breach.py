@@ -1,4 +1,4 @@
-"""By how much a line comes too near to what stands on the ground, and where: the figures behind a refusal."""
+"""How far a line breaches the clearance from obstacles, and where: the figures behind a refusal."""
 
 import math
 
@@ -26,7 +26,7 @@ def worst_breach(
     beside: float,
     above: float,
 ) -> tuple[int, float, float]:
-    """How much clearance the line p-q lacks where it lacks most.
+    """Largest missing clearance along the line p-q.
 
     What it lacks of a prism is the smaller of two: how far aside it would have to be where it is too low, and how much higher
     where it is too near. A line that leads over the footprint too low can only be higher.
@@ -59,7 +59,7 @@ def _lacking_height(
     beside: float,
     above: float,
 ) -> tuple[float, float]:
-    """How much higher the line p-q has to be where it is within ``beside`` of a footprint, and where 0..1.
+    """Missing height of the line p-q within ``beside`` of a footprint, and where along it, 0..1.
 
     Along the line height changes evenly, so it is lowest at an end of the part that is that near: at an end of the line, or
     where it enters or leaves the surroundings of an edge.

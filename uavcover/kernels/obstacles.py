@@ -1,4 +1,4 @@
-"""What stands on the ground: prisms that hide what is behind them and that nothing may come near.
+"""Obstacles as prisms: they block the line of sight and require clearance.
 
 A prism has a footprint of straight edges (holes are edges like others), a flat top, and reaches down into the ground. Along a
 straight line the part that is lower than a top is one interval, and where the line is over a footprint follows from its

@@ -1,4 +1,4 @@
-"""Order and length of routes, distance from them, and how a route is laid over the ground."""
+"""Order and length of routes, distance from them, and terrain following."""
 
 import math
 
@@ -169,7 +169,7 @@ def follow_terrain(
     beside: float,
     above: float,
 ) -> NDArray[np.float64]:
-    """Lay a polyline over the ground: heights inside a band above it, slopes inside a limit, few waypoints.
+    """Drape a polyline over the terrain: heights inside a band above ground, slopes inside a limit, few waypoints.
 
     1. Sample the ground along the line. What rises above the straight line between two samples of it, or sinks below, narrows
        the band at both of them by as much: chords that keep the band at the samples keep it everywhere.
@@ -303,7 +303,7 @@ def _chords(
     corner: NDArray[np.bool_],
     tolerance: float,
 ) -> NDArray[np.float64]:
-    """Fewest straight chords between points of the reference, greedily: each as long as the samples below it allow."""
+    """Fewest straight chords between points of the reference, greedily: each as long as the samples beneath it allow."""
     keep = np.zeros(along.size, dtype=np.bool_)
     keep[0] = True
     at = 0

@@ -1,4 +1,4 @@
-"""A route under change: how many of its segments see each cell, kept up to date segment by segment.
+"""Incremental route state: the number of segments that see each cell, updated segment by segment.
 
 A segment is a leg when the sensor looks along the path, and a single waypoint otherwise. To exchange waypoints, the cells of
 the segments that end at them are compared with those of the new segments; only where they differ is a count looked up,
@@ -39,7 +39,7 @@ MOST_SETS = 2 * (WIDEST + 1)
 
 
 class RouteState(NamedTuple):
-    """A route under change, with the counts of its observations; kernels write to its arrays.
+    """Incremental state of a route, with the counts of its observations; kernels write to its arrays.
 
     Owner: the thread that is annealing it. A state belongs to one chain; one thread at a time changes it, without a lock, and
     another may read it only between two batches. No array is shared with another state or with the caller.
@@ -111,7 +111,7 @@ def segment_count(problem: SearchProblem, waypoints: int) -> int:
 
 @kernel
 def recount(problem: SearchProblem, state: RouteState) -> bool:
-    """List and count everything anew; False when a segment has more runs than there is room for."""
+    """Recompute all lists and counts; False if a segment has more runs than there is room for."""
     n = state.size[0]
     for square in range(state.counts.size):
         state.counts[square] = 0
@@ -129,7 +129,7 @@ def recount(problem: SearchProblem, state: RouteState) -> bool:
 def list_visible(
     problem: SearchProblem, state: RouteState, k: int, p: tuple[float, float, float], q: tuple[float, float, float]
 ) -> bool:
-    """Write what is seen from p-q into the set of slot k; False when it has more runs than there is room for."""
+    """Write the cells seen from p-q into the set of slot k; False if it has more runs than there is room for."""
     number = state.slot[k]
     found = list_cone_runs(
         problem.surface,
@@ -153,7 +153,7 @@ def list_visible(
 
 @kernel
 def compare_segments(problem: SearchProblem, state: RouteState, begin: int, end: int, first: int, last: int) -> float:
-    """Change of the weight that is seen when segments begin..end - 1 give way to the sets of slots first..last - 1.
+    """Change of the seen weight when segments begin..end - 1 are replaced by the sets of slots first..last - 1.
 
     What changes is left in state.changes; the counts stay as they are.
     """
@@ -181,7 +181,7 @@ def seen_alone(problem: SearchProblem, state: RouteState, k: int) -> float:
 
 @kernel
 def exchange_length(state: RouteState, first: int, last: int, fresh: int) -> float:
-    """By how much the route gets longer when waypoints first..last - 1 give way to the first ``fresh`` of state.fresh."""
+    """Change of length when waypoints first..last - 1 are replaced by the first ``fresh`` of state.fresh."""
     n = state.size[0]
     change = 0.0
     for k in range(max(first, 1), min(last + 1, n)):
@@ -243,7 +243,7 @@ def old_segments(problem: SearchProblem, state: RouteState, first: int, last: in
 
 @kernel
 def try_exchange(problem: SearchProblem, state: RouteState, first: int, last: int, fresh: int) -> tuple[float, int]:
-    """What the exchange would change; nothing is counted before :func:`keep_exchange`.
+    """Compare an exchange without applying it; see :func:`keep_exchange`.
 
     Returns:
         change of the weight that is seen, and how many segments are new; -1 when one has more runs than there is room for.
@@ -277,7 +277,7 @@ def try_exchange(problem: SearchProblem, state: RouteState, first: int, last: in
 def keep_exchange(
     problem: SearchProblem, state: RouteState, first: int, last: int, fresh: int, new: int, change: float
 ) -> None:
-    """Make the exchange that :func:`try_exchange` has compared."""
+    """Apply the exchange that :func:`try_exchange` compared."""
     n = state.size[0]
     segments = segment_count(problem, n)
     begin, end = old_segments(problem, state, first, last)
@@ -326,7 +326,7 @@ def _rotate_left(numbers: NDArray[np.int64], first: int, last: int) -> None:
 
 @kernel
 def reverse_order(numbers: NDArray[np.int64], first: int, last: int) -> None:
-    """Turn numbers first..last round."""
+    """Reverse numbers first..last in place."""
     while first < last:
         numbers[first], numbers[last] = numbers[last], numbers[first]
         first, last = first + 1, last - 1
@@ -334,7 +334,7 @@ def reverse_order(numbers: NDArray[np.int64], first: int, last: int) -> None:
 
 @kernel
 def reverse_rows(route: NDArray[np.float64], first: int, last: int) -> None:
-    """Turn rows first..last of an (n, 3) array round."""
+    """Reverse rows first..last of an (n, 3) array in place."""
     while first < last:
         for axis in range(3):
             route[first, axis], route[last, axis] = route[last, axis], route[first, axis]

@@ -1,4 +1,4 @@
-"""How much more a route under change costs: metres by its legs alone, or seconds with wind, climbs and turns.
+"""Changes of a route's cost: metres of its legs alone, or seconds with wind, climbs and turns.
 
 Length has its own short way: the search for the shortest route asks it tens of thousands of times a second.
 """
@@ -14,13 +14,13 @@ from uavcover.kernels.way_cost import LENGTH, WayCost, route_cost
 
 @kernel
 def is_length(way: WayCost) -> bool:
-    """Whether nothing counts but the length."""
+    """Whether the cost is the length alone."""
     return way.unit == LENGTH and way.deviation_price == 0.0
 
 
 @kernel
 def exchange_cost(problem: SearchProblem, state: RouteState, first: int, last: int, fresh: int) -> float:
-    """When waypoints first..last - 1 give way to the first ``fresh`` of state.fresh."""
+    """Change of cost when waypoints first..last - 1 are replaced by the first ``fresh`` of state.fresh."""
     if is_length(problem.way):
         return exchange_length(state, first, last, fresh)
     # Turns change up to one waypoint farther away than legs do.
@@ -39,7 +39,7 @@ def exchange_cost(problem: SearchProblem, state: RouteState, first: int, last: i
 
 @kernel
 def reversal_cost(problem: SearchProblem, state: RouteState, i: int, j: int) -> float:
-    """When waypoints i..j are flown in the opposite order; with wind or turns O(j - i)."""
+    """Change of cost when waypoints i..j are reversed; O(j - i) with wind or turns."""
     n = state.size[0]
     if is_length(problem.way):
         p, q = place(state.route, i), place(state.route, j)
@@ -102,7 +102,7 @@ def _shortcut_length(state: RouteState, at: int) -> float:
 
 @kernel
 def _stretch_cost(problem: SearchProblem, state: RouteState, begin: int, end: int) -> float:
-    """Of waypoints begin..end - 1 as they are."""
+    """Current cost of waypoints begin..end - 1."""
     stretch = np.empty((end - begin, 3))
     for k in range(begin, end):
         stretch[k - begin, 0], stretch[k - begin, 1], stretch[k - begin, 2] = place(state.route, k)
@@ -111,5 +111,5 @@ def _stretch_cost(problem: SearchProblem, state: RouteState, begin: int, end: in
 
 @kernel
 def state_cost(problem: SearchProblem, route: NDArray[np.float64]) -> float:
-    """Of an (n, 3) route, whole."""
+    """Cost of a whole (n, 3) route."""
     return route_cost(problem.surface, problem.way, route)

@@ -1,4 +1,4 @@
-"""What the local search looks for and where it may go, as arrays and numbers for its kernels."""
+"""The problem of the local search and its hard limits, as arrays and numbers for the kernels."""
 
 import math
 from typing import NamedTuple
@@ -21,7 +21,7 @@ _HEIGHT_TOLERANCE_M = 1e-7
 
 
 class RouteLimits(NamedTuple):
-    """Where a route may be.
+    """Hard limits of a route.
 
     Attributes:
         lowest_agl_m: above ground, margins taken off.
@@ -47,13 +47,13 @@ class RouteLimits(NamedTuple):
 
 
 class SearchProblem(NamedTuple):
-    """What is looked at, with what, and from where it is allowed.
+    """The problem of a local search: ground, sensor, cells and limits.
 
     Attributes:
         surface: the ground.
         sight: the sensor.
         cells: of the area.
-        cone_cells: the cells for the quick way of a camera that looks straight down.
+        cone_cells: the cells for the fast path of a nadir camera.
         square: (n,) place of each cell on the lattice, row * columns + column.
         weight: (rows * columns,) share of the cell in each square, of a sum of 1; 0 where none counts.
         spacing_m: largest distance between observations along the path.
@@ -86,7 +86,7 @@ def place(array: NDArray[np.float64], row: int) -> tuple[float, float, float]:
 
 @kernel
 def distance(p: tuple[float, float, float], q: tuple[float, float, float]) -> float:
-    """Between two places, metres."""
+    """Distance between two places, metres."""
     return math.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
 
 
@@ -106,7 +106,7 @@ def inside_fence(fence: NDArray[np.float64], east: float, north: float) -> bool:
 
 @kernel
 def allowed_place(problem: SearchProblem, p: tuple[float, float, float]) -> bool:
-    """Whether a waypoint may be there."""
+    """Whether a place is allowed for a waypoint."""
     limits = problem.limits
     agl = height_above(problem.surface, p[0], p[1], p[2])
     # A comparison with NaN is False: no elevation data, no waypoint.
@@ -133,7 +133,7 @@ def allowed_leg(problem: SearchProblem, p: tuple[float, float, float], q: tuple[
 
 @kernel
 def _clear_of_obstacles(problem: SearchProblem, p: tuple[float, float, float], q: tuple[float, float, float]) -> bool:
-    """Whether the straight line p-q keeps its clearance from everything that stands on the surface."""
+    """Whether the straight line p-q keeps its clearance from all obstacles."""
     limits = problem.limits
     return keeps_clear(problem.surface.obstacles, p, q, limits.beside_m, limits.above_m)
 

@@ -20,7 +20,7 @@ _NOTHING = 1e-12
 def transposed(
     start: NDArray[np.int64], items: NDArray[np.int32], count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """The table the other way round: for each of ``count`` items the sets that have it, in rising order."""
+    """Transposed table: for each of ``count`` items, the sets that contain it, in rising order."""
     back = np.zeros(count + 1, dtype=np.int64)
     for item in items:
         back[item + 1] += 1
@@ -39,7 +39,7 @@ def transposed(
 def choose_greedily(
     start: NDArray[np.int64], items: NDArray[np.int32], weight: NDArray[np.float64], enough: float, most: int
 ) -> NDArray[np.int64]:
-    """Numbers of sets, each the one that adds most to what those before it cover; of equals the lower number.
+    """Sets chosen greedily, each adding the most to those before it; ties go to the lower number.
 
     At least a share 1 - 1/e of the most that any ``most`` sets cover, and at most H(largest set) times as many sets as are
     needed (Nemhauser, Wolsey and Fisher 1978; Chvatal 1979).
@@ -86,7 +86,7 @@ def drop_needless(
     enough: float,
     most: int,
 ) -> NDArray[np.int64]:
-    """Leave out chosen sets, the one that alone covers least first.
+    """Remove redundant sets, the one with the least unique cover first.
 
     As long as at least ``enough`` stays covered, and as long as there are more than ``most``.
     """
@@ -119,7 +119,7 @@ def drop_needless(
 
 
 def undominated(start: NDArray[np.int64], items: NDArray[np.int32], count: int) -> NDArray[np.bool_]:
-    """(p,) which sets are not part of another one; of equal sets the first counts. Empty sets never do.
+    """(p,) which sets are not subsets of another one; the first of equal sets stays, empty sets never do.
 
     Args:
         start: (p + 1,).
@@ -175,7 +175,7 @@ def _is_part(start: NDArray[np.int64], items: NDArray[np.int32], small: int, lar
 
 
 class _State(NamedTuple):
-    """Which sets are chosen, and what each is worth.
+    """State of the search: the chosen sets, and the score of each.
 
     Attributes:
         start: (p + 1,).
@@ -217,7 +217,7 @@ def search_cover(
     steps: int,
     rng: np.random.Generator,
 ) -> NDArray[np.int64]:
-    """As few sets as are found that have all of ``count`` items.
+    """Search for the fewest sets that cover all ``count`` items.
 
     Each step takes out the set whose loss weighs least, and puts in one with a random item that is open then; what stays open
     gets heavier. Whenever nothing is open, the search goes on with a set less.
@@ -302,7 +302,7 @@ def _is_before(state: _State, difference: int, k: int, other: int) -> bool:
 
 @kernel
 def _put_in(state: _State, k: int) -> None:
-    """Choose set k. Its own score stays: what it newly covers is what it then covers alone."""
+    """Choose set k. Its score is unchanged: what it newly covers it then covers alone."""
     state.chosen[k] = True
     for i in range(state.start[k], state.start[k + 1]):
         item = state.items[i]
@@ -319,7 +319,7 @@ def _put_in(state: _State, k: int) -> None:
 
 @kernel
 def _take_out(state: _State, k: int, step: int) -> None:
-    """Choose set k no more."""
+    """Remove set k from the chosen ones."""
     state.chosen[k] = False
     for i in range(state.start[k], state.start[k + 1]):
         item = state.items[i]
@@ -338,7 +338,7 @@ def _take_out(state: _State, k: int, step: int) -> None:
 
 @kernel
 def _swap(state: _State, item: int, place: int) -> None:
-    """Bring an item to a place in the list of open items."""
+    """Move an item to a position in the list of open items."""
     there, before = state.items_open[place], state.place[item]
     state.items_open[place], state.items_open[before] = item, there
     state.place[item], state.place[there] = place, before

@@ -1,4 +1,4 @@
-"""What a sensor has in view, from how far away, and which rays need no tracing.
+"""The view of a sensor, its reach, and which rays need no tracing.
 
 One test decides what is in view, whatever lies between, for planner, local search and verification. A camera's view is given
 in its own axes: its direction, the right of its picture and the top of it. For every sensor here the set of places from which
@@ -57,7 +57,7 @@ def _steepest_in_blocks(nodes: NDArray[np.float64], frame: GridFrame) -> NDArray
 
 @kernel
 def steepest_between(surface: Surface, slopes: LocalSlopes, ae: float, an: float, be: float, bn: float) -> float:
-    """No straight way over ground between two places is anywhere steeper than this; infinite outside the grid."""
+    """Bound on the slope of the ground along the straight line between two places; infinite outside the grid."""
     if surface.kind != GRID:
         return float(slopes.steepest[0, 0])
     if not math.isfinite(ae + an + be + bn):
@@ -125,7 +125,7 @@ class Sight(NamedTuple):
 
 
 class Aim(NamedTuple):
-    """How a camera is turned: three unit vectors at right angles, in ENU; NaN where it is not known.
+    """Orientation of a camera: three orthogonal unit vectors in ENU; NaN where unknown.
 
     Attributes:
         axis_e: where it looks.
@@ -152,7 +152,7 @@ class Aim(NamedTuple):
 
 @kernel
 def level_aim(sight: Sight, east: float, north: float) -> Aim:
-    """How the camera of a level vehicle is turned that heads along (east, north), of any length.
+    """Orientation of the camera of a level vehicle that heads along (east, north), of any length.
 
     A picture with a top has no direction where the vehicle heads nowhere: all is NaN then, and nothing is in view.
     """

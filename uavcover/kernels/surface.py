@@ -1,4 +1,4 @@
-"""Height of the ground, and how far a straight segment stays above it.
+"""Height of the ground, and the clearance of straight segments above it.
 
 A surface is a :class:`Surface`, plain numbers and one array. Two kinds:
 

@@ -1,4 +1,4 @@
-"""How far a sensor that moves over the ground sees to both sides, and lines that share the ground between them evenly."""
+"""Swath of a moving sensor, and lines bent so that their swaths share the ground evenly."""
 
 import math
 
@@ -19,7 +19,7 @@ _STEEPEST_GROWTH2 = 0.75
 def side_reach(
     surface: Surface, sight: Sight, east: float, north: float, up: float, ce: float, cn: float, slope: float
 ) -> float:
-    """How far a ball or a cone that moves past a place sees beside it, without a break; metres on the map.
+    """Distance to the side, without gaps, that a moving ball or cone sees; metres on the map.
 
     What moves uphill or downhill sees farther beside it from a little farther up: a cone is 1 / sqrt(1 - tan^2 slope^2) as
     wide, a ball has only the distance to its path to overcome. The first place that is out of view is looked for in steps
@@ -70,7 +70,7 @@ def balance_lines(
     rounds: int,
     smoothing: int,
 ) -> NDArray[np.float64]:
-    """Bend lines until, at every station along them, the gaps or overlaps between the strips that they see are alike.
+    """Bend lines until the gaps or overlaps between their strips are equal at every station.
 
     Each round measures what every line sees to both sides, finds the places at which all gaps would be the same, moves the
     lines most of the way there and smooths them.

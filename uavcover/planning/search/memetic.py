@@ -30,7 +30,7 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import reach_at_height_m
 
 MARGIN_CELLS = 0.45
-"""The planner's sensor sees this share of a planning cell less far than the real one, where other cells judge."""
+"""Reduction of the planner's sensor range, in planning cells, where other cells judge."""
 
 SCATTERED_MARGIN_CELLS = 0.1
 """Likewise on scattered cells, which a route passes at all distances, so that it can hardly live off their centres."""

@@ -59,7 +59,7 @@ def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> 
 
     Args:
         coverage: the cells to count on.
-        margin_m: the sensor sees this much less far on the map, so that a route does not live off the very places of the
+        margin_m: reduction of the sensor's range on the map, so that a route does not exploit the exact places of the
             cells' centres.
         reach_m: horizontal radius that the sensor sees from a usual height.
     """
@@ -97,7 +97,7 @@ def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> 
 
 
 def narrowed(sight: Sight, *, margin_m: float, reach_m: float) -> Sight:
-    """A sensor that sees ``margin_m`` less far on the map, for a camera from where it sees ``reach_m`` to the side.
+    """The sensor with its range on the map reduced by ``margin_m``; for a camera, at the height where it reaches ``reach_m``.
 
     A picture loses the same angle at its bottom and its top as at its sides: the ground there is as near, or farther away.
     """
