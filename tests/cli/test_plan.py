@@ -9,7 +9,17 @@ from typing import Any
 
 import pytest
 
-from tests.cli.conftest import EVALUATIONS, Cli, command, files, in_process, limited_to, started, wait_for_line
+from tests.cli.conftest import (
+    EVALUATIONS,
+    Cli,
+    command,
+    corner_of_the_demo,
+    files,
+    in_process,
+    limited_to,
+    started,
+    wait_for_line,
+)
 from uavcover.model.route import RouteMetrics
 from uavcover.planning.planner import SearchProgress
 from uavcover.run.plan import PlanRequest, plan_into, progress_in_words, room_in_words
@@ -34,7 +44,7 @@ def without_times(folder: Path) -> dict[str, Any]:
 
 
 def test_equal_on_one_thread_two_threads_and_one_core(cli: Cli, tmp_path: Path) -> None:
-    base = ("plan", "jacksboro", "--evaluations", 80, "--seed", 7)
+    base = ("plan", corner_of_the_demo(tmp_path), "--evaluations", 80, "--seed", 7)
     one = cli(*base, "-o", tmp_path / "one", "--workers", 1, "--json")
     assert one.code == 0
     assert one.document["rule_met"] is True
@@ -158,7 +168,7 @@ def test_force_moves_the_older_plan_and_its_flight_away(cli: Cli, flown: Path) -
 
 def test_two_planners_in_one_folder(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    with started(command("plan", "jacksboro", "-o", folder, "--budget", "60s")) as first:
+    with started(command("plan", corner_of_the_demo(tmp_path), "-o", folder, "--budget", "60s")) as first:
         wait_for_line(first, "planning")
         second = in_process("plan", "jacksboro", "-o", folder, "--force", "--evaluations", EVALUATIONS, "-q")
         assert second.code == 2
@@ -204,7 +214,7 @@ def test_infeasible_plan_ends_with_4(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_progress_bar_only_on_a_terminal_and_after_two_seconds(tmp_path: Path) -> None:
-    arguments = command("plan", "jacksboro", "-o", tmp_path / "long", "--budget", "5s")
+    arguments = command("plan", corner_of_the_demo(tmp_path), "-o", tmp_path / "long", "--budget", "3s")
     seen = subprocess.run(
         ["script", "-qec", " ".join(arguments), str(tmp_path / "typescript")],
         capture_output=True, text=True, timeout=300, check=False, stdin=subprocess.DEVNULL,
@@ -213,7 +223,7 @@ def test_progress_bar_only_on_a_terminal_and_after_two_seconds(tmp_path: Path) -
     assert seen.returncode == 0
     assert "━" in seen.stdout
     assert re.search(r"\d m, gap \d+\.\d %", seen.stdout)
-    piped = in_process("plan", "jacksboro", "-o", tmp_path / "piped", "--evaluations", EVALUATIONS)
+    piped = in_process("plan", tmp_path / "corner.toml", "-o", tmp_path / "piped", "--evaluations", EVALUATIONS)
     assert "━" not in piped.out + piped.err
     assert piped.err == "" or all(line.startswith("warning:") for line in piped.err.splitlines())
 

@@ -5,6 +5,7 @@ import pytest
 
 import uavcover as uc
 from mission_io.errors import VehicleSilentError
+from tests.cli.conftest import corner_of_the_demo
 from uavcover.errors import InputError, OptimizerError
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan, export_text
@@ -23,6 +24,9 @@ def test_the_example_of_the_page_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (example,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
+    # With a smaller area; the demo's flies in test_public_api.
+    example = example.replace('"jacksboro"', repr(str(corner_of_the_demo(tmp_path))))
+    assert "corner.toml" in example
     monkeypatch.chdir(tmp_path)
     exec(compile(example, str(PAGE), "exec"), {})
     planned, held, judged = capsys.readouterr().out.splitlines()[:3]
