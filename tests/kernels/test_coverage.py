@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from tests.compiled_kernels import cases
 from tests.kernels.test_obstacles import obstacles_of
 from tests.naive import coverage as naive
+from tests.naive import pictures as naive_pictures
 from uavcover.kernels import coverage as kernels
 from uavcover.kernels.coverage import Cells
 from uavcover.kernels.obstacles import horizons, roofs_m
@@ -325,3 +326,49 @@ def test_samples_of_a_path_equal_the_naive_twin(count, seed, spacing):
     assert {tuple(p) for p in route.tolist()} <= {tuple(p) for p in samples.tolist()}
     gaps = np.linalg.norm(np.diff(samples, axis=0), axis=1)
     assert (gaps <= spacing * (1 + 1e-8)).all()
+
+
+@pytest.mark.parametrize("distance", [0.7, 3.0, 10.0, 45.0])
+def test_pictures_are_taken_where_the_last_one_is_far_enough_away(distance):
+    """By the definition: none is nearer to the one before it, and no place on the way between is as far from it."""
+    rng = np.random.default_rng(round(10 * distance))
+    for number in range(12):
+        path = rng.uniform(0.0, 30.0, (rng.integers(2, 9), 3))
+        if number % 3 == 0:
+            path = np.round(path / distance) * distance  # lengths that the trigger divides
+        if number % 4 == 0:
+            path = np.repeat(path, 2, axis=0)
+        legs, shares = kernels.picture_places(path, distance)
+        assert (legs[0], shares[0]) == (0, 0.0)
+        assert (np.diff(legs) >= 0).all()
+        assert ((shares >= 0.0) & (shares <= 1.0)).all()
+        ends = np.minimum(legs + 1, len(path) - 1)
+        places = (path[legs] + shares[:, None] * (path[ends] - path[legs]))[:, :2]
+        np.testing.assert_allclose(np.linalg.norm(np.diff(places, axis=0), axis=1), distance, rtol=1e-7)
+        ways = [*zip(legs + shares, [*(legs + shares)[1:], len(path) - 1.0], strict=True)]
+        for place, (begin, end) in zip(places, ways, strict=True):
+            at = np.linspace(begin, end, 400)[:-1] if end < len(path) - 1.0 else np.linspace(begin, end, 400)
+            leg = np.minimum(at.astype(int), len(path) - 2)
+            on = path[leg] + (at - leg)[:, None] * (path[leg + 1] - path[leg])
+            assert np.linalg.norm(on[:, :2] - place, axis=1).max() < distance * (1.0 + 1e-6)
+
+
+def test_pictures_equal_those_of_a_naive_flight():
+    path = np.array([[0.0, 0.0, 5.0], [23.0, 4.0, 9.0], [25.0, 30.0, 9.0], [25.0, 30.0, 20.0], [2.0, 33.0, 6.0]])
+    legs, shares = kernels.picture_places(path, 7.3)
+    flown, _ = naive_pictures.trigger(path, 7.3, step_m=0.002)
+    np.testing.assert_allclose(path[legs] + shares[:, None] * (path[legs + 1] - path[legs]), flown, atol=0.02)
+
+
+def test_pictures_of_paths_that_are_hardly_any():
+    nowhere = np.zeros((0, 3))
+    assert [part.size for part in kernels.picture_places(nowhere, 5.0)] == [0, 0]
+    for path in (
+        np.ones((1, 3)),
+        np.ones((4, 3)),
+        np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 90.0]]),
+        np.full((3, 3), np.nan),
+    ):
+        assert [part.tolist() for part in kernels.picture_places(path, 5.0)] == [[0], [0.0]]
+    gap = np.array([[0.0, 0.0, 0.0], [np.nan, 0.0, 0.0], [6.0, 0.0, 0.0], [12.0, 0.0, 0.0]])
+    assert [part.tolist() for part in kernels.picture_places(gap, 5.0)] == [[0, 2, 2], [0.0, 0.0, 5.0 / 6.0]]

@@ -25,6 +25,28 @@ def list_cells(surface, sight, cells, looks):
     }
 
 
+def surely_shown(surface, sight, cells, p, q, trigger, steps=40):
+    """Numbers of the cells in view from everywhere on some stretch of the leg p-q that is as long as the trigger's distance.
+
+    Its middle is on the leg, its ends may be beyond it, straight on. Stretches begin in small steps; the leg is not vertical.
+    """
+    heading = [q[0] - p[0], q[1] - p[1]]
+    share = 0.5 * trigger / math.hypot(*heading)
+    long = max(1, math.ceil(steps / (2 * share)))
+
+    def at(t):
+        return [a + t * (b - a) for a, b in zip(p, q, strict=True)]
+
+    found = set()
+    for number, (centre, normal) in enumerate(zip(cells.centre_m.tolist(), cells.normal.tolist(), strict=True)):
+        for k in range(long + 1):
+            looks = [at(k / long + share * s) for s in (-1.0, 1.0, 0.0, -0.5, 0.5)]
+            if all(naive_coverage.sees(surface, sight, look, centre, normal, heading) for look in looks):
+                found.add(number)
+                break
+    return found
+
+
 def counts(problem, route):
     """By how many segments each cell is seen, and the weight of those that are seen."""
     found = [0] * len(problem.square)

@@ -14,7 +14,7 @@ from uavcover.errors import InfeasibleError
 from uavcover.model.route import Route
 from uavcover.model.sensor import FrameCamera
 from uavcover.routes.mission_compiler import compile_mission
-from uavcover.sensing.sensors import observation_spacing_m, trigger_distance_m
+from uavcover.sensing.sensors import trigger_distance_m
 
 ROUTE = Route(np.array([[0.0, 20.0, 80.0], [150.0, 20.0, 80.0], [150.0, 120.0, 70.0]]))
 FRAME = FrameCamera(
@@ -94,7 +94,7 @@ def test_the_way_between_pictures_follows_from_the_overlap_at_the_lowest_height(
     level = dataclasses.replace(FRAME, pitch_deg=-90.0)
     scenario = make_site(sensor=level).scenario
     length_m = 2.0 * 40.0 * np.tan(np.radians(25.0))
-    assert trigger_distance_m(scenario) == observation_spacing_m(scenario) == pytest.approx(0.25 * length_m)
+    assert trigger_distance_m(scenario) == pytest.approx(0.25 * length_m)
     tilted = make_site(sensor=dataclasses.replace(FRAME, forward_overlap=0.0)).scenario
     ends = 40.0 * np.tan(np.radians([30.0 - 25.0, 30.0 + 25.0]))
     assert trigger_distance_m(tilted) == pytest.approx(ends[1] - ends[0])

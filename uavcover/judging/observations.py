@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from uavcover.errors import TrackError
 from uavcover.judging.phases import PlannedRoute, observed_stretches
 from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.coverage import picture_places
 from uavcover.model.track import Track
 from uavcover.scenario.site import Site
-from uavcover.sensing.sensors import camera_turn, observation_spacing_m, trigger_distance_m
+from uavcover.sensing.sensors import camera_turn, trigger_distance_m
 
 REACHED_RADII = 2.0
 """A planned waypoint counts as reached within this many acceptance radii."""
@@ -70,10 +71,11 @@ def observations_of(
         before, share = _reached(site, enu_m, planned), np.empty(0)
     else:
         runs = observed_stretches(route, joined)
-        if trigger_distance_m(site.scenario) is None:
-            parts = [_between(run, enu_m, observation_spacing_m(site.scenario)) for run in runs]
+        trigger_m = trigger_distance_m(site.scenario)
+        if trigger_m is None:
+            parts = [_between(run, enu_m, sensor.sample_spacing_m) for run in runs]
         else:
-            parts = [_pictures(run, enu_m, observation_spacing_m(site.scenario)) for run in runs]
+            parts = [_pictures(run, enu_m, trigger_m) for run in runs]
         before = np.concatenate([part[0] for part in parts]) if parts else np.empty(0, dtype=np.int64)
         share = np.concatenate([part[1] for part in parts]) if parts else np.empty(0)
     if share.size == 0:
@@ -94,14 +96,15 @@ def observations_of(
 
 
 def level_observations(site: Site, path_m: FloatArray, time_s: float) -> Observations:
-    """Possible observations along a path without samples, as if it had been flown level."""
-    share = _between(np.arange(len(path_m)), path_m, observation_spacing_m(site.scenario))
+    """Possible observations along a path without samples, as if it had been flown level; pictures may be anywhere on it."""
+    sensor = site.scenario.sensor
+    share = _between(np.arange(len(path_m)), path_m, sensor.sample_spacing_m)
     before, part = share
     after = np.minimum(before + 1, len(path_m) - 1)
     places = path_m[before] + part[:, None] * (path_m[after] - path_m[before])
     course = path_m[after] - path_m[np.where(after > before, before, np.maximum(before - 1, 0))]
     unknown = np.full((len(places), 3), np.nan)
-    turn = camera_turn(site.scenario.sensor, unknown, np.degrees(np.arctan2(course[:, 0], course[:, 1])))
+    turn = camera_turn(sensor, unknown, np.degrees(np.arctan2(course[:, 0], course[:, 1])))
     times = np.full(len(places), time_s)
     return Observations(np.ascontiguousarray(places), turn.axes, turn.tops, times, np.zeros(len(places), dtype=bool))
 
@@ -115,24 +118,12 @@ def _between(run: NDArray[np.int64], enu_m: FloatArray, spacing_m: float) -> tup
     return np.append(run[leg], run[-1]), np.append(piece / pieces[leg], 0.0)
 
 
-def _pictures(run: NDArray[np.int64], enu_m: FloatArray, distance_m: float) -> tuple[NDArray[np.int64], FloatArray]:
-    """As :func:`_between` for pictures: the first at once, then one after every ``distance_m`` over ground from the last."""
-    places = enu_m[run, :2]
-    legs, shares, last = [0], [0.0], places[0]
-    for leg in range(len(run) - 1):
-        # |start + t way - last| = distance_m, the later solution: before it the vehicle was nearer.
-        way = places[leg + 1] - places[leg]
-        length2 = float(way @ way)
-        while length2 > 0.0:
-            start = places[leg] - last
-            half = float(start @ way)
-            t = (-half + np.sqrt(half**2 - length2 * (float(start @ start) - distance_m**2))) / length2
-            if not t <= 1.0:
-                break  # the end of the leg is nearer
-            legs.append(leg)
-            shares.append(t)
-            last = places[leg] + t * way
-    return run[np.array(legs)], np.array(shares)
+def _pictures(run: NDArray[np.int64], enu_m: FloatArray, trigger_m: float) -> tuple[NDArray[np.int64], FloatArray]:
+    """As :func:`_between` for pictures by distance: the trigger begins anew with every run."""
+    legs, shares = picture_places(np.ascontiguousarray(enu_m[run]), trigger_m)
+    # At the end of a leg it is the next sample: from there on another one may be far away or NaN.
+    ends = shares == 1.0
+    return run[legs + ends], np.where(ends, 0.0, shares)
 
 
 def _reached(site: Site, enu_m: FloatArray, planned: PlannedRoute | None) -> NDArray[np.int64]:

@@ -18,6 +18,9 @@ from uavcover.kernels.surface import Surface, has_node_cell, height_above, stays
 GRAZING_M = 1e-6
 """A ray that dips below the ground by no more than this still sees: the target itself lies on the ground."""
 
+_ROUNDING = 1e-9
+"""A picture that is due no further behind the end of a leg than this, as a share of it, is taken at its end."""
+
 
 class Cells(NamedTuple):
     """The cells of an area.
@@ -273,6 +276,59 @@ def sample_path(route: NDArray[np.float64], spacing: float) -> NDArray[np.float6
             out[k, axis] = route[i + 1, axis]
         k += 1
     return out
+
+
+@kernel
+def picture_places(path: NDArray[np.float64], distance: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Where a camera that is triggered by distance takes its pictures on a path: a picture at once, and then as autopilots do.
+
+    ArduPilot (AP_Camera) and PX4 (camera_trigger) take the next picture when the straight line over ground from the place of
+    the last one reaches ``distance``. It runs on round corners, whatever waypoints lie between, and is forgotten only when
+    the trigger is switched off. Climbing straight up takes no picture. This one function is used for routes that are
+    planned and for tracks that were flown.
+
+    Args:
+        path: (n, 3) ENU metres; only east and north count.
+        distance: between two pictures, metres, above 0.
+
+    Returns:
+        (m,) number of the leg that each picture is taken on, and (m,) how far along it, 0..1. A picture at a corner belongs to
+        the leg that ends there.
+    """
+    n = path.shape[0]
+    over_ground, gaps = 0.0, 0
+    for leg in range(n - 1):
+        length = math.hypot(path[leg + 1, 0] - path[leg, 0], path[leg + 1, 1] - path[leg, 1])
+        if math.isfinite(length):
+            over_ground += length
+        else:
+            gaps += 1
+    # No way is shorter than the straight line; behind a gap it may be; one for the beginning, and one against rounding.
+    legs = np.zeros(min(n, 1) * (int(over_ground / distance) + gaps + 2), dtype=np.int64)
+    shares = np.zeros(legs.size)
+    if n == 0:
+        return legs, shares
+    count = 1
+    last_e, last_n = path[0, 0], path[0, 1]
+    for leg in range(n - 1):
+        de, dn = path[leg + 1, 0] - path[leg, 0], path[leg + 1, 1] - path[leg, 1]
+        length2 = de * de + dn * dn
+        at = 0.0
+        while length2 > 0.0:
+            # From the last picture to where the vehicle is: how much further until it is ``distance`` away?
+            e, north = path[leg, 0] + at * de - last_e, path[leg, 1] + at * dn - last_n
+            missing = e * e + north * north - distance * distance
+            if missing < 0.0:
+                half = e * de + north * dn
+                at += (math.sqrt(half * half - length2 * missing) - half) / length2
+            # Asked for rather than against: a comparison with NaN is False.
+            if not (at <= 1.0 + _ROUNDING and math.isfinite(missing)):
+                break
+            at = min(at, 1.0)
+            legs[count], shares[count] = leg, at
+            count += 1
+            last_e, last_n = path[leg, 0] + at * de, path[leg, 1] + at * dn
+    return legs[:count], shares[:count]
 
 
 @kernel

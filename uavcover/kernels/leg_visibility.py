@@ -4,6 +4,11 @@ A leg is observed from regular samples along it; a place is a leg whose ends coi
 in view is convex for every sensor here (a ball, a disc, a cone or a pyramid above the cell; a level vehicle keeps its heading
 along a leg), so the samples of a leg that see a cell are consecutive: their range is solved in closed form, and only inside
 it are samples tried. Along a straight leg each side plane of a pyramid is linear.
+
+A camera that is triggered by distance takes its pictures where the way before it says, which the local search would have to
+work out anew behind every change. A leg is therefore taken to show what it shows wherever the pictures happen to fall: what is
+in view all along a stretch of the trigger's distance, for on every such stretch there is a picture. Nothing can be gained by
+many short legs or by lengths that suit the trigger, and a flight that rounds its corners shows it as well.
 """
 
 import math
@@ -18,6 +23,8 @@ from uavcover.kernels.sight import CONE, DISC, FRUSTUM, Aim, Sight, horizontal_r
 from uavcover.kernels.surface import Surface, has_node_cell
 
 _ROUNDING = 1e-7
+_INWARD = 0.02
+"""Share of the room that a stretch has, from each of its ends, where it is not tried."""
 
 
 @kernel
@@ -34,6 +41,7 @@ def list_cells(
     p: tuple[float, float, float],
     q: tuple[float, float, float],
     spacing: float,
+    trigger: float,
     out: NDArray[np.int32],
 ) -> int:
     """Write the numbers of the cells seen from the leg p-q into ``out``; returns their count.
@@ -45,6 +53,7 @@ def list_cells(
         p: east, north, up of one end, metres, finite.
         q: of the other end; the same for a single place.
         spacing: largest distance between samples, metres.
+        trigger: distance between pictures, metres, which then take the place of the samples (:func:`leg_surely_shows`); 0: none.
         out: (stride,) is written from its beginning.
 
     Returns:
@@ -69,7 +78,11 @@ def list_cells(
     # cell.
     widest = tan if sight.kind == CONE else _widest_tangent(sight) if picture else math.inf
     always_clear = surface.steepest * widest <= 1.0
-    if always_clear and not (has_node_cell(surface, p[0], p[1], p[2]) and has_node_cell(surface, q[0], q[1], q[2])):
+    beyond = 0.5 * trigger * math.sqrt(per_length2)
+    if always_clear and not (
+        has_node_cell(surface, p[0] - beyond * de, p[1] - beyond * dn, p[2] - beyond * du)
+        and has_node_cell(surface, q[0] + beyond * de, q[1] + beyond * dn, q[2] + beyond * du)
+    ):
         always_clear = False
     piece = 1.0 / max(pieces, 1)
     count = 0
@@ -111,7 +124,9 @@ def list_cells(
                     sight, e, n, u, cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2]
                 )
             clear = always_clear and cells.horizon[cell] * widest <= 1.0
-            if not (seen and clear) and (seen or pieces > 0 or picture):
+            if trigger > 0.0:
+                seen = leg_surely_shows(surface, sight, cells, cell, p, (de, dn, du), trigger, clear)
+            elif not (seen and clear) and (seen or pieces > 0 or picture):
                 seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, clear)
             if seen:
                 if count == out.size:
@@ -166,6 +181,61 @@ def leg_sees_cell(
         for k in (middle - away, middle + away):
             if first <= k <= last and _sample_sees(
                 surface, sight, cells, cell, (ae, an, au), d, k / max(pieces, 1), always_clear
+            ):
+                return True
+            if away == 0:
+                break
+    return False
+
+
+@kernel
+def leg_surely_shows(
+    surface: Surface,
+    sight: Sight,
+    cells: Cells,
+    cell: int,
+    p: Point,
+    d: Point,
+    trigger: float,
+    always_clear: bool,
+) -> bool:
+    """Whether a picture has the cell in view all along a stretch as long as the trigger's distance, its middle on the leg p by d.
+
+    Half of the stretch may lie beyond an end of the leg, as if the way went straight on: waypoints on a straight line change
+    nothing, and behind the last picture of a line half the distance is missing on average. The places that have a cell in view
+    are convex, so the ends decide; rays are traced from the ends and the middle. A leg straight up shows nothing.
+    """
+    de, dn, du = d
+    over_ground = math.hypot(de, dn)
+    if over_ground == 0.0:
+        return False
+    beyond = 0.5 * trigger / over_ground
+    # The leg with half a stretch more at each end, and half a stretch as a share of it.
+    half = beyond / (1.0 + 2.0 * beyond)
+    d = (de * (1.0 + 2.0 * beyond), dn * (1.0 + 2.0 * beyond), du * (1.0 + 2.0 * beyond))
+    ae = p[0] - beyond * de - cells.centre_m[cell, 0]
+    an = p[1] - beyond * dn - cells.centre_m[cell, 1]
+    au = p[2] - beyond * du - cells.centre_m[cell, 2]
+    horizontal2 = d[0] * d[0] + d[1] * d[1]
+    low, high = _inside(
+        horizontal2 + d[2] * d[2],
+        ae * d[0] + an * d[1] + au * d[2],
+        ae * ae + an * an + au * au - sight.reach_m * sight.reach_m,
+    )
+    low, high = _inside_picture(sight, level_aim(sight, de, dn), low, high, (ae, an, au), d)
+    first, last = low + half, high - half
+    if not first <= last:
+        return False
+    # Clear of both ends, where rounding decides; from the nearest place outward: its rays are the steepest.
+    room = _INWARD * (last - first)
+    middle = min(last - room, max(first + room, -(ae * d[0] + an * d[1]) / horizontal2))
+    for away in range(math.ceil((last - first) / half) + 1):
+        for centre in (middle - away * half, middle + away * half):
+            if (
+                first <= centre <= last
+                and _sample_sees(surface, sight, cells, cell, (ae, an, au), d, centre - half, always_clear)
+                and _sample_sees(surface, sight, cells, cell, (ae, an, au), d, centre + half, always_clear)
+                and _sample_sees(surface, sight, cells, cell, (ae, an, au), d, centre, always_clear)
             ):
                 return True
             if away == 0:

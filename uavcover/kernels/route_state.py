@@ -143,7 +143,9 @@ def list_visible(
         state.runs[number],
     )
     if found == NOT_SO:
-        cells = list_cells(problem.surface, problem.sight, problem.cells, p, q, problem.spacing_m, state.squares)
+        cells = list_cells(
+            problem.surface, problem.sight, problem.cells, p, q, problem.spacing_m, problem.trigger_m, state.squares
+        )
         for i in range(cells):
             state.squares[i] = problem.square[state.squares[i]]
         found = runs_of(state.squares, cells, state.runs[number])

@@ -62,6 +62,7 @@ class SearchProblem(NamedTuple):
         way: what the way costs.
         needed: observations after which a cell counts as seen; more than 1 goes with AT_WAYPOINTS.
         apart_m: smallest distance between any two waypoints, so that each is an observation of its own; 0: any.
+        trigger_m: distance between two pictures, where a camera takes them by distance instead; 0: it does not.
     """
 
     surface: Surface
@@ -76,6 +77,7 @@ class SearchProblem(NamedTuple):
     way: WayCost = SHORTEST
     needed: int = 1
     apart_m: float = 0.0
+    trigger_m: float = 0.0
 
 
 @kernel

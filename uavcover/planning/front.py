@@ -21,7 +21,7 @@ from uavcover.routes.leg_checks import LegProblem, find_problems, find_waypoint_
 from uavcover.routes.objectives import judge_member
 from uavcover.routes.way_cost import way_cost_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.coverage_map import CoverageMap, path_lengths_m
 
 NamedRoute = tuple[Route, str]
 """A route and what made it: the algorithm, or the name of a baseline."""
@@ -122,8 +122,6 @@ def _seriousness(problem: LegProblem) -> float:
 SHARES = tuple(k / 25 for k in range(1, 25))
 """What the parts see at least, as shares of what the whole route sees."""
 
-_SAME_PLACE_M = 1e-6
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gains:
@@ -147,7 +145,7 @@ class Part:
     Attributes:
         route: its waypoints.
         seen: share of the area's ground that it sees: at least this much, because what the route has seen before the
-            stretch begins is not looked at again.
+            stretch begins is not looked at again. Pictures by distance begin anew with the stretch, so there it is an estimate.
     """
 
     route: Route
@@ -156,16 +154,11 @@ class Part:
 
 def gains_of(coverage: CoverageMap, route: Route) -> Gains:
     """Coverage that each leg of a route adds, on the cells of ``coverage``; a single waypoint counts by itself."""
-    way_m = _way_m(route.waypoints_m)
+    way_m = path_lengths_m(route.waypoints_m)
     if len(route) == 1:
         return Gains(route, way_m, np.array([coverage.share(coverage.seen(route.waypoints_m))]))
-    looks = coverage.observations(route.waypoints_m)
-    first = coverage.first_seen(looks)
-    at_m = _way_m(looks.places_m)
-    # A look between two legs is the first one's; the second look from the same place, of a camera that turns, the other's.
-    again = np.concatenate([[False], np.diff(at_m) == 0.0])
-    leg = np.searchsorted(way_m, np.where(again, at_m + _SAME_PLACE_M, at_m - _SAME_PLACE_M)) - 1
-    leg = np.clip(leg, 0, len(way_m) - 2)
+    leg = coverage.observed_legs(route.waypoints_m)
+    first = coverage.first_seen(coverage.observations(route.waypoints_m))
     seen = first >= 0
     weight_m2 = coverage.grid.weight_m2
     gained = np.bincount(leg[first[seen]], weights=weight_m2[seen], minlength=len(way_m) - 1)
@@ -196,11 +189,6 @@ def parts_of(gains: Gains, *, shares: Sequence[float] = SHARES) -> list[Part]:
         if ends != (0, len(points) - 1):
             found[ends] = Part(Route(points[ends[0] : ends[1] + 1]), float(seen[ends[1]] - seen[ends[0]]))
     return list(found.values())
-
-
-def _way_m(points: FloatArray) -> FloatArray:
-    """(n,) length of the path through (n, 3) points up to each of them."""
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
 MOST_MEMBERS = 100

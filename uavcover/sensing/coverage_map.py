@@ -15,14 +15,14 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.kernels import coverage as kernels
-from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.sight import Sight
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import FrameCamera
 from uavcover.scenario.obstacles import waypoint_breaches
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import CellGrid, make_cells
-from uavcover.sensing.sensors import flat_picture, observation_spacing_m, reach_at_height_m, sight_of, turns_with_legs
+from uavcover.sensing.sensors import flat_picture, reach_at_height_m, sight_of, trigger_distance_m, turns_with_legs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +53,8 @@ class LevelObservations:
         yaw = np.radians(yaw_deg)
         return cls(places, np.nan_to_num(np.column_stack([np.sin(yaw), np.cos(yaw)])))
 
+
+_SAME_PLACE_M = 1e-6
 
 _DIRECTIONS = 12
 _RADII = (0.35, 0.7, 0.95)
@@ -132,14 +134,18 @@ class CoverageMap:
         self.sight: Sight = sight_of(site.scenario.sensor)
 
     def observations(self, route_m: FloatArray) -> LevelObservations:
-        """Observations of a sensor on an (n, 3) ENU route: from its waypoints, or from samples along its legs.
+        """Observations of a sensor on an (n, 3) ENU route: from its waypoints, from samples along its legs, or where it triggers.
 
-        A camera that turns with the legs observes twice from a waypoint between two legs, once along each.
+        A camera that turns with the legs observes twice from a waypoint between two legs, once along each; but one picture by
+        distance is taken there at most, on the leg that ends.
         """
         route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
         if self.site.scenario.sensor.sensing == "at-waypoints":
             return LevelObservations.towards_north(route)
-        spacing_m = observation_spacing_m(self.site.scenario)
+        trigger_m = trigger_distance_m(self.site.scenario)
+        if trigger_m is not None:
+            return self._pictures(route, trigger_m)
+        spacing_m = self.site.scenario.sensor.sample_spacing_m
         if not turns_with_legs(self.sight):
             return LevelObservations.towards_north(kernels.sample_path(route, spacing_m))
         legs = [kernels.sample_path(np.ascontiguousarray(route[k : k + 2]), spacing_m) for k in range(len(route) - 1)]
@@ -147,6 +153,26 @@ class CoverageMap:
         if not legs:
             return LevelObservations(route, np.zeros((len(route), 2)))
         return LevelObservations(np.vstack(legs), np.vstack(headings))
+
+    def _pictures(self, route: FloatArray, trigger_m: float) -> LevelObservations:
+        """Pictures by distance on an (n, 3) ENU route, each turned along its leg."""
+        legs, shares = kernels.picture_places(route, trigger_m)
+        ways = route[np.minimum(legs + 1, len(route) - 1)] - route[legs]
+        return LevelObservations(
+            np.ascontiguousarray(route[legs] + shares[:, None] * ways), np.ascontiguousarray(ways[:, :2])
+        )
+
+    def observed_legs(self, route_m: FloatArray) -> IntArray:
+        """(k,) number of the leg of an (n, 3) ENU route, n >= 2, on which each of its :meth:`observations` is made."""
+        route = np.ascontiguousarray(route_m, dtype=float)
+        trigger_m = trigger_distance_m(self.site.scenario)
+        if trigger_m is not None:
+            return kernels.picture_places(route, trigger_m)[0]
+        way_m, at_m = path_lengths_m(route), path_lengths_m(self.observations(route).places_m)
+        # One between two legs is the first one's; the second from the same place, of a camera that turns, is the other's.
+        again = np.concatenate([[False], np.diff(at_m) == 0.0])
+        leg = np.searchsorted(way_m, np.where(again, at_m + _SAME_PLACE_M, at_m - _SAME_PLACE_M)) - 1
+        return np.clip(leg, 0, len(way_m) - 2)
 
     def seen(self, route_m: FloatArray) -> BoolArray:
         """(cells,) whether each cell is seen from an (n, 3) ENU route, by the sensing rule of the scenario."""
@@ -225,6 +251,11 @@ class CoverageMap:
         too_near = waypoint_breaches(self.site.ground, places, self.site.scenario.obstacles)[:, 1] > 0.0
         places[too_near, 2] = np.nan
         return places
+
+
+def path_lengths_m(points: FloatArray) -> FloatArray:
+    """(n,) length of the path through (n, 3) points up to each of them."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
 def sees_each(

@@ -181,12 +181,6 @@ def trigger_distance_m(scenario: Scenario) -> float | None:
     return (1.0 - sensor.forward_overlap) * (picture.far_m - picture.near_m)
 
 
-def observation_spacing_m(scenario: Scenario) -> float:
-    """Largest distance between two observations along the path: between two pictures, where these are taken by distance."""
-    distance = trigger_distance_m(scenario)
-    return scenario.sensor.sample_spacing_m if distance is None else distance
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraTurn:
     """Directions of a camera, one row for each observation.

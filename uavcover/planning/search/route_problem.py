@@ -16,7 +16,7 @@ from uavcover.model.route import Route
 from uavcover.routes.way_cost import way_cost_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import observation_spacing_m
+from uavcover.sensing.sensors import trigger_distance_m
 
 _MOST_WAYPOINTS = 60_000
 """A cell is counted in 16 bits."""
@@ -83,12 +83,13 @@ def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> 
         cone_cells(site.ground.surface, sight, cells),
         square,
         weight,
-        observation_spacing_m(scenario),
+        scenario.sensor.sample_spacing_m,
         sensing,
         _limits(site),
         way_cost_of(site),
         scenario.requirements.looks,
         scenario.requirements.look_distance_m or 0.0,
+        trigger_distance_m(scenario) or 0.0,
     )
     across = 2.0 * horizontal_reach(sight) / cells.size_m + 2.0
     # A place may see every other cell of what is in reach; of a leg of up to eight radii a row has few runs. Longer ones are cut.
