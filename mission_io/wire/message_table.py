@@ -112,6 +112,7 @@ def _text(name: str, wire: str, size: int) -> FieldRow:
 _FIRST_EXTENSION: Final = {
     "autopilot_version": "uid2",
     "battery_status": "time_remaining",
+    "camera_feedback": "completed_captures",
     "command_ack": "progress",
     "ekf_status_report": "airspeed_variance",
     "gps_raw_int": "alt_ellipsoid",
@@ -228,6 +229,18 @@ ROWS: Final[tuple[MessageRow, ...]] = (
         _scaled("vertical_dilution", "epv", 1e2, unknown=65535),
         _scaled("ground_speed_m_s", "vel", 1e2, unknown=65535), _scaled("course_deg", "cog", 1e2, unknown=65535),
         _known("satellites_visible", "satellites_visible", 255),
+    ),
+    _row(
+        m.CameraFeedback, "camera_feedback", _scaled("time_s", "time_usec", 1e6), _same("number", "img_idx"),
+        _scaled("lat_deg", "lat", 1e7), _scaled("lon_deg", "lng", 1e7), _same("alt_amsl_m", "alt_msl"),
+        _same("alt_above_home_m", "alt_rel"), _same("roll_deg", "roll"), _same("pitch_deg", "pitch"), _same("yaw_deg", "yaw"),
+        _same("completed", "completed_captures"), target_system=0, cam_idx=0, foc_len=0.0, flags=0,
+    ),
+    _row(
+        m.CameraImageCaptured, "camera_image_captured", _BOOT, _scaled("lat_deg", "lat", 1e7),
+        _scaled("lon_deg", "lon", 1e7), _scaled("alt_amsl_m", "alt", 1e3), _scaled("alt_above_home_m", "relative_alt", 1e3),
+        _same("quaternion", "q"), _same("number", "image_index"), _same("success", "capture_result"),
+        time_utc=0, camera_id=0, file_url=b"",
     ),
     _row(
         m.EkfStatusReport, "ekf_status_report", "flags", "velocity_variance",

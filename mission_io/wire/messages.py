@@ -12,6 +12,8 @@ from mission_io.model.enums import MissionState, ModeFlag
 from mission_io.model.items import MissionType
 from mission_io.wire.telemetry_messages import PREARM_CHECK_BIT as PREARM_CHECK_BIT
 from mission_io.wire.telemetry_messages import BatteryStatus as BatteryStatus
+from mission_io.wire.telemetry_messages import CameraFeedback as CameraFeedback
+from mission_io.wire.telemetry_messages import CameraImageCaptured as CameraImageCaptured
 from mission_io.wire.telemetry_messages import EkfStatusReport as EkfStatusReport
 from mission_io.wire.telemetry_messages import GpsRawInt as GpsRawInt
 from mission_io.wire.telemetry_messages import LogData as LogData
@@ -321,6 +323,8 @@ Message: TypeAlias = (
     | CommandAck
     | SysStatus
     | GpsRawInt
+    | CameraFeedback
+    | CameraImageCaptured
     | EkfStatusReport
     | ExtendedSysState
     | MissionCount

@@ -41,6 +41,39 @@ class GpsRawInt:
 
 
 @dataclass(frozen=True, slots=True)
+class CameraFeedback:
+    """ArduPilot has taken a picture: where, and how the vehicle was turned. ``time_s`` is the sender's own time."""
+
+    time_s: float
+    number: int
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+    alt_above_home_m: float
+    roll_deg: float
+    pitch_deg: float
+    yaw_deg: float
+    completed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class CameraImageCaptured:
+    """A camera of PX4, or of the camera protocol, has taken a picture; ``success`` is not 1 when it tried and failed.
+
+    ``quaternion`` (w, x, y, z) turns the camera's frame to north, east, down.
+    """
+
+    time_boot_s: float
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+    alt_above_home_m: float
+    quaternion: tuple[float, float, float, float]
+    number: int
+    success: int
+
+
+@dataclass(frozen=True, slots=True)
 class EkfStatusReport:
     """What ArduPilot's position filter believes of itself; variances are ratios, above 1 is bad."""
 

@@ -62,6 +62,8 @@ SAMPLES: list[m.Message] = [
     m.LogRequestData(1, 1, 4, 90000, 46080),
     m.LogData(4, 90000, 2, (7, 255, *(0,) * 88)),
     m.LogRequestEnd(1, 1),
+    m.CameraFeedback(71.25, 3, 46.1234567, -7.7654321, 512.5, 60.25, 1.5, -2.5, 271.0, 2),
+    m.CameraImageCaptured(71.25, 46.1234567, -7.7654321, 512.5, 60.25, (0.5, -0.5, 0.5, -0.5), 3, 1),
     m.RadioStatus(180, 175, 98, 40, 41, 300, 7),
 ]
 

@@ -7,14 +7,15 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, command_read_back, stored_item
 from mission_io.formats import plan, wpl
-from mission_io.model.actions import PointGimbal, PointMount, TriggerEvery, action_of
+from mission_io.model.actions import PointGimbal, PointMount, StartPictures, TakePicture, TriggerEvery, action_of
 from mission_io.model.items import Command
 from tests.planning.sites import CAMERA, make_site
 from uavcover.errors import InfeasibleError
 from uavcover.model.route import Route
-from uavcover.model.sensor import FrameCamera
+from uavcover.model.sensor import DiscSensor, FrameCamera, SphereSensor
 from uavcover.routes.mission_compiler import compile_mission
 from uavcover.sensing.sensors import trigger_distance_m
+from uavcover.vehicle.flight_plan import FlightPlan
 
 ROUTE = Route(np.array([[0.0, 20.0, 80.0], [150.0, 20.0, 80.0], [150.0, 120.0, 70.0]]))
 FRAME = FrameCamera(
@@ -40,6 +41,55 @@ def test_pictures_begin_at_the_first_planned_waypoint_and_end_after_the_last(aut
     assert action_of(items[first + 3]) == TriggerEvery(0.0)
     assert [item.command for item in items].count(Command.DO_SET_CAM_TRIGG_DIST) == 2
     assert items[-1].command == Command.NAV_LAND
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        SphereSensor(kind="sphere", range_m=120.0),
+        DiscSensor(kind="disc", radius_m=50.0),
+        dataclasses.replace(FRAME, sensing="at-waypoints", forward_overlap=None),
+    ],
+    ids=lambda sensor: sensor.kind,
+)
+def test_a_picture_is_taken_at_every_waypoint_that_the_sensor_looks_from(sensor, autopilot):
+    result = compiled(sensor, autopilot)
+    items, first = result.mission.items, result.first_waypoint_item
+    assert (result.waypoint_count, result.items_per_waypoint) == (3, 2)
+    for number in range(3):
+        planned, picture = items[first + 2 * number : first + 2 * number + 2]
+        assert planned.command == Command.NAV_WAYPOINT
+        px4 = StartPictures(count=1, first_number=number + 1)
+        assert action_of(picture) == (px4 if autopilot == "px4" else TakePicture())
+    # Nowhere else: the way there, the way home and the landing follow without one.
+    pictures = {Command.DO_DIGICAM_CONTROL, Command.IMAGE_START_CAPTURE, Command.DO_SET_CAM_TRIGG_DIST}
+    assert sum(item.command in pictures for item in items) == 3
+    assert items[first + 6].command == Command.NAV_WAYPOINT
+    plan = FlightPlan(
+        mission=result.mission, first_waypoint_item=first, waypoint_count=3, items_per_waypoint=2, home=result.mission.home,
+        frame=make_site(sensor=sensor).frame,
+    )  # fmt: skip
+    np.testing.assert_allclose(plan.waypoints_m(), ROUTE.waypoints_m, atol=0.02)
+    own = PX4 if autopilot == "px4" else ARDUPILOT
+    seqs = range(len(items) + own.home_in_item_0)
+    numbers = [plan.waypoint_of(seq, own) for seq in seqs]
+    at = first + own.home_in_item_0
+    assert numbers == [-1] * at + [0, 0, 1, 1, 2, 2] + [-1] * (len(numbers) - at - 6)
+    assert [plan.is_past_waypoints(seq, own) for seq in seqs] == [seq >= at + 6 for seq in seqs]
+
+
+@pytest.mark.parametrize(("name", "autopilot"), [("ardupilot", ARDUPILOT), ("px4", PX4)])
+def test_pictures_at_waypoints_survive_storage_and_files(name, autopilot):
+    result = compiled(SphereSensor(kind="sphere", range_m=120.0), name)
+    for item in result.mission.items:
+        if not item.has_position:
+            back = command_read_back(stored_item(item, autopilot))
+            assert (back.command, back.params, back.lat_deg) == (item.command, item.params, item.lat_deg)
+    file = plan.PlanFile(result.mission, result.fence, result.rally, mav_autopilot=int(autopilot.mav_autopilot))
+    for again in (plan.read(plan.write(file)).mission, wpl.read(wpl.write_mission(result.mission)).mission()):
+        shots = [action_of(i) for i in again.items if not i.has_position]
+        assert shots == [action_of(i) for i in result.mission.items if not i.has_position]
 
 
 def test_a_gimbal_is_pointed_in_each_autopilots_terms():

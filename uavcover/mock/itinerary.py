@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Protocol
+from typing import Protocol, Self
 
+from mission_io.autopilots.autopilot import command_read_back
 from mission_io.model.items import Command, MissionItem, SpeedType
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import Airframe, Vector
@@ -45,6 +46,31 @@ class StepKind(Enum):
 
 
 @dataclass(frozen=True, slots=True)
+class CameraOrder:
+    """What one mission command asks of the camera.
+
+    Attributes:
+        distance_m: between pictures from now on, 0 stops them; none: as before.
+        now: whether to take a picture at once.
+    """
+
+    distance_m: float | None
+    now: bool
+
+    @classmethod
+    def of(cls, item: MissionItem) -> Self | None:
+        """The order of a mission item; none when it is not for the camera, or asks for a series by time."""
+        match item.command:
+            case Command.DO_SET_CAM_TRIGG_DIST if item.params[0] >= 0.0:
+                return cls(item.params[0], item.params[2] > 0.0)
+            case Command.DO_DIGICAM_CONTROL if command_read_back(item).lat_deg == 1.0:  # its fifth parameter: shoot
+                return cls(None, True)
+            case Command.IMAGE_START_CAPTURE if item.params[2] == 1.0:
+                return cls(None, True)
+        return None
+
+
+@dataclass(frozen=True, slots=True)
 class Step:
     """One step.
 
@@ -55,6 +81,7 @@ class Step:
         point_m: where to; None for here.
         radius_m: acceptance radius.
         wait_s: how long to wait.
+        camera: what the camera has to do once the step is done.
     """
 
     seq: int | None
@@ -63,6 +90,7 @@ class Step:
     point_m: Vector | None = None
     radius_m: float = _SETTLED_M
     wait_s: float = 0.0
+    camera: tuple[CameraOrder, ...] = ()
 
 
 def return_steps(seq: int | None, settings: Settings, speeds: Speeds, *, home_m: Vector) -> list[Step]:
@@ -121,6 +149,9 @@ def mission_steps(
                 steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=max(0.0, item.params[0])))
             case Command.DO_CHANGE_SPEED:
                 speeds = changed_speeds(speeds, item.params)
+        order = CameraOrder.of(item)
+        if order is not None and steps:
+            steps[-1] = replace(steps[-1], camera=(*steps[-1].camera, order))
     return steps
 
 
@@ -157,6 +188,7 @@ class Itinerary:
 
     Attributes:
         completed: the items whose last step was done since they were taken out.
+        camera: what the camera has to do since it was taken out.
         stuck: whether it never goes on to the next step, whatever is reached.
     """
 
@@ -164,6 +196,7 @@ class Itinerary:
         self._steps, self._index = tuple(steps), 0
         self._body, self._airframe, self._land_m_s = body, body.airframe, land_m_s
         self.completed: list[int] = []
+        self.camera: list[CameraOrder] = []
         self.stuck = False
         self._leg_start: Vector = body.position_m
         self._target: Vector = halting_point(body)
@@ -219,6 +252,7 @@ class Itinerary:
         done = self._steps[self._index]
         self._index += 1
         follower = self.step
+        self.camera.extend(done.camera)
         if done.seq is not None and (follower is None or follower.seq != done.seq):
             self.completed.append(done.seq)
         self._begin(now)

@@ -95,6 +95,8 @@ class MissionFlight:
         if state.mission_state is not MissionState.ACTIVE:
             return
         itinerary = state.body.itinerary
+        while itinerary.camera:
+            state.send_all(state.camera.obey(itinerary.camera.pop(0), now))
         while itinerary.completed:
             self._item_reached(itinerary.completed.pop(0), now)
         step = itinerary.step

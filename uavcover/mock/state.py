@@ -17,6 +17,7 @@ from mission_io.protocol.exchange import Address
 from mission_io.wire import messages as m
 from uavcover.mock.behaviour import Behaviour, Settings, TerrainSource, TransferClock, quick
 from uavcover.mock.body import STEP_S, Ground, MockBody
+from uavcover.mock.camera import MockCamera
 from uavcover.mock.dynamics import Airframe, BatteryData, Vector, WindModel
 from uavcover.mock.faults import Fault, FaultKind, FaultSchedule
 from uavcover.mock.fence import FenceWatch
@@ -74,6 +75,7 @@ class MockState:
 
     Attributes:
         body: the flying body, with its battery, its itinerary and its believed position.
+        camera: takes pictures where the mission asks for them.
         parameters: values of the autopilot's parameters.
         speeds: speeds to fly at now.
         faults: what has gone wrong and what will; ``faults.add`` takes more.
@@ -110,6 +112,7 @@ class MockState:
             rng=rng,
             ground=ground,
         )
+        self.camera = MockCamera(self.body, ardupilot=self.is_ardupilot)
         self.faults = FaultSchedule(config.faults, link_speed=config.speed)
         self.mode, self.armed = Mode.MANUAL, False
         self.mission_state, self.current_seq = MissionState.NOT_STARTED, 0

@@ -123,6 +123,7 @@ class MockVehicle(MockState):
     def _boot(self) -> None:
         self._texts_said = 0
         self.control.boot()
+        self.camera.reset()
         self.failsafes.reset()
 
     def _fly(self, now: float) -> None:
@@ -134,6 +135,7 @@ class MockVehicle(MockState):
         if not self.armed:
             return
         self.control.mission.go_on(now)
+        self.send_all(self.camera.step(now))
         if body.on_ground and (body.crashed or now >= self.disarm_at_s):
             self.control.disarm()
 

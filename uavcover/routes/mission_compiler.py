@@ -5,7 +5,8 @@ Heights are above home, so a wrong home would shift all of them: ``fly`` and ``p
 Camera items follow each autopilot. ArduPilot takes gimbal angles as DO_GIMBAL_MANAGER_PITCHYAW, in whole degrees, and can hold
 a heading; its DO_MOUNT_CONTROL would turn a vehicle whose gimbal has no yaw axis. PX4 refuses DO_GIMBAL_MANAGER_PITCHYAW in a
 mission unless the mission has taken control of the gimbal, so it gets DO_MOUNT_CONTROL, as ground stations send it, and holds a
-heading by its waypoints.
+heading by its waypoints. A picture at a waypoint is DO_DIGICAM_CONTROL for ArduPilot, in every version of it, and
+IMAGE_START_CAPTURE for PX4.
 """
 
 import dataclasses
@@ -19,7 +20,7 @@ import shapely
 from mission_io.autopilots import autopilot as autopilots
 from mission_io.autopilots.autopilot import MissionList, items_of, mission_type_of
 from mission_io.autopilots.checks import check_for_autopilot
-from mission_io.model.actions import PointGimbal, PointMount, item_of
+from mission_io.model.actions import PointGimbal, PointMount, StartPictures, TakePicture, item_of
 from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.items import (
     Frame,
@@ -100,6 +101,16 @@ def stop_pictures() -> MissionItem:
     return trigger_camera_every(0.0)
 
 
+def picture_at_waypoint(number: int, autopilot: AutopilotName) -> MissionItem:
+    """Take one picture at planned waypoint ``number``, from 0: carried out once the waypoint before it is reached."""
+    return item_of(StartPictures(count=1, first_number=number + 1) if autopilot == "px4" else TakePicture())
+
+
+def items_per_waypoint(sensor: Sensor) -> int:
+    """How many mission items a planned waypoint takes: itself, and a picture where the sensor looks from the waypoints."""
+    return 2 if sensor.sensing == "at-waypoints" else 1
+
+
 AUTOPILOTS = {"ardupilot": autopilots.ARDUPILOT, "px4": autopilots.PX4}
 
 
@@ -116,7 +127,8 @@ class CompiledMission:
         fence: one inclusion polygon.
         rally: home at a safe height; empty when no safe height is known.
         first_waypoint_item: index in ``mission.items`` of the first planned waypoint.
-        waypoint_count: how many planned waypoints follow it, one item each.
+        waypoint_count: how many planned waypoints there are from it on.
+        items_per_waypoint: how many items each of them takes, itself first.
         path_m: (k, 3) ENU: top of the column at home (or the vehicle's position), transit, planned waypoints, transit home,
             top of the column.
         return_advice: whether the autopilot's own return is safe.
@@ -129,6 +141,7 @@ class CompiledMission:
     rally: RallyPoints
     first_waypoint_item: int
     waypoint_count: int
+    items_per_waypoint: int
     path_m: FloatArray
     return_advice: ReturnAdvice
     max_height_above_home_m: float
@@ -228,6 +241,9 @@ def _compiled(
         # A command is executed once the waypoint before it is reached, so the first waypoint appears twice.
         opening += [first, start_pictures(picture_distance_m)]
         sensing.append(stop_pictures())
+    if sensor.sensing == "at-waypoints":
+        pictures = [picture_at_waypoint(number, autopilot) for number in range(len(planned))]
+        sensing = [item for pair in zip(sensing, pictures, strict=True) for item in pair]
     items = [*opening, *sensing]
     items += [_item(waypoint, frame, point, home) for point in back[1:]]
     items.append(_item(land, frame, home, home))
@@ -250,6 +266,7 @@ def _compiled(
         rally=rally,
         first_waypoint_item=len(opening),
         waypoint_count=len(planned),
+        items_per_waypoint=items_per_waypoint(sensor),
         path_m=path,
         return_advice=advice,
         max_height_above_home_m=float(site.alts_amsl_m(path).max() - site.alts_amsl_m(home)[0]),

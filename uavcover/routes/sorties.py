@@ -15,6 +15,7 @@ from uavcover.routes.mission_compiler import (
     CompiledMission,
     MissionTooLongError,
     compile_mission,
+    items_per_waypoint,
 )
 from uavcover.routes.transit import check_way_home, check_way_there, transit
 from uavcover.routes.way_cost import pace_of
@@ -113,6 +114,7 @@ class _Ways:
         back_s: (n,) to home, landed; infinite where no flight may end.
         there_items: (n,) mission items before the waypoint, home among them.
         back_items: (n,) behind it.
+        each_items: of every waypoint.
         shared: 1 when a flight begins at the last waypoint of the previous one, 0 when at the next waypoint.
         endurance_s: of one flight.
         item_limit: of one mission.
@@ -125,6 +127,7 @@ class _Ways:
     back_s: FloatArray
     there_items: IntArray
     back_items: IntArray
+    each_items: int
     shared: int
     endurance_s: float
     item_limit: float
@@ -153,6 +156,7 @@ class _Ways:
             # Home, take-off, speed and transit before the route; transit and landing after it.
             there_items=items + 2,
             back_items=items + 1,
+            each_items=items_per_waypoint(site.scenario.sensor),
             shared=1 if site.scenario.sensor.sensing == "along-path" else 0,
             endurance_s=vehicle.endurance_s or math.inf,
             item_limit=item_limit,
@@ -208,7 +212,7 @@ def _split(ways: _Ways) -> list[tuple[int, int]] | None:
         route_s = ways.so_far_s[last] - ways.so_far_s[starts] + turns_s
         flight = ways.there_s[starts] + route_s + ways.back_s[last]
         flight[barred.get(last, [])] = math.inf
-        items = ways.there_items[starts] + (last - starts + 1) + ways.back_items[last]
+        items = ways.there_items[starts] + ways.each_items * (last - starts + 1) + ways.back_items[last]
         possible = np.isfinite(flight) & (flight <= ways.endurance_s) & (items <= ways.item_limit)
         total = np.where(possible, cost[starts] + flight, math.inf)
         best = int(np.argmin(total))

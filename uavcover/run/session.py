@@ -180,6 +180,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
         mission=compiled.mission,
         first_waypoint_item=compiled.first_waypoint_item,
         waypoint_count=compiled.waypoint_count,
+        items_per_waypoint=compiled.items_per_waypoint,
         frame=site.frame,
         home=compiled.mission.home or home,
         ground_alt_amsl_m=float(site.alts_amsl_m(point)[0]),
@@ -360,13 +361,14 @@ def _held_onward(
         return None
     # The numbers of the track are those of the route that is left: a route that begins on the leg has one more.
     passed = len(unfinished.route) - (len(planned_m) - number)
+    each = compiled.items_per_waypoint
     plan = replace(
         flight_plan(site, compiled),
-        first_waypoint_item=compiled.first_waypoint_item + number - passed,
+        first_waypoint_item=compiled.first_waypoint_item + each * (number - passed),
         waypoint_count=len(unfinished.route),
         passed_before=passed,
     )
-    return Continuation(plan, upload=False, first_item=compiled.first_waypoint_item + number)
+    return Continuation(plan, upload=False, first_item=compiled.first_waypoint_item + each * number)
 
 
 def _plan_return(site: Site) -> PlanReturn:

@@ -63,6 +63,7 @@ def upload_document(site: Site, compiled: CompiledMission, url: str, results: Se
         "passed": all(result.passed for result in results),
         "first_waypoint_item": compiled.first_waypoint_item,
         "waypoint_count": compiled.waypoint_count,
+        "items_per_waypoint": compiled.items_per_waypoint,
         "return_advice": dataclasses.asdict(compiled.return_advice),
         "autopilot_max_height_above_home_m": limit,
         "lists": [result.as_json() for result in results],

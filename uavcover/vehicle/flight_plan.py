@@ -58,7 +58,7 @@ class FlightPlan:
     Attributes:
         mission: the mission as it was uploaded; the vehicle's is compared with it before arming.
         first_waypoint_item: index in ``mission.items`` of the first planned waypoint.
-        waypoint_count: how many planned waypoints follow each other from there, an item each.
+        waypoint_count: how many planned waypoints there are from it on.
         frame: the scenario's local frame, for the track.
         home: where the mission was planned to start.
         ground_alt_amsl_m: height of the terrain at ``home``, or none when there is no terrain.
@@ -69,6 +69,7 @@ class FlightPlan:
         max_climb_m_s: upward speed that the plan assumes; None when it assumes none.
         max_descent_m_s: downward speed that the plan assumes.
         needs: what else the plan assumes, for the table of limits before arming; None skips the table.
+        items_per_waypoint: how many items each planned waypoint takes: itself, then commands that are carried out there.
         volume: ground, fence and height band to check positions against in flight; None skips the check.
     """
 
@@ -86,11 +87,17 @@ class FlightPlan:
     max_descent_m_s: float | None = None
     volume: OperatingVolume | None = None
     needs: PlanNeeds | None = None
+    items_per_waypoint: int = 1
+
+    @property
+    def _end_item(self) -> int:
+        """Index of the first item behind the planned waypoints."""
+        return self.first_waypoint_item + self.items_per_waypoint * self.waypoint_count
 
     def waypoints_m(self) -> FloatArray:
         """(n, 3) ENU, the planned waypoints, as their items say."""
-        end = self.first_waypoint_item + self.waypoint_count
-        places = [self._place_m(item) for item in self.mission.items[self.first_waypoint_item : end]]
+        planned = slice(self.first_waypoint_item, self._end_item, self.items_per_waypoint)
+        places = [self._place_m(item) for item in self.mission.items[planned]]
         return np.array(places, dtype=float).reshape(-1, 3)
 
     def legs_m(self) -> dict[int, FloatArray]:
@@ -116,13 +123,13 @@ class FlightPlan:
         return seq - (1 if autopilot.home_in_item_0 else 0)
 
     def waypoint_of(self, seq: int, autopilot: Autopilot) -> int:
-        """Number of the planned waypoint that item ``seq`` on the wire is; -1 for the other items."""
-        number = self.index_of(seq, autopilot) - self.first_waypoint_item
+        """Number of the planned waypoint that item ``seq`` on the wire is, or that its command belongs to; -1 for other items."""
+        number = (self.index_of(seq, autopilot) - self.first_waypoint_item) // self.items_per_waypoint
         return number if 0 <= number < self.waypoint_count else -1
 
     def is_past_waypoints(self, seq: int, autopilot: Autopilot) -> bool:
         """Whether item ``seq`` on the wire comes after the last planned waypoint."""
-        return self.index_of(seq, autopilot) >= self.first_waypoint_item + self.waypoint_count
+        return self.index_of(seq, autopilot) >= self._end_item
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
