@@ -45,11 +45,11 @@ TIMES_AS_LONG = 6.0
 TESTS: dict[str, list[str]] = {
     "uavcover/judging/*.py": [
         "tests/judging", "tests/sensing/test_observations.py", "tests/sensing/test_frame_camera.py",
-        "tests/planning/test_closing_route.py",
+        "tests/planning/test_gap_route.py",
     ],
     "uavcover/routes/leg_checks.py": [
         "tests/routes/test_leg_checks.py", "tests/routes/test_mission_compiler.py", "tests/planning/test_detours.py",
-        "tests/planning/test_swaths.py", "tests/planning/test_closing_route.py",
+        "tests/planning/test_swaths.py", "tests/planning/test_gap_route.py",
     ],
     "uavcover/vehicle/readiness.py": [
         "tests/vehicle/test_readiness.py", "tests/vehicle/test_fly.py",

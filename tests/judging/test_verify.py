@@ -144,20 +144,20 @@ def test_first_seen_is_the_time_of_the_flight(level: Flight) -> None:
 
 
 def naive_seen(flight: Flight, track: Track) -> np.ndarray:
-    """Coverage of a track, cell by cell and look by look, flat ground and a cone: no kernel of ours."""
+    """Coverage of a track, cell by cell and place by place, flat ground and a cone: no kernel of ours."""
     tan_half = math.tan(math.radians(35.0))
-    looks = []
+    places = []
     rows = [k for k in range(len(track)) if track.current_waypoint[k] >= 1]
     for a, b in itertools.pairwise(rows):
         if track.time_s[b] - track.time_s[a] <= 2.0:
             pieces = max(1, math.ceil(float(np.linalg.norm(track.enu_m[b] - track.enu_m[a])) / 10.0 - 1e-9))
-            looks += [track.enu_m[a] + k / pieces * (track.enu_m[b] - track.enu_m[a]) for k in range(pieces + 1)]
+            places += [track.enu_m[a] + k / pieces * (track.enu_m[b] - track.enu_m[a]) for k in range(pieces + 1)]
     seen = []
     for east, north, up in flight.coverage.grid.cells.centre_m:
         hit = False
-        for look in looks:
-            height = look[2] - up
-            across = math.hypot(look[0] - east, look[1] - north)
+        for place in places:
+            height = place[2] - up
+            across = math.hypot(place[0] - east, place[1] - north)
             slant = math.hypot(across, height)
             hit = hit or (
                 across <= height * tan_half and slant <= 200.0 and height / slant >= math.cos(math.radians(75.0))

@@ -136,14 +136,14 @@ def test_seen_cells_equal_the_naive_twin(sight, seed, gaps):
 
 @deterministic
 @given(sights, st.integers(0, 1000), st.sampled_from([1, 2, 3]), st.sampled_from([0.0, 0.8]))
-def test_cells_seen_often_equal_the_naive_twin(sight, seed, looks, apart_m):
+def test_cells_seen_often_equal_the_naive_twin(sight, seed, needed, apart_m):
     surface = rough_ground(seed)
     cells = cells_on(surface, seed)
     eyes = np.random.default_rng(seed).uniform([0.0, 3.0, 0.5], [3.0, 5.0, 3.0], (7, 3))
     headings = headings_of(seed, 7)
-    expected = naive.seen_often(surface, sight, cells, eyes, headings, looks, apart_m)
-    assert kernels.seen_often(surface, sight, cells, eyes, headings, looks, apart_m).tolist() == expected
-    if looks == 1:
+    expected = naive.seen_often(surface, sight, cells, eyes, headings, needed, apart_m)
+    assert kernels.seen_often(surface, sight, cells, eyes, headings, needed, apart_m).tolist() == expected
+    if needed == 1:
         assert kernels.first_seen(surface, sight, cells, eyes, headings).tolist() == expected
 
 

@@ -56,10 +56,10 @@ def test_the_quick_way_sees_what_any_sample_sees(seed, sight, spacing, rise, rou
     p = rng.uniform([-1, 2, 0.5], [4, 6, 4])
     step = np.array([0.0, 0.0]) if still else rng.normal(0.0, 1.5, 2)
     q = p + np.array([*step, rise * float(np.hypot(*step))])
-    looks = [tuple(p)] if still else naive.segment_observations(ALONG_PATH, [tuple(p), tuple(q)], spacing)[0]
+    observations = [tuple(p)] if still else naive.segment_observations(ALONG_PATH, [tuple(p), tuple(q)], spacing)[0]
     found = listed(surface, sight, cells, p, q, spacing)
     if found is not None:
-        assert found == naive.list_cells(surface, sight, cells, looks)
+        assert found == naive.list_cells(surface, sight, cells, observations)
     else:
         # Off the ground's data, or a leg that climbs as fast as the cone widens.
         assert rough or abs(rise) * sight.tan_half_fov >= 0.99
@@ -72,8 +72,8 @@ def test_both_ends_of_a_leg_look(spacing, rise):
     cells = cells_on(surface, 5)
     sight = Sight(CONE, 9.0, 0.7, -1.0, NO_LINE_OF_SIGHT)
     p, q = np.array([-0.2, 3.1, 2.0]), np.array([2.9, 4.4, 2.0 + rise * 3.36])
-    looks = naive.segment_observations(ALONG_PATH, [tuple(p), tuple(q)], spacing)[0]
-    expected = naive.list_cells(surface, sight, cells, looks)
+    observations = naive.segment_observations(ALONG_PATH, [tuple(p), tuple(q)], spacing)[0]
+    expected = naive.list_cells(surface, sight, cells, observations)
     assert listed(surface, sight, cells, p, q, spacing) == expected == listed(surface, sight, cells, q, p, spacing)
 
 

@@ -189,7 +189,7 @@ def test_sure_and_possible_bound_what_any_error_would_have_made(seed, sight, hor
 @deterministic
 @given(seeds, sights, st.sampled_from([2, 3]), st.sampled_from([0.1, 0.3]), st.floats(0.2, 1.5))
 def test_sure_and_possible_bound_how_often_a_cell_is_seen_from_places_that_are_apart(
-    seed, sight, looks, horizontal, apart
+    seed, sight, needed, horizontal, apart
 ):
     rng = np.random.default_rng(seed)
     surface = rough_ground(seed)
@@ -198,9 +198,9 @@ def test_sure_and_possible_bound_how_often_a_cell_is_seen_from_places_that_are_a
     eyes[:, :2] = np.clip(eyes[:, :2], [-0.6, 2.4], [3.6, 5.6])
     tops = tops_of(axes)
     lift = horizontal * surface.steepest
-    camera = Camera(math.nan, 0.0, horizontal, horizontal, lift, 0.0, looks, apart)
+    camera = Camera(math.nan, 0.0, horizontal, horizontal, lift, 0.0, needed, apart)
     counts = counted(surface, sight, camera, cells, eyes, axes, times, tops=tops)
-    surely, possibly = counts.sure >= looks, counts.possible >= looks
+    surely, possibly = counts.sure >= needed, counts.possible >= needed
     for _ in range(6):
         angle, radius = rng.uniform(0.0, math.tau, 6), horizontal * np.sqrt(rng.random(6))
         moved = eyes + np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(6)])
@@ -209,7 +209,7 @@ def test_sure_and_possible_bound_how_often_a_cell_is_seen_from_places_that_are_a
             for k in range(6)
         ]
         often = np.zeros(len(surely), dtype=bool)
-        for some in itertools.combinations(range(6), looks):
+        for some in itertools.combinations(range(6), needed):
             if all(math.dist(moved[i], moved[j]) >= apart for i, j in itertools.combinations(some, 2)):
                 often |= np.all([by_look[k].outcome == SEEN for k in some], axis=0)
         assert not (surely & ~often).any()

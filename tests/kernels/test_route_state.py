@@ -58,8 +58,10 @@ def test_the_cells_of_a_span_are_those_that_any_of_its_samples_sees(seed, sight,
     p, q = rng.uniform([-1, 2, -1], [4, 6, 4], (2, 3))
     if still:
         q = p
-    (looks,) = naive.segment_observations(ALONG_PATH, [tuple(p), tuple(q)], spacing) if not still else [[tuple(p)]]
-    assert listed(surface, sight, cells, p, q, spacing) == naive.list_cells(surface, sight, cells, looks)
+    (observations,) = (
+        naive.segment_observations(ALONG_PATH, [tuple(p), tuple(q)], spacing) if not still else [[tuple(p)]]
+    )
+    assert listed(surface, sight, cells, p, q, spacing) == naive.list_cells(surface, sight, cells, observations)
 
 
 @pytest.mark.parametrize("kind", [SPHERE, DISC, CONE, FRUSTUM])
@@ -69,9 +71,9 @@ def test_a_leg_sees_what_its_samples_see_by_the_other_kernel(kind, rise):
     cells = cells_on(surface, 5)
     sight = Sight(kind, 3.3, 1.3, 0.5, RAY, tan_half_along=0.5)
     route = np.array([[-0.9, 2.3, 1.5], [3.7, 5.4, 1.5 + rise]])
-    looks = coverage_kernels.sample_path(route, 0.25)
-    headings = np.tile(route[1, :2] - route[0, :2], (len(looks), 1))
-    whole = coverage_kernels.seen_from_points(surface, sight, cells, looks, headings)
+    observations = coverage_kernels.sample_path(route, 0.25)
+    headings = np.tile(route[1, :2] - route[0, :2], (len(observations), 1))
+    whole = coverage_kernels.seen_from_points(surface, sight, cells, observations, headings)
     assert whole.sum() > 0
     assert listed(surface, sight, cells, *route, 0.25) == set(np.flatnonzero(whole).tolist())
     # The other way round it looks straight down from the same places.
@@ -217,8 +219,8 @@ def test_a_recount_is_the_naive_one(kind, sensing, count):
 def test_what_a_span_alone_sees(kind, sensing):
     problem = small_problem(sensing, kind=kind)
     state = small_state(problem, 5, 6)
-    looks = naive.segment_observations(sensing, [tuple(point) for point in state.route[:5]], problem.spacing_m)
-    seen = [naive.list_cells(problem.surface, problem.sight, problem.cells, segment) for segment in looks]
+    observations = naive.segment_observations(sensing, [tuple(point) for point in state.route[:5]], problem.spacing_m)
+    seen = [naive.list_cells(problem.surface, problem.sight, problem.cells, segment) for segment in observations]
     for k, mine in enumerate(seen):
         alone = mine.difference(*seen[:k], *seen[k + 1 :])
         assert seen_alone(problem, state, k) == pytest.approx(

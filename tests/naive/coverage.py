@@ -103,9 +103,9 @@ def sees(surface, sight, eye, centre, normal, heading=(0.0, 1.0)):
 
 def first_seen(surface, sight, cells, eyes, headings):
     first = []
-    looks = list(zip(eyes.tolist(), headings.tolist(), strict=True))
+    observations = list(zip(eyes.tolist(), headings.tolist(), strict=True))
     for centre, normal in zip(cells.centre_m.tolist(), cells.normal.tolist(), strict=True):
-        seen_by = [k for k, (eye, way) in enumerate(looks) if sees(surface, sight, eye, centre, normal, way)]
+        seen_by = [k for k, (eye, way) in enumerate(observations) if sees(surface, sight, eye, centre, normal, way)]
         first.append(seen_by[0] if seen_by else -1)
     return first
 
@@ -122,7 +122,7 @@ def sample_path(route, spacing):
     return points
 
 
-def seen_often(surface, sight, cells, eyes, headings, looks, apart_m):
+def seen_often(surface, sight, cells, eyes, headings, needed, apart_m):
     """Number of the look with which each cell has that many, taken in order and none too near to one that counts."""
     found = []
     for centre, normal in zip(cells.centre_m.tolist(), cells.normal.tolist(), strict=True):
@@ -132,7 +132,7 @@ def seen_often(surface, sight, cells, eyes, headings, looks, apart_m):
             if number < 0 and sees(surface, sight, eye, centre, normal, way):
                 if all(math.dist(eye, other) >= apart_m for other in counted):
                     counted.append(eye)
-                if len(counted) == looks:
+                if len(counted) == needed:
                     number = k
         found.append(number)
     return found

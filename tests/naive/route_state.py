@@ -14,14 +14,14 @@ def segment_observations(sensing, route, spacing):
     return [naive_coverage.sample_path([a, b], spacing) for a, b in itertools.pairwise(route)]
 
 
-def list_cells(surface, sight, cells, looks):
-    """Numbers of the cells that any of the looks along one leg sees; the vehicle heads along it."""
-    heading = [b - a for a, b in zip(looks[0][:2], looks[-1][:2], strict=True)]
+def list_cells(surface, sight, cells, observations):
+    """Numbers of the cells that any of the observations along one leg sees; the vehicle heads along it."""
+    heading = [b - a for a, b in zip(observations[0][:2], observations[-1][:2], strict=True)]
     places = zip(cells.centre_m.tolist(), cells.normal.tolist(), strict=True)
     return {
         number
         for number, (centre, normal) in enumerate(places)
-        if any(naive_coverage.sees(surface, sight, look, centre, normal, heading) for look in looks)
+        if any(naive_coverage.sees(surface, sight, look, centre, normal, heading) for look in observations)
     }
 
 
@@ -50,8 +50,8 @@ def surely_shown(surface, sight, cells, p, q, trigger, steps=40):
 def counts(problem, route):
     """By how many segments each cell is seen, and the weight of those that are seen."""
     found = [0] * len(problem.square)
-    for looks in segment_observations(problem.sensing, [tuple(point) for point in route], problem.spacing_m):
-        for cell in list_cells(problem.surface, problem.sight, problem.cells, looks):
+    for observations in segment_observations(problem.sensing, [tuple(point) for point in route], problem.spacing_m):
+        for cell in list_cells(problem.surface, problem.sight, problem.cells, observations):
             found[cell] += 1
     shares = problem.weight[problem.square].tolist()
     return found, sum(weight for weight, count in zip(shares, found, strict=True) if count >= problem.needed)

@@ -38,8 +38,8 @@ def test_no_allowed_place_sees_a_cell_from_further_away(seed):
     cells = rng.integers(0, coverage.grid.count, 4000)
     places = coverage.grid.cells.centre_m[cells, :2] + rng.uniform(-130.0, 130.0, (4000, 2))
     up = coverage.site.ground.heights_m(places) + rng.uniform(40.0, 120.0, 4000)
-    looks = LevelObservations.towards_north(np.column_stack([places, up]))
-    seen = sees_each(coverage, looks, cells, coverage.sight)
+    observations = LevelObservations.towards_north(np.column_stack([places, up]))
+    seen = sees_each(coverage, observations, cells, coverage.sight)
     distance = np.hypot(*(places - coverage.grid.cells.centre_m[cells, :2]).T)
     assert seen.sum() > 100
     assert (distance[seen] <= farthest[cells[seen]]).all()

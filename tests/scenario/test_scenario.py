@@ -132,7 +132,7 @@ share = st.floats(0.0, 1.0)
 words = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
 square = ((0.0, 0.0), (9.5, 0.0), (9.5, 7.25), (0.0, 7.25))
 hole = ((1.0, 1.0), (2.0, 1.0), (2.0, 2.5))
-looks = {"sensing": st.sampled_from(["at-waypoints", "along-path"]), "sample_spacing_m": positive}
+sensing = {"sensing": st.sampled_from(["at-waypoints", "along-path"]), "sample_spacing_m": positive}
 sight_kinds = st.sampled_from(["ray", "midpoint"])
 scenarios = st.builds(
     Scenario,
@@ -147,11 +147,11 @@ scenarios = st.builds(
     ),
     terrain=st.builds(SineCosineTerrain, kind=st.just("sine-cosine"), scale_m=positive),
     sensor=st.one_of(
-        st.builds(SphereSensor, kind=st.just("sphere"), range_m=st.floats(60, 1e9), line_of_sight=sight_kinds, **looks),
-        st.builds(DiscSensor, kind=st.just("disc"), radius_m=st.floats(0.5, 1e9), **looks),
+        st.builds(SphereSensor, kind=st.just("sphere"), range_m=st.floats(60, 1e9), line_of_sight=sight_kinds, **sensing),
+        st.builds(DiscSensor, kind=st.just("disc"), radius_m=st.floats(0.5, 1e9), **sensing),
         st.builds(
             NadirCamera, kind=st.just("nadir-camera"), range_m=st.floats(60, 1e9), fov_deg=st.floats(1e-3, 179.9),
-            max_incidence_deg=st.floats(1e-3, 90.0), line_of_sight=sight_kinds, **looks,
+            max_incidence_deg=st.floats(1e-3, 90.0), line_of_sight=sight_kinds, **sensing,
         ),
     ),
     limits=st.builds(

@@ -36,10 +36,10 @@ def test_a_missed_message_counts_what_was_flown_past():
     assert seen.reached == 3
 
 
-def test_two_waypoints_close_together_are_passed_between_two_looks():
-    """The vehicle turns just inside the radius: neither look is there, and the item between them was never told."""
-    looks = passage_of((0, tuple(ROUTE_M[0])), (1, (90.0, 0.0, 50.0)), (3, (100.0, 3.0, 50.0)), (3, (97.0, 39.0, 50.0)))
-    assert looks.reached == 3
+def test_two_waypoints_close_together_are_passed_between_two_positions():
+    """The vehicle turns just inside the radius: neither position is there, and the item between them was never told."""
+    seen = passage_of((0, tuple(ROUTE_M[0])), (1, (90.0, 0.0, 50.0)), (3, (100.0, 3.0, 50.0)), (3, (97.0, 39.0, 50.0)))
+    assert seen.reached == 3
 
 
 @pytest.mark.parametrize(("place", "reached"), [(ROUTE_M[3], 4), (FAR_M, 3)], ids=["there", "elsewhere"])

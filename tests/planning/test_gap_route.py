@@ -128,9 +128,9 @@ def test_missing_cells_see_what_the_whole_map_sees() -> None:
     missing = missing_in(coverage, (50, 60, 220, 140))
     part = MissingCells.of(coverage, missing)
     places = np.array([[100.0, 100.0, 90.0], [180.0, 60.0, 85.0]])
-    looks = LevelObservations.towards_north(places)
+    observations = LevelObservations.towards_north(places)
     np.testing.assert_array_equal(
-        part.seen_by(looks, coverage.sight),
-        coverage.seen_by(looks)[missing],
+        part.seen_by(observations, coverage.sight),
+        coverage.seen_by(observations)[missing],
     )
     np.testing.assert_array_equal(part.weight_m2, coverage.grid.weight_m2[missing])
