@@ -123,7 +123,7 @@ class Difference:
         acceptable: Whether it is none: rounding, the autopilot's design, or another number for the same thing.
         why: The reason for that verdict.
         size_m: How far apart two places are over ground, or two heights, in metres; None for what is no length, infinite
-            where one of the two is no number.
+            where one of the two is not a number.
     """
 
     item: int | None

@@ -73,7 +73,7 @@ def _await_answer(connection: Connection, command: int, send: Callable[[int], No
     what = f"an answer to command {name_of(command)}"
     ack = connection.wait_until(answers, timeout_s=timeout_s, what=what, again=ask, again_s=_RESEND_S).message
     if not isinstance(ack, CommandAck):
-        raise MisuseError(f"{ack} is no answer to a command")
+        raise MisuseError(f"{ack} is not an answer to a command")
     if ack.result != CommandResult.ACCEPTED:
         raise refusal(connection.vehicle.system_id, ack)
     return ack

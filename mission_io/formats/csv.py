@@ -82,7 +82,7 @@ def _item(row: Mapping[str, str], where: str) -> MissionItem:
     try:
         frame = Frame[row["alt_datum"].strip()]
     except KeyError:
-        what = f"{row['alt_datum'][:20]!r} is no datum"
+        what = f"{row['alt_datum'][:20]!r} is not a datum"
         raise FormatError(what, where=f"{where}, alt_datum", advice=f"use {', '.join(Frame.__members__)}") from None
     if _whole(row, "frame", where) != frame:
         raise FormatError(f"frame {row['frame']} is not {frame.name}", where=where, advice=f"use {int(frame)}")

@@ -89,7 +89,7 @@ def read_drawing(text: str) -> Drawing:
         elif kind in ("Point", "MultiPoint"):
             spots += [Spot(_place(point), name) for point in _one_or_many(node, kind)]
         else:
-            raise FormatError(f"{kind[:30]!r} is no type of GeoJSON", where=f"{node.where}.type")
+            raise FormatError(f"{kind[:30]!r} is not a GeoJSON type", where=f"{node.where}.type")
     return Drawing(tuple(areas), tuple(lines), tuple(spots), tuple(repairs))
 
 
@@ -132,7 +132,7 @@ def _place(node: Node) -> LatLon:
         raise FormatError(f"a position of {len(numbers)} numbers", where=node.where, advice="give longitude, latitude")
     lon_deg, lat_deg = numbers[0].number(), numbers[1].number()
     if place_problem(lat_deg, lon_deg) is not None:
-        what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is no place"
+        what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is not a place"
         raise FormatError(what, where=node.where, advice="longitude comes first")
     return LatLon(lat_deg, lon_deg)
 

@@ -169,7 +169,7 @@ class _DrawingReader:
                 raise FormatError(f"{entry[:40]!r} is not longitude,latitude or longitude,latitude,height", where=here)
             lon_deg, lat_deg = finite_number(numbers[0], here), finite_number(numbers[1], here)
             if place_problem(lat_deg, lon_deg) is not None:
-                what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is no place"
+                what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is not a place"
                 raise FormatError(what, where=here, advice="longitude comes first")
             places.append(LatLon(lat_deg, lon_deg))
         return places

@@ -41,7 +41,7 @@ def text_from_bytes(data: bytes) -> FileText:
             return FileText(clean.text, (f"decoded from {encoding.upper()}", *clean.repairs))
     if b"\0" in data:
         where = f"byte {data.index(0)}"
-        raise FormatError("a zero byte: this is no text file", where=where, advice="choose a mission file")
+        raise FormatError("a zero byte: this is not a text file", where=where, advice="choose a mission file")
     try:
         return clean_text(data.decode("utf-8"))
     except UnicodeDecodeError as error:
@@ -88,7 +88,7 @@ def degrees_text(value_deg: float, where: str) -> str:
         FormatError: NaN or infinity.
     """
     if not math.isfinite(value_deg):
-        raise FormatError(f"{value_deg} is no coordinate", where=where, advice="give degrees")
+        raise FormatError(f"{value_deg} is not a coordinate", where=where, advice="give degrees")
     text = f"{value_deg:.8f}"
     return "0.00000000" if text == "-0.00000000" else text
 
@@ -113,4 +113,4 @@ def place_problem(lat_deg: float, lon_deg: float) -> FormatError | None:
     if -90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0:
         return None
     advice = "latitude comes first" if abs(lon_deg) <= 90.0 and abs(lat_deg) <= 180.0 else ""
-    return FormatError(f"latitude {lat_deg:g}, longitude {lon_deg:g} is no place", advice=advice)
+    return FormatError(f"latitude {lat_deg:g}, longitude {lon_deg:g} is not a place", advice=advice)

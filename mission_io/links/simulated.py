@@ -284,4 +284,4 @@ def link_preset(name: str) -> LinkPreset:
     try:
         return LINK_PRESETS[name]
     except KeyError:
-        raise MisuseError(f"{name!r} is no kind of link; there are {', '.join(LINK_PRESETS)}") from None
+        raise MisuseError(f"{name!r} is not a kind of link; there are {', '.join(LINK_PRESETS)}") from None

@@ -122,7 +122,7 @@ def fence_from_items(items: Iterable[MissionItem]) -> Fence:
                 raise FormatError("a second return point", where=where, advice="keep one")
             return_point = _point_from_item(item)
         else:
-            raise FormatError(f"command {item.command} is no fence item", where=where, advice="use 5000 to 5004")
+            raise FormatError(f"command {item.command} is not a fence item", where=where, advice="use 5000 to 5004")
     if ring:
         raise FormatError(f"the last polygon has {len(ring)} of its {ring_size} vertices", where="fence")
     return Fence(tuple(polygons), tuple(circles), return_point)
@@ -142,7 +142,7 @@ def rally_from_items(items: Iterable[MissionItem]) -> RallyPoints:
     points: list[FramedPoint] = []
     for number, item in enumerate(items):
         if item.command != Command.NAV_RALLY_POINT:
-            raise FormatError(f"command {item.command} is no rally point", where=f"rally item {number}")
+            raise FormatError(f"command {item.command} is not a rally point", where=f"rally item {number}")
         points.append(_point_from_item(item))
     return RallyPoints(tuple(points))
 

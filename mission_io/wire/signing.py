@@ -42,7 +42,7 @@ def read_private(path: Path, *, what: str, largest: int) -> bytes:
     try:
         status = os.fstat(handle)
         if not stat.S_ISREG(status.st_mode):
-            raise MisuseError(f"cannot read the {what} {path}: it is no file")
+            raise MisuseError(f"cannot read the {what} {path}: it is not a file")
         mode = stat.S_IMODE(status.st_mode)
         if mode & 0o077:
             raise MisuseError(f"others may read or write the {what} {path} (mode {mode:03o}); run: chmod 600 {path}")

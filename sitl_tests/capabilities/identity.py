@@ -25,7 +25,7 @@ _LISTEN_S = 3.0
 
 
 def foreign_type(case: Case) -> Finding:
-    """What is no multirotor is refused; what is sent to it, and what becomes of it, is looked at. It holds a mission before."""
+    """Other vehicles than multirotors are refused; checks what is sent to one that holds a mission, and what it holds then."""
     with case.station() as station:
         autopilot = station.client.vehicle.autopilot
         station.client.upload(MissionType.MISSION, wire_items(route_mission(case.vehicle.home), autopilot))

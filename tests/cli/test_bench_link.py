@@ -23,7 +23,7 @@ def test_simulated_transfers_are_tabulated_and_kept(cli: Cli, tmp_path: Path) ->
     [
         ((), "-o/--out"),
         (("-o", "x", "--clients", "pigeon"), "choose from simulated, native, mavsdk"),
-        (("-o", "x", "--losses", "some"), "no numbers"),
+        (("-o", "x", "--losses", "some"), "not numbers"),
         (("-o", "x", "--losses", "0,1"), "below 1"),
         (("-o", "x", "--losses", "nan"), "below 1"),
     ],

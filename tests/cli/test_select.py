@@ -54,7 +54,7 @@ def test_a_rule_that_no_member_meets(cli: Cli, planned: Path) -> None:
 
 def test_errors_change_nothing(cli: Cli, planned: Path, tmp_path: Path) -> None:
     kept = {path.name: path.read_bytes() for path in planned.iterdir()}
-    assert "is no rule" in cli("select", planned, "best").error
+    assert "is not a rule" in cli("select", planned, "best").error
     assert "outside the set" in cli("select", planned, "index:999").error
     assert "uavcover plan" in cli("select", tmp_path / "nowhere", "knee").error
     assert {path.name: path.read_bytes() for path in planned.iterdir()} == kept

@@ -51,7 +51,7 @@ def test_home_of_another_place_is_told(cli: Cli, planned: Path) -> None:
         ("empty.waypoints", b"", "line 1"),
         ("other.waypoints", b"hello\n", "line 1"),
         ("binary.waypoints", b"\xff\xfe\x00", "damaged UTF-16 text"),
-        ("zero.plan", b"\x7fELF\0", "a zero byte: this is no text file"),
+        ("zero.plan", b"\x7fELF\0", "a zero byte: this is not a text file"),
         ("places.kml", b"<kml/>", "a .kml file holds places and no items to fly"),
         ("table.csv", b"a,b\n", "line 1"),
         ("short.fen", b"46.5 -7.25\n", "short.fen"),

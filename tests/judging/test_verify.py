@@ -68,7 +68,7 @@ def test_longitude_and_latitude_swapped(hilly: Flight) -> None:
 def test_a_position_that_is_no_place(hilly: Flight) -> None:
     geodetic = hilly.track.geodetic.copy()
     geodetic[7, 0] = np.nan
-    with pytest.raises(TrackError, match=r"sample 7 of the track, at .* is no place on Earth"):
+    with pytest.raises(TrackError, match=r"sample 7 of the track, at .* is not a place on Earth"):
         hilly.verify(changed(hilly.track, geodetic=geodetic))
 
 

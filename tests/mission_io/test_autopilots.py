@@ -183,7 +183,7 @@ def test_too_many_items_and_impossible_lists() -> None:
     assert str(problem) == "the list: 651 items, ArduPilot takes 650; split the mission"
     assert check_for_autopilot([WAYPOINT] * 651, PX4) == ()
     (problem,) = check_for_autopilot([WAYPOINT], PX4, MissionType.FENCE)
-    assert "no fence item" in problem.what
+    assert "not a fence item" in problem.what
 
 
 def test_messages_carry_items_to_the_last_unit() -> None:

@@ -93,7 +93,7 @@ VERTEX = MissionItem(Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, Frame.AMSL, (3.
         ([dataclasses.replace(VERTEX, params=(math.nan, 0.0, 0.0, 0.0))], "a polygon of nan vertices"),
         ([MissionItem(5004, Frame.AMSL)], "radius 0.0 m"),
         ([MissionItem(5000, Frame.AMSL)] * 2, "fence item 1: a second return point"),
-        ([MissionItem(16, Frame.AMSL)], "command 16 is no fence item"),
+        ([MissionItem(16, Frame.AMSL)], "command 16 is not a fence item"),
     ],
 )
 def test_bad_fences_are_refused_with_the_item(items: list[MissionItem], what: str) -> None:

@@ -54,9 +54,9 @@ def test_urls(url: str, parsed: LinkUrl) -> None:
 @pytest.mark.parametrize(
     ("url", "what"),
     [
-        ("", "no link"),
-        ("14550", "no link"),
-        ("http://127.0.0.1:80", "no link; use udpin://HOST:PORT"),
+        ("", "not a link"),
+        ("14550", "not a link"),
+        ("http://127.0.0.1:80", "not a link; use udpin://HOST:PORT"),
         ("udpin://127.0.0.1", "no port"),
         ("udpin://127.0.0.1:70000", "no port"),
         ("udpin://127.0.0.1:-1", "no port"),
@@ -67,8 +67,8 @@ def test_urls(url: str, parsed: LinkUrl) -> None:
         ("tcp://127.0.0.1:x", "no port"),
         ("serial://", "names no device"),
         ("serial:COM3:57600", "names no device; write serial:///dev/ttyUSB0:57600"),
-        ("/dev/ttyUSB0:0", "0 is no baud rate"),
-        ("/dev/ttyUSB0,99999999", "99999999 is no baud rate"),
+        ("/dev/ttyUSB0:0", "0 is not a baud rate"),
+        ("/dev/ttyUSB0,99999999", "99999999 is not a baud rate"),
     ],
 )
 def test_urls_that_cannot_be_opened_say_what_can(url: str, what: str) -> None:

@@ -333,7 +333,7 @@ def test_a_key_that_others_may_read_or_write_is_refused(tmp_path: Path, mode: in
 def test_a_key_that_is_not_there_or_no_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(MisuseError, match=r"cannot read the signing key .*: No such file"):
         SigningKey.from_file(tmp_path / "key")
-    with pytest.raises(MisuseError, match="it is no file"):
+    with pytest.raises(MisuseError, match="it is not a file"):
         SigningKey.from_file(tmp_path)
 
 

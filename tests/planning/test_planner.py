@@ -139,7 +139,7 @@ def test_a_coverage_out_of_reach_takes_the_best() -> None:
 
 
 def test_a_bad_rule_is_found_before_the_search() -> None:
-    with pytest.raises(InputError, match="is no rule"):
+    with pytest.raises(InputError, match="is not a rule"):
         make_plan(make_site(), rule="bestest", should_stop=lambda: pytest.fail("searched"))
 
 

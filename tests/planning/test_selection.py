@@ -91,7 +91,7 @@ def test_shares_that_make_no_sense(text: str) -> None:
     "text", ["", "best", "weighted:", "coverage>0.9", "coverage>=", "index:-1", "index:1.5", "KNEE"]
 )
 def test_words_that_are_no_rule(text: str) -> None:
-    with pytest.raises(InputError, match="is no rule; use weighted"):
+    with pytest.raises(InputError, match="is not a rule; use weighted"):
         parse_rule(text)
 
 

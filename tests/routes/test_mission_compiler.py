@@ -94,7 +94,7 @@ def test_the_items_in_their_order() -> None:
 def test_every_leg_of_the_whole_path_is_clear_at_full_length(ups, margin_m: float) -> None:  # type: ignore[no-untyped-def]
     site = make_site(ups, limits={"height_margin_m": margin_m, "max_climb_angle_deg": 45.0})
     found = compiled(site)
-    first = found.first_waypoint_item - 1  # the speed change is no place
+    first = found.first_waypoint_item - 1  # the speed change is not a place
     count = found.waypoint_count
     there, back = found.path_m[: first + 1], found.path_m[first + count - 1 :]
     planned = found.path_m[first : first + count]

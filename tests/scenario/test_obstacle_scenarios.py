@@ -122,7 +122,7 @@ def test_polygons_of_geojson_with_a_courtyard(tmp_path):
         (
             "a.geojson",
             '{"type": "Feature", "properties": {"height_m": "9"}, "geometry": {"type": "Polygon", "coordinates": []}}',
-            "polygon 0: height_m: '9' is no number",
+            "polygon 0: height_m: '9' is not a number",
         ),
         ("a.txt", "", "neither .geojson nor .csv"),
     ],

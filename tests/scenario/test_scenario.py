@@ -405,7 +405,7 @@ def test_scenario_files(tmp_path, monkeypatch):
         (PlannerSettings, {"cell_size_m": math.nan}, "cell_size_m"),
         (Requirements, {"min_coverage_of_coverable": 95.0}, "a share, 0..1"),
         (Requirements, {"max_deviation_m": 0.0}, "max_deviation_m"),
-        (Vehicle, {"cruise_speed_m_s": 300.0}, "no multirotor"),
+        (Vehicle, {"cruise_speed_m_s": 300.0}, "too fast for a multirotor"),
         (Vehicle, {"endurance_s": -1.0}, "endurance_s"),
         (
             FlightLimits,

@@ -142,7 +142,7 @@ def test_other_columns_and_another_order_are_read(tmp_path):
     ("line", "column", "value", "message"),
     [
         (0, "yaw_deg", "heading", "line 1: the column yaw_deg is missing"),
-        (2, "lat_deg", "north", "line 3, lat_deg: 'north' is no number"),
+        (2, "lat_deg", "north", "line 3, lat_deg: 'north' is not a number"),
         (3, "up_m", "nan", "line 4, up_m: 'nan' is not a finite number"),
         (3, "roll_deg", "inf", "line 4, roll_deg: 'inf' is not a finite number"),
         (3, "time_s", "1.0", "line 4, time_s: 1.0 does not come after"),
@@ -152,14 +152,14 @@ def test_other_columns_and_another_order_are_read(tmp_path):
             repr(10.0 + 1 / 3.0),
             "line 4, time_s: 10.333333333333334 does not come after 10.333333333333334",
         ),
-        (2, "east_m", "", "line 3, east_m: '' is no number"),
-        (2, "current_waypoint", "", "line 3, current_waypoint: '' is no number"),
+        (2, "east_m", "", "line 3, east_m: '' is not a number"),
+        (2, "current_waypoint", "", "line 3, current_waypoint: '' is not a number"),
         (2, "lat_deg", "91.0", "line 3, lat_deg: 91.0, .* no place on Earth"),
         (2, "lat_deg", "-90.1", "line 3, lat_deg: -90.1, .* no place on Earth"),
-        (2, "lon_deg", "180.1", "line 3, lat_deg: .*, 180.1 is no place on Earth"),
-        (2, "lon_deg", "-181.0", "line 3, lat_deg: .*, -181.0 is no place on Earth"),
-        (2, "current_waypoint", "1.5", "line 3, current_waypoint: 1.5 is no whole number"),
-        (2, "alt_amsl_m", "", "line 3, alt_amsl_m: '' is no number"),
+        (2, "lon_deg", "180.1", "line 3, lat_deg: .*, 180.1 is not a place on Earth"),
+        (2, "lon_deg", "-181.0", "line 3, lat_deg: .*, -181.0 is not a place on Earth"),
+        (2, "current_waypoint", "1.5", "line 3, current_waypoint: 1.5 is not a whole number"),
+        (2, "alt_amsl_m", "", "line 3, alt_amsl_m: '' is not a number"),
     ],
 )
 def test_what_is_wrong_is_said_with_line_and_column(tmp_path, line, column, value, message):
@@ -197,5 +197,5 @@ def test_what_is_no_track_at_all_is_an_error(tmp_path):
     with pytest.raises(TrackError, match="the column time_s is missing"):
         read_track(tmp_path / "empty.csv")
     (tmp_path / "flight.bin").write_bytes(bytes(range(128, 256)))
-    with pytest.raises(TrackError, match="is no text"):
+    with pytest.raises(TrackError, match="is not text"):
         read_track(tmp_path / "flight.bin")

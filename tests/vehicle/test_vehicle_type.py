@@ -1,4 +1,4 @@
-"""What is no multirotor is refused before anything is sent to it, whatever flies it."""
+"""A vehicle other than a multirotor is refused before anything is sent to it, whichever autopilot it has."""
 
 import pytest
 from pymavlink import mavutil

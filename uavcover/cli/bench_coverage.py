@@ -104,7 +104,7 @@ def _seconds(text: str) -> list[float]:
     except ValueError:
         times_s = []
     if not times_s or not all(0.0 < value < 1e6 for value in times_s):
-        raise InputError(f"--time: {text!r} are no seconds above 0; write them as 10,60")
+        raise InputError(f"--time: {text!r} are not seconds above 0; write them as 10,60")
     return sorted(set(times_s))
 
 

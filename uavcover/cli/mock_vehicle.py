@@ -188,7 +188,7 @@ def _place(text: str) -> "GeoPoint":
     except ValueError as error:
         raise InputError(f"--home: {text!r} is not LAT,LON,ALT_AMSL") from error
     if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
-        raise InputError(f"--home: {text!r} is no place on Earth; write latitude, longitude, height above sea level")
+        raise InputError(f"--home: {text!r} is not a place on Earth; write latitude, longitude, height above sea level")
     return GeoPoint(lat_deg, lon_deg, alt_amsl_m)
 
 

@@ -180,7 +180,7 @@ def _checked_positions_m(site: Site, track: Track) -> FloatArray:
     if not np.isfinite(enu).all():
         bad = int(np.argmin(np.isfinite(enu).all(axis=1)))
         raise TrackError(
-            f"sample {bad} of the track, at {track.time_s[bad]} s, is no place on Earth; are latitude and longitude swapped?"
+            f"sample {bad} of the track, at {track.time_s[bad]} s, is not a place on Earth; are latitude and longitude swapped?"
         )
     if not (np.diff(track.time_s) > 0.0).all():
         bad = int(np.argmax(~(np.diff(track.time_s) > 0.0))) + 1

@@ -39,7 +39,7 @@ class Uncertainty:
             terrain_m=self.terrain_m,
             attitude_deg=self.attitude_deg,
         )
-        require(self.attitude_deg < 90.0, f"attitude_deg: {self.attitude_deg} is no error of a camera; below 90")
+        require(self.attitude_deg < 90.0, f"attitude_deg: {self.attitude_deg} must be below 90 degrees")
 
     @property
     def vertical_m(self) -> float:

@@ -84,7 +84,10 @@ class Vehicle:
             takeoff_height_m=self.takeoff_height_m,
             return_height_m=self.return_height_m,
         )
-        require(self.cruise_speed_m_s <= 100.0, f"cruise_speed_m_s: {self.cruise_speed_m_s} m/s is no multirotor")
+        require(
+            self.cruise_speed_m_s <= 100.0,
+            f"cruise_speed_m_s: {self.cruise_speed_m_s} m/s is too fast for a multirotor",
+        )
         airspeed, acceleration = self.max_airspeed_m_s, self.acceleration_m_s2
         require(
             airspeed is None or airspeed >= self.cruise_speed_m_s,

@@ -225,7 +225,7 @@ def optimizer_class(algorithm: str | type) -> type:
         found = algorithm
     name = optimizer_name(algorithm)
     if not inspect.isclass(found):
-        raise OptimizerError(f"algorithm {name!r}: {found!r} is no class: name a class with ask() and tell()")
+        raise OptimizerError(f"algorithm {name!r}: {found!r} is not a class: name a class with ask() and tell()")
     if _is_pymoo(found):
         return adapted(found)
     lacking = [f"{method}()" for method in ("ask", "tell") if not callable(getattr(found, method, None))]

@@ -78,7 +78,7 @@ def parse_rule(text: str) -> Rule:
     if match := _INDEX.fullmatch(rule):
         return Rule(rule, "index", (float(match["index"]),))
     raise InputError(
-        f"select: {text!r} is no rule; use weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N"
+        f"select: {text!r} is not a rule; use weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N"
     )
 
 

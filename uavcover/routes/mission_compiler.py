@@ -200,8 +200,8 @@ def compile_continuation(
     height_agl_m = float(site.ground.heights_agl_m(here)[0])
     if not height_agl_m >= min(limits.transit_clearance_m, limits.min_height_agl_m):
         raise InfeasibleError(
-            f"the vehicle is {height_agl_m:.1f} m above ground at {lat_deg:.6f}, {lon_deg:.6f}, which is no flight inside the "
-            "limits; a mission that begins in the air needs a vehicle that is there"
+            f"the vehicle is {height_agl_m:.1f} m above ground at {lat_deg:.6f}, {lon_deg:.6f}, outside the "
+            "flight limits; a mission that begins in the air needs a vehicle inside them"
         )
     there = transit(site, here[:2], route.waypoints_m[0], ground_end_height_m=height_agl_m)
     opening = [

@@ -107,7 +107,7 @@ def upload(vehicle: Connected, run: str | Path, *, in_flight: bool = False, user
         Whether what the vehicle holds is what was meant.
 
     Raises:
-        VehicleError: the vehicle is no multirotor, or does not stand where the plan starts; nothing was sent.
+        VehicleError: the vehicle is not a multirotor, or does not stand where the plan starts; nothing was sent.
         mission_io.MissionIoError: the vehicle refused or fell silent; says what it holds now.
     """
     folder = RunFolder(run)

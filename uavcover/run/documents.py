@@ -134,7 +134,7 @@ def bound_in_words(question: str, entry: dict[str, Any]) -> str:
         gap_text = "" if gap is None else f", gap {_percent(gap)}"
         return f"{text}{gap_text}; proved for {entry['proved_on']}, by {entry['method']}"
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"plan.json: bounds.{question} is no bound ({type(error).__name__}: {error})") from error
+        raise InputError(f"plan.json: bounds.{question} is not a bound ({type(error).__name__}: {error})") from error
 
 
 def bounds_in_words(bounds: dict[str, Any]) -> list[str]:
@@ -307,7 +307,7 @@ def _row(row: dict[str, str], *, where: str) -> ParetoRow:
         )
     except (TypeError, ValueError) as error:
         raise InputError(
-            f"{where}: is no member of a Pareto set ({error}); make it again with: uavcover plan"
+            f"{where}: is not a member of a Pareto set ({error}); make it again with: uavcover plan"
         ) from error
     if not (math.isfinite(member.coverage_of_coverable) and math.isfinite(member.path_length_m)):
         raise InputError(f"{where}: a figure is not a finite number; make it again with: uavcover plan")

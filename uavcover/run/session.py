@@ -98,11 +98,11 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
 
     Args:
         to: where it is; a URL alone takes the defaults of :class:`VehicleLink`.
-        site: whose vehicle and home ``mock:`` takes; given, what is no multirotor is refused.
+        site: whose vehicle and home ``mock:`` takes; given, other vehicles than multirotors are refused.
         home: where ``mock:`` stands instead.
 
     Raises:
-        VehicleError: with a site: the vehicle is no multirotor.
+        VehicleError: with a site: the vehicle is not a multirotor.
         mission_io.errors.AmbiguousVehicleError: several vehicles are on the link, and none was named.
         InputError: a time or a speed that is not above 0.
         mission_io.errors.MissionIoError: the URL is not understood, or nobody is there.

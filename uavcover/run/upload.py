@@ -39,7 +39,7 @@ def upload(
         in_flight: whether an armed vehicle is meant.
 
     Raises:
-        VehicleError: the vehicle is no multirotor; nothing was sent.
+        VehicleError: the vehicle is not a multirotor; nothing was sent.
         MissionIoError: the vehicle refused, or fell silent; says what it holds now.
     """
     require_multirotor(client)

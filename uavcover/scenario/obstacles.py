@@ -227,7 +227,7 @@ def _from_geojson(path: Path) -> tuple[Obstacle, ...]:
         try:
             height = properties["height_m"]
             if isinstance(height, bool) or not isinstance(height, int | float):
-                raise ValueError(f"height_m: {height!r} is no number")
+                raise ValueError(f"height_m: {height!r} is not a number")
             found.append(
                 Obstacle(
                     height_m=float(height),

@@ -164,7 +164,7 @@ class _Flight:
 
         Raises:
             FlightFaultError: it may be real, and the user did not say that it may be flown.
-            VehicleError: it is no multirotor.
+            VehicleError: it is not a multirotor.
         """
         client, monitor = self.session.client, self.session.monitor
         client.wait_for_vehicle()

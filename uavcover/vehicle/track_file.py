@@ -175,7 +175,7 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
     left out with a warning. Anything else that is wrong is an error, which names line and column.
 
     Raises:
-        TrackError: no such file, a column is missing, a value is missing, is no number or not finite, a latitude or
+        TrackError: no such file, a column is missing, a value is missing, is not a number or not finite, a latitude or
             longitude is out of range, time does not go on, or there is no sample at all.
     """
     try:
@@ -183,7 +183,7 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
     except OSError as error:
         raise TrackError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise TrackError(f"{path}: is no text; {path.suffix or 'this'} is no track.csv") from None
+        raise TrackError(f"{path}: is not text; {path.suffix or 'this'} is not a track.csv") from None
     warnings: list[str] = []
     cut_off = bool(text) and not text.endswith("\n")
     if cut_off:
@@ -225,9 +225,9 @@ def _numbers(path: Path, rows: Iterable[list[str]], places: dict[str, int]) -> I
                 f"{path}: line {line}, time_s: {time_s!r} does not come after {before_s!r} of the line before"
             )
         if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
-            raise TrackError(f"{path}: line {line}, lat_deg: {lat_deg!r}, {lon_deg!r} is no place on Earth")
+            raise TrackError(f"{path}: line {line}, lat_deg: {lat_deg!r}, {lon_deg!r} is not a place on Earth")
         if not values[_WAYPOINT].is_integer():
-            raise TrackError(f"{path}: line {line}, current_waypoint: {values[_WAYPOINT]!r} is no whole number")
+            raise TrackError(f"{path}: line {line}, current_waypoint: {values[_WAYPOINT]!r} is not a whole number")
         before_s = time_s
         yield values
 
@@ -245,7 +245,7 @@ def _number(path: Path, line: int, name: str, row: list[str], place: int) -> flo
     try:
         value = float(row[place])
     except ValueError:
-        raise TrackError(f"{path}: line {line}, {name}: {row[place]!r} is no number") from None
+        raise TrackError(f"{path}: line {line}, {name}: {row[place]!r} is not a number") from None
     if not math.isfinite(value):
         raise TrackError(f"{path}: line {line}, {name}: {row[place]!r} is not a finite number")
     return value

@@ -41,7 +41,7 @@ def test_what_a_spreadsheet_does_to_it_is_repaired_and_listed() -> None:
     [
         ("", "line 1: 0 columns item, there has to be 1"),
         (TEXT.replace("lat_deg", "latitude"), "line 1: 0 columns lat_deg"),
-        (TEXT.replace("ABOVE_HOME", "AGL", 1), "line 3, alt_datum: 'AGL' is no datum; use AMSL, COMMAND"),
+        (TEXT.replace("ABOVE_HOME", "AGL", 1), "line 3, alt_datum: 'AGL' is not a datum; use AMSL, COMMAND"),
         (TEXT.replace(",AMSL,", ",ABOVE_HOME,", 1), "line 2: frame 0 is not ABOVE_HOME; use 3"),
         (TEXT.replace("\n1,22,", "\n1,99999,"), "line 3: command 99999"),
         (TEXT.replace("\n1,22,", "\n1.5,22,"), "line 3, item: '1.5' is not a whole number"),

@@ -38,7 +38,7 @@ def test_round_trip(mission: Mission) -> None:
 def test_fences_and_rally_points_are_files_of_the_same_kind() -> None:
     assert wpl.read(wpl.write_fence(FENCE, HOME)).fence() == FENCE
     assert wpl.read(wpl.write_rally(RALLY, HOME)).rally() == RALLY
-    with pytest.raises(FormatError, match="no fence item"):
+    with pytest.raises(FormatError, match="not a fence item"):
         wpl.read(wpl.write_mission(MISSION)).fence()
 
 
@@ -47,7 +47,7 @@ def test_any_heading_is_written_as_zero_and_every_other_nan_is_an_error() -> Non
     assert wpl.read(text).items[0].params[3] == 0.0
     with pytest.raises(FormatError, match="row 1, param1: nan cannot be written"):
         wpl.write_mission(Mission(HOME, (replace(NAN_YAW, params=(math.nan, 0.0, 0.0, 0.0)),)))
-    with pytest.raises(FormatError, match="row 1, latitude: nan is no coordinate"):
+    with pytest.raises(FormatError, match="row 1, latitude: nan is not a coordinate"):
         wpl.write_mission(Mission(HOME, (replace(NAN_YAW, lat_deg=math.nan),)))
     with pytest.raises(FormatError, match="row 0: the mission has no home"):
         wpl.write_mission(Mission(None, ()))
@@ -109,8 +109,8 @@ def test_version_120_has_no_home_row() -> None:
         (STRICT.replace("\t178\t", "\t99999\t"), "command 99999"),
         (STRICT.replace("1\t0\t3\t22", "1\t0\t1\t22"), "line 3: unknown frame 1"),
         (STRICT.replace("33.21875000\t-98.12345670\t30", "-98.12345670\t33.21875000\t30"),
-         "line 3: latitude -98.1235, longitude 33.2188 is no place; latitude comes first"),
-        (STRICT.replace("33.21875000\t-98.12345670\t30", "33.2\t-198.1\t30"), "is no place$"),
+         "line 3: latitude -98.1235, longitude 33.2188 is not a place; latitude comes first"),
+        (STRICT.replace("33.21875000\t-98.12345670\t30", "33.2\t-198.1\t30"), "is not a place$"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_read_is_one_error_with_its_line(text: str, what: str) -> None:

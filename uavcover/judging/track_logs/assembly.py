@@ -36,7 +36,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
     know the plan's waypoints: ``current_waypoint`` is -1 throughout.
 
     Raises:
-        TrackError: no position, one that is no place on Earth, or time that goes back.
+        TrackError: no position, one that is not a place on Earth, or time that goes back.
     """
     warnings = list(rows.warnings)
     positions = rows.positions.reshape(-1, 4)
@@ -64,7 +64,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
         at = int(np.argmax(bad))
         raise TrackError(
             f"{path}: position {at}, at {positions[at, 0]:.3f} s: {positions[at, 1]}, {positions[at, 2]}, "
-            f"{positions[at, 3]} m is no place on Earth"
+            f"{positions[at, 3]} m is not a place on Earth"
         )
     attitude = _attitudes_at(positions[:, 0], rows.attitudes.reshape(-1, 4))
     unknown = int(np.isnan(attitude[:, 0]).sum())

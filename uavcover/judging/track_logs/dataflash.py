@@ -23,7 +23,7 @@ def read_dataflash(path: Path) -> LoggedRows:
         TrackError: not such a log, or without positions.
     """
     if path.read_bytes()[:2] != _MAGIC:
-        raise TrackError(f"{path}: is no dataflash log of ArduPilot; it does not begin with its two marks a3 95")
+        raise TrackError(f"{path}: is not an ArduPilot dataflash log; it does not begin with the bytes a3 95")
     # Importing pymavlink takes a moment; other kinds of logs do not need it.
     from pymavlink import DFReader
 

@@ -18,7 +18,7 @@ def read_gpx(path: Path) -> LoggedRows:
     ``ele`` is a height above sea level by the standard; a warning says that this is assumed.
 
     Raises:
-        TrackError: not such a file; a point has no height or time, or one that is no number.
+        TrackError: not such a file; a point has no height or time, or one that is not a number.
     """
     text = path.read_bytes()
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:

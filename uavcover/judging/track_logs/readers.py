@@ -32,7 +32,7 @@ def read_foreign_log(path: Path, frame: LocalFrame) -> ReadTrack:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise TrackError(
-            f"{path}: {path.suffix or 'no ending'} is no log that can be read; known: {', '.join(READERS)}"
+            f"{path}: {path.suffix or 'no ending'} is not a log that can be read; known: {', '.join(READERS)}"
         )
     try:
         rows = reader(path)
