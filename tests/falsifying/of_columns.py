@@ -148,13 +148,13 @@ def text(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     yield Way("a column twice", "which one counts?", rewrite=_header({"roll_deg": "east_m"}))
     for share in (0.5, 0.9):
         yield Way(f"cut off at {share:.0%}", "ends in the air", rewrite=lambda b, s=share: b[: int(s * len(b))])
-    yield Way("the header again in the middle", "it is not a number", rewrite=_rewritten(_header_again))
+    yield Way("the header again in the middle", "it is no number", rewrite=_rewritten(_header_again))
     yield Way("the file twice", "time goes back", rewrite=lambda b: b + b)
     yield Way("semicolons", "it is not a track", rewrite=_rewritten(lambda t: t.replace(",", ";")))
     yield Way("the header alone", "nothing was flown", rewrite=lambda b: b[: b.index(b"\n") + 1])
     yield Way("empty", "nothing was flown", rewrite=lambda _: b"")
     yield Way("zeros in the middle", "a disk that failed", rewrite=_zeroed)
-    yield Way("binary", "not text", rewrite=lambda _: bytes(np.random.default_rng(1).integers(0, 256, 4096, np.uint8)))
+    yield Way("binary", "no text", rewrite=lambda _: bytes(np.random.default_rng(1).integers(0, 256, 4096, np.uint8)))
     yield Way("rows without their last values", "incomplete",
               rewrite=_rewritten(lambda t: "".join(",".join(line.split(",")[:9]) + "\n" for line in t.splitlines())))  # fmt: skip
 
