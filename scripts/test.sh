@@ -33,11 +33,12 @@ wait "$background" || { cat "$scratch/mypy"; exit 1; }
 cat "$scratch/mypy"
 
 # A test file stays in one process: what its tests share is made once. tests/conftest.py puts the long ones first.
-parallel="-q -n auto --dist loadfile --no-loadscope-reorder --durations=50"
+parallel="-q -n auto --dist loadfile --no-loadscope-reorder -p scripts.slowest_tests"
 # Tracing every line makes a test take three times as long: only what the gates below ask for is measured. Lines of a kernel
 # are reached where it is interpreted only, so its compiled tests are not traced.
 measured="tests/planning tests/optimizers tests/sensing tests/mission_io"
-rm -f .coverage .coverage.*
+rm -f .coverage .coverage.* .test_times.jsonl
+export TEST_TIMES="$PWD/.test_times.jsonl"
 # These only compute: they take what the flights, which have a clock and wait for each other, leave of the cores.
 compute() {
     failures=0
@@ -60,6 +61,7 @@ echo "gate: tests of commands, whole flights, compiled kernels, set-up, and all 
 echo "gate: tests of mission_io and of the planner's core; tests of the kernels, JIT off, so that their coverage can be measured"
 wait "$background" || failed="$failed mission_io-planner-or-kernels-without-JIT"
 cat "$scratch/compiled" "$scratch/interpreted"
+"$bin/python" scripts/slowest_tests.py .test_times.jsonl
 [ -z "$failed" ] || { echo "tests failed:$failed" >&2; exit 1; }
 echo "gate: branch coverage: 95 % of mission_io, 90 % of the planner's core"
 "$bin/coverage" combine -q .coverage.compiled .coverage.interpreted

@@ -7,13 +7,12 @@ from tests.planning.sites import hills, make_site
 from uavcover.errors import InputError, OptimizerError
 from uavcover.model.route import Plan
 from uavcover.optimizers import IMODBO, RandomSearch
-from uavcover.run.plan import plan
+from uavcover.run.search import SearchRequest, plan
 
 
 def planned(algorithm: str | type, *, seed: int = 2) -> Plan:
-    return plan(
-        make_site(hills, cell_m=20.0), algorithm=algorithm, evaluations=60, seed=seed, select="coverage>=0.9", workers=1
-    )
+    request = SearchRequest(algorithm=algorithm, evaluations=60, seed=seed, select="coverage>=0.9", workers=1)
+    return plan(make_site(hills, cell_m=20.0), request)
 
 
 class OwnRandomSearch(RandomSearch):
