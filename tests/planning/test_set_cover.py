@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from tests.naive import set_cover as naive
-from tests.planning.sites import make_site
+from tests.planning.sites import make_site, tower
+from uavcover.model.obstacles import Obstacles
 from uavcover.model.scenario import PlannerSettings
 from uavcover.model.sensor import SphereSensor
-from uavcover.planning.baselines.initial_routes import constructed_routes
+from uavcover.planning.baselines.initial_routes import constructed_routes, initial_names
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.set_cover.candidates import (
     Candidates,
@@ -149,6 +150,30 @@ def test_along_a_path_a_cover_is_laid_over_the_terrain():
     assert cover.layout is None
     assert cover.violation == 0.0
     assert coverage.share_of_coverable(coverage.seen(cover.route.waypoints_m)) >= 0.9
+
+
+@pytest.mark.parametrize("sensing", ["along-path", "at-waypoints"])
+@pytest.mark.parametrize("applies_to", ["legs", "waypoints"])
+@pytest.mark.parametrize("encoding", ["swaths", "waypoints"])
+@pytest.mark.parametrize("algorithm", ["memetic", "local-search"])
+def test_a_local_search_always_has_a_baseline_and_a_cover_at_waypoints(sensing, applies_to, encoding, algorithm):
+    site = make_site(
+        sensor=SphereSensor(kind="sphere", range_m=120.0, sensing=sensing),
+        limits={"applies_to": applies_to},
+        planner={"algorithm": algorithm, "encoding": encoding},
+        obstacles=Obstacles(prisms=(tower(120.0, 80.0, 160.0, 120.0, 30.0),), clearance_beside_m=8.0),
+    )
+    coverage = CoverageMap(site, cell_size_m=20.0)
+    found = constructed_routes(
+        coverage, site.scenario.planner, asked=0.9, solver=ALL, executor=None, should_stop=lambda: False
+    )
+    assert {baseline.name for baseline in found} >= {"set-cover" if sensing == "at-waypoints" else "boustrophedon"}
+    assert any(baseline.violation == 0.0 and -baseline.objectives[0] > 0.5 for baseline in found)
+
+
+def test_an_optimizer_of_waypoints_samples_its_first_population():
+    site = make_site(planner={"algorithm": "imodbo", "encoding": "waypoints"})
+    assert initial_names(CoverageMap(site, cell_size_m=20.0), site.scenario.planner) == ()
 
 
 @pytest.mark.parametrize("algorithm", ["memetic", "imodbo"])

@@ -164,8 +164,8 @@ class PlannerSettings:
         order: order of waypoints in the optimizer's routes. "nearest-neighbour": the paper's decoding. "improved": the same,
             then 2-opt. The local search finds its own order.
         initial: constructed routes with which the search starts, beside sampled ones (Latin hypercube), and against which its
-            result is compared; default: "boustrophedon" for swaths, and "set-cover" where the local search may visit
-            waypoints in any order.
+            result is compared; default: "boustrophedon" for swaths and for a local search along the path, and "set-cover"
+            for a local search that senses at waypoints.
         seed: seed of the random numbers.
         objective: the cost minimised beside coverage and the number of waypoints: "length" of the path, or "flight-time" with
             wind, climbs and turns.

@@ -1,11 +1,13 @@
 """Constructed routes by name: starting points of the search, and baselines for its result."""
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from itertools import islice
 
 import numpy as np
 
+from uavcover.kernels.sight import horizontal_reach
 from uavcover.model.route import Route
 from uavcover.model.scenario import InitialRoute, PlannerSettings
 from uavcover.planning.baselines.boustrophedon import (
@@ -40,6 +42,9 @@ from uavcover.sensing.sensors import reach_at_height_m
 _SPACING_CELLS = 0.25
 _MOST_PLACES = 60_000
 """Of the lattice where sensing is at waypoints: the finer, the fewer waypoints see all (docs/results/bounds.md)."""
+
+_MOST_PAIRS = 30e6
+"""Places by the cells in their reach: about 20 s of processor time. Where that is more there are no more places than cells."""
 
 _SPACING_REACHES = 0.4
 """Of the lattice where sensing is along the path, which sees more than its waypoints do."""
@@ -106,22 +111,28 @@ def _rows(
 
 
 def initial_names(coverage: CoverageMap, settings: PlannerSettings) -> Sequence[InitialRoute]:
-    """The names in ``settings.initial``, or the defaults: lines for swaths, a set cover where the order of waypoints is free."""
+    """The names in ``settings.initial``, or the defaults.
+
+    Lines for swaths. A local search begins with lines too where it senses along the path, and with a set cover where it senses
+    at waypoints. A plain optimizer of waypoints samples all of its first population, as the paper's does.
+    """
+    lines: tuple[InitialRoute, ...] = ("boustrophedon",) if settings.encoding == "swaths" else ()
     if settings.initial is not None:
-        lines: tuple[InitialRoute, ...] = ("boustrophedon",) if settings.encoding == "swaths" else ()
         return tuple(dict.fromkeys((*lines, *settings.initial)))
-    if settings.encoding == "swaths":
-        return ("boustrophedon",)
-    scenario = coverage.site.scenario
-    free_order = scenario.sensor.sensing == "at-waypoints" and scenario.limits.applies_to == "waypoints"
-    return ("set-cover",) if free_order and settings.algorithm in {"memetic", "local-search"} else ()
+    if settings.algorithm not in {"memetic", "local-search"}:
+        return lines
+    if coverage.site.scenario.sensor.sensing == "at-waypoints":
+        return (*lines, "set-cover")
+    return ("boustrophedon",)
 
 
 def _candidates(coverage: CoverageMap) -> Candidates:
     site = coverage.site
     if site.scenario.sensor.sensing == "at-waypoints":
         spacing_m = _SPACING_CELLS * coverage.grid.cells.size_m
-        return finest_lattice_candidates(coverage, spacing_m=spacing_m, most=_MOST_PLACES)
+        cells_each = math.pi * (horizontal_reach(coverage.sight) / coverage.grid.cells.size_m) ** 2
+        most = int(min(_MOST_PLACES, max(_MOST_PAIRS / max(cells_each, 1.0), coverage.grid.count)))
+        return finest_lattice_candidates(coverage, spacing_m=spacing_m, most=most)
     height_agl_m = best_height_agl_m(site)
     reach_m = max(reach_at_height_m(site.scenario.sensor, height_agl_m), coverage.grid.cells.size_m)
     return level_candidates(coverage, spacing_m=_SPACING_REACHES * reach_m, height_agl_m=height_agl_m)
