@@ -168,7 +168,7 @@ class FrameCamera:
 
     def _require_overlaps(self) -> None:
         for key, share in (("forward_overlap", self.forward_overlap), ("side_overlap", self.side_overlap)):
-            require(share is None or 0.0 <= share < 1.0, f"{key}: {share} is no share of a picture, 0 to below 1")
+            require(share is None or 0.0 <= share < 1.0, f"{key}: {share} is not a share of a picture, 0 to below 1")
         require(self.trigger_distance_m is None or self.trigger_distance_m > 0.0, "trigger_distance_m: must be above 0")
         require(
             self.forward_overlap is None or self.trigger_distance_m is None,
