@@ -13,9 +13,13 @@ from uavcover.vehicle.track_file import Recorder
 FRAME = LocalFrame(36.5, -84.2, 400.0)
 
 
-def recorded(attitude: m.Attitude | None, *, heading_deg: float | None = 123.0, at_s: float = 50.0) -> TrackSample:
+def recorded(
+    attitude: m.Attitude | None, *more: m.Message, heading_deg: float | None = 123.0, at_s: float = 50.0
+) -> TrackSample:
     samples: list[TrackSample] = []
-    monitor = SimpleNamespace(latest=lambda _: attitude, current_seq=3, on_position=None)
+    monitor = SimpleNamespace(
+        latest={type(each): each for each in (attitude, *more)}.get, current_seq=3, on_position=None
+    )
     recorder = Recorder(monitor, FRAME, waypoint_of=lambda seq: seq - 1, on_sample=samples.append)  # type: ignore[arg-type]
     recorder.start()
     monitor.on_position(m.GlobalPositionInt(at_s, 36.5, -84.2, 480.0, 80.0, 0.0, 0.0, 0.0, heading_deg))
@@ -48,3 +52,13 @@ def test_an_older_or_newer_one_is_not_known_but_the_heading_of_the_position_is(a
 def test_without_any_attitude_nothing_is_made_up() -> None:
     sample = recorded(None, heading_deg=None)
     assert all(math.isnan(x) for x in (sample.roll_deg, sample.pitch_deg, sample.yaw_deg, sample.attitude_age_s))
+
+
+def test_pictures_are_counted_as_the_vehicle_counts_them() -> None:
+    where = (36.5, -84.2, 480.0, 80.0)
+    feedback = m.CameraFeedback(50.0, 12, *where, 0.0, 0.0, 0.0)
+    captured = m.CameraImageCaptured(50.0, *where, (1.0, 0.0, 0.0, 0.0), 11, 1)
+    assert math.isnan(recorded(None).pictures_taken)
+    assert recorded(None, feedback).pictures_taken == recorded(None, captured).pictures_taken == 12.0
+    failed = m.CameraImageCaptured(50.0, *where, (1.0, 0.0, 0.0, 0.0), 12, 0)
+    assert math.isnan(recorded(None, failed).pictures_taken)

@@ -24,6 +24,7 @@ def sample(n: int, **changes) -> TrackSample:
         359.99,
         n - 1,
         0.05 * n,
+        float(n // 2),
     )
     return replace(first, **changes)
 
@@ -42,6 +43,7 @@ def test_what_was_written_is_read_to_the_last_bit(tmp_path):
     expected = np.array([astuple(s) for s in samples])
     columns = [
         track.time_s, track.geodetic, track.enu_m, track.attitude_deg, track.current_waypoint, track.attitude_age_s,
+        track.pictures_taken,
     ]  # fmt: skip
     assert np.array_equal(np.column_stack(columns), expected)
     assert len(track) == 5
@@ -51,8 +53,8 @@ def test_what_was_written_is_read_to_the_last_bit(tmp_path):
 def test_the_header_is_the_columns(tmp_path):
     write(tmp_path / "track.csv", 1)
     header, row = (tmp_path / "track.csv").read_text().splitlines()
-    assert header == ",".join([*COLUMNS, "attitude_age_s"])
-    assert row.endswith(",-1,0.0")
+    assert header == ",".join([*COLUMNS, "attitude_age_s", "pictures_taken"])
+    assert row.endswith(",-1,0.0,0.0")
 
 
 def test_attitude_that_is_not_known_stands_there_empty(tmp_path):
@@ -61,20 +63,32 @@ def test_attitude_that_is_not_known_stands_there_empty(tmp_path):
     with TrackWriter(path) as writer:
         writer.write(sample(0, **unknown))
         writer.write(sample(1))
-    assert path.read_text().splitlines()[1].endswith(",,,359.99,-1,")
+    assert path.read_text().splitlines()[1].endswith(",,,359.99,-1,,0.0")
     track = read_track(path)
     assert np.isnan(track.attitude_deg[0]).tolist() == [True, True, False]
     assert np.isfinite(track.attitude_deg[1]).all()
     assert np.isnan(track.attitude_age_s).tolist() == [True, False]
 
 
-def test_a_track_without_the_age_of_its_attitudes_is_read(tmp_path):
+def test_a_track_without_the_last_columns_is_read(tmp_path):
     path = tmp_path / "track.csv"
     write(path)
-    path.write_text("".join(line.rpartition(",")[0] + "\n" for line in path.read_text().splitlines()))
-    track = read_track(path)
-    assert np.isnan(track.attitude_age_s).all()
-    assert len(track) == 5
+    for unknown in (["pictures_taken"], ["pictures_taken", "attitude_age_s"]):
+        path.write_text("".join(line.rpartition(",")[0] + "\n" for line in path.read_text().splitlines()))
+        track = read_track(path)
+        assert len(track) == 5
+        for name in ("pictures_taken", "attitude_age_s"):
+            assert np.isnan(getattr(track, name)).all() == (name in unknown)
+
+
+@pytest.mark.parametrize("count", ["-1.0", "2.5", "many", "inf"])
+def test_a_count_of_pictures_is_a_whole_number(tmp_path, count):
+    path = tmp_path / "track.csv"
+    write(path)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:3], lines[3].rpartition(",")[0] + f",{count}", *lines[4:]]) + "\n")
+    with pytest.raises(TrackError, match="line 4, pictures_taken"):
+        read_track(path)
 
 
 def test_every_row_is_in_the_file_at_once(tmp_path):
@@ -184,7 +198,7 @@ def test_a_short_line_inside_the_file_is_an_error(tmp_path):
     path = tmp_path / "track.csv"
     write(path)
     lines = path.read_text().splitlines()
-    lines[2] = lines[2].rsplit(",", 3)[0]
+    lines[2] = lines[2].rsplit(",", 4)[0]
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(TrackError, match="line 3, yaw_deg: is missing; the line has 9 values"):
         read_track(path)

@@ -7,7 +7,7 @@ import numpy as np
 from uavcover.errors import TrackError
 from uavcover.judging.attitude import known_attitude
 from uavcover.judging.ends import TrackEnd, ground_tolerance_m, track_ends
-from uavcover.judging.observations import REACHED_RADII, Observations, observations_of
+from uavcover.judging.observations import REACHED_RADII, Observations, missing_pictures, observations_of
 from uavcover.judging.phases import PlannedRoute, on_route
 from uavcover.judging.possible_motion import Motion, judge_motion, motion_limits
 from uavcover.judging.safety import (
@@ -145,6 +145,7 @@ def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> Judge
         doubts.append(
             "the deviation from the planned route is unknown: there is no plan, or no part of the track is on its route"
         )
+    pictures = missing_pictures(site, track, enu, joined, planned)
     return JudgedTrack(
         track=track,
         enu_m=enu,
@@ -161,7 +162,7 @@ def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> Judge
         unobserved=tuple(unobserved_stretches(site, track, enu, joined, route, motion, kept)),
         reasons=tuple(_reasons(site, phases, speeds, deviations, broken)),
         doubts=tuple(doubt for doubt in doubts if doubt is not None),
-        findings=tuple(_findings(site, begin, end)),
+        findings=(*_findings(site, begin, end), *([] if pictures is None else [pictures])),
         attitude_problems=tuple(attitude_problems),
     )
 

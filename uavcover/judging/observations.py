@@ -53,7 +53,8 @@ def observations_of(
     Along the path there is one at every sample, and enough between samples to keep them ``sample_spacing_m`` apart; or, with
     pictures by distance, one at the start and one whenever the vehicle is that far from the last one, as autopilots
     trigger. Position, attitude and time are interpolated linearly. There are none between samples that are not joined. Where
-    the track lacks the yaw that a picture needs, nose ahead is assumed.
+    the track lacks the yaw that a picture needs, nose ahead is assumed. From waypoints, the pictures that the vehicle told of
+    count, where it told of any; else every planned waypoint that was reached.
 
     Args:
         site: the scenario on its ground.
@@ -68,7 +69,7 @@ def observations_of(
     """
     sensor = site.scenario.sensor
     if sensor.sensing == "at-waypoints":
-        before, share = _reached(site, enu_m, planned), np.empty(0)
+        before, share = _at_waypoints(site, track, enu_m, joined, planned), np.empty(0)
     else:
         runs = observed_stretches(route, joined)
         trigger_m = trigger_distance_m(site.scenario)
@@ -124,6 +125,54 @@ def _pictures(run: NDArray[np.int64], enu_m: FloatArray, trigger_m: float) -> tu
     # At the end of a leg it is the next sample: from there on another one may be far away or NaN.
     ends = shares == 1.0
     return run[legs + ends], np.where(ends, 0.0, shares)
+
+
+def pictures_told(track: Track) -> bool:
+    """Whether the vehicle told of at least one picture during the track."""
+    known = track.pictures_taken[np.isfinite(track.pictures_taken)]
+    return bool(known.size) and (bool((np.diff(known) > 0).any()) or bool(np.isnan(track.pictures_taken[0])))
+
+
+def _at_waypoints(
+    site: Site, track: Track, enu_m: FloatArray, joined: BoolArray, planned: PlannedRoute | None
+) -> NDArray[np.int64]:
+    """Samples from which a sensor looked that looks from the waypoints: where pictures came back, or else where these are.
+
+    A picture counts at the first sample that knows of it, if the one before is joined to it. Where the count rises by more than
+    one, messages were lost: the waypoints reached since the last report, as many as pictures are missing, count too.
+    """
+    if not pictures_told(track):
+        return _reached(site, enu_m, planned)
+    taken = track.pictures_taken.copy()
+    known = np.flatnonzero(np.isfinite(taken))
+    # Before the first report, one less than it tells; from then on what was told last.
+    first, start = known[0], taken[known[0]] - (known[0] > 0)
+    filled = taken[np.maximum.accumulate(np.where(np.isfinite(taken), np.arange(len(taken)), first))]
+    filled[:first] = start
+    gained = np.diff(filled)
+    reports = np.flatnonzero((gained > 0) & joined) + 1
+    chosen = set(reports.tolist())
+    lost = np.flatnonzero(gained > 1) + 1
+    if lost.size and planned is not None:
+        reached = _reached(site, enu_m, planned)
+        for report in lost.tolist():
+            earlier = np.flatnonzero(gained[: report - 1] > 0)
+            since = int(earlier[-1]) + 1 if earlier.size else -1
+            between = reached[(reached > since) & (reached < report)]
+            chosen.update(between[-(int(gained[report - 1]) - 1) :].tolist())
+    return np.array(sorted(chosen), dtype=np.int64)
+
+
+def missing_pictures(
+    site: Site, track: Track, enu_m: FloatArray, joined: BoolArray, planned: PlannedRoute | None
+) -> str | None:
+    """What to tell where fewer pictures came back than waypoints were reached; none where all did, or nothing is known."""
+    if site.scenario.sensor.sensing != "at-waypoints" or planned is None or not pictures_told(track):
+        return None
+    reached, looks = len(_reached(site, enu_m, planned)), len(_at_waypoints(site, track, enu_m, joined, planned))
+    if looks >= reached:
+        return None
+    return f"{reached} planned waypoints were reached, and {looks} pictures came back: only these count"
 
 
 def _reached(site: Site, enu_m: FloatArray, planned: PlannedRoute | None) -> NDArray[np.int64]:

@@ -26,9 +26,11 @@ COLUMNS = (
 """Columns of ``track.csv``, in order."""
 
 AGE_COLUMN = "attitude_age_s"
-"""Optional last column."""
+PICTURES_COLUMN = "pictures_taken"
+OPTIONAL_COLUMNS = (AGE_COLUMN, PICTURES_COLUMN)
+"""Last columns, which a file may lack."""
 
-MAY_BE_EMPTY = ("roll_deg", "pitch_deg", "yaw_deg", AGE_COLUMN)
+MAY_BE_EMPTY = ("roll_deg", "pitch_deg", "yaw_deg", *OPTIONAL_COLUMNS)
 """Columns whose value may be empty: not reported by the vehicle."""
 
 
@@ -50,6 +52,7 @@ class TrackSample:
         current_waypoint: number in ``plan.json`` of the planned waypoint that the vehicle is flying to; -1 before it heads
             for the first one and after it has reached the last.
         attitude_age_s: time from the attitude to the position; NaN when unknown.
+        pictures_taken: how many pictures the vehicle's camera has taken so far, by its own count; NaN when it has told of none.
     """
 
     time_s: float
@@ -64,6 +67,7 @@ class TrackSample:
     yaw_deg: float
     current_waypoint: int
     attitude_age_s: float = math.nan
+    pictures_taken: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +81,7 @@ class Track:
         attitude_deg: (n, 3) roll, pitch, yaw; NaN where unknown.
         current_waypoint: (n,) see :class:`TrackSample`.
         attitude_age_s: (n,) time from the attitude of a sample to its position, NaN where unknown; default: unknown everywhere.
+        pictures_taken: (n,) see :class:`TrackSample`; default: unknown everywhere.
     """
 
     time_s: FloatArray
@@ -85,10 +90,12 @@ class Track:
     attitude_deg: FloatArray
     current_waypoint: NDArray[np.int64]
     attitude_age_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    pictures_taken: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
-        if self.attitude_age_s.size == 0:
-            object.__setattr__(self, "attitude_age_s", np.full(self.time_s.size, np.nan))
+        for name in OPTIONAL_COLUMNS:
+            if getattr(self, name).size == 0:
+                object.__setattr__(self, name, np.full(self.time_s.size, np.nan))
         for each in fields(self):
             getattr(self, each.name).flags.writeable = False
 
@@ -111,6 +118,7 @@ class Track:
             attitude_deg=self.attitude_deg[samples].copy(),
             current_waypoint=self.current_waypoint[samples].copy(),
             attitude_age_s=self.attitude_age_s[samples].copy(),
+            pictures_taken=self.pictures_taken[samples].copy(),
         )
 
 

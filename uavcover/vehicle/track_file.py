@@ -19,7 +19,7 @@ import numpy as np
 
 from mission_io.wire import messages as m
 from uavcover.errors import OutputError, TrackError
-from uavcover.model.track import AGE_COLUMN, COLUMNS, MAY_BE_EMPTY, ReadTrack, Track, TrackSample
+from uavcover.model.track import COLUMNS, MAY_BE_EMPTY, OPTIONAL_COLUMNS, PICTURES_COLUMN, ReadTrack, Track, TrackSample
 from uavcover.scenario.frames import LocalFrame
 from uavcover.vehicle.monitor import Monitor
 
@@ -114,7 +114,7 @@ class TrackWriter:
             raise OutputError(f"{path}: is there already; use --force to replace it") from None
         except OSError as error:
             raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
-        self._write(",".join((*COLUMNS, AGE_COLUMN)))
+        self._write(",".join((*COLUMNS, *OPTIONAL_COLUMNS)))
 
     def write(self, sample: TrackSample) -> None:
         """Add a sample.
@@ -124,7 +124,7 @@ class TrackWriter:
         """
         self._write(
             ",".join([_written(float(getattr(sample, name))) for name in COLUMNS[:_WAYPOINT]])
-            + f",{sample.current_waypoint},{_written(sample.attitude_age_s)}"
+            + f",{sample.current_waypoint},{_written(sample.attitude_age_s)},{_written(sample.pictures_taken)}"
         )
         self.count += 1
 
@@ -170,8 +170,8 @@ def read_track(path: Path) -> Track:
 def read_track_with_warnings(path: Path) -> ReadTrack:
     """The track in a file, and what was left out of it.
 
-    Columns may stand in any order and others may stand beside them. Roll, pitch, yaw and the age of the three may be empty:
-    not known. A last line that was cut off, as by a crash, is
+    Columns may stand in any order and others may stand beside them. Roll, pitch, yaw, the age of the three and the count of
+    pictures may be empty: not known. A last line that was cut off, as by a crash, is
     left out with a warning. Anything else that is wrong is an error, which names line and column.
 
     Raises:
@@ -194,7 +194,8 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
     missing = [name for name in COLUMNS if name not in header]
     if missing:
         raise TrackError(f"{path}: line 1: the column {missing[0]} is missing; a track has {', '.join(COLUMNS)}")
-    columns = COLUMNS if AGE_COLUMN not in header else (*COLUMNS, AGE_COLUMN)
+    optional = [name for name in OPTIONAL_COLUMNS if name in header]
+    columns = (*COLUMNS, *optional)
     places = {name: header.index(name) for name in columns}
     values = np.array(list(_numbers(path, rows, places)), dtype=float).reshape(-1, len(columns))
     if len(values) == 0:
@@ -206,7 +207,7 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
             enu_m=values[:, 4:7].copy(),
             attitude_deg=values[:, 7:10].copy(),
             current_waypoint=values[:, _WAYPOINT].astype(np.int64),
-            attitude_age_s=values[:, -1].copy() if AGE_COLUMN in header else np.empty(0),
+            **{name: values[:, columns.index(name)].copy() for name in optional},
         ),
         tuple(warnings),
     )
@@ -228,6 +229,9 @@ def _numbers(path: Path, rows: Iterable[list[str]], places: dict[str, int]) -> I
             raise TrackError(f"{path}: line {line}, lat_deg: {lat_deg!r}, {lon_deg!r} is not a place on Earth")
         if not values[_WAYPOINT].is_integer():
             raise TrackError(f"{path}: line {line}, current_waypoint: {values[_WAYPOINT]!r} is not a whole number")
+        pictures = dict(zip(places, values, strict=True)).get(PICTURES_COLUMN, 0.0)
+        if not (math.isnan(pictures) or (pictures >= 0.0 and pictures.is_integer())):
+            raise TrackError(f"{path}: line {line}, {PICTURES_COLUMN}: {pictures!r} is not a number of pictures")
         before_s = time_s
         yield values
 
@@ -319,5 +323,15 @@ class Recorder:
                 yaw_deg=math.degrees(yaw) % 360.0,
                 current_waypoint=self.waypoint_of(self._monitor.current_seq),
                 attitude_age_s=age_s,
+                pictures_taken=self._pictures_taken(),
             )
         )
+
+    def _pictures_taken(self) -> float:
+        """How many pictures the autopilot has told of, by its own count, of which no message can be lost; NaN: of none."""
+        feedback, captured = self._monitor.latest(m.CameraFeedback), self._monitor.latest(m.CameraImageCaptured)
+        if feedback is not None:
+            return float(feedback.number)
+        if captured is not None and captured.success == 1:
+            return float(captured.number + 1)  # PX4 counts from 0
+        return math.nan

@@ -1,0 +1,86 @@
+"""Pictures at waypoints: what the vehicle's camera told of counts, and nothing else where it told of any."""
+
+import numpy as np
+import pytest
+
+from mission_io.wire import messages as m
+from tests.falsifying.honest_run import Base, Field, lines_over, make_site, save_lines
+from tests.judging.flights import Flight, changed, reasons
+from tests.judging.flights import make_site as nimble_site
+from uavcover.judging.observations import pictures_told
+from uavcover.judging.phases import PlannedRoute
+from uavcover.judging.verify import verify_track
+from uavcover.mock.vehicle import MockVehicle
+from uavcover.model.sensor import SphereSensor
+from uavcover.run.folder import RunFolder
+from uavcover.run.plan_files import read_planned
+from uavcover.sensing.coverage_map import judging_map
+from uavcover.vehicle.track_file import read_track
+
+SPHERES = 'kind = "sphere"\nrange_m = {range_m}\nsensing = "at-waypoints"\n'
+
+
+class BlindOnce(MockVehicle):
+    """Its camera fails to take its third picture."""
+
+    def send(self, message: m.Message) -> None:
+        if isinstance(message, m.CameraFeedback):
+            if message.number == 3:
+                return
+            number = message.number - (message.number > 3)
+            message = m.CameraFeedback(message.time_s, number, *(getattr(message, n) for n in message.__slots__[2:]))
+        super().send(message)
+
+
+def flown(folder, autopilot, range_m=130.0, **options):
+    base = Base(name="spheres", sensor=SPHERES.format(range_m=range_m), lines=4, autopilot=autopilot)
+    site = make_site(folder / "scenario", base)
+    run = RunFolder(folder / "run")
+    save_lines(run, site, base)
+    Field(site=site, autopilot=autopilot, **options).fly(run)
+    planned = read_planned(run)[1]
+    return site, PlannedRoute(planned.route.waypoints_m, planned.coverage_fraction), read_track(run.file("track.csv"))
+
+
+@pytest.mark.parametrize(("autopilot", "loss"), [("ardupilot", 0.0), ("px4", 0.0), ("ardupilot", 0.25)])
+def test_every_planned_waypoint_has_its_picture_in_the_record(tmp_path, autopilot, loss):
+    site, planned, track = flown(tmp_path, autopilot, loss=loss)
+    count = len(planned.waypoints_m)
+    assert pictures_told(track)
+    # The vehicle's own count makes good for messages that were lost, but for those at the end.
+    assert count - (3 if loss else 0) <= np.nanmax(track.pictures_taken) <= count
+    promised = lines_over(site, lines=4, height_agl_m=80.0).chosen
+    report = verify_track(site, judging_map(site), track, planned)
+    assert loss or not any("pictures came back" in line for line in report.findings)
+    assert report.coverage_fraction == pytest.approx(promised.metrics.coverage_fraction, abs=0.05 if loss else 0.02)
+
+
+def test_a_picture_that_was_not_taken_is_told_and_its_ground_not_seen(tmp_path):
+    whole = flown(tmp_path / "whole", "ardupilot", range_m=95.0)
+    site, planned, track = flown(tmp_path / "blind", "ardupilot", range_m=95.0, vehicle_class=BlindOnce)
+    reports = [verify_track(site, judging_map(site), each, planned) for each in (whole[2], track)]
+    count = len(planned.waypoints_m)
+    assert np.nanmax(track.pictures_taken) == count - 1
+    assert any(
+        f"{count} planned waypoints were reached, and {count - 1} pictures" in line for line in reports[1].findings
+    )
+    assert reports[1].coverage_fraction < reports[0].coverage_fraction
+
+
+def test_of_a_record_that_tells_of_no_picture_the_waypoints_count():
+    site = nimble_site(sensor=SphereSensor(kind="sphere", range_m=110.0))
+    flight = Flight(site)
+    as_before = flight.verify()
+    assert not pictures_told(flight.track)
+    # Pictures of an earlier flight, and none of this one, tell nothing of the camera either.
+    earlier = changed(flight.track, pictures_taken=np.full(len(flight.track), 7.0))
+    assert not pictures_told(earlier)
+    assert flight.verify(earlier).coverage_fraction == as_before.coverage_fraction > 0.0
+    one = np.full(len(flight.track), 7.0)
+    one[len(one) // 2 :] = 8.0
+    report = flight.verify(changed(flight.track, pictures_taken=one))
+    assert 0.0 < report.coverage_fraction < as_before.coverage_fraction
+    assert reasons(report)
+    # A count that a restart sets back is no picture.
+    back = np.where(np.arange(len(one)) < len(one) // 2, 7.0, 0.0)
+    assert not pictures_told(changed(flight.track, pictures_taken=back))
