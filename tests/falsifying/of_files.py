@@ -3,11 +3,13 @@
 import json
 import re
 import shutil
+import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomli_w
 
 from tests.falsifying.flown import Flown
 from tests.falsifying.of_place import shifted
@@ -85,14 +87,11 @@ def _written(name: str, text: str) -> Meddle:
 
 def _smaller_area(run: Path) -> None:
     path = run / "scenario.toml"
-
-    def shrink(match: re.Match[str]) -> str:
-        ring = np.array(json.loads(match[2]))
-        return f"{match[1]} = {(ring.mean(axis=0) + 0.3 * (ring - ring.mean(axis=0))).tolist()}"
-
-    text, count = re.subn(r"(?m)^(polygon_\w+) = (.*)$", shrink, path.read_text())
-    assert count == 1
-    path.write_text(text)
+    document = tomllib.loads(path.read_text())
+    [key] = [key for key in document["area"] if key.startswith("polygon_")]
+    ring = np.array(document["area"][key])
+    document["area"][key] = (ring.mean(axis=0) + 0.3 * (ring - ring.mean(axis=0))).tolist()
+    path.write_text(tomli_w.dumps(document))
 
 
 @family("ground changed")
