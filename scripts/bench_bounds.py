@@ -1,6 +1,7 @@
-"""Bounds, set covers and tours of the paper's scenarios: docs/results/bounds.md and .csv.
+"""Bounds, set covers and tours of the paper's scenarios, and bounds on path length: docs/results/bounds.md and .csv.
 
     .venv/bin/python scripts/bench_bounds.py --time 120 --out docs/results
+    .venv/bin/python scripts/bench_bounds.py --paths --time 60
 
 Proofs on lattices of two spacings, by branch and bound for so many seconds a question; covers that take no solver; their tours
 beside LKH's, where elkai is installed.
@@ -16,13 +17,18 @@ import numpy as np
 
 from uavcover.kernels.route import path_length
 from uavcover.kernels.tours import short_tour
+from uavcover.planning.bounds import least_path_length_m
+from uavcover.planning.ground_prices import coverable_weight_m2, lattice_step_m, price_ground
+from uavcover.planning.selection import parse_rule
 from uavcover.planning.set_cover.candidates import Candidates, Reduced, lattice_candidates, reduce
 from uavcover.planning.set_cover.solvers import CoverProgram, SolverEffort, greedy_cover, searched_cover
 from uavcover.scenario.site import load_site
-from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.coverage_map import CoverageMap, judging_map
 
 SCENARIOS = ("paper-R2", "paper-r1", "paper-planar")
 COUNTS = {"paper-R2": 14, "paper-r1": 40, "paper-planar": 30}
+SHORTEST_FOUND_M = {"jacksboro": 6265.0, "ridge-25km2": 149136.0, "ridge-obstacles": 6268.0}
+"""Of the routes that the planner has found; what a bound on path length is held against."""
 COLUMNS = ("scenario", "lattice_m", "places", "question", "relaxation", "at_best", "found", "lkh", "wall_s")
 SEARCH_STEPS = 100_000
 
@@ -96,6 +102,24 @@ def tour(base: dict[str, object], question: str, points: np.ndarray) -> dict[str
     return base | {"question": question, "found": length, "lkh": lkh_length(points), "wall_s": wall_s}
 
 
+def path_row(name: str, time_s: float) -> str:
+    """Both bounds on path length of a scenario, in Markdown."""
+    site = load_site(name)
+    coverage, share = judging_map(site), parse_rule(site.scenario.select).required_coverage
+    weight = coverable_weight_m2(coverage)
+    quick_m, step_m = least_path_length_m(coverage, share), lattice_step_m(coverage, time_s)
+    began = time.process_time()
+    ground = None if step_m is None else price_ground(coverage, share, step_m=step_m)
+    cpu_s = time.process_time() - began
+    priced_m = 0.0 if ground is None else ground.least_length_m(weight, share)
+    found_m = SHORTEST_FOUND_M[name]
+    gaps = " | ".join(
+        f"{100.0 * (found_m / limit - 1.0):.1f} %" if limit > 0.0 else "" for limit in (quick_m, priced_m)
+    )
+    lattice = "" if step_m is None else f"{step_m:g} m"
+    return f"| {name} | {100.0 * share:g} % | {found_m:.0f} | {quick_m:.0f} | {priced_m:.0f} | {gaps} | {lattice} | {cpu_s:.0f} |"
+
+
 def table(rows: list[dict[str, object]]) -> str:
     """The rows in Markdown."""
     lines = ["| scenario | lattice | question | at least / at most: relaxation | branch and bound | found | LKH | s |",
@@ -113,8 +137,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--time", type=float, default=120.0, help="seconds of branch and bound for each question")
     parser.add_argument("--lattices", type=float, nargs="+", default=[0.25, 0.125])
-    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--out", type=Path, help="folder of the table and its CSV; not for --paths")
+    parser.add_argument("--paths", nargs="*", metavar="SCENARIO", help="bounds on path length instead: print them")
     arguments = parser.parse_args()
+    if arguments.paths is not None:
+        print("| scenario | coverage | found m | by area | by prices | gap by area | gap by prices | lattice | CPU s |")
+        print("|---|---|---|---|---|---|---|---|---|")
+        for name in arguments.paths or SHORTEST_FOUND_M:
+            print(path_row(name, arguments.time), flush=True)
+        return
+    if arguments.out is None:
+        parser.error("--out FOLDER is needed")
     rows: list[dict[str, object]] = []
     for spacing_m in arguments.lattices:
         for name in SCENARIOS:

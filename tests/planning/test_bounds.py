@@ -9,7 +9,7 @@ from tests.planning.sites import hills, make_site
 from uavcover.errors import InputError
 from uavcover.model.route import Bound
 from uavcover.model.sensor import SphereSensor
-from uavcover.planning.bounds import are_quick, farthest_looks_m, least_path_length_m, waypoint_bounds
+from uavcover.planning.bounds import are_quick, farthest_looks_m, least_path_length_m, path_bounds, waypoint_bounds
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.run.documents import bounds_in_words
@@ -53,6 +53,22 @@ def test_a_planned_path_is_not_shorter_than_its_bound():
     assert entry["gap"] == pytest.approx(entry["found"] / entry["at_least"] - 1.0)
     assert entry["for_coverage_of_coverable"] == 0.9
     assert "fewest_waypoints" not in bounds
+
+
+def test_the_larger_of_both_path_bounds_is_reported():
+    site = make_site(hills)
+    coverage, plan = judging_map(site), planned(site, "coverage>=0.9")
+    (quick,) = path_bounds(coverage, plan)
+    (slow,) = path_bounds(coverage, plan, time_s=0.2)
+    assert quick.method == "area within reach of a curve"
+    assert quick.limit <= slow.limit <= slow.found
+    assert (slow.method == "prices on the ground") == (slow.limit > quick.limit)
+
+
+def test_legs_without_limits_may_see_from_any_height():
+    waypoints_alone = {"applies_to": "waypoints"}
+    coverage = CoverageMap(make_site(hills, limits=waypoints_alone), cell_size_m=20.0)
+    assert (farthest_looks_m(coverage) == pytest.approx(200.0 * math.sin(math.radians(35.0)))).all()
 
 
 @pytest.fixture(scope="module")

@@ -35,7 +35,8 @@ class Search:
     bounds: Annotated[
         str | None,
         typer.Option(
-            help="After the search, prove for this long (30s) how few waypoints, or how much coverage, there can be."
+            help="After the search, prove for about this long (30s) how few waypoints or how short a path, or how much coverage, "
+            "there can be."
         ),
     ] = None
     autopilot: options.Autopilot = None

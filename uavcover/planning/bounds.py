@@ -1,6 +1,7 @@
 """Proved bounds of a plan: how few waypoints, how much coverage, how short a path there can be, beside what was found.
 
-The lower bound on path length: a curve of length L has at most the area 2 r L + pi r^2 within r of it. Every cell has a
+There are two lower bounds on path length. The tighter one prices the ground (:mod:`uavcover.planning.ground_prices`) and takes
+a while. The quick one: a curve of length L has at most the area 2 r L + pi r^2 within r of it. Every cell has a
 largest distance on the map from which any allowed place sees it. Of the cells for which that is at most r the path must see
 all but what may stay unseen, so it comes within r, and half a cell's diagonal, of their area. The best r is taken. The bound
 depends on no lattice of places, so no route inside the height band beats it; it is far below the shortest path, because a
@@ -16,6 +17,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.sight import CONE, farthest_looks, highest_in_squares, horizontal_reach
 from uavcover.kernels.surface import GRID
 from uavcover.model.route import Bound, Plan, RouteMember
+from uavcover.planning.ground_prices import coverable_weight_m2, lattice_step_m, price_ground
 from uavcover.planning.selection import parse_rule
 from uavcover.planning.set_cover.candidates import finest_lattice_candidates, reduce
 from uavcover.planning.set_cover.solvers import CoverProgram, SolverEffort
@@ -48,7 +50,8 @@ def farthest_looks_m(coverage: CoverageMap) -> FloatArray:
     """(cells,) no place inside the height band further away on the map sees a cell, metres."""
     sight = whatever_heading(coverage.sight)
     reach = horizontal_reach(sight)
-    if sight.kind != CONE:
+    # Where limits apply to waypoints alone, the legs between them may be at any height.
+    if sight.kind != CONE or coverage.site.scenario.limits.applies_to == "waypoints":
         return np.full(coverage.grid.count, reach)
     tops, east0, north0, side = _tops(coverage, reach)
     return farthest_looks(coverage.grid.cells.centre_m, tops, east0, north0, side, sight.tan_half_fov, reach)
@@ -87,21 +90,26 @@ _MET = 1e-9
 _ANYWHERE = "any path inside the height band"
 
 
-def path_bounds(coverage: CoverageMap, plan: Plan) -> list[Bound]:
+def path_bounds(coverage: CoverageMap, plan: Plan, *, time_s: float = 0.0) -> list[Bound]:
     """The shortest path that sees what is asked; for sensors that look along the path.
 
     Args:
         coverage: on the cells by which routes are judged.
         plan: the routes.
+        time_s: about as long as prices on the ground may take; with 0, or too little for them, the quick bound stays.
     """
     if coverage.site.scenario.sensor.sensing != "along-path":
         return []
     share = _asked(plan)
     lengths = [m.metrics.path_length_m for m in _feasible(plan) if m.metrics.coverage_of_coverable >= share - _MET]
-    limit = least_path_length_m(coverage, share)
-    return [
-        Bound("shortest_path_m", share, limit, min(lengths, default=None), _ANYWHERE, "area within reach of a curve")
-    ]
+    proofs = [(least_path_length_m(coverage, share), "area within reach of a curve")]
+    step_m = lattice_step_m(coverage, time_s)
+    priced = None if step_m is None else price_ground(coverage, share, step_m=step_m)
+    if priced is not None:
+        proofs.append((priced.least_length_m(coverable_weight_m2(coverage), share - _MET), "prices on the ground"))
+    limit, method = max(proofs, key=lambda proof: proof[0])
+    anywhere = "any path" if coverage.site.scenario.limits.applies_to == "waypoints" else _ANYWHERE
+    return [Bound("shortest_path_m", share, limit, min(lengths, default=None), anywhere, method)]
 
 
 def are_quick(coverage: CoverageMap) -> bool:

@@ -136,8 +136,8 @@ def bounds(site: Site, result: Plan | None = None, *, time_s: float | None = Non
     Args:
         site: the scenario on its ground.
         result: a plan; without one there is nothing to compare with.
-        time_s: for branch and bound, half of it for each question; 0: proofs that take no solver alone; default: linear
-            relaxations too, where they are quick.
+        time_s: for prices on the ground, or for branch and bound, half of it for each question; 0: proofs that take no solver
+            alone; default: linear relaxations too, where they are quick.
     """
     coverage = judging_map(site)
     found: dict[str, Any] = {"coverable_fraction": coverage.share(coverage.coverable)}
@@ -146,7 +146,7 @@ def bounds(site: Site, result: Plan | None = None, *, time_s: float | None = Non
         found["length_reference_m"] = float(site.area.area) / width
     if result is None:
         return found
-    proved = path_bounds(coverage, result)
+    proved = path_bounds(coverage, result, time_s=time_s or 0.0)
     if time_s is not None and time_s > 0.0:
         proved += waypoint_bounds(coverage, result, SolverEffort(time_s=0.5 * time_s))
     elif time_s is None and are_quick(coverage):
