@@ -32,7 +32,7 @@ from uavcover.sensing.sensors import whatever_heading
 _STEPS_A_CELL = (8.0, 6.0, 4.0, 3.0, 2.0)
 """Squares of the lattice along the side of a cell: the finer, the higher the bound, and the longer the proof takes."""
 
-_WORK_A_SECOND = 2e7
+_WORK_A_SECOND = 1e7
 """Nodes times cells at the edge of what is seen there: of the whole proof, on one core."""
 
 _BLOCKS_ACROSS = 32
