@@ -10,6 +10,7 @@ from mission_io.client.client import Client
 from mission_io.links.opening import open_link
 from mission_io.wire.messages import SysStatus
 from tests.cli.conftest import Cli, mock_vehicle, started, wait_for_line
+from uavcover.mock.faults import FaultKind
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -88,3 +89,8 @@ def test_port_that_is_taken(cli: Cli) -> None:
         ended = cli("mock-vehicle", "--listen", f"udpin://127.0.0.1:{taken.getsockname()[1]}")
     assert ended.code == 3
     assert "is the port taken?" in ended.error
+
+
+def test_help_names_every_fault(cli: Cli) -> None:
+    shown = cli("mock-vehicle", "--help").out
+    assert [kind.value for kind in FaultKind if kind.value not in shown] == []

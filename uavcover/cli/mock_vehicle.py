@@ -139,8 +139,9 @@ def mock_vehicle(
     """Be a vehicle on a port until Ctrl-C; prints the port it bound.
 
     Faults: heartbeat-loss[:S], gps-loss[:S], battery-failsafe[:return|land], pilot-mode[:MODE], reboot[:S],
-    link-outage[:S], stuck[:S], arming-refused[:S], strong-wind[:M_S], mission-changed, force-disarm. Moments: @40s after
-    take-off, @boot+40s after it was switched on, @item5 when it flies to that item.
+    link-outage[:S], stuck[:S], arming-refused[:S], strong-wind[:M_S], mission-changed,
+    mission-lowered[:M], force-disarm. Moments: @40s after take-off, @boot+40s after it was switched on, @item5 when it flies
+    to that item.
     """
     import numpy as np
 
