@@ -51,7 +51,8 @@ def test_no_routes() -> None:
 
 
 def test_judged_figures_by_hand() -> None:
-    site = make_site(vehicle={"cruise_speed_m_s": 10.0, "max_climb_m_s": 2.0, "max_descent_m_s": 4.0}, cell_m=50.0)
+    speeds = {"cruise_speed_m_s": 10.0, "max_climb_m_s": 2.0, "max_descent_m_s": 4.0, "acceleration_m_s2": np.inf}
+    site = make_site(vehicle=speeds, cell_m=50.0)
     route = Route(np.array([[0.0, 50.0, 60.0], [100.0, 50.0, 60.0], [100.0, 130.0, 100.0], [100.0, 210.0, 40.0]]))
     metrics = judge(CoverageMap(site, cell_size_m=50.0), route)
     assert metrics.waypoint_count == 4

@@ -187,10 +187,15 @@ def test_endurance() -> None:
 
 
 def test_flight_time_by_hand() -> None:
-    site = make_site(vehicle={"takeoff_height_m": 80.0, "max_climb_m_s": 4.0, "max_descent_m_s": 2.0})
+    speeds = {"takeoff_height_m": 80.0, "max_climb_m_s": 4.0, "max_descent_m_s": 2.0}
+    site = make_site(vehicle={**speeds, "acceleration_m_s2": math.inf})
     found = compiled(site, route((0, 50, 80), (200, 50, 80)))
-    # 80 m up at 4 m/s, 100 + 200 + 300 m at 10 m/s, 80 m down at 2 m/s.
-    assert found.flight_time_s == pytest.approx(20.0 + 60.0 + 40.0)
+    # 80 m up at 4 m/s, 100 + 200 + 300 m at 10 m/s, 68.5 m down at 2 m/s, a metre slower and slower, 10.5 m at 0.5 m/s.
+    by_hand_s = 20.0 + 60.0 + 34.25 + math.log(4.0) / 1.5 + 21.0
+    assert found.flight_time_s == pytest.approx(by_hand_s)
+    # With 2.5 m/s2 and 1 m/s3: 6.5 s lost at both ends, what corners save is little; a climb of 80 m begins and ends slowly.
+    slower = compiled(make_site(vehicle=speeds), route((0, 50, 80), (200, 50, 80)))
+    assert by_hand_s + 8.0 < slower.flight_time_s < by_hand_s + 25.0
 
 
 def test_no_place_on_earth_and_no_home() -> None:

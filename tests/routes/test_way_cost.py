@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.planning.sites import make_site, with_scenario
+from uavcover.kernels.flight_time import BLENDED, BRAKED
 from uavcover.kernels.way_cost import LENGTH, TIME
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
@@ -14,13 +15,20 @@ from uavcover.model.vehicle import Vehicle, Wind
 from uavcover.routes.mission_compiler import compile_mission
 from uavcover.routes.way_cost import pace_of, way_cost_of
 
-WINDY = with_scenario(make_site(vehicle={"max_airspeed_m_s": 12.0}), wind=Wind(speed_m_s=8.0, from_deg=270.0))
+AT_ONCE = {"max_airspeed_m_s": 12.0, "acceleration_m_s2": math.inf}
+WINDY = with_scenario(make_site(vehicle=AT_ONCE), wind=Wind(speed_m_s=8.0, from_deg=270.0))
 
 
 def test_a_wind_from_the_west_blows_to_the_east() -> None:
     pace = pace_of(WINDY)
     assert (pace.wind_east_m_s, pace.wind_north_m_s) == (pytest.approx(8.0), pytest.approx(0.0, abs=1e-12))
     assert pace.acceleration_m_s2 == math.inf
+    own = pace_of(make_site())
+    assert (own.acceleration_m_s2, own.jerk_m_s3, own.corner) == (2.5, 1.0, BLENDED), "ArduPilot's own"
+    other = make_site(vehicle={"autopilot": "px4", "acceleration_m_s2": 2.0})
+    assert (pace_of(other).acceleration_m_s2, pace_of(other).jerk_m_s3, pace_of(other).corner) == (2.0, 4.0, BRAKED)
+    assert pace_of(other, "ardupilot").jerk_m_s3 == 1.0
+    assert pace_of(make_site(vehicle={"acceleration_m_s2": math.inf})).acceleration_m_s2 == math.inf
     assert pace_of(make_site()).airspeed_m_s == math.inf
 
 
@@ -31,7 +39,7 @@ def test_objective_and_middle_of_the_band() -> None:
 
 
 def test_the_flight_against_the_wind_takes_longer_and_counts_against_endurance() -> None:
-    still = make_site(vehicle={"max_airspeed_m_s": 12.0})
+    still = make_site(vehicle=AT_ONCE)
     there = Route(np.array([[0.0, 50.0, 80.0], [300.0, 50.0, 80.0]]))
     calm, windy = (compile_mission(site, there, autopilot="ardupilot").flight_time_s for site in (still, WINDY))
     # 400 m home at 12 - 8 m/s instead of 10 m/s; with the wind cruise speed is kept.
@@ -45,6 +53,7 @@ def test_the_flight_against_the_wind_takes_longer_and_counts_against_endurance()
         (lambda: Wind(from_deg=400.0), "from_deg: 400.0 is outside"),
         (lambda: Vehicle(max_airspeed_m_s=5.0), "max_airspeed_m_s: 5.0 m/s is below cruise_speed_m_s = 10.0"),
         (lambda: Vehicle(acceleration_m_s2=0.0), "acceleration_m_s2: must be above 0"),
+        (lambda: Vehicle(jerk_m_s3=-1.0), "jerk_m_s3: must be above 0"),
         (lambda: Vehicle(max_mission_items=3), "max_mission_items: 3 is too few"),
         (lambda: PlannerSettings(band_deviation_price=-1.0), "band_deviation_price: -1.0 must not be negative"),
         (

@@ -10,7 +10,7 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.errors import VehicleSilentError
 from tests.vehicle.scene import HOME, make_scene, mission, plan_for
-from uavcover.kernels.way_cost import Pace
+from uavcover.kernels.flight_time import Pace
 from uavcover.mock.faults import parse_fault
 from uavcover.vehicle.flight_plan import OperatingVolume, PlanNeeds
 from uavcover.vehicle.fly import Ending
@@ -21,12 +21,14 @@ from uavcover.vehicle.precautions import OnBreach, Precautions
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 FINE = {
     False: {
-        "WPNAV_SPEED": 1000.0, "WPNAV_SPEED_UP": 400.0, "WPNAV_SPEED_DN": 300.0, "WPNAV_ACCEL": 250.0, "RTL_ALT": 6000.0,
+        "WPNAV_SPEED": 1000.0, "WPNAV_SPEED_UP": 400.0, "WPNAV_SPEED_DN": 300.0, "WPNAV_ACCEL": 250.0, "WPNAV_JERK": 1.0,
+        "RTL_ALT": 6000.0,
         "FENCE_ENABLE": 1.0, "FENCE_TYPE": 7.0, "FENCE_ACTION": 1.0, "FENCE_ALT_MAX": 120.0, "FENCE_RADIUS": 400.0,
         "BATT_FS_LOW_ACT": 2.0, "BATT_FS_CRT_ACT": 1.0, "FS_GCS_ENABLE": 1.0,
     },
     True: {
-        "MPC_XY_CRUISE": 10.0, "MPC_Z_V_AUTO_UP": 4.0, "MPC_Z_V_AUTO_DN": 3.0, "MPC_ACC_HOR": 3.0, "RTL_RETURN_ALT": 60.0,
+        "MPC_XY_CRUISE": 10.0, "MPC_Z_V_AUTO_UP": 4.0, "MPC_Z_V_AUTO_DN": 3.0, "MPC_ACC_HOR": 3.0, "MPC_JERK_AUTO": 4.0,
+        "RTL_RETURN_ALT": 60.0,
         "GF_ACTION": 2.0, "GF_MAX_VER_DIST": 120.0, "GF_MAX_HOR_DIST": 400.0, "COM_LOW_BAT_ACT": 3.0, "NAV_DLL_ACT": 2.0,
     },
 }  # fmt: skip

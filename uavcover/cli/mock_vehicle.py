@@ -62,8 +62,9 @@ class Imitated:
             raise InputError(
                 f"scenario {self.scenario}: has no place on Earth or no home; give --home LAT,LON,ALT_AMSL"
             )
-        config = replace(config, settings=Settings.for_vehicle(vehicle), battery=BatteryData.for_vehicle(vehicle))
-        return autopilot_name(self.autopilot, vehicle.autopilot), place, config
+        name = autopilot_name(self.autopilot, vehicle.autopilot)
+        settings = Settings.for_vehicle(vehicle, name)
+        return name, place, replace(config, settings=settings, battery=BatteryData.for_vehicle(vehicle))
 
 
 @dataclass(frozen=True, slots=True)

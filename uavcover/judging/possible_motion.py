@@ -148,8 +148,13 @@ def motion_limits(vehicle: Vehicle, wind: Wind) -> MotionLimits:
         speed_m_s=most_m_s,
         climb_m_s=2.0 * vehicle.max_climb_m_s + 2.0,
         descent_m_s=2.0 * vehicle.max_descent_m_s + 2.0,
-        acceleration_m_s2=max(lean_m_s2, 2.0 * (vehicle.acceleration_m_s2 or 0.0)),
+        acceleration_m_s2=max(lean_m_s2, 2.0 * _finite(vehicle.acceleration_m_s2)),
     )
+
+
+def _finite(acceleration_m_s2: float | None) -> float:
+    """The scenario's acceleration; 0 where it names none, or counts none."""
+    return 0.0 if acceleration_m_s2 is None or np.isinf(acceleration_m_s2) else acceleration_m_s2
 
 
 @dataclass(frozen=True, slots=True)

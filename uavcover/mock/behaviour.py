@@ -4,6 +4,7 @@
 delays: ready in two seconds, with all streams on from the start, and with transfer timeouts on the link's clock.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -12,7 +13,7 @@ from types import MappingProxyType
 from mission_io.model.enums import AutopilotId
 from mission_io.wire import messages as m
 from uavcover.mock.guidance import Speeds
-from uavcover.model.vehicle import Vehicle
+from uavcover.model.vehicle import AutopilotName, Motion, Vehicle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,6 +27,7 @@ class Settings:
         land_m_s: downward speed of the last metres.
         acceptance_radius_m: a waypoint without a radius of its own counts as reached within this distance.
         return_height_m: height above home that the vehicle returns at.
+        motion: how it is led along legs, up and down; none: as fast as its airframe can.
     """
 
     cruise_m_s: float = 10.0
@@ -34,21 +36,25 @@ class Settings:
     land_m_s: float = 0.7
     acceptance_radius_m: float = 2.0
     return_height_m: float = 30.0
+    motion: Motion | None = None
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
-            if not getattr(self, name) > 0.0:
+            if name != "motion" and not getattr(self, name) > 0.0:
                 raise ValueError(f"{name}: {getattr(self, name)} must be above 0")
 
     @classmethod
-    def for_vehicle(cls, vehicle: Vehicle) -> "Settings":
-        """The settings of the vehicle that a scenario plans with."""
+    def for_vehicle(cls, vehicle: Vehicle, autopilot: AutopilotName | None = None) -> "Settings":
+        """The settings of the vehicle that a scenario plans with, flown by an autopilot; by its own where none is named."""
+        motion = vehicle.motion(autopilot)
         return cls(
             cruise_m_s=vehicle.cruise_speed_m_s,
             climb_m_s=vehicle.max_climb_m_s,
             descent_m_s=vehicle.max_descent_m_s,
             acceptance_radius_m=vehicle.acceptance_radius_m,
             return_height_m=vehicle.return_height_m,
+            land_m_s=motion.land_m_s,
+            motion=motion if math.isfinite(motion.acceleration_m_s2) and math.isfinite(motion.jerk_m_s3) else None,
         )
 
     @property

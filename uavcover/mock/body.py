@@ -11,6 +11,7 @@ from mission_io.model.items import Command, Frame, GeoPoint, MissionItem
 from uavcover.mock.dynamics import Airframe, Battery, BatteryData, PointMass, Vector, WindField, WindModel
 from uavcover.mock.itinerary import Itinerary, Step
 from uavcover.mock.positioning import GpsError, Positioning
+from uavcover.model.vehicle import Motion
 from uavcover.scenario.frames import LocalFrame
 
 STEP_S = 0.02
@@ -84,9 +85,9 @@ class MockBody:
         lat, lon, alt = self.frame.geodetic_from_enu(position_m)
         return GeoPoint(float(lat[0]), float(lon[0]), float(alt[0]))
 
-    def follow(self, steps: list[Step], now: float, *, land_m_s: float) -> None:
+    def follow(self, steps: list[Step], now: float, *, land_m_s: float, motion: Motion | None = None) -> None:
         """Replace the itinerary by these steps; an empty list is to stay here."""
-        self.itinerary = Itinerary(steps, self.believed, now, land_m_s=land_m_s)
+        self.itinerary = Itinerary(steps, self.believed, now, land_m_s=land_m_s, motion=motion)
 
     def cut_motors(self) -> None:
         """Stop the motors: in the air the vehicle falls."""

@@ -1,16 +1,19 @@
 """The itinerary of the mock vehicle: simple steps (climb, fly to, descend, wait) made from mission items or flight modes."""
 
+import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Protocol, Self
+from typing import Protocol, Self, cast
 
 from mission_io.autopilots.autopilot import command_read_back
 from mission_io.model.items import Command, MissionItem, SpeedType
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import Airframe, Vector
 from uavcover.mock.guidance import Speeds, Stop, passing_speeds, velocity_along, velocity_to
+from uavcover.mock.legs import Leg, Legs, legs_of
+from uavcover.model.vehicle import Motion
 
 _SLOW_LANDING_BELOW_M = 10.0
 _SETTLED_M = 0.5
@@ -192,9 +195,12 @@ class Itinerary:
         stuck: whether it never goes on to the next step, whatever is reached.
     """
 
-    def __init__(self, steps: Iterable[Step], body: Mover, now: float, *, land_m_s: float = 0.7) -> None:
+    def __init__(
+        self, steps: Iterable[Step], body: Mover, now: float, *, land_m_s: float = 0.7, motion: Motion | None = None
+    ) -> None:
         self._steps, self._index = tuple(steps), 0
         self._body, self._airframe, self._land_m_s = body, body.airframe, land_m_s
+        self._motion, self._legs, self._first_leg, self._led_until = motion, cast(Legs | None, None), 0, 0
         self.completed: list[int] = []
         self.camera: list[CameraOrder] = []
         self.stuck = False
@@ -222,16 +228,26 @@ class Itinerary:
         if step is None or step.kind is StepKind.WAIT:
             return velocity_to(position, self._target, speeds=self._hold_speeds(), airframe=self._airframe)
         if step.kind is StepKind.DESCEND:
-            above = position[2] - ground_up_m
-            down = step.speeds.descent_m_s if above > _SLOW_LANDING_BELOW_M else self._land_m_s
+            down = self._landing_speed(position[2] - ground_up_m, step.speeds.descent_m_s)
             at = (self._target[0], self._target[1], position[2])
             east, north, _ = velocity_to(position, at, speeds=step.speeds, airframe=self._airframe)
             return (east, north, -down)
+        if self._legs is not None and not self.stuck:
+            return self._legs.wanted_velocity(position)
         passing = self._passing[0] if self._passing else 0.0
         stop = Stop(self._target, step.radius_m, passing == 0.0)
         return velocity_along(
             position, self._leg_start, stop, passing_m_s=passing, speeds=step.speeds, airframe=self._airframe
         )
+
+    def _landing_speed(self, above_m: float, descent_m_s: float) -> float:
+        """Downwards at a height above the ground: changed over a band of heights, where the autopilot does so."""
+        motion = self._motion
+        if motion is None:
+            return descent_m_s if above_m > _SLOW_LANDING_BELOW_M else self._land_m_s
+        slow = min(self._land_m_s, descent_m_s)
+        share = max(0.0, min(1.0, (above_m - motion.land_slow_m) / motion.land_band_m))
+        return slow + share * (descent_m_s - slow)
 
     def _hold_speeds(self) -> Speeds:
         frame = self._airframe
@@ -242,6 +258,8 @@ class Itinerary:
             return False
         if step.kind is StepKind.WAIT:
             return now >= self._until
+        if self._legs is not None:
+            return self._first_leg + self._legs.passed > self._index
         if step.kind is StepKind.DESCEND:
             return False  # the ground ends it
         if step.kind is StepKind.CLIMB:
@@ -277,6 +295,25 @@ class Itinerary:
             self._passing = self._passing[1:] or self._chain(here)
         else:
             self._passing = []
+        self._lead(step, here)
+
+    def _lead(self, step: Step, here: Vector) -> None:
+        """Have the vehicle led along the legs that begin now; those of waypoints go over into each other."""
+        if self._motion is None or step.kind not in (StepKind.CLIMB, StepKind.GO):
+            self._legs = None
+            return
+        if step.kind is StepKind.GO:
+            if self._first_leg < self._index < self._led_until:
+                return
+            legs = [
+                Leg(one.point_m, one.speeds)
+                for one in itertools.takewhile(lambda one: one.kind is StepKind.GO, self._steps[self._index :])
+                if one.point_m is not None
+            ]
+        else:
+            legs = [Leg(self._target, step.speeds)]
+        self._legs, self._first_leg = legs_of(self._motion, here, legs), self._index
+        self._led_until = self._index + len(legs)
 
     def _chain(self, here: Vector) -> list[float]:
         """Passing speeds of the waypoints that follow each other without a wait."""

@@ -215,7 +215,7 @@ class MockState:
 
     def follow(self, steps: list[Step]) -> None:
         """Replace the itinerary; an empty one is to stay here."""
-        self.body.follow(steps, self.time_s, land_m_s=self.settings.land_m_s)
+        self.body.follow(steps, self.time_s, land_m_s=self.settings.land_m_s, motion=self.settings.motion)
 
     def stay_armed(self) -> None:
         """Restart the time after which it disarms itself on the ground."""

@@ -1,6 +1,8 @@
 """The vehicle and the wind it is planned for."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import ClassVar, Literal
 
 from uavcover.errors import InputError
@@ -44,6 +46,76 @@ def autopilot_name(text: str | None, default: AutopilotName) -> AutopilotName:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """How an autopilot, as it comes, moves a multirotor between waypoints, from the ground and to the ground.
+
+    Attributes:
+        acceleration_m_s2: over ground.
+        vertical_acceleration_m_s2: up and down.
+        jerk_m_s3: how fast the acceleration changes.
+        corner: "blended": the next leg begins before the last one has ended; "braked": it slows down for the corner.
+        corner_radius_m: within which it passes a waypoint.
+        smoothing_s: by which each leg takes longer because the jerk does not change at once.
+        settling_s: by which a long leg takes longer because the vehicle follows its own set speed late; measured.
+        settling_tc_s: time constant of that; measured.
+        vertical_change_m_s: largest change of vertical speed at a waypoint that it does not brake for; none: any.
+        takeoff_m_s: speed of the first metres of the climb; none: as any climb.
+        takeoff_slow_m: how many metres these are.
+        land_m_s: speed of the last metres of the landing.
+        land_slow_m: how many metres these are.
+        land_band_m: metres above those over which the speed changes.
+    """
+
+    acceleration_m_s2: float
+    vertical_acceleration_m_s2: float
+    jerk_m_s3: float
+    corner: Literal["blended", "braked"]
+    corner_radius_m: float
+    smoothing_s: float = 0.0
+    settling_s: float = 0.0
+    settling_tc_s: float = 1.0
+    vertical_change_m_s: float | None = None
+    takeoff_m_s: float | None = None
+    takeoff_slow_m: float = 0.0
+    land_m_s: float
+    land_slow_m: float
+    land_band_m: float
+
+
+MOTIONS: Mapping[AutopilotName, Motion] = MappingProxyType(
+    {
+        "ardupilot": Motion(
+            acceleration_m_s2=2.5,  # WPNAV_ACCEL
+            vertical_acceleration_m_s2=1.0,  # WPNAV_ACCEL_Z
+            jerk_m_s3=1.0,  # WPNAV_JERK
+            corner="blended",
+            corner_radius_m=2.0,  # WPNAV_RADIUS
+            smoothing_s=0.3,  # 2 ATC_INPUT_TC: jerk over snap, as AC_WPNav::calc_scurve_jerk_and_snap has them
+            land_m_s=0.5,  # LAND_SPEED
+            land_slow_m=10.5,  # LAND_ALT_LOW and half of the band
+            land_band_m=1.0,  # its square root controller, 1 m/s a metre (PSC_POSZ_P)
+        ),
+        "px4": Motion(
+            acceleration_m_s2=3.0,  # MPC_ACC_HOR
+            vertical_acceleration_m_s2=3.0,  # MPC_ACC_DOWN_MAX, the smaller one
+            jerk_m_s3=4.0,  # MPC_JERK_AUTO
+            corner="braked",
+            corner_radius_m=2.0,  # NAV_ACC_RAD of multirotors (rc.mc_defaults)
+            settling_s=3.2,  # scripts/bench_flight_time.py
+            settling_tc_s=3.0,  # likewise
+            vertical_change_m_s=1.73,  # likewise; NAV_MC_ALT_RAD is passed with MPC_ACC_DOWN_MAX
+            takeoff_m_s=1.5,  # MPC_TKO_SPEED
+            takeoff_slow_m=10.0,  # MPC_LAND_ALT1
+            land_m_s=0.7,  # MPC_LAND_SPEED
+            land_slow_m=5.0,  # MPC_LAND_ALT2
+            land_band_m=5.0,  # MPC_LAND_ALT1 - MPC_LAND_ALT2
+        ),
+    }
+)
+"""Of ArduCopter 4.7 and PX4 1.17, with the parameters that the values are the defaults of."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Vehicle:
     """The multirotor, as planning needs it.
 
@@ -52,7 +124,9 @@ class Vehicle:
         max_climb_m_s: largest upward speed.
         max_descent_m_s: largest downward speed.
         max_airspeed_m_s: largest airspeed, for the wind of the scenario; none: wind does not limit the speed.
-        acceleration_m_s2: acceleration over ground at a waypoint; none: turns take no time.
+        acceleration_m_s2: acceleration over ground; default: the autopilot's own (ArduPilot 2.5, PX4 3.0). ``inf``: speeds
+            change at once and turns take no time.
+        jerk_m_s3: how fast the acceleration changes; default: the autopilot's own (ArduPilot 1.0, PX4 4.0).
         acceptance_radius_m: a waypoint counts as reached within this distance.
         takeoff_height_m: height above home of the vertical climb, raised where the transit requires it.
         return_height_m: height above home of the autopilot's own return, checked from every waypoint.
@@ -68,6 +142,7 @@ class Vehicle:
     max_descent_m_s: float = 3.0
     max_airspeed_m_s: float | None = None
     acceleration_m_s2: float | None = None
+    jerk_m_s3: float | None = None
     acceptance_radius_m: float = 3.0
     takeoff_height_m: float = 30.0
     return_height_m: float = 60.0
@@ -94,8 +169,18 @@ class Vehicle:
             f"max_airspeed_m_s: {airspeed} m/s is below cruise_speed_m_s = {self.cruise_speed_m_s}",
         )
         require(acceleration is None or acceleration > 0.0, "acceleration_m_s2: must be above 0")
+        require(self.jerk_m_s3 is None or self.jerk_m_s3 > 0.0, "jerk_m_s3: must be above 0")
         require(self.endurance_s is None or self.endurance_s > 0.0, "endurance_s: must be above 0")
         require(
             self.max_mission_items is None or self.max_mission_items >= 8,
             f"max_mission_items: {self.max_mission_items} is too few for take-off, a leg and landing (8)",
+        )
+
+    def motion(self, autopilot: AutopilotName | None = None) -> Motion:
+        """How it moves: as an autopilot does, its own by default, with the scenario's acceleration and jerk where it has them."""
+        own = MOTIONS[autopilot or self.autopilot]
+        return replace(
+            own,
+            acceleration_m_s2=own.acceleration_m_s2 if self.acceleration_m_s2 is None else self.acceleration_m_s2,
+            jerk_m_s3=own.jerk_m_s3 if self.jerk_m_s3 is None else self.jerk_m_s3,
         )

@@ -36,7 +36,7 @@ from mission_io.model.items import (
 )
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.way_cost import flight_time
+from uavcover.kernels.flight_time import flight_time, landing_time, leg_time, takeoff_time
 from uavcover.model.route import Route
 from uavcover.model.sensor import Camera, FrameCamera, Sensor
 from uavcover.model.vehicle import AutopilotName
@@ -164,7 +164,8 @@ def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName) -> Co
         change_speed(site.scenario.vehicle.cruise_speed_m_s),
         *(_item(waypoint, frame, point, home) for point in there[1:-1]),
     ]
-    return _compiled(site, route, opening, there, start_m=home, flown_s=0.0, autopilot=autopilot)
+    climb_s = takeoff_time(pace_of(site, autopilot), float(there[0, 2] - home[2]))
+    return _compiled(site, route, opening, there, begin_s=climb_s, flown_s=0.0, autopilot=autopilot)
 
 
 def compile_continuation(
@@ -208,7 +209,8 @@ def compile_continuation(
         change_speed(site.scenario.vehicle.cruise_speed_m_s),
         *(_item(waypoint, frame, point, home) for point in there[:-1]),
     ]
-    return _compiled(site, route, opening, there, start_m=here, flown_s=flown_s, autopilot=autopilot)
+    climb_s = leg_time(pace_of(site, autopilot), _place(here), _place(there[0]))
+    return _compiled(site, route, opening, there, begin_s=climb_s, flown_s=flown_s, autopilot=autopilot)
 
 
 def _check_planned(site: Site, route: Route) -> None:
@@ -224,9 +226,9 @@ def _check_planned(site: Site, route: Route) -> None:
 
 def _compiled(
     site: Site, route: Route, opening: list[MissionItem], there_m: FloatArray,
-    *, start_m: FloatArray, flown_s: float, autopilot: AutopilotName,
+    *, begin_s: float, flown_s: float, autopilot: AutopilotName,
 ) -> CompiledMission:  # fmt: skip
-    """Complete a mission from its opening items, which follow ``there_m`` to the first planned waypoint."""
+    """Complete a mission from its opening items; these follow ``there_m``, begun after ``begin_s``, to the first waypoint."""
     frame, home = frame_and_home(site)
     planned, vehicle = route.waypoints_m, site.scenario.vehicle
     back = transit(site, home[:2], planned[-1], ground_end_height_m=vehicle.takeoff_height_m)[::-1]
@@ -249,7 +251,11 @@ def _compiled(
     items.append(_item(land, frame, home, home))
     mission = Mission(_geo_point(frame, home), tuple(items))
     path = np.vstack([there_m[:-1], planned, back[1:]])
-    time_s = _flight_time_s(site, path, start_m, home)
+    # Waypoints that stand twice in the mission stop the vehicle.
+    stops = 0 if picture_distance_m is None else 1
+    timed = np.vstack([there_m[:-1], *[planned[:1]] * stops, planned, back[1:]])
+    pace = pace_of(site, autopilot)
+    time_s = begin_s + flight_time(pace, timed) + landing_time(pace, timed[-1, 2] - home[2])
     if vehicle.endurance_s is not None and flown_s + time_s > vehicle.endurance_s:
         before = f" after {flown_s:.0f} s in the air" if flown_s > 0.0 else ""
         raise MissionTooLongError(
@@ -329,5 +335,5 @@ def _rally(frame: LocalFrame, home_m: FloatArray, advice: ReturnAdvice) -> Rally
     return RallyPoints((FramedPoint(place.lat_deg, place.lon_deg, float(height), Frame.ABOVE_HOME),))
 
 
-def _flight_time_s(site: Site, path_m: FloatArray, start_m: FloatArray, home_m: FloatArray) -> float:
-    return float(flight_time(pace_of(site), np.vstack([start_m, path_m, home_m])))
+def _place(point_m: FloatArray) -> tuple[float, float, float]:
+    return float(point_m[0]), float(point_m[1]), float(point_m[2])

@@ -8,7 +8,8 @@ import numpy as np
 
 from uavcover.kernels import route as kernels
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.way_cost import flight_time, route_cost
+from uavcover.kernels.flight_time import flight_time
+from uavcover.kernels.way_cost import route_cost
 from uavcover.model.route import Route, RouteMember, RouteMetrics
 from uavcover.routes.leg_checks import measure_violations, route_height_range_m
 from uavcover.routes.way_cost import pace_of, way_cost_of

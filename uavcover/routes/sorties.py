@@ -7,7 +7,14 @@ import numpy as np
 
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray, IntArray
-from uavcover.kernels.way_cost import Pace, leg_times, turn_times
+from uavcover.kernels.flight_time import (
+    Pace,
+    flight_time,
+    landing_time,
+    leg_times,
+    takeoff_time,
+    turn_times,
+)
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.mission_compiler import (
@@ -20,6 +27,7 @@ from uavcover.routes.mission_compiler import (
 from uavcover.routes.transit import check_way_home, check_way_there, transit
 from uavcover.routes.way_cost import pace_of
 from uavcover.scenario.site import Site
+from uavcover.sensing.sensors import trigger_distance_m
 
 _ROUNDS = 200
 """Number of new splits after the compiler has refused a flight of the previous one."""
@@ -64,7 +72,7 @@ def compile_sorties(site: Site, route: Route, *, autopilot: AutopilotName) -> tu
         if len(route) < 2:
             raise
         refusal: InfeasibleError = error
-    ways = _Ways.of(site, route, item_limit=_item_limit(site, autopilot))
+    ways = _Ways.of(site, route, item_limit=_item_limit(site, autopilot), autopilot=autopilot)
     compiled: dict[tuple[int, int], CompiledMission] = {}
     all_checked = False
     for attempt in range(_ROUNDS):
@@ -112,6 +120,7 @@ class _Ways:
         turns_s: (n,) of all turns up to and at the waypoint.
         there_s: (n,) from home on the ground; infinite where no flight may begin.
         back_s: (n,) to home, landed; infinite where no flight may end.
+        alone_s: (n,) of a flight to this waypoint only.
         there_items: (n,) mission items before the waypoint, home among them.
         back_items: (n,) behind it.
         each_items: of every waypoint.
@@ -125,6 +134,7 @@ class _Ways:
     turns_s: FloatArray
     there_s: FloatArray
     back_s: FloatArray
+    alone_s: FloatArray
     there_items: IntArray
     back_items: IntArray
     each_items: int
@@ -134,18 +144,29 @@ class _Ways:
     barred: frozenset[tuple[int, int]] = frozenset()
 
     @classmethod
-    def of(cls, site: Site, route: Route, *, item_limit: float) -> "_Ways":
+    def of(cls, site: Site, route: Route, *, item_limit: float, autopilot: AutopilotName) -> "_Ways":
         """The costs of a route; transits follow the terrain exactly as the compiler makes them."""
         home, vehicle = site.home_m, site.scenario.vehicle
         if home is None:
             raise InfeasibleError(f"scenario {site.scenario.name}: has no [home]")
-        points, n, pace = route.waypoints_m, len(route), pace_of(site)
-        there, back, items = np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
+        points, n, pace = route.waypoints_m, len(route), pace_of(site, autopilot)
+        # The waypoint at which pictures begin stands twice in the mission and is a stop.
+        stops = trigger_distance_m(site.scenario) is not None
+        there, back, alone, items = np.empty(n), np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
         for k, point in enumerate(points):
             way = transit(site, home[:2], point, ground_end_height_m=vehicle.takeoff_height_m)
             # With the turn onto the leg behind it, and off the leg before it.
-            there[k] = _time_s(pace, np.vstack([home, way, points[k + 1 : k + 2]]), legs=len(way))
-            back[k] = _time_s(pace, np.vstack([points[max(k - 1, 0) : k], way[::-1], home]), legs=-len(way))
+            onto = points[k + 1 : k + 1] if stops else points[k + 1 : k + 2]
+            there[k] = takeoff_time(pace, way[0, 2] - home[2]) + _time_s(
+                pace, np.vstack([way, onto]), legs=len(way) - 1
+            )
+            back[k] = landing_time(pace, way[0, 2] - home[2]) + _time_s(
+                pace, np.vstack([points[max(k - 1, 0) : k], way[::-1]]), legs=1 - len(way)
+            )
+            # A flight to this waypoint alone turns from the way there to the way home.
+            round_m = np.vstack([way, way[-1:] if stops else way[:0], way[-2::-1]])
+            column_m = way[0, 2] - home[2]
+            alone[k] = takeoff_time(pace, column_m) + flight_time(pace, round_m) + landing_time(pace, column_m)
             items[k] = len(way) - 1
         so_far = np.concatenate([[0.0], np.cumsum(leg_times(pace, points))])
         return cls(
@@ -153,6 +174,7 @@ class _Ways:
             turns_s=np.cumsum(turn_times(pace, points)),
             there_s=there,
             back_s=back,
+            alone_s=alone,
             # Home, take-off, speed and transit before the route; transit and landing after it.
             there_items=items + 2,
             back_items=items + 1,
@@ -208,9 +230,11 @@ def _split(ways: _Ways) -> list[tuple[int, int]] | None:
         barred.setdefault(last, []).append(first)
     for last in range(ways.shared, n):
         starts = np.arange(0, last + 1 - ways.shared)
-        turns_s = np.maximum(0.0, ways.turns_s[max(last - 1, 0)] - ways.turns_s[starts])
+        turns_s = np.where(starts < last, ways.turns_s[max(last - 1, 0)] - ways.turns_s[starts], 0.0)
         route_s = ways.so_far_s[last] - ways.so_far_s[starts] + turns_s
         flight = ways.there_s[starts] + route_s + ways.back_s[last]
+        alone = (starts == last) & np.isfinite(flight)
+        flight[alone] = ways.alone_s[last]
         flight[barred.get(last, [])] = math.inf
         items = ways.there_items[starts] + ways.each_items * (last - starts + 1) + ways.back_items[last]
         possible = np.isfinite(flight) & (flight <= ways.endurance_s) & (items <= ways.item_limit)

@@ -2,13 +2,16 @@
 
 import math
 
-from uavcover.kernels.way_cost import LENGTH, TIME, Pace, WayCost
+from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace
+from uavcover.kernels.way_cost import LENGTH, TIME, WayCost
+from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.site import Site
 
 
-def pace_of(site: Site) -> Pace:
-    """Speeds and acceleration of a site's vehicle in its wind."""
+def pace_of(site: Site, autopilot: AutopilotName | None = None) -> Pace:
+    """Speeds and motion of a site's vehicle in its wind, flown by an autopilot; by the scenario's own where none is named."""
     vehicle, wind = site.scenario.vehicle, site.scenario.wind
+    motion = vehicle.motion(autopilot)
     to_rad = math.radians(wind.from_deg + 180.0)
     return Pace(
         cruise_m_s=vehicle.cruise_speed_m_s,
@@ -17,7 +20,20 @@ def pace_of(site: Site) -> Pace:
         airspeed_m_s=math.inf if vehicle.max_airspeed_m_s is None else vehicle.max_airspeed_m_s,
         wind_east_m_s=wind.speed_m_s * math.sin(to_rad),
         wind_north_m_s=wind.speed_m_s * math.cos(to_rad),
-        acceleration_m_s2=math.inf if vehicle.acceleration_m_s2 is None else vehicle.acceleration_m_s2,
+        acceleration_m_s2=motion.acceleration_m_s2,
+        vertical_acceleration_m_s2=motion.vertical_acceleration_m_s2,
+        jerk_m_s3=motion.jerk_m_s3,
+        corner=BLENDED if motion.corner == "blended" else BRAKED,
+        corner_radius_m=motion.corner_radius_m,
+        smoothing_s=motion.smoothing_s,
+        settling_s=motion.settling_s,
+        settling_tc_s=motion.settling_tc_s,
+        vertical_change_m_s=math.inf if motion.vertical_change_m_s is None else motion.vertical_change_m_s,
+        takeoff_m_s=math.inf if motion.takeoff_m_s is None else motion.takeoff_m_s,
+        takeoff_slow_m=motion.takeoff_slow_m,
+        land_m_s=motion.land_m_s,
+        land_slow_m=motion.land_slow_m,
+        land_band_m=motion.land_band_m,
     )
 
 

@@ -10,7 +10,7 @@ from mission_io.autopilots.autopilot import Autopilot
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.way_cost import Pace
+from uavcover.kernels.flight_time import Pace
 from uavcover.scenario.frames import LocalFrame
 from uavcover.vehicle.ground_contact import GroundAt
 

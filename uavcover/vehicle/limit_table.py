@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from uavcover.kernels.way_cost import Pace, flight_time
+from uavcover.kernels.flight_time import Pace, mission_time
 from uavcover.vehicle.flight_plan import FlightPlan
 
 _SLOWER = 0.99
@@ -102,6 +102,7 @@ _ARDUPILOT: Mapping[str, _Names] = {
     "climb": (("WPNAV_SPEED_UP", 100.0), ("WP_SPD_UP", 1.0)),
     "descent": (("WPNAV_SPEED_DN", 100.0), ("WP_SPD_DN", 1.0)),
     "acceleration": (("WPNAV_ACCEL", 100.0), ("WP_ACC", 1.0)),
+    "jerk": (("WPNAV_JERK", 1.0), ("WP_JERK", 1.0)),
     "return": (("RTL_ALT", 100.0), ("RTL_ALT_M", 1.0)),
     **{
         name: ((name, 1.0),)
@@ -116,6 +117,7 @@ _PX4: Mapping[str, _Names] = {
     "climb": (("MPC_Z_V_AUTO_UP", 1.0), ("MPC_Z_VEL_MAX_UP", 1.0)),
     "descent": (("MPC_Z_V_AUTO_DN", 1.0), ("MPC_Z_VEL_MAX_DN", 1.0)),
     "acceleration": (("MPC_ACC_HOR", 1.0),),
+    "jerk": (("MPC_JERK_AUTO", 1.0),),
     "return": (("RTL_RETURN_ALT", 1.0),),
     **{
         name: ((name, 1.0),)
@@ -166,10 +168,11 @@ class _Table:
         self._values, self._plan, self._names = values, plan, names
         self._needs = plan.needs
         self.rows: list[Limit] = []
-        places = [leg[1] for leg in plan.legs_m().values()]
+        legs = list(plan.legs_m().values())
+        places = [leg[1] for leg in legs]
         home_m = plan.frame.enu_from_geodetic(plan.home.lat_deg, plan.home.lon_deg, plan.home.alt_amsl_m)[0]
         path = np.vstack([home_m, *places]) if places else home_m.reshape(1, 3)
-        self._path_m = np.vstack([path, home_m])
+        self._path_m = np.vstack([home_m, *(leg[0] for leg in legs[:1]), *places]) if len(legs) > 2 else path
         self._highest_m = float(path[:, 2].max() - home_m[2])
         self._farthest_m = float(np.hypot(path[:, 0] - home_m[0], path[:, 1] - home_m[1]).max())
 
@@ -214,6 +217,7 @@ class _Table:
         self._add("cruise", "waypoint speed", pace.cruise_m_s, "m/s", own_speed)
         if math.isfinite(pace.acceleration_m_s2):
             self._add("acceleration", "acceleration", pace.acceleration_m_s2, "m/s2", _slower(pace.acceleration_m_s2))
+            self._add("jerk", "jerk", pace.jerk_m_s3, "m/s3", _slower(pace.jerk_m_s3))
         else:
             self._add("acceleration", "acceleration", None, "m/s2", _fine("this plan counts no time for turns"))
 
@@ -228,7 +232,10 @@ class _Table:
         )
         if min(pace.climb_m_s, pace.descent_m_s) <= 0.0:
             return
-        accelerated = pace._replace(acceleration_m_s2=self._number("acceleration", math.inf))
+        accelerated = pace._replace(
+            acceleration_m_s2=self._number("acceleration", 0.0) or pace.acceleration_m_s2,
+            jerk_m_s3=self._number("jerk", 0.0) or pace.jerk_m_s3,
+        )
         by_speeds_s, with_turns_s = self._time_s(pace), self._time_s(accelerated)
         end_s = needs.endurance_s
         weight, matters = Weight.NONE, f"by the vehicle's own speeds and acceleration; endurance {end_s:g} s"
@@ -241,7 +248,8 @@ class _Table:
         )
 
     def _time_s(self, pace: Pace) -> float:
-        return float(flight_time(pace, self._path_m))
+        """From home on the ground by the take-off's top to where the mission lands."""
+        return float(mission_time(pace, self._path_m)) if len(self._path_m) > 3 else 0.0
 
     def add_return(self) -> None:
         if self._needs is None:
