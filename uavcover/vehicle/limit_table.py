@@ -220,6 +220,7 @@ class _Table:
             self._add("jerk", "jerk", pace.jerk_m_s3, "m/s3", _slower(pace.jerk_m_s3))
         else:
             self._add("acceleration", "acceleration", None, "m/s2", _fine("this plan counts no time for turns"))
+            self._add("jerk", "jerk", None, "m/s3", _fine("this plan counts no time for turns"))
 
     def add_time(self) -> None:
         """The time of the mission by the vehicle's own speeds, and with its acceleration, against the endurance."""
