@@ -13,7 +13,7 @@ from types import MappingProxyType
 from mission_io.model.enums import AutopilotId
 from mission_io.wire import messages as m
 from uavcover.mock.guidance import Speeds
-from uavcover.model.vehicle import AutopilotName, Motion, Vehicle
+from uavcover.model.vehicle import AutopilotMotion, AutopilotName, Vehicle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +36,7 @@ class Settings:
     land_m_s: float = 0.7
     acceptance_radius_m: float = 2.0
     return_height_m: float = 30.0
-    motion: Motion | None = None
+    motion: AutopilotMotion | None = None
 
     def __post_init__(self) -> None:
         for name in self.__slots__:

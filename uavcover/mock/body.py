@@ -11,7 +11,7 @@ from mission_io.model.items import Command, Frame, GeoPoint, MissionItem
 from uavcover.mock.dynamics import Airframe, Battery, BatteryData, PointMass, Vector, WindField, WindModel
 from uavcover.mock.itinerary import Itinerary, Step
 from uavcover.mock.positioning import GpsError, Positioning
-from uavcover.model.vehicle import Motion
+from uavcover.model.vehicle import AutopilotMotion
 from uavcover.scenario.frames import LocalFrame
 
 STEP_S = 0.02
@@ -85,7 +85,7 @@ class MockBody:
         lat, lon, alt = self.frame.geodetic_from_enu(position_m)
         return GeoPoint(float(lat[0]), float(lon[0]), float(alt[0]))
 
-    def follow(self, steps: list[Step], now: float, *, land_m_s: float, motion: Motion | None = None) -> None:
+    def follow(self, steps: list[Step], now: float, *, land_m_s: float, motion: AutopilotMotion | None = None) -> None:
         """Replace the itinerary by these steps; an empty list is to stay here."""
         self.itinerary = Itinerary(steps, self.believed, now, land_m_s=land_m_s, motion=motion)
 

@@ -13,7 +13,7 @@ from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import Airframe, Vector
 from uavcover.mock.guidance import Speeds, Stop, passing_speeds, velocity_along, velocity_to
 from uavcover.mock.legs import Leg, Legs, legs_of
-from uavcover.model.vehicle import Motion
+from uavcover.model.vehicle import AutopilotMotion
 
 _SLOW_LANDING_BELOW_M = 10.0
 _SETTLED_M = 0.5
@@ -196,7 +196,13 @@ class Itinerary:
     """
 
     def __init__(
-        self, steps: Iterable[Step], body: Mover, now: float, *, land_m_s: float = 0.7, motion: Motion | None = None
+        self,
+        steps: Iterable[Step],
+        body: Mover,
+        now: float,
+        *,
+        land_m_s: float = 0.7,
+        motion: AutopilotMotion | None = None,
     ) -> None:
         self._steps, self._index = tuple(steps), 0
         self._body, self._airframe, self._land_m_s = body, body.airframe, land_m_s

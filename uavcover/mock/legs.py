@@ -12,7 +12,7 @@ from typing import Protocol
 
 from uavcover.mock.dynamics import Vector
 from uavcover.mock.guidance import Speeds, along_speed, direction_and_length
-from uavcover.model.vehicle import Motion
+from uavcover.model.vehicle import AutopilotMotion
 
 _STEP_S = 0.02
 _FOLLOW_GAIN_1_S = 1.0
@@ -49,7 +49,7 @@ class Legs(Protocol):
         """The velocity to ask for, one step later; east, north, up."""
 
 
-def legs_of(motion: Motion, start_m: Vector, legs: Sequence[Leg]) -> Legs:
+def legs_of(motion: AutopilotMotion, start_m: Vector, legs: Sequence[Leg]) -> Legs:
     """What leads along legs from a place, at rest there at first."""
     if motion.corner == "blended":
         return BlendedLegs(motion, start_m, legs)
@@ -64,7 +64,7 @@ class _RestToRest:
         total_s: that it takes.
     """
 
-    def __init__(self, motion: Motion, start_m: Vector, leg: Leg) -> None:
+    def __init__(self, motion: AutopilotMotion, start_m: Vector, leg: Leg) -> None:
         self.unit, self.length_m = direction_and_length(start_m, leg.end_m)
         self.start_m, self.elapsed_s, self.total_s = start_m, 0.0, 0.0
         self._ramp: list[tuple[float, float, float]] = [(0.0, 0.0, 0.0)]
@@ -142,7 +142,7 @@ def _ramp(speed_m_s: float, acceleration_m_s2: float, jerk_m_s3: float) -> list[
 class BlendedLegs:
     """ArduCopter's legs: the motions of two legs add up where one goes over into the next."""
 
-    def __init__(self, motion: Motion, start_m: Vector, legs: Sequence[Leg]) -> None:
+    def __init__(self, motion: AutopilotMotion, start_m: Vector, legs: Sequence[Leg]) -> None:
         self.passed = 0
         self._motion, self._legs = motion, tuple(legs)
         self._starts = [start_m, *(leg.end_m for leg in legs)]
@@ -226,7 +226,7 @@ class BlendedLegs:
 class BrakedLegs:
     """PX4's legs: a place that steers to the next waypoint, its acceleration and jerk limited."""
 
-    def __init__(self, motion: Motion, start_m: Vector, legs: Sequence[Leg]) -> None:
+    def __init__(self, motion: AutopilotMotion, start_m: Vector, legs: Sequence[Leg]) -> None:
         self.passed = 0
         self._motion, self._legs = motion, tuple(legs)
         self._place, self._velocity, self._acceleration = start_m, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)

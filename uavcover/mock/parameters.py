@@ -4,6 +4,7 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Any
 
 from mission_io.model.enums import AutopilotId
 from mission_io.wire.messages import ParamValue
@@ -147,6 +148,7 @@ class Parameters:
             self._values[name] = float(round(value)) if row.whole else value
             return
         try:
-            self.settings = replace(self.settings, **{row.attribute: value / row.per_unit})
+            changed: dict[str, Any] = {row.attribute: value / row.per_unit}
+            self.settings = replace(self.settings, **changed)
         except ValueError:
             return

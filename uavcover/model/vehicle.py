@@ -46,7 +46,7 @@ def autopilot_name(text: str | None, default: AutopilotName) -> AutopilotName:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Motion:
+class AutopilotMotion:
     """How an autopilot, as it comes, moves a multirotor between waypoints, from the ground and to the ground.
 
     Attributes:
@@ -82,9 +82,9 @@ class Motion:
     land_band_m: float
 
 
-MOTIONS: Mapping[AutopilotName, Motion] = MappingProxyType(
+MOTIONS: Mapping[AutopilotName, AutopilotMotion] = MappingProxyType(
     {
-        "ardupilot": Motion(
+        "ardupilot": AutopilotMotion(
             acceleration_m_s2=2.5,  # WPNAV_ACCEL
             vertical_acceleration_m_s2=1.0,  # WPNAV_ACCEL_Z
             jerk_m_s3=1.0,  # WPNAV_JERK
@@ -95,7 +95,7 @@ MOTIONS: Mapping[AutopilotName, Motion] = MappingProxyType(
             land_slow_m=10.5,  # LAND_ALT_LOW and half of the band
             land_band_m=1.0,  # its square root controller, 1 m/s a metre (PSC_POSZ_P)
         ),
-        "px4": Motion(
+        "px4": AutopilotMotion(
             acceleration_m_s2=3.0,  # MPC_ACC_HOR
             vertical_acceleration_m_s2=3.0,  # MPC_ACC_DOWN_MAX, the smaller one
             jerk_m_s3=4.0,  # MPC_JERK_AUTO
@@ -176,7 +176,7 @@ class Vehicle:
             f"max_mission_items: {self.max_mission_items} is too few for take-off, a leg and landing (8)",
         )
 
-    def motion(self, autopilot: AutopilotName | None = None) -> Motion:
+    def motion(self, autopilot: AutopilotName | None = None) -> AutopilotMotion:
         """How it moves: as an autopilot does, its own by default, with the scenario's acceleration and jerk where it has them."""
         own = MOTIONS[autopilot or self.autopilot]
         return replace(
