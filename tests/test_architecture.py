@@ -21,7 +21,8 @@ def test_the_figures_of_the_page_hold() -> None:
     shown = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
     counted = {line[8:].strip(): int(line[:8]) for line in shown.splitlines()}
     stated = {
-        name: int(after) for name, after in re.findall(r"^\| (.+?) \| \d+ \| (\d+) \|$", PAGE.read_text(), re.MULTILINE)
+        name: int(today)
+        for name, today in re.findall(r"^\| (.+?) \| \d+ \| \d+ \| (\d+) \|$", PAGE.read_text(), re.MULTILINE)
     }
     assert set(stated) == set(counted)
     worse = {
