@@ -52,7 +52,9 @@ def test_every_planned_waypoint_has_its_picture_in_the_record(tmp_path, autopilo
     promised = lines_over(site, lines=4, height_agl_m=80.0).chosen
     report = verify_track(site, judging_map(site), track, planned)
     assert loss or not any("pictures came back" in line for line in report.findings)
-    assert report.coverage_fraction == pytest.approx(promised.metrics.coverage_fraction, abs=0.05 if loss else 0.02)
+    # Ground of a picture whose message was lost counts as not seen: where the vehicle was is not known.
+    least = promised.metrics.coverage_fraction - (0.15 if loss else 0.02)
+    assert least <= report.coverage_fraction <= promised.metrics.coverage_fraction + 0.02
 
 
 def test_a_picture_that_was_not_taken_is_told_and_its_ground_not_seen(tmp_path):

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.kernels.test_route import deterministic, points
-from uavcover.kernels.flight_time import Pace, flight_time
+from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace, flight_time
 from uavcover.kernels.route import path_length
 from uavcover.kernels.way_cost import LENGTH, TIME, WayCost, route_cost
 from uavcover.scenario.ground import grid_ground
@@ -20,6 +20,19 @@ paces = st.builds(
     wind_east_m_s=st.sampled_from([0.0, 5.0, -8.0]),
     wind_north_m_s=st.sampled_from([0.0, 7.0, -3.0]),
     acceleration_m_s2=st.sampled_from([math.inf, 2.0]),
+    vertical_acceleration_m_s2=st.sampled_from([math.inf, 1.0]),
+    jerk_m_s3=st.sampled_from([math.inf, 4.0]),
+    corner=st.sampled_from([BLENDED, BRAKED]),
+    corner_radius_m=st.sampled_from([0.5, 2.0]),
+    smoothing_s=st.sampled_from([0.0, 0.3]),
+    settling_s=st.sampled_from([0.0, 3.2]),
+    settling_tc_s=st.just(3.0),
+    vertical_change_m_s=st.sampled_from([math.inf, 1.7]),
+    takeoff_m_s=st.just(1.5),
+    takeoff_slow_m=st.just(10.0),
+    land_m_s=st.just(0.7),
+    land_slow_m=st.just(5.0),
+    land_band_m=st.just(5.0),
 )
 
 
