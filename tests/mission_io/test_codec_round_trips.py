@@ -88,6 +88,8 @@ DECIDED_ZERO = {
     "sys_status": {
         "drop_rate_comm", "errors_comm", "errors_count1", "errors_count2", "errors_count3", "errors_count4",
     },
+    "camera_feedback": {"target_system", "cam_idx", "foc_len", "flags"},
+    "camera_image_captured": {"time_utc", "camera_id", "file_url"},
     "battery_status": {"energy_consumed", "temperature", "battery_function", "type"},
     "autopilot_version": {
         "middleware_sw_version", "os_sw_version", "board_version", "flight_custom_version",

@@ -308,7 +308,7 @@ def test_a_good_fence_and_good_rally_points_raise_nothing() -> None:
     assert check_for_autopilot(items_from_fence(FENCE), ARDUPILOT, MissionType.FENCE) == ()
     rally = [MissionItem(Command.NAV_RALLY_POINT, Frame.ABOVE_HOME, lat_deg=33.2, lon_deg=-98.1, alt_m=50.0)]
     assert check_for_autopilot(rally, ARDUPILOT, MissionType.RALLY) == ()
-    assert "no rally point" in str(check_for_autopilot([PLACE], ARDUPILOT, MissionType.RALLY)[0])
+    assert "is not a rally point" in str(check_for_autopilot([PLACE], ARDUPILOT, MissionType.RALLY)[0])
 
 
 @BOTH
