@@ -26,6 +26,8 @@ BLENDED = 0
 BRAKED = 1
 
 _LEAST_M = 1e-6
+"""Less than this, of a leg or of its part on the map or in height, is no movement."""
+
 _BISECTIONS = 24
 _SETTLING_GAIN = 0.7
 """Share of the settling time that a waypoint passed at full speed saves; of PX4, see docs/results/flight_time.md."""
@@ -108,11 +110,11 @@ def _leg(pace: Pace, p: Place, q: Place) -> _Leg:
     if length < _LEAST_M:
         return _Leg(0.0, 0.0, 0.0, 0.0, 1.0, 1.0)
     speed, acceleration = math.inf, math.inf
-    if horizontal > 0.0:
+    if horizontal >= _LEAST_M:
         level = horizontal / length
         speed = speed_over_ground(pace, de / horizontal, dn / horizontal) / level
         acceleration = pace.acceleration_m_s2 / level
-    if du != 0.0:
+    if abs(du) >= _LEAST_M or horizontal < _LEAST_M:
         steep = abs(du) / length
         speed = min(speed, (pace.climb_m_s if du > 0.0 else pace.descent_m_s) / steep)
         acceleration = min(acceleration, pace.vertical_acceleration_m_s2 / steep)
@@ -122,7 +124,7 @@ def _leg(pace: Pace, p: Place, q: Place) -> _Leg:
 @kernel
 def _ramp_s(speed: float, acceleration: float, jerk: float) -> float:
     """Seconds from rest to a speed; half of them times the speed is the way."""
-    if speed * jerk >= acceleration * acceleration:
+    if speed >= acceleration * (acceleration / jerk):
         return speed / acceleration + acceleration / jerk
     return 2.0 * math.sqrt(speed / jerk)
 
