@@ -2,11 +2,22 @@
 
 import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 
 settings.register_profile(
     "uavcover", derandomize=True, deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("uavcover")
+
+# `derandomize` is not enough: hypothesis also draws constants that it reads from the source of every local module imported
+# so far, so its examples would depend on which test files a process has loaded. A hook of that name has to be there: without
+# it the constants come from elsewhere. tests/test_same_examples.py shows that this is enough.
+if not callable(getattr(providers, "_get_local_constants", None)):
+    raise RuntimeError(
+        "this version of hypothesis collects the constants of local modules elsewhere: see tests/conftest.py"
+    )
+NO_CONSTANTS = providers.Constants()
+providers._get_local_constants = lambda: NO_CONSTANTS
 
 LONG = (
     "tests/test_setup.py", "tests/test_wheel.py", "tests/kernels/test_route_state.py", "tests/cli/test_fly.py",
