@@ -142,6 +142,7 @@ def losses(plan: PlanFile) -> tuple[str, ...]:
 
 def _items_json(plan: PlanFile) -> list[Mapping[str, Any]]:
     items = plan.mission.items
+    _check_jumps(plan)
     found: list[Mapping[str, Any]] = []
     position = 0
     for entry in plan.entries:
@@ -155,6 +156,22 @@ def _items_json(plan: PlanFile) -> list[Mapping[str, Any]]:
         found.append(entry.document)
         position = end
     return found + [simple_json(number + 1, items[number]) for number in range(position, len(items))]
+
+
+def _check_jumps(plan: PlanFile) -> None:
+    """A jump goes to the doJumpId of a simple item: to none, or into a complex item, would be a file that nobody reads."""
+    complex_items = [entry for entry in plan.entries if entry.kind != "SimpleItem"]
+    inside = {number for e in complex_items for number in range(e.first + 1, e.first + len(e.items) + 1)}
+    for number, item in enumerate(plan.mission.items, start=1):
+        if item.command != Command.DO_JUMP or number in inside:
+            continue
+        target = item.params[0]
+        if target in inside or not (1 <= target <= len(plan.mission.items) and target == int(target)):
+            raise FormatError(
+                f"a jump to {target:g}, which is the number of no simple item",
+                where=f"mission item {number}, param 1",
+                advice="change the jump, or write a .waypoints file",
+            )
 
 
 def _fence_json(fence: Fence) -> dict[str, Any]:

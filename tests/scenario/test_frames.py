@@ -127,3 +127,15 @@ def test_impossible_origins_are_refused(lat, lon, alt, words):
     with pytest.raises(InputError) as caught:
         LocalFrame(lat, lon, alt)
     assert words in str(caught.value)
+
+
+def test_one_place_alone_and_among_others_is_the_same_to_the_bit():
+    rng, frame = np.random.default_rng(5), LocalFrame(36.51, -84.21, 300.0)
+    lat, lon, alt = rng.uniform(36.0, 37.0, 500), rng.uniform(-85.0, -84.0, 500), rng.uniform(-100.0, 2000.0, 500)
+    for k, value in enumerate([math.nan, math.inf, -math.inf, 91.0, -0.0]):
+        lat[k] = lon[10 + k] = alt[20 + k] = value
+    together = frame.enu_from_geodetic(lat, lon, alt)
+    alone = [frame.enu_from_geodetic(*place) for place in zip(lat.tolist(), lon.tolist(), alt.tolist(), strict=True)]
+    assert np.vstack(alone).tobytes() == together.tobytes()
+    back = np.hstack([frame.geodetic_from_enu(place) for place in together])
+    assert back.tobytes() == np.array(frame.geodetic_from_enu(together)).tobytes()

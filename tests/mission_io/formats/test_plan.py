@@ -8,7 +8,7 @@ from hypothesis import given, settings
 
 from mission_io.errors import FormatError
 from mission_io.formats import plan
-from mission_io.model.items import Frame, Mission, same_item
+from mission_io.model.items import Command, Frame, Mission, MissionItem, same_item
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, MISSIONS, NAN_YAW, RALLY
 
 PLAN = plan.PlanFile(MISSION, FENCE, RALLY, mav_autopilot=3)
@@ -18,7 +18,25 @@ PLAN = plan.PlanFile(MISSION, FENCE, RALLY, mav_autopilot=3)
 @given(MISSIONS)
 def test_round_trip(mission: Mission) -> None:
     whole = replace(PLAN, mission=mission)
-    assert plan.read(plan.write(whole)) == whole
+    if all(
+        item.command != Command.DO_JUMP or item.params[0] in range(1, len(mission.items) + 1) for item in mission.items
+    ):
+        assert plan.read(plan.write(whole)) == whole
+    else:
+        with pytest.raises(FormatError, match="a jump to"):
+            plan.write(whole)
+
+
+@pytest.mark.parametrize("target", [-1.0, 0.0, 1.0, 1.5, 8.0, 9.0, 10.0, 1e30, math.nan, math.inf])
+def test_a_jump_is_written_where_it_can_be_read_again(target: float) -> None:
+    """Regression: a jump to no item was written, and the file was refused by the reader."""
+    jump = MissionItem(Command.DO_JUMP, Frame.COMMAND, (target, 2.0, 0.0, 0.0))
+    whole = replace(PLAN, mission=replace(MISSION, items=(*MISSION.items, jump)))
+    if target in range(1, 10):
+        assert plan.read(plan.write(whole)) == whole
+    else:
+        with pytest.raises(FormatError, match=r"mission item 9, param 1: a jump to .* \.waypoints file"):
+            plan.write(whole)
 
 
 def test_the_document_is_what_qgroundcontrol_writes() -> None:
