@@ -79,7 +79,8 @@ class LocalFrame:
         """
         enu = np.atleast_2d(np.asarray(enu_m, float))
         if len(enu) == 1:
-            place = self._pipeline.transform(*enu[0].tolist(), direction="INVERSE")
-            return np.array([place[1]]), np.array([place[0]]), np.array([place[2]])
+            east, north, up = enu[0].tolist()
+            one_lon, one_lat, one_alt = self._pipeline.transform(east, north, up, direction="INVERSE")
+            return np.array([one_lat]), np.array([one_lon]), np.array([one_alt])
         lon, lat, alt = self._pipeline.transform(enu[:, 0], enu[:, 1], enu[:, 2], direction="INVERSE")
         return np.asarray(lat, float), np.asarray(lon, float), np.asarray(alt, float)
