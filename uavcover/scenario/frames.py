@@ -48,7 +48,9 @@ class LocalFrame:
             f"+lon_0={float(self.lon_deg)!r} +h_0={float(self.alt_amsl_m)!r}"
         )
 
-    def enu_from_geodetic(self, lat_deg: ArrayLike, lon_deg: ArrayLike, alt_amsl_m: ArrayLike) -> FloatArray:
+    def enu_from_geodetic(
+        self, lat_deg: ArrayLike | float, lon_deg: ArrayLike | float, alt_amsl_m: ArrayLike | float
+    ) -> FloatArray:
         """Local coordinates of geodetic positions.
 
         Args:
