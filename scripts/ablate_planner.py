@@ -188,7 +188,7 @@ def _rising(points: FloatArray, across: FloatArray) -> FloatArray:
 
 def run_case(scenario: str, rule: str, most: int, variant: str, seed: int, budget_s: float) -> Row:
     """One run as a row."""
-    site = load_site(scenario)
+    site = load_site(scenario).minimising("length")
     settings = dataclasses.replace(site.scenario.planner, seed=seed, **({"max_waypoints": most} if most else {}))
     coarse = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
     fine = coarse if rule == "max-coverage" else CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m)

@@ -204,7 +204,7 @@ def proposals_in(chains: list[Chain], executor: Executor | None) -> int:
 
 def measure_two_cores(name: str) -> Row:
     """Proposals of the same chains on one thread and on two, turn by turn."""
-    site = load_site(name)
+    site = load_site(name).minimising("length")
     coverage = searched_map(site, searched_cell_m(site))
     rates: list[tuple[float, float]] = []
     serial_s = 0.0
@@ -230,7 +230,7 @@ def cases() -> dict[str, Cases]:
     """What there is to measure: parts, cases, and what measures each."""
 
     def cost(name: str, scenario: str | Scenario, cell_m: float | None) -> Row:
-        site = load_site(scenario)
+        site = load_site(scenario).minimising("length")
         return measure_cost(name, site, searched_cell_m(site) if cell_m is None else cell_m)
 
     costs: Cases = {S1: partial(cost, S1, S1, None)}

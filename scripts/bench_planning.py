@@ -38,7 +38,7 @@ Row = dict[str, str]
 
 def run_case(scenario: str, rule: str, evaluations: int, algorithm: str, seed: int) -> Row:
     """One run as a row."""
-    site = load_site(scenario)
+    site = load_site(scenario).minimising("length")
     request = SearchRequest(seed=seed, evaluations=evaluations, algorithm=algorithm, select=rule, workers=1)
     plan = plan_site(site, request)
     chosen, most = plan.chosen.metrics, plan.members[select(plan.members, parse_rule("max-coverage")).index].metrics

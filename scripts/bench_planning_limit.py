@@ -50,7 +50,7 @@ Row = dict[str, str]
 
 def run_case(scenario: str, rule: str, most: int, algorithm: str, seed: int, budget_s: float) -> Row:
     """One run as a row."""
-    site = load_site(scenario)
+    site = load_site(scenario).minimising("length")
     changes = {"algorithm": algorithm, "seed": seed} | ({"max_waypoints": most} if most else {})
     settings = dataclasses.replace(site.scenario.planner, **changes)
     effort = Effort(settings.evaluations, budget_s, time.process_time)
@@ -73,7 +73,7 @@ def run_case(scenario: str, rule: str, most: int, algorithm: str, seed: int, bud
 
 def measure_speed(scenario: str, proposals: int) -> tuple[float, float]:
     """Proposals a second of processor time, and how many of them one full count of the cells costs."""
-    site = load_site(scenario)
+    site = load_site(scenario).minimising("length")
     coverage = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
     reach_m = reach_at_height_m(site.scenario.sensor, best_height_agl_m(site))
     problem = route_problem(coverage, margin_m=0.0, reach_m=reach_m)

@@ -222,7 +222,7 @@ def test_progress_bar_only_on_a_terminal_and_after_two_seconds(tmp_path: Path) -
     )  # fmt: skip
     assert seen.returncode == 0
     assert "━" in seen.stdout
-    assert re.search(r"\d m, gap \d+\.\d %", seen.stdout)
+    assert re.search(r"\d %, \d+ s", seen.stdout), "coverage, and the time of the mission"
     piped = in_process("plan", tmp_path / "corner.toml", "-o", tmp_path / "piped", "--evaluations", EVALUATIONS)
     assert "━" not in piped.out + piped.err
     assert piped.err == "" or all(line.startswith("warning:") for line in piped.err.splitlines())

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.kernels.test_route import deterministic, points
-from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace, flight_time
+from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace, flight_time, landing_time, takeoff_time
 from uavcover.kernels.route import path_length
 from uavcover.kernels.way_cost import LENGTH, TIME, WayCost, route_cost
 from uavcover.scenario.ground import grid_ground
@@ -56,3 +56,17 @@ def test_deviation_from_the_middle_of_the_band():
     # Equation 7 with the band 40..120 m over ground at 70 m: 40, 30 and 0 m off its middle.
     way = WayCost(LENGTH, Pace(1.0, 1.0, 1.0), 2.0, 80.0)
     assert route_cost(flat(70.0), way, route) == pytest.approx(path_length(route) + 2.0 * (40.0 + 30.0 + 0.0))
+
+
+@deterministic
+@given(points(1, 5), points(1, 1), paces, st.integers(0, 1))
+def test_a_mission_begins_and_ends_on_the_ground_at_home(route, home, pace, stop):
+    route.setflags(write=False)
+    way = WayCost(TIME, pace, 0.0, 0.0, 1, tuple(home[0]), 30.0, stop)
+    whole = np.vstack([home, route[:1], route[:stop], route[1:], home])
+    expected = takeoff_time(pace, 30.0) + flight_time(pace, whole) + landing_time(pace, 30.0)
+    # Of a single waypoint the turn onto the way home counts only for flights of their own (straight_ends).
+    if len(route) > 1:
+        assert route_cost(flat(), way, route) == pytest.approx(expected, rel=1e-9)
+    else:
+        assert route_cost(flat(), way, route) >= expected * (1.0 - 1e-9)

@@ -16,7 +16,8 @@ def test_objectives_by_hand() -> None:
     # Cells of 100 m: centres (50, 50), (150, 50), (250, 50) and the same at 150. A disc of 60 m from the three waypoints
     # sees (50, 50), then (150, 50) from 40 m away, then (150, 150) from 45 m away.
     disc = DiscSensor(kind="disc", radius_m=60.0)
-    coverage = CoverageMap(make_site(sensor=disc, cell_m=50.0), cell_size_m=100.0)
+    site = make_site(sensor=disc, cell_m=50.0, planner={"objective": "length"})
+    coverage = CoverageMap(site, cell_size_m=100.0)
     values = evaluate_routes(coverage, [LINE])
     assert OBJECTIVES == ("minus_coverage", "waypoint_count", "cost")
     np.testing.assert_allclose(values.objectives, [[-3 / 6, 3, 140.0]])

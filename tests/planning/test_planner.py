@@ -42,7 +42,7 @@ def same(a: Plan, b: Plan) -> bool:
 
 def values(member: RouteMember) -> tuple[float, int, float]:
     m = member.metrics
-    return -m.coverage_of_coverable, m.waypoint_count, m.path_length_m
+    return -m.coverage_of_coverable, m.waypoint_count, m.cost
 
 
 def no_worse(a: RouteMember, b: RouteMember) -> bool:
@@ -100,7 +100,7 @@ def test_the_choice_is_never_worse_than_a_baseline_and_the_set_is_non_dominated(
     assert plan.chosen.metrics.coverage_of_coverable >= required
     reached = [b for b in plan.baselines if b.violation <= 0.0 and b.metrics.coverage_of_coverable >= required]
     assert reached
-    assert plan.chosen.metrics.path_length_m <= min(b.metrics.path_length_m for b in reached)
+    assert plan.chosen.metrics.cost <= min(b.metrics.cost for b in reached)
     for a in plan.members:
         assert a.violation == 0.0
         assert not any(
@@ -163,8 +163,8 @@ def test_stopped_after_a_round_the_best_so_far_is_returned() -> None:
     assert plan.evaluations == 40
     assert [(p.evaluations, p.total) for p in seen] == [(20, 200), (40, 200)]
     assert seen[-1].best_coverage > 0.9
-    assert seen[-1].shortest_m is not None
-    assert seen[-1].shortest_m <= seen[0].shortest_m  # type: ignore[operator]
+    assert seen[-1].least_cost is not None
+    assert seen[-1].least_cost <= seen[0].least_cost  # type: ignore[operator]
     assert plan.rule_met
 
 

@@ -25,7 +25,7 @@ def row_of_cells() -> Site:
     return make_site(
         ring=((0.0, 0.0), (400.0, 0.0), (400.0, 40.0), (0.0, 40.0)), cell_m=20.0,
         sensor=DiscSensor(kind="disc", radius_m=RADIUS_M), limits={"applies_to": "waypoints"},
-        planner={"encoding": "waypoints", "max_waypoints": 8, "cell_size_m": 20.0},
+        planner={"encoding": "waypoints", "max_waypoints": 8, "cell_size_m": 20.0, "objective": "length"},
     )  # fmt: skip
 
 

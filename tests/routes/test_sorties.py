@@ -20,7 +20,7 @@ from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import compile_mission
 from uavcover.routes.objectives import judge
-from uavcover.routes.sorties import Sortie, compile_sorties
+from uavcover.routes.sorties import Sortie, compile_sorties, mission_time_s
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import judge_tracks, planned_for
 from uavcover.run.mission import compile_flights
@@ -264,3 +264,32 @@ def test_a_new_plan_of_one_flight_leaves_no_sortie_behind(tmp_path: Path) -> Non
     assert run.sorties() == []
     assert run.file("mission.waypoints").is_file()
     assert not run.file("sortie-1/mission.waypoints").exists()
+
+
+@pytest.mark.parametrize("sensor", [None, SPHERE], ids=["along the path", "at waypoints"])
+def test_mission_time_of_one_flight_is_that_of_its_mission(sensor: SphereSensor | None) -> None:
+    site = make_site(hills, **({} if sensor is None else {"sensor": sensor}))
+    route = there_and_back(site)
+    assert mission_time_s(site, route) == pytest.approx(flight_time_s(site, route.waypoints_m), rel=1e-9)
+
+
+@pytest.mark.parametrize("sensor", [None, SPHERE], ids=["along the path", "at waypoints"])
+def test_mission_time_of_several_flights_is_near_that_of_their_missions(sensor: SphereSensor | None) -> None:
+    extra: dict[str, Any] = {} if sensor is None else {"sensor": sensor}
+    route = there_and_back(make_site(hills, **extra), lines=6, spacing_m=50.0)
+    site = make_site(hills, vehicle={"endurance_s": 150.0}, **extra)
+    sorties = compile_sorties(site, route, autopilot="ardupilot")
+    assert len(sorties) > 2
+    flown_s = sum(sortie.compiled.flight_time_s for sortie in sorties)
+    # The straight transits of the estimate are not those over the terrain.
+    assert mission_time_s(site, route) == pytest.approx(flown_s, rel=0.05)
+    assert judge(judging_map(site), route).mission_time_s == mission_time_s(site, route)
+
+
+def test_mission_time_counts_the_items_of_a_mission() -> None:
+    site = make_site(hills, vehicle={"max_mission_items": 16})
+    route = there_and_back(site)
+    sorties = compile_sorties(site, route, autopilot="ardupilot")
+    assert len(sorties) > 1
+    flown_s = sum(sortie.compiled.flight_time_s for sortie in sorties)
+    assert mission_time_s(site, route) == pytest.approx(flown_s, rel=0.05)

@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from tests.planning.sites import make_site, with_scenario
+from uavcover.errors import InputError
 from uavcover.kernels.flight_time import BLENDED, BRAKED
 from uavcover.kernels.way_cost import LENGTH, TIME
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
 from uavcover.model.vehicle import Vehicle, Wind
 from uavcover.routes.mission_compiler import compile_mission
-from uavcover.routes.way_cost import pace_of, way_cost_of
+from uavcover.routes.way_cost import mission_cost_of, pace_of, way_cost_of
+from uavcover.scenario.site import load_site
 
 AT_ONCE = {"max_airspeed_m_s": 12.0, "acceleration_m_s2": math.inf}
 WINDY = with_scenario(make_site(vehicle=AT_ONCE), wind=Wind(speed_m_s=8.0, from_deg=270.0))
@@ -33,8 +35,15 @@ def test_a_wind_from_the_west_blows_to_the_east() -> None:
 
 
 def test_objective_and_middle_of_the_band() -> None:
-    assert way_cost_of(make_site()).unit == LENGTH
+    assert way_cost_of(make_site(planner={"objective": "length"})).unit == LENGTH
+    assert way_cost_of(load_site("paper-R2")).unit == LENGTH, "no home, no mission"
+    mission = way_cost_of(make_site(vehicle={"takeoff_height_m": 45.0}))
+    assert (mission.unit, mission.mission, mission.column_m, mission.stop_at_first) == (TIME, 1, 45.0, 0)
+    assert mission.column_top == (-100.0, 50.0, 45.0), "above home"
+    with pytest.raises(InputError, match=r"\[home\]"):
+        mission_cost_of(load_site("paper-R2"))
     timed = way_cost_of(make_site(planner={"objective": "flight-time", "band_deviation_price": 0.5}))
+    assert timed.mission == 0
     assert (timed.unit, timed.deviation_price, timed.middle_agl_m) == (TIME, 0.5, 80.0)
 
 

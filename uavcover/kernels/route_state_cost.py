@@ -4,12 +4,11 @@ Length has its own short way: the search for the shortest route asks it tens of 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.route_state import RouteState, exchange_length
 from uavcover.kernels.search_problem import SearchProblem, distance, place
-from uavcover.kernels.way_cost import LENGTH, WayCost, route_cost
+from uavcover.kernels.way_cost import LENGTH, WayCost, route_cost, stretch_cost
 
 
 @kernel
@@ -34,7 +33,8 @@ def exchange_cost(problem: SearchProblem, state: RouteState, first: int, last: i
             new[k, 0], new[k, 1], new[k, 2] = place(state.fresh, number - first)
         else:
             new[k, 0], new[k, 1], new[k, 2] = place(state.route, number - fresh + last - first)
-    return route_cost(problem.surface, problem.way, new) - _stretch_cost(problem, state, begin, end)
+    changed = stretch_cost(problem.surface, problem.way, new, begin == 0, end == state.size[0])
+    return changed - _stretch_cost(problem, state, begin, end)
 
 
 @kernel
@@ -55,7 +55,8 @@ def reversal_cost(problem: SearchProblem, state: RouteState, i: int, j: int) -> 
     new = np.empty((end - begin, 3))
     for k in range(begin, end):
         new[k - begin, 0], new[k - begin, 1], new[k - begin, 2] = place(state.route, i + j - k if i <= k <= j else k)
-    return route_cost(problem.surface, problem.way, new) - _stretch_cost(problem, state, begin, end)
+    changed = stretch_cost(problem.surface, problem.way, new, begin == 0, end == n)
+    return changed - _stretch_cost(problem, state, begin, end)
 
 
 @kernel
@@ -106,10 +107,4 @@ def _stretch_cost(problem: SearchProblem, state: RouteState, begin: int, end: in
     stretch = np.empty((end - begin, 3))
     for k in range(begin, end):
         stretch[k - begin, 0], stretch[k - begin, 1], stretch[k - begin, 2] = place(state.route, k)
-    return route_cost(problem.surface, problem.way, stretch)
-
-
-@kernel
-def state_cost(problem: SearchProblem, route: NDArray[np.float64]) -> float:
-    """Cost of a whole (n, 3) route."""
-    return route_cost(problem.surface, problem.way, route)
+    return stretch_cost(problem.surface, problem.way, stretch, begin == 0, end == state.size[0])

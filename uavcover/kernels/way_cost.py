@@ -1,4 +1,9 @@
-"""What a way costs: metres or seconds, with wind, climbs and turns, and how far its waypoints are from the middle of the band."""
+"""What a way costs: metres or seconds, with wind, climbs and turns, and how far its waypoints are from the middle of the band.
+
+A cost of the whole mission begins and ends on the ground at home. During a search the way there and the way home are straight
+lines from above home: where the terrain bends them they take longer, by little beside what a route takes, and what is
+reported is counted along the checked transits (:func:`uavcover.routes.sorties.mission_time_s`).
+"""
 
 import math
 from typing import NamedTuple
@@ -6,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.flight_time import Pace, leg_time, turn_time
+from uavcover.kernels.flight_time import Pace, Place, landing_time, leg_time, takeoff_time, turn_time
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.surface import Surface, height_above
 
@@ -22,12 +27,20 @@ class WayCost(NamedTuple):
         pace: of the vehicle.
         deviation_price: of a metre that a waypoint is above or below the middle of the band (Eq. 7), in that unit.
         middle_agl_m: the middle of the band.
+        mission: 1 when the time is that of the whole mission, with take-off, the ways there and home, and landing.
+        column_top: where the way there begins and the way home ends: the place above home.
+        column_m: its height above home.
+        stop_at_first: 1 when the vehicle stops at its first waypoint, where the pictures begin.
     """
 
     unit: int
     pace: Pace
     deviation_price: float
     middle_agl_m: float
+    mission: int = 0
+    column_top: Place = (0.0, 0.0, 0.0)
+    column_m: float = 0.0
+    stop_at_first: int = 0
 
 
 SHORTEST = WayCost(LENGTH, Pace(1.0, 1.0, 1.0), 0.0, 0.0)
@@ -35,7 +48,7 @@ SHORTEST = WayCost(LENGTH, Pace(1.0, 1.0, 1.0), 0.0, 0.0)
 
 
 @kernel
-def leg_cost(way: WayCost, p: tuple[float, float, float], q: tuple[float, float, float]) -> float:
+def leg_cost(way: WayCost, p: Place, q: Place) -> float:
     """Of the leg from p to q, without its ends."""
     if way.unit == TIME:
         return leg_time(way.pace, p, q)
@@ -43,15 +56,13 @@ def leg_cost(way: WayCost, p: tuple[float, float, float], q: tuple[float, float,
 
 
 @kernel
-def turn_cost(
-    way: WayCost, p: tuple[float, float, float], q: tuple[float, float, float], r: tuple[float, float, float]
-) -> float:
+def turn_cost(way: WayCost, p: Place, q: Place, r: Place) -> float:
     """Of the turn at q."""
     return turn_time(way.pace, p, q, r) if way.unit == TIME else 0.0
 
 
 @kernel
-def place_cost(surface: Surface, way: WayCost, p: tuple[float, float, float]) -> float:
+def place_cost(surface: Surface, way: WayCost, p: Place) -> float:
     """Of a waypoint by itself."""
     if way.deviation_price == 0.0:
         return 0.0
@@ -59,15 +70,54 @@ def place_cost(surface: Surface, way: WayCost, p: tuple[float, float, float]) ->
 
 
 @kernel
-def route_cost(surface: Surface, way: WayCost, route: NDArray[np.float64]) -> float:
-    """Of an (n, 3) route: its legs, its turns and its waypoints."""
+def time_there(way: WayCost, p: Place) -> float:
+    """Seconds from the ground at home to rest at p."""
+    return takeoff_time(way.pace, way.column_m) + leg_time(way.pace, way.column_top, p)
+
+
+@kernel
+def time_home(way: WayCost, p: Place) -> float:
+    """Seconds from rest at p to the ground at home."""
+    return leg_time(way.pace, p, way.column_top) + landing_time(way.pace, way.column_m)
+
+
+@kernel
+def stretch_cost(surface: Surface, way: WayCost, stretch: NDArray[np.float64], begins: bool, ends: bool) -> float:
+    """Of an (n, 3) stretch of a route: its legs, its turns and its waypoints; with the way there, and the way home.
+
+    Args:
+        surface: the ground.
+        way: the cost.
+        stretch: its waypoints.
+        begins: whether its first waypoint is that of the route.
+        ends: whether its last waypoint is that of the route.
+    """
     total = 0.0
-    for k in range(route.shape[0]):
-        q = (route[k, 0], route[k, 1], route[k, 2])
+    n = stretch.shape[0]
+    for k in range(n):
+        q = (stretch[k, 0], stretch[k, 1], stretch[k, 2])
         total += place_cost(surface, way, q)
         if k > 0:
-            p = (route[k - 1, 0], route[k - 1, 1], route[k - 1, 2])
+            p = (stretch[k - 1, 0], stretch[k - 1, 1], stretch[k - 1, 2])
             total += leg_cost(way, p, q)
-            if k < route.shape[0] - 1:
-                total += turn_cost(way, p, q, (route[k + 1, 0], route[k + 1, 1], route[k + 1, 2]))
+            if k < n - 1:
+                total += turn_cost(way, p, q, (stretch[k + 1, 0], stretch[k + 1, 1], stretch[k + 1, 2]))
+    if way.mission == 1 and n > 0:
+        home = way.column_top
+        if begins:
+            first = (stretch[0, 0], stretch[0, 1], stretch[0, 2])
+            total += time_there(way, first)
+            if way.stop_at_first == 0 and n > 1:
+                total += turn_time(way.pace, home, first, (stretch[1, 0], stretch[1, 1], stretch[1, 2]))
+        if ends:
+            last = (stretch[n - 1, 0], stretch[n - 1, 1], stretch[n - 1, 2])
+            total += time_home(way, last)
+            if n > 1:
+                total += turn_time(way.pace, (stretch[n - 2, 0], stretch[n - 2, 1], stretch[n - 2, 2]), last, home)
     return total
+
+
+@kernel
+def route_cost(surface: Surface, way: WayCost, route: NDArray[np.float64]) -> float:
+    """Of a whole (n, 3) route; of the mission that flies it, where the cost is that of the mission."""
+    return stretch_cost(surface, way, route, True, True)

@@ -21,11 +21,13 @@ class RouteMetrics:
         coverage_of_coverable: fraction of the area that can be covered within the limits, 0..1.
         waypoint_count: number of waypoints.
         path_length_m: length of the open path in three dimensions.
-        flight_time_s: flight time at cruise speed, with climbs and descents at their limits, and with wind and turns where the
-            scenario has them.
+        flight_time_s: of the route alone, with climbs, descents, turns and wind.
         min_height_agl_m: lowest height above ground, along the legs or at the waypoints as the limits require.
         max_height_agl_m: largest height above ground, likewise.
-        cost: the minimised cost by ``planner.objective`` and ``planner.band_deviation_price``; by default ``path_length_m``.
+        cost: the minimised cost by ``planner.objective`` and ``planner.band_deviation_price``; by default ``mission_time_s``, and
+            ``path_length_m`` without a home.
+        mission_time_s: of the whole mission, from the ground at home to the ground at home, of all flights that it takes; none
+            without a home.
     """
 
     coverage_fraction: float
@@ -36,6 +38,7 @@ class RouteMetrics:
     min_height_agl_m: float
     max_height_agl_m: float
     cost: float
+    mission_time_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,10 +121,11 @@ class Plan:
 
     def __repr__(self) -> str:
         m = self.chosen.metrics
+        time_s = m.flight_time_s if m.mission_time_s is None else m.mission_time_s
         met = "" if self.rule_met else f"; {self.rule} is NOT met"
         return (
             f"<Plan: {100.0 * m.coverage_of_coverable:.2f} % of what can be seen, {m.waypoint_count} waypoints, "
-            f"{m.path_length_m:.0f} m, {m.flight_time_s:.0f} s; {len(self.members)} routes in the Pareto set{met}>"
+            f"{m.path_length_m:.0f} m, {time_s:.0f} s; {len(self.members)} routes in the Pareto set{met}>"
         )
 
     def _repr_html_(self) -> str:

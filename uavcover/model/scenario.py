@@ -48,6 +48,8 @@ class Uncertainty:
 
 
 PlannerAlgorithm = Literal["memetic", "local-search", "imodbo", "modbo", "nsga2", "moead"]
+
+Objective = Literal["mission-time", "flight-time", "length"]
 InitialRoute = Literal["boustrophedon", "greedy-set-cover", "set-cover", "exact-set-cover"]
 VerticalDatum = Literal["EGM96", "EGM2008", "WGS84-ellipsoid"]
 
@@ -167,8 +169,9 @@ class PlannerSettings:
             result is compared; default: "boustrophedon" for swaths and for a local search along the path, and "set-cover"
             for a local search that senses at waypoints.
         seed: seed of the random numbers.
-        objective: the cost minimised beside coverage and the number of waypoints: "length" of the path, or "flight-time" with
-            wind, climbs and turns.
+        objective: the cost minimised beside coverage and the number of waypoints. "mission-time": from the ground at home to
+            the ground at home, of all flights. "flight-time": of the route alone, with wind, climbs and turns. "length" of
+            the route. Default: "mission-time" where there is a home, otherwise "length".
         band_deviation_price: cost for every metre of a waypoint above or below the middle of the height band (Eq. 7), in
             metres of path or in seconds.
     """
@@ -184,7 +187,7 @@ class PlannerSettings:
     order: Literal["nearest-neighbour", "improved"] = "improved"
     initial: tuple[InitialRoute, ...] | None = None
     seed: int = 1
-    objective: Literal["length", "flight-time"] = "length"
+    objective: Objective | None = None
     band_deviation_price: float = 0.0
 
     def __post_init__(self) -> None:
@@ -324,6 +327,10 @@ class Scenario:
             self.wind.speed_m_s == 0.0 or (airspeed is not None and airspeed > self.wind.speed_m_s),
             f"wind.speed_m_s: {self.wind.speed_m_s} m/s needs a larger vehicle.max_airspeed_m_s, not {airspeed}",
         )
+        require(
+            self.planner.objective != "mission-time" or self.home is not None,
+            'planner.objective: "mission-time" needs a [home], from which the mission starts',
+        )
         if self.area.is_geographic:
             require(self.origin is None, "origin: goes with areas in metres; a geographic area has its place already")
             require(self.home is not None, "home: give lat_deg and lon_deg of the take-off place")
@@ -338,6 +345,11 @@ class Scenario:
                 self.home is None or self.home.east_m is not None or self.origin is not None,
                 "home: lat_deg and lon_deg need an origin; give east_m and north_m, or an [origin]",
             )
+
+    @property
+    def objective(self) -> Objective:
+        """The cost that the planner minimises: ``planner.objective`` or its default."""
+        return self.planner.objective or ("length" if self.home is None else "mission-time")
 
     @property
     def transit_ceiling_agl_m(self) -> float:

@@ -12,13 +12,13 @@ from uavcover.kernels.flight_time import flight_time
 from uavcover.kernels.way_cost import route_cost
 from uavcover.model.route import Route, RouteMember, RouteMetrics
 from uavcover.routes.leg_checks import measure_violations, route_height_range_m
+from uavcover.routes.sorties import mission_time_s
 from uavcover.routes.way_cost import pace_of, way_cost_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 
 OBJECTIVES = ("minus_coverage", "waypoint_count", "cost")
-"""Names of the objectives, all minimised: -f1, f2, f3 of Eq. 8; the cost is the path's length, or what ``planner.objective``
-says."""
+"""Names of the objectives, all minimised: -f1, f2, f3 of Eq. 8; the cost is what ``planner.objective`` says."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +70,7 @@ def judge(coverage: CoverageMap, route: Route) -> RouteMetrics:
     points = route.waypoints_m
     seen = coverage.seen(points)
     lowest, highest = route_height_range_m(site, points)
+    mission_s = None if site.home_m is None else mission_time_s(site, route)
     return RouteMetrics(
         coverage_fraction=coverage.share(seen),
         coverage_of_coverable=coverage.share_of_coverable(seen),
@@ -78,5 +79,15 @@ def judge(coverage: CoverageMap, route: Route) -> RouteMetrics:
         flight_time_s=float(flight_time(pace_of(site), points)),
         min_height_agl_m=lowest,
         max_height_agl_m=highest,
-        cost=float(route_cost(site.ground.surface, way_cost_of(site), points)),
+        cost=_cost(site, route, mission_s),
+        mission_time_s=mission_s,
     )
+
+
+def _cost(site: Site, route: Route, mission_s: float | None) -> float:
+    """The planner's cost of a route; of its mission along the transits that would be flown."""
+    way, surface, points = way_cost_of(site), site.ground.surface, route.waypoints_m
+    cost = float(route_cost(surface, way, points))
+    if way.mission == 0 or mission_s is None:
+        return cost
+    return mission_s + cost - float(route_cost(surface, way._replace(deviation_price=0.0), points))

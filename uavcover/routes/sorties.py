@@ -1,4 +1,4 @@
-"""Splits a planned route into several flights so that the transits home are short in total."""
+"""Splits a planned route into several flights so that the transits home are short in total, and times whole missions."""
 
 import math
 from dataclasses import dataclass
@@ -15,6 +15,8 @@ from uavcover.kernels.flight_time import (
     takeoff_time,
     turn_times,
 )
+from uavcover.kernels.sorties import FlightCosts, split, straight_ends
+from uavcover.kernels.way_cost import route_cost
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.mission_compiler import (
@@ -25,7 +27,7 @@ from uavcover.routes.mission_compiler import (
     items_per_waypoint,
 )
 from uavcover.routes.transit import check_way_home, check_way_there, transit
-from uavcover.routes.way_cost import pace_of
+from uavcover.routes.way_cost import mission_cost_of, pace_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m
 
@@ -72,13 +74,13 @@ def compile_sorties(site: Site, route: Route, *, autopilot: AutopilotName) -> tu
         if len(route) < 2:
             raise
         refusal: InfeasibleError = error
-    ways = _Ways.of(site, route, item_limit=_item_limit(site, autopilot), autopilot=autopilot)
+    costs = _along_transits(site, route, autopilot)
     compiled: dict[tuple[int, int], CompiledMission] = {}
     all_checked = False
     for attempt in range(_ROUNDS):
-        cuts = _split(ways)
+        cuts = _cuts(costs)
         if cuts is None:
-            raise InfeasibleError(_why_not(site, ways, refusal)) from refusal
+            raise InfeasibleError(_why_not(site, costs, refusal)) from refusal
         for first, last in cuts:
             if (first, last) in compiled:
                 continue
@@ -87,16 +89,16 @@ def compile_sorties(site: Site, route: Route, *, autopilot: AutopilotName) -> tu
                 compiled[first, last] = compile_mission(site, part, autopilot=autopilot)
             except MissionTooLongError as error:
                 # The compiler includes costs that the estimate does not.
-                refusal, ways = error, ways.without(first, last)
+                refusal, costs = error, _without(costs, first, last)
                 if attempt >= _ROUNDS_BEFORE_TIGHTER:
-                    ways = ways.tighter()
+                    costs = _tighter(costs)
                 break
             except InfeasibleError as error:
                 # A transit that breaks a limit bars only its own waypoint from beginning or ending a flight, and no
                 # other. Transits are checked one by one, and only where it matters.
-                refusal, ways = error, ways if all_checked else ways.checked(site, route)
+                refusal, costs = error, costs if all_checked else _checked(costs, site, route)
                 all_checked = True
-                ways = ways.without(first, last)
+                costs = _without(costs, first, last)
                 break
         else:
             return tuple(
@@ -111,156 +113,178 @@ def _item_limit(site: Site, autopilot: AutopilotName) -> float:
     return min((float(limit) for limit in limits if limit is not None), default=math.inf)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Ways:
-    """Cost of a flight that begins or ends at each of (n,) waypoints.
+def _limits(site: Site, autopilot: AutopilotName) -> tuple[float, float]:
+    """Seconds and mission items of one flight."""
+    return site.scenario.vehicle.endurance_s or math.inf, _item_limit(site, autopilot)
 
-    Attributes:
-        so_far_s: (n,) flight time from the first waypoint, without turns.
-        turns_s: (n,) of all turns up to and at the waypoint.
-        there_s: (n,) from home on the ground; infinite where no flight may begin.
-        back_s: (n,) to home, landed; infinite where no flight may end.
-        alone_s: (n,) of a flight to this waypoint only.
-        there_items: (n,) mission items before the waypoint, home among them.
-        back_items: (n,) behind it.
-        each_items: of every waypoint.
-        shared: 1 when a flight begins at the last waypoint of the previous one, 0 when at the next waypoint.
-        endurance_s: of one flight.
-        item_limit: of one mission.
-        barred: first and last waypoints of flights that the compiler has refused.
+
+def _flight_costs(
+    site: Site, points_m: FloatArray, pace: Pace, *, ends: tuple[FloatArray, ...], items: tuple[IntArray, IntArray],
+    limits: tuple[float, float],
+) -> FlightCosts:  # fmt: skip
+    """Costs of the flights of an (n, 3) route.
+
+    Args:
+        site: the scenario on its ground.
+        points_m: the route.
+        pace: of the vehicle.
+        ends: (n,) seconds there, back, and of a flight to the waypoint alone.
+        items: (n,) mission items before the waypoint, and behind it.
+        limits: seconds and items of one flight.
     """
-
-    so_far_s: FloatArray
-    turns_s: FloatArray
-    there_s: FloatArray
-    back_s: FloatArray
-    alone_s: FloatArray
-    there_items: IntArray
-    back_items: IntArray
-    each_items: int
-    shared: int
-    endurance_s: float
-    item_limit: float
-    barred: frozenset[tuple[int, int]] = frozenset()
-
-    @classmethod
-    def of(cls, site: Site, route: Route, *, item_limit: float, autopilot: AutopilotName) -> "_Ways":
-        """The costs of a route; transits follow the terrain exactly as the compiler makes them."""
-        home, vehicle = site.home_m, site.scenario.vehicle
-        if home is None:
-            raise InfeasibleError(f"scenario {site.scenario.name}: has no [home]")
-        points, n, pace = route.waypoints_m, len(route), pace_of(site, autopilot)
-        # The waypoint at which pictures begin stands twice in the mission and is a stop.
-        stops = trigger_distance_m(site.scenario) is not None
-        there, back, alone, items = np.empty(n), np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
-        for k, point in enumerate(points):
-            way = transit(site, home[:2], point, ground_end_height_m=vehicle.takeoff_height_m)
-            # With the turn onto the leg behind it, and off the leg before it.
-            onto = points[k + 1 : k + 1] if stops else points[k + 1 : k + 2]
-            there[k] = takeoff_time(pace, way[0, 2] - home[2]) + _time_s(
-                pace, np.vstack([way, onto]), legs=len(way) - 1
-            )
-            back[k] = landing_time(pace, way[0, 2] - home[2]) + _time_s(
-                pace, np.vstack([points[max(k - 1, 0) : k], way[::-1]]), legs=1 - len(way)
-            )
-            # A flight to this waypoint alone turns from the way there to the way home.
-            round_m = np.vstack([way, way[-1:] if stops else way[:0], way[-2::-1]])
-            column_m = way[0, 2] - home[2]
-            alone[k] = takeoff_time(pace, column_m) + flight_time(pace, round_m) + landing_time(pace, column_m)
-            items[k] = len(way) - 1
-        so_far = np.concatenate([[0.0], np.cumsum(leg_times(pace, points))])
-        return cls(
-            so_far_s=so_far,
-            turns_s=np.cumsum(turn_times(pace, points)),
-            there_s=there,
-            back_s=back,
-            alone_s=alone,
-            # Home, take-off, speed and transit before the route; transit and landing after it.
-            there_items=items + 2,
-            back_items=items + 1,
-            each_items=items_per_waypoint(site.scenario.sensor),
-            shared=1 if site.scenario.sensor.sensing == "along-path" else 0,
-            endurance_s=vehicle.endurance_s or math.inf,
-            item_limit=item_limit,
-        )
-
-    def tighter(self) -> "_Ways":
-        """The same costs with slightly lower limits."""
-        return self._with(endurance_s=0.998 * self.endurance_s, item_limit=self.item_limit - 2)
-
-    def without(self, first: int, last: int) -> "_Ways":
-        """The same costs with one flight excluded."""
-        return self._with(barred=self.barred | {(first, last)})
-
-    def checked(self, site: Site, route: Route) -> "_Ways":
-        """The same costs, excluding flights whose transit the compiler refuses."""
-        home, height_m = site.home_m, site.scenario.vehicle.takeoff_height_m
-        there, back = self.there_s.copy(), self.back_s.copy()
-        if home is None:
-            return self
-        for k, point in enumerate(route.waypoints_m):
-            way = transit(site, home[:2], point, ground_end_height_m=height_m)
-            try:
-                check_way_there(site, way)
-            except InfeasibleError:
-                there[k] = math.inf
-            try:
-                check_way_home(site, way[::-1])
-            except InfeasibleError:
-                back[k] = math.inf
-        return self._with(there_s=there, back_s=back)
-
-    def _with(self, **changes: object) -> "_Ways":
-        values = {name: getattr(self, name) for name in self.__slots__}
-        return _Ways(**{**values, **changes})
+    there, back, alone = ends
+    return FlightCosts(
+        so_far_s=np.concatenate([[0.0], np.cumsum(leg_times(pace, points_m))]),
+        turns_s=np.cumsum(turn_times(pace, points_m)),
+        there_s=there,
+        back_s=back,
+        alone_s=alone,
+        there_items=items[0],
+        back_items=items[1],
+        each_items=items_per_waypoint(site.scenario.sensor),
+        shared=1 if site.scenario.sensor.sensing == "along-path" else 0,
+        endurance_s=limits[0],
+        item_limit=limits[1],
+        barred=np.empty((0, 2), dtype=np.int64),
+    )
 
 
-def _split(ways: _Ways) -> list[tuple[int, int]] | None:
-    """First and last waypoint of each flight of the split with the least total flight time; none when no split exists.
+def _along_transits(site: Site, route: Route, autopilot: AutopilotName) -> FlightCosts:
+    """Costs of flights whose transits follow the terrain exactly as the compiler makes them."""
+    home, vehicle = site.home_m, site.scenario.vehicle
+    if home is None:
+        raise InfeasibleError(f"scenario {site.scenario.name}: has no [home]")
+    points, n, pace = route.waypoints_m, len(route), pace_of(site, autopilot)
+    # The waypoint at which pictures begin stands twice in the mission and is a stop.
+    stops = trigger_distance_m(site.scenario) is not None
+    there, back, alone, items = np.empty(n), np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
+    for k, point in enumerate(points):
+        way = transit(site, home[:2], point, ground_end_height_m=vehicle.takeoff_height_m)
+        # With the turn onto the leg behind it, and off the leg before it.
+        there[k] = _there_s(pace, home, way, points[k + 1 : k + 1] if stops else points[k + 1 : k + 2])
+        back[k] = _back_s(pace, home, way, points[max(k - 1, 0) : k])
+        # A flight to this waypoint alone turns from the way there to the way home.
+        round_m = np.vstack([way, way[-1:] if stops else way[:0], way[-2::-1]])
+        column_m = way[0, 2] - home[2]
+        alone[k] = takeoff_time(pace, column_m) + flight_time(pace, round_m) + landing_time(pace, column_m)
+        items[k] = len(way) - 1
+    # Home, take-off, speed and transit before the route; transit and landing after it.
+    return _flight_costs(
+        site, points, pace, ends=(there, back, alone), items=(items + 2, items + 1), limits=_limits(site, autopilot)
+    )
 
-    cost(j), of all up to waypoint j, is the least of cost(i) + flight(i .. j) over the places i where that flight can begin.
+
+def mission_time_s(site: Site, route: Route) -> float:
+    """Seconds of the whole mission of a route, from the ground to the ground, of all flights that it takes.
+
+    One flight is counted along its transits, as the compiler does. Several are split as :func:`compile_sorties` splits them, but
+    with straight transits. Nothing is checked: a route that cannot be split or flown has the time of one flight.
+
+    Args:
+        site: the scenario on its ground, with a home.
+        route: one waypoint at least.
     """
-    n = len(ways.so_far_s)
-    # cost[i] of all before a flight that begins at waypoint i.
-    cost = np.full(n + 1, math.inf)
-    cost[0] = 0.0
-    begun = np.zeros(n, dtype=np.int64)
-    barred: dict[int, list[int]] = {}
-    for first, last in ways.barred:
-        barred.setdefault(last, []).append(first)
-    for last in range(ways.shared, n):
-        starts = np.arange(0, last + 1 - ways.shared)
-        turns_s = np.where(starts < last, ways.turns_s[max(last - 1, 0)] - ways.turns_s[starts], 0.0)
-        route_s = ways.so_far_s[last] - ways.so_far_s[starts] + turns_s
-        flight = ways.there_s[starts] + route_s + ways.back_s[last]
-        alone = (starts == last) & np.isfinite(flight)
-        flight[alone] = ways.alone_s[last]
-        flight[barred.get(last, [])] = math.inf
-        items = ways.there_items[starts] + ways.each_items * (last - starts + 1) + ways.back_items[last]
-        possible = np.isfinite(flight) & (flight <= ways.endurance_s) & (items <= ways.item_limit)
-        total = np.where(possible, cost[starts] + flight, math.inf)
-        best = int(np.argmin(total))
-        begun[last] = best
-        cost[last + 1 - ways.shared] = total[best]
-    end = n - ways.shared
-    if not math.isfinite(cost[end]):
+    home, vehicle = site.home_m, site.scenario.vehicle
+    if home is None or len(route) == 0:
+        raise InfeasibleError(f"scenario {site.scenario.name}: has no [home], or the route no waypoint")
+    points, pace = route.waypoints_m, pace_of(site)
+    stops = trigger_distance_m(site.scenario) is not None
+    way, way_back = (
+        transit(site, home[:2], point, ground_end_height_m=vehicle.takeoff_height_m) for point in points[[0, -1]]
+    )
+    whole_m = np.vstack([way, points[:1] if stops else points[:0], points[1:], way_back[-2::-1]])
+    time_s = float(
+        takeoff_time(pace, way[0, 2] - home[2])
+        + flight_time(pace, whole_m)
+        + landing_time(pace, way_back[0, 2] - home[2])
+    )
+    if not math.isfinite(time_s):
+        # The ground between home and the route is not known all the way: the mission is refused when it is compiled.
+        return float(route_cost(site.ground.surface, mission_cost_of(site), points))
+    longest_s, most_items = limits = _limits(site, vehicle.autopilot)
+    each = items_per_waypoint(site.scenario.sensor)
+    if time_s <= longest_s and len(way) + len(way_back) + each * len(route) + 1 <= most_items:
+        return time_s
+    items = np.full(len(route), round(0.5 * (len(way) + len(way_back))) - 1, dtype=np.int64)
+    costs = _flight_costs(
+        site,
+        points,
+        pace,
+        ends=straight_ends(mission_cost_of(site), points),
+        items=(items + 2, items + 1),
+        limits=limits,
+    )
+    split_s, _ = split(costs)
+    return float(split_s) if math.isfinite(split_s) else time_s
+
+
+def _there_s(pace: Pace, home_m: FloatArray, way_m: FloatArray, onto_m: FloatArray) -> float:
+    """From home on the ground along a (k, 3) transit, with the turn onto what follows."""
+    return float(takeoff_time(pace, way_m[0, 2] - home_m[2])) + _time_s(
+        pace, np.vstack([way_m, onto_m]), legs=len(way_m) - 1
+    )
+
+
+def _back_s(pace: Pace, home_m: FloatArray, way_m: FloatArray, off_m: FloatArray) -> float:
+    """Back along a (k, 3) transit to home on the ground, with the turn off what was before."""
+    return float(landing_time(pace, way_m[0, 2] - home_m[2])) + _time_s(
+        pace, np.vstack([off_m, way_m[::-1]]), legs=1 - len(way_m)
+    )
+
+
+def _tighter(costs: FlightCosts) -> FlightCosts:
+    """The same costs with slightly lower limits."""
+    return costs._replace(endurance_s=0.998 * costs.endurance_s, item_limit=costs.item_limit - 2)
+
+
+def _without(costs: FlightCosts, first: int, last: int) -> FlightCosts:
+    """The same costs with one flight excluded."""
+    return costs._replace(barred=np.vstack([costs.barred, [[first, last]]]))
+
+
+def _checked(costs: FlightCosts, site: Site, route: Route) -> FlightCosts:
+    """The same costs, excluding flights whose transit the compiler refuses."""
+    home, height_m = site.home_m, site.scenario.vehicle.takeoff_height_m
+    there, back = costs.there_s.copy(), costs.back_s.copy()
+    if home is None:
+        return costs
+    for k, point in enumerate(route.waypoints_m):
+        way = transit(site, home[:2], point, ground_end_height_m=height_m)
+        try:
+            check_way_there(site, way)
+        except InfeasibleError:
+            there[k] = math.inf
+        try:
+            check_way_home(site, way[::-1])
+        except InfeasibleError:
+            back[k] = math.inf
+    return costs._replace(there_s=there, back_s=back)
+
+
+def _cuts(costs: FlightCosts) -> list[tuple[int, int]] | None:
+    """First and last waypoint of each flight of the split with the least total flight time; none when no split exists."""
+    total_s, begun = split(costs)
+    if not math.isfinite(total_s):
         return None
+    end = len(begun) - costs.shared
     cuts: list[tuple[int, int]] = []
     while end > 0:
-        last = end - 1 + ways.shared
+        last = end - 1 + costs.shared
         cuts.append((int(begun[last]), last))
         end = int(begun[last])
     return cuts[::-1]
 
 
-def _why_not(site: Site, ways: _Ways, refusal: InfeasibleError) -> str:
+def _why_not(site: Site, costs: FlightCosts, refusal: InfeasibleError) -> str:
     """Message naming the part of a route that no flight reaches, and by how much."""
-    step = ways.shared
-    n = len(ways.so_far_s)
+    step = costs.shared
+    n = len(costs.so_far_s)
     firsts = np.arange(n - step)
-    least = ways.there_s[firsts] + (ways.so_far_s[firsts + step] - ways.so_far_s[firsts]) + ways.back_s[firsts + step]
+    least = (
+        costs.there_s[firsts] + (costs.so_far_s[firsts + step] - costs.so_far_s[firsts]) + costs.back_s[firsts + step]
+    )
     worst = int(np.argmax(np.where(np.isfinite(least), least, -math.inf)))
-    if least[worst] > ways.endurance_s:
+    if least[worst] > costs.endurance_s:
         what = f"the leg to waypoint {worst + 1}" if step else f"waypoint {worst}"
         return (
             f"{what}: flown alone it takes {least[worst]:.0f} s with the ways there and home, vehicle.endurance_s is "

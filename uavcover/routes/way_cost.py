@@ -2,10 +2,12 @@
 
 import math
 
+from uavcover.errors import InputError
 from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace
 from uavcover.kernels.way_cost import LENGTH, TIME, WayCost
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.site import Site
+from uavcover.sensing.sensors import trigger_distance_m
 
 
 def pace_of(site: Site, autopilot: AutopilotName | None = None) -> Pace:
@@ -40,9 +42,27 @@ def pace_of(site: Site, autopilot: AutopilotName | None = None) -> Pace:
 def way_cost_of(site: Site) -> WayCost:
     """The cost that the planner minimises beside coverage and waypoint count."""
     planner, limits = site.scenario.planner, site.scenario.limits
-    return WayCost(
-        unit=TIME if planner.objective == "flight-time" else LENGTH,
-        pace=pace_of(site),
+    objective = site.scenario.objective
+    way = mission_cost_of(site) if objective == "mission-time" else WayCost(LENGTH, pace_of(site), 0.0, 0.0)
+    return way._replace(
+        unit=LENGTH if objective == "length" else TIME,
         deviation_price=planner.band_deviation_price,
         middle_agl_m=0.5 * (limits.min_height_agl_m + limits.max_height_agl_m),
+    )
+
+
+def mission_cost_of(site: Site) -> WayCost:
+    """The time of the whole mission of a site with a home, by straight ways there and home."""
+    vehicle, home = site.scenario.vehicle, site.home_m
+    if home is None:
+        raise InputError(f"scenario {site.scenario.name}: has no [home], so a mission has no time")
+    return WayCost(
+        unit=TIME,
+        pace=pace_of(site),
+        deviation_price=0.0,
+        middle_agl_m=0.0,
+        mission=1,
+        column_top=(float(home[0]), float(home[1]), float(home[2]) + vehicle.takeoff_height_m),
+        column_m=vehicle.takeoff_height_m,
+        stop_at_first=0 if trigger_distance_m(site.scenario) is None else 1,
     )

@@ -28,6 +28,7 @@ PARETO_COLUMNS = (
     "waypoint_count",
     "path_length_m",
     "flight_time_s",
+    "mission_time_s",
     "min_height_agl_m",
     "max_height_agl_m",
     "violation",
@@ -205,7 +206,8 @@ def _pareto_values(member: RouteMember) -> list[Any]:
     m = member.metrics
     return [
         repr(m.coverage_fraction), repr(m.coverage_of_coverable), m.waypoint_count, repr(m.path_length_m),
-        repr(m.flight_time_s), repr(m.min_height_agl_m), repr(m.max_height_agl_m), repr(member.violation), member.origin,
+        repr(m.flight_time_s), "" if m.mission_time_s is None else repr(m.mission_time_s),
+        repr(m.min_height_agl_m), repr(m.max_height_agl_m), repr(member.violation), member.origin,
     ]  # fmt: skip
 
 
@@ -260,7 +262,8 @@ class ParetoRow:
         coverage_of_coverable: share of what can be seen, 0..1.
         waypoint_count: how many waypoints.
         path_length_m: length of the open path in three dimensions.
-        flight_time_s: at cruise speed.
+        flight_time_s: of the route alone.
+        mission_time_s: of the whole mission from home; none without a home, or in the file of an older version.
         violation: of the hard limits, 0 when they hold.
         made_by: the algorithm or baseline that found it.
         chosen: whether it is the one in ``plan.json``.
@@ -271,6 +274,7 @@ class ParetoRow:
     waypoint_count: int
     path_length_m: float
     flight_time_s: float
+    mission_time_s: float | None
     violation: float
     made_by: str
     chosen: bool
@@ -285,7 +289,7 @@ def read_pareto(path: Path) -> tuple[ParetoRow, ...]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             rows = csv.DictReader(file)
-            missing = set(PARETO_COLUMNS) - set(rows.fieldnames or ())
+            missing = {*PARETO_COLUMNS} - {"mission_time_s"} - set(rows.fieldnames or ())
             if missing:
                 raise InputError(f"{path}: has no column {sorted(missing)[0]!r}; make it again with: uavcover plan")
             return tuple(_row(row, where=f"{path}, line {rows.line_num}") for row in rows)
@@ -301,6 +305,7 @@ def _row(row: dict[str, str], *, where: str) -> ParetoRow:
             waypoint_count=int(row["waypoint_count"]),
             path_length_m=float(row["path_length_m"]),
             flight_time_s=float(row["flight_time_s"]),
+            mission_time_s=float(row["mission_time_s"]) if row.get("mission_time_s") else None,
             violation=float(row["violation"]),
             made_by=str(row["made_by"]),
             chosen=row["chosen"] == "1",

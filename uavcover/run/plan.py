@@ -138,7 +138,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
 
 
 def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: ProgressBar) -> Plan:
-    unit = "s" if site.scenario.planner.objective == "flight-time" else "m"
+    unit = "m" if site.scenario.objective == "length" else "s"
     bar.update(0, note="baselines first")
     least_m = least_length_m(site, request.select or site.scenario.select)
 
@@ -163,10 +163,10 @@ def progress_in_words(progress: SearchProgress, unit: str, least: float | None) 
         least: what no route can beat, in that unit.
     """
     words = f"{100.0 * progress.best_coverage:.1f} %"
-    if progress.shortest_m is not None:
-        words += f", {progress.shortest_m:.0f} {unit}"
+    if progress.least_cost is not None:
+        words += f", {progress.least_cost:.0f} {unit}"
         if least:
-            words += f", gap {100.0 * (progress.shortest_m / least - 1.0):.1f} %"
+            words += f", gap {100.0 * (progress.least_cost / least - 1.0):.1f} %"
     return words
 
 
@@ -261,7 +261,8 @@ def _say_return(user: User, compiled: CompiledMission, which: str) -> None:
 
 
 def figures_in_words(label: str, member: RouteMember) -> str:
-    """A route in one line of a table: coverage, waypoints, length, time."""
+    """A route in one line of a table: coverage, waypoints, length, and the time of the mission, or of a route without home."""
     m = member.metrics
+    time_s = m.flight_time_s if m.mission_time_s is None else m.mission_time_s
     counts = f"{percent(m.coverage_of_coverable):>10}{m.waypoint_count:>11}"
-    return f"{label:22}{counts}{m.path_length_m:>10.0f} m{m.flight_time_s:>7.0f} s"
+    return f"{label:22}{counts}{m.path_length_m:>10.0f} m{time_s:>7.0f} s"

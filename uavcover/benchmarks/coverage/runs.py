@@ -144,7 +144,7 @@ def _planned(judge: Judge, run: CoverageRun, times_s: Sequence[float]) -> Found:
 
 @functools.lru_cache(maxsize=1)
 def _judge(scenario: str) -> Judge:
-    return Judge(CASES[scenario], load_site(scenario))
+    return Judge(CASES[scenario], load_site(scenario).minimising("length"))
 
 
 @functools.cache

@@ -42,13 +42,14 @@ class SearchProgress:
         evaluations: routes evaluated so far.
         total: routes that will be evaluated, or an estimate under a time budget.
         best_coverage: largest share of the planner's cells that a feasible route sees.
-        shortest_m: shortest feasible route that reaches the required coverage, none yet or none required.
+        least_cost: of the feasible routes that reach the required coverage, in the unit of the objective; none yet or none
+            required.
     """
 
     evaluations: int
     total: int
     best_coverage: float
-    shortest_m: float | None
+    least_cost: float | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
