@@ -67,8 +67,8 @@ from mission_io.model.items import (
 from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import ListChanged, MissionServer
 from mission_io.protocol.timing import Timing
+from mission_io.wire.codec import LinkStatistics
 from mission_io.wire.signing import SigningKey
-from mission_io.wire.statistics import LinkStatistics
 
 __all__ = [
     "ARDUPILOT",

@@ -7,7 +7,7 @@ import pytest
 
 from uavcover.cli import options
 from uavcover.cli.console import Console
-from uavcover.cli.precautions import OLD_LIMITS, precautions_for
+from uavcover.cli.fly import OLD_LIMITS, precautions_for
 from uavcover.errors import InputError
 from uavcover.run.folder import RunFolder
 from uavcover.vehicle.precautions import OnBreach

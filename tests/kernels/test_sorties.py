@@ -8,8 +8,7 @@ import pytest
 
 from tests.compiled_kernels import cases
 from uavcover.kernels.flight_time import Pace, flight_time, landing_time, takeoff_time
-from uavcover.kernels.sorties import FlightCosts, flight_s, split, straight_ends
-from uavcover.kernels.way_cost import TIME, WayCost
+from uavcover.kernels.way_cost import TIME, FlightCosts, WayCost, flight_s, split, straight_ends
 
 PACE = Pace(10.0, 4.0, 3.0, acceleration_m_s2=2.5, vertical_acceleration_m_s2=1.0, jerk_m_s3=4.0)
 HOME = WayCost(TIME, PACE, 0.0, 0.0, mission=1, column_top=(10.0, -20.0, 45.0), column_m=30.0)

@@ -2,7 +2,7 @@ import random
 
 import pytest
 
-from mission_io.wire.statistics import LinkStatistics, SequenceCounter
+from mission_io.wire.codec import LinkStatistics, SequenceCounter
 
 
 def counted(numbers: list[int]) -> tuple[int, int, int]:

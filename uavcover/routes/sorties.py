@@ -15,8 +15,7 @@ from uavcover.kernels.flight_time import (
     takeoff_time,
     turn_times,
 )
-from uavcover.kernels.sorties import FlightCosts, split, straight_ends
-from uavcover.kernels.way_cost import route_cost
+from uavcover.kernels.way_cost import FlightCosts, route_cost, split, straight_ends
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.mission_compiler import (
