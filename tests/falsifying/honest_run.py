@@ -134,7 +134,7 @@ BARNS = Base(
 
 
 RESUMED = Base(name="resumed")
-SORTIES = Base(name="sorties", vehicle="endurance_s = 150.0")
+SORTIES = Base(name="sorties", vehicle="endurance_s = 187.5")
 """A route that takes two flights."""
 
 

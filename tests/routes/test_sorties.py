@@ -74,7 +74,7 @@ def test_the_split_is_the_cheapest_of_all(shared: int, vehicle: dict[str, float]
     route = there_and_back(free, lines=3, spacing_m=150.0)
     whole_s = flight_time_s(free, route.waypoints_m)
     limit_s = 0.85 * whole_s
-    site = make_site(hills, vehicle={"endurance_s": limit_s, **vehicle}, **extra)
+    site = make_site(hills, vehicle={"endurance_s": limit_s, "reserve_fraction": 0.0, **vehicle}, **extra)
     sorties = compile_sorties(site, route, autopilot="ardupilot")
     assert len(sorties) > 1
     found_s = sum(sortie.compiled.flight_time_s for sortie in sorties)
@@ -130,7 +130,7 @@ def test_among_the_bays_of_a_fence_the_cheapest_split_is_found(seed: int) -> Non
     route = Route(np.column_stack([places, np.full(len(places), 70.0)]))
     wide = ((-300.0, -300.0), (600.0, -300.0), (600.0, 500.0), (-300.0, 500.0))
     whole_s = flight_time_s(make_site(flat, fence=wide, **extra), route.waypoints_m)
-    site = make_site(flat, fence=fence, vehicle={"endurance_s": rng.uniform(0.7, 0.98) * whole_s}, **extra)
+    site = make_site(flat, fence=fence, vehicle={"endurance_s": 1.25 * rng.uniform(0.7, 0.98) * whole_s}, **extra)
     expected = least_of_all(site, route, shared=shared)
     if math.isinf(expected):
         with pytest.raises(InfeasibleError):
@@ -141,7 +141,7 @@ def test_among_the_bays_of_a_fence_the_cheapest_split_is_found(seed: int) -> Non
 
 
 def test_every_leg_is_flown_by_one_sortie_and_every_way_is_checked() -> None:
-    site = make_site(hills, vehicle={"endurance_s": 170.0})
+    site = make_site(hills, vehicle={"endurance_s": 212.5})
     route = there_and_back(site, lines=6)
     sorties = compile_sorties(site, route, autopilot="px4")
     assert len(sorties) >= 3
@@ -185,20 +185,23 @@ def test_more_items_than_the_autopilot_takes() -> None:
 
 
 def test_what_no_flight_reaches_is_named_with_the_amount() -> None:
-    site = make_site(flat, vehicle={"endurance_s": 60.0})
+    site = make_site(flat, vehicle={"endurance_s": 75.0})
     with pytest.raises(InfeasibleError) as caught:
         compile_sorties(site, there_and_back(site), autopilot="ardupilot")
     message = str(caught.value)
     assert message.startswith("the leg to waypoint ")
     assert "flown alone it takes " in message
-    assert "vehicle.endurance_s is 60 s; move [home] nearer" in message
+    assert (
+        "vehicle.endurance_s is 75 s, of which vehicle.reserve_fraction = 0.2 leaves 60 s; move [home] nearer"
+        in message
+    )
     assert "\n" not in message
 
 
 def saved(folder: Path, endurance_s: float) -> tuple[RunFolder, tuple[Sortie, ...], Plan]:
     """A plan of three lines over the demo's ground in a run folder, flown by a vehicle with this endurance."""
     scenario = load_scenario("jacksboro")
-    vehicle = dataclasses.replace(scenario.vehicle, endurance_s=endurance_s)
+    vehicle = dataclasses.replace(scenario.vehicle, endurance_s=endurance_s, reserve_fraction=0.0)
     site = load_site(dataclasses.replace(scenario, vehicle=vehicle))
     corners = [[-900, 50], [-500, 50], [-100, 50], [-100, 250], [-500, 250], [-900, 250]]
     route = Route(lay_over_terrain(site, np.array(corners, float), np.full(len(corners), 80.0), tolerance_m=8.0))
@@ -277,7 +280,7 @@ def test_mission_time_of_one_flight_is_that_of_its_mission(sensor: SphereSensor 
 def test_mission_time_of_several_flights_is_near_that_of_their_missions(sensor: SphereSensor | None) -> None:
     extra: dict[str, Any] = {} if sensor is None else {"sensor": sensor}
     route = there_and_back(make_site(hills, **extra), lines=6, spacing_m=50.0)
-    site = make_site(hills, vehicle={"endurance_s": 150.0}, **extra)
+    site = make_site(hills, vehicle={"endurance_s": 187.5}, **extra)
     sorties = compile_sorties(site, route, autopilot="ardupilot")
     assert len(sorties) > 2
     flown_s = sum(sortie.compiled.flight_time_s for sortie in sorties)

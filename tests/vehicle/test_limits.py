@@ -48,7 +48,7 @@ def the_plan(**changes):
 def table(px4: bool, plan=None, *, home_off_m: float = 0.0, **changes: float | None):
     values = {k: v for k, v in {**FINE[px4], **changes}.items() if v is not None}
     home_m = HOME.alt_amsl_m + home_off_m
-    rows = limit_table(values, plan or the_plan(endurance_s=600.0), px4=px4, home_alt_amsl_m=home_m)
+    rows = limit_table(values, plan or the_plan(longest_flight_s=600.0), px4=px4, home_alt_amsl_m=home_m)
     return {row.parameter or row.what: row for row in rows}
 
 
@@ -115,14 +115,14 @@ def test_endurance_is_judged_by_the_vehicles_own_values(px4, seed):
         else ("WPNAV_SPEED_UP", "WPNAV_SPEED_DN", "WPNAV_ACCEL")
     )
     values = dict(zip(names, (up * scale, down * scale, acceleration * scale), strict=True))
-    time_s = table(px4, the_plan(endurance_s=1e6), **values)["flight time"].vehicle
-    still_s = table(px4, the_plan(endurance_s=1e6), **{**values, names[2]: None})["flight time"].vehicle
+    time_s = table(px4, the_plan(longest_flight_s=1e6), **values)["flight time"].vehicle
+    still_s = table(px4, the_plan(longest_flight_s=1e6), **{**values, names[2]: None})["flight time"].vehicle
     assert time_s > still_s
     for endurance_s, weight in (
         (time_s + 0.2, Weight.NONE), (time_s - 0.2, Weight.WARNING),
         (still_s + 0.2, Weight.WARNING), (still_s - 0.2, Weight.REFUSED),
     ):  # fmt: skip
-        assert table(px4, the_plan(endurance_s=endurance_s), **values)["flight time"].weight is weight
+        assert table(px4, the_plan(longest_flight_s=endurance_s), **values)["flight time"].weight is weight
 
 
 @pytest.mark.parametrize(("off_m", "told"), [(2.9, None), (-2.9, None), (3.1, "43.1 to 83.1"), (-8.0, "32.0 to 72.0")])

@@ -251,7 +251,6 @@ class WindField:
         self._steady = self.velocity_m_s = (east, north, up)
 
 
-_RESERVE = 0.2
 _IDLE_SHARE = 0.03
 """Share of the hovering power that the electronics draw, with motors on or off."""
 _DESCENT_GAIN = 0.3
@@ -285,10 +284,10 @@ class BatteryData:
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle) -> Self:
-        """The battery of the vehicle that a scenario plans with: its longest flight leaves a fifth of the charge."""
+        """The battery of the vehicle that a scenario plans with."""
         if vehicle.endurance_s is None:
             return cls()
-        return cls(endurance_s=vehicle.endurance_s / (1.0 - _RESERVE))
+        return cls(endurance_s=vehicle.endurance_s)
 
 
 def power_share(airspeed_m_s: float, climb_m_s: float, data: BatteryData) -> float:

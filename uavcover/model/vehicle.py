@@ -130,7 +130,9 @@ class Vehicle:
         acceptance_radius_m: a waypoint counts as reached within this distance.
         takeoff_height_m: height above home of the vertical climb, raised where the transit requires it.
         return_height_m: height above home of the autopilot's own return, checked from every waypoint.
-        endurance_s: longest flight, or none. A route that takes longer is flown as several sorties.
+        endurance_s: time in the air on a full battery, or none.
+        reserve_fraction: share of the endurance that every planned flight leaves. A mission that takes longer than the rest is
+            flown as several sorties.
         max_mission_items: largest number of mission items, home included where the autopilot counts it; none: the known limit.
         autopilot: the autopilot whose conventions mission files follow, unless a command says otherwise.
     """
@@ -147,6 +149,7 @@ class Vehicle:
     takeoff_height_m: float = 30.0
     return_height_m: float = 60.0
     endurance_s: float | None = None
+    reserve_fraction: float = 0.2
     max_mission_items: int | None = None
     autopilot: AutopilotName = "ardupilot"
 
@@ -171,10 +174,16 @@ class Vehicle:
         require(acceleration is None or acceleration > 0.0, "acceleration_m_s2: must be above 0")
         require(self.jerk_m_s3 is None or self.jerk_m_s3 > 0.0, "jerk_m_s3: must be above 0")
         require(self.endurance_s is None or self.endurance_s > 0.0, "endurance_s: must be above 0")
+        require(0.0 <= self.reserve_fraction < 1.0, f"reserve_fraction: {self.reserve_fraction} is outside 0..1")
         require(
             self.max_mission_items is None or self.max_mission_items >= 8,
             f"max_mission_items: {self.max_mission_items} is too few for take-off, a leg and landing (8)",
         )
+
+    @property
+    def longest_flight_s(self) -> float | None:
+        """What a planned flight may take: the endurance less the reserve; none where there is no endurance."""
+        return None if self.endurance_s is None else (1.0 - self.reserve_fraction) * self.endurance_s
 
     def motion(self, autopilot: AutopilotName | None = None) -> AutopilotMotion:
         """How it moves: as an autopilot does, its own by default, with the scenario's acceleration and jerk where it has them."""

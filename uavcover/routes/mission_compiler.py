@@ -39,7 +39,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import flight_time, landing_time, leg_time, takeoff_time
 from uavcover.model.route import Route
 from uavcover.model.sensor import Camera, FrameCamera, Sensor
-from uavcover.model.vehicle import AutopilotName
+from uavcover.model.vehicle import AutopilotName, Vehicle
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.transit import (
     ReturnAdvice,
@@ -256,11 +256,11 @@ def _compiled(
     timed = np.vstack([there_m[:-1], *[planned[:1]] * stops, planned, back[1:]])
     pace = pace_of(site, autopilot)
     time_s = begin_s + flight_time(pace, timed) + landing_time(pace, timed[-1, 2] - home[2])
-    if vehicle.endurance_s is not None and flown_s + time_s > vehicle.endurance_s:
+    if vehicle.longest_flight_s is not None and flown_s + time_s > vehicle.longest_flight_s:
         before = f" after {flown_s:.0f} s in the air" if flown_s > 0.0 else ""
         raise MissionTooLongError(
-            f"the flight takes {time_s:.0f} s with the ways there and home{before}, vehicle.endurance_s is "
-            f"{vehicle.endurance_s:.0f} s; ask for less coverage (--select), or plan a smaller area"
+            f"the flight takes {time_s:.0f} s with the ways there and home{before}, {longest_flight_in_words(vehicle)}; "
+            "ask for less coverage (--select), or plan a smaller area"
         )
     advice = check_straight_return(site, path, first_waypoint=len(there_m) - 1, waypoint_count=len(planned))
     fence, rally = _fence(site, frame), _rally(frame, home, advice)
@@ -306,6 +306,14 @@ def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, i
         raise refused(f"{autopilot.name} would not take this {mission_type_of(content).name.lower()}: {problems[0]}")
     if item_limit is not None and mission_type_of(content) is MissionType.MISSION and len(items) > item_limit:
         raise MissionTooLongError(f"the mission has {len(items)} items, vehicle.max_mission_items is {item_limit}")
+
+
+def longest_flight_in_words(vehicle: Vehicle) -> str:
+    """The limit that a flight is held against, as messages tell it."""
+    return (
+        f"vehicle.endurance_s is {vehicle.endurance_s or math.inf:g} s, of which vehicle.reserve_fraction = "
+        f"{vehicle.reserve_fraction:g} leaves {vehicle.longest_flight_s or math.inf:.0f} s"
+    )
 
 
 def _item(make: Callable[..., MissionItem], frame: LocalFrame, point_m: FloatArray, home_m: FloatArray) -> MissionItem:

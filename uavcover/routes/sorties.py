@@ -24,6 +24,7 @@ from uavcover.routes.mission_compiler import (
     MissionTooLongError,
     compile_mission,
     items_per_waypoint,
+    longest_flight_in_words,
 )
 from uavcover.routes.transit import check_way_home, check_way_there, transit
 from uavcover.routes.way_cost import mission_cost_of, pace_of
@@ -114,7 +115,7 @@ def _item_limit(site: Site, autopilot: AutopilotName) -> float:
 
 def _limits(site: Site, autopilot: AutopilotName) -> tuple[float, float]:
     """Seconds and mission items of one flight."""
-    return site.scenario.vehicle.endurance_s or math.inf, _item_limit(site, autopilot)
+    return site.scenario.vehicle.longest_flight_s or math.inf, _item_limit(site, autopilot)
 
 
 def _flight_costs(
@@ -286,8 +287,8 @@ def _why_not(site: Site, costs: FlightCosts, refusal: InfeasibleError) -> str:
     if least[worst] > costs.endurance_s:
         what = f"the leg to waypoint {worst + 1}" if step else f"waypoint {worst}"
         return (
-            f"{what}: flown alone it takes {least[worst]:.0f} s with the ways there and home, vehicle.endurance_s is "
-            f"{site.scenario.vehicle.endurance_s or math.inf:.0f} s; move [home] nearer, or plan a smaller area"
+            f"{what}: flown alone it takes {least[worst]:.0f} s with the ways there and home, "
+            f"{longest_flight_in_words(site.scenario.vehicle)}; move [home] nearer, or plan a smaller area"
         )
     return f"the route cannot be split into flights: {refusal}"
 

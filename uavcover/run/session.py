@@ -194,7 +194,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
             pace=pace_of(site),
             return_height_m=site.scenario.vehicle.return_height_m,
             fence=bool(compiled.fence.polygons or compiled.fence.circles),
-            endurance_s=site.scenario.vehicle.endurance_s,
+            longest_flight_s=site.scenario.vehicle.longest_flight_s,
         ),
     )
 

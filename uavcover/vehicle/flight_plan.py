@@ -25,13 +25,13 @@ class PlanNeeds:
         pace: its speeds and acceleration.
         return_height_m: height above home at which a straight return was checked.
         fence: whether it has a fence that must be active.
-        endurance_s: longest flight; None where there is no limit.
+        longest_flight_s: what the mission may take, its endurance less the reserve; None where there is no limit.
     """
 
     pace: Pace
     return_height_m: float
     fence: bool
-    endurance_s: float | None = None
+    longest_flight_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

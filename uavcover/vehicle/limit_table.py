@@ -225,7 +225,7 @@ class _Table:
     def add_time(self) -> None:
         """The time of the mission by the vehicle's own speeds, and with its acceleration, against the endurance."""
         needs = self._needs
-        if needs is None or needs.endurance_s is None:
+        if needs is None or needs.longest_flight_s is None:
             return
         pace = needs.pace._replace(
             climb_m_s=self._number("climb", needs.pace.climb_m_s),
@@ -238,12 +238,18 @@ class _Table:
             jerk_m_s3=self._number("jerk", 0.0) or pace.jerk_m_s3,
         )
         by_speeds_s, with_turns_s = self._time_s(pace), self._time_s(accelerated)
-        end_s = needs.endurance_s
-        weight, matters = Weight.NONE, f"by the vehicle's own speeds and acceleration; endurance {end_s:g} s"
+        end_s = needs.longest_flight_s
+        weight, matters = Weight.NONE, f"by the vehicle's own speeds and acceleration; at most {end_s:g} s"
         if by_speeds_s > end_s:
-            weight, matters = Weight.REFUSED, f"by its own speeds it takes longer than its endurance of {end_s:g} s"
+            weight, matters = (
+                Weight.REFUSED,
+                f"by its own speeds it takes longer than the {end_s:g} s that endurance and reserve allow",
+            )
         elif with_turns_s > end_s:
-            weight, matters = Weight.WARNING, f"with its acceleration it takes longer than its endurance of {end_s:g} s"
+            weight, matters = (
+                Weight.WARNING,
+                f"with its acceleration it takes longer than the {end_s:g} s that endurance and reserve allow",
+            )
         self.rows.append(
             Limit("flight time", round(self._time_s(needs.pace), 1), round(with_turns_s, 1), "s", "", weight, matters)
         )
