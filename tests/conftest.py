@@ -4,6 +4,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 
+from tests.thinned import mark_slow_what_is_not_needed
+
 settings.register_profile(
     "uavcover", derandomize=True, deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow]
 )
@@ -27,6 +29,8 @@ LONG = (
 """Files and folders that take long, the longest first: begun last, one of them would keep a single process busy at the end."""
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Long files first, the others in their order."""
+    """Long files first, the others in their order; of thinned tests, the cases that the quick run leaves out are slow."""
+    mark_slow_what_is_not_needed(items)
     items.sort(key=lambda item: next((k for k, name in enumerate(LONG) if item.nodeid.startswith(name)), len(LONG)))

@@ -52,8 +52,8 @@ def test_each_changes_the_record_the_same_way_for_a_seed_and_leaves_the_original
     assert flown.text().encode() == before
     for family, name, record in first:
         assert (record == before) == ((family, name) == ("honest", "as it is")), (family, name)
-    other = [(way.family, way.name, way.record(flown)) for way in every_way(flown, seed=4) if way.of_track]
-    assert len({record for *_, record in other} - {record for *_, record in first}) > 40
+    other = [(way.family, way.name, way.record(flown)) for way in every_way(flown, seed=4)[::3] if way.of_track]
+    assert len({record for *_, record in other} - {record for *_, record in first}) > 15
 
 
 def test_meddling_changes_the_copy_alone_or_is_undone(flown: Flown, run: Path, tmp_path: Path) -> None:

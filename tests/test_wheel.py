@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.conftest import corner_of_the_demo
 from tests.compiled_kernels import lend_compiled_kernels
 
 ROOT = Path(__file__).parents[1]
@@ -53,6 +54,11 @@ def test_installed_elsewhere_it_flies_the_demo(wheel: Path, tmp_path: Path) -> N
 
     where = run("-c", "import uavcover, mission_io; print(uavcover.__file__); print(mission_io.__file__)").split()
     assert all(Path(path).is_relative_to(target) for path in where)
-    out = run("-m", "uavcover", "demo", "-o", "run", "--evaluations", "40", "--speed", "50", "--json", "-q")
+    # A part of its area, whose terrain is the file in the wheel.
+    corner = str(corner_of_the_demo(elsewhere))
+    assert "bundled:jacksboro.tif" in Path(corner).read_text()
+    out = run(
+        "-m", "uavcover", "demo", "-o", "run", "--scenario", corner, "--evaluations", "40", "--speed", "50", "--json", "-q",
+    )  # fmt: skip
     assert json.loads(out)["verification"]["passed"] is True
     assert (elsewhere / "run" / "flight.rrd").exists()

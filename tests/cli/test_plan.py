@@ -59,8 +59,8 @@ def test_equal_on_one_thread_two_threads_and_one_core(cli: Cli, tmp_path: Path) 
 
 
 def test_rule_that_cannot_be_met_writes_the_best_and_ends_with_1(cli: Cli, tmp_path: Path) -> None:
-    scenario = tmp_path / "narrow.toml"
-    text = (Path("uavcover/scenarios/jacksboro.toml")).read_text()
+    scenario = corner_of_the_demo(tmp_path)
+    text = scenario.read_text()
     scenario.write_text(text.replace("max_incidence_deg = 75.0", "max_incidence_deg = 42.0"))
     ended = cli("plan", scenario, "-o", tmp_path / "run", "--evaluations", EVALUATIONS, "--select", "coverage>=1.0")
     assert ended.code == 1
@@ -84,7 +84,7 @@ def test_scenario_without_a_place_plans_and_says_what_it_cannot(cli: Cli, nowher
     for arguments in (
         ("export", nowhere_run, "--format", "plan", "-o", tmp_path / "x.plan"),
         ("plan-upload", nowhere_run, "--to", "mock:"),
-        ("plan-upload", "paper-R2", "--to", "mock:", "-o", tmp_path / "new"),
+        ("plan-upload", "paper-planar", "--to", "mock:", "-o", tmp_path / "new"),
         ("fly", nowhere_run, "--to", "mock:"),
     ):
         ended = cli(*arguments)
@@ -142,10 +142,11 @@ def test_folder_that_cannot_be_made(cli: Cli) -> None:
     assert ended.error.startswith("error: /proc/run: cannot be written")
 
 
-def test_full_disk_leaves_the_older_plan(flown: Path) -> None:
+def test_full_disk_leaves_the_older_plan(flown: Path, tmp_path: Path) -> None:
+    scenario = corner_of_the_demo(tmp_path)
     before = {path.name: path.read_bytes() for path in flown.iterdir()}
     done = subprocess.run(
-        [*limited_to(4), *command("plan", "jacksboro", "-o", flown, "--force", "--evaluations", EVALUATIONS, "-q")],
+        [*limited_to(4), *command("plan", scenario, "-o", flown, "--force", "--evaluations", EVALUATIONS, "-q")],
         capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert done.returncode == 2, done.stderr
@@ -154,9 +155,10 @@ def test_full_disk_leaves_the_older_plan(flown: Path) -> None:
     assert {path.name: path.read_bytes() for path in flown.iterdir()} == before
 
 
-def test_force_moves_the_older_plan_and_its_flight_away(cli: Cli, flown: Path) -> None:
-    assert cli("plan", "jacksboro", "-o", flown, "--evaluations", EVALUATIONS).code == 2
-    ended = cli("plan", "jacksboro", "-o", flown, "--evaluations", EVALUATIONS, "--seed", 3, "--force")
+def test_force_moves_the_older_plan_and_its_flight_away(cli: Cli, flown: Path, tmp_path: Path) -> None:
+    scenario = corner_of_the_demo(tmp_path)
+    assert cli("plan", scenario, "-o", flown, "--evaluations", EVALUATIONS).code == 2
+    ended = cli("plan", scenario, "-o", flown, "--evaluations", EVALUATIONS, "--seed", 3, "--force")
     assert ended.code == 0
     assert "older-1" in ended.err
     assert files(flown) == PLANNED | {"older-1"}
@@ -180,7 +182,7 @@ def test_two_planners_in_one_folder(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupt_writes_the_best_so_far(tmp_path: Path, number: signal.Signals) -> None:
-    with started(command("plan", "jacksboro", "-o", tmp_path / "run", "--budget", "60s")) as process:
+    with started(command("plan", corner_of_the_demo(tmp_path), "-o", tmp_path / "run", "--budget", "60s")) as process:
         wait_for_line(process, "planning")
         process.send_signal(number)
         _, err = process.communicate(timeout=60)
@@ -191,7 +193,7 @@ def test_interrupt_writes_the_best_so_far(tmp_path: Path, number: signal.Signals
 
 
 def test_third_interrupt_aborts(tmp_path: Path) -> None:
-    with started(command("plan", "jacksboro", "-o", tmp_path / "run", "--budget", "60s")) as process:
+    with started(command("plan", corner_of_the_demo(tmp_path), "-o", tmp_path / "run", "--budget", "60s")) as process:
         wait_for_line(process, "planning")
         for _ in range(3):
             process.send_signal(signal.SIGINT)
@@ -205,8 +207,8 @@ def test_third_interrupt_aborts(tmp_path: Path) -> None:
 
 
 def test_infeasible_plan_ends_with_4(cli: Cli, tmp_path: Path) -> None:
-    scenario = tmp_path / "steep.toml"
-    text = Path("uavcover/scenarios/jacksboro.toml").read_text()
+    scenario = corner_of_the_demo(tmp_path)
+    text = scenario.read_text()
     scenario.write_text(text.replace("max_climb_angle_deg = 30.0", "max_climb_angle_deg = 1.0"))
     ended = cli("plan", scenario, "-o", tmp_path / "run", "--evaluations", EVALUATIONS, "-q")
     assert ended.code == 4
@@ -256,7 +258,7 @@ def test_a_route_at_the_ends_of_its_height_band_is_told(lowest_m: float, highest
 
 def test_request_is_all_that_planning_needs(tmp_path: Path) -> None:
     request = PlanRequest(
-        scenario="paper-R2", folder=tmp_path / "run", command=sys.argv, force=False, evaluations=100, seed=2
+        scenario="paper-planar", folder=tmp_path / "run", command=sys.argv, force=False, evaluations=100, seed=2
     )
     outcome = plan_into(request, Unattended(), check_site=lambda _: None)
     assert outcome.exit_code == 0

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.cli.conftest import EVALUATIONS, Cli, command, mock_vehicle, started
+from tests.cli.conftest import EVALUATIONS, Cli, command, corner_of_the_demo, mock_vehicle, started
 from tests.cli.relay import Relay
 from uavcover.run import plan
 
@@ -39,7 +39,8 @@ def test_ctrl_c_when_the_search_is_over_uploads_nothing(
 
     monkeypatch.setattr(plan, "compile_flights", interrupted)
     run = tmp_path / "run"
-    ended = cli("plan-upload", "jacksboro", "--to", "mock:", "-o", run, "--evaluations", EVALUATIONS)
+    scenario = corner_of_the_demo(tmp_path)
+    ended = cli("plan-upload", scenario, "--to", "mock:", "-o", run, "--evaluations", EVALUATIONS)
     assert ended.code == 130
     assert "interrupted when the search was over: the whole plan has been written" in ended.err
     assert "nothing was uploaded" in ended.err
@@ -57,7 +58,8 @@ def test_px4_vehicle_and_lossy_link(cli: Cli, planned: Path) -> None:
 
 def test_scenario_is_planned_first(cli: Cli, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    ended = cli("plan-upload", "jacksboro", "--to", "mock:", "-o", run, "--evaluations", EVALUATIONS, "--json")
+    scenario = corner_of_the_demo(tmp_path)
+    ended = cli("plan-upload", scenario, "--to", "mock:", "-o", run, "--evaluations", EVALUATIONS, "--json")
     assert ended.code == 0
     assert ended.document["run"] == str(run)
     assert (run / "mission.waypoints").exists()

@@ -54,6 +54,7 @@ def without_numbers(track: Track) -> Track:
     return replace(track, current_waypoint=np.full(len(track), -1, dtype=np.int64))
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", FLIGHTS)
 @pytest.mark.parametrize("foreign", [False, True])
 @pytest.mark.parametrize("every", [1, 2, 5, 10])
@@ -91,6 +92,7 @@ def test_rounding_at_50_hz_is_no_acceleration(field: Field) -> None:
     assert report.verdict == "passed", (report.reasons, report.doubts)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("name", FLIGHTS)
 @pytest.mark.parametrize(
@@ -104,6 +106,7 @@ def test_what_nobody_can_have_flown_is_not_passed(field: Field, falsify: Falsify
     assert report.reasons or report.doubts
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("falsify", [*falsified.MOTION, *falsified.UNOBSERVED], ids=lambda f: f.__name__)
 def test_nor_as_the_log_of_another_program(field: Field, falsify: Falsify, seed: int) -> None:
@@ -111,6 +114,7 @@ def test_nor_as_the_log_of_another_program(field: Field, falsify: Falsify, seed:
     assert not field.verify(without_numbers(track)).passed
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("falsify", falsified.ATTITUDE, ids=lambda f: f.__name__)
 def test_an_attitude_that_cannot_be_believed_sees_nothing_surely(field: Field, falsify: Falsify, seed: int) -> None:

@@ -42,7 +42,9 @@ def flown(folder, autopilot, range_m=130.0, **options):
     return site, PlannedRoute(planned.route.waypoints_m, planned.coverage_fraction), read_track(run.file("track.csv"))
 
 
-@pytest.mark.parametrize(("autopilot", "loss"), [("ardupilot", 0.0), ("px4", 0.0), ("ardupilot", 0.25)])
+@pytest.mark.parametrize(
+    ("autopilot", "loss"), [pytest.param("ardupilot", 0.0, marks=pytest.mark.slow), ("px4", 0.0), ("ardupilot", 0.25)]
+)
 def test_every_planned_waypoint_has_its_picture_in_the_record(tmp_path, autopilot, loss):
     site, planned, track = flown(tmp_path, autopilot, loss=loss)
     count = len(planned.waypoints_m)

@@ -34,7 +34,7 @@ from uavcover.sensing.coverage_map import CoverageMap
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=25, interpreted=5))
 
-ROUNDS = cases(compiled=20, interpreted=8)
+ROUNDS = cases(compiled=20, interpreted=4)
 CHANGES = ROUNDS * cases(compiled=500, interpreted=30)
 
 SQUARE = np.array([[-1.6, 1.4], [4.2, 1.4], [4.2, 6.2], [-1.6, 6.2]])
@@ -84,7 +84,7 @@ def test_a_leg_sees_what_its_samples_see_by_the_other_kernel(kind, rise):
 @pytest.mark.parametrize("kind", ["picture", "picture with a heading"])
 def test_a_leg_surely_shows_what_is_in_view_all_along_a_stretch_of_the_trigger(kind, trigger):
     sight, listed_cells, missed = SIGHTS[kind], 0, 0
-    for seed in (0, 3):
+    for seed in (0, 3)[: cases(compiled=2, interpreted=1)]:
         surface = rough_ground(seed)
         cells = cells_on(surface, seed)
         p, q = np.random.default_rng(seed).uniform([-1, 2, 0.5], [4, 6, 4], (2, 3)).tolist()
@@ -314,7 +314,7 @@ def test_equal_generators_give_equal_routes():
         anneal(
             problem,
             Prices(0.01, 0.0, 1.0, 1.0),
-            Schedule(cases(compiled=400, interpreted=60), 0.1, 0.01, 1.0, 2, 14),
+            Schedule(cases(compiled=400, interpreted=20), 0.1, 0.01, 1.0, 2, 14),
             state,
             np.random.default_rng(seed),
         )

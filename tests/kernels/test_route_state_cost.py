@@ -30,7 +30,7 @@ def test_each_kind_of_change(way):
     rng = np.random.default_rng(3)
     route = state.route[:7].copy()
     before = route_cost(problem.surface, way, route)
-    for _ in range(cases(compiled=300, interpreted=60)):
+    for _ in range(cases(compiled=300, interpreted=20)):
         first = int(rng.integers(0, 7))
         last = int(rng.integers(first, min(7, first + 4) + 1))
         fresh = int(rng.integers(0, 4))
@@ -59,7 +59,7 @@ def test_cold_annealing_never_makes_the_energy_larger(sensing, way):
     state = small_state(problem, 6, 14)
     prices, rng = Prices(0.01, 0.05, 3.0, 0.9), np.random.default_rng(2)
     energies = []
-    for _ in range(cases(compiled=30, interpreted=5)):
+    for _ in range(cases(compiled=30, interpreted=2)):
         anneal(problem, prices, Schedule(100, 1e-12, 1e-12, 1.0, 2, 14), state, rng)
         points = snapshot(state)
         energies.append(

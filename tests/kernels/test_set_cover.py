@@ -30,7 +30,7 @@ def random_sets(seed, count, *, items=ITEMS, largest=4):
 
 
 @given(some_sets)
-@settings(max_examples=cases(compiled=60, interpreted=15), deadline=None)
+@settings(max_examples=cases(compiled=60, interpreted=6), deadline=None)
 def test_transposed_lists_the_sets_of_each_item(sets):
     back, numbers = kernels.transposed(*table(sets), ITEMS)
     for item in range(ITEMS):
@@ -38,7 +38,7 @@ def test_transposed_lists_the_sets_of_each_item(sets):
 
 
 @given(some_sets, some_weights, st.sampled_from([0.5, 2.0, 100.0]), st.integers(0, 5))
-@settings(max_examples=cases(compiled=100, interpreted=15), deadline=None)
+@settings(max_examples=cases(compiled=100, interpreted=6), deadline=None)
 def test_the_greedy_choice_agrees_with_its_twin(sets, weight, enough, most):
     assert kernels.choose_greedily(*table(sets), weight, enough, most).tolist() == naive.greedily(
         sets, weight, enough, most
@@ -46,13 +46,13 @@ def test_the_greedy_choice_agrees_with_its_twin(sets, weight, enough, most):
 
 
 @given(some_sets)
-@settings(max_examples=cases(compiled=150, interpreted=15), deadline=None)
+@settings(max_examples=cases(compiled=150, interpreted=6), deadline=None)
 def test_undominated_agrees_with_comparing_all_pairs(sets):
     assert kernels.undominated(*table(sets), ITEMS).tolist() == naive.undominated(sets)
 
 
 @given(some_sets, some_weights, st.sampled_from([1.0, 2.5, 100.0]), st.integers(1, 8))
-@settings(max_examples=cases(compiled=100, interpreted=15), deadline=None)
+@settings(max_examples=cases(compiled=100, interpreted=6), deadline=None)
 def test_what_is_left_after_dropping_is_enough_and_nothing_more_can_go(sets, weight, enough, most):
     everything = np.arange(len(sets))
     left = kernels.drop_needless(*table(sets), weight, everything, enough, most).tolist()

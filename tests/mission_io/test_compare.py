@@ -107,8 +107,10 @@ def moved(item: MissionItem, towards_deg: float, by_m: float) -> MissionItem:
 # Tolerances: just under and just above, for every place of every command.
 
 
+@pytest.mark.thinned
 @AUTOPILOTS
 @pytest.mark.parametrize("towards_deg", range(0, 360, 30))
+@pytest.mark.no_cover
 def test_places_agree_within_two_centimetres_or_a_step_of_the_wire(autopilot: Autopilot, towards_deg: int) -> None:
     looked_at = 0
     for mission in missions(autopilot):
@@ -322,6 +324,7 @@ def test_a_mission_that_another_station_loaded_from_our_file_is_the_same(
 
 @AUTOPILOTS
 @pytest.mark.parametrize("station", STATIONS, ids=lambda s: s.__name__)
+@pytest.mark.no_cover
 def test_what_another_station_changed_is_not_the_same(
     station: Callable[[Mission, Autopilot, Path], list[MissionItem]], autopilot: Autopilot, tmp_path: Path
 ) -> None:

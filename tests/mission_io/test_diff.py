@@ -67,6 +67,7 @@ def test_a_change_only_fits_the_mission_it_was_made_from() -> None:
 
 
 @pytest.mark.parametrize("kind", ["reversed", "all equal", "pairs"])
+@pytest.mark.no_cover
 def test_long_lists_take_time_in_proportion(kind: str) -> None:
     def seconds(count: int) -> float:
         items: list[MissionItem] = [delay(float(n if kind == "reversed" else n // 2)) for n in range(count)]

@@ -53,6 +53,7 @@ def in_pieces(data: bytes, cuts: list[int]) -> list[bytes]:
 @settings(derandomize=True, max_examples=400, deadline=None)
 @given(streams, st.lists(st.integers(0, 2000), max_size=20))
 @example([BEAT[:7], BEAT, b"\xfd", BEAT], [3, 8, 30])
+@pytest.mark.no_cover
 def test_any_cutting_of_any_stream_gives_the_same_frames_and_the_same_counts(
     parts: list[bytes], cuts: list[int]
 ) -> None:

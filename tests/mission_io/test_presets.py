@@ -28,6 +28,7 @@ BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.na
 @BOTH
 @pytest.mark.parametrize("preset", LINK_PRESETS.values(), ids=lambda p: p.name)
 @pytest.mark.parametrize("own_timing", [True, False], ids=["its timing", "the default timing"])
+@pytest.mark.no_cover
 def test_upload_read_back_and_clear(autopilot: Autopilot, preset: LinkPreset, own_timing: bool) -> None:
     timing = preset.timing if own_timing else None
     for seed in range(3):

@@ -37,6 +37,7 @@ def same_pool(one, other):
 
 
 @pytest.mark.parametrize("name", CHOICE_VARIANTS)
+@pytest.mark.no_cover
 def test_a_variant_of_the_choice_chooses_otherwise_from_the_same_pool(name, whole):
     variant = searched(CHOICE_VARIANTS[name])
     assert same_pool(variant, whole)
@@ -48,6 +49,7 @@ def test_a_variant_of_the_search_fills_another_pool(name, whole):
     assert not same_pool(searched(SEARCH_VARIANTS[name]), whole)
 
 
+@pytest.mark.no_cover
 def test_the_shadow_of_the_scouts_is_missed_where_local_sets_are_wanted_and_only_there(whole):
     without = SEARCH_VARIANTS["-shadow"]
     assert same_pool(searched(without), whole)

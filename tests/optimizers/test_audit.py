@@ -30,6 +30,7 @@ def algorithm(request):
     return ALGORITHMS[request.param]
 
 
+@pytest.mark.no_cover
 def test_an_objective_that_raises_costs_nothing(algorithm):
     whole, disturbed = build(algorithm), build(algorithm)
     evaluate = objectives_of(algorithm)
@@ -170,6 +171,7 @@ class TestOsyczkaAndKundu:
         assert np.allclose(get_problem("osy").evaluate(result.X, return_values_of=["G"]), result.G)
         assert self.front_share(result.F) > limit
 
+    @pytest.mark.no_cover
     def test_nsga2_in_ours_does_as_well_as_in_pymoo(self):
         ours = solve("nsga2", get_problem("osy"), population_size=50, max_iterations=100, seed=2)
         theirs = minimize(get_problem("osy"), NSGA2(pop_size=50), ("n_gen", 100), seed=2)

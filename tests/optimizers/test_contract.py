@@ -241,6 +241,7 @@ def test_without_a_feasible_point_the_least_violating_is_returned(algorithm):
     assert (result.violations == min(seen)).all()
 
 
+@pytest.mark.no_cover
 def test_memory_does_not_grow(algorithm):
     def size(value):
         return sum(map(size, value.values())) if isinstance(value, dict) else getattr(value, "nbytes", 0)

@@ -225,6 +225,7 @@ class TestRuns:
 
 
 class TestPymoo:
+    @pytest.mark.no_cover
     def test_every_algorithm_by_name_works_or_says_why_not(self):
         with pytest.raises(OptimizerError, match="pymoo has none of this name") as refused:
             optimizer_class("pymoo:Nothing")

@@ -64,7 +64,10 @@ def random_path(coverage, rng, waypoints):
     return np.column_stack([dense, coverage.site.ground.heights_m(dense) + agl])
 
 
-@pytest.mark.parametrize(("kind", "seed"), [*((kind, 3) for kind in SENSORS), ("cone", 0)])
+@pytest.mark.parametrize(
+    ("kind", "seed"), [*((kind, 3) for kind in SENSORS), pytest.param("cone", 0, marks=pytest.mark.slow)]
+)
+@pytest.mark.no_cover
 def test_no_path_gains_more_than_its_length_and_one_look(kind, seed):
     coverage, ground = priced(kind, seed)
     rng = np.random.default_rng(seed)

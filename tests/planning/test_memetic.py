@@ -48,8 +48,10 @@ def plan_of(name: str) -> Plan:
     return make_plan(SITES[name])
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("name", SITES)
 @pytest.mark.parametrize("rule", ["coverage>=0.9", "max-coverage"])
+@pytest.mark.no_cover
 def test_every_member_keeps_the_limits_and_none_beats_another(name: str, rule: str) -> None:
     site, plan = SITES[name], plan_of(name) if rule == "coverage>=0.9" else make_plan(SITES[name], rule=rule)
     assert plan.rule_met
@@ -66,6 +68,7 @@ def test_every_member_keeps_the_limits_and_none_beats_another(name: str, rule: s
 
 
 @pytest.mark.parametrize("name", SITES)
+@pytest.mark.no_cover
 def test_equal_seed_and_evaluations_give_an_equal_plan_on_any_number_of_threads(name: str) -> None:
     site, alone = SITES[name], plan_of(name)
     for threads in (1, 2):
@@ -110,6 +113,7 @@ def test_discs_on_a_row_are_placed_as_well_as_can_be() -> None:
         assert most == pytest.approx(cells / 40)
 
 
+@pytest.mark.no_cover
 def test_the_papers_scenario_with_sixteen_waypoints() -> None:
     site = load_site("paper-R2")
     settings = dataclasses.replace(site.scenario.planner, algorithm="local-search", max_waypoints=16)

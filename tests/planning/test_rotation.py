@@ -110,6 +110,7 @@ def test_lines_laid_over_turned_terrain_are_the_turned_lines() -> None:
     ],
     ids=["along the path", "free order"],
 )  # fmt: skip
+@pytest.mark.no_cover
 def test_a_turned_scenario_is_planned_as_well(sensor: str, rule: str, options: dict[str, Any]) -> None:
     lengths: list[list[float]] = []
     for site in twins(*SENSORS[sensor], cell_m=20.0, **options):

@@ -67,6 +67,7 @@ def test_looking_changes_nothing_and_earlier_moments_have_less(algorithm: str) -
 
 @pytest.mark.parametrize("algorithm", ["nsga2", "moead"])
 @pytest.mark.parametrize("scenario", ["hills", "paper-planar"])
+@pytest.mark.no_cover
 def test_optimizers_of_pymoo_plan_too(algorithm: str, scenario: str) -> None:
     site = make_site(hills) if scenario == "hills" else load_site(scenario)
     plan = planned(site, algorithm, None, evaluations=1500 if scenario != "hills" else 200)

@@ -26,7 +26,7 @@ def test_the_example_of_the_page_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (example,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
-    # With a smaller area; the demo's flies in test_public_api.
+    # With a smaller area; the demo's flies in test_setup.
     example = example.replace('"jacksboro"', repr(str(corner_of_the_demo(tmp_path))))
     assert "corner.toml" in example
     monkeypatch.chdir(tmp_path)
@@ -45,7 +45,12 @@ def test_every_public_name_is_on_the_page() -> None:
 
 def test_a_saved_plan_reads_back(tmp_path: Path) -> None:
     request = PlanRequest(
-        scenario="jacksboro", folder=tmp_path / "run", command=["test"], force=False, evaluations=40, seed=5
+        scenario=str(corner_of_the_demo(tmp_path)),
+        folder=tmp_path / "run",
+        command=["test"],
+        force=False,
+        evaluations=40,
+        seed=5,
     )
     outcome = plan_into(request, Unattended(), check_site=require_home)
     site, document = read_planned(RunFolder(tmp_path / "run"))

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.cli.conftest import corner_of_the_demo
 from tests.naive.file_ground import FileGround, enu_points, leg_ranges_m, mission_points, plan_points
 from uavcover.run.plan import PlanRequest, plan_into
 from uavcover.run.user import Unattended
@@ -17,7 +18,7 @@ ROUNDING_M = 0.02
 """Mission files hold degrees to 1e-7 and heights to a millimetre at worst: up to 1 cm aside, as much in height on the slopes."""
 
 ON_EARTH = ["jacksboro", "ridge-obstacles", pytest.param("ridge-25km2", marks=pytest.mark.slow)]
-LOCAL = ["paper-R2", "paper-r1", "paper-planar"]
+LOCAL = [pytest.param("paper-R2", marks=pytest.mark.slow), "paper-r1", "paper-planar"]
 
 
 def planned(tmp_path, name):
@@ -73,8 +74,9 @@ def test_no_node_of_the_paper_leaves_the_band_that_it_claims(tmp_path, name):
 def test_the_check_sees_ground_that_is_brought_to_another_grid(tmp_path):
     """What this test is for: half a pixel's grid, as it was, leaves the band by metres."""
     scenario = load_scenario("jacksboro")
-    text = (terrain_path(scenario.terrain).parent.parent / "scenarios" / "jacksboro.toml").read_text(encoding="utf-8")
-    old = tmp_path / "old.toml"
+    old = corner_of_the_demo(tmp_path)
+    text = old.read_text(encoding="utf-8")
+    assert 'vertical_datum = "EGM96"' in text
     # The shortest route follows the terrain with most waypoints, near to the ends of the band.
     text = text.replace("[planner]", '[planner]\nobjective = "length"')
     old.write_text(text.replace('vertical_datum = "EGM96"', 'vertical_datum = "EGM96"\ngrid_step_m = 37.0'))

@@ -26,6 +26,7 @@ def coverage_of(sensor=DISC, requirements=TWICE, **changes):
     return CoverageMap(make_site(sensor=sensor, requirements=requirements, **changes), cell_size_m=10.0)
 
 
+@pytest.mark.no_cover
 def test_two_waypoints_too_near_to_each_other_are_one_look():
     coverage = coverage_of()
     once = coverage_of(requirements={})

@@ -128,6 +128,7 @@ def landing_on_the_hill(height_m: float) -> Mission:
     )
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 @pytest.mark.parametrize("height_m", [40.0, 8.0, -30.0])
 @pytest.mark.parametrize("known", [True, False])

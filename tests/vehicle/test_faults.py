@@ -163,6 +163,7 @@ def test_a_stop_does_not_fight_the_pilot():
     assert outcome.vehicle_now.startswith("in the air, armed, in guided mode")
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 @pytest.mark.parametrize("stops", [0, 1])
 def test_while_a_pilot_holds_the_vehicle_the_record_goes_on_to_the_ground(autopilot, stops):

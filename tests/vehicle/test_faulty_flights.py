@@ -32,7 +32,7 @@ def script() -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize("flight", range(12))
+@pytest.mark.parametrize("flight", [*range(6), *(pytest.param(k, marks=pytest.mark.slow) for k in range(6, 12))])
 def test_it_ends_in_a_name_and_no_sample_is_lost(
     script: ModuleType, flight: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

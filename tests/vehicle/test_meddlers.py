@@ -88,6 +88,7 @@ class StutteringPeer(InMemoryPeer):
         return datagrams
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 @pytest.mark.parametrize(
     "lie",

@@ -45,6 +45,7 @@ def assert_whole(scene: Scene, log: list[TruthSample]) -> None:
     assert np.abs(recorded[:, 2] - true[:, 2]).max() <= 0.0006
 
 
+@pytest.mark.thinned
 @BOTH
 @pytest.mark.parametrize("rate_hz", [5.0, 10.0, 17.0, 50.0])
 def test_at_every_rate_each_position_is_a_sample(
@@ -71,6 +72,7 @@ def test_a_rate_that_is_too_low_keeps_it_on_the_ground(
     assert begun == scene.samples == []
 
 
+@pytest.mark.thinned
 @BOTH
 @pytest.mark.parametrize(
     "fault", ["mission-changed@15s", "mission-changed@25s", "pilot-mode:land@20s", "pilot-mode@20s"]

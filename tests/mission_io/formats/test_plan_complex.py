@@ -214,6 +214,7 @@ def same_json(a: Any, b: Any) -> bool:
 
 @settings(derandomize=True, max_examples=150)
 @given(st.dictionaries(st.text(max_size=8), _JSON, max_size=4), st.dictionaries(st.text(max_size=8), _JSON, max_size=4))
+@pytest.mark.no_cover
 def test_whatever_a_form_holds_is_kept_to_the_bit(form: dict[str, Any], extra: dict[str, Any]) -> None:
     form.pop("TransectStyleComplexItem", None)
     structure = {**form, **STRUCTURE}

@@ -53,6 +53,7 @@ def test_each_fault_is_tested_from_both_sides() -> None:
 
 @BOTH
 @pytest.mark.parametrize("loss", [0.05, 0.1, 0.2, 0.3])
+@pytest.mark.no_cover
 def test_client_loss_both_ways(autopilot: Autopilot, loss: float) -> None:
     for seed in range(5):
         peer = VehiclePeer(autopilot)
@@ -254,6 +255,7 @@ def test_vehicle_legacy_request() -> None:
 # Cancelling, other stations, other lists.
 
 
+@pytest.mark.no_cover
 def test_client_cancel_in_the_middle_of_10000() -> None:
     peer = VehiclePeer(PX4)
     client = connected(peer)

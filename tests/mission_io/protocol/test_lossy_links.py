@@ -21,6 +21,7 @@ BAD = Conditions(duplication=0.1, corruption=0.02, delay_s=0.005, jitter_s=0.05)
 
 @pytest.mark.parametrize("loss", [0.0, 0.1, 0.3])
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
+@pytest.mark.no_cover
 def test_upload_and_download_are_right(autopilot: Autopilot, loss: float) -> None:
     times = []
     items = wire_items(MISSION, autopilot)
@@ -38,6 +39,7 @@ def test_upload_and_download_are_right(autopilot: Autopilot, loss: float) -> Non
     assert statistics.median(times) < {0.0: 0.2, 0.1: 6.0, 0.3: 15.0}[loss]
 
 
+@pytest.mark.no_cover
 def test_at_40_percent_loss_nothing_wrong_goes_unnoticed() -> None:
     for seed in range(SEEDS):
         peer = VehiclePeer(ARDUPILOT)
