@@ -139,7 +139,7 @@ def broken_off(run: Path, share: float) -> dict[str, str]:
 
 
 def test_a_gap_mission_from_where_the_vehicle_is(cli: Cli, flown: Path) -> None:
-    last = broken_off(flown, 0.8)
+    last = broken_off(flown, 0.55)
     sealed(flown)
     from_home = cli("gaps", flown, "--json").document
     ended = cli("gaps", flown, "--start", "last", "--force", "--json")

@@ -34,8 +34,8 @@ from uavcover.sensing.coverage_map import CoverageMap
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=25, interpreted=5))
 
-ROUNDS = cases(compiled=20, interpreted=4)
-CHANGES = ROUNDS * cases(compiled=500, interpreted=30)
+ROUNDS = cases(compiled=20, interpreted=8)
+CHANGES = ROUNDS * cases(compiled=500, interpreted=15)
 
 SQUARE = np.array([[-1.6, 1.4], [4.2, 1.4], [4.2, 6.2], [-1.6, 6.2]])
 

@@ -55,7 +55,6 @@ def test_a_planned_path_is_not_shorter_than_its_bound():
     assert "fewest_waypoints" not in bounds
 
 
-@pytest.mark.no_cover
 def test_the_larger_of_both_path_bounds_is_reported():
     site = make_site(hills)
     coverage, plan = judging_map(site), planned(site, "coverage>=0.9")

@@ -81,7 +81,6 @@ def test_enough_is_enough() -> None:
 
 
 @pytest.mark.parametrize(("seed", "share"), [(6, 0.9), (11, 0.9), (17, 0.6), (29, 0.9), (32, 0.6), (33, 0.75)])
-@pytest.mark.no_cover
 def test_what_is_asked_for_is_seen_though_corners_that_are_left_out_change_the_order(seed: int, share: float) -> None:
     site = make_site(hills, ring=((0, 0), (1000, 0), (1000, 900), (0, 900)), home=(-20.0, -20.0))
     coverage = CoverageMap(site, cell_size_m=20.0)

@@ -51,7 +51,6 @@ def plan_of(name: str) -> Plan:
 @pytest.mark.thinned
 @pytest.mark.parametrize("name", SITES)
 @pytest.mark.parametrize("rule", ["coverage>=0.9", "max-coverage"])
-@pytest.mark.no_cover
 def test_every_member_keeps_the_limits_and_none_beats_another(name: str, rule: str) -> None:
     site, plan = SITES[name], plan_of(name) if rule == "coverage>=0.9" else make_plan(SITES[name], rule=rule)
     assert plan.rule_met
@@ -68,7 +67,6 @@ def test_every_member_keeps_the_limits_and_none_beats_another(name: str, rule: s
 
 
 @pytest.mark.parametrize("name", SITES)
-@pytest.mark.no_cover
 def test_equal_seed_and_evaluations_give_an_equal_plan_on_any_number_of_threads(name: str) -> None:
     site, alone = SITES[name], plan_of(name)
     for threads in (1, 2):

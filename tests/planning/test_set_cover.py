@@ -157,7 +157,6 @@ def test_along_a_path_a_cover_is_laid_over_the_terrain():
 @pytest.mark.parametrize("applies_to", ["legs", "waypoints"])
 @pytest.mark.parametrize("encoding", ["swaths", "waypoints"])
 @pytest.mark.parametrize("algorithm", ["memetic", "local-search"])
-@pytest.mark.no_cover
 def test_a_local_search_always_has_a_baseline_and_a_cover_at_waypoints(sensing, applies_to, encoding, algorithm):
     site = make_site(
         sensor=SphereSensor(kind="sphere", range_m=120.0, sensing=sensing),
