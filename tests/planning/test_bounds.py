@@ -56,7 +56,7 @@ def test_a_planned_path_is_not_shorter_than_its_bound():
 
 
 def test_the_larger_of_both_path_bounds_is_reported():
-    site = make_site(hills)
+    site = make_site(hills, cell_m=20.0)
     coverage, plan = judging_map(site), planned(site, "coverage>=0.9")
     (quick,) = path_bounds(coverage, plan)
     (slow,) = path_bounds(coverage, plan, time_s=0.5)
