@@ -12,7 +12,7 @@ SCRIPT = Path(__file__).parents[2] / "scripts" / "kill_fly.py"
 @pytest.mark.timeout(400)
 def test_a_killed_flight_leaves_its_track_and_its_recording(planned: Path, tmp_path: Path) -> None:
     out = tmp_path / "killed.md"
-    arguments = ["--run", planned, "--kills", 2, "--seed", 1, "--speed", 80, "-o", out]
+    arguments = ["--run", planned, "--kills", 2, "--seed", 1, "--speed", 20, "-o", out]
     done = subprocess.run(
         [sys.executable, str(SCRIPT), *map(str, arguments)],
         capture_output=True, text=True, timeout=300, check=False,
