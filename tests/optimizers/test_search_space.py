@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.stats import qmc
 
 from uavcover.errors import OptimizerError
 from uavcover.optimizers.ask_tell import Box
@@ -44,3 +45,12 @@ def test_samples_reach_all_of_the_box_and_leave_a_fixed_variable_alone():
 def test_what_leaves_the_box_is_put_on_the_bound_it_crossed():
     box = Box.checked([0.0, 0.0], [1.0, 1.0])
     assert box.clipped(np.array([[-2.0, 0.5], [0.25, 9.0]])).tolist() == [[0.0, 0.5], [0.25, 1.0]]
+
+
+@pytest.mark.parametrize("n", [1, 2, 37])
+@pytest.mark.parametrize("variables", [1, 5])
+def test_latin_hypercube_is_that_of_scipy(n, variables):
+    box = Box.checked([0.0] * variables, [1.0] * variables)
+    own_seed = int(np.random.default_rng(n).integers(2**63))
+    expected = qmc.LatinHypercube(variables, rng=own_seed).random(n)
+    np.testing.assert_array_equal(box.latin_hypercube(n, np.random.default_rng(n)), expected)

@@ -66,13 +66,16 @@ class Box:
         return self.scaled(rng.random((n, self.n_variables)))
 
     def latin_hypercube(self, n: int, rng: np.random.Generator) -> FloatArray:
-        """``(n, d)`` samples, exactly one in each of the n equal slices of every variable."""
-        # scipy.stats takes a second to import, which commands that plan nothing need not wait for.
-        from scipy.stats import qmc
+        """``(n, d)`` samples, exactly one in each of the n equal slices of every variable (McKay et al. 1979).
 
-        # A drawn integer and not rng itself: scipy would spawn from it, which depends on more than its saved state.
-        own_seed = int(rng.integers(2**63))
-        return self.scaled(qmc.LatinHypercube(self.n_variables, rng=own_seed).random(n))
+        Bit by bit those of ``scipy.stats.qmc.LatinHypercube``, whose import takes as long as a small plan.
+        """
+        own = np.random.default_rng(int(rng.integers(2**63))).spawn(1)[0]
+        within = own.uniform(size=(n, self.n_variables))
+        slices = np.tile(np.arange(1, n + 1), (self.n_variables, 1))
+        for row in slices:
+            own.shuffle(row)
+        return self.scaled((slices.T - within) / n)
 
 
 class AskTellOptimizer(Optimizer, ABC):
