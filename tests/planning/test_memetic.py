@@ -16,6 +16,7 @@ from uavcover.model.route import Plan, Route
 from uavcover.model.sensor import DiscSensor, SphereSensor
 from uavcover.model.vehicle import Wind
 from uavcover.planning.planner import Effort, SearchProgress, plan_routes
+from uavcover.planning.search.goal_search import LADDER, _long_stages, _thinned
 from uavcover.planning.search.local_search import CHAINS, PaceByClock, PaceByNumber
 from uavcover.planning.search.route_problem import narrowed, route_problem, state_of
 from uavcover.routes.leg_checks import measure_violations
@@ -168,18 +169,36 @@ def test_a_pace_by_number_gives_exactly_what_there_is() -> None:
 
 
 def test_a_pace_by_the_clock_adapts_its_batches() -> None:
-    times = iter([0.0, 0.001, 0.002, 5.0, 10.5])
-    pace = PaceByClock(lambda: next(times), 10.0, batch_s=0.1)
+    clock = [0.0]
+    pace = PaceByClock(lambda: clock[0], 10.0, batch_s=0.1)
     first = pace.next_batch()
+    clock[0] = 0.001
     pace.done(CHAINS * first)
-    assert pace.next_batch() == 4 * first  # 1 ms was far below 0.1 s, but not all at once
-    pace.done(CHAINS * 4 * first)
+    clock[0] = 2.0  # what is done between two batches counts as time, not as a batch
     larger = pace.next_batch()
-    pace.done(CHAINS * larger)
+    assert larger == 4 * first, "1 ms was far below 0.1 s, but not all at once"
+    clock[0] = 5.0
     assert pace.fraction == pytest.approx(0.5)
-    assert pace.next_batch() == int(0.1 / ((5.0 - 0.002) / larger))
+    pace.done(CHAINS * larger)
+    assert pace.next_batch() == int(0.1 / (3.0 / larger))
+    clock[0] = 10.5
     pace.done(CHAINS * 3)
     assert (pace.fraction, pace.next_batch()) == (1.0, 0)
+
+
+def test_stages_and_goals_are_fewer_where_judging_takes_long() -> None:
+    stages = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
+    assert _long_stages(stages, 0.0) == [(stage, 1) for stage in stages], "counted by proposals: as they are"
+    for least in (0.01, 0.1, 0.2, 0.5, 3.0):
+        kept = _long_stages(stages, least)
+        lengths = np.diff([0.0, *(stage for stage, _ in kept)])
+        assert len(kept) == 1 or lengths.min() >= least - 1e-12
+        assert kept[-1][0] == 1.0
+        assert sum(steps for _, steps in kept) == len(stages), "prices rise as with all of them"
+    assert _thinned(LADDER, 99) == LADDER
+    assert _thinned(LADDER, 7) == LADDER
+    assert _thinned(LADDER, 3) == [0.8, 0.98, 1.0]
+    assert _thinned(LADDER, 0) == [0.8]
 
 
 # What the kernels are given

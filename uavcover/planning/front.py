@@ -204,7 +204,7 @@ _MOST_FOUND = 25
 _PART = 0.5
 """What judging a part takes, of what a whole route takes."""
 
-_LARGEST_SHARE = 0.2
+_LARGEST_SHARE = 0.1
 """Of a time budget that is set aside."""
 
 _WHOLE = 0.9

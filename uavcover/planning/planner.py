@@ -45,10 +45,10 @@ CONSTRUCTED_SHARE = 0.25
 """At most this share of the first population is constructed routes; the rest is sampled by the optimizer itself."""
 
 _BASELINE_SHARE = 0.5
-_BASELINE_SHARE_OF_LINES = 0.25
+_BASELINE_SHARE_OF_LINES = 0.1
 """Share of a time budget that the baselines may use; less where lines of other kinds and a local search follow."""
 
-_LINES_SHARE = 0.1
+_LINES_SHARE = 0.07
 """Share of a time budget for lines that bend and lines of few waypoints; the best ones come first. On 25 square kilometres
 all of them take 28 s of processor time, which a search of 10 s had to wait for."""
 
@@ -57,7 +57,7 @@ _SOLVER_NODES = 1
 """What an exact set cover may use: a share of the time budget, or so many nodes of branch and bound, whatever they take."""
 
 _OPTIMIZER: dict[PlannerAlgorithm, tuple[str, float]] = {
-    "memetic": ("imodbo", 0.1),
+    "memetic": ("imodbo", 0.05),
     "local-search": ("imodbo", 0.0),
     "imodbo": ("imodbo", 1.0),
     "modbo": ("modbo", 1.0),

@@ -29,6 +29,10 @@ _COVERAGE_PRICE_FREE = 1.5
 Along a path a share more costs one to two such shares of the length; at a price far above that no single change may lose a
 cell, and nothing can be traded."""
 _DEARER = 1.6
+_STAGE_PER_CORRECTION = 2.0
+_GOAL_PER_CORRECTION = 12.0
+"""So many times as long as a correction, which judges a route and prepares the chains, a stage and a goal of the ladder take at
+least under a time budget: most of the time is search."""
 _START_PRICE = 3.0
 """Missing coverage is cheaper in a beginning: fewer lines are hard to come by, gaps between lines are closed."""
 _WAYPOINT_PRICE = 0.002
@@ -103,10 +107,12 @@ def search_goals(
     if asked is not None:
         end = begin + main * (until - begin)
         known += search_goal(work, known, asked, capacity, (begin, end), _MAIN_STAGES, judge)
-    each = (1.0 - main) * (until - begin) / len(goals)
+    ladder = (1.0 - main) * (until - begin)
+    goals = _thinned(goals, int(ladder / max(_GOAL_PER_CORRECTION * work.correction, 1e-9)))
+    each = ladder / len(goals)
     # From the highest: what reaches more is a good beginning for what may see less.
     for number, goal in enumerate(reversed(goals)):
-        at = begin + main * (until - begin) + number * each
+        at = until - ladder + number * each
         known += search_goal(work, known, goal, capacity, (at, at + each), _STAGES, judge)
     return known
 
@@ -144,10 +150,14 @@ def search_goal(
     ranked = sorted(starts, key=lambda start: _merit(work.problem, start, goal, ranked_by_m))
     if work.stopped or work.pace.fraction >= end:
         return []
+    before = work.pace.fraction
     chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m) for k in range(CHAINS)]
     for chain in chains:
         aim = _corrected(goal, chain.seen, judge.coverage(chain.route))
         chain.prices = chain.prices._replace(goal=aim)
+    # Two routes were judged; a correction judges one.
+    work.correction = 0.5 * (work.pace.fraction - before)
+    least = _STAGE_PER_CORRECTION * work.correction / max(end - begin, 1e-9)
     hottest, coldest = chains[0].hottest, chains[0].coldest
     if work.problem.free_order:
         for chain in chains:
@@ -159,7 +169,7 @@ def search_goal(
     out: list[SearchStart] = []
     reached = False
     warm = 0.0
-    for stage in stages:
+    for stage, steps in _long_stages(stages, least):
         for k, chain in enumerate(chains):
             # The second of two chains from the same beginning is cooler: from a good one heat only leads away.
             cooler = 0.3**k if out else 1.0
@@ -167,7 +177,10 @@ def search_goal(
             chain.coldest = max(coldest, cooler * hottest * (coldest / hottest) ** stage)
         more = work.run(chains, until=begin + stage * (end - begin))
         best = min(chains, key=lambda chain: chain.energy)
+        before = work.pace.fraction
         judged = judge.coverage(best.route)
+        # The first time all cells were made ready for judging: later corrections are cheaper.
+        work.correction = work.pace.fraction - before
         out.append(SearchStart(best.route, best.seen))
         if judged >= goal or not more or stage == stages[-1]:
             reached = reached or judged >= goal
@@ -179,11 +192,33 @@ def search_goal(
         if warm == 0.0:
             chains = [_chain(work, best.route, aim, capacity, waypoint_m) for _ in chains]
         # Where coverage is dearer than its price, the price rises until the goal is worth reaching.
-        price *= 1.0 if judged >= goal else _DEARER
+        price *= 1.0 if judged >= goal else _DEARER**steps
         for chain in chains:
             chain.prices = chain.prices._replace(coverage=price, goal=aim)
         warm = stage
     return out
+
+
+def _thinned(goals: Sequence[float], most: int) -> Sequence[float]:
+    """At most so many of the goals, one at least, evenly from the lowest to the highest."""
+    if len(goals) <= most:
+        return goals
+    return [goals[k] for k in np.unique(np.linspace(0, len(goals) - 1, max(most, 1)).round().astype(int))]
+
+
+def _long_stages(stages: Sequence[float], least: float) -> list[tuple[float, int]]:
+    """The stages without those that are shorter than ``least``, a share of all of them; the last one, 1, stays.
+
+    With each, how many of the stages end with it.
+    """
+    kept: list[tuple[float, int]] = []
+    begun, steps = 0.0, 0
+    for stage in stages:
+        steps += 1
+        if stage == stages[-1] or (stage - begun >= least and stages[-1] - stage >= least):
+            kept.append((stage, steps))
+            begun, steps = stage, 0
+    return kept
 
 
 def _corrected(goal: float, seen: float, judged: float) -> float:

@@ -76,17 +76,18 @@ class PaceByClock:
     @property
     def fraction(self) -> float:
         """Share of the time used, 0..1."""
-        return min(1.0, (self._at - self._begin) / max(self._until - self._begin, 1e-9))
+        return min(1.0, (self._now() - self._begin) / max(self._until - self._begin, 1e-9))
 
     def next_batch(self) -> int:
         """Proposals for each chain to do next; 0 when the time is over."""
+        self._at = self._now()
         return self._batch if self._at < self._until else 0
 
     def done(self, proposals: int) -> None:
-        """Record proposals, and size the next batch by the time that this one took."""
-        before, self._at = self._at, self._now()
-        wanted_s = min(self._batch_s, max(self._until - self._at, 1e-3))
-        each_s = max(self._at - before, 1e-6) / max(proposals // CHAINS, 1)
+        """Record proposals, and size the next batch by the time that this one took, without what was done before it."""
+        now = self._now()
+        wanted_s = min(self._batch_s, max(self._until - now, 1e-3))
+        each_s = max(now - self._at, 1e-6) / max(proposals // CHAINS, 1)
         # The first batches may have waited for the compiler: grow step by step.
         self._batch = max(1, min(4 * self._batch, int(wanted_s / each_s)))
 
@@ -149,6 +150,8 @@ class Work:
         on_batch: told after every batch, with the chains.
         proposals: done so far, by all chains.
         stopped: whether ``should_stop`` ended the work.
+        correction: share of all the work that judging routes and preparing chains took the last time; 0 where work is counted
+            by proposals.
     """
 
     problem: RouteProblem
@@ -159,6 +162,7 @@ class Work:
     on_batch: Callable[[Sequence[Chain]], None]
     proposals: int = 0
     stopped: bool = field(default=False)
+    correction: float = 0.0
 
     def run(self, chains: Sequence[Chain], *, until: float) -> bool:
         """Anneal CHAINS chains until a share ``until`` of all the work is done, cooling all the way; False: there is no more.

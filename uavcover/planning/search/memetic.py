@@ -124,7 +124,10 @@ def improve(
         look(lambda: [*kept, *(_shortened(problem, chain.route) for chain in chains)])
 
     def judged_coverage(route: Route) -> float:
-        return min(cells.share_of_coverable(cells.seen(route.waypoints_m)) for cells in judges)
+        def one(cells: CoverageMap) -> float:
+            return cells.share_of_coverable(cells.seen(route.waypoints_m))
+
+        return min(map(one, judges) if run.executor is None else run.executor.map(one, judges))
 
     asked = rule.required_coverage
     capacity = _capacity(problem, settings, starts)
