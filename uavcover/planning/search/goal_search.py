@@ -101,7 +101,7 @@ def search_goals(
         The beginnings, and what the stages ended with.
     """
     begin = work.pace.fraction
-    goals = [goal for goal in LADDER if asked is None or abs(goal - asked) > 0.002]
+    goals: Sequence[float] = [goal for goal in LADDER if asked is None or abs(goal - asked) > 0.002]
     main = 0.0 if asked is None else _MAIN_SHARE
     known = list(starts)
     if asked is not None:
