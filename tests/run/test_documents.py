@@ -1,13 +1,23 @@
 import csv
+import dataclasses
 import io
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from uavcover.errors import InputError
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
-from uavcover.run.documents import PARETO_COLUMNS, pareto_csv, plan_document, read_plan_document
+from uavcover.run.documents import (
+    PARETO_COLUMNS,
+    TradeOffAxis,
+    pareto_csv,
+    plan_document,
+    read_pareto,
+    read_plan_document,
+    trade_off_axis,
+)
 from uavcover.run.folder import json_text
 from uavcover.scenario.site import Site, load_site
 
@@ -82,3 +92,41 @@ def test_what_is_no_plan(site: Site, key: str, value: object) -> None:
     document = plan_document(site, make_plan(), seed=4, bounds={})
     with pytest.raises(InputError, match=r"^here: "):
         read_plan_document({**document, key: value}, source="here")
+
+
+def test_the_trade_off_is_drawn_against_time_where_every_route_has_one(tmp_path: Path) -> None:
+    plan = make_plan()
+    file = tmp_path / "pareto.csv"
+    file.write_text(pareto_csv(plan))
+    without = read_pareto(file)
+    baselines = [dataclasses.asdict(b.metrics) for b in plan.baselines]
+    assert [row.mission_time_s for row in without] == [None, None]
+    assert trade_off_axis(without, baselines) == TradeOffAxis(
+        "length of the route, km", False, (0.6501, 0.6501), (0.6501,)
+    )
+    timed = [dataclasses.replace(row, mission_time_s=90.0 + row.index) for row in without]
+    assert trade_off_axis(timed, baselines).label == "length of the route, km", "one baseline has no time"
+    baselines[0]["mission_time_s"] = 120.0
+    assert trade_off_axis(timed, baselines) == TradeOffAxis(
+        "time of the mission, minutes", True, (1.5, 91 / 60), (2.0,)
+    )
+
+
+def test_a_pareto_set_of_an_older_version_is_read(tmp_path: Path) -> None:
+    rows = list(csv.DictReader(io.StringIO(pareto_csv(make_plan()))))
+    out = io.StringIO()
+    columns = [name for name in PARETO_COLUMNS if name != "mission_time_s"]
+    writer = csv.DictWriter(out, columns, extrasaction="ignore")
+    writer.writeheader()
+    writer.writerows(rows)
+    (tmp_path / "pareto.csv").write_text(out.getvalue())
+    assert [row.mission_time_s for row in read_pareto(tmp_path / "pareto.csv")] == [None, None]
+
+
+def test_mission_time_is_read_back_unrounded(tmp_path: Path) -> None:
+    plan = make_plan()
+    timed = dataclasses.replace(
+        plan.chosen, metrics=dataclasses.replace(plan.chosen.metrics, mission_time_s=100.0 / 3.0)
+    )
+    (tmp_path / "pareto.csv").write_text(pareto_csv(dataclasses.replace(plan, chosen=timed, members=(timed,))))
+    assert [row.mission_time_s for row in read_pareto(tmp_path / "pareto.csv")] == [100.0 / 3.0]

@@ -13,7 +13,7 @@ from uavcover.errors import OutputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.report.content import ReportContent
 from uavcover.report.map_data import bounds_m
-from uavcover.run.documents import ParetoRow
+from uavcover.run.documents import ParetoRow, trade_off_axis
 from uavcover.scenario.relief import relief_grid
 
 FIGURE_NAMES = ("side-view.png", "top-view.png")
@@ -41,7 +41,7 @@ def save_figures(content: ReportContent, folder: Path) -> list[Path]:
 
 
 def save_pareto_plot(members: tuple[ParetoRow, ...], plan: dict[str, object], path: Path) -> Path:
-    """Draw coverage against length of a Pareto set, waypoint count as colour, with the selected member and the baselines.
+    """Draw coverage against mission time or length, waypoint count as colour, with the selected member and the baselines.
 
     Args:
         members: the Pareto set.
@@ -53,23 +53,26 @@ def save_pareto_plot(members: tuple[ParetoRow, ...], plan: dict[str, object], pa
     """
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
     axes: Axes = figure.add_subplot()
-    length = [m.path_length_m / 1000.0 for m in members]
+    listed = plan.get("baselines", [])
+    baselines = [b for b in listed if isinstance(b, dict)] if isinstance(listed, list) else []
+    axis = trade_off_axis(members, baselines)
     seen = [100.0 * m.coverage_of_coverable for m in members]
-    points = axes.scatter(length, seen, c=[m.waypoint_count for m in members], cmap="viridis", s=26, label="Pareto set")
+    points = axes.scatter(
+        axis.members, seen, c=[m.waypoint_count for m in members], cmap="viridis", s=26, label="Pareto set"
+    )
     figure.colorbar(points, ax=axes, label="waypoints")
-    baselines = plan.get("baselines", [])
-    if isinstance(baselines, list) and baselines:
+    if baselines:
         axes.scatter(
-            [b["path_length_m"] / 1000.0 for b in baselines], [100.0 * b["coverage_of_coverable"] for b in baselines],
+            axis.baselines, [100.0 * b["coverage_of_coverable"] for b in baselines],
             facecolors="none", edgecolors=_BASELINE, s=54, label="boustrophedon baselines",
         )  # fmt: skip
-    for member in members:
+    for member, cost in zip(members, axis.members, strict=True):
         if member.chosen:
             axes.scatter(
-                [member.path_length_m / 1000.0], [100.0 * member.coverage_of_coverable], marker="*", s=260,
+                [cost], [100.0 * member.coverage_of_coverable], marker="*", s=260,
                 color=_CHOSEN, edgecolors="white", zorder=3, label=f"chosen (index:{member.index})",
             )  # fmt: skip
-    axes.set(xlabel="length of the route, km", ylabel="seen, % of what can be seen", title=str(plan.get("name", "")))
+    axes.set(xlabel=axis.label, ylabel="seen, % of what can be seen", title=str(plan.get("name", "")))
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right")
     return _save(figure, path)

@@ -7,6 +7,7 @@ from uavcover.judging.verify import Verdict
 from uavcover.kernels.arrays import FloatArray
 from uavcover.report.charts import Chart, Key, Plot
 from uavcover.report.content import Flight, ReportContent
+from uavcover.run.documents import trade_off_axis
 
 _ALONG_STEPS = 1200
 
@@ -113,48 +114,50 @@ def coverage_over_time(content: ReportContent, verdict: Verdict) -> Chart:
 
 
 def pareto_front(content: ReportContent) -> Chart | None:
-    """Coverage against length of the Pareto set and the baselines; none without a Pareto set."""
+    """Coverage against mission time or length of the Pareto set and the baselines; none without a Pareto set."""
     members = content.members
     if not members:
         return None
     baselines = [b for b in content.plan.get("baselines", []) if isinstance(b, dict)]
-    points = [(m.path_length_m, m.coverage_of_coverable) for m in members]
-    points += [(float(b["path_length_m"]), float(b["coverage_of_coverable"])) for b in baselines]
-    length, share = np.array(points).T
-    reference = content.plan.get("bounds", {}).get("length_reference_m")
-    lengths = np.append(length, [] if reference is None else [reference])
-    pad = 0.03 * float(np.ptp(lengths)) / 1000.0
+    axis = trade_off_axis(members, baselines)
+    share = np.array(
+        [float(b["coverage_of_coverable"]) for b in baselines] + [m.coverage_of_coverable for m in members]
+    )
+    reference = None if axis.is_time else content.plan.get("bounds", {}).get("length_reference_m")
+    costs = np.array([*axis.members, *axis.baselines, *([] if reference is None else [reference / 1000.0])])
+    pad = 0.03 * float(np.ptp(costs))
     low = 100.0 * float(share.min())
     span = max(100.0 - low, 1.0)
     plot = Plot(
-        (float(lengths.min()) / 1000.0 - pad, float(lengths.max()) / 1000.0 + pad),
+        (float(costs.min()) - pad, float(costs.max()) + pad),
         (low - 0.05 * span, min(100.0, 100.0 * float(share.max())) + 0.05 * span),
     )
     keys = [Key("member", "Pareto set", is_mark=True)]
     if reference is not None:
         plot.line("reference", _both(reference / 1000.0), np.array(plot.y_range), name="area / swath width (no bound)")
-    for baseline in baselines:
+    for baseline, cost in zip(baselines, axis.baselines, strict=True):
         plot.mark(
-            "baseline", baseline["path_length_m"] / 1000.0, 100.0 * baseline["coverage_of_coverable"], radius=3.5,
+            "baseline", cost, 100.0 * baseline["coverage_of_coverable"], radius=3.5,
             title=_words(baseline["name"], baseline["coverage_of_coverable"], baseline["path_length_m"],
-                         baseline["waypoint_count"]),
+                         baseline.get("mission_time_s"), baseline["waypoint_count"]),
         )  # fmt: skip
-    for member in members:
+    for member, cost in zip(members, axis.members, strict=True):
         name = f"index:{member.index}, {member.made_by}"
         plot.mark(
-            "chosen" if member.chosen else "member", member.path_length_m / 1000.0, 100.0 * member.coverage_of_coverable,
+            "chosen" if member.chosen else "member", cost, 100.0 * member.coverage_of_coverable,
             radius=7.0 if member.chosen else 3.5,
-            title=_words(name, member.coverage_of_coverable, member.path_length_m, member.waypoint_count),
+            title=_words(
+                name, member.coverage_of_coverable, member.path_length_m, member.mission_time_s, member.waypoint_count
+            ),
         )  # fmt: skip
     keys += [Key("chosen", "chosen", is_mark=True)] if any(m.chosen for m in members) else []
     keys += [Key("baseline", "baselines", is_mark=True)] if baselines else []
-    return plot.finished(
-        "pareto", "The trade-off", x_label="length of the route, km", y_label="% of what can be seen", mark_keys=keys
-    )
+    return plot.finished("pareto", "The trade-off", x_label=axis.label, y_label="% of what can be seen", mark_keys=keys)
 
 
-def _words(name: str, share: float, length_m: float, waypoints: int) -> str:
-    return f"{name}: {100.0 * share:.2f} %, {length_m:.0f} m, {waypoints} waypoints"
+def _words(name: str, share: float, length_m: float, mission_s: float | None, waypoints: int) -> str:
+    time = "" if mission_s is None else f", {mission_s:.0f} s"
+    return f"{name}: {100.0 * share:.2f} %, {length_m:.0f} m{time}, {waypoints} waypoints"
 
 
 def _largest(values: FloatArray) -> float:

@@ -280,6 +280,35 @@ class ParetoRow:
     chosen: bool
 
 
+@dataclass(frozen=True, slots=True)
+class TradeOffAxis:
+    """What coverage is drawn against.
+
+    Attributes:
+        label: with its unit.
+        is_time: minutes of the whole mission; otherwise kilometres of the route.
+        members: of the Pareto set.
+        baselines: likewise.
+    """
+
+    label: str
+    is_time: bool
+    members: tuple[float, ...]
+    baselines: tuple[float, ...]
+
+
+def trade_off_axis(members: Sequence[ParetoRow], baselines: Sequence[dict[str, Any]]) -> TradeOffAxis:
+    """The time of the mission where every route has one, otherwise the length of the route."""
+    times_s = [m.mission_time_s for m in members], [b.get("mission_time_s") for b in baselines]
+    if any(time_s is None for part in times_s for time_s in part):
+        return TradeOffAxis(
+            "length of the route, km", False, tuple(m.path_length_m / 1000.0 for m in members),
+            tuple(float(b["path_length_m"]) / 1000.0 for b in baselines),
+        )  # fmt: skip
+    minutes = [tuple(float(time_s or 0.0) / 60.0 for time_s in part) for part in times_s]
+    return TradeOffAxis("time of the mission, minutes", True, minutes[0], minutes[1])
+
+
 def read_pareto(path: Path) -> tuple[ParetoRow, ...]:
     """The members in the order of the file.
 
