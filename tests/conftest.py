@@ -4,6 +4,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 
+from tests.slow import mark_slow_what_is_listed
 from tests.thinned import mark_slow_what_is_not_needed
 
 settings.register_profile(
@@ -31,6 +32,7 @@ LONG = (
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Long files first, the others in their order; of thinned tests, the cases that the quick run leaves out are slow."""
+    """Long files first, the others in their order; what the quick run leaves out is slow."""
     mark_slow_what_is_not_needed(items)
+    mark_slow_what_is_listed(items)
     items.sort(key=lambda item: next((k for k, name in enumerate(LONG) if item.nodeid.startswith(name)), len(LONG)))
