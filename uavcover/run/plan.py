@@ -114,6 +114,8 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     if refused is not None:
         raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
     _say_plan(user, run, result, bounds, time.monotonic() - started)
+    if "shortest_path_m" in bounds and site.scenario.objective == "mission-time":
+        user.say("this plan makes the time of the whole mission small (the last column), not the length of the route")
     if flights and (warning := room_in_words(site.scenario.limits, result.chosen.metrics)):
         user.warn(warning)
     say_missions(user, run, compiled, sorties)
