@@ -30,6 +30,7 @@ REASONS = {
     "tests/test_public_api.py": "the chain of the package's docstring, line by line as it stands",
     "tests/test_notebooks.py": "each notebook of the documentation runs in a kernel of its own",
     "tests/test_mutants.py": "the mutation runner starts pytest for each change; a mutant killed by time needs that time",
+    "tests/test_same_examples.py": "hypothesis draws the same examples whatever a process has imported, with a control",
     "tests/test_falsify.py": "every way to falsify a flight changes its record, the same way for a seed",
     "tests/test_falsify_judged.py": "falsified flights of all families are judged, and none passes",
     "tests/test_honest_flights.py": "honest flights with faults, pauses and resumption pass, the same twice",
