@@ -31,10 +31,9 @@ def pareto(
         raise OutputError(f"{plot}: would be overwritten; use --force, or another name")
     console.say(f"{'index':>7}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}  made by")
     for member in members:
-        time_s = member.flight_time_s if member.mission_time_s is None else member.mission_time_s
         console.say(
             f"{'*' if member.chosen else ' '}{member.index:>6}{percent(member.coverage_of_coverable):>10}"
-            f"{member.waypoint_count:>11}{member.path_length_m:>10.0f} m{time_s:>7.0f} s  {member.made_by}"
+            f"{member.waypoint_count:>11}{member.path_length_m:>10.0f} m{member.time_s:>7.0f} s  {member.made_by}"
         )
     console.say("* is in plan.json; coverage is of what can be seen")
     for line in bounds_in_words(plan.get("bounds", {})):

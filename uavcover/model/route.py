@@ -40,6 +40,11 @@ class RouteMetrics:
     cost: float
     mission_time_s: float | None = None
 
+    @property
+    def time_s(self) -> float:
+        """The time that tables show: of the whole mission, or of the route alone where there is no home."""
+        return self.flight_time_s if self.mission_time_s is None else self.mission_time_s
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
@@ -121,11 +126,10 @@ class Plan:
 
     def __repr__(self) -> str:
         m = self.chosen.metrics
-        time_s = m.flight_time_s if m.mission_time_s is None else m.mission_time_s
         met = "" if self.rule_met else f"; {self.rule} is NOT met"
         return (
             f"<Plan: {100.0 * m.coverage_of_coverable:.2f} % of what can be seen, {m.waypoint_count} waypoints, "
-            f"{m.path_length_m:.0f} m, {time_s:.0f} s; {len(self.members)} routes in the Pareto set{met}>"
+            f"{m.path_length_m:.0f} m, {m.time_s:.0f} s; {len(self.members)} routes in the Pareto set{met}>"
         )
 
     def _repr_html_(self) -> str:

@@ -279,6 +279,11 @@ class ParetoRow:
     made_by: str
     chosen: bool
 
+    @property
+    def time_s(self) -> float:
+        """As of :class:`~uavcover.model.route.RouteMetrics`."""
+        return self.flight_time_s if self.mission_time_s is None else self.mission_time_s
+
 
 @dataclass(frozen=True, slots=True)
 class TradeOffAxis:

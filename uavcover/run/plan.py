@@ -265,6 +265,5 @@ def _say_return(user: User, compiled: CompiledMission, which: str) -> None:
 def figures_in_words(label: str, member: RouteMember) -> str:
     """A route in one line of a table: coverage, waypoints, length, and the time of the mission, or of a route without home."""
     m = member.metrics
-    time_s = m.flight_time_s if m.mission_time_s is None else m.mission_time_s
     counts = f"{percent(m.coverage_of_coverable):>10}{m.waypoint_count:>11}"
-    return f"{label:22}{counts}{m.path_length_m:>10.0f} m{time_s:>7.0f} s"
+    return f"{label:22}{counts}{m.path_length_m:>10.0f} m{m.time_s:>7.0f} s"

@@ -239,17 +239,12 @@ class _Table:
         )
         by_speeds_s, with_turns_s = self._time_s(pace), self._time_s(accelerated)
         end_s = needs.longest_flight_s
+        longer = f"it takes longer than the {end_s:g} s that endurance and reserve allow"
         weight, matters = Weight.NONE, f"by the vehicle's own speeds and acceleration; at most {end_s:g} s"
         if by_speeds_s > end_s:
-            weight, matters = (
-                Weight.REFUSED,
-                f"by its own speeds it takes longer than the {end_s:g} s that endurance and reserve allow",
-            )
+            weight, matters = Weight.REFUSED, f"by its own speeds {longer}"
         elif with_turns_s > end_s:
-            weight, matters = (
-                Weight.WARNING,
-                f"with its acceleration it takes longer than the {end_s:g} s that endurance and reserve allow",
-            )
+            weight, matters = Weight.WARNING, f"with its acceleration {longer}"
         self.rows.append(
             Limit("flight time", round(self._time_s(needs.pace), 1), round(with_turns_s, 1), "s", "", weight, matters)
         )
