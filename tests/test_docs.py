@@ -121,7 +121,7 @@ def test_every_piece_of_a_scenario_is_understood(page: Path) -> None:
         keys = tomllib.loads(piece)
         keys.pop("obstacles", None)  # names a file of buildings, or lists tables of prisms
         if "area" in keys:
-            keys["area"] = keys["area"] | {"geojson": "valley.geojson"}
+            keys["area"] = {"cell_size_m": 5.0, **keys["area"], "file": "valley.geojson"}
         if "terrain" in keys:
             keys["terrain"] = keys["terrain"] | {"file": "bundled:jacksboro.tif"}
         parse_scenario(merged(keys), source=named(page), folder=EXAMPLES)

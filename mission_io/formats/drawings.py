@@ -13,11 +13,19 @@ from mission_io.model.items import Command, Frame, Mission, MissionItem
 
 @dataclass(frozen=True, slots=True)
 class DrawnArea:
-    """A polygon, possibly with holes. Its rings are not closed: no vertex is repeated."""
+    """A polygon, possibly with holes. Its rings are not closed: no vertex is repeated.
+
+    Attributes:
+        exterior: The outer ring.
+        holes: The inner rings.
+        name: Of its feature or placemark.
+        folder: The innermost folder that it is in, where a format has folders.
+    """
 
     exterior: tuple[LatLon, ...]
     holes: tuple[tuple[LatLon, ...], ...] = ()
     name: str = ""
+    folder: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,6 +80,7 @@ def read_drawing(text: str) -> Drawing:
 
 
 _GEOMETRIES = {"Point": 1, "LineString": 2, "LinearRing": 1}
+_NAMED = (["Placemark", "name"], ["Folder", "name"])
 _COORDINATE_SEPARATORS = re.compile(r"\s*,\s*")
 
 
@@ -92,6 +93,7 @@ class _DrawingReader:
         self._path: list[str] = []
         self._kept: list[str] | None = None
         self._name = ""
+        self._folders: list[str] = []
         self._points: list[LatLon] = []
         self._exterior: tuple[LatLon, ...] | None = None
         self._holes: list[tuple[LatLon, ...]] = []
@@ -106,11 +108,13 @@ class _DrawingReader:
         self._path.append(name)
         if name == "Placemark":
             self._name = ""
+        elif name == "Folder":
+            self._folders.append("")
         elif name == "Polygon":
             self._exterior, self._holes = None, []
         elif name in _GEOMETRIES:
             self._points = []
-        if name == "coordinates" or self._path[-2:] == ["Placemark", "name"]:
+        if name == "coordinates" or self._path[-2:] in _NAMED:
             self._kept = []
 
     def text(self, data: str) -> None:
@@ -124,7 +128,9 @@ class _DrawingReader:
             self._points = self._places("".join(self._kept)) if parent in _GEOMETRIES else []
             self._kept = None
         elif name == "name" and self._kept is not None:
-            self._name, self._kept = "".join(self._kept).strip(), None
+            self._end_name(parent, "".join(self._kept).strip())
+        elif name == "Folder":
+            self._folders.pop()
         elif name in _GEOMETRIES and len(self._points) < _GEOMETRIES[name]:
             self._repairs.append(f"{self._where()}: left out an empty {name}")
         elif name == "Point":
@@ -136,7 +142,7 @@ class _DrawingReader:
         elif name == "Polygon":
             if self._exterior is None:
                 raise FormatError("a polygon without an outer boundary", where=self._where())
-            self._areas.append(DrawnArea(self._exterior, tuple(self._holes), self._name))
+            self._areas.append(DrawnArea(self._exterior, tuple(self._holes), self._name, self._folder))
             self._exterior = None
 
     def refuse_document_type(self, *_: object) -> None:
@@ -144,6 +150,17 @@ class _DrawingReader:
 
     def drawing(self) -> Drawing:
         return Drawing(tuple(self._areas), tuple(self._lines), tuple(self._spots), tuple(self._repairs))
+
+    @property
+    def _folder(self) -> str:
+        return self._folders[-1] if self._folders else ""
+
+    def _end_name(self, parent: str, name: str) -> None:
+        self._kept = None
+        if parent == "Folder":
+            self._folders[-1] = name
+        else:
+            self._name = name
 
     def _end_ring(self, boundary: str) -> None:
         ring = open_ring(self._points, self._where(), self._repairs)
@@ -154,7 +171,7 @@ class _DrawingReader:
         elif boundary == "outerBoundaryIs":
             raise FormatError("a second outer boundary", where=self._where(), advice="make it a polygon of its own")
         else:
-            self._areas.append(DrawnArea(ring, (), self._name))
+            self._areas.append(DrawnArea(ring, (), self._name, self._folder))
 
     def _places(self, text: str) -> list[LatLon]:
         where = self._where()

@@ -95,7 +95,11 @@ def _optional() -> Iterator[Finding]:
         "Vulkan driver for --screenshot", vulkan, False,
         "there" if vulkan else "none found; on Debian and Ubuntu: apt install mesa-vulkan-drivers libvulkan1",
     )  # fmt: skip
-    for name, purpose, extra in (("pyulog", ".ulg logs of PX4", "ulog"), ("pyserial", "serial links", "serial")):
+    for name, purpose, extra in (
+        ("pyulog", ".ulg logs of PX4", "ulog"),
+        ("pyserial", "serial links", "serial"),
+        ("pyogrio", "areas in GeoPackage and Shapefile", "gis"),
+    ):
         yield _extra(name, purpose, extra)
     for name, variable in (("ArduCopter simulator", "UAVCOVER_ARDUCOPTER"), ("PX4 simulator", "UAVCOVER_PX4")):
         path = os.environ.get(variable)

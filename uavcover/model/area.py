@@ -12,7 +12,7 @@ Rings = tuple[Ring, ...]
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """The area to cover, as the scenario gives it: exactly one of its five polygon keys.
+    """The area to cover, as the scenario gives it: exactly one of its six polygon keys.
 
     Attributes:
         polygon_lon_lat_deg: outer ring as (longitude, latitude) pairs on WGS 84, the order of GeoJSON.
@@ -21,6 +21,12 @@ class Area:
             MultiPolygon. Parts may touch or overlap.
         polygons_east_north_m: the same in the local frame.
         geojson: a GeoJSON file with one Polygon, or several as parts, holes included; relative to the scenario file.
+        file: a file of any known format, in any coordinate system, with one polygon or several; relative to the scenario file.
+        layer: of that file; default: the only one.
+        feature: name or number (from 1) of one feature of that file; default: all of them.
+        crs: coordinate system of that file, such as "EPSG:32632", where it does not say.
+        make_valid: whether outlines in that file that cross themselves, and rings that are not closed, are mended.
+        swap_axes: whether that file has latitude, or north, first.
         holes_lon_lat_deg: rings that need no coverage, with ``polygon_lon_lat_deg``.
         holes_east_north_m: the same with ``polygon_east_north_m``.
         cell_size_m: side of the square cells on which results are judged. A cell is seen when its centre is.
@@ -36,14 +42,23 @@ class Area:
     holes_east_north_m: tuple[Ring, ...] = ()
     polygons_lon_lat_deg: tuple[Rings, ...] | None = None
     polygons_east_north_m: tuple[Rings, ...] | None = None
+    file: str | None = None
+    layer: str | None = None
+    feature: str | None = None
+    crs: str | None = None
+    make_valid: bool = False
+    swap_axes: bool = False
 
     def __post_init__(self) -> None:
         require_positive(cell_size_m=self.cell_size_m)
         keys = (
-            "polygon_lon_lat_deg", "polygon_east_north_m", "polygons_lon_lat_deg", "polygons_east_north_m", "geojson",
+            "polygon_lon_lat_deg", "polygon_east_north_m", "polygons_lon_lat_deg", "polygons_east_north_m", "file",
+            "geojson",
         )  # fmt: skip
         given = [key for key in keys if getattr(self, key) is not None]
         require(len(given) == 1, f"give exactly one of {', '.join(keys[:-1])} and {keys[-1]}")
+        for key in ("layer", "feature", "crs", "make_valid", "swap_axes"):
+            require(self.file is not None or not getattr(self, key), f"{key}: goes with file")
         require(
             not self.holes_lon_lat_deg or self.polygon_lon_lat_deg is not None,
             "holes_lon_lat_deg: goes with polygon_lon_lat_deg",

@@ -13,11 +13,12 @@ import tomli_w
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from uavcover.errors import ScenarioError
-from uavcover.model.area import Area, Ring
+from uavcover.errors import InputError, ScenarioError
+from uavcover.model.area import Area, Ring, Rings
 from uavcover.model.limits import FlightLimits
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.scenario import RasterTerrain, Scenario
+from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.obstacles import polygons_of, read_geojson, read_obstacles
 
 _BUNDLED = "bundled:"
@@ -87,7 +88,7 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
         raise ScenarioError(f"{source}: {'; '.join(mistakes)}")
     return dataclasses.replace(
         scenario,
-        area=_inline_geojson(scenario.area, folder),
+        area=_with_rings(scenario.area, folder),
         terrain=_absolute_file(scenario.terrain, folder),
         obstacles=_inline_obstacles(scenario.obstacles, folder),
     )
@@ -203,12 +204,14 @@ def _suggestion(key: str, cls: type) -> str:
     return f" (did you mean {close[0]}?)" if close else f" (known: {', '.join(here)})"
 
 
-def _inline_geojson(area: Area, folder: Path) -> Area:
-    """The area with its GeoJSON file replaced by the rings.
+def _with_rings(area: Area, folder: Path) -> Area:
+    """The area with its file replaced by the rings.
 
     Raises:
         ScenarioError: the file cannot be used.
     """
+    if area.file is not None:
+        return _inline_file(area, folder)
     if area.geojson is None:
         return area
     path = folder / area.geojson
@@ -220,12 +223,28 @@ def _inline_geojson(area: Area, folder: Path) -> Area:
         )
         if not parts:
             raise ScenarioError(f"area.geojson: {path} has no polygon; at least one is needed")
-        if len(parts) > 1:
-            return dataclasses.replace(area, geojson=None, polygons_lon_lat_deg=parts)
-        outer, *holes = parts[0]
-        return dataclasses.replace(area, geojson=None, polygon_lon_lat_deg=outer, holes_lon_lat_deg=tuple(holes))
+        return _area_of(parts, area.cell_size_m)
     except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
         raise ScenarioError(f"area.geojson: {path}: not a GeoJSON polygon ({error})") from error
+
+
+def _inline_file(area: Area, folder: Path) -> Area:
+    query = AreaQuery(
+        source=area.file or "", layer=area.layer, feature=area.feature, crs=area.crs, make_valid=area.make_valid,
+        swap_axes=area.swap_axes,
+    )  # fmt: skip
+    try:
+        parts = read_area(query, folder=folder).parts
+    except InputError as error:
+        raise ScenarioError(f"area.file: {error}") from error
+    return _area_of(parts, area.cell_size_m)
+
+
+def _area_of(parts: tuple[Rings, ...], cell_size_m: float) -> Area:
+    if len(parts) > 1:
+        return Area(cell_size_m=cell_size_m, polygons_lon_lat_deg=parts)
+    outer, *holes = parts[0]
+    return Area(cell_size_m=cell_size_m, polygon_lon_lat_deg=outer, holes_lon_lat_deg=tuple(holes))
 
 
 def _inline_obstacles(obstacles: Obstacles, folder: Path) -> Obstacles:
@@ -267,9 +286,9 @@ def _absolute_file(terrain: Any, folder: Path) -> Any:
 
 def _shape_mistakes(area: Area, folder: Path) -> list[str]:
     """Mistakes in the rings of an area."""
-    geojson = area.geojson is not None
+    file_key = "area.file" if area.file is not None else "area.geojson" if area.geojson is not None else None
     try:
-        area = _inline_geojson(area, folder)
+        area = _with_rings(area, folder)
     except ScenarioError as error:
         return [str(error)]
     kind = "lon_lat_deg" if area.is_geographic else "east_north_m"
@@ -278,10 +297,12 @@ def _shape_mistakes(area: Area, folder: Path) -> list[str]:
         outer_key = f"area.polygon_{kind}"
         hole_key = f"area.holes_{kind}."
         if len(area.parts) > 1:
-            outer_key = f"area.geojson: polygon {part}" if geojson else f"area.polygons_{kind}.{part}"
+            outer_key = f"{file_key}: polygon {part}" if file_key else f"area.polygons_{kind}.{part}"
             hole_key = f"{outer_key}: hole "
-        elif geojson:
-            outer_key, hole_key = "area.geojson", "area.geojson: hole "
+        elif file_key:
+            outer_key, hole_key = file_key, f"{file_key}: hole "
+        if area.is_geographic:
+            outer_ring, *hole_rings = _across_180(outer_ring, *hole_rings)
         left = outer = _valid_ring(outer_ring, outer_key, found)
         holes_end = len(found)
         for number, ring in enumerate(hole_rings):
@@ -301,8 +322,17 @@ def _fence_mistakes(limits: FlightLimits) -> list[str]:
     for key in ("fence_lon_lat_deg", "fence_east_north_m"):
         ring = getattr(limits, key)
         if ring is not None:
-            _valid_ring(ring, f"limits.{key}", found)
+            whole = _across_180(ring)[0] if key == "fence_lon_lat_deg" else ring
+            _valid_ring(whole, f"limits.{key}", found)
     return found
+
+
+def _across_180(*rings: Ring) -> list[Ring]:
+    """Rings of one polygon with continuous longitudes, for checks on a plane: across 180 degrees they go on to the east."""
+    lons = [lon for lon, _ in rings[0]]
+    if not lons or max(lons) - min(lons) <= 180.0:
+        return list(rings)
+    return [tuple((lon + 360.0 if lon < 0.0 else lon, lat) for lon, lat in ring) for ring in rings]
 
 
 def _valid_ring(ring: Ring, where: str, found: list[str]) -> Any:

@@ -53,7 +53,7 @@ def test_kml_multigeometries_folders_and_bare_rings() -> None:
     text = kml_of(
         f"<Folder><name>f</name><Placemark><name>m</name><MultiGeometry>{ring}{ring}</MultiGeometry></Placemark></Folder>"
     )
-    assert kml.read_drawing(text).areas == (DrawnArea(HOLE, (), "m"),) * 2
+    assert kml.read_drawing(text).areas == (DrawnArea(HOLE, (), "m", "f"),) * 2
 
 
 def geo(*geometries: dict[str, Any], name: str = "") -> str:

@@ -1,0 +1,286 @@
+"""Bad areas: each is one line that names the file, and the feature where there is one, with the way out."""
+
+import json
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+import shapely
+
+from tests.scenario.areas import written
+from uavcover.errors import InputError, ScenarioError
+from uavcover.scenario.areas import kmz
+from uavcover.scenario.areas.area_file import AreaQuery, read_area
+from uavcover.scenario.scenario_file import parse_scenario
+
+RING = [[8.0, 46.5], [8.02, 46.5], [8.02, 46.52], [8.0, 46.52], [8.0, 46.5]]
+BOW_TIE = [[8.0, 46.5], [8.02, 46.52], [8.02, 46.5], [8.0, 46.52], [8.0, 46.5]]
+HOLE = [[8.005, 46.505], [8.01, 46.505], [8.01, 46.51], [8.005, 46.505]]
+
+
+def polygon(*rings):
+    return json.dumps({"type": "Polygon", "coordinates": rings})
+
+
+def named(*rings, **more):
+    geometry = {"type": "Polygon", "coordinates": rings}
+    feature = {"type": "Feature", "properties": {"name": "north"}, "geometry": geometry}
+    return json.dumps({"type": "FeatureCollection", "features": [feature], **more})
+
+
+def kml(coordinates):
+    return (
+        "<kml><Placemark><name>north</name><Polygon><outerBoundaryIs><LinearRing><coordinates>"
+        f"{coordinates}</coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark></kml>"
+    )
+
+
+TEXTS = {
+    "empty": ("a.geojson", "", "the file is empty"),
+    "no JSON": ("a.geojson", "{", "not JSON"),
+    "nested too deeply": ("a.geojson", "[" * 100_000, "nested too deeply"),
+    "no type": ("a.geojson", '{"rings": []}', "document.type: is missing"),
+    "a number that is none": ("a.geojson", polygon([[1.0, "a"], [2, 2], [3, 3]]), "is not a number"),
+    "NaN": ("a.geojson", polygon(RING).replace("46.52", "NaN", 1), "cannot be read"),
+    "one number": ("a.geojson", polygon([[1.0], [2.0, 1.0], [3.0, 1.0]]), "a position of 1 numbers"),
+    "only a line": ("a.geojson", json.dumps({"type": "LineString", "coordinates": RING}), "has no polygon (it has 1 LineString)"),
+    "no features": ("a.geojson", '{"type": "FeatureCollection", "features": []}', "has no polygon"),
+    "no ring": ("a.geojson", polygon(), "a polygon without a ring"),
+    "crosses itself": (
+        "a.geojson", named(BOW_TIE), "a.geojson, feature 1 (north): the outline crosses itself at longitude 8.010000, latitude "
+        "46.510000; correct it there, or use --make-valid",
+    ),
+    "not closed": ("a.geojson", named(RING[:-1]), "feature 1 (north): the ring is not closed: it ends at (8, 46.52)"),
+    "two corners": ("a.geojson", named([RING[0], RING[1], RING[0]]), "has 2 different corners, an area needs 3"),
+    "on one line": ("a.geojson", named([[8.0, 46.0], [8.1, 46.1], [8.2, 46.2], [8.0, 46.0]]), "the area is zero"),
+    "a hole outside": ("a.geojson", named(HOLE, RING), "a hole lies outside"),
+    "swapped beyond 90": (
+        "a.geojson", named([[36.4, -121.0], [36.5, -121.0], [36.5, -121.1], [36.4, -121.0]]), "first (or use --swap-axes)",
+    ),
+    "metres as degrees": (
+        "a.geojson", named([[5e5, 5e6], [5.1e5, 5e6], [5.1e5, 5.1e6], [5e5, 5e6]]), "coordinate system with --crs",
+    ),
+    "tiny": ("a.geojson", named([[8.0, 46.0], [8.000001, 46.0], [8.000001, 46.000001], [8.0, 46.0]]), "square metres"),
+    "unknown system": ("a.geojson", named(RING, crs={"type": "name", "properties": {"name": "EPSG:1"}}), "is not known"),
+    "round a pole": (
+        "a.geojson", named([[0.0, 85.0], [90.0, 85.0], [180.0, 85.0], [-90.0, 85.0], [0.0, 85.0]]), "goes round a pole",
+    ),
+    "no XML": ("a.kml", "not xml", "no XML"),
+    "entities": ("a.kml", '<!DOCTYPE kml [<!ENTITY a "b">]><kml/>', "a document type"),
+    "external entities": ("a.kml", '<!DOCTYPE kml [<!ENTITY a SYSTEM "file:///etc/passwd">]><kml>&a;</kml>', "a document type"),
+    "KML swapped": ("a.kml", kml("36.4,-121,0 36.5,-121,0 36.5,-121.1,0 36.4,-121,0"), "longitude comes first"),
+    "KML not closed": ("a.kml", kml("8,46.5 8.02,46.5 8.02,46.52"), "the ring was not closed; repeat its first corner"),
+    "a path": ("a.kml", "<kml><LineString><coordinates>8,46 9,46</coordinates></LineString></kml>", "(it has 1 line)"),
+    "a link": ("a.kml", "<kml><NetworkLink><Link><href>http://a/b.kml</href></Link></NetworkLink></kml>", "is not fetched"),
+    "WKT that is none": ("a.wkt", "POLYGON ((8 46, 8.1", "not well-known text"),
+    "WKT not closed": ("a.wkt", "POLYGON ((8 46, 8.1 46, 8.1 46.1))", "a ring is not closed"),
+    "a WKT point": ("a.wkt", "POINT (8 46)", "has no polygon (it has 1 Point)"),
+    "SRID": ("a.wkt", "SRID=1;POLYGON ((8 46, 8.1 46, 8.1 46.1, 8 46))", "SRID=1 is not a coordinate system"),
+    "poly of two": ("a.poly", "46.5 8.0\n46.6 8.1\n", "corners"),
+    "no plan": ("a.plan", '{"fileType": "Mission"}', "not a plan"),
+    "zero bytes": ("a.kml", "\0\0\0", "zero byte"),
+    "unknown suffix": ("a.dwg", "x", ".dwg is not a format of areas; give one of .geojson"),
+}  # fmt: skip
+
+
+def refused(folder, name, **more):
+    with pytest.raises(InputError) as caught:
+        read_area(AreaQuery(source=name, **more), folder=folder)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert ";" in message  # the way out
+    return message
+
+
+@pytest.mark.parametrize("what", TEXTS)
+def test_a_bad_file_is_one_line_with_the_way_out(tmp_path, what):
+    name, text, words = TEXTS[what]
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    message = refused(tmp_path, name)
+    assert words in message
+    assert message.startswith(str(tmp_path / name))
+
+
+SCENARIO = """
+name = "a"
+[area]
+cell_size_m = 5.0
+file = "a.geojson"
+[terrain]
+kind = "raster"
+file = "d.tif"
+vertical_datum = "EGM96"
+[home]
+lat_deg = 46.5
+lon_deg = 8.0
+[sensor]
+kind = "disc"
+radius_m = 50.0
+[limits]
+min_height_agl_m = 40.0
+max_height_agl_m = 90.0
+"""
+
+
+def test_a_scenario_tells_the_same_with_its_key(tmp_path):
+    (tmp_path / "a.geojson").write_text(named(BOW_TIE), encoding="utf-8")
+    with pytest.raises(
+        ScenarioError, match=r"area\.file: .*a\.geojson, feature 1 \(north\): the outline crosses itself"
+    ):
+        parse_scenario(SCENARIO, source="s.toml", folder=tmp_path)
+    with pytest.raises(ScenarioError, match=r"area\.layer: goes with file"):
+        parse_scenario(
+            SCENARIO.replace('file = "a.geojson"', 'geojson = "a.geojson"\nlayer = "b"'), source="s", folder=tmp_path
+        )
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("nowhere.kml", "no such file"),
+        ("8,46,0.5", "a radius of 0.5 m"),
+        ("46,8,0", "a radius of 0 m"),
+        ("46,8,100km", "is outside 1..50,000 m"),
+        ("146,8,100", "latitude first"),
+        ("8,46", "2 numbers; a box is WEST,SOUTH,EAST,NORTH"),
+        ("8,46,9,47,5", "5 numbers"),
+        ("8,46.1,8.1,46", "is not above south"),
+        ("46,108,46.1,108.1", "write WEST,SOUTH,EAST,NORTH"),
+        ("8,46,-172.5,47", None),
+        ("10,46,8,47", "more than half the Earth"),
+        ("POLYGON ((8 46, 8.1 46", "not well-known text"),
+        ("POLYGON EMPTY", "has no polygon"),
+        ("circle:1,2,3,4", "4 numbers"),
+    ],
+)
+def test_bad_text(tmp_path, source, words):
+    if words is None:
+        assert read_area(AreaQuery(source=source), folder=tmp_path).parts
+        return
+    assert words in refused(tmp_path, source)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"feature": "nort"}, "did you mean 'north'?"),
+        ({"feature": "zzz"}, "there are: north"),
+        ({"feature": "2"}, "has no feature 2; there are 1"),
+        ({"layer": "a"}, "nothing in it has a name"),
+        ({"crs": "EPSG:none"}, "--crs: 'EPSG:none' is not a coordinate system; write it as EPSG:32632"),
+        ({"crs": "EPSG:2056"}, "square metres; are its numbers in another coordinate system?"),
+        ({"crs": "EPSG:5773"}, "not a system of places on Earth"),
+    ],
+)
+def test_bad_choices(tmp_path, more, words):
+    (tmp_path / "a.geojson").write_text(named(RING), encoding="utf-8")
+    assert words in refused(tmp_path, "a.geojson", **more)
+
+
+def zipped(path, entries):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in entries:
+            archive.writestr(name, data)
+
+
+GOOD_KML = kml("8,46.5 8.02,46.5 8.02,46.52 8,46.5")
+
+
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        ([("a.txt", "x")], "has no KML document"),
+        ([("inner.kmz", "x")], "holds another archive (inner.kmz)"),
+        ([("a.kml", GOOD_KML), ("b.kml", GOOD_KML)], "has 2 documents and no doc.kml"),
+        ([("doc.kml", GOOD_KML), *((f"{n}.png", "") for n in range(kmz.MAX_ENTRIES))], "entries, more than"),
+        ([("doc.kml", " " * (kmz.MAX_KML_BYTES + 1))], "unpacks to"),
+        ([("doc.kml", " " * (kmz.MAX_KML_BYTES // 8))], "times its packed size"),
+    ],
+    ids=["no KML", "nested", "two documents", "many entries", "large", "a bomb"],
+)
+def test_a_bad_kmz(tmp_path, entries, words):
+    zipped(tmp_path / "a.kmz", entries)
+    assert words in refused(tmp_path, "a.kmz")
+
+
+def test_a_kmz_that_is_no_zip_and_one_that_was_cut(tmp_path):
+    (tmp_path / "a.kmz").write_bytes(b"PK\3\4 nothing")
+    assert "cannot be opened as KMZ" in refused(tmp_path, "a.kmz")
+    zipped(tmp_path / "b.kmz", [("doc.kml", GOOD_KML * 50)])
+    data = bytearray((tmp_path / "b.kmz").read_bytes())
+    data[60:90] = bytes(30)
+    (tmp_path / "b.kmz").write_bytes(data)
+    refused(tmp_path, "b.kmz")
+
+
+def test_a_size_in_the_directory_that_lies_fills_no_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr(kmz, "MAX_KML_BYTES", 1000)
+    monkeypatch.setattr(kmz, "MAX_RATIO", 1e9)
+    zipped(tmp_path / "a.kmz", [("doc.kml", "x" * 5000)])
+    data = (tmp_path / "a.kmz").read_bytes()
+    (tmp_path / "a.kmz").write_bytes(data.replace((5000).to_bytes(4, "little"), (900).to_bytes(4, "little")))
+    refused(tmp_path, "a.kmz")
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_any_damage_is_one_line_or_an_area(tmp_path, seed):
+    """Bytes of good files changed, cut or doubled: never a trace."""
+    rng = np.random.default_rng(seed)
+    parts, _, _ = written.at_place(written.drawn_parts(seed, 2, 1), "Tennessee")
+    name = ("a.geojson", "a.kml", "a.kmz", "a.wkt", "a.poly", "a.plan")[seed % 6]
+    path = tmp_path / name
+    match name:
+        case "a.poly":
+            written.poly(path, parts[0].exterior.coords)
+        case "a.plan":
+            written.plan(path, surveys=[part.exterior.coords for part in parts])
+        case _:
+            getattr(written, name[2:])(path, parts)
+    data = bytearray(path.read_bytes())
+    for _ in range(int(rng.integers(1, 6))):
+        at = int(rng.integers(len(data)))
+        match int(rng.integers(3)):
+            case 0:
+                data[at] = int(rng.integers(256))
+            case 1:
+                del data[at : at + int(rng.integers(1, 40))]
+            case _:
+                data[at:at] = data[at : at + 20]
+    path.write_bytes(data)
+    try:
+        found, message = read_area(AreaQuery(source=str(path), make_valid=bool(seed % 2))).parts, ""
+    except InputError as error:
+        found, message = (), str(error)
+    assert "\n" not in message
+    assert bool(found) != bool(message)
+
+
+def test_without_pyogrio_the_line_says_how_to_get_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyogrio", None)
+    (tmp_path / "a.gpkg").write_bytes(b"SQLite format 3\0")
+    message = refused(tmp_path, "a.gpkg")
+    assert "extra gis (pip install 'uavcover[gis]'); or save the area as GeoJSON or KML" in message
+
+
+def test_bad_gis_files(tmp_path):
+    pytest.importorskip("pyogrio")
+    parts, grid, epsg = written.at_place(written.drawn_parts(1, 1, 0), "Tennessee")
+    (tmp_path / "a.gpkg").write_bytes(b"SQLite format 3\0 nothing")
+    assert "cannot be read" in refused(tmp_path, "a.gpkg")
+    written.gis(tmp_path / "b.shp", grid, epsg, driver="ESRI Shapefile")
+    (tmp_path / "b.prj").unlink()
+    assert "name it with --crs EPSG:NUMBER" in refused(tmp_path, "b.shp")
+    assert read_area(AreaQuery(source="b.shp", crs=f"EPSG:{epsg}"), folder=tmp_path).parts
+    (tmp_path / "b.shx").unlink()
+    (tmp_path / "b.shp").write_bytes((tmp_path / "b.shp").read_bytes()[:120])
+    refused(tmp_path, "b.shp")
+    written.gis(tmp_path / "c.gpkg", parts, 4326, driver="GPKG", layer="north")
+    import pyogrio
+
+    pyogrio.raw.write(
+        str(tmp_path / "c.gpkg"), geometry=shapely.to_wkb(np.array(parts, dtype=object)), crs="EPSG:4326",
+        geometry_type="Polygon", fields=[], field_data=[], driver="GPKG", layer="south", append=True,
+    )  # fmt: skip
+    assert "several layers (north, south); choose one with --layer" in refused(tmp_path, "c.gpkg")
+    assert "did you mean 'south'?" in refused(tmp_path, "c.gpkg", layer="soth")

@@ -1,0 +1,1 @@
+"""Areas from people's own files: one reader for every format, any coordinate system."""

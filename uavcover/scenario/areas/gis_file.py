@@ -1,0 +1,91 @@
+"""GeoPackage, Shapefile and FlatGeobuf, read by pyogrio, which is the extra ``gis``."""
+
+from pathlib import Path
+from typing import Any
+
+import shapely
+from pyproj import CRS
+from pyproj.exceptions import CRSError
+
+from uavcover.errors import InputError
+from uavcover.model.area import Rings
+from uavcover.scenario.areas.features import AreaDocument, AreaFeature
+
+SUFFIXES = (".gpkg", ".shp", ".fgb")
+MAX_FEATURES = 100_000
+_NAME_FIELDS = ("name", "label", "title", "id")
+
+
+def read_gis_file(path: Path, layer: str | None) -> AreaDocument:
+    """Every polygon of a file; of one layer, if that is given.
+
+    Raises:
+        InputError: pyogrio is not installed, or the file cannot be read.
+    """
+    try:
+        import pyogrio
+        import pyogrio.errors
+    except ImportError as error:
+        raise InputError(
+            f"{path}: {path.suffix} files need the extra gis (pip install 'uavcover[gis]'); or save the area as GeoJSON or KML"
+        ) from error
+    try:
+        layers = [str(name) for name, kind in pyogrio.list_layers(path) if kind is not None]
+        wanted = [name for name in layers if layer is None or name.casefold() == layer.casefold()] or layers
+        found: list[AreaFeature] = []
+        systems: list[CRS | None] = []
+        others = 0
+        for name in wanted:
+            if pyogrio.read_info(path, layer=name)["features"] > MAX_FEATURES:
+                raise InputError(f"{path}: layer {name} has more than {MAX_FEATURES:,} features; save the area alone")
+            meta, _, shapes, fields = pyogrio.raw.read(path, layer=name)
+            of_layer, left_out = _features(name, meta, shapes, fields)
+            others += left_out
+            if of_layer:
+                found += of_layer
+                systems.append(CRS.from_user_input(meta["crs"]) if meta["crs"] else None)
+    except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, OSError, ValueError, RuntimeError) as error:
+        raise InputError(f"{path}: cannot be read ({_first_line(error)}); save it again, or as GeoJSON") from error
+    except CRSError as error:
+        raise InputError(
+            f"{path}: its coordinate system is not known ({_first_line(error)}); name it with --crs"
+        ) from error
+    except shapely.errors.GEOSException as error:
+        raise InputError(
+            f"{path}: holds a shape that is not read ({_first_line(error)}); save it as plain polygons"
+        ) from error
+    crs = systems[0] if systems else None
+    if any(other != crs for other in systems):
+        names = ", ".join(dict.fromkeys(one.layer for one in found))
+        raise InputError(f"{path}: its layers ({names}) have different coordinate systems; choose one with --layer")
+    return AreaDocument(str(path), tuple(found), crs, f"{others} features without a polygon" if others else "")
+
+
+def _features(layer: str, meta: dict[str, Any], shapes: Any, fields: Any) -> tuple[list[AreaFeature], int]:
+    if shapes is None:
+        return [], 0
+    columns = {str(field).casefold(): values for field, values in zip(meta["fields"], fields, strict=True)}
+    names = next((columns[field] for field in _NAME_FIELDS if field in columns), None)
+    found: list[AreaFeature] = []
+    left_out = 0
+    for number, data in enumerate(shapes):
+        polygons = polygons_of_shape(shapely.from_wkb(data)) if data is not None else ()
+        if polygons:
+            name = names[number] if names is not None else None
+            found.append(AreaFeature(polygons, "" if name is None else str(name), layer))
+        else:
+            left_out += 1
+    return found, left_out
+
+
+def polygons_of_shape(shape: Any) -> tuple[Rings, ...]:
+    """The rings of every polygon of a shapely geometry, heights dropped."""
+    if shape is None or shape.is_empty:
+        return ()
+    if isinstance(shape, shapely.Polygon):
+        return (tuple(tuple((p[0], p[1]) for p in ring.coords) for ring in (shape.exterior, *shape.interiors)),)
+    return tuple(rings for part in getattr(shape, "geoms", ()) for rings in polygons_of_shape(part))
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
