@@ -2,6 +2,7 @@
 
 import functools
 import inspect
+import re
 import signal
 import sys
 import traceback
@@ -45,7 +46,7 @@ def run_app(app: Callable[..., Any], arguments: Sequence[str]) -> int:
         signal.signal(number, signal.default_int_handler)
     as_json = "--json" in arguments
     try:
-        return int(app(list(arguments), standalone_mode=False) or 0)
+        return int(app([_with_sign(argument) for argument in arguments], standalone_mode=False) or 0)
     except _UsageError as error:
         context = getattr(error, "ctx", None)
         command = context.command_path if context is not None else "uavcover"
@@ -54,6 +55,11 @@ def run_app(app: Callable[..., Any], arguments: Sequence[str]) -> int:
         return _fail(f"{text}; see: {command} --help", BAD_USAGE, as_json=as_json)
     except (KeyboardInterrupt, typer.Abort):
         return _fail("interrupted", INTERRUPTED, as_json=as_json)
+
+
+def _with_sign(argument: str) -> str:
+    """A list of numbers that begins with a minus, such as a box of the Americas, is not taken for an option."""
+    return f" {argument}" if re.fullmatch(r"-[\d.][-+\d.,eE ]*,[-+\d.,eEkm ]*", argument) else argument
 
 
 _UsageError: type[Exception] = typer.BadParameter.__mro__[1]

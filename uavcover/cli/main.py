@@ -18,6 +18,7 @@ from uavcover.cli.fly import fly
 from uavcover.cli.gaps import gaps
 from uavcover.cli.inspect import inspect
 from uavcover.cli.mock_vehicle import mock_vehicle
+from uavcover.cli.new import new
 from uavcover.cli.options import Overview, one_by_one
 from uavcover.cli.pareto import pareto
 from uavcover.cli.plan import plan
@@ -51,10 +52,21 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
         ),
     },
     "Plan": {
+        "new": (
+            new,
+            "a scenario from your area, elevation data and camera",
+            (
+                "uavcover new area.kml --dem dem.tif --camera dji-m3e --gsd 2.5cm -o survey.toml",
+                "uavcover new --camera list",
+            ),
+        ),
         "plan": (
             plan,
             "a route that sees the area, and its mission files",
-            ("uavcover plan jacksboro -o RUN --budget 30s", 'uavcover plan area.toml -o RUN --select "coverage>=0.95"'),
+            (
+                "uavcover plan jacksboro -o RUN --budget 30s",
+                "uavcover plan area.kml --dem dem.tif --camera dji-m3e --gsd 2.5cm -o RUN",
+            ),
         ),
         "pareto": (
             pareto,

@@ -22,7 +22,7 @@ class Overview(TyperGroup):
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the whole help text."""
-        formatter.write(f"Usage: {ctx.command_path} [--debug] COMMAND ...\n\n{self.help}\n\n")
+        formatter.write(f"Usage: {ctx.command_path} [--debug] COMMAND ...\n{self.help}\n\n")
         group = None
         for name in self.list_commands(ctx):
             command: Any = self.get_command(ctx, name)

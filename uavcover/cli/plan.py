@@ -3,11 +3,16 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from uavcover.cli import options
+from uavcover.cli.survey_options import SurveyOptions
+
+if TYPE_CHECKING:
+    from uavcover.cli.console import Console
+    from uavcover.scenario.site import Site
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,22 +50,30 @@ class Search:
 
 
 def plan(
-    scenario: Annotated[str, typer.Argument(help="A scenario file, or the name of a bundled one (see doctor).")],
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            help="A scenario file, the name of a bundled one (see doctor), or an area with --dem and --camera."
+        ),
+    ],
     run: Annotated[Path, typer.Option("-o", "--out", help="Run folder to write.", metavar="RUN")],
     *,
     search: Search,
+    survey: SurveyOptions,
     force: options.ForcePlan = False,
     output: options.Output,
 ) -> int:
     """Plan a route that sees the area, and write its mission files.
 
+    An area in place of a scenario is planned as `uavcover new` would describe it; RUN/scenario.toml then says how.
     Ctrl-C writes the best route so far and ends with 130.
     """
     from uavcover.run.plan import PlanRequest, plan_into
 
     console = output.console()
     request = PlanRequest(
-        scenario=scenario, folder=run, command=sys.argv, force=force, seed=search.seed,
+        scenario=_site(scenario, survey, console, autopilot=search.autopilot),
+        folder=run, command=sys.argv, force=force, seed=search.seed,
         evaluations=search.evaluations, budget_s=options.seconds(search.budget), algorithm=search.algorithm,
         max_waypoints=search.max_waypoints, select=search.select, autopilot=search.autopilot, workers=search.workers,
         bounds_s=options.seconds(search.bounds, option="--bounds"),
@@ -73,3 +86,19 @@ def plan(
         console.suggest(f"uavcover pareto {run}")
     console.result(outcome.document)
     return outcome.exit_code
+
+
+def _site(source: str, survey: SurveyOptions, console: "Console", *, autopilot: str | None) -> "str | Site":
+    """The scenario, or an area as a scenario on its ground."""
+    from uavcover.errors import InputError
+    from uavcover.scenario.areas.area_file import is_area_file
+
+    if not is_area_file(source):
+        if given := survey.given():
+            raise InputError(f"{source}: is a scenario; {', '.join(given)} go with an area, such as area.kml")
+        return source
+    from uavcover.run.new import new_scenario, say_design
+
+    new = new_scenario(survey.request(source, autopilot=autopilot), console, folder=Path())
+    say_design(new, console)
+    return new.site

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from uavcover.model.value_checks import STRICT, require, require_lon_lat, require_positive
+from uavcover.model.value_checks import STRICT, require, require_lon_lat, require_not_negative, require_positive
 
 Ring = tuple[tuple[float, float], ...]
 Rings = tuple[Ring, ...]
@@ -27,6 +27,8 @@ class Area:
         crs: coordinate system of that file, such as "EPSG:32632", where it does not say.
         make_valid: whether outlines in that file that cross themselves, and rings that are not closed, are mended.
         swap_axes: whether that file has latitude, or north, first.
+        margin_m: the area is grown outwards by this before it is planned and judged, so that pictures overlap up to the edge of
+            what was drawn. Holes stay as they are.
         holes_lon_lat_deg: rings that need no coverage, with ``polygon_lon_lat_deg``.
         holes_east_north_m: the same with ``polygon_east_north_m``.
         cell_size_m: side of the square cells on which results are judged. A cell is seen when its centre is.
@@ -48,9 +50,11 @@ class Area:
     crs: str | None = None
     make_valid: bool = False
     swap_axes: bool = False
+    margin_m: float = 0.0
 
     def __post_init__(self) -> None:
         require_positive(cell_size_m=self.cell_size_m)
+        require_not_negative(margin_m=self.margin_m)
         keys = (
             "polygon_lon_lat_deg", "polygon_east_north_m", "polygons_lon_lat_deg", "polygons_east_north_m", "file",
             "geojson",

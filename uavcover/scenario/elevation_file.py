@@ -143,6 +143,10 @@ def _open(path: Path, vertical_datum: str) -> Iterator[_Raster]:
         _check_vertical(path, crs, vertical_datum, dataset.units[0])
         _check_pixel_size(path, horizontal, dataset)
         turn = 2.0 * math.pi / horizontal.axis_info[0].unit_conversion_factor if horizontal.is_geographic else 0.0
+        if dataset.count >= 3 and set(dataset.dtypes[:3]) == {"uint8"}:
+            raise TerrainError(
+                f"{path}: is a picture ({dataset.count} bands of 8 bits), not heights; give the elevation model"
+            )
         yield _Raster(path, dataset, to_source, vertical_datum, turn)
 
 
@@ -195,6 +199,16 @@ def read_height_amsl_m(path: Path, vertical_datum: str, *, lat_deg: float, lon_d
         if not np.isfinite(height):
             raise TerrainError(f"{path}: no elevation at {lat_deg}, {lon_deg} ({_extent(raster)})")
         return height
+
+
+def read_heights_amsl_m(path: Path, vertical_datum: str, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
+    """Heights above sea level (n,) of geodetic positions (n,) less than half the Earth apart; NaN where there is no data.
+
+    Raises:
+        TerrainError: the file cannot be used.
+    """
+    with _open(path, vertical_datum) as raster:
+        return raster.sample_m(lat_deg, lon_deg)
 
 
 def read_ground(

@@ -223,7 +223,7 @@ def _with_rings(area: Area, folder: Path) -> Area:
         )
         if not parts:
             raise ScenarioError(f"area.geojson: {path} has no polygon; at least one is needed")
-        return _area_of(parts, area.cell_size_m)
+        return _area_of(parts, area)
     except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
         raise ScenarioError(f"area.geojson: {path}: not a GeoJSON polygon ({error})") from error
 
@@ -237,14 +237,15 @@ def _inline_file(area: Area, folder: Path) -> Area:
         parts = read_area(query, folder=folder).parts
     except InputError as error:
         raise ScenarioError(f"area.file: {error}") from error
-    return _area_of(parts, area.cell_size_m)
+    return _area_of(parts, area)
 
 
-def _area_of(parts: tuple[Rings, ...], cell_size_m: float) -> Area:
+def _area_of(parts: tuple[Rings, ...], area: Area) -> Area:
+    cell_m, margin_m = area.cell_size_m, area.margin_m
     if len(parts) > 1:
-        return Area(cell_size_m=cell_size_m, polygons_lon_lat_deg=parts)
+        return Area(cell_size_m=cell_m, polygons_lon_lat_deg=parts, margin_m=margin_m)
     outer, *holes = parts[0]
-    return Area(cell_size_m=cell_size_m, polygon_lon_lat_deg=outer, holes_lon_lat_deg=tuple(holes))
+    return Area(cell_size_m=cell_m, polygon_lon_lat_deg=outer, holes_lon_lat_deg=tuple(holes), margin_m=margin_m)
 
 
 def _inline_obstacles(obstacles: Obstacles, folder: Path) -> Obstacles:

@@ -41,7 +41,7 @@ class Site:
         scenario: the scenario.
         frame: the local frame; none for a scenario that is not georeferenced.
         ground: the height surface.
-        area: the area to cover, holes cut out, (east, north) metres.
+        area: the area to cover, holes cut out and grown by its margin, (east, north) metres.
         fence: the geofence, (east, north) metres.
         home_m: (3,) take-off position on the ground, ENU metres; none without a home.
         prisms: the obstacles on the ground, by their kernel numbers.
@@ -173,7 +173,15 @@ def _area(scenario: Scenario, frame: LocalFrame | None) -> shapely.Polygon | sha
     )
     if left.is_empty or not isinstance(left, shapely.Polygon | shapely.MultiPolygon):
         raise ScenarioError("area: nothing is left of the polygon inside its holes")
-    return left
+    return _grown(left, scenario.area.margin_m) if scenario.area.margin_m > 0.0 else left
+
+
+def _grown(area: shapely.Polygon | shapely.MultiPolygon, margin_m: float) -> shapely.Polygon | shapely.MultiPolygon:
+    """The area with a margin outside; holes stay as they were drawn, whose ground need not even be known."""
+    solid = shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(area)])
+    grown = solid.buffer(margin_m, join_style="mitre", mitre_limit=2.0).difference(solid.difference(area))
+    polygons = [part for part in shapely.get_parts(grown) if isinstance(part, shapely.Polygon)]
+    return polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
 
 
 def _check_near(

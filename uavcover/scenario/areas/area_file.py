@@ -22,7 +22,7 @@ from uavcover.scenario.areas.text_formats import TEXT_FORMATS, circle_ring, read
 SUFFIXES = (*TEXT_FORMATS, ".kmz", *gis_file.SUFFIXES)
 MAX_BYTES = 256 * 1024 * 1024
 _NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
-_NUMBERS = re.compile(rf"(?:(bbox|box|circle):)?\s*({_NUMBER}(?:\s*,\s*{_NUMBER})*)\s*(m|km)?\s*", re.IGNORECASE)
+_NUMBERS = re.compile(rf"\s*(?:(bbox|box|circle):)?\s*({_NUMBER}(?:\s*,\s*{_NUMBER})*)\s*(m|km)?\s*", re.IGNORECASE)
 _WKT = re.compile(r"\s*(SRID\s*=\s*\d+\s*;)?\s*(MULTI)?(POLYGON|GEOMETRYCOLLECTION)\b", re.IGNORECASE)
 
 

@@ -1,0 +1,87 @@
+"""``uavcover new``: from an area, elevation data and a camera to a scenario."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from uavcover.cli import options
+from uavcover.cli.survey_options import SurveyOptions
+
+if TYPE_CHECKING:
+    from uavcover.cli.console import Console
+
+
+def new(
+    area: Annotated[
+        str | None,
+        typer.Argument(
+            help="GeoJSON, KML, KMZ, GeoPackage, Shapefile, WKT, .plan, .poly; WEST,SOUTH,EAST,NORTH; or LAT,LON,RADIUS.",
+        ),
+    ] = None,
+    *,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", help="Scenario to write; default: the area's name.", metavar="FILE.toml"),
+    ] = None,
+    survey: SurveyOptions,
+    autopilot: options.Autopilot = None,
+    force: options.Force = False,
+    output: options.Output,
+) -> int:
+    """Write a commented scenario that plans at once, and tell what was derived.
+
+    Every key that it writes has its reason as a comment. --camera list and --vehicle list show the tables.
+    """
+    from uavcover.errors import InputError, OutputError
+    from uavcover.intake.scenario_text import name_of
+    from uavcover.run.new import new_scenario, say_design
+
+    console = output.console()
+    if "list" in (survey.camera, survey.vehicle):
+        return _list(console, cameras=survey.camera == "list", vehicles=survey.vehicle == "list")
+    if area is None:
+        raise InputError("new: give an area, such as area.kml, with --dem dem.tif --camera NAME --gsd 2.5cm")
+    path = out if out is not None else Path(f"{name_of(Path(area).stem)}.toml")
+    if path.suffix.lower() != ".toml":
+        raise InputError(f"-o: {path} is not a .toml file; name the scenario, such as survey.toml")
+    if path.exists() and not force:
+        raise OutputError(f"{path}: is there already; give another name with -o, or --force to replace it")
+    if not path.parent.is_dir():
+        raise OutputError(f"{path}: there is no folder {path.parent}; make it first")
+    scenario = new_scenario(survey.request(area, autopilot=autopilot), console, folder=path.parent)
+    path.write_text(scenario.text, encoding="utf-8")
+    document = say_design(scenario, console)
+    console.say(f"written: {path}")
+    console.suggest(f"uavcover plan {path} -o {path.stem} --budget 60s")
+    console.result({"scenario": str(path), **document})
+    return 0
+
+
+def _list(console: "Console", *, cameras: bool, vehicles: bool) -> int:
+    from uavcover.intake.cameras import all_cameras
+    from uavcover.intake.vehicles import all_vehicles
+
+    document: dict[str, Any] = {}
+    if cameras:
+        console.say(f"{'camera':32}{'pixels':>14}{'sensor':>16}{'lens':>10}{'interval':>10}  title")
+        for camera in all_cameras():
+            interval = f"{camera.min_interval_s:g} s" if camera.min_interval_s is not None else "unknown"
+            console.say(
+                f"{camera.name:32}{f'{camera.pixels_across} x {camera.pixels_along}':>14}"
+                f"{f'{camera.sensor_across_mm:.4g} x {camera.sensor_along_mm:.4g}':>16}{f'{camera.focal_length_mm:g} mm':>10}"
+                f"{interval:>10}  {camera.title}"
+            )
+        document["cameras"] = [camera.name for camera in all_cameras()]
+    if vehicles:
+        console.say(f"{'vehicle':20}{'in the air':>12}{'speed':>9}{'climb':>9}{'descent':>9}  title")
+        for one in all_vehicles():
+            air = "unknown" if one.endurance_s is None else f"{one.endurance_s / 60.0:.0f} min"
+            speeds = "".join(
+                f"{'unknown' if speed is None else f'{speed:g} m/s':>9}"
+                for speed in (one.cruise_speed_m_s or one.max_speed_m_s, one.max_climb_m_s, one.max_descent_m_s)
+            )
+            console.say(f"{one.name:20}{air:>12}{speeds}  {one.title}")
+        document["vehicles"] = [one.name for one in all_vehicles()]
+    console.result(document)
+    return 0

@@ -1,0 +1,90 @@
+"""The options that make a survey of an area, for ``new`` and ``plan``."""
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from uavcover.run.new import NewRequest
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyOptions:
+    """What is seen, with which camera, from which vehicle."""
+
+    dem: Annotated[
+        str | None, typer.Option("--dem", help="Elevation data of the area: any raster.", metavar="FILE")
+    ] = None
+    camera: Annotated[
+        str | None, typer.Option("--camera", help="A camera: list, a name, or a TOML file of your own.", metavar="NAME")
+    ] = None
+    gsd: Annotated[
+        str | None, typer.Option("--gsd", help="Largest ground sample distance, such as 2.5cm.", metavar="LENGTH")
+    ] = None
+    overlap: Annotated[
+        str | None, typer.Option("--overlap", help="Forward/side overlap in percent; default: 75/70.", metavar="F/S")
+    ] = None
+    battery: Annotated[
+        str | None, typer.Option("--battery", help="Time in the air on a full battery, such as 25min.", metavar="TIME")
+    ] = None
+    vehicle: Annotated[
+        str | None,
+        typer.Option("--vehicle", help="A vehicle: list, a name, or a TOML file of your own.", metavar="NAME"),
+    ] = None
+    home: Annotated[
+        str | None,
+        typer.Option("--home", help="Take-off place; default: the lowest level ground at the edge.", metavar="LAT,LON"),
+    ] = None
+    max_height: Annotated[
+        str | None,
+        typer.Option("--max-height", help="Largest height above ground; default: 120m.", metavar="LENGTH"),
+    ] = None
+    speed: Annotated[
+        str | None, typer.Option("--speed", help="Over ground; default: the vehicle's, or 10m/s.", metavar="SPEED")
+    ] = None
+    margin: Annotated[
+        str | None,
+        typer.Option(
+            "--margin",
+            help="How far the area is grown; default: so that overlap holds to its edge; 0: not.",
+            metavar="LENGTH",
+        ),
+    ] = None
+    mount: Annotated[str | None, typer.Option("--mount", help="stabilised (default) or fixed.", metavar="MOUNT")] = None
+    vertical_datum: Annotated[
+        str | None, typer.Option("--vertical-datum", help="Of the elevation data: EGM96 or EGM2008.", metavar="DATUM")
+    ] = None
+    layer: Annotated[str | None, typer.Option("--layer", help="Layer or folder of the area's file.")] = None
+    feature: Annotated[
+        str | None, typer.Option("--feature", help="Name or number (from 1) of one feature of the area's file.")
+    ] = None
+    crs: Annotated[
+        str | None,
+        typer.Option("--crs", help="Coordinate system of the area's file, where it does not say.", metavar="EPSG:N"),
+    ] = None
+    make_valid: Annotated[
+        bool, typer.Option("--make-valid", help="Mend outlines that cross themselves, close open rings.")
+    ] = False
+    swap_axes: Annotated[bool, typer.Option("--swap-axes", help="The area's file has latitude, or north, first.")] = (
+        False
+    )
+
+    def given(self) -> list[str]:
+        """The options that were given."""
+        return [f"--{field.name.replace('_', '-')}" for field in fields(self) if getattr(self, field.name)]
+
+    def request(self, area: str, *, autopilot: str | None) -> "NewRequest":
+        """What is asked for."""
+        from uavcover.run.new import NewRequest
+        from uavcover.scenario.areas.area_file import AreaQuery
+
+        query = AreaQuery(
+            source=area, layer=self.layer, feature=self.feature, crs=self.crs, make_valid=self.make_valid,
+            swap_axes=self.swap_axes,
+        )  # fmt: skip
+        return NewRequest(
+            area=query, dem=self.dem, camera=self.camera, gsd=self.gsd, overlap=self.overlap, battery=self.battery,
+            vehicle=self.vehicle, home=self.home, max_height=self.max_height, speed=self.speed, margin=self.margin,
+            mount=self.mount, vertical_datum=self.vertical_datum, autopilot=autopilot,
+        )  # fmt: skip

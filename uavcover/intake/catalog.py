@@ -1,0 +1,116 @@
+"""Tables of products that come with the package: rows by name, near misses, and files of people's own."""
+
+import difflib
+import re
+import tomllib
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from uavcover.errors import InputError
+
+_MOST_NAMES = 8
+
+
+def read_catalog(name: str) -> dict[str, dict[str, Any]]:
+    """The rows of a table in ``uavcover/data``, by name."""
+    text = (resources.files("uavcover") / "data" / name).read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def read_own_row(path: Path, *, option: str) -> dict[str, Any]:
+    """A row of people's own: the keys of a TOML file, or of its only table.
+
+    Raises:
+        InputError: the file cannot be read, or has several tables.
+    """
+    try:
+        row = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(
+            f"{option}: {path} cannot be read ({type(error).__name__}); give a name or a TOML file"
+        ) from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(
+            f"{option}: {path}: not valid TOML: {error}; uavcover new {option} list shows the keys"
+        ) from error
+    tables = [key for key, value in row.items() if isinstance(value, dict)]
+    if len(tables) == 1 == len(row):
+        return {"title": tables[0], **row[tables[0]]}
+    if tables:
+        raise InputError(f"{option}: {path} has several tables ({', '.join(tables[:_MOST_NAMES])}); leave one")
+    return {"title": path.stem, **row}
+
+
+def find_name(wanted: str, rows: Mapping[str, Mapping[str, Any]], *, option: str) -> str:
+    """The row that a name means, whatever its case, spaces and hyphens; also by title and alias.
+
+    Raises:
+        InputError: there is none; says what is near.
+    """
+    known = {_plain(name): name for name in rows}
+    for name, row in rows.items():
+        for other in (row["title"], *row.get("aliases", ())):
+            known.setdefault(_plain(other), name)
+    plain = _plain(wanted)
+    if plain in known:
+        return known[plain]
+    near = [name for key, name in known.items() if plain and key.startswith(plain)]
+    near += [known[key] for key in difflib.get_close_matches(plain, known, n=_MOST_NAMES, cutoff=0.6)]
+    near += [name for key, name in known.items() if len(plain) >= 3 and plain in key]
+    shown = list(dict.fromkeys(near))[:_MOST_NAMES]
+    advice = f"did you mean {' or '.join(shown)}?" if shown else "is it a TOML file of your own? then end it in .toml"
+    raise InputError(f"{option}: {wanted!r} is not known; {advice} ({option} list shows all)")
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9+.]", "", name.casefold())
+
+
+def checked_row(row: Mapping[str, Any], *, where: str, required: tuple[str, ...], optional: tuple[str, ...]) -> None:
+    """Check the keys of a row.
+
+    Raises:
+        InputError: one is missing or not known.
+    """
+    known = (*required, *optional, "title", "aliases", "source")
+    unknown = [key for key in row if key not in known]
+    if unknown:
+        close = difflib.get_close_matches(unknown[0], known, n=1)
+        advice = f"did you mean {close[0]}?" if close else f"known: {', '.join(known)}"
+        raise InputError(f"{where}: {unknown[0]}: unknown key; {advice}")
+    missing = [key for key in required if key not in row]
+    if missing:
+        raise InputError(f"{where}: {missing[0]}: is missing; needed are {', '.join(required)}")
+
+
+def number_of(row: Mapping[str, Any], key: str, *, where: str) -> float | None:
+    """A positive number of a row; none when it is not there.
+
+    Raises:
+        InputError: it is not a positive number.
+    """
+    value = row.get(key)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e9:
+        raise InputError(
+            f"{where}: {key}: {value!r} is not a number above 0 (the unit is the one in the name of the key)"
+        )
+    return float(value)
+
+
+def pair_of(row: Mapping[str, Any], key: str, *, where: str) -> tuple[float, float]:
+    """Two positive numbers of a row.
+
+    Raises:
+        InputError: it is not two positive numbers.
+    """
+    value = row[key]
+    if not isinstance(value, list) or len(value) != 2:
+        raise InputError(f"{where}: {key}: {value!r} is not two numbers; across the picture, then along it")
+    first, second = (number_of({key: number}, key, where=where) for number in value)
+    if first is None or second is None:
+        raise InputError(f"{where}: {key}: two numbers are needed; across the picture, then along it")
+    return first, second

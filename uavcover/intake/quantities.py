@@ -1,0 +1,97 @@
+"""Lengths, times, speeds, overlaps and places as people write them on a command line."""
+
+import re
+from collections.abc import Mapping
+
+from uavcover.errors import InputError
+
+_NUMBER = re.compile(r"\s*([-+]?\d+(?:\.\d*)?|\.\d+)\s*([a-zA-Z/]*)\s*")
+_LENGTHS = {"mm": 0.001, "cm": 0.01, "m": 1.0, "km": 1000.0, "in": 0.0254, "ft": 0.3048}
+_TIMES = {"s": 1.0, "sec": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0}
+_SPEEDS = {
+    "m/s": 1.0,
+    "km/h": 1.0 / 3.6,
+    "kmh": 1.0 / 3.6,
+    "kn": 1852.0 / 3600.0,
+    "kt": 1852.0 / 3600.0,
+    "mph": 0.44704,
+}
+
+
+def length_m(text: str, *, option: str, example: str) -> float:
+    """A length such as ``2.5cm`` in metres; the unit is needed.
+
+    Raises:
+        InputError: it is none, or not above 0.
+    """
+    return _quantity(text, _LENGTHS, option=option, example=example)
+
+
+def time_s(text: str, *, option: str, example: str) -> float:
+    """A time such as ``25min`` in seconds; the unit is needed.
+
+    Raises:
+        InputError: it is none, or not above 0.
+    """
+    return _quantity(text, _TIMES, option=option, example=example)
+
+
+def speed_m_s(text: str, *, option: str, example: str) -> float:
+    """A speed such as ``8m/s`` in metres per second; the unit is needed.
+
+    Raises:
+        InputError: it is none, or not above 0.
+    """
+    return _quantity(text, _SPEEDS, option=option, example=example)
+
+
+def _quantity(text: str, units: Mapping[str, float], *, option: str, example: str) -> float:
+    match = _NUMBER.fullmatch(text)
+    if match is None or match[2].lower() not in units:
+        missing = match is not None and not match[2]
+        what = f"{text!r} has no unit" if missing else f"{text!r} is not understood"
+        raise InputError(f"{option}: {what}; write it as {example} (units: {', '.join(units)})")
+    value = float(match[1]) * units[match[2].lower()]
+    if not 0.0 < value < 1e9:
+        raise InputError(f"{option}: {text!r} must be above 0; write it as {example}")
+    return value
+
+
+def overlaps(text: str) -> tuple[float, float]:
+    """Forward and side overlap, 0 to below 1, from ``75/70`` in percent; one number means both.
+
+    Raises:
+        InputError: it is not understood, or out of range.
+    """
+    parts = [part.strip().removesuffix("%") for part in re.split(r"[/,x]", text.strip())]
+    try:
+        shares = [float(part) for part in parts]
+    except ValueError:
+        shares = []
+    if len(shares) not in (1, 2):
+        raise InputError(
+            f"--overlap: {text!r} is not understood; write it as 75/70: forward and side overlap in percent"
+        )
+    forward, side = shares[0], shares[-1]
+    if max(forward, side) < 1.0 and max(forward, side) > 0.0:
+        raise InputError(f"--overlap: {text!r} is below one percent; write it in percent, as 75/70")
+    if not (0.0 <= forward <= 95.0 and 0.0 <= side <= 95.0):
+        raise InputError(f"--overlap: {text!r} is outside 0 to 95 percent; write it as 75/70: forward, then side")
+    return forward / 100.0, side / 100.0
+
+
+def lat_lon(text: str, *, option: str) -> tuple[float, float]:
+    """A place ``LAT,LON`` in degrees.
+
+    Raises:
+        InputError: it is not understood, or not a place on Earth.
+    """
+    try:
+        lat, lon = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(
+            f"{option}: {text!r} is not a place; write it as LAT,LON in degrees, such as 46.5123,8.0456"
+        ) from None
+    if not (abs(lat) <= 90.0 and abs(lon) <= 180.0):
+        raise InputError(f"{option}: latitude {lat:g}, longitude {lon:g} is not a place on Earth; latitude comes first")
+    return lat, lon

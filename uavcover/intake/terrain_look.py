@@ -1,0 +1,212 @@
+"""A first look at elevation data: does it reach the area, how steep is it, where is a place to take off."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from uavcover.errors import InputError, TerrainError
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.area import Rings
+from uavcover.scenario.elevation_file import read_height_amsl_m, read_heights_amsl_m
+from uavcover.scenario.frames import LocalFrame
+
+_GRID = 60
+_EDGE_STEPS = 240
+_SLOPE_REACH_M = 15.0
+_HOME_SLOPE_DEG = 8.0
+_LARGEST_KM = 40.0
+DATUMS = ("EGM96", "EGM2008")
+
+
+@dataclass(frozen=True, slots=True)
+class TerrainLook:
+    """What the elevation data says about an area.
+
+    Attributes:
+        frame: a local frame in the middle of the area.
+        area: the area in it, metres.
+        area_m2: its size.
+        lowest_amsl_m: lowest ground in and around it.
+        highest_amsl_m: highest ground there.
+        slope_deg: slope that 95 % of its ground stays below.
+        datums: the vertical datums that the file may have; one when it names it.
+    """
+
+    frame: LocalFrame
+    area: shapely.MultiPolygon
+    area_m2: float
+    lowest_amsl_m: float
+    highest_amsl_m: float
+    slope_deg: float
+    datums: tuple[str, ...]
+
+
+def look_at_terrain(file: Path, parts: tuple[Rings, ...], *, where: str, around_m: float) -> TerrainLook:
+    """Look at the ground of an area.
+
+    Args:
+        file: the elevation data.
+        parts: the area, rings of (longitude, latitude).
+        where: names the area in errors.
+        around_m: how far around it the ground matters.
+
+    Raises:
+        TerrainError: the file cannot be used.
+        InputError: the area is not on the elevation data, or too large.
+    """
+    datums = _datums(file, parts[0][0][0])
+    frame = _middle(parts)
+    area = _in_frame(parts, frame)
+    west, south, east, north = area.bounds
+    if max(east - west, north - south) > 1000.0 * _LARGEST_KM:
+        raise InputError(
+            f"{where}: {0.001 * (east - west):.0f} km by {0.001 * (north - south):.0f} km, more than {_LARGEST_KM:g} km; "
+            "give a part of it (--feature, or a smaller polygon)"
+        )
+    _require_ground(file, datums[0], parts, where=where, frame=frame, area=area)
+    zone = area.convex_hull.buffer(around_m)
+    places = _grid(zone)
+    heights = _heights(file, datums[0], frame, places)
+    known = np.isfinite(heights)
+    inside = np.asarray(shapely.contains_xy(area, places[:, 0], places[:, 1])) & known
+    sampled = places[inside] if inside.any() else shapely.get_coordinates(area.representative_point())
+    slopes = _slopes_deg(file, datums[0], frame, sampled)
+    slope = float(np.nanpercentile(slopes, 95.0)) if np.isfinite(slopes).any() else 0.0
+    return TerrainLook(
+        frame, area, float(area.area), float(np.nanmin(heights)), float(np.nanmax(heights)), slope, datums
+    )  # fmt: skip
+
+
+def known_margin_m(file: Path, look: TerrainLook, wanted_m: float) -> float:
+    """The largest part of a margin around the area, in quarters, within which the elevation data has no end."""
+    for quarters in (4, 3, 2, 1):
+        grown = shapely.segmentize(look.area.convex_hull.buffer(0.25 * quarters * wanted_m, join_style="mitre"), 50.0)
+        if np.isfinite(_heights(file, look.datums[0], look.frame, shapely.get_coordinates(grown))).all():
+            return 0.25 * quarters * wanted_m
+    return 0.0
+
+
+def place_for_home(file: Path, look: TerrainLook) -> tuple[float, float]:
+    """Latitude and longitude of the lowest place at the edge of the area where the ground is level enough to take off.
+
+    Raises:
+        InputError: there is no known ground at its edge.
+    """
+    rings = [part.exterior for part in shapely.get_parts(look.area)]
+    step_m = max(5.0, sum(ring.length for ring in rings) / _EDGE_STEPS)
+    places = np.vstack([shapely.get_coordinates(shapely.segmentize(ring, step_m)) for ring in rings])
+    heights = _heights(file, look.datums[0], look.frame, places)
+    slopes = _slopes_deg(file, look.datums[0], look.frame, places)
+    known = np.isfinite(heights) & np.isfinite(slopes)
+    if not known.any():
+        raise InputError("--home: no elevation at the edge of the area; give the take-off place as --home LAT,LON")
+    level = known & (slopes <= max(_HOME_SLOPE_DEG, float(np.min(slopes[known])) + 1.0))
+    best = places[level][int(np.argmin(heights[level]))]
+    lat, lon, _ = look.frame.geodetic_from_enu([[best[0], best[1], 0.0]])
+    return round(float(lat[0]), 6), round(float(lon[0]), 6)
+
+
+def _datums(file: Path, place: tuple[float, float]) -> tuple[str, ...]:
+    """The sea-level datums that the heights may refer to: the one that the file names, or all of them."""
+    fitting: list[str] = []
+    refusal: TerrainError | None = None
+    for datum in DATUMS:
+        try:
+            read_heights_amsl_m(file, datum, np.array([place[1]]), np.array([place[0]]))
+            fitting.append(datum)
+        except TerrainError as error:
+            refusal = refusal or error
+    if refusal is not None and not fitting:
+        raise refusal
+    return tuple(fitting)
+
+
+def _middle(parts: tuple[Rings, ...]) -> LocalFrame:
+    first = np.asarray(parts[0][0])
+    lons = np.concatenate([np.asarray(rings[0])[:, 0] for rings in parts])
+    lats = np.concatenate([np.asarray(rings[0])[:, 1] for rings in parts])
+    lons = first[0, 0] + np.mod(lons - first[0, 0] + 180.0, 360.0) - 180.0
+    middle = 0.5 * float(lons.min() + lons.max())
+    return LocalFrame(0.5 * float(lats.min() + lats.max()), math.remainder(middle, 360.0), 0.0)
+
+
+def _in_frame(parts: tuple[Rings, ...], frame: LocalFrame) -> shapely.MultiPolygon:
+    def ring(corners: tuple[tuple[float, float], ...]) -> FloatArray:
+        lon_lat = np.asarray(corners, dtype=float)
+        return frame.enu_from_geodetic(lon_lat[:, 1], lon_lat[:, 0], 0.0)[:, :2]
+
+    united = shapely.union_all(
+        [
+            shapely.Polygon(ring(rings[0])).difference(shapely.union_all([shapely.Polygon(ring(h)) for h in rings[1:]]))
+            for rings in parts
+        ]
+    )
+    return shapely.MultiPolygon([part for part in shapely.get_parts(united) if isinstance(part, shapely.Polygon)])
+
+
+def _require_ground(
+    file: Path,
+    datum: str,
+    parts: tuple[Rings, ...],
+    *,
+    where: str,
+    frame: LocalFrame,
+    area: shapely.MultiPolygon,
+) -> None:
+    """Refuse an area off the elevation data; tell swapped axes from a wrong file."""
+    places = shapely.get_coordinates(area.convex_hull)
+    known = np.isfinite(_heights(file, datum, frame, places))
+    if known.all():
+        return
+    corner = np.asarray(parts[0][0])[:1]
+    if not known.any():
+        lat, lon = np.array([frame.lat_deg]), np.array([frame.lon_deg])
+        swapped = abs(frame.lon_deg) <= 90.0 and bool(np.isfinite(read_heights_amsl_m(file, datum, lon, lat)).all())
+        if swapped:
+            raise InputError(
+                f"{where}: lies on {file} with latitude and longitude exchanged; its axes are swapped: use --swap-axes"
+            )
+        inside = read_heights_amsl_m(file, datum, lat, lon)
+        if not np.isfinite(inside).all():
+            raise InputError(
+                f"{where}: lies at latitude {corner[0, 1]:.4f}, longitude {corner[0, 0]:.4f}, off the elevation data {file} "
+                f"({_reach(file, datum, frame)}); give data of that place, or the area's coordinate system with --crs"
+            )
+    lats, lons, _ = frame.geodetic_from_enu(np.column_stack([places, np.zeros(len(places))]))
+    at = int(np.argmin(known))
+    raise InputError(
+        f"{where}: reaches beyond the elevation data {file} at latitude {lats[at]:.5f}, longitude {lons[at]:.5f}; "
+        "give data that covers it (several tiles as one: gdalbuildvrt), or a smaller area"
+    )
+
+
+def _reach(file: Path, datum: str, frame: LocalFrame) -> str:
+    """Where the data is, as its own error tells it."""
+    try:
+        read_height_amsl_m(file, datum, lat_deg=frame.lat_deg, lon_deg=frame.lon_deg)
+    except TerrainError as error:
+        return str(error).rpartition("(")[2].rstrip(")")
+    return "no data there"
+
+
+def _grid(zone: shapely.Polygon) -> FloatArray:
+    west, south, east, north = zone.bounds
+    easts, norths = np.meshgrid(np.linspace(west, east, _GRID), np.linspace(south, north, _GRID))
+    places = np.column_stack([easts.ravel(), norths.ravel()])
+    return np.asarray(places[shapely.contains_xy(zone, places[:, 0], places[:, 1])])
+
+
+def _heights(file: Path, datum: str, frame: LocalFrame, places: FloatArray) -> FloatArray:
+    lat, lon, _ = frame.geodetic_from_enu(np.column_stack([places, np.zeros(len(places))]))
+    return read_heights_amsl_m(file, datum, lat, lon)
+
+
+def _slopes_deg(file: Path, datum: str, frame: LocalFrame, places: FloatArray) -> FloatArray:
+    reach = _SLOPE_REACH_M
+    steps = np.array([(reach, 0.0), (-reach, 0.0), (0.0, reach), (0.0, -reach)])
+    around = _heights(file, datum, frame, (places[:, None, :] + steps).reshape(-1, 2)).reshape(-1, 4)
+    rise = np.hypot(around[:, 0] - around[:, 1], around[:, 2] - around[:, 3]) / (2.0 * reach)
+    return np.degrees(np.arctan(rise))

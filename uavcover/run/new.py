@@ -1,0 +1,271 @@
+"""From an area, elevation data and a camera to a scenario that plans at once, as ``new`` and ``plan`` do it."""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import shapely
+
+from uavcover.errors import InfeasibleError, InputError
+from uavcover.intake import quantities
+from uavcover.intake.cameras import CameraBody, camera_named
+from uavcover.intake.scenario_text import SurveyScenario, name_of, return_height_m, scenario_text
+from uavcover.intake.survey import SurveyDesign, SurveyWish, design_survey
+from uavcover.intake.terrain_look import DATUMS, TerrainLook, known_margin_m, look_at_terrain, place_for_home
+from uavcover.intake.vehicles import vehicle_named
+from uavcover.model.vehicle import autopilot_name
+from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planning.baselines.swaths import fly_layout
+from uavcover.routes.sorties import compile_sorties, mission_time_s
+from uavcover.run.user import User
+from uavcover.scenario.areas.area_file import AreaQuery, read_area
+from uavcover.scenario.elevation_file import read_height_amsl_m
+from uavcover.scenario.scenario_file import parse_scenario
+from uavcover.scenario.site import Site, load_site
+from uavcover.sensing.coverage_map import path_lengths_m
+from uavcover.sensing.sensors import trigger_distance_m
+
+_AROUND_M = 200.0
+"""Around the area the ground is looked at for the way home: the fence is 150 m outside."""
+_FARTHEST_HOME_M = 10_000.0
+_MOUNTS = {"stabilised": "stabilised", "gimbal": "stabilised", "fixed": "fixed"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NewRequest:
+    """What the user gave, as text; None is for what was left out.
+
+    Attributes:
+        area: what is to be seen.
+        dem: elevation data.
+        camera: name or file.
+        gsd: ground sample distance, as "2.5cm".
+        overlap: forward and side, as "75/70".
+        battery: time in the air, as "25min".
+        vehicle: name or file.
+        home: "LAT,LON".
+        max_height: above ground, as "120m".
+        speed: as "8m/s".
+        margin: around the area, as "40m", or "0".
+        mount: "stabilised" or "fixed".
+        vertical_datum: "EGM96" or "EGM2008".
+        autopilot: "ardupilot" or "px4".
+    """
+
+    area: AreaQuery
+    dem: str | None = None
+    camera: str | None = None
+    gsd: str | None = None
+    overlap: str | None = None
+    battery: str | None = None
+    vehicle: str | None = None
+    home: str | None = None
+    max_height: str | None = None
+    speed: str | None = None
+    margin: str | None = None
+    mount: str | None = None
+    vertical_datum: str | None = None
+    autopilot: str | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NewScenario:
+    """What came of it.
+
+    Attributes:
+        text: the TOML.
+        site: the scenario on its ground.
+        design: heights, distances, speed.
+        look: at the terrain.
+    """
+
+    text: str
+    site: Site
+    design: SurveyDesign
+    look: TerrainLook
+
+
+def new_scenario(request: NewRequest, user: User, *, folder: Path) -> NewScenario:
+    """Design a survey and write its scenario, telling what was derived.
+
+    Args:
+        request: what the user gave.
+        user: is told notes and warnings.
+        folder: where the scenario will be, for relative paths.
+
+    Raises:
+        InputError: something is missing, or cannot be used; says which option and what to do.
+    """
+    area = read_area(request.area)
+    for note in area.notes:
+        user.warn(f"{request.area.source}: {note}")
+    wish = _wish(request)
+    dem = Path(str(request.dem))
+    if not dem.is_file():
+        raise InputError(f"--dem: {dem}: no such file; give the elevation data of the area, such as dem.tif")
+    look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=_AROUND_M)
+    design = design_survey(wish, slope_deg=look.slope_deg, area_m2=look.area_m2)
+    design = _inside_data(design, dem, look, user)
+    datum, stated = _datum(request, look, user)
+    home = place_for_home(dem, look) if request.home is None else _near(request.home, look)
+    vehicle = wish.vehicle
+    scenario = SurveyScenario(
+        name=name_of(area.name), query=request.area, area=area, terrain_file=dem, vertical_datum=datum, datum_is_stated=stated,
+        design=design, home=home, home_is_given=request.home is not None,
+        return_height_m=return_height_m(look.highest_amsl_m, _home_height_m(dem, datum, home)), slope_deg=look.slope_deg,
+        autopilot=autopilot_name(request.autopilot, (vehicle.autopilot if vehicle is not None else None) or "ardupilot"),
+        mount=_mount(request.mount),
+    )  # fmt: skip
+    text = scenario_text(scenario, folder=folder)
+    site = load_site(parse_scenario(text, source=request.area.source, folder=folder))
+    if design.speed_reason:
+        user.warn(f"speed {design.speed_m_s:g} m/s: {design.speed_reason}")
+    if wish.camera.min_interval_s is None:
+        user.warn(
+            f"the shortest interval of {wish.camera.name} is not known: check that it takes a picture every "
+            f"{design.picture_distance_m / design.speed_m_s:.1f} s"
+        )
+    return NewScenario(text, site, design, look)
+
+
+def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
+    """Tell what was derived, and estimate time, pictures and batteries from plain parallel lines; the same as a document."""
+    design, site = scenario.design, scenario.site
+    drawn_ha = scenario.look.area_m2 / 1e4
+    user.say(
+        f"{'area':18}{drawn_ha:.4g} ha, seen with a margin of {design.margin_m:g} m: {site.area.area / 1e4:.4g} ha"
+    )
+    ground = f"{scenario.look.lowest_amsl_m:.0f} to {scenario.look.highest_amsl_m:.0f} m above sea level"
+    user.say(f"{'ground':18}{ground}, 95 % of it below {scenario.look.slope_deg:.0f} degrees")
+    low, high = design.min_height_agl_m, design.max_height_agl_m
+    gsd = f"{100.0 * design.gsd_at_m(low):.2f} to {100.0 * design.gsd_at_m(high):.2f} cm a pixel"
+    user.say(f"{'height band':18}{low:g} to {high:g} m above ground, {gsd}")
+    if design.is_capped:
+        user.say(
+            f"{'':18}{100.0 * design.wish.gsd_m:g} cm would allow {design.gsd_height_m:.0f} m: --max-height raises the limit"
+        )
+    every_s = design.picture_distance_m / design.speed_m_s
+    user.say(
+        f"{'picture distance':18}{design.picture_distance_m:.1f} m, every {every_s:.1f} s at {design.speed_m_s:g} m/s"
+    )
+    user.say(f"{'line distance':18}{design.line_distance_m:.0f} m on level ground")
+    home = site.scenario.home
+    if home is not None and home.lat_deg is not None and home.lon_deg is not None:
+        user.say(f"{'home':18}{home.lat_deg:.6f}, {home.lon_deg:.6f}, {site.alt_amsl_offset_m:.0f} m above sea level")
+    estimate = _estimate(site)
+    user.say(f"{'estimate':18}{estimate.words}")
+    return {
+        "area_m2": scenario.look.area_m2, "seen_area_m2": float(site.area.area), "margin_m": design.margin_m,
+        "min_height_agl_m": low, "max_height_agl_m": high, "picture_distance_m": design.picture_distance_m,
+        "line_distance_m": design.line_distance_m, "speed_m_s": design.speed_m_s, "pictures": estimate.pictures,
+        "flight_time_s": estimate.time_s, "batteries": estimate.batteries,
+    }  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Estimate:
+    pictures: int
+    time_s: float
+    batteries: int | None
+    words: str
+
+
+def _estimate(site: Site) -> _Estimate:
+    """Of plain parallel lines over the area; the search finds better."""
+    layout = plain_boustrophedon(site)
+    route = fly_layout(site, layout)
+    length_m = float(path_lengths_m(route.waypoints_m)[-1])
+    every_m = trigger_distance_m(site.scenario) or length_m
+    pictures = math.floor(length_m / every_m) + 1
+    time_s = mission_time_s(site, route)
+    words = f"about {pictures} pictures, {len(layout.heights_agl_m)} lines, {length_m / 1000.0:.1f} km, {time_s / 60.0:.0f} min"
+    if site.scenario.vehicle.longest_flight_s is None:
+        return _Estimate(pictures, time_s, None, f"{words} (plain lines; --battery tells how many batteries)")
+    try:
+        batteries = len(compile_sorties(site, route, autopilot=site.scenario.vehicle.autopilot))
+    except InfeasibleError:
+        batteries = math.ceil(time_s / site.scenario.vehicle.longest_flight_s)
+    return _Estimate(
+        pictures, time_s, batteries, f"{words}, {batteries} batter{'y' if batteries == 1 else 'ies'} (plain lines)"
+    )
+
+
+def _wish(request: NewRequest) -> SurveyWish:
+    missing = [
+        f"{option} {example}"
+        for option, value, example in (
+            ("--dem", request.dem, "dem.tif"), ("--camera", request.camera, "NAME"), ("--gsd", request.gsd, "2.5cm"),
+        )
+        if value is None
+    ]  # fmt: skip
+    if missing:
+        raise InputError(
+            f"{request.area.source}: an area needs {', '.join(missing)} as well "
+            "(uavcover new --camera list shows the cameras; --overlap is 75/70 unless you say otherwise)"
+        )
+    camera: CameraBody = camera_named(str(request.camera))
+    forward, side = quantities.overlaps(request.overlap if request.overlap is not None else "75/70")
+
+    def length(text: str | None, option: str, example: str) -> float | None:
+        return None if text is None else quantities.length_m(text, option=option, example=example)
+
+    no_margin = request.margin is not None and request.margin.strip().rstrip("m") in {"0", "0.0"}
+    return SurveyWish(
+        camera=camera, gsd_m=quantities.length_m(str(request.gsd), option="--gsd", example="2.5cm"), forward_overlap=forward,
+        side_overlap=side, vehicle=None if request.vehicle is None else vehicle_named(request.vehicle),
+        ceiling_agl_m=length(request.max_height, "--max-height", "120m"),
+        speed_m_s=None if request.speed is None else quantities.speed_m_s(request.speed, option="--speed", example="8m/s"),
+        endurance_s=None if request.battery is None else quantities.time_s(request.battery, option="--battery", example="25min"),
+        margin_m=0.0 if no_margin else length(request.margin, "--margin", "40m"),
+    )  # fmt: skip
+
+
+def _inside_data(design: SurveyDesign, dem: Path, look: TerrainLook, user: User) -> SurveyDesign:
+    """The design with a margin that the elevation data reaches."""
+    margin_m = math.floor(known_margin_m(dem, look, design.margin_m)) if design.margin_m > 0.0 else 0.0
+    if margin_m < design.margin_m:
+        less_m = design.margin_m - margin_m
+        user.warn(
+            f"the elevation data ends beside the area: pictures overlap in full only from {less_m:g} m inside its edge there "
+            f"(margin {margin_m:g} m instead of {design.margin_m:g} m)"
+        )
+    return replace(design, margin_m=float(margin_m))
+
+
+def _datum(request: NewRequest, look: TerrainLook, user: User) -> tuple[str, bool]:
+    wanted = request.vertical_datum
+    if wanted is not None:
+        known = {datum.casefold(): datum for datum in DATUMS}
+        if wanted.casefold() not in known:
+            raise InputError(f"--vertical-datum: {wanted!r} is not known; give EGM96 (SRTM) or EGM2008 (Copernicus)")
+        return known[wanted.casefold()], True
+    if len(look.datums) > 1:
+        user.warn(
+            "the elevation data does not say what its heights refer to: they are taken as above sea level (EGM96); heights "
+            "above the ellipsoid would be wrong by up to 100 m; --vertical-datum EGM96 or EGM2008 says it"
+        )
+    return look.datums[0], len(look.datums) == 1
+
+
+def _near(text: str, look: TerrainLook) -> tuple[float, float]:
+    lat, lon = quantities.lat_lon(text, option="--home")
+    place = shapely.Point(look.frame.enu_from_geodetic(lat, lon, 0.0)[0, :2])
+    away_m = float(look.area.distance(place))
+    if not away_m <= _FARTHEST_HOME_M:
+        raise InputError(
+            f"--home: {text} is {away_m / 1000.0:.0f} km from the area, {_FARTHEST_HOME_M / 1000.0:g} km are allowed; "
+            "give a place beside it, latitude first"
+        )
+    return lat, lon
+
+
+def _home_height_m(dem: Path, datum: str, home: tuple[float, float]) -> float:
+    return read_height_amsl_m(dem, datum, lat_deg=home[0], lon_deg=home[1])
+
+
+def _mount(text: str | None) -> str:
+    if text is None:
+        return "stabilised"
+    if text.casefold() not in _MOUNTS:
+        raise InputError(f"--mount: {text!r} is not known; give stabilised (a gimbal) or fixed")
+    return _MOUNTS[text.casefold()]
