@@ -21,7 +21,7 @@ sys.path.insert(0, str(ROOT))
 from uavcover.kernels.grid import steepest_of_finite  # noqa: E402
 from uavcover.scenario.elevation_file import read_ground  # noqa: E402
 from uavcover.scenario.frames import LocalFrame  # noqa: E402
-from uavcover.scenario.scenario_file import load_scenario, terrain_path  # noqa: E402
+from uavcover.scenario.scenario_file import load_scenario, terrain_source  # noqa: E402
 from uavcover.scenario.site import load_site  # noqa: E402
 
 
@@ -89,7 +89,7 @@ def measure_bundled(name: str) -> str:
     places = np.column_stack([rng.uniform(west, east, 200_000), rng.uniform(south, north, 200_000), np.zeros(200_000)])
     places[:, 2] = site.ground.heights_m(places[:, :2]) + rng.uniform(0.0, 150.0, 200_000)
     lat, lon, alt = site.frame.geodetic_from_enu(places)
-    file = FileGround(terrain_path(load_scenario(name).terrain))  # type: ignore[no-untyped-call]
+    file = FileGround(terrain_source(load_scenario(name).terrain).files[0])  # type: ignore[no-untyped-call]
     found = float(np.abs(site.ground.heights_agl_m(places) - (alt - file.height_m(lat, lon))).max())  # type: ignore[no-untyped-call]
     up_m, grid = site.ground.surface.up_m, site.ground.surface.grid
     steepest = np.degrees(np.arctan(steepest_of_finite(up_m, grid)))

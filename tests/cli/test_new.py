@@ -177,7 +177,10 @@ BAD = {
     "no camera": (("AREA", "--dem", "DEM"), "an area needs --camera NAME, --gsd 2.5cm as well"),
     "no such area": (("nowhere.kml", "OPTIONS"), "no such file; an area is a file"),
     "not an area": (("DEM", "OPTIONS"), ".tif is not a format of areas"),
-    "no such model": (("AREA", "--dem", "no.tif", "--camera", "m3e", "--gsd", "3cm"), "--dem: no.tif: no such file"),
+    "no such model": (
+        ("AREA", "--dem", "no.tif", "--camera", "m3e", "--gsd", "3cm"),
+        "no.tif: no such file; give the elevation data",
+    ),
     "a model that is none": (
         ("AREA", "--dem", "AREA", "--camera", "m3e", "--gsd", "3cm"),
         "cannot be read as elevation data",

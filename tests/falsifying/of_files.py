@@ -16,7 +16,7 @@ from tests.falsifying.of_place import shifted
 from tests.falsifying.way import Meddle, Way, family
 from uavcover.model.scenario import RasterTerrain
 from uavcover.run.geotiff import Band, geotiff
-from uavcover.scenario.scenario_file import dump_scenario, terrain_path
+from uavcover.scenario.scenario_file import dump_scenario, terrain_source
 
 CHANGED = "what is judged is not what was planned and flown"
 
@@ -150,7 +150,7 @@ def _named_file(flown: Flown) -> Path:
     """The file of the ground, outside the copy that is judged."""
     terrain = flown.site.scenario.terrain
     assert isinstance(terrain, RasterTerrain)
-    return terrain_path(terrain)
+    return terrain_source(terrain).files[0]
 
 
 @family("plan changed")

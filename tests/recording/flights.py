@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.recording import RecordedEvent, VehicleState
-from uavcover.scenario.scenario_file import load_scenario, terrain_path
+from uavcover.scenario.scenario_file import load_scenario, terrain_source
 from uavcover.scenario.site import Site, build_site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 
@@ -35,7 +35,7 @@ def make_flight(
 ) -> Flight:
     scenario = load_scenario(name)
     raster = scenario.terrain.kind == "raster"
-    site = build_site(scenario, terrain_file=terrain_path(scenario.terrain) if raster else None)  # type: ignore[arg-type]
+    site = build_site(scenario, terrain_file=terrain_source(scenario.terrain).files[0] if raster else None)  # type: ignore[arg-type]
     coverage = CoverageMap(site, cell_size_m=cell_size_m)
     west, south, east, north = site.area.bounds
     norths = np.linspace(south, north, 7)

@@ -23,7 +23,7 @@ from uavcover.run.mission import compile_plan
 from uavcover.run.plan_files import save_plan
 from uavcover.run.provenance import note_files, note_in_run, read_record, seal_flight
 from uavcover.run.resume import find_unfinished, save_rest
-from uavcover.scenario.scenario_file import dump_scenario, terrain_path
+from uavcover.scenario.scenario_file import dump_scenario, terrain_source
 from uavcover.scenario.site import Site, load_site
 
 BOX = Obstacle(height_m=5.0, rings_east_north_m=(((300.0, -300.0), (309.0, -300.0), (309.0, -291.0)),))
@@ -36,7 +36,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bound")
     plain = coarse("jacksboro", 40.0)
     assert isinstance(plain.scenario.terrain, RasterTerrain)
-    shutil.copy(terrain_path(plain.scenario.terrain), folder / "ground.tif")
+    shutil.copy(terrain_source(plain.scenario.terrain).files[0], folder / "ground.tif")
     terrain = dataclasses.replace(plain.scenario.terrain, file=str(folder / "ground.tif"))
     site = coarse("jacksboro", 40.0, terrain=terrain, obstacles=Obstacles(prisms=(BOX,)))
     run = RunFolder(folder / "run")

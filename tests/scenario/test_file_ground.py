@@ -16,7 +16,7 @@ from uavcover.kernels.surface import GRID, Surface, height_above, up_above
 from uavcover.scenario.elevation_file import MAX_ERROR_M, read_ground
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.pixel_frame import STRAIGHT_WITHIN_M
-from uavcover.scenario.scenario_file import load_scenario, terrain_path
+from uavcover.scenario.scenario_file import load_scenario, terrain_source
 from uavcover.scenario.site import load_site
 
 ALT_M = 550.0
@@ -136,12 +136,14 @@ def test_the_bundled_scenarios_stand_on_the_bundled_file(name):
     np.testing.assert_allclose(
         np.column_stack(geodetic_of(ecef_of(lat, lon, alt))), np.column_stack([lat, lon, alt]), atol=1e-7
     )
-    truth = alt - FileGround(terrain_path(load_scenario(name).terrain)).height_m(lat, lon)
+    truth = alt - FileGround(terrain_source(load_scenario(name).terrain).files[0]).height_m(lat, lon)
     np.testing.assert_allclose(site.ground.heights_agl_m(places), truth, atol=0.005)
 
 
 def test_a_square_grid_is_measured_too_and_refused_where_the_margin_does_not_hold_it(tmp_path):
-    scenario = terrain_path(load_scenario("jacksboro").terrain).parent.parent / "scenarios" / "jacksboro.toml"
+    scenario = (
+        terrain_source(load_scenario("jacksboro").terrain).files[0].parent.parent / "scenarios" / "jacksboro.toml"
+    )
     text = scenario.read_text(encoding="utf-8").replace('"EGM96"', '"EGM96"\ngrid_step_m = 37.0')
     path = tmp_path / "s.toml"
     path.write_text(text)
@@ -154,7 +156,9 @@ def test_a_square_grid_is_measured_too_and_refused_where_the_margin_does_not_hol
 
 
 def test_what_was_measured_is_added_to_a_stated_uncertainty(tmp_path):
-    scenario = terrain_path(load_scenario("jacksboro").terrain).parent.parent / "scenarios" / "jacksboro.toml"
+    scenario = (
+        terrain_source(load_scenario("jacksboro").terrain).files[0].parent.parent / "scenarios" / "jacksboro.toml"
+    )
     path = tmp_path / "s.toml"
     path.write_text(scenario.read_text(encoding="utf-8") + "\n[uncertainty]\nterrain_m = 3.0\nheight_m = 1.0\n")
     site = load_site(str(path))

@@ -10,7 +10,7 @@ from tests.cli.conftest import corner_of_the_demo
 from tests.naive.file_ground import FileGround, enu_points, leg_ranges_m, mission_points, plan_points
 from uavcover.run.plan import PlanRequest, plan_into
 from uavcover.run.user import Unattended
-from uavcover.scenario.scenario_file import load_scenario, terrain_path
+from uavcover.scenario.scenario_file import load_scenario, terrain_source
 
 STEP_M = 0.5
 ALLOWED_M = 0.1
@@ -31,7 +31,7 @@ def planned(tmp_path, name):
 @pytest.mark.parametrize("name", ON_EARTH)
 def test_no_leg_leaves_the_band_that_it_claims(tmp_path, name):
     folder, scenario = planned(tmp_path, name), load_scenario(name)
-    ground = FileGround(terrain_path(scenario.terrain))
+    ground = FileGround(terrain_source(scenario.terrain).files[0])
     low, high = scenario.limits.min_height_agl_m, scenario.limits.max_height_agl_m
     plan = json.loads((folder / "plan.json").read_text(encoding="utf-8"))
     points = plan_points(folder / "plan.json")
@@ -81,7 +81,7 @@ def test_the_check_sees_ground_that_is_brought_to_another_grid(tmp_path):
     text = text.replace("[planner]", '[planner]\nobjective = "length"')
     old.write_text(text.replace('vertical_datum = "EGM96"', 'vertical_datum = "EGM96"\ngrid_step_m = 37.0'))
     folder = planned(tmp_path, str(old))
-    ground = FileGround(terrain_path(scenario.terrain))
+    ground = FileGround(terrain_source(scenario.terrain).files[0])
     plan = json.loads((folder / "plan.json").read_text(encoding="utf-8"))
     ranges = leg_ranges_m(ground.height_m, plan_points(folder / "plan.json"), step_m=STEP_M)
     assert plan["metrics"]["max_height_agl_m"] < ranges[:, 1].max() - 10 * ALLOWED_M

@@ -15,7 +15,7 @@ from uavcover.scenario import elevation_file
 from uavcover.scenario.elevation_file import read_ground, read_height_amsl_m
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import grid_ground
-from uavcover.scenario.scenario_file import load_scenario, terrain_path
+from uavcover.scenario.scenario_file import load_scenario, terrain_source
 
 LAT, LON = 47.2, 11.4  # asymmetric, and in UTM zone 32
 FRAME = LocalFrame(LAT, LON, 600.0)
@@ -216,7 +216,7 @@ WRONG = {
         {"crs": "EPSG:4326+5703"}, ["terrain.vertical_datum: the scenario says EGM96, the file says NAVD88", "correct"],
     ),
     "ellipsoid": ({"crs": "EPSG:4979"}, ["terrain.vertical_datum: the scenario says EGM96", "ellipsoid", "convert"]),
-    "feet": ({"unit": "ft"}, ["heights are in 'ft'; convert them to metres"]),
+    "fathoms": ({"unit": "fathom"}, ["heights are in 'fathom'; convert them to metres"]),
     "undeclared no-data": ({"values": -32768}, ["height of -32768 m in row 15, column 20", "no-data value"]),
     "no mountain": ({"values": 12000}, ["height of 12000 m in row 15, column 20"]),
     "local system": (
@@ -238,7 +238,7 @@ def test_files_that_must_not_be_used(tmp_path, change, words):
     one_line(caught, path, *words)
 
 
-def test_a_sea_level_in_feet_is_refused(tmp_path):
+def test_a_sea_level_in_feet_is_read_in_metres(tmp_path):
     # A virtual file keeps what a GeoTIFF written here would turn into metres.
     feet = (
         'COMPD_CS["in feet",GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],PRIMEM["Greenwich",0],'
@@ -253,9 +253,9 @@ def test_a_sea_level_in_feet_is_refused(tmp_path):
         '<VRTRasterBand dataType="Float32" band="1"><SimpleSource><SourceFilename relativeToVRT="1">dem.tif'
         "</SourceFilename></SimpleSource></VRTRasterBand></VRTDataset>"
     )
-    with pytest.raises(TerrainError) as caught:
-        read(path)
-    one_line(caught, path, "foot|feet", "convert")
+    place = {"lat_deg": LAT, "lon_deg": LON}
+    metres = read_height_amsl_m(tmp_path / "dem.tif", "EGM96", **place)
+    assert read_height_amsl_m(path, "EGM96", **place) == pytest.approx(0.3048 * metres)
 
 
 def test_the_sea_level_of_the_scenario_is_that_of_the_file(tmp_path):
@@ -317,7 +317,7 @@ def test_a_grid_owns_its_heights():
 
 @pytest.fixture(scope="module")
 def bundled():
-    return terrain_path(load_scenario("jacksboro").terrain)
+    return terrain_source(load_scenario("jacksboro").terrain).files[0]
 
 
 def test_the_bundled_file_is_the_sample_with_north_up(bundled):

@@ -26,7 +26,7 @@ from uavcover.scenario.scenario_file import (
     dump_scenario,
     load_scenario,
     parse_scenario,
-    terrain_path,
+    terrain_source,
 )
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=60)
@@ -107,7 +107,7 @@ def test_the_bundled_scenarios_load_and_come_back_from_their_text():
         scenario = load_scenario(name)
         assert scenario.name == name
         assert parse(dump_scenario(scenario)) == scenario
-    assert terrain_path(load_scenario("jacksboro").terrain).is_file()
+    assert terrain_source(load_scenario("jacksboro").terrain).files[0].is_file()
 
 
 def test_a_good_scenario_as_it_was_understood():
@@ -118,7 +118,7 @@ def test_a_good_scenario_as_it_was_understood():
     assert isinstance(scenario.area.cell_size_m, float)
     # Stands alone: the path of the elevation file no longer depends on a folder.
     assert scenario.terrain.file == "/somewhere/dem.tif"
-    assert terrain_path(scenario.terrain) == Path("/somewhere/dem.tif")
+    assert terrain_source(scenario.terrain).files[0] == Path("/somewhere/dem.tif")
     assert scenario.planning_cell_size_m == 10.0
     text = dump_scenario(scenario)
     assert parse(text, Path("/elsewhere")) == scenario

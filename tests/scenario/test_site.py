@@ -6,7 +6,7 @@ import shapely
 
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.model.scenario import Home, Origin
-from uavcover.scenario.scenario_file import load_scenario, terrain_path
+from uavcover.scenario.scenario_file import load_scenario, terrain_source
 from uavcover.scenario.site import build_site
 from uavcover.sensing.cells import make_cells
 
@@ -20,7 +20,7 @@ def jacksboro(*, area=None, limits=None, **changes):
 
 
 def build(scenario):
-    return build_site(scenario, terrain_file=terrain_path(scenario.terrain))
+    return build_site(scenario, terrain_file=terrain_source(scenario.terrain).files[0])
 
 
 def test_the_demo_lies_where_it_should():
@@ -37,7 +37,7 @@ def test_the_demo_lies_where_it_should():
 
 def test_the_ridge_is_the_window_with_the_most_relief():
     scenario = load_scenario("ridge-25km2")
-    site = build_site(scenario, terrain_file=terrain_path(scenario.terrain))
+    site = build_site(scenario, terrain_file=terrain_source(scenario.terrain).files[0])
     cells = make_cells(site, scenario.area.cell_size_m).cells
     assert len(cells.centre_m) == 250_000
     assert np.ptp(cells.centre_m[:, 2]) == pytest.approx(805.0, abs=2.0)

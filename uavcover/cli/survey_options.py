@@ -14,7 +14,10 @@ class SurveyOptions:
     """What is seen, with which camera, from which vehicle."""
 
     dem: Annotated[
-        str | None, typer.Option("--dem", help="Elevation data of the area: any raster.", metavar="FILE")
+        list[str] | None,
+        typer.Option(
+            "--dem", help="Elevation data: a raster, a folder or pattern of tiles; again for more.", metavar="FILE"
+        ),
     ] = None
     camera: Annotated[
         str | None, typer.Option("--camera", help="A camera: list, a name, or a TOML file of your own.", metavar="NAME")
@@ -84,7 +87,7 @@ class SurveyOptions:
             swap_axes=self.swap_axes,
         )  # fmt: skip
         return NewRequest(
-            area=query, dem=self.dem, camera=self.camera, gsd=self.gsd, overlap=self.overlap, battery=self.battery,
+            area=query, dem=tuple(self.dem or ()), camera=self.camera, gsd=self.gsd, overlap=self.overlap, battery=self.battery,
             vehicle=self.vehicle, home=self.home, max_height=self.max_height, speed=self.speed, margin=self.margin,
             mount=self.mount, vertical_datum=self.vertical_datum, autopilot=autopilot,
         )  # fmt: skip

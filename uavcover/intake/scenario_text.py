@@ -25,7 +25,7 @@ class SurveyScenario:
         name: of the scenario.
         query: how the area was asked for.
         area: what was read.
-        terrain_file: the elevation data.
+        terrain_files: the elevation data: files, folders or patterns.
         vertical_datum: of its heights.
         datum_is_stated: whether the file, or the user, says so.
         design: heights, distances, speed.
@@ -40,7 +40,7 @@ class SurveyScenario:
     name: str
     query: AreaQuery
     area: FoundArea
-    terrain_file: Path
+    terrain_files: tuple[str, ...]
     vertical_datum: str
     datum_is_stated: bool
     design: SurveyDesign
@@ -139,11 +139,12 @@ def _relative(path: Path, folder: Path) -> str:
 
 
 def _terrain(scenario: SurveyScenario, folder: Path) -> list[str]:
+    names = [_relative(Path(name), folder) for name in scenario.terrain_files]
     stated = "as the file says" if scenario.datum_is_stated else "above sea level; the file does not say more: check it"
     return [
         "[terrain]",
         _line("kind", "raster", "an elevation model"),
-        _line("file", _relative(scenario.terrain_file, folder), "relative to this file"),
+        _line("file", names[0] if len(names) == 1 else names, "relative to this file"),
         _line("vertical_datum", scenario.vertical_datum, stated),
     ]
 

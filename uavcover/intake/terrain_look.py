@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import shapely
@@ -12,6 +11,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.area import Rings
 from uavcover.scenario.elevation_file import read_height_amsl_m, read_heights_amsl_m
 from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.terrain_source import TerrainSource
 
 _GRID = 60
 _EDGE_STEPS = 240
@@ -44,7 +44,7 @@ class TerrainLook:
     datums: tuple[str, ...]
 
 
-def look_at_terrain(file: Path, parts: tuple[Rings, ...], *, where: str, around_m: float) -> TerrainLook:
+def look_at_terrain(file: TerrainSource, parts: tuple[Rings, ...], *, where: str, around_m: float) -> TerrainLook:
     """Look at the ground of an area.
 
     Args:
@@ -80,7 +80,7 @@ def look_at_terrain(file: Path, parts: tuple[Rings, ...], *, where: str, around_
     )  # fmt: skip
 
 
-def known_margin_m(file: Path, look: TerrainLook, wanted_m: float) -> float:
+def known_margin_m(file: TerrainSource, look: TerrainLook, wanted_m: float) -> float:
     """The largest part of a margin around the area, in quarters, within which the elevation data has no end."""
     for quarters in (4, 3, 2, 1):
         grown = shapely.segmentize(look.area.convex_hull.buffer(0.25 * quarters * wanted_m, join_style="mitre"), 50.0)
@@ -89,7 +89,7 @@ def known_margin_m(file: Path, look: TerrainLook, wanted_m: float) -> float:
     return 0.0
 
 
-def place_for_home(file: Path, look: TerrainLook) -> tuple[float, float]:
+def place_for_home(file: TerrainSource, look: TerrainLook) -> tuple[float, float]:
     """Latitude and longitude of the lowest place at the edge of the area where the ground is level enough to take off.
 
     Raises:
@@ -109,7 +109,7 @@ def place_for_home(file: Path, look: TerrainLook) -> tuple[float, float]:
     return round(float(lat[0]), 6), round(float(lon[0]), 6)
 
 
-def _datums(file: Path, place: tuple[float, float]) -> tuple[str, ...]:
+def _datums(file: TerrainSource, place: tuple[float, float]) -> tuple[str, ...]:
     """The sea-level datums that the heights may refer to: the one that the file names, or all of them."""
     fitting: list[str] = []
     refusal: TerrainError | None = None
@@ -148,7 +148,7 @@ def _in_frame(parts: tuple[Rings, ...], frame: LocalFrame) -> shapely.MultiPolyg
 
 
 def _require_ground(
-    file: Path,
+    file: TerrainSource,
     datum: str,
     parts: tuple[Rings, ...],
     *,
@@ -183,7 +183,7 @@ def _require_ground(
     )
 
 
-def _reach(file: Path, datum: str, frame: LocalFrame) -> str:
+def _reach(file: TerrainSource, datum: str, frame: LocalFrame) -> str:
     """Where the data is, as its own error tells it."""
     try:
         read_height_amsl_m(file, datum, lat_deg=frame.lat_deg, lon_deg=frame.lon_deg)
@@ -199,12 +199,12 @@ def _grid(zone: shapely.Polygon) -> FloatArray:
     return np.asarray(places[shapely.contains_xy(zone, places[:, 0], places[:, 1])])
 
 
-def _heights(file: Path, datum: str, frame: LocalFrame, places: FloatArray) -> FloatArray:
+def _heights(file: TerrainSource, datum: str, frame: LocalFrame, places: FloatArray) -> FloatArray:
     lat, lon, _ = frame.geodetic_from_enu(np.column_stack([places, np.zeros(len(places))]))
     return read_heights_amsl_m(file, datum, lat, lon)
 
 
-def _slopes_deg(file: Path, datum: str, frame: LocalFrame, places: FloatArray) -> FloatArray:
+def _slopes_deg(file: TerrainSource, datum: str, frame: LocalFrame, places: FloatArray) -> FloatArray:
     reach = _SLOPE_REACH_M
     steps = np.array([(reach, 0.0), (-reach, 0.0), (0.0, reach), (0.0, -reach)])
     around = _heights(file, datum, frame, (places[:, None, :] + steps).reshape(-1, 2)).reshape(-1, 4)

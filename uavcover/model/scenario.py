@@ -60,7 +60,8 @@ class RasterTerrain:
 
     Attributes:
         kind: name of this source in a scenario.
-        file: a path relative to the scenario file, or ``bundled:NAME`` for data that comes with the package.
+        file: a path relative to the scenario file, or ``bundled:NAME`` for data that comes with the package; or a folder of
+            tiles, a pattern such as "tiles/*.hgt", a zipped tile, or a list of these.
         vertical_datum: reference of the heights. Ellipsoid heights are refused where sea-level heights are needed.
         grid_step_m: step of a square grid to resample the data to; default: none, the ground keeps the file's pixels.
     """
@@ -68,11 +69,12 @@ class RasterTerrain:
     __pydantic_config__: ClassVar = STRICT
 
     kind: Literal["raster"]
-    file: str
+    file: str | tuple[str, ...]
     vertical_datum: VerticalDatum
     grid_step_m: float | None = None
 
     def __post_init__(self) -> None:
+        require(bool(self.file), "file: is empty; give an elevation file")
         if self.grid_step_m is not None:
             require_positive(grid_step_m=self.grid_step_m)
 

@@ -14,8 +14,7 @@ from uavcover.model.scenario import RasterTerrain, Scenario
 from uavcover.run.folder import FLIGHT_FILES, MISSION_FILES, SCHEMA_VERSION, RunFolder
 from uavcover.run.provenance import Record, obstacles_sha256, read_record, run_document, sha256_of, version
 from uavcover.run.resume import TRACK, continues, flown_tracks
-from uavcover.scenario.elevation_file import source_sha256
-from uavcover.scenario.scenario_file import load_scenario, terrain_path
+from uavcover.scenario.scenario_file import load_scenario, terrain_source
 
 WHATS = ("scenario", "terrain", "obstacles", "plan", "mission", "track", "version", "record")
 """What can have changed, in the words of ``--accept-changed``; ``record`` is what says how it was: run.json itself."""
@@ -165,11 +164,11 @@ def _terrain_sha256(scenario: Scenario) -> str | None:
     if not isinstance(terrain, RasterTerrain):
         return None
     try:
-        return source_sha256(terrain_path(terrain))
+        return terrain_source(terrain).sha256()
     except FileNotFoundError:
         return None
     except OSError as error:
-        raise InputError(f"{terrain_path(terrain)}: cannot be read ({error.strerror})") from error
+        raise InputError(f"{terrain_source(terrain)}: cannot be read ({error.strerror})") from error
 
 
 @dataclass(slots=True)
@@ -221,7 +220,7 @@ class _Finding:
         if record.inputs is None:
             return
         kind = scenario.terrain
-        name = terrain_path(kind).name if isinstance(kind, RasterTerrain) else "terrain"
+        name = terrain_source(kind).name if isinstance(kind, RasterTerrain) else "terrain"
         for what, file, now in (("terrain", name, terrain), ("obstacles", "obstacles of scenario.toml", obstacles)):
             was = record.inputs.get(what)
             if was != now:

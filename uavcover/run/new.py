@@ -6,7 +6,7 @@ from pathlib import Path
 
 import shapely
 
-from uavcover.errors import InfeasibleError, InputError
+from uavcover.errors import InfeasibleError, InputError, TerrainError
 from uavcover.intake import quantities
 from uavcover.intake.cameras import CameraBody, camera_named
 from uavcover.intake.scenario_text import SurveyScenario, name_of, return_height_m, scenario_text
@@ -18,10 +18,11 @@ from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.routes.sorties import compile_sorties, mission_time_s
 from uavcover.run.user import User
-from uavcover.scenario.areas.area_file import AreaQuery, read_area
+from uavcover.scenario.areas.area_file import AreaQuery, FoundArea, read_area
 from uavcover.scenario.elevation_file import read_height_amsl_m
 from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.scenario.site import Site, load_site
+from uavcover.scenario.terrain_source import TerrainSource, find_tiles
 from uavcover.sensing.coverage_map import path_lengths_m
 from uavcover.sensing.sensors import trigger_distance_m
 
@@ -37,7 +38,7 @@ class NewRequest:
 
     Attributes:
         area: what is to be seen.
-        dem: elevation data.
+        dem: elevation data: files, folders or patterns of tiles.
         camera: name or file.
         gsd: ground sample distance, as "2.5cm".
         overlap: forward and side, as "75/70".
@@ -53,7 +54,7 @@ class NewRequest:
     """
 
     area: AreaQuery
-    dem: str | None = None
+    dem: tuple[str, ...] = ()
     camera: str | None = None
     gsd: str | None = None
     overlap: str | None = None
@@ -100,9 +101,7 @@ def new_scenario(request: NewRequest, user: User, *, folder: Path) -> NewScenari
     for note in area.notes:
         user.warn(f"{request.area.source}: {note}")
     wish = _wish(request)
-    dem = Path(str(request.dem))
-    if not dem.is_file():
-        raise InputError(f"--dem: {dem}: no such file; give the elevation data of the area, such as dem.tif")
+    dem = _terrain(request.dem, area)
     look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=_AROUND_M)
     design = design_survey(wish, slope_deg=look.slope_deg, area_m2=look.area_m2)
     design = _inside_data(design, dem, look, user)
@@ -110,7 +109,8 @@ def new_scenario(request: NewRequest, user: User, *, folder: Path) -> NewScenari
     home = place_for_home(dem, look) if request.home is None else _near(request.home, look)
     vehicle = wish.vehicle
     scenario = SurveyScenario(
-        name=name_of(area.name), query=request.area, area=area, terrain_file=dem, vertical_datum=datum, datum_is_stated=stated,
+        name=name_of(area.name), query=request.area, area=area, terrain_files=request.dem,
+        vertical_datum=datum, datum_is_stated=stated,
         design=design, home=home, home_is_given=request.home is not None,
         return_height_m=return_height_m(look.highest_amsl_m, _home_height_m(dem, datum, home)), slope_deg=look.slope_deg,
         autopilot=autopilot_name(request.autopilot, (vehicle.autopilot if vehicle is not None else None) or "ardupilot"),
@@ -194,7 +194,7 @@ def _wish(request: NewRequest) -> SurveyWish:
     missing = [
         f"{option} {example}"
         for option, value, example in (
-            ("--dem", request.dem, "dem.tif"), ("--camera", request.camera, "NAME"), ("--gsd", request.gsd, "2.5cm"),
+            ("--dem", request.dem or None, "dem.tif"), ("--camera", request.camera, "NAME"), ("--gsd", request.gsd, "2.5cm"),
         )
         if value is None
     ]  # fmt: skip
@@ -220,7 +220,23 @@ def _wish(request: NewRequest) -> SurveyWish:
     )  # fmt: skip
 
 
-def _inside_data(design: SurveyDesign, dem: Path, look: TerrainLook, user: User) -> SurveyDesign:
+def _terrain(names: tuple[str, ...], area: FoundArea) -> TerrainSource:
+    """The files of the elevation data that are near the area."""
+    outlines = [place for rings in area.parts for place in rings[0]]
+    lons, lats = [place[0] for place in outlines], [place[1] for place in outlines]
+    if max(lons) - min(lons) > 180.0:
+        lons = [lon + 360.0 if lon < 0.0 else lon for lon in lons]
+    try:
+        files = find_tiles(names, folder=Path(), around=(min(lons), min(lats), max(lons), max(lats)))
+    except TerrainError as error:
+        raise InputError(f"--dem: {str(error).removeprefix('terrain.file: ')}") from error
+    missing = [file for file in files if not file.is_file()]
+    if missing:
+        raise InputError(f"--dem: {missing[0]}: no such file; give the elevation data of the area, such as dem.tif")
+    return TerrainSource(files)
+
+
+def _inside_data(design: SurveyDesign, dem: TerrainSource, look: TerrainLook, user: User) -> SurveyDesign:
     """The design with a margin that the elevation data reaches."""
     margin_m = math.floor(known_margin_m(dem, look, design.margin_m)) if design.margin_m > 0.0 else 0.0
     if margin_m < design.margin_m:
@@ -259,7 +275,7 @@ def _near(text: str, look: TerrainLook) -> tuple[float, float]:
     return lat, lon
 
 
-def _home_height_m(dem: Path, datum: str, home: tuple[float, float]) -> float:
+def _home_height_m(dem: TerrainSource, datum: str, home: tuple[float, float]) -> float:
     return read_height_amsl_m(dem, datum, lat_deg=home[0], lon_deg=home[1])
 
 

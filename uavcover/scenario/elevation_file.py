@@ -1,7 +1,6 @@
 """Elevation files, read by rasterio in any format and any CRS. Pixels are used as they are, without resampling."""
 
 import dataclasses
-import hashlib
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,6 +21,7 @@ from uavcover.kernels.grid import GridFrame, places_on_grid
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground, grid_ground, ground_of_nodes
 from uavcover.scenario.pixel_frame import STRAIGHT_WITHIN_M, Bounds, finish_frame, fit_frame, node_ups_m
+from uavcover.scenario.terrain_source import TerrainSource, as_source
 
 LOWEST_PLAUSIBLE_M, HIGHEST_PLAUSIBLE_M = -500.0, 9000.0
 MAX_NODES = 40_000_000
@@ -29,18 +29,28 @@ MAX_ERROR_M = 0.1
 """Largest permitted difference between the ground and its file's own surface."""
 _BLOCKS, _PIXELS_OF_BLOCK, _PLACES_OF_BLOCK = 60, 40.0, 400
 _ABOVE_M = 120.0
+_FOOT_M, _SURVEY_FOOT_M = 0.3048, 1200.0 / 3937.0
+_UNITS_M = {
+    **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
+    **dict.fromkeys(("ft", "foot", "feet", "international foot"), _FOOT_M),
+    **dict.fromkeys(("us-ft", "ftus", "us survey foot", "foot_us", "us survey feet"), _SURVEY_FOOT_M),
+}
 _SEA_LEVEL_DATUMS = {"EGM96": ("egm96", "5773"), "EGM2008": ("egm2008", "3855")}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Raster:
-    """An open, checked file; ``full_turn`` is 360 degrees in the unit of its longitudes, 0 if it has none."""
+    """An open, checked file.
 
-    path: Path
+    ``full_turn`` is 360 degrees in the unit of its longitudes, 0 if it has none; ``unit_m`` its unit of heights in metres.
+    """
+
+    path: TerrainSource
     dataset: Any
     to_source: Transformer
     vertical_datum: str
     full_turn: float
+    unit_m: float
 
     def pixels_at(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
         """(n, 2) column and row, integers at pixel centres, of geodetic positions less than half the Earth apart."""
@@ -91,7 +101,7 @@ class _Raster:
         """(rows, columns) heights above sea level, NaN where there is no data."""
         with _readable(self.path):
             masked = self.dataset.read(1, window=window, masked=True)
-        scaled = masked.astype(float) * self.dataset.scales[0] + self.dataset.offsets[0]
+        scaled = (masked.astype(float) * self.dataset.scales[0] + self.dataset.offsets[0]) * self.unit_m
         pixels = np.asarray(scaled.filled(np.nan), dtype=float)
         pixels[~np.isfinite(pixels)] = np.nan
         wrong = (pixels < LOWEST_PLAUSIBLE_M) | (pixels > HIGHEST_PLAUSIBLE_M)
@@ -105,7 +115,7 @@ class _Raster:
 
 
 @contextmanager
-def _readable(path: Path) -> Iterator[None]:
+def _readable(path: TerrainSource) -> Iterator[None]:
     try:
         yield
     except (rasterio.errors.RasterioError, OSError) as error:
@@ -114,17 +124,14 @@ def _readable(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _open(path: Path, vertical_datum: str) -> Iterator[_Raster]:
-    if not path.is_file():
-        raise TerrainError(f"{path}: no such file (terrain.file is relative to the scenario file)")
-    if path.stat().st_size == 0:
-        raise TerrainError(f"{path}: the file is empty")
+def _open(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_Raster]:
+    path = as_source(source)
     if vertical_datum not in _SEA_LEVEL_DATUMS:
         raise TerrainError(
             f"terrain.vertical_datum: heights above the {vertical_datum} are not heights above sea level, which "
             "autopilots want; convert the file first (for example gdalwarp with -t_srs EPSG:4326+5773)"
         )
-    with _readable(path), rasterio.open(path) as dataset:
+    with _readable(path), path.opened() as dataset:
         if dataset.crs is None:
             raise TerrainError(
                 f"{path}: has no coordinate reference system; assign the right one (gdal_edit.py -a_srs)"
@@ -140,18 +147,20 @@ def _open(path: Path, vertical_datum: str) -> Iterator[_Raster]:
                 f"{path}: positions cannot be brought to its coordinate reference system ({reason}); assign or convert to a "
                 "known one (gdalwarp -t_srs EPSG:4326)"
             ) from error
-        _check_vertical(path, crs, vertical_datum, dataset.units[0])
+        unit_m = _unit_m(path, crs, vertical_datum, dataset.units[0])
         _check_pixel_size(path, horizontal, dataset)
         turn = 2.0 * math.pi / horizontal.axis_info[0].unit_conversion_factor if horizontal.is_geographic else 0.0
         if dataset.count >= 3 and set(dataset.dtypes[:3]) == {"uint8"}:
             raise TerrainError(
                 f"{path}: is a picture ({dataset.count} bands of 8 bits), not heights; give the elevation model"
             )
-        yield _Raster(path, dataset, to_source, vertical_datum, turn)
+        yield _Raster(path, dataset, to_source, vertical_datum, turn, unit_m)
 
 
-def _check_vertical(path: Path, crs: CRS, vertical_datum: str, unit: str | None) -> None:
-    if unit and unit.lower() not in {"m", "metre", "meter", "metres", "meters"}:
+def _unit_m(path: TerrainSource, crs: CRS, vertical_datum: str, unit: str | None) -> float:
+    """The unit of the heights in metres, once datum and unit are checked."""
+    unit_m = _UNITS_M.get((unit or "m").lower().strip())
+    if unit_m is None:
         raise TerrainError(f"{path}: heights are in {unit!r}; convert them to metres first")
     if crs.is_compound:
         vertical = crs.sub_crs_list[1]
@@ -159,20 +168,24 @@ def _check_vertical(path: Path, crs: CRS, vertical_datum: str, unit: str | None)
         if not any(word in words for word in _SEA_LEVEL_DATUMS[vertical_datum]):
             raise _contradiction(path, vertical_datum, vertical.name)
         axis = vertical.axis_info[0]
-        if axis.unit_conversion_factor != 1.0:
-            raise TerrainError(f"{path}: heights are in {axis.unit_name!r}; convert them to metres first")
+        if unit and abs(axis.unit_conversion_factor / unit_m - 1.0) > 1e-3:
+            raise TerrainError(
+                f"{path}: heights are in {unit!r} and in {axis.unit_name!r}; convert them to metres first"
+            )
+        unit_m = float(axis.unit_conversion_factor)
     elif len(crs.axis_info) == 3:
         raise _contradiction(path, vertical_datum, f"heights above the ellipsoid of {crs.name}")
+    return unit_m
 
 
-def _contradiction(path: Path, vertical_datum: str, found: str) -> TerrainError:
+def _contradiction(path: TerrainSource, vertical_datum: str, found: str) -> TerrainError:
     return TerrainError(
         f"terrain.vertical_datum: the scenario says {vertical_datum}, the file says {found} ({path}); correct the scenario, "
         "or convert the file (gdalwarp with -t_srs EPSG:4326+5773 for EGM96, EPSG:4326+3855 for EGM2008)"
     )
 
 
-def _check_pixel_size(path: Path, crs: CRS, dataset: Any) -> None:
+def _check_pixel_size(path: TerrainSource, crs: CRS, dataset: Any) -> None:
     # A south-up file has a negative height.
     width, height = (abs(side) for side in dataset.res)
     top = float(np.abs(_corners(dataset)[1]).max())
@@ -188,7 +201,7 @@ def _check_pixel_size(path: Path, crs: CRS, dataset: Any) -> None:
         )
 
 
-def read_height_amsl_m(path: Path, vertical_datum: str, *, lat_deg: float, lon_deg: float) -> float:
+def read_height_amsl_m(path: Path | TerrainSource, vertical_datum: str, *, lat_deg: float, lon_deg: float) -> float:
     """Read the height above sea level of one position from an elevation file, bilinear between its pixels.
 
     Raises:
@@ -201,7 +214,9 @@ def read_height_amsl_m(path: Path, vertical_datum: str, *, lat_deg: float, lon_d
         return height
 
 
-def read_heights_amsl_m(path: Path, vertical_datum: str, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
+def read_heights_amsl_m(
+    path: Path | TerrainSource, vertical_datum: str, lat_deg: FloatArray, lon_deg: FloatArray
+) -> FloatArray:
     """Heights above sea level (n,) of geodetic positions (n,) less than half the Earth apart; NaN where there is no data.
 
     Raises:
@@ -212,7 +227,7 @@ def read_heights_amsl_m(path: Path, vertical_datum: str, lat_deg: FloatArray, lo
 
 
 def read_ground(
-    path: Path,
+    path: Path | TerrainSource,
     vertical_datum: str,
     *,
     frame: LocalFrame,
@@ -225,7 +240,7 @@ def read_ground(
     kept with it. With ``grid_step_m`` the nodes lie on a square grid instead, each with the file's height there.
 
     Args:
-        path: a file that rasterio reads.
+        path: a file that rasterio reads, or several.
         vertical_datum: EGM96 or EGM2008; anything else is refused.
         frame: the local frame.
         bounds_m: west, south, east, north of the ground; beyond the file there is no data.
@@ -274,7 +289,7 @@ def _ground_of_pixels(raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> G
         grid = finish_frame(grid, up)
     return ground_of_nodes(
         up, grid, step_m=1.0 / max(grid.per_column, grid.per_row) if known.any() else math.inf,
-        source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum, sha256=source_sha256(raster.path),
+        source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum, sha256=raster.path.sha256(),
         cut_error_m=2.0 * STRAIGHT_WITHIN_M,
     )  # fmt: skip
 
@@ -319,7 +334,7 @@ def _resampled_ground(raster: _Raster, frame: LocalFrame, bounds_m: Bounds, step
     return grid_ground(
         np.where(np.isfinite(up), up, np.nan).reshape(e.shape),
         east0_m=float(columns[0] * step), north0_m=float(rows[0] * step), step_m=step,
-        source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum, sha256=source_sha256(raster.path),
+        source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum, sha256=raster.path.sha256(),
     )  # fmt: skip
 
 
@@ -367,27 +382,3 @@ def _corners(dataset: Any) -> tuple[FloatArray, FloatArray]:
 def _extent(raster: _Raster) -> str:
     lon, lat = raster.to_source.transform(*_corners(raster.dataset), direction="INVERSE")
     return f"data from {min(lat):.4f}, {min(lon):.4f} to {max(lat):.4f}, {max(lon):.4f}"
-
-
-def source_sha256(path: Path) -> str:
-    """Hash of elevation data: of the file, or of the names and hashes of all files that GDAL reads for it.
-
-    A world file or an ``.aux.xml`` beside it shifts or scales the heights, and a virtual raster keeps them in other files.
-
-    Raises:
-        OSError: the file, or one that it needs, cannot be read.
-    """
-    try:
-        with rasterio.open(path) as dataset:
-            files = sorted({Path(name) for name in dataset.files if Path(name).is_file()} | {path})
-    except rasterio.errors.RasterioError:
-        files = [path]
-    if files == [path]:
-        return _sha256(path)
-    names = [f"{file.name} {_sha256(file)}\n" for file in files]
-    return hashlib.sha256("".join(names).encode()).hexdigest()
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

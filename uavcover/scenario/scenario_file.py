@@ -17,9 +17,10 @@ from uavcover.errors import InputError, ScenarioError
 from uavcover.model.area import Area, Ring, Rings
 from uavcover.model.limits import FlightLimits
 from uavcover.model.obstacles import Obstacles
-from uavcover.model.scenario import RasterTerrain, Scenario
+from uavcover.model.scenario import RasterTerrain, Scenario, Terrain
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.obstacles import polygons_of, read_geojson, read_obstacles
+from uavcover.scenario.terrain_source import TerrainSource, find_tiles
 
 _BUNDLED = "bundled:"
 _MOST_MISTAKES = 5
@@ -89,7 +90,7 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
     return dataclasses.replace(
         scenario,
         area=_with_rings(scenario.area, folder),
-        terrain=_absolute_file(scenario.terrain, folder),
+        terrain=_absolute_files(scenario, folder),
         obstacles=_inline_obstacles(scenario.obstacles, folder),
     )
 
@@ -104,11 +105,10 @@ def _given(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return {key: value for key, value in pairs if value is not None}
 
 
-def terrain_path(terrain: RasterTerrain) -> Path:
-    """The elevation file of a loaded scenario."""
-    if terrain.file.startswith(_BUNDLED):
-        return _data_file(terrain.file, Path())
-    return Path(terrain.file)
+def terrain_source(terrain: RasterTerrain) -> TerrainSource:
+    """The elevation files of a loaded scenario."""
+    names = (terrain.file,) if isinstance(terrain.file, str) else terrain.file
+    return TerrainSource(tuple(_data_file(name, Path()) for name in names))
 
 
 def _data_file(name: str, folder: Path) -> Path:
@@ -279,10 +279,30 @@ def _obstacle_mistakes(scenario: Scenario, folder: Path) -> list[str]:
     return found[:_MOST_MISTAKES]
 
 
-def _absolute_file(terrain: Any, folder: Path) -> Any:
-    if not isinstance(terrain, RasterTerrain) or terrain.file.startswith(_BUNDLED):
+def _absolute_files(scenario: Scenario, folder: Path) -> Terrain:
+    """The terrain with absolute paths; of several tiles only those near area and home."""
+    terrain = scenario.terrain
+    if not isinstance(terrain, RasterTerrain):
         return terrain
-    return dataclasses.replace(terrain, file=str((folder / terrain.file).resolve()))
+    names = (terrain.file,) if isinstance(terrain.file, str) else terrain.file
+    if any(name.startswith(_BUNDLED) for name in names):
+        return terrain
+    files = find_tiles(names, folder=folder, around=_bounds_deg(_with_rings(scenario.area, folder), scenario))
+    return dataclasses.replace(terrain, file=str(files[0]) if len(files) == 1 else tuple(map(str, files)))
+
+
+def _bounds_deg(area: Area, scenario: Scenario) -> tuple[float, float, float, float] | None:
+    """West, south, east, north of area and home, or of the origin; none where there is no place on Earth."""
+    rings = [rings[0] for rings in area.parts] if area.is_geographic else []
+    places = [place for ring in rings for place in _across_180(ring)[0]]
+    for place in (scenario.home, scenario.origin):
+        if place is not None and place.lat_deg is not None and place.lon_deg is not None:
+            beside = places[0][0] if places else place.lon_deg
+            places.append((place.lon_deg + 360.0 * round((beside - place.lon_deg) / 360.0), place.lat_deg))
+    if not places:
+        return None
+    lons, lats = zip(*places, strict=True)
+    return min(lons), min(lats), max(lons), max(lats)
 
 
 def _shape_mistakes(area: Area, folder: Path) -> list[str]:

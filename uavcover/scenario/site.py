@@ -24,7 +24,8 @@ from uavcover.scenario.elevation_file import MAX_ERROR_M, read_ground, read_heig
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground, sine_cosine_ground
 from uavcover.scenario.obstacles import Footprint, Prism, stand_on
-from uavcover.scenario.scenario_file import load_scenario, terrain_path
+from uavcover.scenario.scenario_file import load_scenario, terrain_source
+from uavcover.scenario.terrain_source import TerrainSource
 
 MAX_REACH_M = 100_000.0
 """A position in a scenario farther from the origin is treated as a mistake."""
@@ -102,7 +103,7 @@ class Site:
         return alt_amsl_m if math.isfinite(alt_amsl_m) else None
 
 
-def build_site(scenario: Scenario, *, terrain_file: Path | None = None) -> Site:
+def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None = None) -> Site:
     """Transform a scenario into its local frame and read its terrain.
 
     Args:
@@ -140,7 +141,7 @@ def build_site(scenario: Scenario, *, terrain_file: Path | None = None) -> Site:
     return Site(scenario=scenario, frame=frame, ground=ground, area=area, fence=fence, home_m=home, prisms=prisms)
 
 
-def _frame(scenario: Scenario, terrain_file: Path | None) -> LocalFrame | None:
+def _frame(scenario: Scenario, terrain_file: Path | TerrainSource | None) -> LocalFrame | None:
     if scenario.origin is not None:
         return LocalFrame(scenario.origin.lat_deg, scenario.origin.lon_deg, scenario.origin.alt_amsl_m)
     home = scenario.home
@@ -152,7 +153,7 @@ def _frame(scenario: Scenario, terrain_file: Path | None) -> LocalFrame | None:
     return LocalFrame(home.lat_deg, home.lon_deg, alt)
 
 
-def _read_home_height(terrain_file: Path, vertical_datum: str, lat_deg: float, lon_deg: float) -> float:
+def _read_home_height(terrain_file: Path | TerrainSource, vertical_datum: str, lat_deg: float, lon_deg: float) -> float:
     try:
         return read_height_amsl_m(terrain_file, vertical_datum, lat_deg=lat_deg, lon_deg=lon_deg)
     except TerrainError as error:
@@ -275,7 +276,7 @@ def _ground(
     scenario: Scenario,
     frame: LocalFrame | None,
     bounds_m: tuple[float, float, float, float],
-    terrain_file: Path | None,
+    terrain_file: Path | TerrainSource | None,
 ) -> Ground:
     terrain = scenario.terrain
     if isinstance(terrain, SineCosineTerrain):
@@ -308,4 +309,4 @@ def load_site(scenario: str | Path | Scenario) -> Site:
     """
     loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     terrain = loaded.terrain
-    return build_site(loaded, terrain_file=terrain_path(terrain) if isinstance(terrain, RasterTerrain) else None)
+    return build_site(loaded, terrain_file=terrain_source(terrain) if isinstance(terrain, RasterTerrain) else None)

@@ -1,0 +1,244 @@
+"""Elevation data in several files, in a zip, in feet: the same ground as one file in metres, or one line that says why not."""
+
+import math
+import zipfile
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio.transform import Affine
+
+from tests.scenario.dem_files import write_dem
+from uavcover.errors import TerrainError
+from uavcover.scenario import terrain_source
+from uavcover.scenario.elevation_file import read_ground, read_heights_amsl_m
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.scenario_file import parse_scenario
+from uavcover.scenario.terrain_source import TerrainSource, find_tiles
+
+LAT, LON = 46.55, 8.03
+FRAME = LocalFrame(LAT, LON, 500.0)
+BOUNDS_M = (-400.0, -400.0, 400.0, 400.0)
+AROUND = (8.025, 46.547, 8.035, 46.553)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("dem")
+    return write_dem(
+        folder / "whole.tif",
+        np.random.default_rng(5),
+        lat_deg=LAT,
+        lon_deg=LON,
+        epsg=32632,
+        pixel_m=10.0,
+        size_m=1400.0,
+    )
+
+
+def cut(whole, folder, *, parts=3, overlap=1, names="tile-{}-{}.tif", skip=(), **changes):
+    """The file as parts x parts tiles that overlap by some pixels."""
+    folder.mkdir(exist_ok=True)
+    with rasterio.open(whole) as file:
+        values, profile = file.read(1), file.profile
+    side = math.ceil(len(values) / parts)
+    for i in range(parts):
+        for j in range(parts):
+            if (i, j) in skip:
+                continue
+            row, column = max(0, i * side - overlap), max(0, j * side - overlap)
+            tile = values[row : (i + 1) * side, column : (j + 1) * side]
+            own = {
+                **profile, "height": tile.shape[0], "width": tile.shape[1],
+                "transform": profile["transform"] @ Affine.translation(column, row), **changes,
+            }  # fmt: skip
+            with rasterio.open(folder / names.format(i, j), "w", **own) as out:
+                out.write(tile.astype(own["dtype"]), 1)
+    return folder
+
+
+def ground_of(source):
+    return read_ground(source, "EGM96", frame=FRAME, bounds_m=BOUNDS_M, grid_step_m=None)
+
+
+def same_ground(one, other):
+    places = np.random.default_rng(1).uniform(-390.0, 390.0, (4000, 2))
+    return np.allclose(one.heights_m(places), other.heights_m(places), atol=1e-6, rtol=0.0)
+
+
+@pytest.mark.parametrize("overlap", [0, 1, 7])
+@pytest.mark.parametrize("parts", [2, 5])
+def test_tiles_are_the_ground_of_the_whole_file(whole, tmp_path, parts, overlap):
+    folder = cut(whole, tmp_path / "tiles", parts=parts, overlap=overlap)
+    tiles = find_tiles(["tiles"], folder=tmp_path, around=None)
+    assert len(tiles) == parts**2
+    assert same_ground(ground_of(TerrainSource(tiles)), ground_of(whole))
+    # By a pattern, by a list, and with only the tiles that are near.
+    assert find_tiles(["tiles/tile-*.tif"], folder=tmp_path, around=None) == tiles
+    assert find_tiles([str(tile) for tile in tiles], folder=tmp_path, around=None) == tiles
+    assert find_tiles([f"{folder}/*"], folder=tmp_path, around=AROUND)
+
+
+def test_far_tiles_are_left_out_and_do_not_matter(whole, tmp_path):
+    cut(whole, tmp_path / "tiles", parts=2)
+    far = write_dem(
+        tmp_path / "tiles" / "far.tif",
+        np.random.default_rng(5),
+        lat_deg=40.0,
+        lon_deg=8.0,
+        epsg=32632,
+        pixel_m=50.0,
+        size_m=1400.0,
+    )
+    near = find_tiles(["tiles"], folder=tmp_path, around=AROUND)
+    assert far.resolve() not in near
+    assert len(near) == 4
+    with pytest.raises(TerrainError, match=r"none of 5 tiles is near the area .*; give the tiles of that place"):
+        find_tiles(["tiles"], folder=tmp_path, around=(100.0, 10.0, 100.1, 10.1))
+
+
+def test_a_missing_tile_is_no_data_and_never_a_height(whole, tmp_path):
+    cut(whole, tmp_path / "tiles", parts=3, overlap=0, skip={(1, 1)}, dtype="int16", nodata=None)
+    tiles = find_tiles(["tiles"], folder=tmp_path, around=None)
+    ground = ground_of(TerrainSource(tiles))
+    assert np.isnan(ground.heights_m([[0.0, 0.0]])).all()
+    assert np.isfinite(ground.heights_m([[-390.0, -390.0]])).all()
+
+
+def test_no_data_of_tiles_stays_no_data(whole, tmp_path):
+    folder = cut(whole, tmp_path / "tiles", parts=2, nodata=-9999.0)
+    with rasterio.open(folder / "tile-0-0.tif", "r+") as file:
+        file.write(np.full((file.height, file.width), -9999.0, dtype=np.float32), 1)
+    tiles = TerrainSource(find_tiles(["tiles"], folder=tmp_path, around=None))
+    heights = read_heights_amsl_m(
+        tiles, "EGM96", np.array([LAT + 0.003, LAT - 0.003]), np.array([LON - 0.004, LON + 0.004])
+    )
+    assert np.isnan(heights[0])
+    assert np.isfinite(heights[1])
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres"), [("ft", 0.3048), ("feet", 0.3048), ("US survey foot", 1200 / 3937), ("m", 1.0)]
+)
+def test_heights_in_feet_by_their_unit(whole, tmp_path, unit, metres):
+    with rasterio.open(whole) as file:
+        values, profile = file.read(1), file.profile
+    path = tmp_path / "feet.tif"
+    with rasterio.open(path, "w", **{**profile, "dtype": "float64"}) as out:
+        out.write(values.astype(float) / metres, 1)
+        out.units = (unit,)
+    assert same_ground(ground_of(path), ground_of(whole))
+
+
+def test_a_zipped_tile(whole, tmp_path):
+    with zipfile.ZipFile(tmp_path / "dem.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.write(whole, "inner/whole.tif")
+        archive.writestr("readme.txt", "a text")
+    (path,) = find_tiles(["dem.zip"], folder=tmp_path, around=None)
+    assert same_ground(ground_of(path), ground_of(whole))
+    assert TerrainSource((path,)).sha256() == TerrainSource((path,)).sha256()
+
+
+def test_the_hash_tells_every_tile(whole, tmp_path):
+    folder = cut(whole, tmp_path / "tiles", parts=2)
+    tiles = TerrainSource(find_tiles(["tiles"], folder=tmp_path, around=None))
+    before = tiles.sha256()
+    with rasterio.open(folder / "tile-1-1.tif", "r+") as file:
+        file.write(file.read(1) + np.float32(1.0), 1)
+    assert tiles.sha256() != before
+    assert TerrainSource((whole,)).sha256() == TerrainSource((whole,)).sha256()
+
+
+SCENARIO = """
+name = "a"
+[area]
+polygon_lon_lat_deg = [[8.028, 46.548], [8.032, 46.548], [8.032, 46.552], [8.028, 46.552]]
+cell_size_m = 10.0
+[terrain]
+kind = "raster"
+file = FILE
+vertical_datum = "EGM96"
+[home]
+lat_deg = 46.55
+lon_deg = 8.03
+[sensor]
+kind = "nadir-camera"
+fov_deg = 70.0
+range_m = 200.0
+[limits]
+min_height_agl_m = 40.0
+max_height_agl_m = 120.0
+"""
+
+
+@pytest.mark.parametrize(
+    "file", ['"tiles"', '"tiles/*.tif"', '["tiles/tile-0-0.tif", "tiles/tile-0-1.tif", "tiles/tile-1-0.tif"]']
+)
+def test_a_scenario_names_tiles_and_keeps_which(whole, tmp_path, file):
+    cut(whole, tmp_path / "tiles", parts=2)
+    scenario = parse_scenario(SCENARIO.replace("FILE", file), source="a", folder=tmp_path)
+    assert isinstance(scenario.terrain.file, tuple)
+    assert all(name.endswith(".tif") for name in scenario.terrain.file)
+
+
+def other_crs(folder):
+    write_dem(
+        folder / "z.tif", np.random.default_rng(5), lat_deg=LAT, lon_deg=LON, epsg=2056, pixel_m=10.0, size_m=900.0
+    )
+
+
+def other_grid(folder):
+    with rasterio.open(folder / "tile-0-0.tif") as file:
+        values, profile = file.read(1), file.profile
+    profile["transform"] @= Affine.translation(0.4, 0.0)
+    with rasterio.open(folder / "z.tif", "w", **profile) as out:
+        out.write(values, 1)
+
+
+def other_unit(folder):
+    with rasterio.open(folder / "tile-0-0.tif", "r+") as file:
+        file.units = ("ft",)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (other_crs, "has another coordinate system than"),
+        (other_grid, "its pixels lie on another grid than"),
+        (other_unit, "has another unit than"),
+        (lambda folder: (folder / "tile-0-0.tif").write_bytes(b"no raster"), "cannot be read as elevation data"),
+        (lambda folder: (folder / "tile-0-0.tif").write_bytes(b""), "the file is empty"),
+    ],
+)  # fmt: skip
+def test_tiles_that_do_not_belong_together(whole, tmp_path, spoil, words):
+    folder = cut(whole, tmp_path / "tiles", parts=2)
+    spoil(folder)
+    with pytest.raises(TerrainError, match=words) as caught:
+        ground_of(TerrainSource(find_tiles(["tiles"], folder=tmp_path, around=AROUND)))
+    assert "\n" not in str(caught.value)
+
+
+def test_bad_folders_patterns_and_zips(tmp_path, monkeypatch):
+    (tmp_path / "empty").mkdir()
+    for name in ("empty", "none/*.tif"):
+        with pytest.raises(TerrainError, match=r"has no tile .*; give files, a folder or a pattern that has"):
+            find_tiles([name], folder=tmp_path, around=None)
+    monkeypatch.setattr(terrain_source, "MAX_TILES", 1)
+    for name in ("a.tif", "b.tif"):
+        (tmp_path / "empty" / name).write_bytes(b"x")
+    with pytest.raises(TerrainError, match="2 tiles, more than 1"):
+        find_tiles(["empty"], folder=tmp_path, around=None)
+    zips = {
+        "none.zip": ([("a.txt", b"x")], "holds 0 elevation files"),
+        "two.zip": ([("a.hgt", b"x"), ("b.hgt", b"x")], "holds 2 elevation files"),
+        "bomb.zip": ([("a.hgt", bytes(10_000_000))], "times its packed size; unpack it if you trust it"),
+    }
+    for name, (entries, words) in zips.items():
+        with zipfile.ZipFile(tmp_path / name, "w", zipfile.ZIP_DEFLATED) as archive:
+            for entry, data in entries:
+                archive.writestr(entry, data)
+        with pytest.raises(TerrainError, match=words):
+            ground_of(tmp_path / name)
+    (tmp_path / "bad.zip").write_bytes(b"no zip")
+    with pytest.raises(TerrainError, match="cannot be opened as a zip file"):
+        ground_of(tmp_path / "bad.zip")

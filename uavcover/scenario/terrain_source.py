@@ -1,0 +1,256 @@
+"""Where elevation data comes from: a file, a zipped file, or tiles side by side, which GDAL then sees as one raster."""
+
+import hashlib
+import zipfile
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape
+
+import numpy as np
+import rasterio
+import rasterio.errors
+from rasterio.warp import transform_bounds
+
+from uavcover.errors import TerrainError
+
+_TILES = (".tif", ".tiff", ".hgt", ".img", ".asc", ".dt1", ".dt2", ".zip")
+_ZIPPED = (".hgt", ".tif", ".tiff", ".asc", ".img")
+MAX_TILES = 400
+"""Of a folder or a pattern; each is opened once to see where it is."""
+MAX_ZIP_ENTRIES, MAX_ZIP_BYTES, MAX_ZIP_RATIO = 500, 2_000_000_000, 200.0
+_AROUND_DEG = 0.05
+"""Tiles farther from area and home are left out; a fence is seldom 5 km wide."""
+_OFF_GRID = 0.01
+
+Bounds = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class TerrainSource:
+    """One or more files whose pixels lie on one grid."""
+
+    files: tuple[Path, ...]
+
+    def __str__(self) -> str:
+        more = len(self.files) - 1
+        return str(self.files[0]) if not more else f"{self.files[0]} and {more} more"
+
+    @property
+    def name(self) -> str:
+        """Name of the file, or of the first one."""
+        more = len(self.files) - 1
+        return self.files[0].name if not more else f"{self.files[0].name} and {more} more"
+
+    def opened(self) -> AbstractContextManager[Any]:
+        """The raster, open.
+
+        Raises:
+            TerrainError: a file is not there, empty, or lies on another grid than the first.
+            rasterio.errors.RasterioError, OSError: it cannot be read.
+        """
+        for file in self.files:
+            if not file.is_file():
+                raise TerrainError(f"{file}: no such file (terrain.file is relative to the scenario file)")
+            if file.stat().st_size == 0:
+                raise TerrainError(f"{file}: the file is empty")
+        name = _gdal_name(self.files[0]) if len(self.files) == 1 else _mosaic(self.files)
+        return rasterio.open(name)  # type: ignore[no-any-return]
+
+    def sha256(self) -> str:
+        """Hash of the data: of a file, or of the names and hashes of all files that GDAL reads for it.
+
+        A world file or an ``.aux.xml`` beside it shifts or scales the heights, and a virtual raster keeps them in other files.
+
+        Raises:
+            OSError: a file, or one that it needs, cannot be read.
+        """
+        files = set(self.files)
+        for file in self.files:
+            try:
+                with rasterio.open(file) as dataset:
+                    files |= {Path(name) for name in dataset.files if Path(name).is_file()}
+            except rasterio.errors.RasterioError:
+                continue
+        if len(files) == 1:
+            return _sha256(self.files[0])
+        names = [f"{file.name} {_sha256(file)}\n" for file in sorted(files)]
+        return hashlib.sha256("".join(names).encode()).hexdigest()
+
+
+def as_source(source: "Path | TerrainSource") -> TerrainSource:
+    """A file, or several, as a source."""
+    return source if isinstance(source, TerrainSource) else TerrainSource((source,))
+
+
+def find_tiles(names: Sequence[str], *, folder: Path, around: Bounds | None) -> tuple[Path, ...]:
+    """The files that names mean: a file, a folder of tiles, a pattern such as ``tiles/*.hgt``, or several of them.
+
+    Args:
+        names: as the scenario has them.
+        folder: base of relative paths.
+        around: west, south, east, north in degrees of what is needed; of several files only those near it are taken.
+
+    Raises:
+        TerrainError: a folder or a pattern has no tile, has too many, or none of the tiles is near.
+    """
+    found: list[Path] = []
+    for name in names:
+        path = (folder / name).resolve()
+        if path.is_dir():
+            tiles = sorted(tile for tile in path.iterdir() if tile.suffix.lower() in _TILES)
+        elif any(sign in name for sign in "*?[") and not path.exists():
+            pattern = Path(name)
+            base = Path(pattern.anchor) if pattern.is_absolute() else folder
+            tiles = sorted(
+                tile.resolve() for tile in base.glob(str(pattern.relative_to(pattern.anchor))) if tile.is_file()
+            )
+        else:
+            found.append(path)
+            continue
+        if not tiles:
+            raise TerrainError(
+                f"terrain.file: {name} has no tile ({', '.join(_TILES)}); give files, a folder or a pattern that has"
+            )
+        found += tiles
+    found = list(dict.fromkeys(found))
+    if len(found) > MAX_TILES:
+        raise TerrainError(f"terrain.file: {len(found)} tiles, more than {MAX_TILES}; give those of the area")
+    if len(found) > 1 and around is not None:
+        near = [tile for tile in found if _is_near(tile, around)]
+        if not near:
+            west, south, east, north = around
+            raise TerrainError(
+                f"terrain.file: none of {len(found)} tiles is near the area (latitude {south:.3f} to {north:.3f}, "
+                f"longitude {west:.3f} to {east:.3f}); give the tiles of that place"
+            )
+        found = near
+    return tuple(found)
+
+
+def _is_near(tile: Path, around: Bounds) -> bool:
+    west, south, east, north = around
+    try:
+        with rasterio.open(_gdal_name(tile)) as dataset:
+            if dataset.crs is None:
+                return True
+            bounds = transform_bounds(dataset.crs, "EPSG:4326", *dataset.bounds)
+    except (rasterio.errors.RasterioError, OSError):
+        return True  # its own error tells more
+    low, bottom, high, top = bounds
+    high += 360.0 if high < low else 0.0
+    margin = _AROUND_DEG
+    if bottom > north + margin or top < south - margin:
+        return False
+    return any(low + turn <= east + margin and high + turn >= west - margin for turn in (-360.0, 0.0, 360.0))
+
+
+def _gdal_name(file: Path) -> str:
+    """What GDAL opens: the file, or the only raster inside a zip."""
+    if file.suffix.lower() != ".zip":
+        return str(file)
+    try:
+        with zipfile.ZipFile(file) as archive:
+            entries = archive.infolist()
+    except (zipfile.BadZipFile, OSError) as error:
+        raise TerrainError(f"{file}: cannot be opened as a zip file ({error}); unpack it") from error
+    rasters = [entry for entry in entries if entry.filename.lower().endswith(_ZIPPED)]
+    if len(entries) > MAX_ZIP_ENTRIES or len(rasters) != 1:
+        raise TerrainError(
+            f"{file}: holds {len(rasters)} elevation files in {len(entries)} entries, not one; unpack it"
+        )
+    (entry,) = rasters
+    ratio = entry.file_size / max(entry.compress_size, 1)
+    if entry.file_size > MAX_ZIP_BYTES or ratio > MAX_ZIP_RATIO:
+        raise TerrainError(
+            f"{file}: {entry.filename} unpacks to {entry.file_size:,} bytes, {ratio:.0f} times its packed size; "
+            "unpack it if you trust it"
+        )
+    return f"/vsizip/{file}/{entry.filename}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Tile:
+    file: Path
+    name: str
+    wkt: str
+    transform: Any
+    size: tuple[int, int]
+    nodata: float | None
+    unit: str
+    scale: tuple[float, float]
+
+
+def _mosaic(files: Sequence[Path]) -> str:
+    """A virtual raster of tiles, pixel by pixel as they are; where there is none, there is no data."""
+    tiles = [_tile(file) for file in files]
+    first = tiles[0]
+    a, b, c, d, e, f = tuple(first.transform)[:6]
+    if b or d:
+        raise TerrainError(
+            f"{first.file}: its grid is turned, which tiles side by side must not be; merge them first (gdalwarp)"
+        )
+    corners = []
+    for tile in tiles:
+        for what, mine, other in (
+            ("coordinate system", tile.wkt, first.wkt), ("unit", tile.unit, first.unit), ("scale", tile.scale, first.scale),
+        ):  # fmt: skip
+            if mine != other:
+                raise TerrainError(
+                    f"{tile.file}: has another {what} than {first.file.name}; merge the tiles first (gdalbuildvrt, gdalwarp)"
+                )
+        other_grid = tuple(tile.transform)[:6]
+        size_differs = not np.allclose([other_grid[k] for k in (0, 1, 3, 4)], (a, b, d, e), rtol=1e-6, atol=0.0)
+        column, row = (tile.transform.c - c) / a, (tile.transform.f - f) / e
+        if size_differs or max(abs(column - round(column)), abs(row - round(row))) > _OFF_GRID:
+            raise TerrainError(
+                f"{tile.file}: its pixels lie on another grid than {first.file.name}; merge the tiles first (gdalwarp)"
+            )
+        corners.append((round(column), round(row)))
+    left, top = min(x for x, _ in corners), min(y for _, y in corners)
+    width = max(x + t.size[0] for (x, _), t in zip(corners, tiles, strict=True)) - left
+    height = max(y + t.size[1] for (_, y), t in zip(corners, tiles, strict=True)) - top
+    sources = "".join(_source(tile, x - left, y - top) for tile, (x, y) in zip(tiles, corners, strict=True))
+    scale, offset = first.scale
+    return (
+        f'<VRTDataset rasterXSize="{width}" rasterYSize="{height}"><SRS>{escape(first.wkt)}</SRS>'
+        f"<GeoTransform>{c + a * left!r},{a!r},0.0,{f + e * top!r},0.0,{e!r}</GeoTransform>"
+        '<VRTRasterBand dataType="Float64" band="1"><NoDataValue>nan</NoDataValue>'
+        f"<UnitType>{escape(first.unit)}</UnitType><Scale>{scale!r}</Scale><Offset>{offset!r}</Offset>"
+        f"{sources}</VRTRasterBand></VRTDataset>"
+    )
+
+
+def _tile(file: Path) -> _Tile:
+    name = _gdal_name(file)
+    try:
+        with rasterio.open(name) as dataset:
+            if dataset.crs is None:
+                raise TerrainError(
+                    f"{file}: has no coordinate reference system; assign the right one (gdal_edit.py -a_srs)"
+                )
+            scale = (float(dataset.scales[0]), float(dataset.offsets[0]))
+            return _Tile(
+                file, name, dataset.crs.to_wkt(), dataset.transform, (dataset.width, dataset.height), dataset.nodata,
+                dataset.units[0] or "", scale,
+            )  # fmt: skip
+    except (rasterio.errors.RasterioError, OSError) as error:
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+        raise TerrainError(f"{file}: cannot be read as elevation data ({reason})") from error
+
+
+def _source(tile: _Tile, column: int, row: int) -> str:
+    width, height = tile.size
+    nodata = "" if tile.nodata is None else f"<NODATA>{tile.nodata!r}</NODATA>"
+    return (
+        f'<ComplexSource><SourceFilename relativeToVRT="0">{escape(tile.name)}</SourceFilename><SourceBand>1</SourceBand>'
+        f'<SrcRect xOff="0" yOff="0" xSize="{width}" ySize="{height}"/>'
+        f'<DstRect xOff="{column}" yOff="{row}" xSize="{width}" ySize="{height}"/>{nodata}</ComplexSource>'
+    )
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
