@@ -171,6 +171,89 @@ def test_lists(cli):
     assert "dji-m350-rtk" in cli("new", "--vehicle", "list", "--json").document["vehicles"]
 
 
+def with_lake(folder, place, *, half_m):
+    """The elevation model with a square without data in the middle."""
+    path = dem_at(folder, place, steepest=0.2)
+    with rasterio.open(path, "r+") as file:
+        values = file.read(1)
+        middle, half = len(values) // 2, round(half_m / PLACES[place][3])
+        values[middle - half : middle + half, middle - half : middle + half] = -9999.0
+        file.nodata = -9999.0
+        file.write(values, 1)
+    return path
+
+
+LAKE_PLACE = "southern hemisphere, UTM"
+
+
+def test_a_lake_in_a_hole_does_not_matter(cli, tmp_path):
+    dem = with_lake(tmp_path, LAKE_PLACE, half_m=50.0)
+    area = written.kml(tmp_path / "a.kml", square_parts(LAKE_PLACE))
+    ended = cli("new", area, *options(dem), "-o", tmp_path / "s.toml")
+    assert ended.code == 0, ended.err
+    assert "gaps in holes of the area" in ended.err
+    site = load_site(tmp_path / "s.toml")
+    assert 100.0 <= site.scenario.terrain.fill_no_data_m <= 150.0
+    assert np.isfinite(site.ground.heights_m(site.area.centroid.coords[0])).all()
+
+
+def test_a_lake_in_the_area_is_asked_about(cli, tmp_path):
+    dem = with_lake(tmp_path, LAKE_PLACE, half_m=50.0)
+    area = written.kml(tmp_path / "a.kml", square_parts(LAKE_PLACE, hole=False))
+    ended = cli("new", area, *options(dem), "-o", tmp_path / "s.toml")
+    assert ended.code == 2
+    assert "inside the area; --fill-lakes 130m interpolates the gap; or cut it out of the area" in ended.error
+    assert cli("new", area, *options(dem), "-o", tmp_path / "s.toml", "--fill-lakes", "130m").code == 0
+    assert load_scenario(tmp_path / "s.toml").terrain.fill_no_data_m == 130.0
+
+
+def test_tiles_bands_and_feet_reach_the_scenario(cli, tmp_path):
+    dem = dem_at(tmp_path, LAKE_PLACE, steepest=0.2)
+    with rasterio.open(dem) as file:
+        values, profile = file.read(1), file.profile
+    (tmp_path / "tiles").mkdir()
+    half = len(values) // 2
+    for name, rows in (("north", slice(0, half + 1)), ("south", slice(half, None))):
+        part = values[rows].astype(np.float64) / 0.3048
+        own = {
+            **profile, "count": 2, "dtype": "float64", "height": len(part),
+            "transform": profile["transform"] @ Affine.translation(0, rows.start),
+        }  # fmt: skip
+        with rasterio.open(tmp_path / "tiles" / f"{name}.tif", "w", **own) as out:
+            out.write(np.zeros_like(part), 1)
+            out.write(part, 2)
+            out.set_band_description(2, "Elevation")
+    area = written.kml(tmp_path / "a.kml", square_parts(LAKE_PLACE))
+    ways = (
+        ("--dem", tmp_path / "tiles"),
+        ("--dem", tmp_path / "tiles" / "north.tif", "--dem", tmp_path / "tiles" / "south.tif"),
+    )
+    for number, dems in enumerate(ways):
+        path = tmp_path / f"{number}.toml"
+        ended = cli(
+            "new",
+            area,
+            *dems,
+            "--camera",
+            "m3e",
+            "--gsd",
+            "3cm",
+            "--band",
+            "elevation",
+            "--height-unit",
+            "FT",
+            "-o",
+            path,
+        )
+        assert ended.code == 0, ended.err
+        assert cli("new", area, *options(dem), "-o", tmp_path / "whole.toml", "--force").code == 0
+        tiles, whole = load_site(path), load_site(tmp_path / "whole.toml")
+        places = np.random.default_rng(1).uniform(-250.0, 250.0, (500, 2))
+        assert np.allclose(tiles.ground.heights_m(places), whole.ground.heights_m(places), atol=1e-3)
+    ended = cli("new", area, *ways[0], "--camera", "m3e", "--gsd", "3cm", "--band", "dtm", "-o", tmp_path / "b.toml")
+    assert "has no band 'dtm'; terrain.band is one of: 1, 2 Elevation" in ended.error
+
+
 BAD = {
     "nothing": ((), "give an area, such as area.kml"),
     "no options": (("AREA",), "an area needs --dem dem.tif, --camera NAME, --gsd 2.5cm as well"),
@@ -218,6 +301,10 @@ BAD = {
     "mount": (("AREA", "OPTIONS", "--mount", "loose"), "give stabilised (a gimbal) or fixed"),
     "datum": (("AREA", "OPTIONS", "--vertical-datum", "NN"), "give EGM96 (SRTM) or EGM2008 (Copernicus)"),
     "autopilot": (("AREA", "OPTIONS", "--autopilot", "dji"), "neither ardupilot nor px4"),
+    "height unit": (("AREA", "OPTIONS", "--height-unit", "yard"), "give m, ft or us-ft"),
+    "band": (("AREA", "OPTIONS", "--band", "7"), "has no band '7'; terrain.band is one of: 1"),
+    "lakes": (("AREA", "OPTIONS", "--fill-lakes", "all"), "write it as 200m"),
+    "no tiles": (("AREA", "--dem", "none/*.hgt", "--camera", "m3e", "--gsd", "3cm"), "none/*.hgt has no tile"),
     "feature": (("AREA", "OPTIONS", "--feature", "feild 1"), "did you mean 'field 1'?"),
     "layer": (("AREA", "OPTIONS", "--layer", "x"), "leave the option out"),
     "crs": (("AREA", "OPTIONS", "--crs", "EPSG:x"), "write it as EPSG:32632"),

@@ -58,6 +58,19 @@ class SurveyOptions:
     vertical_datum: Annotated[
         str | None, typer.Option("--vertical-datum", help="Of the elevation data: EGM96 or EGM2008.", metavar="DATUM")
     ] = None
+    height_unit: Annotated[
+        str | None,
+        typer.Option(
+            "--height-unit", help="Of the elevation data, where it does not say: m, ft, us-ft.", metavar="UNIT"
+        ),
+    ] = None
+    band: Annotated[
+        str | None, typer.Option("--band", help="Number or name of the elevation data's band; default: the first.")
+    ] = None
+    fill_lakes: Annotated[
+        str | None,
+        typer.Option("--fill-lakes", help="Interpolate gaps of the elevation data up to this long.", metavar="LENGTH"),
+    ] = None
     layer: Annotated[str | None, typer.Option("--layer", help="Layer or folder of the area's file.")] = None
     feature: Annotated[
         str | None, typer.Option("--feature", help="Name or number (from 1) of one feature of the area's file.")
@@ -90,4 +103,5 @@ class SurveyOptions:
             area=query, dem=tuple(self.dem or ()), camera=self.camera, gsd=self.gsd, overlap=self.overlap, battery=self.battery,
             vehicle=self.vehicle, home=self.home, max_height=self.max_height, speed=self.speed, margin=self.margin,
             mount=self.mount, vertical_datum=self.vertical_datum, autopilot=autopilot,
+            height_unit=self.height_unit, band=self.band, fill_lakes=self.fill_lakes,
         )  # fmt: skip

@@ -10,6 +10,7 @@ from pathlib import Path
 from uavcover.intake.survey import USUAL_CEILING_M, SurveyDesign
 from uavcover.model.area import Rings
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
+from uavcover.scenario.terrain_source import TerrainSource
 
 _COMMENT_AT = 44
 _TRANSIT_CLEARANCE_M = 25.0
@@ -26,6 +27,7 @@ class SurveyScenario:
         query: how the area was asked for.
         area: what was read.
         terrain_files: the elevation data: files, folders or patterns.
+        terrain: how they are read.
         vertical_datum: of its heights.
         datum_is_stated: whether the file, or the user, says so.
         design: heights, distances, speed.
@@ -41,6 +43,7 @@ class SurveyScenario:
     query: AreaQuery
     area: FoundArea
     terrain_files: tuple[str, ...]
+    terrain: TerrainSource
     vertical_datum: str
     datum_is_stated: bool
     design: SurveyDesign
@@ -141,12 +144,22 @@ def _relative(path: Path, folder: Path) -> str:
 def _terrain(scenario: SurveyScenario, folder: Path) -> list[str]:
     names = [_relative(Path(name), folder) for name in scenario.terrain_files]
     stated = "as the file says" if scenario.datum_is_stated else "above sea level; the file does not say more: check it"
-    return [
+    source = scenario.terrain
+    lines = [
         "[terrain]",
         _line("kind", "raster", "an elevation model"),
         _line("file", names[0] if len(names) == 1 else names, "relative to this file"),
         _line("vertical_datum", scenario.vertical_datum, stated),
     ]
+    if source.band is not None:
+        lines.append(_line("band", source.band, "as given on the command line"))
+    if source.height_unit is not None:
+        lines.append(_line("height_unit", source.height_unit, "as given on the command line"))
+    if source.fill_no_data_m > 0.0:
+        lines.append(
+            _line("fill_no_data_m", source.fill_no_data_m, "gaps up to this long are interpolated from their rim")
+        )
+    return lines
 
 
 def _home(scenario: SurveyScenario) -> list[str]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from scipy import ndimage
 
 from uavcover.errors import InputError, TerrainError
 from uavcover.kernels.arrays import FloatArray
@@ -13,7 +14,10 @@ from uavcover.scenario.elevation_file import read_height_amsl_m, read_heights_am
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.terrain_source import TerrainSource
 
-_GRID = 60
+_GRID, _GAP_GRID = 60, 160
+_ROUND_M = 10.0
+_RIM_SHARE = 0.25
+"""Of a gap that may lie in the area beside a hole: shores are drawn by hand."""
 _EDGE_STEPS = 240
 _SLOPE_REACH_M = 15.0
 _HOME_SLOPE_DEG = 8.0
@@ -32,6 +36,7 @@ class TerrainLook:
         lowest_amsl_m: lowest ground in and around it.
         highest_amsl_m: highest ground there.
         slope_deg: slope that 95 % of its ground stays below.
+        gap_m: length, rounded up, of the largest gap in the elevation data that lies in holes of the area alone; 0 without one.
         datums: the vertical datums that the file may have; one when it names it.
     """
 
@@ -41,6 +46,7 @@ class TerrainLook:
     lowest_amsl_m: float
     highest_amsl_m: float
     slope_deg: float
+    gap_m: float
     datums: tuple[str, ...]
 
 
@@ -75,9 +81,47 @@ def look_at_terrain(file: TerrainSource, parts: tuple[Rings, ...], *, where: str
     sampled = places[inside] if inside.any() else shapely.get_coordinates(area.representative_point())
     slopes = _slopes_deg(file, datums[0], frame, sampled)
     slope = float(np.nanpercentile(slopes, 95.0)) if np.isfinite(slopes).any() else 0.0
+    gap_m = _gaps_in_holes_m(file, datums[0], frame, area, where=where)
     return TerrainLook(
-        frame, area, float(area.area), float(np.nanmin(heights)), float(np.nanmax(heights)), slope, datums
+        frame, area, float(area.area), float(np.nanmin(heights)), float(np.nanmax(heights)), slope, gap_m, datums
     )  # fmt: skip
+
+
+def _gaps_in_holes_m(
+    file: TerrainSource, datum: str, frame: LocalFrame, area: shapely.MultiPolygon, *, where: str
+) -> float:
+    """Length of the largest gap in the data that lies, but for its rim, outside the area; a gap inside it is refused.
+
+    Raises:
+        InputError: there is no elevation under a part of the area.
+    """
+    west, south, east, north = area.bounds
+    easts, norths = np.linspace(west, east, _GAP_GRID), np.linspace(south, north, _GAP_GRID)
+    places = np.stack(np.meshgrid(easts, norths), axis=-1).reshape(-1, 2)
+    gaps = np.isnan(_heights(file, datum, frame, places)) & shapely.contains_xy(
+        area.convex_hull, places[:, 0], places[:, 1]
+    )
+    if not gaps.any():
+        return 0.0
+    covered = shapely.contains_xy(area, places[:, 0], places[:, 1]).reshape(_GAP_GRID, _GAP_GRID)
+    labels, _ = ndimage.label(gaps.reshape(_GAP_GRID, _GAP_GRID), structure=np.ones((3, 3)))
+    steps_m = np.array([norths[1] - norths[0], easts[1] - easts[0]])
+    largest_m = 0.0
+    for number, place in enumerate(ndimage.find_objects(labels), start=1):
+        gap = labels[place] == number
+        length_m = _ROUND_M * math.ceil(float(max(np.array(gap.shape) * steps_m)) / _ROUND_M + 2.0)
+        inside = gap & covered[place]
+        if inside.mean(where=gap) > _RIM_SHARE:
+            if length_m > file.fill_no_data_m:
+                row, column = np.argwhere(inside)[0] + (place[0].start, place[1].start)
+                lat, lon, _ = frame.geodetic_from_enu([[easts[column], norths[row], 0.0]])
+                raise InputError(
+                    f"{where}: no elevation in {file} at latitude {lat[0]:.5f}, longitude {lon[0]:.5f}, inside the area; "
+                    f"--fill-lakes {length_m:g}m interpolates the gap; or cut it out of the area, or give other data"
+                )
+        else:
+            largest_m = max(largest_m, length_m)
+    return largest_m
 
 
 def known_margin_m(file: TerrainSource, look: TerrainLook, wanted_m: float) -> float:

@@ -52,6 +52,7 @@ PlannerAlgorithm = Literal["memetic", "local-search", "imodbo", "modbo", "nsga2"
 Objective = Literal["mission-time", "flight-time", "length"]
 InitialRoute = Literal["boustrophedon", "greedy-set-cover", "set-cover", "exact-set-cover"]
 VerticalDatum = Literal["EGM96", "EGM2008", "WGS84-ellipsoid"]
+HeightUnit = Literal["m", "ft", "us-ft"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +64,9 @@ class RasterTerrain:
         file: a path relative to the scenario file, or ``bundled:NAME`` for data that comes with the package; or a folder of
             tiles, a pattern such as "tiles/*.hgt", a zipped tile, or a list of these.
         vertical_datum: reference of the heights. Ellipsoid heights are refused where sea-level heights are needed.
+        band: number or name of the band with the heights; default: the first.
+        height_unit: unit of the heights, where the file does not say; default: metres, or what the file says.
+        fill_no_data_m: gaps without data up to this long, such as lakes, are closed by interpolation from their rim.
         grid_step_m: step of a square grid to resample the data to; default: none, the ground keeps the file's pixels.
     """
 
@@ -71,10 +75,19 @@ class RasterTerrain:
     kind: Literal["raster"]
     file: str | tuple[str, ...]
     vertical_datum: VerticalDatum
+    band: int | str | None = None
+    height_unit: HeightUnit | None = None
+    fill_no_data_m: float = 0.0
     grid_step_m: float | None = None
 
     def __post_init__(self) -> None:
         require(bool(self.file), "file: is empty; give an elevation file")
+        require(not isinstance(self.band, int) or self.band >= 1, f"band: {self.band} is below 1, the first band")
+        require_not_negative(fill_no_data_m=self.fill_no_data_m)
+        require(
+            self.fill_no_data_m == 0.0 or self.grid_step_m is None,
+            "fill_no_data_m: goes with the file's own pixels; leave grid_step_m out",
+        )
         if self.grid_step_m is not None:
             require_positive(grid_step_m=self.grid_step_m)
 

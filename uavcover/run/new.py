@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import get_args
 
 import shapely
 
@@ -13,6 +14,7 @@ from uavcover.intake.scenario_text import SurveyScenario, name_of, return_height
 from uavcover.intake.survey import SurveyDesign, SurveyWish, design_survey
 from uavcover.intake.terrain_look import DATUMS, TerrainLook, known_margin_m, look_at_terrain, place_for_home
 from uavcover.intake.vehicles import vehicle_named
+from uavcover.model.scenario import HeightUnit
 from uavcover.model.vehicle import autopilot_name
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
@@ -51,6 +53,9 @@ class NewRequest:
         mount: "stabilised" or "fixed".
         vertical_datum: "EGM96" or "EGM2008".
         autopilot: "ardupilot" or "px4".
+        height_unit: of the elevation data: "m", "ft" or "us-ft".
+        band: its band, number or name.
+        fill_lakes: gaps up to this long are interpolated, as "200m".
     """
 
     area: AreaQuery
@@ -67,6 +72,9 @@ class NewRequest:
     mount: str | None = None
     vertical_datum: str | None = None
     autopilot: str | None = None
+    height_unit: str | None = None
+    band: str | None = None
+    fill_lakes: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,15 +109,16 @@ def new_scenario(request: NewRequest, user: User, *, folder: Path) -> NewScenari
     for note in area.notes:
         user.warn(f"{request.area.source}: {note}")
     wish = _wish(request)
-    dem = _terrain(request.dem, area)
+    dem = _terrain(request, area)
     look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=_AROUND_M)
+    dem = _over_lakes(dem, look, user)
     design = design_survey(wish, slope_deg=look.slope_deg, area_m2=look.area_m2)
     design = _inside_data(design, dem, look, user)
     datum, stated = _datum(request, look, user)
     home = place_for_home(dem, look) if request.home is None else _near(request.home, look)
     vehicle = wish.vehicle
     scenario = SurveyScenario(
-        name=name_of(area.name), query=request.area, area=area, terrain_files=request.dem,
+        name=name_of(area.name), query=request.area, area=area, terrain_files=request.dem, terrain=dem,
         vertical_datum=datum, datum_is_stated=stated,
         design=design, home=home, home_is_given=request.home is not None,
         return_height_m=return_height_m(look.highest_amsl_m, _home_height_m(dem, datum, home)), slope_deg=look.slope_deg,
@@ -220,20 +229,35 @@ def _wish(request: NewRequest) -> SurveyWish:
     )  # fmt: skip
 
 
-def _terrain(names: tuple[str, ...], area: FoundArea) -> TerrainSource:
+def _terrain(request: NewRequest, area: FoundArea) -> TerrainSource:
     """The files of the elevation data that are near the area."""
     outlines = [place for rings in area.parts for place in rings[0]]
     lons, lats = [place[0] for place in outlines], [place[1] for place in outlines]
     if max(lons) - min(lons) > 180.0:
         lons = [lon + 360.0 if lon < 0.0 else lon for lon in lons]
     try:
-        files = find_tiles(names, folder=Path(), around=(min(lons), min(lats), max(lons), max(lats)))
+        files = find_tiles(request.dem, folder=Path(), around=(min(lons), min(lats), max(lons), max(lats)))
     except TerrainError as error:
         raise InputError(f"--dem: {str(error).removeprefix('terrain.file: ')}") from error
     missing = [file for file in files if not file.is_file()]
     if missing:
         raise InputError(f"--dem: {missing[0]}: no such file; give the elevation data of the area, such as dem.tif")
-    return TerrainSource(files)
+    unit = None if request.height_unit is None else request.height_unit.casefold()
+    if unit not in (None, *get_args(HeightUnit)):
+        raise InputError(f"--height-unit: {request.height_unit!r} is not known; give m, ft or us-ft")
+    filled_m = request.fill_lakes and quantities.length_m(request.fill_lakes, option="--fill-lakes", example="200m")
+    return TerrainSource(files, band=request.band, height_unit=unit, fill_no_data_m=filled_m or 0.0)
+
+
+def _over_lakes(dem: TerrainSource, look: TerrainLook, user: User) -> TerrainSource:
+    """Gaps in holes of the area are never looked at but crossed: they are interpolated without being asked for."""
+    if look.gap_m == 0.0 or dem.fill_no_data_m >= look.gap_m:
+        return dem
+    user.warn(
+        f"the elevation data has gaps in holes of the area, up to {look.gap_m:.0f} m long: they are interpolated "
+        "from their rim, and flights may cross them"
+    )
+    return replace(dem, fill_no_data_m=look.gap_m)
 
 
 def _inside_data(design: SurveyDesign, dem: TerrainSource, look: TerrainLook, user: User) -> SurveyDesign:

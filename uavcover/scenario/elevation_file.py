@@ -1,6 +1,7 @@
 """Elevation files, read by rasterio in any format and any CRS. Pixels are used as they are, without resampling."""
 
 import dataclasses
+import logging
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,8 +21,12 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.grid import GridFrame, places_on_grid
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground, grid_ground, ground_of_nodes
+from uavcover.scenario.no_data import fill_gaps
 from uavcover.scenario.pixel_frame import STRAIGHT_WITHIN_M, Bounds, finish_frame, fit_frame, node_ups_m
 from uavcover.scenario.terrain_source import TerrainSource, as_source
+from uavcover.scenario.vertical import SEA_LEVEL_DATUMS, unit_of_heights_m
+
+_log = logging.getLogger(__name__)
 
 LOWEST_PLAUSIBLE_M, HIGHEST_PLAUSIBLE_M = -500.0, 9000.0
 MAX_NODES = 40_000_000
@@ -29,20 +34,14 @@ MAX_ERROR_M = 0.1
 """Largest permitted difference between the ground and its file's own surface."""
 _BLOCKS, _PIXELS_OF_BLOCK, _PLACES_OF_BLOCK = 60, 40.0, 400
 _ABOVE_M = 120.0
-_FOOT_M, _SURVEY_FOOT_M = 0.3048, 1200.0 / 3937.0
-_UNITS_M = {
-    **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
-    **dict.fromkeys(("ft", "foot", "feet", "international foot"), _FOOT_M),
-    **dict.fromkeys(("us-ft", "ftus", "us survey foot", "foot_us", "us survey feet"), _SURVEY_FOOT_M),
-}
-_SEA_LEVEL_DATUMS = {"EGM96": ("egm96", "5773"), "EGM2008": ("egm2008", "3855")}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Raster:
     """An open, checked file.
 
-    ``full_turn`` is 360 degrees in the unit of its longitudes, 0 if it has none; ``unit_m`` its unit of heights in metres.
+    ``full_turn`` is 360 degrees in the unit of its longitudes, 0 if it has none; ``unit_m`` the unit of its heights in metres,
+    ``band`` their band.
     """
 
     path: TerrainSource
@@ -51,6 +50,7 @@ class _Raster:
     vertical_datum: str
     full_turn: float
     unit_m: float
+    band: int
 
     def pixels_at(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
         """(n, 2) column and row, integers at pixel centres, of geodetic positions less than half the Earth apart."""
@@ -100,16 +100,17 @@ class _Raster:
     def read(self, window: Window) -> FloatArray:
         """(rows, columns) heights above sea level, NaN where there is no data."""
         with _readable(self.path):
-            masked = self.dataset.read(1, window=window, masked=True)
-        scaled = (masked.astype(float) * self.dataset.scales[0] + self.dataset.offsets[0]) * self.unit_m
-        pixels = np.asarray(scaled.filled(np.nan), dtype=float)
+            masked = self.dataset.read(self.band, window=window, masked=True)
+        scaled = masked.astype(float) * self.dataset.scales[self.band - 1] + self.dataset.offsets[self.band - 1]
+        pixels = np.asarray(scaled.filled(np.nan), dtype=float) * self.unit_m
         pixels[~np.isfinite(pixels)] = np.nan
         wrong = (pixels < LOWEST_PLAUSIBLE_M) | (pixels > HIGHEST_PLAUSIBLE_M)
         if wrong.any():
             row, column = np.argwhere(wrong)[0] + (window.row_off, window.col_off)
             raise TerrainError(
                 f"{self.path}: a height of {pixels[wrong][0]:g} m in row {row}, column {column}; if that value "
-                "marks missing data, declare it as the no-data value of the file (gdal_edit.py -a_nodata)"
+                "marks missing data, declare it as the no-data value of the file (gdal_edit.py -a_nodata); "
+                'if heights are in feet, set terrain.height_unit = "ft"'
             )
         return pixels
 
@@ -126,7 +127,7 @@ def _readable(path: TerrainSource) -> Iterator[None]:
 @contextmanager
 def _open(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_Raster]:
     path = as_source(source)
-    if vertical_datum not in _SEA_LEVEL_DATUMS:
+    if vertical_datum not in SEA_LEVEL_DATUMS:
         raise TerrainError(
             f"terrain.vertical_datum: heights above the {vertical_datum} are not heights above sea level, which "
             "autopilots want; convert the file first (for example gdalwarp with -t_srs EPSG:4326+5773)"
@@ -147,42 +148,18 @@ def _open(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_Raster
                 f"{path}: positions cannot be brought to its coordinate reference system ({reason}); assign or convert to a "
                 "known one (gdalwarp -t_srs EPSG:4326)"
             ) from error
-        unit_m = _unit_m(path, crs, vertical_datum, dataset.units[0])
+        band = path.band_of(dataset)
+        stated, asked = dataset.units[band - 1], path.height_unit
+        unit_m = unit_of_heights_m(path, crs, vertical_datum, stated or asked)
+        if stated and asked and abs(unit_of_heights_m(path, crs, vertical_datum, asked) / unit_m - 1.0) > 1e-9:
+            raise TerrainError(f"{path}: says that its heights are in {stated}; leave terrain.height_unit out")
         _check_pixel_size(path, horizontal, dataset)
         turn = 2.0 * math.pi / horizontal.axis_info[0].unit_conversion_factor if horizontal.is_geographic else 0.0
         if dataset.count >= 3 and set(dataset.dtypes[:3]) == {"uint8"}:
             raise TerrainError(
                 f"{path}: is a picture ({dataset.count} bands of 8 bits), not heights; give the elevation model"
             )
-        yield _Raster(path, dataset, to_source, vertical_datum, turn, unit_m)
-
-
-def _unit_m(path: TerrainSource, crs: CRS, vertical_datum: str, unit: str | None) -> float:
-    """The unit of the heights in metres, once datum and unit are checked."""
-    unit_m = _UNITS_M.get((unit or "m").lower().strip())
-    if unit_m is None:
-        raise TerrainError(f"{path}: heights are in {unit!r}; convert them to metres first")
-    if crs.is_compound:
-        vertical = crs.sub_crs_list[1]
-        words = f"{vertical.name} {vertical.to_authority()}".lower()
-        if not any(word in words for word in _SEA_LEVEL_DATUMS[vertical_datum]):
-            raise _contradiction(path, vertical_datum, vertical.name)
-        axis = vertical.axis_info[0]
-        if unit and abs(axis.unit_conversion_factor / unit_m - 1.0) > 1e-3:
-            raise TerrainError(
-                f"{path}: heights are in {unit!r} and in {axis.unit_name!r}; convert them to metres first"
-            )
-        unit_m = float(axis.unit_conversion_factor)
-    elif len(crs.axis_info) == 3:
-        raise _contradiction(path, vertical_datum, f"heights above the ellipsoid of {crs.name}")
-    return unit_m
-
-
-def _contradiction(path: TerrainSource, vertical_datum: str, found: str) -> TerrainError:
-    return TerrainError(
-        f"terrain.vertical_datum: the scenario says {vertical_datum}, the file says {found} ({path}); correct the scenario, "
-        "or convert the file (gdalwarp with -t_srs EPSG:4326+5773 for EGM96, EPSG:4326+3855 for EGM2008)"
-    )
+        yield _Raster(path, dataset, to_source, vertical_datum, turn, unit_m, band)
 
 
 def _check_pixel_size(path: TerrainSource, crs: CRS, dataset: Any) -> None:
@@ -278,7 +255,7 @@ def _ground_of_pixels(raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> G
             "area, or coarser data (gdalwarp -tr)"
         )
     if min(columns, rows) >= 2:
-        up = raster.read(Window(first[0], first[1], columns, rows))
+        up = _filled(raster, raster.read(Window(first[0], first[1], columns, rows)), frame, first)
         up = node_ups_m(lambda pixels: raster.places_of(pixels + first), frame, up)
     else:
         first, up = np.zeros(2, dtype=np.int64), np.full((2, 2), np.nan)
@@ -292,6 +269,26 @@ def _ground_of_pixels(raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> G
         source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum, sha256=raster.path.sha256(),
         cut_error_m=2.0 * STRAIGHT_WITHIN_M,
     )  # fmt: skip
+
+
+def _filled(raster: _Raster, heights_m: FloatArray, frame: LocalFrame, first: NDArray[np.int64]) -> FloatArray:
+    """Heights whose gaps are closed as far as the scenario asks for it; says so."""
+    up_to_m = raster.path.fill_no_data_m
+    if up_to_m == 0.0 or not np.isnan(heights_m).any():
+        return heights_m
+    middle = first + 0.5 * np.array(heights_m.shape[::-1])
+    lat, lon = raster.places_of(middle + np.array([(0.0, 0.0), (0.0, 1.0), (1.0, 0.0)]))
+    places = frame.enu_from_geodetic(lat, lon, frame.alt_amsl_m)
+    height_m, width_m = np.linalg.norm(places[1:] - places[0], axis=1).tolist()
+    gaps = fill_gaps(heights_m, pixel_m=(height_m, width_m), up_to_m=up_to_m)
+    if gaps.count:
+        _log.warning(
+            "%s: %d gaps without data are interpolated, the largest %.0f m long",
+            raster.path,
+            gaps.count,
+            gaps.largest_m,
+        )
+    return gaps.heights_m
 
 
 def _pixels_needed(

@@ -108,7 +108,10 @@ def _given(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def terrain_source(terrain: RasterTerrain) -> TerrainSource:
     """The elevation files of a loaded scenario."""
     names = (terrain.file,) if isinstance(terrain.file, str) else terrain.file
-    return TerrainSource(tuple(_data_file(name, Path()) for name in names))
+    return TerrainSource(
+        tuple(_data_file(name, Path()) for name in names), band=terrain.band, height_unit=terrain.height_unit,
+        fill_no_data_m=terrain.fill_no_data_m,
+    )  # fmt: skip
 
 
 def _data_file(name: str, folder: Path) -> Path:

@@ -30,9 +30,19 @@ Bounds = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class TerrainSource:
-    """One or more files whose pixels lie on one grid."""
+    """One or more files whose pixels lie on one grid.
+
+    Attributes:
+        files: the files.
+        band: number or name of the band with the heights; none: the first.
+        height_unit: unit of the heights, where the files do not say.
+        fill_no_data_m: gaps without data up to this long are closed by interpolation.
+    """
 
     files: tuple[Path, ...]
+    band: int | str | None = None
+    height_unit: str | None = None
+    fill_no_data_m: float = 0.0
 
     def __str__(self) -> str:
         more = len(self.files) - 1
@@ -56,8 +66,16 @@ class TerrainSource:
                 raise TerrainError(f"{file}: no such file (terrain.file is relative to the scenario file)")
             if file.stat().st_size == 0:
                 raise TerrainError(f"{file}: the file is empty")
-        name = _gdal_name(self.files[0]) if len(self.files) == 1 else _mosaic(self.files)
+        name = _gdal_name(self.files[0]) if len(self.files) == 1 else _mosaic(self.files, self.band)
         return rasterio.open(name)  # type: ignore[no-any-return]
+
+    def band_of(self, dataset: Any) -> int:
+        """Number of the band with the heights, in an open raster; tiles side by side have one.
+
+        Raises:
+            TerrainError: there is no such band.
+        """
+        return 1 if len(self.files) > 1 else band_number(dataset, self.band, self.files[0])
 
     def sha256(self) -> str:
         """Hash of the data: of a file, or of the names and hashes of all files that GDAL reads for it.
@@ -78,6 +96,26 @@ class TerrainSource:
             return _sha256(self.files[0])
         names = [f"{file.name} {_sha256(file)}\n" for file in sorted(files)]
         return hashlib.sha256("".join(names).encode()).hexdigest()
+
+
+def band_number(dataset: Any, band: int | str | None, file: Path) -> int:
+    """Number of a band by number or name.
+
+    Raises:
+        TerrainError: there is none; says which there are.
+    """
+    if band is None:
+        return 1
+    names = [name or "" for name in dataset.descriptions]
+    if isinstance(band, int) or band.isdigit():
+        if 1 <= int(band) <= dataset.count:
+            return int(band)
+    else:
+        alike = [number for number, name in enumerate(names, start=1) if name.casefold() == band.casefold()]
+        if alike:
+            return alike[0]
+    there = ", ".join(f"{number} {name}".strip() for number, name in enumerate(names, start=1))
+    raise TerrainError(f"{file}: has no band {band!r}; terrain.band is one of: {there}")
 
 
 def as_source(source: "Path | TerrainSource") -> TerrainSource:
@@ -181,11 +219,12 @@ class _Tile:
     nodata: float | None
     unit: str
     scale: tuple[float, float]
+    band: int
 
 
-def _mosaic(files: Sequence[Path]) -> str:
+def _mosaic(files: Sequence[Path], band: int | str | None) -> str:
     """A virtual raster of tiles, pixel by pixel as they are; where there is none, there is no data."""
-    tiles = [_tile(file) for file in files]
+    tiles = [_tile(file, band) for file in files]
     first = tiles[0]
     a, b, c, d, e, f = tuple(first.transform)[:6]
     if b or d:
@@ -223,7 +262,7 @@ def _mosaic(files: Sequence[Path]) -> str:
     )
 
 
-def _tile(file: Path) -> _Tile:
+def _tile(file: Path, band: int | str | None) -> _Tile:
     name = _gdal_name(file)
     try:
         with rasterio.open(name) as dataset:
@@ -231,10 +270,11 @@ def _tile(file: Path) -> _Tile:
                 raise TerrainError(
                     f"{file}: has no coordinate reference system; assign the right one (gdal_edit.py -a_srs)"
                 )
-            scale = (float(dataset.scales[0]), float(dataset.offsets[0]))
+            number = band_number(dataset, band, file)
+            scale = (float(dataset.scales[number - 1]), float(dataset.offsets[number - 1]))
             return _Tile(
-                file, name, dataset.crs.to_wkt(), dataset.transform, (dataset.width, dataset.height), dataset.nodata,
-                dataset.units[0] or "", scale,
+                file, name, dataset.crs.to_wkt(), dataset.transform, (dataset.width, dataset.height),
+                dataset.nodatavals[number - 1], dataset.units[number - 1] or "", scale, number,
             )  # fmt: skip
     except (rasterio.errors.RasterioError, OSError) as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
@@ -245,7 +285,8 @@ def _source(tile: _Tile, column: int, row: int) -> str:
     width, height = tile.size
     nodata = "" if tile.nodata is None else f"<NODATA>{tile.nodata!r}</NODATA>"
     return (
-        f'<ComplexSource><SourceFilename relativeToVRT="0">{escape(tile.name)}</SourceFilename><SourceBand>1</SourceBand>'
+        f'<ComplexSource><SourceFilename relativeToVRT="0">{escape(tile.name)}</SourceFilename>'
+        f"<SourceBand>{tile.band}</SourceBand>"
         f'<SrcRect xOff="0" yOff="0" xSize="{width}" ySize="{height}"/>'
         f'<DstRect xOff="{column}" yOff="{row}" xSize="{width}" ySize="{height}"/>{nodata}</ComplexSource>'
     )

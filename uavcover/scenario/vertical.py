@@ -1,0 +1,52 @@
+"""What heights refer to and what they are counted in: vertical datums and units of elevation files."""
+
+from pyproj import CRS
+
+from uavcover.errors import TerrainError
+from uavcover.scenario.terrain_source import TerrainSource
+
+_FOOT_M, _SURVEY_FOOT_M = 0.3048, 1200.0 / 3937.0
+_UNITS_M = {
+    **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
+    **dict.fromkeys(("ft", "foot", "feet", "international foot"), _FOOT_M),
+    **dict.fromkeys(("us-ft", "ftus", "us survey foot", "foot_us", "us survey feet"), _SURVEY_FOOT_M),
+}
+SEA_LEVEL_DATUMS = {"EGM96": ("egm96", "5773"), "EGM2008": ("egm2008", "3855")}
+
+
+def unit_of_heights_m(path: TerrainSource, crs: CRS, vertical_datum: str, unit: str | None) -> float:
+    """The unit of the heights in metres, once datum and unit are checked.
+
+    Args:
+        path: names the file in errors.
+        crs: of the file.
+        vertical_datum: that of the scenario.
+        unit: of the heights, as the file or the scenario has it; none: that of the system, or metres.
+
+    Raises:
+        TerrainError: the file names another datum or unit, or a unit that is not known.
+    """
+    unit_m = _UNITS_M.get((unit or "m").lower().strip())
+    if unit_m is None:
+        raise TerrainError(f"{path}: heights are in {unit!r}; convert them to metres first")
+    if crs.is_compound:
+        vertical = crs.sub_crs_list[1]
+        words = f"{vertical.name} {vertical.to_authority()}".lower()
+        if not any(word in words for word in SEA_LEVEL_DATUMS[vertical_datum]):
+            raise _contradiction(path, vertical_datum, vertical.name)
+        axis = vertical.axis_info[0]
+        if unit and abs(axis.unit_conversion_factor / unit_m - 1.0) > 1e-3:
+            raise TerrainError(
+                f"{path}: heights are in {unit!r} and in {axis.unit_name!r}; convert them to metres first"
+            )
+        unit_m = float(axis.unit_conversion_factor)
+    elif len(crs.axis_info) == 3:
+        raise _contradiction(path, vertical_datum, f"heights above the ellipsoid of {crs.name}")
+    return unit_m
+
+
+def _contradiction(path: TerrainSource, vertical_datum: str, found: str) -> TerrainError:
+    return TerrainError(
+        f"terrain.vertical_datum: the scenario says {vertical_datum}, the file says {found} ({path}); correct the scenario, "
+        "or convert the file (gdalwarp with -t_srs EPSG:4326+5773 for EGM96, EPSG:4326+3855 for EGM2008)"
+    )
