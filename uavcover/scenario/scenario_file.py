@@ -18,6 +18,7 @@ from uavcover.model.area import Area, Ring, Rings
 from uavcover.model.limits import FlightLimits
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.scenario import RasterTerrain, Scenario, Terrain
+from uavcover.scenario.areas.area_file import SUFFIXES as AREA_SUFFIXES
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.obstacles import polygons_of, read_geojson, read_obstacles
 from uavcover.scenario.terrain_source import TerrainSource, find_tiles
@@ -47,6 +48,10 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     bundled = bundled_scenarios()
     if str(name_or_path) in bundled and not path.is_file():
         path = Path(str(resources.files("uavcover") / "scenarios" / f"{name_or_path}.toml"))
+    if path.suffix.lower() in AREA_SUFFIXES:
+        raise ScenarioError(
+            f"{name_or_path}: is an area, not a scenario; uavcover new {name_or_path} makes a scenario of it"
+        )
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:

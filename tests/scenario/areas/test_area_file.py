@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from pyproj import Geod
 
 from tests.scenario.areas import written
+from uavcover.errors import ScenarioError
 from uavcover.scenario.areas.area_file import AreaQuery, is_area_file, is_area_text, read_area
 from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.scenario_file import dump_scenario, parse_scenario
+from uavcover.scenario.scenario_file import dump_scenario, load_scenario, parse_scenario
 
 GIS = {"gpkg": "GPKG", "shp": "ESRI Shapefile", "fgb": "FlatGeobuf"}
 PROJECTED = ("geojson", "wkt", *GIS)
@@ -182,6 +183,13 @@ def test_swapped_axes_and_a_system_that_is_told(tmp_path):
     path = written.geojson(tmp_path / "b.geojson", grid)
     found = read_area(AreaQuery(source=str(path), crs=f"EPSG:{epsg}"))
     assert in_metres(found.parts, "southern hemisphere").symmetric_difference(right).area < 1.0
+
+
+def test_an_area_in_place_of_a_scenario_is_told_the_way(tmp_path):
+    with pytest.raises(
+        ScenarioError, match=r"a\.kml: is an area, not a scenario; uavcover new .*a\.kml makes a scenario of it"
+    ):
+        load_scenario(tmp_path / "a.kml")
 
 
 BOW_TIE = [[8.0, 46.5], [8.02, 46.52], [8.02, 46.5], [8.0, 46.52], [8.0, 46.5]]

@@ -256,6 +256,23 @@ def test_any_damage_is_one_line_or_an_area(tmp_path, seed):
     assert bool(found) != bool(message)
 
 
+def test_bad_zips(tmp_path):
+    pytest.importorskip("pyogrio")
+    parts, _, _ = written.at_place(written.drawn_parts(1, 1, 0), "Tennessee")
+    written.gis(tmp_path / "fields.shp", parts, 4326, driver="ESRI Shapefile")
+    shapes = [(path.name, path.read_bytes()) for path in sorted(tmp_path.glob("fields.*"))]
+    zipped(tmp_path / "good.zip", shapes)
+    assert read_area(AreaQuery(source="good.zip"), folder=tmp_path).name == "field 1"
+    zipped(tmp_path / "two.zip", [*shapes, ("other.gpkg", b"x")])
+    assert "holds 2 files of .gpkg, .shp, .fgb, not one; unpack it" in refused(tmp_path, "two.zip")
+    zipped(tmp_path / "none.zip", [("a.txt", b"x")])
+    assert "holds 0 files" in refused(tmp_path, "none.zip")
+    zipped(tmp_path / "bomb.zip", [*shapes, ("big.txt", bytes(20_000_000))])
+    assert "unpack it if you trust it" in refused(tmp_path, "bomb.zip")
+    (tmp_path / "bad.zip").write_bytes(b"PK no")
+    assert "cannot be opened as a zip file" in refused(tmp_path, "bad.zip")
+
+
 def test_without_pyogrio_the_line_says_how_to_get_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyogrio", None)
     (tmp_path / "a.gpkg").write_bytes(b"SQLite format 3\0")

@@ -19,7 +19,7 @@ from uavcover.scenario.areas.kmz import kml_of
 from uavcover.scenario.areas.rings import RingReading, joined, read_polygons, rings_of
 from uavcover.scenario.areas.text_formats import TEXT_FORMATS, circle_ring, read_kml, read_wkt
 
-SUFFIXES = (*TEXT_FORMATS, ".kmz", *gis_file.SUFFIXES)
+SUFFIXES = (*TEXT_FORMATS, ".kmz", *gis_file.SUFFIXES, ".zip")
 MAX_BYTES = 256 * 1024 * 1024
 _NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
 _NUMBERS = re.compile(rf"\s*(?:(bbox|box|circle):)?\s*({_NUMBER}(?:\s*,\s*{_NUMBER})*)\s*(m|km)?\s*", re.IGNORECASE)
@@ -139,7 +139,7 @@ def _read_file(path: Path, layer: str | None) -> AreaDocument:
         raise InputError(f"{path}: the file is empty; save it again")
     if size > MAX_BYTES:
         raise InputError(f"{path}: {size:,} bytes, more than {MAX_BYTES:,}; save the area alone")
-    if suffix in gis_file.SUFFIXES:
+    if suffix in (*gis_file.SUFFIXES, ".zip"):
         return gis_file.read_gis_file(path, layer)
     try:
         data = kml_of(path) if suffix == ".kmz" else path.read_bytes()

@@ -1,5 +1,6 @@
 """GeoPackage, Shapefile and FlatGeobuf, read by pyogrio, which is the extra ``gis``."""
 
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +11,21 @@ from pyproj.exceptions import CRSError
 from uavcover.errors import InputError
 from uavcover.model.area import Rings
 from uavcover.scenario.areas.features import AreaDocument, AreaFeature
+from uavcover.scenario.areas.kmz import MAX_ENTRIES, MAX_RATIO
 
 SUFFIXES = (".gpkg", ".shp", ".fgb")
 MAX_FEATURES = 100_000
+MAX_BYTES = 1_000_000_000
 _NAME_FIELDS = ("name", "label", "title", "id")
 
 
 def read_gis_file(path: Path, layer: str | None) -> AreaDocument:
-    """Every polygon of a file; of one layer, if that is given.
+    """Every polygon of a file, or of the only one in a zip; of one layer, if that is given.
 
     Raises:
         InputError: pyogrio is not installed, or the file cannot be read.
     """
+    opened = _inside_zip(path) if path.suffix.lower() == ".zip" else str(path)
     try:
         import pyogrio
         import pyogrio.errors
@@ -30,15 +34,15 @@ def read_gis_file(path: Path, layer: str | None) -> AreaDocument:
             f"{path}: {path.suffix} files need the extra gis (pip install 'uavcover[gis]'); or save the area as GeoJSON or KML"
         ) from error
     try:
-        layers = [str(name) for name, kind in pyogrio.list_layers(path) if kind is not None]
+        layers = [str(name) for name, kind in pyogrio.list_layers(opened) if kind is not None]
         wanted = [name for name in layers if layer is None or name.casefold() == layer.casefold()] or layers
         found: list[AreaFeature] = []
         systems: list[CRS | None] = []
         others = 0
         for name in wanted:
-            if pyogrio.read_info(path, layer=name)["features"] > MAX_FEATURES:
+            if pyogrio.read_info(opened, layer=name)["features"] > MAX_FEATURES:
                 raise InputError(f"{path}: layer {name} has more than {MAX_FEATURES:,} features; save the area alone")
-            meta, _, shapes, fields = pyogrio.raw.read(path, layer=name)
+            meta, _, shapes, fields = pyogrio.raw.read(opened, layer=name)
             of_layer, left_out = _features(name, meta, shapes, fields)
             others += left_out
             if of_layer:
@@ -59,6 +63,27 @@ def read_gis_file(path: Path, layer: str | None) -> AreaDocument:
         names = ", ".join(dict.fromkeys(one.layer for one in found))
         raise InputError(f"{path}: its layers ({names}) have different coordinate systems; choose one with --layer")
     return AreaDocument(str(path), tuple(found), crs, f"{others} features without a polygon" if others else "")
+
+
+def _inside_zip(path: Path) -> str:
+    """What GDAL opens of a zip: the only file of a known format in it; within the limits of KMZ files."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            entries = archive.infolist()
+    except (zipfile.BadZipFile, OSError) as error:
+        raise InputError(f"{path}: cannot be opened as a zip file ({error}); unpack it") from error
+    found = [entry.filename for entry in entries if entry.filename.lower().endswith(SUFFIXES)]
+    if len(found) != 1:
+        raise InputError(
+            f"{path}: holds {len(found)} files of {', '.join(SUFFIXES)}, not one; unpack it and give the file"
+        )
+    size = sum(entry.file_size for entry in entries)
+    packed = sum(entry.compress_size for entry in entries)
+    if len(entries) > MAX_ENTRIES or size > MAX_BYTES or size > MAX_RATIO * max(packed, 1):
+        raise InputError(
+            f"{path}: unpacks to {size:,} bytes in {len(entries)} files, which is too much; unpack it if you trust it"
+        )
+    return f"/vsizip/{path.resolve()}/{found[0]}"
 
 
 def _features(layer: str, meta: dict[str, Any], shapes: Any, fields: Any) -> tuple[list[AreaFeature], int]:
