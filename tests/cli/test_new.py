@@ -345,6 +345,35 @@ def test_bad_input_is_one_line_with_a_remedy(cli, tennessee, tmp_path, monkeypat
     assert not list(tmp_path.glob("*.toml"))
 
 
+ODD = (
+    "", " ", "-", "0", "-1", "nan", "inf", "1e999", "1e-999cm", "\u0661cm", "2.5 cm", "75/70/", "//", "a/b", "36.48,-84.22",
+    "36.48;-84.22", "90,180", "-90,-180", "list", "LIST", ".toml", "..", "/", "EPSG:0", "EPSG:4978", "EPSG:27700", "1",
+    "999999999999", "m", "ft", "fixed", "px4", "EGM96", "x" * 5000, "\u0000", "%s{}", "--", "0m", "400ft", "1h", "3kn",
+)  # fmt: skip
+TAKING = (
+    "--camera", "--gsd", "--overlap", "--battery", "--vehicle", "--home", "--max-height", "--speed", "--margin", "--mount",
+    "--vertical-datum", "--height-unit", "--band", "--fill-lakes", "--layer", "--feature", "--crs", "--autopilot", "--dem",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(80))
+def test_no_odd_value_leaves_a_trace(cli, tennessee, tmp_path, monkeypatch, seed):
+    """One to three options with odd values beside good ones: a scenario that loads, or one line."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(seed)
+    arguments = {"--dem": tennessee / "dem.tif", "--camera": "m3e", "--gsd": "3cm"}
+    for option in rng.choice(TAKING, size=int(rng.integers(1, 4)), replace=False):
+        arguments[str(option)] = ODD[int(rng.integers(len(ODD)))]
+    area = tennessee / "area.kml" if seed % 4 else ODD[int(rng.integers(len(ODD)))]
+    ended = cli("new", area, *(each for pair in arguments.items() for each in pair), "-o", "s.toml")
+    assert ended.code in (0, 2), (arguments, ended.err)
+    assert "Traceback" not in ended.err
+    lines = [line for line in ended.err.splitlines() if not line.lower().startswith("warning")]
+    assert len(lines) == (ended.code == 2), ended.err
+    if ended.code == 0 and "list" not in arguments.values():
+        assert load_scenario(tmp_path / "s.toml")
+
+
 def test_plan_takes_an_area_and_leaves_a_scenario_of_its_own(cli, tennessee, tmp_path):
     run = tmp_path / "run"
     ended = cli(

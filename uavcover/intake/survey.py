@@ -110,7 +110,7 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float) -> Surv
     if top_m < LOWEST_TOP_M:
         _refuse_height(wish, gsd_height_m, top_m)
     steepness = min(max((slope_deg - _FLAT_DEG) / (_STEEP_DEG - _FLAT_DEG), 0.0), 1.0)
-    bottom_m = math.ceil(min((0.75 - 0.3 * steepness) * top_m, top_m - 15.0))
+    bottom_m = math.ceil(min((0.75 - 0.15 * steepness) * top_m, top_m - 15.0))
     height_margin_m = 5.0 if top_m - bottom_m >= 20.0 else 3.5
     across = camera.sensor_across_mm / camera.focal_length_mm
     along = camera.sensor_along_mm / camera.focal_length_mm
