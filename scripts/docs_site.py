@@ -1,6 +1,6 @@
-"""Pages of the documentation that are generated from the code: every command, and every key of a scenario.
+"""Pages of the documentation that are generated from the code: commands, keys of a scenario, cameras and vehicles.
 
-mkdocs loads this file as a hook (``mkdocs.yml``). ``python scripts/docs_site.py`` prints both pages.
+mkdocs loads this file as a hook (``mkdocs.yml``). ``python scripts/docs_site.py`` prints the pages.
 """
 
 import dataclasses
@@ -16,6 +16,8 @@ from typing import Any
 import typer
 
 from uavcover.cli.main import app
+from uavcover.intake.cameras import all_cameras
+from uavcover.intake.vehicles import all_vehicles
 from uavcover.model.scenario import Scenario
 
 _VALUE_NAMES: dict[Any, str] = {
@@ -65,7 +67,39 @@ def scenario_reference() -> str:
     return "\n".join(lines)
 
 
-PAGES = {"reference/commands.md": command_reference, "reference/scenario_keys.md": scenario_reference}
+def product_reference() -> str:
+    """Markdown: the cameras and vehicles that `new` knows by name, with the source of each row."""
+    lines = ["# Cameras and vehicles", "", _NOTE, ""]
+    lines += [
+        "By these names `uavcover new` knows them; spelling and case do not matter. Empty: no source states it.",
+        "",
+    ]
+    lines += ["## Cameras", "", "| name | camera | sensor, mm | pixels | lens, mm | shortest interval, s | source |"]
+    lines += ["|---|---|---:|---:|---:|---:|---|"]
+    for camera in all_cameras():
+        interval = f"{camera.min_interval_s:g}" if camera.min_interval_s is not None else ""
+        lines.append(
+            f"| `{camera.name}` | {camera.title} | {camera.sensor_across_mm:g} x {camera.sensor_along_mm:g} "
+            f"| {camera.pixels_across} x {camera.pixels_along} | {camera.focal_length_mm:g} | {interval} | {camera.source} |"
+        )
+    lines += ["", "## Vehicles", ""]
+    lines += [
+        "| name | vehicle | in the air, min | usual speed, m/s | largest speed, m/s | climb, m/s | descent, m/s | source |"
+    ]
+    lines += ["|---|---|---:|---:|---:|---:|---:|---|"]
+    for one in all_vehicles():
+        air_min = None if one.endurance_s is None else one.endurance_s / 60.0
+        figures = (air_min, one.cruise_speed_m_s, one.max_speed_m_s, one.max_climb_m_s, one.max_descent_m_s)
+        cells = " | ".join("" if figure is None else f"{figure:g}" for figure in figures)
+        lines.append(f"| `{one.name}` | {one.title} | {cells} | {one.source} |")
+    return "\n".join([*lines, ""])
+
+
+PAGES = {
+    "reference/commands.md": command_reference,
+    "reference/scenario_keys.md": scenario_reference,
+    "reference/cameras.md": product_reference,
+}
 
 
 def on_files(files: Any, config: Any) -> Any:
