@@ -11,7 +11,7 @@ from rasterio.transform import Affine
 from tests.scenario.dem_files import write_dem
 from uavcover.errors import TerrainError
 from uavcover.scenario import terrain_source
-from uavcover.scenario.elevation_file import read_ground, read_heights_amsl_m
+from uavcover.scenario.elevation_file import read_ground, read_height_amsl_m, read_heights_amsl_m
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.scenario.terrain_source import TerrainSource, find_tiles
@@ -128,6 +128,33 @@ def test_heights_in_feet_by_their_unit(whole, tmp_path, unit, metres):
         out.write(values.astype(float) / metres, 1)
         out.units = (unit,)
     assert same_ground(ground_of(path), ground_of(whole))
+
+
+def test_heights_in_a_system_of_feet_are_asked_about(tmp_path):
+    """EPSG:2274 is Tennessee in US survey feet; a file that does not name the unit of its heights is a question."""
+    path = write_dem(
+        tmp_path / "dem.tif",
+        np.random.default_rng(5),
+        lat_deg=36.48,
+        lon_deg=-84.22,
+        epsg=2274,
+        pixel_m=10.0,
+        size_m=900.0,
+    )
+    place = {"lat_deg": 36.48, "lon_deg": -84.22}
+    with pytest.raises(
+        TerrainError, match=r"is in feet, and it does not say .*; set terrain\.height_unit \(--height-unit\)"
+    ):
+        read_height_amsl_m(path, "EGM96", **place)
+    metres, feet = (
+        read_height_amsl_m(TerrainSource((path,), height_unit=unit), "EGM96", **place) for unit in ("m", "us-ft")
+    )
+    assert feet == pytest.approx(metres * 1200.0 / 3937.0)
+    with rasterio.open(path, "r+") as file:
+        file.units = ("m",)
+    assert read_height_amsl_m(path, "EGM96", **place) == pytest.approx(metres)
+    with pytest.raises(TerrainError, match=r"says that its heights are in m; leave terrain\.height_unit out"):
+        read_height_amsl_m(TerrainSource((path,), height_unit="ft"), "EGM96", **place)
 
 
 def test_a_zipped_tile(whole, tmp_path):

@@ -24,7 +24,7 @@ from uavcover.scenario.ground import Ground, grid_ground, ground_of_nodes
 from uavcover.scenario.no_data import fill_gaps
 from uavcover.scenario.pixel_frame import STRAIGHT_WITHIN_M, Bounds, finish_frame, fit_frame, node_ups_m
 from uavcover.scenario.terrain_source import TerrainSource, as_source
-from uavcover.scenario.vertical import SEA_LEVEL_DATUMS, unit_of_heights_m
+from uavcover.scenario.vertical import SEA_LEVEL_DATUMS, refuse_feet_by_guess, unit_of_heights_m
 
 _log = logging.getLogger(__name__)
 
@@ -150,6 +150,8 @@ def _open(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_Raster
             ) from error
         band = path.band_of(dataset)
         stated, asked = dataset.units[band - 1], path.height_unit
+        if horizontal.is_projected and not (stated or asked or crs.is_compound):
+            refuse_feet_by_guess(path, horizontal)
         unit_m = unit_of_heights_m(path, crs, vertical_datum, stated or asked)
         if stated and asked and abs(unit_of_heights_m(path, crs, vertical_datum, asked) / unit_m - 1.0) > 1e-9:
             raise TerrainError(f"{path}: says that its heights are in {stated}; leave terrain.height_unit out")

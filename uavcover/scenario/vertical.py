@@ -14,6 +14,20 @@ _UNITS_M = {
 SEA_LEVEL_DATUMS = {"EGM96": ("egm96", "5773"), "EGM2008": ("egm2008", "3855")}
 
 
+def refuse_feet_by_guess(path: TerrainSource, horizontal: CRS) -> None:
+    """Ask for the unit of heights that nobody states, where places are in feet: heights often are too.
+
+    Raises:
+        TerrainError: the system is in feet.
+    """
+    axis = horizontal.axis_info[0]
+    if 0.3 < axis.unit_conversion_factor < 0.31:
+        raise TerrainError(
+            f"{path}: its coordinate system {horizontal.name} is in feet, and it does not say what its heights are in; "
+            'set terrain.height_unit (--height-unit) to "ft", "us-ft" or "m"'
+        )
+
+
 def unit_of_heights_m(path: TerrainSource, crs: CRS, vertical_datum: str, unit: str | None) -> float:
     """The unit of the heights in metres, once datum and unit are checked.
 
