@@ -74,12 +74,12 @@ def _list(console: "Console", *, cameras: bool, vehicles: bool) -> int:
             )
         document["cameras"] = [camera.name for camera in all_cameras()]
     if vehicles:
-        console.say(f"{'vehicle':20}{'in the air':>12}{'speed':>9}{'climb':>9}{'descent':>9}  title")
+        console.say(f"{'vehicle':20}{'in the air':>12}{'usual':>9}{'largest':>9}{'climb':>9}{'descent':>9}  title")
         for one in all_vehicles():
             air = "unknown" if one.endurance_s is None else f"{one.endurance_s / 60.0:.0f} min"
             speeds = "".join(
                 f"{'unknown' if speed is None else f'{speed:g} m/s':>9}"
-                for speed in (one.cruise_speed_m_s or one.max_speed_m_s, one.max_climb_m_s, one.max_descent_m_s)
+                for speed in (one.cruise_speed_m_s, one.max_speed_m_s, one.max_climb_m_s, one.max_descent_m_s)
             )
             console.say(f"{one.name:20}{air:>12}{speeds}  {one.title}")
         document["vehicles"] = [one.name for one in all_vehicles()]
