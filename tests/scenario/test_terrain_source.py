@@ -166,6 +166,29 @@ def test_a_zipped_tile(whole, tmp_path):
     assert TerrainSource((path,)).sha256() == TerrainSource((path,)).sha256()
 
 
+def test_srtm_tiles_zipped_side_by_side(tmp_path):
+    """3 arc-second tiles as they come: big-endian, named by their corner, one row and column shared, no unit, zipped."""
+    lats = {"N46E008": 46, "N45E008": 45}
+    folder = tmp_path / "srtm"
+    folder.mkdir()
+    for name, south in lats.items():
+        rows = south + 1.0 - np.arange(1201) / 1200.0
+        columns = 8.0 + np.arange(1201) / 1200.0
+        heights = np.round(1000.0 + 300.0 * np.sin(40.0 * rows)[:, None] + 200.0 * np.cos(50.0 * columns)[None, :])
+        with zipfile.ZipFile(folder / f"{name}.hgt.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr(f"{name}.hgt", heights.astype(">i2").tobytes())
+    tiles = TerrainSource(find_tiles(["srtm/*.hgt.zip"], folder=tmp_path, around=(8.4, 45.99, 8.6, 46.01)))
+    assert len(tiles.files) == 2
+    # Across the seam at 46 degrees north, at pixels of both files and between them.
+    lat = 46.0 + np.arange(-3, 4) / 1200.0
+    lon = np.full(7, 8.5)
+    truth = np.round(1000.0 + 300.0 * np.sin(40.0 * lat) + 200.0 * np.cos(50.0 * 8.5))
+    assert read_heights_amsl_m(tiles, "EGM96", lat, lon) == pytest.approx(truth, abs=1.0)
+    assert np.isfinite(read_heights_amsl_m(tiles, "EGM96", lat + 0.0004, lon)).all()
+    # One tile is enough where the other is far.
+    assert len(find_tiles(["srtm"], folder=tmp_path, around=(8.4, 46.5, 8.6, 46.6))) == 1
+
+
 def test_the_hash_tells_every_tile(whole, tmp_path):
     folder = cut(whole, tmp_path / "tiles", parts=2)
     tiles = TerrainSource(find_tiles(["tiles"], folder=tmp_path, around=None))
