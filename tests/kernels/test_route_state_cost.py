@@ -18,6 +18,8 @@ WAYS = {
     "length and deviation": WayCost(LENGTH, PACE, 0.7, 1.3),
     "time and deviation": WayCost(TIME, PACE, 0.7, 1.3),
     "mission": WayCost(TIME, PACE, 0.0, 0.0, mission=1, column_top=(0.5, 1.0, 2.0), column_m=0.5),
+    "length and waypoints": SHORTEST._replace(waypoint_price=0.3),
+    "mission and waypoints": WayCost(TIME, PACE, 0.7, 1.3, 1, (0.5, 1.0, 2.0), 0.5, 0, waypoint_price=0.3),
     "mission with a stop": WayCost(TIME, PACE, 0.7, 1.3, 1, (0.5, 1.0, 2.0), 0.5, 1),
 }
 ways = pytest.mark.parametrize("way", WAYS.values(), ids=WAYS.keys())

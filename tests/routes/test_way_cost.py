@@ -64,6 +64,7 @@ def test_the_flight_against_the_wind_takes_longer_and_counts_against_endurance()
         (lambda: Vehicle(acceleration_m_s2=0.0), "acceleration_m_s2: must be above 0"),
         (lambda: Vehicle(jerk_m_s3=-1.0), "jerk_m_s3: must be above 0"),
         (lambda: Vehicle(max_mission_items=3), "max_mission_items: 3 is too few"),
+        (lambda: PlannerSettings(waypoint_price=-0.5), "waypoint_price: -0.5 must not be negative"),
         (lambda: PlannerSettings(band_deviation_price=-1.0), "band_deviation_price: -1.0 must not be negative"),
         (
             lambda: dataclasses.replace(make_site().scenario, wind=Wind(speed_m_s=5.0)),

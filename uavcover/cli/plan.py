@@ -32,7 +32,15 @@ class Search:
     evaluations: Annotated[
         int | None, typer.Option(help="Route evaluations; 50 proposals of the local search count as one.")
     ] = None
-    max_waypoints: Annotated[int | None, typer.Option(help="Capacity of the waypoints encoding.")] = None
+    max_waypoints: Annotated[
+        int | None, typer.Option(help="Of the route; where the encoding is waypoints, of its nodes.")
+    ] = None
+    waypoint_price: Annotated[
+        float | None,
+        typer.Option(
+            help="What a waypoint costs, in seconds (in metres where the length is made small): more for missions of fewer items."
+        ),
+    ] = None
     select: Annotated[
         str | None,
         typer.Option(help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N.", metavar="RULE"),
@@ -75,8 +83,8 @@ def plan(
         scenario=_site(scenario, survey, console, autopilot=search.autopilot),
         folder=run, command=sys.argv, force=force, seed=search.seed,
         evaluations=search.evaluations, budget_s=options.seconds(search.budget), algorithm=search.algorithm,
-        max_waypoints=search.max_waypoints, select=search.select, autopilot=search.autopilot, workers=search.workers,
-        bounds_s=options.seconds(search.bounds, option="--bounds"),
+        max_waypoints=search.max_waypoints, waypoint_price=search.waypoint_price, select=search.select,
+        autopilot=search.autopilot, workers=search.workers, bounds_s=options.seconds(search.bounds, option="--bounds"),
     )  # fmt: skip
     outcome = plan_into(request, console, check_site=lambda _: None)
     if outcome.document["mission_files"]:

@@ -1,4 +1,4 @@
-"""Changes of a route's cost: metres of its legs alone, or seconds with wind, climbs and turns.
+"""Changes of a route's cost: metres of its legs, or seconds with wind, climbs and turns, and the price of its waypoints.
 
 Length has its own short way: the search for the shortest route asks it tens of thousands of times a second.
 """
@@ -13,7 +13,7 @@ from uavcover.kernels.way_cost import LENGTH, WayCost, route_cost, stretch_cost
 
 @kernel
 def is_length(way: WayCost) -> bool:
-    """Whether the cost is the length alone."""
+    """Whether the cost is the length, and a price for every waypoint."""
     return way.unit == LENGTH and way.deviation_price == 0.0
 
 
@@ -21,7 +21,8 @@ def is_length(way: WayCost) -> bool:
 def exchange_cost(problem: SearchProblem, state: RouteState, first: int, last: int, fresh: int) -> float:
     """Change of cost when waypoints first..last - 1 are replaced by the first ``fresh`` of state.fresh."""
     if is_length(problem.way):
-        return exchange_length(state, first, last, fresh)
+        more = fresh - (last - first)
+        return exchange_length(state, first, last, fresh) + problem.way.waypoint_price * more
     # Turns change up to one waypoint farther away than legs do.
     begin, end = max(first - 2, 0), min(last + 2, state.size[0])
     new = np.empty((end - begin + fresh - (last - first), 3))

@@ -1,4 +1,4 @@
-"""What a way costs: metres or seconds, with wind, climbs and turns, and how far its waypoints are from the middle of the band.
+"""What a way costs: metres or seconds, with wind, climbs and turns; and its waypoints, by number and by height in the band.
 
 A cost of the whole mission begins and ends on the ground at home. During a search the way there and the way home are straight
 lines from above home: where the terrain bends them they take longer, by little beside what a route takes, and what is
@@ -34,6 +34,7 @@ class WayCost(NamedTuple):
         column_top: where the way there begins and the way home ends: the place above home.
         column_m: its height above home.
         stop_at_first: 1 when the vehicle stops at its first waypoint, where the pictures begin.
+        waypoint_price: of every waypoint, in that unit.
     """
 
     unit: int
@@ -44,6 +45,7 @@ class WayCost(NamedTuple):
     column_top: Place = (0.0, 0.0, 0.0)
     column_m: float = 0.0
     stop_at_first: int = 0
+    waypoint_price: float = 0.0
 
 
 SHORTEST = WayCost(LENGTH, Pace(1.0, 1.0, 1.0), 0.0, 0.0)
@@ -68,8 +70,8 @@ def turn_cost(way: WayCost, p: Place, q: Place, r: Place) -> float:
 def place_cost(surface: Surface, way: WayCost, p: Place) -> float:
     """Of a waypoint by itself."""
     if way.deviation_price == 0.0:
-        return 0.0
-    return way.deviation_price * abs(height_above(surface, p[0], p[1], p[2]) - way.middle_agl_m)
+        return way.waypoint_price
+    return way.waypoint_price + way.deviation_price * abs(height_above(surface, p[0], p[1], p[2]) - way.middle_agl_m)
 
 
 @kernel

@@ -176,7 +176,8 @@ class PlannerSettings:
             "waypoints": free points with activation genes, as the paper.
         population_size: members of the population.
         evaluations: full route evaluations when no budget is given; 50 proposals of the local search count as one.
-        max_waypoints: capacity of the "waypoints" encoding.
+        max_waypoints: most waypoints of a route, none by default; of the "waypoints" encoding its capacity, 60 by default, which
+            does not count what is put in between where legs follow the terrain.
         cell_size_m: cell size of the search; default: twice the area's cell size, on which the result is judged.
         order: order of waypoints in the optimizer's routes. "nearest-neighbour": the paper's decoding. "improved": the same,
             then 2-opt. The local search finds its own order.
@@ -189,6 +190,9 @@ class PlannerSettings:
             the route. Default: "mission-time" where there is a home, otherwise "length".
         band_deviation_price: cost for every metre of a waypoint above or below the middle of the height band (Eq. 7), in
             metres of path or in seconds.
+        waypoint_price: cost of every waypoint, in metres of path or in seconds, as the objective is: the search gives up so much
+            path or time for one waypoint less. Default: a hundredth of the radius that the sensor sees from the middle of
+            the band, in metres or in seconds at cruise speed.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -197,13 +201,14 @@ class PlannerSettings:
     encoding: Literal["swaths", "waypoints"] = "swaths"
     population_size: int = 50
     evaluations: int = 5000
-    max_waypoints: int = 60
+    max_waypoints: int | None = None
     cell_size_m: float | None = None
     order: Literal["nearest-neighbour", "improved"] = "improved"
     initial: tuple[InitialRoute, ...] | None = None
     seed: int = 1
     objective: Objective | None = None
     band_deviation_price: float = 0.0
+    waypoint_price: float | None = None
 
     def __post_init__(self) -> None:
         require(self.population_size >= 20, f"population_size: {self.population_size} is below 20")
@@ -211,11 +216,23 @@ class PlannerSettings:
             self.evaluations >= self.population_size,
             f"evaluations: {self.evaluations} is less than one population of {self.population_size}",
         )
-        require(self.max_waypoints >= 2, f"max_waypoints: {self.max_waypoints} is below 2")
-        require_not_negative(band_deviation_price=self.band_deviation_price)
+        require(
+            self.max_waypoints is None or self.max_waypoints >= 2, f"max_waypoints: {self.max_waypoints} is below 2"
+        )
+        require_not_negative(band_deviation_price=self.band_deviation_price, waypoint_price=self.waypoint_price or 0.0)
         require(self.seed >= 0, f"seed: {self.seed} must not be negative")
         if self.cell_size_m is not None:
             require_positive(cell_size_m=self.cell_size_m)
+
+    @property
+    def capacity(self) -> int:
+        """Most nodes of the "waypoints" encoding."""
+        return 60 if self.max_waypoints is None else self.max_waypoints
+
+    @property
+    def most_waypoints(self) -> int | None:
+        """Most waypoints that a route may have where lines are planned; none where any number will do."""
+        return self.max_waypoints if self.encoding == "swaths" else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,7 +11,7 @@ from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.dominance import least_crowded, non_dominated_mask
 from uavcover.kernels.way_cost import route_cost
-from uavcover.model.route import Plan, Route
+from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import make_optimizer, optimizer_class, optimizer_name
 from uavcover.optimizers.interface import AskAndTell
@@ -32,11 +32,12 @@ from uavcover.planning.front import (
 )
 from uavcover.planning.search.memetic import improve
 from uavcover.planning.search.optimizer_search import Effort, Encoding, SearchProgress, SearchRun, rounds_of, search
-from uavcover.planning.selection import parse_rule, select
+from uavcover.planning.search.simplify import simplified
+from uavcover.planning.selection import Rule, parse_rule, select
 from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.routes.way_cost import way_cost_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map, planning_map
+from uavcover.sensing.coverage_map import judging_map, judging_maps, planning_map
 
 __all__ = ["Effort", "SearchProgress", "plan_routes"]
 
@@ -203,25 +204,53 @@ def plan_routes(
             evaluations += improved.evaluations
             interrupted = improved.interrupted
         made = finish.worth_judging(found)
-    kept.close([*constructed, *made])
     members = judge_members(fine, made, executor)
+    if share < 1.0:
+        simpler = _simplified(site, [*members, *reference], rule, lambda: effort.is_over(started))
+        members += judge_members(fine, simpler, executor)
+        made = [*made, *simpler]
+    kept.close([*constructed, *made])
     feasible = [member for member in (*members, *reference) if member.violation <= 0.0]
     if not feasible:
         early = "interrupted: so far " if interrupted else ""
         raise InfeasibleError(early + why_infeasible(site, [*members, *reference]))
-    pareto = thinned(pareto_members(feasible), rule)
+    pareto = thinned(pareto_members(_few_enough(feasible, settings)), rule)
     choice = select(pareto, rule)
     return Plan(
         chosen=pareto[choice.index],
         members=tuple(pareto),
         baselines=tuple(reference),
         rule=rule.text,
-        rule_met=choice.met,
+        rule_met=choice.met and _is_few_enough(pareto[choice.index], settings),
         algorithm=algorithm,
         evaluations=evaluations,
         wall_s=effort.now() - started,
         interrupted=interrupted,
     )
+
+
+def _is_few_enough(member: RouteMember, settings: PlannerSettings) -> bool:
+    """Whether a route has no more waypoints than it may have."""
+    return settings.most_waypoints is None or member.metrics.waypoint_count <= settings.most_waypoints
+
+
+def _few_enough(members: Sequence[RouteMember], settings: PlannerSettings) -> list[RouteMember]:
+    """Those of no more waypoints than a route may have; where there are none, those with the fewest."""
+    fewest = min(member.metrics.waypoint_count for member in members)
+    few = [member for member in members if _is_few_enough(member, settings)]
+    return few or [member for member in members if member.metrics.waypoint_count == fewest]
+
+
+def _simplified(
+    site: Site, members: Sequence[RouteMember], rule: Rule, is_over: Callable[[], bool]
+) -> list[NamedRoute]:
+    """What the rule chooses among the members, without the waypoints that it can do without; none when it needs them all."""
+    feasible = pareto_members([member for member in members if member.violation <= 0.0])
+    if not feasible or rule.kind == "index":
+        return []
+    chosen = feasible[select(feasible, rule).index]
+    simpler = simplified(judging_maps(site), chosen.route, asked=rule.required_coverage, is_over=is_over)
+    return [] if simpler is None else [(simpler, chosen.origin)]
 
 
 def _other_lines(
@@ -279,8 +308,8 @@ def _encoding(
     ranked = _by_merit(baselines, goal)
     if settings.encoding == "waypoints":
         origin = np.zeros(3) if site.home_m is None else site.home_m
-        points = WaypointEncoding(site, capacity=settings.max_waypoints, order=settings.order, reference_m=origin)
-        rows = [points.near(b.route) for b in ranked if len(b.route) <= settings.max_waypoints][:count]
+        points = WaypointEncoding(site, capacity=settings.capacity, order=settings.order, reference_m=origin)
+        rows = [points.near(b.route) for b in ranked if len(b.route) <= settings.capacity][:count]
         return points, np.array(rows) if rows else None
     layouts = [b.layout for b in ranked if b.layout is not None]
     swaths = SwathEncoding(site, centre=layouts[0])

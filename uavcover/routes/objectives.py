@@ -90,4 +90,4 @@ def _cost(site: Site, route: Route, mission_s: float | None) -> float:
     cost = float(route_cost(surface, way, points))
     if way.mission == 0 or mission_s is None:
         return cost
-    return mission_s + cost - float(route_cost(surface, way._replace(deviation_price=0.0), points))
+    return mission_s + cost - float(route_cost(surface, way._replace(deviation_price=0.0, waypoint_price=0.0), points))

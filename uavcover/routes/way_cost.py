@@ -7,7 +7,7 @@ from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace
 from uavcover.kernels.way_cost import LENGTH, TIME, WayCost
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.site import Site
-from uavcover.sensing.sensors import trigger_distance_m
+from uavcover.sensing.sensors import reach_at_height_m, trigger_distance_m
 
 
 def pace_of(site: Site, autopilot: AutopilotName | None = None) -> Pace:
@@ -39,8 +39,26 @@ def pace_of(site: Site, autopilot: AutopilotName | None = None) -> Pace:
     )
 
 
+_WAYPOINT_PRICE = 0.01
+"""Default price of a waypoint, in radii of the sensor: of path, or of flight at cruise speed (docs/results/waypoints.md)."""
+
+
+def waypoint_price_of(site: Site) -> float:
+    """Cost of a waypoint, in metres of path or in seconds, as the objective is: ``planner.waypoint_price`` or its default.
+
+    The default grows with what the sensor sees: a waypoint that a small sensor needs for its ground must not be dearer than
+    the path to it.
+    """
+    scenario = site.scenario
+    if scenario.planner.waypoint_price is not None:
+        return scenario.planner.waypoint_price
+    middle_agl_m = 0.5 * (scenario.limits.min_height_agl_m + scenario.limits.max_height_agl_m)
+    price_m = _WAYPOINT_PRICE * reach_at_height_m(scenario.sensor, middle_agl_m)
+    return price_m if scenario.objective == "length" else price_m / scenario.vehicle.cruise_speed_m_s
+
+
 def way_cost_of(site: Site) -> WayCost:
-    """The cost that the planner minimises beside coverage and waypoint count."""
+    """The cost that the planner minimises beside coverage and the number of waypoints."""
     planner, limits = site.scenario.planner, site.scenario.limits
     objective = site.scenario.objective
     way = mission_cost_of(site) if objective == "mission-time" else WayCost(LENGTH, pace_of(site), 0.0, 0.0)
@@ -48,6 +66,7 @@ def way_cost_of(site: Site) -> WayCost:
         unit=LENGTH if objective == "length" else TIME,
         deviation_price=planner.band_deviation_price,
         middle_agl_m=0.5 * (limits.min_height_agl_m + limits.max_height_agl_m),
+        waypoint_price=waypoint_price_of(site),
     )
 
 

@@ -43,6 +43,7 @@ class PlanRequest(SearchRequest):
         force: whether a plan that is there may be replaced, with all that belongs to it.
         autopilot: for whom the mission files are.
         bounds_s: prove bounds for so long, after the search.
+        waypoint_price: cost of every waypoint, in metres of path or in seconds, as the objective is.
     """
 
     scenario: str | Site
@@ -51,6 +52,7 @@ class PlanRequest(SearchRequest):
     force: bool
     autopilot: str | None = None
     bounds_s: float | None = None
+    waypoint_price: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +86,8 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     if request.select is not None:
         parse_rule(request.select)
     site = request.scenario if isinstance(request.scenario, Site) else load_site(request.scenario)
+    if request.waypoint_price is not None:
+        site = site.minimising(waypoint_price=request.waypoint_price)
     check_site(site)
     name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
     run = RunFolder(request.folder)
@@ -113,7 +117,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     say_older(user, older)
     if refused is not None:
         raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
-    _say_plan(user, run, result, bounds, time.monotonic() - started)
+    _say_plan(user, run, result, bounds, time.monotonic() - started, asked=_asked(site, request, result))
     if "shortest_path_m" in bounds and site.scenario.objective == "mission-time":
         user.say("this plan makes the time of the whole mission small (the last column), not the length of the route")
     if flights and (warning := room_in_words(site.scenario.limits, result.chosen.metrics)):
@@ -183,7 +187,16 @@ def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[
     return bounds(site, result, time_s=request.bounds_s)
 
 
-def _say_plan(user: User, run: RunFolder, result: Plan, bounds: dict[str, Any], wall_s: float) -> None:
+def _asked(site: Site, request: PlanRequest, result: Plan) -> str:
+    """What the chosen route was to meet, in words: the rule, and the most waypoints where they are limited."""
+    planner = site.scenario.planner
+    most = request.max_waypoints or planner.max_waypoints
+    if most is None or planner.encoding != "swaths":
+        return result.rule
+    return f"{result.rule} with at most {most} waypoints"
+
+
+def _say_plan(user: User, run: RunFolder, result: Plan, bounds: dict[str, Any], wall_s: float, *, asked: str) -> None:
     user.say(f"{'':22}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}")
     shown = [("chosen route", result.chosen)]
     plain = [member for member in result.baselines if member.origin == "boustrophedon"][:1]
@@ -200,7 +213,7 @@ def _say_plan(user: User, run: RunFolder, result: Plan, bounds: dict[str, Any], 
     for line in bounds_in_words(bounds):
         user.say(line)
     if not result.rule_met:
-        user.warn(f"no route meets {result.rule}; the best there is has been written")
+        user.warn(f"no route meets {asked}; the best there is has been written")
     if result.interrupted:
         user.warn(f"interrupted: the best route found so far has been written to {run}")
 

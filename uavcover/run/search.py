@@ -36,7 +36,7 @@ class SearchRequest:
         budget_s: search this long instead.
         algorithm: "memetic", "local-search", "imodbo", "modbo", "nsga2" or "moead"; or another optimizer: a name or
             ``module:Class`` that :func:`uavcover.optimizers.optimizer_class` finds, or the class itself.
-        max_waypoints: capacity of the "waypoints" encoding.
+        max_waypoints: of the routes, or of the nodes where the encoding is "waypoints".
         select: the rule by which one route is chosen.
         workers: threads; the result does not depend on it. None: one a core.
     """

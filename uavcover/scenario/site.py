@@ -62,9 +62,18 @@ class Site:
         where = "no place on Earth" if self.frame is None else f"{self.frame.lat_deg:.5f}, {self.frame.lon_deg:.5f}"
         return f"<Site {self.scenario.name}: {self.area.area / 1e6:.2f} square kilometres at {where}>"
 
-    def minimising(self, objective: Objective) -> "Site":
-        """This site with another cost that its planner makes small; benchmarks of path length ask for "length"."""
-        planner = dataclasses.replace(self.scenario.planner, objective=objective)
+    def minimising(self, objective: Objective | None = None, *, waypoint_price: float | None = None) -> "Site":
+        """This site with another cost that its planner makes small; benchmarks of path length ask for "length".
+
+        Raises:
+            ScenarioError: the cost is no cost.
+        """
+        changes = {"objective": objective, "waypoint_price": waypoint_price}
+        given = {key: value for key, value in changes.items() if value is not None}
+        try:
+            planner = dataclasses.replace(self.scenario.planner, **given)  # type: ignore[arg-type]
+        except ValueError as error:
+            raise ScenarioError(str(error)) from error
         return dataclasses.replace(self, scenario=dataclasses.replace(self.scenario, planner=planner))
 
     @property

@@ -102,7 +102,7 @@ def _rows(
     def make(coverage: CoverageMap, executor: Executor | None, should_stop: Callable[[], bool]) -> list[Baseline]:
         site = coverage.site
         found = evaluated(coverage, "boustrophedon", [fly_rows(site, plain_rows(site))], executor)
-        scan = scanned_rows(site, most_nodes=settings.max_waypoints)
+        scan = scanned_rows(site, most_nodes=settings.capacity)
         while (batch := [fly_rows(site, rows) for rows in islice(scan, _ROWS_AT_ONCE)]) and not should_stop():
             found += evaluated(coverage, TUNED, batch, executor)
         return found
@@ -159,7 +159,7 @@ def _cover_route(
                 return None
             chosen = exact
     if settings.encoding == "waypoints":
-        chosen = cut_down(candidates, chosen, settings.max_waypoints)
+        chosen = cut_down(candidates, chosen, settings.capacity)
     if chosen.size == 0:
         return None
     return tour_route(coverage.site, candidates.places_m[chosen], tolerance_m=PLAIN_TOLERANCE_M)

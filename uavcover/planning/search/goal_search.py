@@ -147,7 +147,7 @@ def search_goal(
     aim = min(1.0, goal + SAFETY)
     waypoint_m = (_WAYPOINT_PRICE if waypoint_price is None else waypoint_price) * work.problem.reach_m
     ranked_by_m = 0.0 if waypoint_price is None else waypoint_m
-    ranked = sorted(starts, key=lambda start: _merit(work.problem, start, goal, ranked_by_m))
+    ranked = best_starts(work.problem, starts, goal, ranked_by_m)
     if work.stopped or work.pace.fraction >= end:
         return []
     before = work.pace.fraction
@@ -226,6 +226,20 @@ def _corrected(goal: float, seen: float, judged: float) -> float:
     return min(1.0, max(0.0, seen + goal + SAFETY - judged))
 
 
+def best_starts(
+    problem: RouteProblem, starts: Sequence[SearchStart], goal: float, waypoint_m: float = 0.0
+) -> list[SearchStart]:
+    """The beginnings for a goal, the best first.
+
+    Args:
+        problem: what is looked at.
+        starts: of any coverage.
+        goal: share of what can be covered.
+        waypoint_m: a price of waypoints beside that of the cost.
+    """
+    return sorted(starts, key=lambda start: _merit(problem, start, goal, waypoint_m))
+
+
 def _merit(problem: RouteProblem, start: SearchStart, goal: float, waypoint_m: float) -> tuple[bool, float]:
     """Smallest for the best start; where the order is free, any route that reaches the goal ranks before those that do not."""
     missing = max(0.0, goal - start.seen)
@@ -236,7 +250,8 @@ def _merit(problem: RouteProblem, start: SearchStart, goal: float, waypoint_m: f
 
 
 def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: float) -> Chain:
-    length_m = max(route.length_m, work.problem.reach_m)
+    metres = work.problem.metres_per_cost(route)
+    way_m = max(metres * work.problem.cost(route), work.problem.reach_m)
     free = work.problem.free_order
     cells = np.count_nonzero(work.problem.numbers.weight)
     fewest = 1 if work.problem.free_order else 2
@@ -245,11 +260,11 @@ def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: flo
         problem=work.problem,
         state=state,
         prices=Prices(
-            work.problem.metres_per_cost(route),
+            metres,
             waypoint_m,
             _COVERAGE_PRICE_FREE * work.problem.reach_m * cells
             if free
-            else _COVERAGE_PRICE * (length_m + _DEAR_WAYPOINTS * waypoint_m * len(route)),
+            else _COVERAGE_PRICE * (way_m + _DEAR_WAYPOINTS * waypoint_m * len(route)),
             goal,
         ),
         hottest=(_HOTTEST_FREE if free else _HOTTEST) * work.problem.reach_m + _HOTTEST_OF_WAYPOINT * waypoint_m,

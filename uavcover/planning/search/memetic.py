@@ -10,7 +10,14 @@ from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
 from uavcover.planning.baselines.boustrophedon import best_height_agl_m
 from uavcover.planning.front import Candidate
-from uavcover.planning.search.goal_search import RouteJudge, SearchStart, search_goals, search_waypoints
+from uavcover.planning.search.goal_search import (
+    SAFETY,
+    RouteJudge,
+    SearchStart,
+    best_starts,
+    search_goals,
+    search_waypoints,
+)
 from uavcover.planning.search.local_search import (
     CHAINS,
     PROPOSALS_PER_EVALUATION,
@@ -22,11 +29,12 @@ from uavcover.planning.search.local_search import (
 )
 from uavcover.planning.search.optimizer_search import Effort, SearchProgress, SearchRun
 from uavcover.planning.search.route_problem import RouteProblem, route_problem
+from uavcover.planning.search.simplify import thinned_out
 from uavcover.planning.search.tour_with_neighbourhoods import search_free_order
 from uavcover.planning.selection import Rule
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import make_scattered_cells
-from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.coverage_map import CoverageMap, judging_maps
 from uavcover.sensing.sensors import reach_at_height_m
 
 MARGIN_CELLS = 0.45
@@ -40,8 +48,6 @@ _WAYPOINTS_SHARE = 0.15
 
 _FLOWN = 0.98
 """The coverage that it goes for when the rule asks for none."""
-
-_MOST_FINEST_CELLS = 2_000_000
 
 _PATH_CAPACITY = 3
 _SPARE_WAYPOINTS = 100
@@ -94,7 +100,7 @@ def improve(
     if site.scenario.sensor.sensing == "along-path":
         scattered = CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m, cut=make_scattered_cells)
         problem = _problem(site, scattered, margin_cells=SCATTERED_MARGIN_CELLS)
-        judges = [judging, *_finer(site, judging)]
+        judges = judging_maps(site)
     else:
         problem = _problem(site, coverage, margin_cells=0.0 if judging is coverage else MARGIN_CELLS)
         judges = [judging]
@@ -135,26 +141,25 @@ def improve(
     if problem.free_order:
         search_free_order(work, starts, asked=asked, capacity=capacity, judge=judge)
     else:
+        goal = _FLOWN if asked is None else asked
+        starts.append(_fewer_waypoints(problem, starts, goal))
         known = search_goals(work, starts, asked=asked, capacity=capacity, until=1.0 - _WAYPOINTS_SHARE, judge=judge)
         on_these_cells = RouteJudge(lambda route: judging.share_of_coverable(judging.seen(route.waypoints_m)), found)
-        search_waypoints(
-            work, known, goal=_FLOWN if asked is None else asked, capacity=capacity, until=1.0, judge=on_these_cells
-        )
+        search_waypoints(work, known, goal=goal, capacity=capacity, until=1.0, judge=on_these_cells)
     return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
 
 
-def _finer(site: Site, judging: CoverageMap) -> list[CoverageMap]:
-    """Finer cells that correct the goals in addition to the judging cells, where memory allows."""
-    if site.scenario.limits.applies_to == "waypoints" or judging.grid.count * 4 > _MOST_FINEST_CELLS:
-        return []
-    return [CoverageMap(site, cell_size_m=0.5 * site.scenario.area.cell_size_m)]
+def _fewer_waypoints(problem: RouteProblem, starts: Sequence[SearchStart], goal: float) -> SearchStart:
+    """The best beginning without the waypoints that it can do without: of two chains, one begins with it and one as it was."""
+    best = best_starts(problem, starts, goal)[0]
+    return SearchStart(thinned_out(problem, best.route, goal=goal + SAFETY), min(best.seen, goal))
 
 
 def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: PlannerSettings) -> list[SearchStart]:
     """The feasible routes, with their share of the coverable area."""
     legs = coverage.site.scenario.limits.applies_to == "legs"
     # Over terrain there are waypoints between the nodes of the encoding, which its capacity does not count.
-    longest = settings.max_waypoints if settings.encoding == "waypoints" and not legs else None
+    longest = settings.capacity if settings.encoding == "waypoints" and not legs else None
     fewest = 2 if legs else 1
     coverable = max(coverage.share(coverage.coverable), 1e-12)
     return [
@@ -173,7 +178,9 @@ def _problem(site: Site, coverage: CoverageMap, *, margin_cells: float) -> Route
 
 def _capacity(problem: RouteProblem, settings: PlannerSettings, starts: Sequence[SearchStart]) -> int:
     if settings.encoding == "waypoints" and problem.free_order:
-        return settings.max_waypoints
+        return settings.capacity
+    if settings.most_waypoints is not None:
+        return settings.most_waypoints
     return _PATH_CAPACITY * max(len(start.route) for start in starts) + _SPARE_WAYPOINTS
 
 
@@ -208,7 +215,7 @@ def _progress(
         evaluations = evaluations_done + work.proposals // PROPOSALS_PER_EVALUATION
         best[0] = max(best[0], *(chain.seen * coverable for chain in chains))
         if asked is not None:
-            shortest.extend(chain.problem.cost(chain.route) for chain in chains if chain.seen >= asked)
+            shortest.extend(chain.problem.cost_of_way(chain.route) for chain in chains if chain.seen >= asked)
             shortest[:] = [min(shortest)] if shortest else []
         total = effort.evaluations
         if effort.budget_s is not None:

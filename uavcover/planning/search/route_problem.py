@@ -21,6 +21,9 @@ from uavcover.sensing.sensors import trigger_distance_m
 _MOST_WAYPOINTS = 60_000
 """A cell is counted in 16 bits."""
 
+_RUNS_OF_A_ROW = 3
+"""Of cells that a leg sees, on average over the rows that it passes: there is room for so many on a leg across the whole area."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteProblem:
@@ -37,8 +40,13 @@ class RouteProblem:
     stride: int
 
     def cost(self, route: Route) -> float:
-        """Cost of a route, apart from its waypoints and missing coverage: its length, or the planner's objective."""
+        """Cost of a route, apart from missing coverage: its length, or the planner's objective, with the price of waypoints."""
         return float(route_cost(self.numbers.surface, self.numbers.way, route.waypoints_m))
+
+    def cost_of_way(self, route: Route) -> float:
+        """The cost without the price of the waypoints."""
+        way = self.numbers.way._replace(waypoint_price=0.0)
+        return float(route_cost(self.numbers.surface, way, route.waypoints_m))
 
     def metres_per_cost(self, route: Route) -> float:
         """Brings costs to metres of path, by a route that has both; 1 where the cost is the length."""
@@ -92,8 +100,10 @@ def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> 
         trigger_distance_m(scenario) or 0.0,
     )
     across = 2.0 * horizontal_reach(sight) / cells.size_m + 2.0
-    # A place may see every other cell of what is in reach; of a leg of up to eight radii a row has few runs. Longer ones are cut.
-    stride = max(int(0.25 * math.pi * across * across), 0 if sensing == AT_WAYPOINTS else int(40.0 * across)) + 8
+    # A place may see every other cell of what is in reach. Of a leg, however long, a row has few runs; ragged ones are split.
+    stride = int(0.25 * math.pi * across * across) + 8
+    if sensing == ALONG_PATH:
+        stride = max(stride, int(40.0 * across) + 2 * _RUNS_OF_A_ROW * cells.lattice.shape[0])
     return RouteProblem(numbers, reach_m, stride)
 
 
@@ -133,7 +143,7 @@ def _limits(site: Site) -> RouteLimits:
 
 
 def state_of(problem: RouteProblem, route: Route, *, capacity: int) -> RouteState:
-    """Incremental state of a route, with its observations counted; legs that see more cells than a list holds are split evenly.
+    """Incremental state of a route, with its observations counted; the longest legs are split while one has no room.
 
     Args:
         problem: what is looked at.
@@ -174,8 +184,7 @@ def _apart(points: FloatArray, apart_m: float) -> FloatArray:
 
 
 def _halved(points: FloatArray) -> FloatArray:
-    """(2 n - 1, 3) points: the given ones and the midpoints of their legs."""
-    out = np.empty((2 * len(points) - 1, 3))
-    out[::2] = points
-    out[1::2] = 0.5 * (points[1:] + points[:-1])
-    return out
+    """(m, 3) points: the given ones, and the midpoints of the legs that are more than half as long as the longest."""
+    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    split = np.flatnonzero(lengths > 0.5 * lengths.max())
+    return np.insert(points, split + 1, 0.5 * (points[split] + points[split + 1]), axis=0)

@@ -1,0 +1,44 @@
+"""Naive twin of uavcover.kernels.simplification: every exchange is made on a copy, and all of it counted and checked again."""
+
+import itertools
+
+import numpy as np
+
+from tests.naive.route_state import counts
+from uavcover.kernels.search_problem import allowed_leg, allowed_place
+from uavcover.kernels.way_cost import route_cost
+
+
+def take_out(problem, route, fewest, least_seen, most_lost):
+    """The list of waypoints that stay of a list of waypoints."""
+    for k in range(len(route) - 1, -1, -1):
+        if len(route) > fewest:
+            route = better(problem, route, route[:k] + route[k + 1 :], least_seen, most_lost)
+    return route
+
+
+def merge(problem, route, fewest, least_seen, most_lost):
+    """Likewise, with neighbours in one place."""
+    for k in range(len(route) - 2, -1, -1):
+        if len(route) > fewest and k + 1 < len(route):
+            between = tuple(0.5 * (a + b) for a, b in zip(route[k], route[k + 1], strict=True))
+            route = better(problem, route, [*route[:k], between, *route[k + 2 :]], least_seen, most_lost)
+    return route
+
+
+def better(problem, before, after, least_seen, most_lost):
+    """The second route where it may take the place of the first one."""
+    if cost(problem, after) > cost(problem, before):
+        return before
+    new = [k for k, place in enumerate(after) if place not in before]
+    if not all(allowed_place(problem, after[k]) for k in new):
+        return before
+    legs = set(itertools.pairwise(before))
+    if not all(allowed_leg(problem, p, q) for p, q in itertools.pairwise(after) if (p, q) not in legs):
+        return before
+    (_, old), (_, seen) = counts(problem, before), counts(problem, after)
+    return after if seen - old >= -most_lost and seen >= least_seen else before
+
+
+def cost(problem, route):
+    return route_cost(problem.surface, problem.way, np.array(route))
