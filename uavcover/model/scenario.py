@@ -190,9 +190,8 @@ class PlannerSettings:
             the route. Default: "mission-time" where there is a home, otherwise "length".
         band_deviation_price: cost for every metre of a waypoint above or below the middle of the height band (Eq. 7), in
             metres of path or in seconds.
-        waypoint_price: cost of every waypoint, in metres of path or in seconds, as the objective is: the search gives up so much
-            path or time for one waypoint less. Default: a hundredth of the radius that the sensor sees from the middle of
-            the band, in metres or in seconds at cruise speed.
+        waypoint_price: cost of every waypoint, in metres of path or in seconds. Default: 1 % of the radius that the sensor sees
+            from the middle of the band, or its time at cruise speed; 0 for a sensor that looks from the waypoints.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -216,9 +215,7 @@ class PlannerSettings:
             self.evaluations >= self.population_size,
             f"evaluations: {self.evaluations} is less than one population of {self.population_size}",
         )
-        require(
-            self.max_waypoints is None or self.max_waypoints >= 2, f"max_waypoints: {self.max_waypoints} is below 2"
-        )
+        require(self.capacity >= 2, f"max_waypoints: {self.max_waypoints} is below 2")
         require_not_negative(band_deviation_price=self.band_deviation_price, waypoint_price=self.waypoint_price or 0.0)
         require(self.seed >= 0, f"seed: {self.seed} must not be negative")
         if self.cell_size_m is not None:

@@ -245,9 +245,10 @@ def _simplified(
     site: Site, members: Sequence[RouteMember], rule: Rule, is_over: Callable[[], bool]
 ) -> list[NamedRoute]:
     """What the rule chooses among the members, without the waypoints that it can do without; none when it needs them all."""
-    feasible = pareto_members([member for member in members if member.violation <= 0.0])
-    if not feasible or rule.kind == "index":
+    sound = [member for member in members if member.violation <= 0.0]
+    if not sound or rule.kind == "index":
         return []
+    feasible = pareto_members(sound)
     chosen = feasible[select(feasible, rule).index]
     simpler = simplified(judging_maps(site), chosen.route, asked=rule.required_coverage, is_over=is_over)
     return [] if simpler is None else [(simpler, chosen.origin)]

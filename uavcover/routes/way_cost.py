@@ -47,11 +47,13 @@ def waypoint_price_of(site: Site) -> float:
     """Cost of a waypoint, in metres of path or in seconds, as the objective is: ``planner.waypoint_price`` or its default.
 
     The default grows with what the sensor sees: a waypoint that a small sensor needs for its ground must not be dearer than
-    the path to it.
+    the path to it. A sensor that looks from the waypoints needs each, and every number of them is searched for by itself.
     """
     scenario = site.scenario
     if scenario.planner.waypoint_price is not None:
         return scenario.planner.waypoint_price
+    if scenario.sensor.sensing == "at-waypoints":
+        return 0.0
     middle_agl_m = 0.5 * (scenario.limits.min_height_agl_m + scenario.limits.max_height_agl_m)
     price_m = _WAYPOINT_PRICE * reach_at_height_m(scenario.sensor, middle_agl_m)
     return price_m if scenario.objective == "length" else price_m / scenario.vehicle.cruise_speed_m_s
