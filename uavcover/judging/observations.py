@@ -128,9 +128,10 @@ def _pictures(run: NDArray[np.int64], enu_m: FloatArray, trigger_m: float) -> tu
 
 
 def pictures_told(track: Track) -> bool:
-    """Whether the vehicle told of at least one picture during the track."""
+    """Whether the vehicle told of at least one picture during the track, or that there was none: a count of 0 throughout."""
     known = track.pictures_taken[np.isfinite(track.pictures_taken)]
-    return bool(known.size) and (bool((np.diff(known) > 0).any()) or bool(np.isnan(track.pictures_taken[0])))
+    rises = bool((np.diff(known) > 0).any()) or bool(np.isnan(track.pictures_taken[:1]).any())
+    return bool(known.size) and (rises or not known.any())
 
 
 def _at_waypoints(
@@ -167,8 +168,10 @@ def missing_pictures(
     site: Site, track: Track, enu_m: FloatArray, joined: BoolArray, planned: PlannedRoute | None
 ) -> str | None:
     """What to tell where fewer pictures came back than waypoints were reached; none where all did, or nothing is known."""
-    if site.scenario.sensor.sensing != "at-waypoints" or planned is None or not pictures_told(track):
+    if site.scenario.sensor.sensing != "at-waypoints" or planned is None:
         return None
+    if not pictures_told(track):
+        return "nothing is told of pictures: every planned waypoint that was reached counts as one"
     reached, looks = len(_reached(site, enu_m, planned)), len(_at_waypoints(site, track, enu_m, joined, planned))
     if looks >= reached:
         return None

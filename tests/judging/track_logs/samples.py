@@ -2,6 +2,8 @@
 
 import math
 import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +25,46 @@ def flight() -> tuple[np.ndarray, np.ndarray]:
     return positions, attitudes
 
 
-def write_tlog(path: Path, *, systems: tuple[int, ...] = (1,), component: int = 1) -> None:
+@dataclass(frozen=True)
+class Picture:
+    """A picture of a log: when, where if it names a place, its number, whether it was taken, and which message tells of it."""
+
+    time_s: float
+    lat_deg: float = 0.0
+    lon_deg: float = 0.0
+    number: int = 0
+    taken: bool = True
+    kind: str = "picture"
+
+
+def pictures_at(samples: list[int]) -> list[Picture]:
+    """A picture at each of these samples of the flight, 0.05 s before its time, where the vehicle was."""
+    positions, _ = flight()
+    at = [positions[k].tolist() for k in samples]
+    return [Picture(t - 0.05, lat, lon, number) for number, (t, lat, lon, _) in enumerate(at)]
+
+
+def _camera_messages(packer: mavlink.MAVLink, pictures: Sequence[Picture]) -> list[object]:
+    made: list[object] = []
+    for each in pictures:
+        lat, lon = round(each.lat_deg * 1e7), round(each.lon_deg * 1e7)
+        if each.kind == "picture":
+            flags = mavlink.CAMERA_FEEDBACK_PHOTO if each.taken else mavlink.CAMERA_FEEDBACK_BADEXPOSURE
+            made.append(
+                packer.camera_feedback_encode(0, 0, 0, each.number, lat, lon, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, flags)
+            )
+        else:
+            made.append(
+                packer.camera_image_captured_encode(
+                    0, 0, 0, lat, lon, 0, 0, [1.0, 0.0, 0.0, 0.0], each.number, int(each.taken), b""
+                )
+            )
+    return made
+
+
+def write_tlog(
+    path: Path, *, systems: tuple[int, ...] = (1,), component: int = 1, pictures: Sequence[Picture] = ()
+) -> None:
     """As a ground station writes it: eight bytes of microseconds, then the packet."""
     positions, attitudes = flight()
     with path.open("wb") as file:
@@ -39,6 +80,7 @@ def write_tlog(path: Path, *, systems: tuple[int, ...] = (1,), component: int = 
                         round(ta * 1e3), *(math.radians(math.remainder(x, 360.0)) for x in (roll, pitch, yaw)), 0, 0, 0
                     ),
                 ]
+                messages += _camera_messages(packer, [each for each in pictures if t - 0.2 < each.time_s <= t])
                 for message in messages:
                     file.write(struct.pack(">Q", int((1.7e9 + t) * 1e6)) + message.pack(packer))
 
@@ -67,12 +109,16 @@ class DataflashWriter:
         self.content += b"\xa3\x95" + bytes([number]) + struct.pack(layout, *values)
 
 
-def write_dataflash(path: Path, *, estimated: bool = True, attitude: bool = True) -> None:
+def write_dataflash(
+    path: Path, *, estimated: bool = True, attitude: bool = True, pictures: Sequence[Picture] = ()
+) -> None:
     positions, attitudes = flight()
     log = DataflashWriter()
     log.define(1, "POS", "QLLff", "TimeUS,Lat,Lng,Alt,RelHomeAlt")
     log.define(2, "GPS", "QBBLLf", "TimeUS,I,Status,Lat,Lng,Alt")
     log.define(3, "ATT", "QccC", "TimeUS,Roll,Pitch,Yaw")
+    log.define(4, "CAM", "QLL", "TimeUS,Lat,Lng")
+    log.define(5, "TRIG", "QLL", "TimeUS,Lat,Lng")
     for (t, lat, lon, alt), (ta, roll, pitch, yaw) in zip(positions, attitudes, strict=True):
         place = (round(lat * 1e7), round(lon * 1e7), alt)
         if estimated:
@@ -81,6 +127,9 @@ def write_dataflash(path: Path, *, estimated: bool = True, attitude: bool = True
         log.write(2, round(t * 1e6), 1, 3, 0, 0, 0.0)  # a second receiver, which is not asked
         if attitude:
             log.write(3, round(ta * 1e6), round(roll * 100), round(pitch * 100), round(yaw * 100))
+    for each in pictures:
+        place = (round(each.lat_deg * 1e7), round(each.lon_deg * 1e7))
+        log.write(4 if each.kind == "picture" else 5, round(each.time_s * 1e6), *place)
     path.write_bytes(log.content)
 
 
@@ -99,7 +148,7 @@ def write_gpx(path: Path, *, point: str = _POINT) -> None:
     )
 
 
-def write_ulog(path: Path) -> None:
+def write_ulog(path: Path, *, pictures: Sequence[Picture] = ()) -> None:
     """Header, flags, formats, subscriptions and data as the ULog specification says."""
     positions, attitudes = flight()
 
@@ -110,12 +159,32 @@ def write_ulog(path: Path) -> None:
     content += message(b"B", bytes(40))
     content += message(b"F", b"vehicle_global_position:uint64_t timestamp;double lat;double lon;float alt;")
     content += message(b"F", b"vehicle_attitude:uint64_t timestamp;float[4] q;")
+    kinds = list(dict.fromkeys(each.kind for each in pictures))
+    for kind in kinds:
+        content += message(b"F", b"".join(_CAMERA_TOPICS[kind]))
+    for number, kind in enumerate(kinds, start=2):
+        content += message(b"A", struct.pack("<BH", 0, number) + _CAMERA_TOPICS[kind][0])
     content += message(b"A", struct.pack("<BH", 0, 0) + b"vehicle_global_position")
     content += message(b"A", struct.pack("<BH", 0, 1) + b"vehicle_attitude")
     for (t, lat, lon, alt), (ta, roll, pitch, yaw) in zip(positions, attitudes, strict=True):
         content += message(b"D", struct.pack("<HQddf", 0, round(t * 1e6), lat, lon, alt))
         content += message(b"D", struct.pack("<HQ4f", 1, round(ta * 1e6), *quaternion(roll, pitch, yaw)))
+    for each in pictures:
+        content += message(b"D", _of_camera(each, 2 + kinds.index(each.kind)))
     path.write_bytes(content)
+
+
+_CAMERA_TOPICS = {
+    "picture": (b"camera_capture", b":uint64_t timestamp;double lat;double lon;uint32_t seq;int8_t result;"),
+    "other": (b"camera_trigger", b":uint64_t timestamp;uint32_t seq;"),
+}
+
+
+def _of_camera(picture: Picture, number: int) -> bytes:
+    body = struct.pack("<HQ", number, round(picture.time_s * 1e6))
+    if picture.kind == "picture":
+        return body + struct.pack("<ddIb", picture.lat_deg, picture.lon_deg, picture.number, int(picture.taken))
+    return body + struct.pack("<I", picture.number)
 
 
 def quaternion(roll_deg: float, pitch_deg: float, yaw_deg: float) -> tuple[float, float, float, float]:

@@ -10,6 +10,12 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import ReadTrack, Track
 from uavcover.scenario.frames import LocalFrame
 
+PICTURE_PLACE_ERROR_M = 10.0
+"""A picture that names a place farther than this from where the vehicle was then is no picture."""
+
+PICTURE_TIME_ERROR_S = 0.5
+"""So much earlier or later it may have been there: autopilots note a picture when the camera answers."""
+
 MAX_ATTITUDE_GAP_S = 1.0
 """Largest time between the two rows around a position from which its attitude is interpolated."""
 
@@ -21,11 +27,14 @@ class LoggedRows:
     Attributes:
         positions: (n, 4) time in seconds, latitude and longitude in degrees, height above sea level in metres.
         attitudes: (k, 4) time in seconds, roll, pitch and yaw in degrees; may be empty.
+        pictures: (p, 3) time in seconds, latitude and longitude in degrees of every picture that was taken, NaN or 0 where its
+            place is not told; none in a log that tells nothing of a camera.
         warnings: what was dropped or assumed so far.
     """
 
     positions: FloatArray
     attitudes: FloatArray
+    pictures: FloatArray | None = None
     warnings: tuple[str, ...] = ()
 
 
@@ -72,6 +81,10 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
         warnings.append(
             f"{path}: {unknown} of {len(positions)} positions have no attitude; what a fixed camera saw from there is not known"
         )
+    pictures_taken = np.full(len(positions), np.nan)
+    if rows.pictures is not None:
+        pictures_taken, doubted = _pictures_taken(frame, positions, rows.pictures.reshape(-1, 3))
+        warnings += [f"{path}: {words}" for words in doubted]
     return ReadTrack(
         Track(
             time_s=positions[:, 0].copy(),
@@ -79,9 +92,44 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
             enu_m=frame.enu_from_geodetic(*positions[:, 1:].T),
             attitude_deg=attitude,
             current_waypoint=np.full(len(positions), -1, dtype=np.int64),
+            pictures_taken=pictures_taken,
         ),
         tuple(warnings),
     )
+
+
+def _pictures_taken(frame: LocalFrame, positions: FloatArray, pictures: FloatArray) -> tuple[FloatArray, list[str]]:
+    """How many pictures were taken up to each of (n, 4) positions, and which of (p, 3) pictures the positions contradict.
+
+    A picture that was taken when nothing was recorded, or that names a place where the vehicle was not, is no picture. Every
+    picture has a row of its own, so of several between two positions one counts: what they would show is the same.
+    """
+    times, doubted = positions[:, 0], []
+    inside = (pictures[:, 0] > times[0]) & (pictures[:, 0] <= times[-1])
+    if not inside.all():
+        doubted.append(
+            f"{int((~inside).sum())} of {len(pictures)} pictures have a time outside the track: they are no evidence"
+        )
+    pictures = pictures[inside]
+    placed = np.isfinite(pictures[:, 1:]).all(axis=1) & (pictures[:, 1:] != 0.0).any(axis=1)
+    enu = frame.enu_from_geodetic(*positions[:, 1:].T)
+    heights = np.interp(pictures[placed, 0], times, positions[:, 3])
+    told = frame.enu_from_geodetic(pictures[placed, 1], pictures[placed, 2], heights)
+    off_m = np.full(int(placed.sum()), np.inf)
+    for shift_s in (-PICTURE_TIME_ERROR_S, 0.0, PICTURE_TIME_ERROR_S):
+        flown = np.column_stack([np.interp(pictures[placed, 0] + shift_s, times, enu[:, axis]) for axis in range(2)])
+        off_m = np.minimum(off_m, np.hypot(*(told[:, :2] - flown).T))
+    elsewhere = np.zeros(len(pictures), dtype=bool)
+    elsewhere[placed] = ~(off_m <= PICTURE_PLACE_ERROR_M)
+    if elsewhere.any():
+        doubted.append(
+            f"{int(elsewhere.sum())} of {len(pictures)} pictures name a place where the vehicle was not (up to "
+            f"{float(off_m.max()):.0f} m away): they are no evidence"
+        )
+    at = np.searchsorted(times, pictures[~elsewhere, 0])
+    taken = np.zeros(len(times))
+    taken[np.unique(at)] = 1.0
+    return np.cumsum(taken), doubted
 
 
 def _attitudes_at(time_s: FloatArray, attitudes: FloatArray) -> FloatArray:

@@ -17,7 +17,10 @@ _FIX_3D = 3
 
 
 def read_dataflash(path: Path) -> LoggedRows:
-    """Read positions (POS of the estimator, otherwise the first GPS) and attitudes (ATT).
+    """Read positions (POS of the estimator, otherwise the first GPS), attitudes (ATT) and pictures (CAM, otherwise TRIG).
+
+    CAM is a picture that the camera took, or was told to take where no feedback is wired; TRIG is the trigger alone, of a
+    camera with feedback, whose pictures are its CAM messages.
 
     Raises:
         TrackError: not such a log, or without positions.
@@ -30,15 +33,18 @@ def read_dataflash(path: Path) -> LoggedRows:
     estimated: list[tuple[float, ...]] = []
     measured: list[tuple[float, ...]] = []
     attitudes: list[tuple[float, ...]] = []
+    cameras: dict[str, list[tuple[float, ...]]] = {"CAM": [], "TRIG": []}
     complaints = io.StringIO()
     # The reader prints a line for each damaged byte (its compiled index writes to stderr directly, out of reach here).
     with contextlib.redirect_stderr(complaints), contextlib.redirect_stdout(complaints):
         try:
             with _opened(DFReader.DFReader_binary, path) as reader:
-                while (message := reader.recv_match(type=["POS", "GPS", "ATT"])) is not None:
+                while (message := reader.recv_match(type=["POS", "GPS", "ATT", "CAM", "TRIG"])) is not None:
                     kind = message.get_type()
                     if kind == "POS":
                         estimated.append(_row(message, "Lat", "Lng", "Alt"))
+                    elif kind in cameras:
+                        cameras[kind].append(_row(message, "Lat", "Lng"))
                     elif kind == "ATT":
                         attitudes.append(_row(message, "Roll", "Pitch", "Yaw"))
                     elif getattr(message, "I", 0) == 0 and message.Status >= _FIX_3D:
@@ -53,7 +59,17 @@ def read_dataflash(path: Path) -> LoggedRows:
     positions = estimated or measured
     if not positions:
         raise TrackError(f"{path}: has no POS and no GPS messages; log them with bit 1 and 2 of LOG_BITMASK")
-    return LoggedRows(np.array(positions), np.array(attitudes).reshape(-1, 4), tuple(warnings))
+    pictures = cameras["CAM"] or cameras["TRIG"]
+    if pictures and not cameras["CAM"]:
+        warnings.append(
+            f"{path}: has no CAM messages; the triggers (TRIG) count as pictures, whether or not any was taken"
+        )
+    return LoggedRows(
+        np.array(positions),
+        np.array(attitudes).reshape(-1, 4),
+        np.array(pictures) if pictures else None,
+        tuple(warnings),
+    )
 
 
 @contextlib.contextmanager

@@ -35,7 +35,7 @@ def read_gpx(path: Path) -> LoggedRows:
     positions = np.array(points)
     positions[:, 0] -= positions[0, 0]
     warning = f"{path}: its heights are taken as above sea level, as GPX says; some loggers write ellipsoid heights"
-    return LoggedRows(positions, np.empty((0, 4)), (warning,))
+    return LoggedRows(positions, np.empty((0, 4)), warnings=(warning,))
 
 
 def _points(path: Path, root: ElementTree.Element) -> Iterator[tuple[float, float, float, float]]:

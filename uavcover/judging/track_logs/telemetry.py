@@ -2,6 +2,7 @@
 
 from collections import Counter, defaultdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -9,11 +10,20 @@ from uavcover.errors import TrackError
 from uavcover.judging.track_logs.assembly import LoggedRows
 
 _Source = tuple[int, int]
+_TYPES = ("GLOBAL_POSITION_INT", "ATTITUDE", "HEARTBEAT", "CAMERA_FEEDBACK", "CAMERA_IMAGE_CAPTURED")
+_Pictures = dict[tuple[int, int, int], tuple[float, ...] | None]
+"""Time, latitude and longitude of a picture, none of one that failed; by system, camera and number."""
+_NOT_PICTURES = (1, 2)
+"""CAMERA_FEEDBACK_VIDEO and CAMERA_FEEDBACK_BADEXPOSURE."""
+
 _Rows = dict[_Source, list[tuple[float, ...]]]
 
 
 def read_telemetry(path: Path) -> LoggedRows:
-    """Read positions (GLOBAL_POSITION_INT) and attitudes (ATTITUDE) of the only vehicle in a log, on its own clock.
+    """Read positions (GLOBAL_POSITION_INT), attitudes (ATTITUDE) and pictures of the only vehicle in a log, on its own clock.
+
+    Pictures are CAMERA_FEEDBACK, otherwise CAMERA_IMAGE_CAPTURED; each number counts once. A feedback's own time may be of the
+    GPS, so a picture has the time of the position that came before it.
 
     Raises:
         TrackError: not such a log, without positions, or with positions of several vehicles.
@@ -25,19 +35,27 @@ def read_telemetry(path: Path) -> LoggedRows:
     positions: _Rows = defaultdict(list)
     attitudes: _Rows = defaultdict(list)
     autopilots: set[_Source] = set()
+    cameras: dict[str, _Pictures] = {"CAMERA_FEEDBACK": {}, "CAMERA_IMAGE_CAPTURED": {}}
+    now_s: dict[int, float] = {}
     log = mavutil.mavlogfile(str(path), robust_parsing=True)
     try:
-        while (message := log.recv_match(type=["GLOBAL_POSITION_INT", "ATTITUDE", "HEARTBEAT"])) is not None:
+        while (message := log.recv_match(type=[*_TYPES])) is not None:
             source = (message.get_srcSystem(), message.get_srcComponent())
-            if message.get_type() == "HEARTBEAT":
+            kind = message.get_type()
+            if kind in cameras:
+                # A picture before the first position has no place in the track.
+                _note_picture(cameras[kind], message, source, now_s.get(source[0], 0.0))
+                continue
+            if kind == "HEARTBEAT":
                 if message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
                     autopilots.add(source)
                 continue
             time_s = message.time_boot_ms * 1e-3
-            if message.get_type() == "ATTITUDE":
+            if kind == "ATTITUDE":
                 angles = np.degrees([message.roll, message.pitch, message.yaw])
                 attitudes[source].append((time_s, *map(float, angles)))
             else:
+                now_s[source[0]] = time_s
                 positions[source].append((time_s, message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3))
     finally:
         log.close()
@@ -53,4 +71,21 @@ def read_telemetry(path: Path) -> LoggedRows:
         key: len(rows) for key, rows in positions.items()
     }
     source = Counter(speaking).most_common(1)[0][0]
-    return LoggedRows(np.array(positions[source]), np.array(attitudes[source]).reshape(-1, 4))
+    of_vehicle = [[row for (system, _, _), row in found.items() if system == source[0]] for found in cameras.values()]
+    told = of_vehicle[0] or of_vehicle[1]
+    pictures = np.array([row for row in told if row is not None]).reshape(-1, 3) if told else None
+    warnings: tuple[str, ...] = ()
+    if failed := sum(row is None for row in told):
+        warnings = (f"{path}: the camera failed to take {failed} of {len(told)} pictures",)
+    return LoggedRows(np.array(positions[source]), np.array(attitudes[source]).reshape(-1, 4), pictures, warnings)
+
+
+def _note_picture(found: _Pictures, message: Any, source: _Source, now_s: float) -> None:
+    """Note what a camera tells of a picture, unless it has told it before."""
+    if message.get_type() == "CAMERA_FEEDBACK":
+        camera, number, good = message.cam_idx, message.img_idx, message.flags not in _NOT_PICTURES
+        place = (message.lat * 1e-7, message.lng * 1e-7)
+    else:
+        camera, number, good = message.camera_id, message.image_index, message.capture_result == 1
+        place = (message.lat * 1e-7, message.lon * 1e-7)
+    found.setdefault((source[0], camera, number), (now_s, *place) if good else None)

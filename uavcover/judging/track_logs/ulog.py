@@ -10,11 +10,15 @@ from uavcover.errors import TrackError
 from uavcover.judging.track_logs.assembly import LoggedRows
 from uavcover.kernels.arrays import FloatArray
 
+_TOPICS = ("vehicle_global_position", "vehicle_attitude", "camera_capture", "camera_trigger")
+_FAILED = 0
+"""``camera_capture.result`` of a picture that was not taken; -1 is a camera that does not answer."""
+
 _MAGIC = b"ULog\x01\x12\x35"
 
 
 def read_ulog(path: Path) -> LoggedRows:
-    """Read positions (vehicle_global_position) and attitudes (vehicle_attitude).
+    """Read positions (vehicle_global_position), attitudes (vehicle_attitude) and pictures (camera_capture, or camera_trigger).
 
     Raises:
         TrackError: no such log, no positions, or pyulog is not installed.
@@ -26,7 +30,7 @@ def read_ulog(path: Path) -> LoggedRows:
     except ImportError:
         raise TrackError(f"{path}: reading .ulg needs pyulog: pip install pyulog") from None
     try:
-        log = ULog(str(path), message_name_filter_list=["vehicle_global_position", "vehicle_attitude"])
+        log = ULog(str(path), message_name_filter_list=[*_TOPICS])
     except (ValueError, IndexError, KeyError, TypeError, struct.error, UnicodeDecodeError) as error:
         raise TrackError(f"{path}: a damaged ULog ({type(error).__name__}: {error})") from error
     except Exception as error:  # pyulog raises bare Exceptions for wrong headers and flags
@@ -40,8 +44,31 @@ def read_ulog(path: Path) -> LoggedRows:
     if "vehicle_attitude" in datasets:
         attitude = datasets["vehicle_attitude"]
         attitudes = np.column_stack([attitude["timestamp"] * 1e-6, _euler_deg(attitude)])
-    warnings = (f"{path}: parts of the log are damaged and were left out",) if log.file_corruption else ()
-    return LoggedRows(positions.astype(float), attitudes, warnings)
+    warnings = [f"{path}: parts of the log are damaged and were left out"] if log.file_corruption else []
+    pictures, more = _pictures(path, datasets)
+    warnings += more
+    return LoggedRows(positions.astype(float), attitudes, pictures, tuple(warnings))
+
+
+def _pictures(path: Path, datasets: dict[str, dict[str, Any]]) -> tuple[FloatArray | None, list[str]]:
+    """(p, 3) time, latitude and longitude of the pictures, none where the log has no camera; and what to tell of them."""
+    if capture := datasets.get("camera_capture"):
+        if lacking := {"timestamp", "seq", "lat", "lon", "result"} - set(capture):
+            raise TrackError(f"{path}: its camera_capture messages have no {', '.join(sorted(lacking))}")
+        taken = np.asarray(capture["result"]) != _FAILED
+        rows = np.column_stack([np.asarray(capture["timestamp"], float) * 1e-6, capture["lat"], capture["lon"]])
+        # One capture may be told of twice.
+        _, first = np.unique(np.asarray(capture["seq"])[taken], return_index=True)
+        failed = int((~taken).sum())
+        words = [f"{path}: the camera failed to take {failed} of {len(taken)} pictures"] if failed else []
+        return rows[taken][first], words
+    if trigger := datasets.get("camera_trigger"):
+        times = np.asarray(trigger["timestamp"], float) * 1e-6
+        words = [
+            f"{path}: has no camera_capture messages; the triggers count as pictures, whether or not any was taken"
+        ]
+        return np.column_stack([times, np.full((len(times), 2), np.nan)]), words
+    return None, []
 
 
 def _euler_deg(attitude: dict[str, Any]) -> FloatArray:
