@@ -1,6 +1,7 @@
 """Naive twin of uavcover.kernels.simplification: every exchange is made on a copy, and all of it counted and checked again."""
 
 import itertools
+import math
 
 import numpy as np
 
@@ -33,6 +34,10 @@ def better(problem, before, after, least_seen, most_lost):
     new = [k for k, place in enumerate(after) if place not in before]
     if not all(allowed_place(problem, after[k]) for k in new):
         return before
+    for k in new:
+        others = after[:k] + after[k + 1 :]
+        if problem.apart_m > 0.0 and any(math.dist(after[k], other) < problem.apart_m for other in others):
+            return before
     legs = set(itertools.pairwise(before))
     if not all(allowed_leg(problem, p, q) for p, q in itertools.pairwise(after) if (p, q) not in legs):
         return before
