@@ -11,7 +11,7 @@ import rasterio
 from rasterio.transform import Affine
 
 from tests.cli.conftest import Cli
-from tests.naive.pictures import true_coverage
+from tests.naive.plan_coverage import true_coverage
 from tests.scenario.dem_files import fractal_m
 
 LAT_DEG, LON_DEG = 36.51, -84.23

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.compiled_kernels import cases
 from tests.kernels.test_obstacles import obstacles_of
 from tests.naive import coverage as naive
-from tests.naive import pictures as naive_pictures
+from tests.naive import plan_coverage as naive_pictures
 from uavcover.kernels import coverage as kernels
 from uavcover.kernels.coverage import Cells
 from uavcover.kernels.obstacles import horizons, roofs_m

@@ -19,6 +19,7 @@ from uavcover.kernels.annealing import Prices, Schedule, anneal, energy_of_share
 from uavcover.kernels.leg_visibility import list_cells
 from uavcover.kernels.nadir_visibility import cone_cells
 from uavcover.kernels.obstacles import NO_OBSTACLES
+from uavcover.kernels.picture_visibility import picture_cells
 from uavcover.kernels.route import path_length
 from uavcover.kernels.route_state import WIDEST, RouteState, recount, seen_alone
 from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS, RouteLimits, SearchProblem, inside_fence
@@ -186,7 +187,18 @@ def small_problem(
     needed, apart_m = NEEDED.get(kind, (1, 0.0))
     quick = cone_cells(surface, sight, cells)
     return SearchProblem(
-        surface, sight, cells, quick, square, weight, 0.4, sensing, limits, needed=needed, apart_m=apart_m
+        surface,
+        sight,
+        cells,
+        quick,
+        picture_cells(surface, sight, cells),
+        square,
+        weight,
+        0.4,
+        sensing,
+        limits,
+        needed=needed,
+        apart_m=apart_m,
     )
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from uavcover.errors import InputError
 from uavcover.model.route import Route, RouteMember, RouteMetrics
-from uavcover.planning.selection import Choice, parse_rule, select
+from uavcover.planning.selection import Choice, parse_rule, select, without_flukes
 
 
 def member(coverage: float, waypoints: int, length_m: float, origin: str = "test") -> RouteMember:
@@ -105,3 +105,46 @@ def test_an_index_outside_the_set_and_an_empty_set() -> None:
 def test_only_one_rule_asks_for_a_coverage() -> None:
     assert parse_rule("coverage>=0.95").required_coverage == 0.95
     assert parse_rule("knee").required_coverage is None
+
+
+def _elsewhere(members, truths):
+    """What other cells see, by the route itself."""
+    by_route = {id(m.route): truth for m, truth in zip(members, truths, strict=True)}
+    return lambda route: by_route[id(route)]
+
+
+def test_a_route_that_its_cells_flatter_is_not_chosen():
+    # Cheapest first; the first two reach 0.98 on their own cells alone.
+    members = [member(0.9802, 5, 100.0), member(0.9805, 5, 101.0), member(0.9803, 5, 105.0), member(0.99, 5, 120.0)]
+    truths = [0.976, 0.9793, 0.9801, 0.9899]
+    rule = parse_rule("coverage>=0.98")
+    left = without_flukes(members, rule, _elsewhere(members, truths))
+    assert left == members[2:]
+    assert left[select(left, rule).index] is members[2]
+
+
+def test_what_the_rule_would_not_choose_is_not_looked_at():
+    members = [member(0.9801, 5, 100.0), member(0.99, 5, 120.0), member(0.95, 5, 80.0)]
+    looked = []
+    left = without_flukes(members, parse_rule("coverage>=0.98"), lambda route: looked.append(route) or 0.9801)
+    assert left == members
+    assert looked == [members[0].route]
+
+
+def test_when_none_is_confirmed_the_one_that_lacks_least_stays():
+    members = [member(0.9802, 5, 100.0), member(0.9803, 5, 101.0), member(0.97, 5, 90.0)]
+    rule = parse_rule("coverage>=0.98")
+    left = without_flukes(members, rule, _elsewhere(members, [0.97, 0.975, 0.97]))
+    assert left == members[1:]
+    choice = select(left, rule)
+    assert (left[choice.index], choice.met) == (members[1], True)
+
+
+@pytest.mark.parametrize("text", ["max-coverage", "knee", "weighted", "coverage>=0.999"])
+def test_the_other_rules_do_not_fall_for_luck_either(text):
+    members = [member(0.9, 4, 90.0), member(0.95, 4, 95.0), member(0.97, 4, 96.0)]
+    rule = parse_rule(text)
+    lucky = members[select(members, rule).index]
+    truths = [m.metrics.coverage_of_coverable - (0.02 if m is lucky else 0.0) for m in members]
+    assert lucky not in without_flukes(members, rule, _elsewhere(members, truths))
+    assert without_flukes(members, parse_rule("index:2"), lambda _: 0.0) == members

@@ -116,6 +116,20 @@ def test_a_hill_between_home_and_area_lifts_the_transit() -> None:
     assert high.max_height_above_home_m == pytest.approx(high.path_m[:, 2].max(), abs=0.01)
 
 
+def test_over_a_gorge_the_ways_there_and_home_go_low_and_climb_to_the_route_where_it_is() -> None:
+    def gorge(east: np.ndarray, north: np.ndarray) -> np.ndarray:
+        return np.where(np.abs(east + 50.0) < 15.0, -100.0, 0.0) + 0.0 * north
+
+    site = make_site(gorge)
+    found = compiled(site, route((20, 50, 110), (80, 50, 110)))
+    assert found.path_m[:, 2].max() == pytest.approx(110.0)
+    way = found.path_m[: len(found.path_m) - 2]
+    lowest, highest = way[way[:, 0] < 10.0][:, 2].min(), way[way[:, 0] < 10.0][:, 2].max()
+    assert 20.0 <= lowest <= highest <= 50.0  # 150 m above the bottom of the gorge are allowed
+    flat_way = compiled(make_site(flat), route((20, 50, 110), (80, 50, 110)))
+    assert len(flat_way.path_m) < len(found.path_m)
+
+
 def test_the_column_above_home_reaches_the_clearance() -> None:
     assert compiled(make_site(vehicle={"takeoff_height_m": 5.0})).path_m[0, 2] >= 20.0
     assert compiled(make_site(vehicle={"takeoff_height_m": 55.0})).path_m[0, 2] == pytest.approx(55.0)

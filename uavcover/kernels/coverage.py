@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import Point
+from uavcover.kernels.horizon import OCTANTS, octant_of
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.obstacles import keeps_clear
 from uavcover.kernels.sight import MIDPOINT, RAY, Aim, Sight, horizontal_reach, in_view, level_aim
@@ -20,6 +21,10 @@ GRAZING_M = 1e-6
 
 _ROUNDING = 1e-9
 """A picture that is due no further behind the end of a leg than this, as a share of it, is taken at its end."""
+
+
+NO_RISE = np.empty((0, OCTANTS))
+NO_RISE.flags.writeable = False
 
 
 class Cells(NamedTuple):
@@ -34,6 +39,7 @@ class Cells(NamedTuple):
         normal: (n, 3) unit normals of the ground, or of the roof.
         horizon: (n,) tangent of the slope above which no obstacle in the sensor's reach can hide the cell; 0 where none is near.
         scatter_m: no centre is farther than this from its place on the lattice, on the map.
+        rise: (n, 8) of :func:`uavcover.kernels.horizon.rises` within the sensor's reach; (0, 8) where it is not known.
     """
 
     east0_m: float
@@ -44,6 +50,7 @@ class Cells(NamedTuple):
     normal: NDArray[np.float64]
     horizon: NDArray[np.float64]
     scatter_m: float = 0.0
+    rise: NDArray[np.float64] = NO_RISE
 
 
 @kernel
@@ -73,20 +80,27 @@ def sees(
 def in_line_of_sight(surface: Surface, sight: Sight, eye: NDArray[np.float64], centre: NDArray[np.float64]) -> bool:
     """Whether neither ground nor an obstacle stands between ``eye`` (3,) and the centre (3,) of a cell."""
     p, q = (eye[0], eye[1], eye[2]), (centre[0], centre[1], centre[2])
-    return nothing_between(surface, sight, math.inf, p, q)
+    return nothing_between(surface, sight, math.inf, math.inf, p, q)
 
 
 @kernel
-def nothing_between(surface: Surface, sight: Sight, horizon: float, eye: Point, centre: Point) -> bool:
-    """:func:`in_line_of_sight` by coordinates, with the cell's own ``horizon`` (infinite: not known)."""
+def rise_towards(cells: Cells, cell: int, east: float, north: float) -> float:
+    """How steeply the ground may rise around a cell in a direction of the map, tangent; infinite where it is not known."""
+    return float(cells.rise[cell, octant_of(east, north)]) if cells.rise.shape[0] > 0 else math.inf
+
+
+@kernel
+def nothing_between(surface: Surface, sight: Sight, horizon: float, rise: float, eye: Point, centre: Point) -> bool:
+    """:func:`in_line_of_sight` by coordinates, with the cell's own ``horizon`` and ``rise`` (infinite: not known)."""
     (ee, en, eu), (ce, cn, cu) = eye, centre
     if sight.line_of_sight == RAY:
         if not eu - cu >= horizon * math.hypot(ee - ce, en - cn) and not keeps_clear(
             surface.obstacles, eye, centre, 0.0, 0.0
         ):
             return False
-        if eu - cu >= surface.steepest * math.hypot(ee - ce, en - cn) and has_node_cell(surface, ee, en, eu):
-            # The ray leaves the ground more steeply than the ground can rise anywhere: nothing stands in its way.
+        steepest = min(surface.steepest, rise)
+        if eu - cu >= steepest * math.hypot(ee - ce, en - cn) and has_node_cell(surface, ee, en, eu):
+            # The ray leaves the cell more steeply than the ground can rise on its way: nothing stands there.
             return True
         return stays_above(surface, ee, en, eu, ce, cn, cu, -GRAZING_M)
     if sight.line_of_sight == MIDPOINT:
@@ -148,7 +162,9 @@ def _observe(
             ce, cn, cu = centre[cell, 0], centre[cell, 1], centre[cell, 2]
             if in_view(
                 sight, aim, ee - ce, en - cn, eu - cu, normal[cell, 0], normal[cell, 1], normal[cell, 2]
-            ) and nothing_between(surface, sight, cells.horizon[cell], eye, (ce, cn, cu)):
+            ) and nothing_between(
+                surface, sight, cells.horizon[cell], rise_towards(cells, cell, ee - ce, en - cn), eye, (ce, cn, cu)
+            ):
                 first[cell] = number
                 table[i, j] = j + 1
                 new += 1

@@ -17,9 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import Point
-from uavcover.kernels.coverage import Cells, nothing_between
+from uavcover.kernels.coverage import Cells, nothing_between, rise_towards
 from uavcover.kernels.jit import kernel
-from uavcover.kernels.sight import CONE, DISC, FRUSTUM, Aim, Sight, horizontal_reach, in_round_view, in_view, level_aim
+from uavcover.kernels.sight import (
+    CONE,
+    DISC,
+    FRUSTUM,
+    Aim,
+    Sight,
+    horizontal_reach,
+    in_round_view,
+    in_view,
+    level_aim,
+    widest_tangent,
+)
 from uavcover.kernels.surface import Surface, has_node_cell
 
 _ROUNDING = 1e-7
@@ -76,7 +87,7 @@ def list_cells(
     narrows = sight.kind == CONE and horizontal2 > 0.0 and growth2 < 1.0
     # A ray inside a cone or a picture that is steeper than the ground ever is needs no test, unless an obstacle stands near its
     # cell.
-    widest = tan if sight.kind == CONE else _widest_tangent(sight) if picture else math.inf
+    widest = widest_tangent(sight)
     always_clear = surface.steepest * widest <= 1.0
     beyond = 0.5 * trigger * math.sqrt(per_length2)
     if always_clear and not (
@@ -267,7 +278,8 @@ def _sample_sees(
     if always_clear:
         return True
     ce, cn, cu = cells.centre_m[cell, 0], cells.centre_m[cell, 1], cells.centre_m[cell, 2]
-    return nothing_between(surface, sight, cells.horizon[cell], (ce + e, cn + n, cu + u), (ce, cn, cu))
+    rise = rise_towards(cells, cell, e, n)
+    return nothing_between(surface, sight, cells.horizon[cell], rise, (ce + e, cn + n, cu + u), (ce, cn, cu))
 
 
 @kernel
@@ -313,14 +325,3 @@ def _not_negative(low: float, high: float, at_0: float, change: float) -> tuple[
     if change < 0.0:
         return low, min(high, -(at_0 + slack) / change)
     return (low, high) if at_0 + slack >= 0.0 else (1.0, 0.0)
-
-
-@kernel
-def _widest_tangent(sight: Sight) -> float:
-    """Tangent of the largest angle between the vertical and a ray that the sensor of a level vehicle sees."""
-    reach = horizontal_reach(sight)
-    return (
-        reach / math.sqrt(max(0.0, sight.reach_m * sight.reach_m - reach * reach))
-        if reach < sight.reach_m
-        else math.inf
-    )

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.coverage import Cells
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.leg_visibility import leg_sees_cell, samples_of_leg
@@ -185,16 +186,30 @@ def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
         return _read_only(ConeCells(*nothing))
     there = cells.lattice >= 0
     numbers = cells.lattice[there]
-    up_m = np.full(cells.lattice.shape, np.nan)
-    up_m[there] = cells.centre_m[numbers, 2]
+    up_m, lowest_m, row_east_m, column_north_m = laid_out(cells)
     # The incidence is at most the slope and half the opening angle together.
     slope = np.arccos(np.minimum(1.0, cells.normal[numbers, 2]))
     any_incidence = slope + math.atan(sight.tan_half_fov) <= math.acos(sight.cos_max_incidence)
-    steepest = np.maximum(cells.horizon[numbers], surface.steepest)
+    steepest = np.maximum(cells.horizon[numbers], steepest_around(surface, cells)[numbers])
     always_clear = (sight.line_of_sight == NO_LINE_OF_SIGHT) | (steepest * sight.tan_half_fov <= 1.0)
     slope2 = np.full(cells.lattice.shape, np.inf)
     decided = any_incidence & math.isinf(sight.sample_focal_m)
     slope2[there] = np.where(decided, np.where(always_clear, 0.0, steepest**2), np.inf)
+    return _read_only(ConeCells(up_m, slope2, lowest_m, row_east_m, column_north_m))
+
+
+def steepest_around(surface: Surface, cells: Cells) -> FloatArray:
+    """(n,) tangent that no ground on the way of a ray to each cell exceeds, seen from the cell in any direction."""
+    anywhere = np.full(len(cells.centre_m), surface.steepest)
+    return np.minimum(anywhere, cells.rise.max(axis=1)) if len(cells.rise) else anywhere
+
+
+def laid_out(cells: Cells) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """``up_m``, ``lowest_m``, ``row_east_m`` and ``column_north_m`` of :class:`ConeCells`."""
+    there = cells.lattice >= 0
+    numbers = cells.lattice[there]
+    up_m = np.full(cells.lattice.shape, np.nan)
+    up_m[there] = cells.centre_m[numbers, 2]
     at_row, at_column = np.nonzero(there)
     rows, columns = len(cells.lattice) // _BLOCK + 1, len(cells.lattice[0]) // _BLOCK + 1
     blocks = np.full((rows * _BLOCK, columns * _BLOCK), np.inf)
@@ -203,7 +218,7 @@ def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
     row_east_m, column_north_m = np.zeros(len(cells.lattice)), np.zeros(len(cells.lattice[0]))
     row_east_m[at_row] = cells.centre_m[numbers, 0] - (cells.east0_m + at_column * cells.size_m)
     column_north_m[at_column] = cells.centre_m[numbers, 1] - (cells.north0_m + at_row * cells.size_m)
-    return _read_only(ConeCells(up_m, slope2, lowest_m, row_east_m, column_north_m))
+    return up_m, lowest_m, row_east_m, column_north_m
 
 
 def _read_only(cells: ConeCells) -> ConeCells:
@@ -258,7 +273,7 @@ def list_cone_runs(
     count = 0
     for i in range(first_row, last_row + 1):
         row_north = cells.north0_m + i * cells.size_m
-        first, last = _columns_in_reach(cells, p, de, dn, row_north, reach, columns)
+        first, last = columns_in_reach(cells, p, de, dn, row_north, reach, columns)
         if first > last:
             continue
         _mark_row(cells, quick, i, first, last, p, de, dn, du, tan, pieces, sight.reach_m**2, row)
@@ -289,9 +304,21 @@ def _reach_over(
 ) -> float:
     """Largest map distance at which a cell is seen: the cone's radius over the lowest ground near the leg."""
     farthest = horizontal_reach(sight)
-    reach = farthest + cells.scatter_m
+    lowest = lowest_around(cells, quick.lowest_m, p, q, farthest + cells.scatter_m)
+    return min(farthest, max(0.0, (max(p[2], q[2]) - lowest) * sight.tan_half_fov))
+
+
+@kernel
+def lowest_around(
+    cells: Cells,
+    lowest_m: NDArray[np.float64],
+    p: tuple[float, float, float],
+    q: tuple[float, float, float],
+    reach: float,
+) -> float:
+    """Lowest of the ``lowest_m`` of the blocks within reach of a leg; infinite where there is no cell."""
     per_block = 1.0 / (cells.size_m * _BLOCK)
-    rows, columns = quick.lowest_m.shape
+    rows, columns = lowest_m.shape
     first_row = max(0, int((min(p[1], q[1]) - reach - cells.north0_m) * per_block + 0.5 / _BLOCK))
     last_row = min(rows - 1, int((max(p[1], q[1]) + reach - cells.north0_m) * per_block + 0.5 / _BLOCK))
     first = max(0, int((min(p[0], q[0]) - reach - cells.east0_m) * per_block + 0.5 / _BLOCK))
@@ -299,12 +326,12 @@ def _reach_over(
     lowest = math.inf
     for i in range(first_row, last_row + 1):
         for j in range(first, last + 1):
-            lowest = min(lowest, quick.lowest_m[i, j])
-    return min(farthest, max(0.0, (max(p[2], q[2]) - lowest) * sight.tan_half_fov))
+            lowest = min(lowest, lowest_m[i, j])
+    return lowest
 
 
 @kernel
-def _columns_in_reach(
+def columns_in_reach(
     cells: Cells, p: tuple[float, float, float], de: float, dn: float, row_north: float, reach: float, columns: int
 ) -> tuple[int, int]:
     """First and last column of a row that any part of the leg from p by (de, dn) may reach."""

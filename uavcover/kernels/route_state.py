@@ -21,6 +21,7 @@ from uavcover.kernels.nadir_visibility import (
     weigh_changes,
     weigh_often,
 )
+from uavcover.kernels.picture_visibility import list_picture_runs
 from uavcover.kernels.search_problem import (
     ALONG_PATH,
     AT_WAYPOINTS,
@@ -142,6 +143,19 @@ def list_visible(
         state.row,
         state.runs[number],
     )
+    if found == NOT_SO:
+        found = list_picture_runs(
+            problem.surface,
+            problem.sight,
+            problem.cells,
+            problem.picture_cells,
+            p,
+            q,
+            problem.spacing_m,
+            problem.trigger_m,
+            state.row,
+            state.runs[number],
+        )
     if found == NOT_SO:
         cells = list_cells(
             problem.surface, problem.sight, problem.cells, p, q, problem.spacing_m, problem.trigger_m, state.squares

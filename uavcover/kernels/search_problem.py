@@ -10,6 +10,7 @@ from uavcover.kernels.coverage import Cells
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.nadir_visibility import ConeCells
 from uavcover.kernels.obstacles import keeps_clear
+from uavcover.kernels.picture_visibility import PictureCells
 from uavcover.kernels.sight import Sight
 from uavcover.kernels.surface import Surface, height_above, height_range_between
 from uavcover.kernels.way_cost import SHORTEST, WayCost
@@ -54,6 +55,7 @@ class SearchProblem(NamedTuple):
         sight: the sensor.
         cells: of the area.
         cone_cells: the cells for the fast path of a nadir camera.
+        picture_cells: those for the fast path of a camera with a rectangular picture.
         square: (n,) place of each cell on the lattice, row * columns + column.
         weight: (rows * columns,) share of the cell in each square, of a sum of 1; 0 where none counts.
         spacing_m: largest distance between observations along the path.
@@ -69,6 +71,7 @@ class SearchProblem(NamedTuple):
     sight: Sight
     cells: Cells
     cone_cells: ConeCells
+    picture_cells: PictureCells
     square: NDArray[np.int32]
     weight: NDArray[np.float64]
     spacing_m: float

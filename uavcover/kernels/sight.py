@@ -271,6 +271,15 @@ def horizontal_reach(sight: Sight) -> float:
 
 
 @kernel
+def widest_tangent(sight: Sight) -> float:
+    """Tangent of the largest angle between the vertical and a ray that a level vehicle's sensor sees; infinite for a ball."""
+    if sight.kind == CONE:
+        return sight.tan_half_fov
+    reach = horizontal_reach(sight)
+    return reach / math.sqrt(max(0.0, sight.reach_m**2 - reach * reach)) if reach < sight.reach_m else math.inf
+
+
+@kernel
 def farthest_looks(
     centres: NDArray[np.float64],
     tops: NDArray[np.float64],

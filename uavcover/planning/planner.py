@@ -33,11 +33,11 @@ from uavcover.planning.front import (
 from uavcover.planning.search.memetic import improve
 from uavcover.planning.search.optimizer_search import Effort, Encoding, SearchProgress, SearchRun, rounds_of, search
 from uavcover.planning.search.simplify import simplified
-from uavcover.planning.selection import Rule, parse_rule, select
+from uavcover.planning.selection import Rule, parse_rule, select, without_flukes
 from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.routes.way_cost import way_cost_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map, judging_maps, planning_map
+from uavcover.sensing.coverage_map import finer_map, judging_map, judging_maps, planning_map
 
 __all__ = ["Effort", "SearchProgress", "plan_routes"]
 
@@ -205,16 +205,17 @@ def plan_routes(
             interrupted = improved.interrupted
         made = finish.worth_judging(found)
     members = judge_members(fine, made, executor)
-    if share < 1.0:
-        simpler = _simplified(site, [*members, *reference], rule, lambda: effort.is_over(started))
-        members += judge_members(fine, simpler, executor)
-        made = [*made, *simpler]
-    kept.close([*constructed, *made])
     feasible = [member for member in (*members, *reference) if member.violation <= 0.0]
     if not feasible:
         early = "interrupted: so far " if interrupted else ""
         raise InfeasibleError(early + why_infeasible(site, [*members, *reference]))
-    pareto = thinned(pareto_members(_few_enough(feasible, settings)), rule)
+    confirmed = _confirmed(site, _few_enough(feasible, settings), rule, cells=fine.grid.count)
+    if share < 1.0:
+        simpler = _simplified(site, confirmed, rule, lambda: effort.is_over(started))
+        confirmed += [member for member in judge_members(fine, simpler, executor) if member.violation <= 0.0]
+        made = [*made, *simpler]
+    kept.close([*constructed, *made])
+    pareto = thinned(pareto_members(confirmed), rule)
     choice = select(pareto, rule)
     return Plan(
         chosen=pareto[choice.index],
@@ -241,15 +242,24 @@ def _few_enough(members: Sequence[RouteMember], settings: PlannerSettings) -> li
     return few or [member for member in members if member.metrics.waypoint_count == fewest]
 
 
+def _confirmed(site: Site, members: list[RouteMember], rule: Rule, *, cells: int) -> list[RouteMember]:
+    """The members without those that the rule would choose for luck, where there are finer cells to try them on."""
+    finer = finer_map(site)
+    if finer is None:
+        return members
+    return without_flukes(
+        members, rule, lambda route: finer.share_of_coverable(finer.seen(route.waypoints_m)), cells=cells
+    )
+
+
 def _simplified(
-    site: Site, members: Sequence[RouteMember], rule: Rule, is_over: Callable[[], bool]
+    site: Site, feasible: Sequence[RouteMember], rule: Rule, is_over: Callable[[], bool]
 ) -> list[NamedRoute]:
     """What the rule chooses among the members, without the waypoints that it can do without; none when it needs them all."""
-    sound = [member for member in members if member.violation <= 0.0]
-    if not sound or rule.kind == "index":
+    if rule.kind == "index":
         return []
-    feasible = pareto_members(sound)
-    chosen = feasible[select(feasible, rule).index]
+    pareto = pareto_members(feasible)
+    chosen = pareto[select(pareto, rule).index]
     simpler = simplified(judging_maps(site), chosen.route, asked=rule.required_coverage, is_over=is_over)
     return [] if simpler is None else [(simpler, chosen.origin)]
 

@@ -1,14 +1,15 @@
 """Selection of one route from a Pareto set by a named rule."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.route import RouteMember
+from uavcover.kernels.dominance import non_dominated_mask
+from uavcover.model.route import Route, RouteMember
 
 PAPER_WEIGHTS = (0.6, 0.2, 0.2)
 
@@ -115,6 +116,47 @@ def select(members: Sequence[RouteMember], rule: Rule) -> Choice:
     scaled = _scaled([members[k] for k in whole])
     worth = scaled @ np.array(rule.numbers) if rule.kind == "weighted" else (scaled**2).sum(axis=1)
     return Choice(whole[int(np.argmin(worth))], met=True)
+
+
+_FLUKE = 0.0015
+_FLUKE_OF_GOAL = 0.0004
+"""Share of the coverage that other cells may see less, and what may be missing of a required one: cells are a sample."""
+
+_MOST_TRIES = 40
+
+
+def without_flukes(
+    members: Sequence[RouteMember], rule: Rule, elsewhere: Callable[[Route], float]
+) -> list[RouteMember]:
+    """The members without those that a rule would choose for luck: other cells see less of them.
+
+    Among many routes that just reach a coverage, the cheapest is likely to be one that its cells flatter. Only what the rule
+    would choose is looked at, until one is confirmed; when none is, the one that lacks least stays.
+
+    Args:
+        members: feasible; one at least.
+        rule: by which one of those that nothing dominates will be chosen.
+        elsewhere: share of what can be covered that a route sees on other cells.
+    """
+    left, flukes, met_before = list(members), list[tuple[float, RouteMember]](), False
+    while left and len(flukes) < _MOST_TRIES:
+        values = np.array([[-m.metrics.coverage_of_coverable, m.metrics.waypoint_count, m.metrics.cost] for m in left])
+        front = [left[k] for k in np.flatnonzero(non_dominated_mask(values, np.zeros(len(left))))]
+        choice = select(front, rule)
+        chosen = front[choice.index]
+        met_before = choice.met if not flukes else met_before
+        if rule.kind == "index" or (met_before and not choice.met):
+            break
+        seen, asked = chosen.metrics.coverage_of_coverable, rule.required_coverage
+        least = seen - _FLUKE if asked is None or not choice.met else max(asked - _FLUKE_OF_GOAL, seen - 2.0 * _FLUKE)
+        lacking = least - elsewhere(chosen.route)
+        if lacking <= 0.0:
+            return left
+        flukes.append((lacking, chosen))
+        left = [member for member in left if member is not chosen]
+    # None is confirmed: the best of what was looked at, with all that the rule would not choose before it.
+    best = min(flukes, key=lambda each: each[0])[1] if flukes else None
+    return [member for member in members if member is best or all(member is not each for _, each in flukes)]
 
 
 def _scaled(members: Sequence[RouteMember]) -> FloatArray:

@@ -79,18 +79,38 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
     Returns:
         (k, 3) ENU from the column's top to the point.
     """
-    limits, obstacles = site.scenario.limits, site.scenario.obstacles
+    limits = site.scenario.limits
     wanted_m = limits.transit_clearance_m + limits.height_margin_m
     if math.hypot(*(end_m[:2] - home_en_m)) < _COLUMN_M:
         home_ground = float(site.ground.heights_m(home_en_m)[0])
         top = home_ground + max(ground_end_height_m, wanted_m + _TRANSIT_SLACK_M)
         return np.vstack([[*home_en_m, max(end_m[2], top)], end_m])
+    height_m = float(site.ground.heights_agl_m(end_m)[0])
+    points, highest_m = _over_terrain(site, home_en_m, end_m[:2], (ground_end_height_m, height_m))
+    if highest_m > _planned_highest_agl_m(site) and height_m > wanted_m:
+        # Over a gorge the height of the route's end is too much: go low, and climb to the end where it is.
+        low_points, low_m = _over_terrain(site, home_en_m, end_m[:2], (ground_end_height_m, 0.0))
+        if low_m < highest_m:
+            points = low_points
+    if abs(points[-1, 2] - end_m[2]) <= _COLUMN_M:
+        # Close enough: end at the point itself; the slope changes negligibly.
+        points[-1] = end_m
+        return points
+    return np.vstack([points, end_m])
+
+
+def _over_terrain(
+    site: Site, home_en_m: FloatArray, end_en_m: FloatArray, heights_agl_m: tuple[float, float]
+) -> tuple[FloatArray, float]:
+    """(k, 3) ENU of a transit of these heights at its ends, higher where it has to be; and its greatest height."""
+    limits, obstacles = site.scenario.limits, site.scenario.obstacles
+    wanted_m = limits.transit_clearance_m + limits.height_margin_m
     aim_m = wanted_m + _TRANSIT_SLACK_M
     for attempt in range(_TRANSIT_TRIES):
         points = follow_terrain(
             site.ground.surface,
-            np.vstack([home_en_m, end_m[:2]]),
-            np.array([ground_end_height_m, max(float(site.ground.heights_agl_m(end_m)[0]), aim_m)]),
+            np.vstack([home_en_m, end_en_m]),
+            np.array([heights_agl_m[0], max(heights_agl_m[1], aim_m)]),
             aim_m,
             _NO_CEILING_M,
             math.tan(math.radians(limits.max_climb_angle_deg)) * (1.0 - 1e-9),
@@ -99,16 +119,13 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
             obstacles.clearance_beside_m,
             obstacles.clearance_above_m + (limits.height_margin_m if site.prisms else 0.0),
         )
-        lowest = float(site.ground.leg_height_ranges_m(points)[:, 0].min())
+        ranges = site.ground.leg_height_ranges_m(points)
+        lowest = float(ranges[:, 0].min())
         if not lowest < wanted_m:
             break
         # The ground rises between two samples by more than the slack: try again, higher and with denser samples.
         aim_m += wanted_m - lowest + _TRANSIT_SLACK_M
-    if abs(points[-1, 2] - end_m[2]) <= _COLUMN_M:
-        # Close enough: end at the point itself; the slope changes negligibly.
-        points[-1] = end_m
-        return points
-    return np.vstack([points, end_m])
+    return points, float(ranges[:, 2].max())
 
 
 def check_way_there(site: Site, way_m: FloatArray) -> None:

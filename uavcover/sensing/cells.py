@@ -8,10 +8,13 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.errors import ScenarioError, TerrainError
-from uavcover.kernels.coverage import Cells
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.coverage import NO_RISE, Cells
+from uavcover.kernels.horizon import rises
 from uavcover.kernels.obstacles import horizons
+from uavcover.kernels.sight import RAY, widest_tangent
 from uavcover.scenario.site import Site
-from uavcover.sensing.sensors import farthest_m
+from uavcover.sensing.sensors import farthest_m, sight_of
 
 MAX_CELLS = 4_000_000
 
@@ -101,10 +104,19 @@ def _cut(site: Site, cell_size_m: float, *, scatter: float) -> CellGrid:
         site.ground.surface.obstacles, index, centre, float(e[0]), float(n[0]), float(cell_size_m),
         farthest_m(site.scenario.sensor) + scatter_m,
     )  # fmt: skip
-    for array in (index, centre, normal, horizon, weight):
+    rise = _rises(site, centre, scatter_m)
+    for array in (index, centre, normal, horizon, weight, rise):
         array.flags.writeable = False
-    cells = Cells(float(e[0]), float(n[0]), float(cell_size_m), index, centre, normal, horizon, scatter_m)
+    cells = Cells(float(e[0]), float(n[0]), float(cell_size_m), index, centre, normal, horizon, scatter_m, rise)
     return CellGrid(cells, weight)
+
+
+def _rises(site: Site, centre: FloatArray, scatter_m: float) -> FloatArray:
+    """Of the cells, where rays of the sensor may be less steep than the ground somewhere."""
+    sight, surface = sight_of(site.scenario.sensor), site.ground.surface
+    if sight.line_of_sight != RAY or surface.steepest * widest_tangent(sight) <= 1.0:
+        return NO_RISE
+    return rises(surface, centre, reach_m=farthest_m(site.scenario.sensor) + scatter_m)
 
 
 def _spread(count: int, step: float) -> NDArray[np.float64]:

@@ -274,21 +274,25 @@ def judging_map(site: Site) -> CoverageMap:
     return _map_of(site, site.scenario.area.cell_size_m)
 
 
-_MOST_FINEST_CELLS = 2_000_000
-
-
 def judging_maps(site: Site) -> list[CoverageMap]:
     """The area's own cells, and finer ones for a sensor that looks along the path, where memory allows; built once for a site."""
-    judging = judging_map(site)
-    between = site.scenario.sensor.sensing == "along-path" and site.scenario.limits.applies_to == "legs"
-    if not between or judging.grid.count * 4 > _MOST_FINEST_CELLS:
-        return [judging]
-    return [judging, _map_of(site, 0.5 * site.scenario.area.cell_size_m)]
+    finer = finer_map(site) if site.scenario.sensor.sensing == "along-path" else None
+    return [judging_map(site)] if finer is None else [judging_map(site), finer]
 
 
 def planning_map(site: Site) -> CoverageMap:
     """The cells that a planner counts on, the area's own where they are of the same size; built once for a site."""
     return _map_of(site, site.scenario.planning_cell_size_m)
+
+
+_MOST_FINER_CELLS = 2_000_000
+
+
+def finer_map(site: Site) -> CoverageMap | None:
+    """Cells of half the size, on which what is found is tried once more; none where memory, or limits of waypoints, forbid."""
+    if site.scenario.limits.applies_to == "waypoints" or judging_map(site).grid.count * 4 > _MOST_FINER_CELLS:
+        return None
+    return _map_of(site, 0.5 * site.scenario.area.cell_size_m)
 
 
 def _map_of(site: Site, cell_size_m: float) -> CoverageMap:

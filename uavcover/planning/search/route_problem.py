@@ -8,6 +8,7 @@ import shapely
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.nadir_visibility import cone_cells
+from uavcover.kernels.picture_visibility import picture_cells
 from uavcover.kernels.route_state import RouteState, recount
 from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS, RouteLimits, SearchProblem
 from uavcover.kernels.sight import CONE, FRUSTUM, Sight, horizontal_reach
@@ -89,6 +90,7 @@ def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> 
         sight,
         cells,
         cone_cells(site.ground.surface, sight, cells),
+        picture_cells(site.ground.surface, sight, cells),
         square,
         weight,
         scenario.sensor.sample_spacing_m,

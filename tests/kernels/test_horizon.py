@@ -1,0 +1,130 @@
+"""What rises around a cell, against the ground itself along many rays."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.compiled_kernels import cases
+from uavcover.kernels.coverage import NO_RISE, Cells, first_seen, rise_towards
+from uavcover.kernels.horizon import OCTANTS, octant_of, rises
+from uavcover.kernels.sight import RAY, SPHERE, Sight
+from uavcover.kernels.surface import Surface, heights
+from uavcover.scenario.ground import grid_ground, sine_cosine_ground
+
+REACH_M = 30.0
+
+
+def rough(seed: int, *, gap: bool = False, step_m: float = 2.0) -> Surface:
+    rng = np.random.default_rng(seed)
+    nodes = rng.normal(0.0, 1.0, (44, 49)).cumsum(axis=0) * rng.choice([0.05, 0.5, 2.0])
+    nodes[rng.random(nodes.shape) < 0.02] += 15.0
+    if gap:
+        nodes[20, 21] = math.nan
+    return grid_ground(
+        nodes, east0_m=-40.0, north0_m=-35.0, step_m=step_m, source="test", vertical_datum="local"
+    ).surface
+
+
+def places(surface: Surface, count: int, seed: int) -> np.ndarray:
+    rng = np.random.default_rng([seed, 1])
+    where = rng.uniform(-25.0, 30.0, (count, 2))
+    up = heights(surface, np.ascontiguousarray(where[:, 0]), np.ascontiguousarray(where[:, 1]))
+    # Some stand on a roof.
+    return np.column_stack([where, up + np.where(rng.random(count) < 0.2, 4.0, 0.0)])[np.isfinite(up)]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_ground_in_an_octant_rises_more(seed):
+    surface = rough(seed)
+    centre = places(surface, cases(compiled=40, interpreted=3), seed)
+    rise = rises(surface, centre, reach_m=REACH_M)
+    rng = np.random.default_rng(seed)
+    away = np.concatenate([np.geomspace(1e-3, 3.0, 60), np.linspace(3.0, REACH_M, 300)])
+    tight = []
+    for k, place in enumerate(centre):
+        found = np.zeros(OCTANTS)
+        for angle in [*rng.uniform(0.0, 2.0 * math.pi, 120), *np.arange(8) * 0.25 * math.pi]:
+            east, north = math.cos(angle), math.sin(angle)
+            ground = heights(surface, place[0] + away * east, place[1] + away * north)
+            tangents = ((ground - place[2]) / away)[np.isfinite(ground)]
+            octant = octant_of(east, north)
+            assert tangents.max() <= rise[k, octant] + 1e-9
+            found[octant] = max(found[octant], tangents.max())
+        tight += (found / rise[k])[found > 0.1].tolist()
+    # On spiky ground it is a bound all the same, and not one that says nothing.
+    assert len(tight) > 20
+    assert np.median(tight) > 0.2
+
+
+def test_a_slope_rises_hardly_more_than_it_does():
+    east = np.arange(49) * 2.0 - 40.0
+    nodes = np.tile(0.5 * east, (44, 1))
+    surface = grid_ground(nodes, east0_m=-40.0, north0_m=-35.0, step_m=2.0, source="t", vertical_datum="local").surface
+    centre = places(surface, 30, 1)
+    rise = rises(surface, centre[centre[:, 2] <= 0.5 * centre[:, 0] + 1e-9], reach_m=REACH_M)
+    assert ((rise >= 0.5) & (rise < 1.0)).all()
+    down = [octant_of(-1.0, 0.1), octant_of(-1.0, -0.1)]
+    assert rise[:, down].max() == pytest.approx(0.5)
+
+
+def test_octants_are_eighths_of_a_turn():
+    turns = (np.arange(360) + 0.5) * math.pi / 180.0
+    octants = [octant_of(math.cos(turn), math.sin(turn)) for turn in turns]
+    assert set(octants) == set(range(OCTANTS))
+    assert all(len(set(octants[k : k + 45])) == 1 for k in range(0, 360, 45))
+
+
+def test_missing_data_within_reach_is_never_clear():
+    surface, same = rough(3, gap=True), rough(3)
+    gap = np.array([-40.0 + 2.0 * 21, -35.0 + 2.0 * 20])
+    centre = places(same, 60, 3)
+    rise, known = rises(surface, centre, reach_m=REACH_M), rises(same, centre, reach_m=REACH_M)
+    for k, place in enumerate(centre):
+        way = gap - place[:2]
+        if np.hypot(*way) < REACH_M:
+            assert rise[k, octant_of(*way)] > 1e5
+        if np.hypot(*way) > REACH_M + 12.0:
+            np.testing.assert_array_equal(rise[k], known[k])
+
+
+def test_beside_the_edge_of_the_data_nothing_is_known():
+    surface = rough(4)
+    assert (rises(surface, np.array([[-39.0, 0.0, 900.0]]), reach_m=5.0) == math.inf).all()
+
+
+def test_where_it_would_not_pay_nothing_is_bounded():
+    assert rises(sine_cosine_ground(1.0).surface, np.zeros((3, 3)), reach_m=5.0).shape == (0, OCTANTS)
+    assert rises(rough(1), np.zeros((0, 3)), reach_m=5.0).shape == (0, OCTANTS)
+    assert rises(rough(1), np.zeros((2, 3)), reach_m=1e5).shape == (0, OCTANTS)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("gap", [False, True])
+def test_the_same_is_seen_with_bounds_and_without(seed, gap):
+    surface = rough(seed, gap=gap)
+    rng = np.random.default_rng(seed)
+    size = 4.0
+    east, north = np.meshgrid(-20.0 + size * np.arange(10), -18.0 + size * np.arange(9))
+    up = heights(surface, east.ravel(), north.ravel())
+    there = np.isfinite(up)
+    lattice = np.full(east.shape, -1, dtype=np.int32)
+    lattice.ravel()[there] = np.arange(there.sum())
+    centre = np.column_stack([east.ravel(), north.ravel(), up])[there]
+    normal = np.tile([0.0, 0.0, 1.0], (len(centre), 1))
+    rise = rises(surface, centre, reach_m=REACH_M)
+    for array in (lattice, centre, normal, rise):
+        array.flags.writeable = False
+    horizon = np.zeros(len(centre))
+    horizon.flags.writeable = False
+    bare = Cells(-20.0, -18.0, size, lattice, centre, normal, horizon)
+    bounded = bare._replace(rise=rise)
+    sight = Sight(SPHERE, REACH_M, 0.0, -1.0, RAY)
+    eyes = np.column_stack([rng.uniform(-30.0, 30.0, (25, 2)), np.nanmax(surface.up_m) + rng.uniform(-20.0, 15.0, 25)])
+    headings = np.zeros((25, 2))
+    seen = first_seen(surface, sight, bare, eyes, headings)
+    np.testing.assert_array_equal(seen, first_seen(surface, sight, bounded, eyes, headings))
+    assert len(set(seen.tolist())) > 3
+    assert rise_towards(bare, 0, 1.0, 0.0) == math.inf
+    assert rise_towards(bounded, 0, 1.0, 0.5) == rise[0, 0]
+    assert NO_RISE.shape == (0, OCTANTS)

@@ -1,0 +1,234 @@
+"""What a plan sees, from its files alone: own places on the Earth, own trigger, own rays, other cells.
+
+Nothing of the package is used. Places come from latitude, longitude and height in ``plan.json`` through pyproj into the elevation
+file's own system, which has to be metric there and true to scale; the camera trigger is flown in small steps; cells are half as
+large as the scenario's and moved against them.
+"""
+
+import itertools
+import json
+import math
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import rasterio
+import shapely
+from pyproj import Transformer
+from scipy.spatial import cKDTree
+
+_STEP_M = 0.01
+_SAMPLES = 80
+_GRAZING_M = 0.02
+"""A ray may dip this far below the ground: it is sampled, and ends on a surface of triangles and saddles."""
+
+
+class Dem:
+    """A bilinear surface over the pixel centres of a file, north up, in metres."""
+
+    def __init__(self, path):
+        with rasterio.open(path) as file:
+            self.values = file.read(1).astype(float)
+            self.crs = file.crs
+            self.west, self.north, self.pixel_m = file.transform.c, file.transform.f, file.transform.a
+
+    def at(self, x, y):
+        column = (np.asarray(x) - self.west) / self.pixel_m - 0.5
+        row = (self.north - np.asarray(y)) / self.pixel_m - 0.5
+        i, j = np.floor(row).astype(int), np.floor(column).astype(int)
+        s, t = row - i, column - j
+        z = self.values
+        return (z[i, j] * (1 - t) + z[i, j + 1] * t) * (1 - s) + (z[i + 1, j] * (1 - t) + z[i + 1, j + 1] * t) * s
+
+
+def trigger(route, distance_m, step_m=_STEP_M):
+    """Places of pictures and headings (east, north): fly on in small steps, shoot when the last picture is far enough away."""
+    places, headings = [], []
+    for a, b in itertools.pairwise([tuple(map(float, point)) for point in route]):
+        over_ground = math.dist(a[:2], b[:2])
+        if over_ground == 0.0:
+            continue
+        heading = ((b[0] - a[0]) / over_ground, (b[1] - a[1]) / over_ground)
+        if not places:
+            places, headings = [a], [heading]
+        steps = max(1, math.ceil(over_ground / step_m))
+        for k in range(1, steps + 1):
+            here = tuple(p + k / steps * (q - p) for p, q in zip(a, b, strict=True))
+            if math.dist(here[:2], places[-1][:2]) >= distance_m - 1e-9:
+                places.append(here)
+                headings.append(heading)
+    return np.array(places), np.array(headings)
+
+
+def along(route, spacing_m):
+    """Places and headings all along the legs, both ends of each included: at a waypoint a sensor looks along both legs."""
+    places, headings = [], []
+    for a, b in itertools.pairwise(np.asarray(route, dtype=float)):
+        over_ground = math.dist(a[:2], b[:2])
+        heading = (b - a)[:2] / over_ground if over_ground > 0.0 else np.zeros(2)
+        for t in np.linspace(0.0, 1.0, max(1, math.ceil(math.dist(a, b) / spacing_m - 1e-9)) + 1):
+            places.append(a + t * (b - a))
+            headings.append(heading)
+    return np.array(places), np.array(headings)
+
+
+def picture_distance_m(scenario):
+    """Between two pictures: said, or by the overlap of pictures of flat ground from the lowest height; None: no trigger."""
+    sensor = scenario["sensor"]
+    if "trigger_distance_m" in sensor:
+        return sensor["trigger_distance_m"]
+    if "forward_overlap" not in sensor:
+        return None
+    tilt, half = math.radians(90.0 + sensor.get("pitch_deg", -90.0)), math.radians(sensor["fov_along_deg"] / 2)
+    height = scenario["limits"]["min_height_agl_m"]
+    return (1.0 - sensor["forward_overlap"]) * height * (math.tan(tilt + half) - math.tan(tilt - half))
+
+
+def looks(scenario, route):
+    """Where the sensor looks from, and its headings."""
+    sensor = scenario["sensor"]
+    distance_m = picture_distance_m(scenario)
+    if sensor.get("sensing", "along-path") == "at-waypoints":
+        places, headings = np.asarray(route, dtype=float), np.full((len(route), 2), np.nan)
+    elif distance_m is not None:
+        places, headings = trigger(route, distance_m)
+    else:
+        places, headings = along(route, sensor.get("sample_spacing_m", 10.0))
+    if "heading_deg" in sensor:
+        way = math.radians(sensor["heading_deg"])
+        headings = np.tile([math.sin(way), math.cos(way)], (len(places), 1))
+    return places, headings
+
+
+def cells(dem, area, prisms, size_m):
+    """Centres (n, 3), upward unit normals and areas of cells of half the size, moved by a third of it; roofs are flat."""
+    half = size_m / 2
+    west, south, east, north = area.bounds
+    x, y = np.meshgrid(np.arange(west + half / 3, east, half), np.arange(south + half / 3, north, half))
+    x, y = x.ravel(), y.ravel()
+    inside = shapely.contains_xy(area, x, y)
+    x, y = x[inside], y[inside]
+    step = 0.01
+    slope_x = (dem.at(x + step, y) - dem.at(x - step, y)) / (2 * step)
+    slope_y = (dem.at(x, y + step) - dem.at(x, y - step)) / (2 * step)
+    z = dem.at(x, y)
+    for footprint, top in prisms:
+        roof = shapely.contains_xy(footprint, x, y)
+        z[roof], slope_x[roof], slope_y[roof] = top, 0.0, 0.0
+    long = np.sqrt(1 + slope_x**2 + slope_y**2)
+    normals = np.column_stack([-slope_x, -slope_y, np.ones_like(x)]) / long[:, None]
+    return np.column_stack([x, y, z]), normals, half * half * long
+
+
+def _in_view(sensor, ray, normal, heading):
+    """Which of the (n, 3) rays from the sensor to the ground it takes in."""
+    kind = sensor["kind"]
+    long = np.linalg.norm(ray, axis=1)
+    if kind == "disc":
+        return np.hypot(ray[:, 0], ray[:, 1]) <= sensor["radius_m"]
+    if kind == "sphere":
+        return long <= sensor["range_m"]
+    near = (long <= sensor["range_m"]) & (long > 0.0)
+    facing = -(ray * normal).sum(axis=1)
+    near &= facing >= math.cos(math.radians(sensor.get("max_incidence_deg", 85.0))) * long
+    if kind == "nadir-camera":
+        return near & (-ray[:, 2] >= math.cos(math.radians(sensor["fov_deg"] / 2)) * long)
+    if np.isnan(heading).any() or not np.any(heading):
+        return np.zeros(len(ray), dtype=bool)
+    across = math.tan(math.radians(sensor["fov_across_deg"] / 2)) * (1 - sensor.get("side_overlap", 0.0))
+    upright = math.tan(math.radians(sensor["fov_along_deg"] / 2))
+    pitch = math.radians(sensor.get("pitch_deg", -90.0))
+    forward, right = ray[:, :2] @ heading, ray[:, 0] * heading[1] - ray[:, 1] * heading[0]
+    depth = forward * math.cos(pitch) + ray[:, 2] * math.sin(pitch)
+    top = -forward * math.sin(pitch) + ray[:, 2] * math.cos(pitch)
+    return near & (depth > 0) & (np.abs(right) <= across * depth) & (np.abs(top) <= upright * depth)
+
+
+def seen(dem, prisms, sensor, centres, normals, places, headings):
+    """(n,) whether the sensor sees each cell from any of the places."""
+    shares = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    found = np.zeros(len(centres), dtype=bool)
+    tree = cKDTree(centres[:, :2])
+    widest = sensor.get("range_m", sensor.get("radius_m"))
+    for eye, heading in zip(places, headings, strict=True):
+        left = np.array(tree.query_ball_point(eye[:2], widest), dtype=int)
+        left = left[~found[left]]
+        if not len(left):
+            continue
+        ray = centres[left] - eye
+        inside = _in_view(sensor, ray, normals[left], heading)
+        left, ray = left[inside], ray[inside]
+        if sensor["kind"] != "disc":
+            line = eye + shares[None, :, None] * ray[:, None, :]
+            clear = (line[..., 2] - dem.at(line[..., 0], line[..., 1]) >= -_GRAZING_M).all(axis=1)
+            for footprint, top in prisms:
+                low = line[..., 2] < top - _GRAZING_M
+                near = np.flatnonzero(clear & low.any(axis=1))
+                if len(near):
+                    within = shapely.contains_xy(footprint, line[near][..., 0], line[near][..., 1]) & low[near]
+                    clear[near[within.any(axis=1)]] = False
+            left = left[clear]
+        found[left] = True
+    return found
+
+
+def _ground_of(scenario, folder):
+    """The elevation file, the area and the prisms of a scenario file, in the system of the elevation file."""
+
+    def path(name):
+        return Path(name) if Path(name).is_absolute() else Path(folder) / name
+
+    dem = Dem(path(scenario["terrain"]["file"]))
+    to_file = Transformer.from_crs(4326, dem.crs, always_xy=True)
+
+    def of_geojson(name):
+        document = json.loads(path(name).read_text())
+        features = document["features"] if document["type"] == "FeatureCollection" else [document]
+        for feature in features:
+            shape = shapely.geometry.shape(feature.get("geometry", feature))
+            yield shapely.transform(shape, to_file.transform, interleaved=False), feature.get("properties") or {}
+
+    area = scenario["area"]
+    if "geojson" in area:
+        ground = shapely.union_all([shape for shape, _ in of_geojson(area["geojson"])])
+    else:
+        zero = to_file.transform(scenario["origin"]["lon_deg"], scenario["origin"]["lat_deg"])
+        ground = shapely.Polygon(np.array(area["polygon_east_north_m"]) + np.array(zero))
+    prisms = []
+    if "file" in scenario.get("obstacles", {}):
+        for shape, properties in of_geojson(scenario["obstacles"]["file"]):
+            corner = shapely.get_coordinates(shapely.segmentize(shape, 0.5))
+            within = np.array([(x, y) for x, y in _lattice(shape) if shape.contains(shapely.Point(x, y))] + [*corner])
+            prisms.append((shape, float(dem.at(*within.T).max()) + properties["height_m"]))
+    return dem, ground, prisms, to_file
+
+
+def _lattice(shape, step_m=1.0):
+    west, south, east, north = shape.bounds
+    return itertools.product(np.arange(west, east, step_m), np.arange(south, north, step_m))
+
+
+def coverage_of(scenario, folder, waypoints):
+    """Share of the area's ground that waypoints see, and the number of looks.
+
+    Args:
+        scenario: a scenario file as a dictionary.
+        folder: its files lie there.
+        waypoints: with ``lat_deg``, ``lon_deg`` and ``alt_amsl_m``.
+    """
+    dem, ground, prisms, to_file = _ground_of(scenario, folder)
+    route = np.array([
+        (*to_file.transform(point["lon_deg"], point["lat_deg"]), point["alt_amsl_m"]) for point in waypoints
+    ])  # fmt: skip
+    centres, normals, areas = cells(dem, ground, prisms, scenario["area"]["cell_size_m"])
+    places, headings = looks(scenario, route)
+    shown = seen(dem, prisms, scenario["sensor"], centres, normals, places, headings)
+    return float(areas[shown].sum() / areas.sum()), len(places)
+
+
+def true_coverage(run):
+    """The same of the plan of a run folder whose scenario has its area in metres."""
+    run = Path(run)
+    scenario = tomllib.loads((run / "scenario.toml").read_text())
+    plan = json.loads((run / "plan.json").read_text())
+    return coverage_of(scenario | {"origin": plan["origin"]}, run, plan["waypoints"])

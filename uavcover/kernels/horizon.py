@@ -1,0 +1,131 @@
+"""How steeply the ground rises around a cell, by octants: which rays need no tracing.
+
+A ray from a cell that leaves it more steeply than everything in its octant rises above the cell is clear of the ground. What
+rises is bounded: around the cell by the slope of the cells of the grid that touch its own, further out by the highest ground in
+squares of the map, which grow with their distance so that each is seen under much the same angle. Bounds only save work: a
+ray that is not clear by them is traced.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.kernels.grid import on_grid, steepest_in_cell
+from uavcover.kernels.jit import kernel
+from uavcover.kernels.sight import highest_in_squares
+from uavcover.kernels.surface import GRID, Surface
+
+OCTANTS = 8
+
+_FILLED_M = 1e9
+"""Stands for ground without data: nothing is known to be clear of it."""
+
+_MOST_SQUARES = 4_000_000
+
+
+@kernel
+def octant_of(east: float, north: float) -> int:
+    """Number of the octant of the map that a direction lies in."""
+    return (4 if east < 0.0 else 0) + (2 if north < 0.0 else 0) + (1 if abs(north) > abs(east) else 0)
+
+
+def rises(surface: Surface, centre: NDArray[np.float64], *, reach_m: float) -> NDArray[np.float64]:
+    """(n, 8) tangent that nothing within reach exceeds, seen from each cell in each octant; (0, 8) where it would not pay.
+
+    Args:
+        surface: the ground; on an analytic one rays are cheap.
+        centre: (n, 3) of the cells, on the ground or above it.
+        reach_m: on the map; rays to places further away are no matter.
+    """
+    nothing = np.empty((0, OCTANTS))
+    if surface.kind != GRID or len(centre) == 0:
+        return nothing
+    grid = surface.grid
+    pixel_m = 1.0 / max(grid.per_column, grid.per_row)
+    side_m = 0.5 * pixel_m
+    (west, south, low), (east, north, high) = centre.min(axis=0), centre.max(axis=0)
+    wide_m = max(east - west, north - south) + 2.0 * reach_m + 2.0 * side_m
+    levels = max(1, math.ceil(math.log2(max(2.0, reach_m / pixel_m))))
+    count = math.ceil(wide_m / side_m / 2**levels) * 2**levels
+    if count * count > _MOST_SQUARES:
+        return nothing
+    # Gaps in the data rise without end; what lies outside of the data rises to nothing, and no ray is clear from there.
+    filled = surface._replace(up_m=np.where(np.isnan(surface.up_m), _FILLED_M, surface.up_m))
+    east0, north0 = west - reach_m - side_m, south - reach_m - side_m
+    beside = grid.lean * (high - low + reach_m)
+    tops = np.nan_to_num(highest_in_squares(filled, east0, north0, side_m, count, beside), nan=-math.inf)
+    near_m = (1.0 - 2.0 * grid.leeway) * pixel_m
+    out = np.repeat(_slopes_around(surface, centre)[:, None], OCTANTS, axis=1)
+    begin_m = near_m
+    while begin_m < reach_m:
+        end_m = min(2.0 * begin_m, reach_m)
+        _raise(out, centre, tops, east0, north0, side_m, begin_m, end_m)
+        if begin_m > 3.0 * side_m:
+            rows = tops.shape[0] // 2
+            tops = tops.reshape(rows, 2, rows, 2).max(axis=(1, 3))
+            side_m *= 2.0
+        begin_m = end_m
+    return out
+
+
+@kernel
+def _slopes_around(surface: Surface, centre: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) bound on the slope of the ground in the 3 x 3 cells of the grid around each centre; infinite without data."""
+    rows, columns = surface.up_m.shape
+    out = np.empty(centre.shape[0])
+    for k in range(centre.shape[0]):
+        u, v = on_grid(surface.grid, centre[k, 0], centre[k, 1], centre[k, 2])
+        i, j = math.floor(v), math.floor(u)
+        steepest = math.inf
+        if 1 <= i <= rows - 3 and 1 <= j <= columns - 3:
+            steepest = 0.0
+            for row in range(i - 1, i + 2):
+                for column in range(j - 1, j + 2):
+                    slope = steepest_in_cell(surface.up_m, surface.grid, row, column)
+                    steepest = max(steepest, math.inf if math.isnan(slope) else slope)
+        out[k] = steepest
+    return out
+
+
+@kernel
+def _raise(
+    rise: NDArray[np.float64], centre: NDArray[np.float64], tops: NDArray[np.float64], east0: float, north0: float,
+    side: float, begin: float, end: float,
+) -> None:  # fmt: skip
+    """Raise the tangents by the squares that lie, in part at least, between two distances from each centre."""
+    half = 0.5 * side
+    around = half * math.sqrt(2.0)
+    rows, columns = tops.shape
+    for k in range(centre.shape[0]):
+        e, n, u = centre[k, 0] - east0, centre[k, 1] - north0, centre[k, 2]
+        least = rise[k].min()
+        first_row, last_row = max(0, int((n - end) / side)), min(rows - 1, int((n + end) / side))
+        for i in range(first_row, last_row + 1):
+            dn = (i + 0.5) * side - n
+            first, last = max(0, int((e - end) / side)), min(columns - 1, int((e + end) / side))
+            for j in range(first, last + 1):
+                higher = tops[i, j] - u
+                # No square is nearer than it begins to count: skip what cannot raise any octant first.
+                if not higher > least * begin:
+                    continue
+                de = (j + 0.5) * side - e
+                away_e, away_n = max(0.0, abs(de) - half), max(0.0, abs(dn) - half)
+                near = math.hypot(away_e, away_n)
+                if near > end or math.hypot(abs(de) + half, abs(dn) + half) < begin:
+                    continue
+                tangent = higher / max(near, begin)
+                if tangent <= least:
+                    continue
+                if near <= 0.0:
+                    for octant in range(OCTANTS):
+                        rise[k, octant] = max(rise[k, octant], tangent)
+                else:
+                    middle, distance = math.atan2(dn, de), math.hypot(de, dn)
+                    width = math.asin(min(1.0, around / distance)) + 1e-9
+                    step = 0.25 * math.pi
+                    for number in range(math.floor((middle - width) / step), math.floor((middle + width) / step) + 1):
+                        way = (number + 0.5) * step
+                        octant = octant_of(math.cos(way), math.sin(way))
+                        rise[k, octant] = max(rise[k, octant], tangent)
+                least = rise[k].min()
