@@ -88,7 +88,7 @@ def test_the_gaps_as_geojson_are_where_the_verdict_says(cli: Cli, torn: Path) ->
 def test_the_raster_lies_on_the_cells_and_says_what_the_verdict_says(cli: Cli, torn: Path) -> None:
     verdict = cli("verify", torn, "--json").document
     site, _ = route_of(torn)
-    coverage = CoverageMap(site, cell_size_m=5.0)
+    coverage = judging_map(site)
     with rasterio.open(torn / "coverage.tif") as raster:
         looks, reason = raster.read(1), raster.read(raster.count)
         assert raster.descriptions == (
@@ -99,7 +99,8 @@ def test_the_raster_lies_on_the_cells_and_says_what_the_verdict_says(cli: Cli, t
         assert (looks[inside] > 0).sum() == verdict["cells"]["seen"]
         assert looks[inside].max() == verdict["cells"]["looks_max"]
         np.testing.assert_array_equal(reason[inside] == 0, looks[inside] > 0)
-        centres = coverage.grid.cells.centre_m[:: coverage.grid.count // 50]
+        middles = coverage.grid.middles_m[:: coverage.grid.count // 50]
+        centres = np.column_stack([middles, site.ground.heights_m(middles)])
         assert site.frame is not None
         lat, lon, _ = site.frame.geodetic_from_enu(centres)
         x, y = transform("EPSG:4326", raster.crs, lon, lat)

@@ -130,7 +130,7 @@ def _in_view(sensor, ray, normal, heading):
         return long <= sensor["range_m"]
     near = (long <= sensor["range_m"]) & (long > 0.0)
     facing = -(ray * normal).sum(axis=1)
-    near &= facing >= math.cos(math.radians(sensor.get("max_incidence_deg", 85.0))) * long
+    near &= facing >= math.cos(math.radians(sensor.get("max_incidence_deg", 75.0))) * long
     if kind == "nadir-camera":
         return near & (-ray[:, 2] >= math.cos(math.radians(sensor["fov_deg"] / 2)) * long)
     if np.isnan(heading).any() or not np.any(heading):

@@ -191,9 +191,8 @@ class Verdict:
         corners = cells.size_m / 2.0 * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
         parts = [area] if isinstance(area, shapely.Polygon) else list(area.geoms)
         shapes = [("area", np.array(part.exterior.coords)) for part in parts]
-        shapes += [
-            ("gap", cells.centre_m[cell, :2] + corners) for region in self.gaps for cell in region.cells[:_DRAWN_CELLS]
-        ]
+        middles = self.coverage.grid.middles_m
+        shapes += [("gap", middles[cell] + corners) for region in self.gaps for cell in region.cells[:_DRAWN_CELLS]]
         return svg_map(shapes, repr(self)[1:-1])
 
 

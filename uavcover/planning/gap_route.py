@@ -54,7 +54,7 @@ class MissingCells:
         cells = Cells(
             whole.east0_m + whole.size_m * int(columns[0]), whole.north0_m + whole.size_m * int(rows[0]), whole.size_m,
             lattice, np.ascontiguousarray(whole.centre_m[numbers]), np.ascontiguousarray(whole.normal[numbers]),
-            np.ascontiguousarray(whole.horizon[numbers]),
+            np.ascontiguousarray(whole.horizon[numbers]), whole.scatter_m,
         )  # fmt: skip
         return cls(coverage, cells, coverage.grid.weight_m2[numbers])
 

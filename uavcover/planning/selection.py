@@ -122,11 +122,14 @@ _FLUKE = 0.0015
 _FLUKE_OF_GOAL = 0.0004
 """Share of the coverage that other cells may see less, and what may be missing of a required one: cells are a sample."""
 
+_FLUKE_CELLS = 2.0
+"""Of few cells two more or fewer say nothing."""
+
 _MOST_TRIES = 40
 
 
 def without_flukes(
-    members: Sequence[RouteMember], rule: Rule, elsewhere: Callable[[Route], float]
+    members: Sequence[RouteMember], rule: Rule, elsewhere: Callable[[Route], float], *, cells: int
 ) -> list[RouteMember]:
     """The members without those that a rule would choose for luck: other cells see less of them.
 
@@ -137,7 +140,9 @@ def without_flukes(
         members: feasible; one at least.
         rule: by which one of those that nothing dominates will be chosen.
         elsewhere: share of what can be covered that a route sees on other cells.
+        cells: how many the members were judged on.
     """
+    few = _FLUKE_CELLS / cells
     left, flukes, met_before = list(members), list[tuple[float, RouteMember]](), False
     while left and len(flukes) < _MOST_TRIES:
         values = np.array([[-m.metrics.coverage_of_coverable, m.metrics.waypoint_count, m.metrics.cost] for m in left])
@@ -148,7 +153,9 @@ def without_flukes(
         if rule.kind == "index" or (met_before and not choice.met):
             break
         seen, asked = chosen.metrics.coverage_of_coverable, rule.required_coverage
-        least = seen - _FLUKE if asked is None or not choice.met else max(asked - _FLUKE_OF_GOAL, seen - 2.0 * _FLUKE)
+        least = seen - max(_FLUKE, few)
+        if asked is not None and choice.met:
+            least = max(asked - max(_FLUKE_OF_GOAL, few), least - _FLUKE)
         lacking = least - elsewhere(chosen.route)
         if lacking <= 0.0:
             return left

@@ -105,7 +105,7 @@ def _corners_m(coverage: CoverageMap) -> FloatArray:
     cells = coverage.grid.cells
     half_m = 0.5 * cells.size_m
     offsets = half_m * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    places = cells.centre_m[:, None, :2] + offsets
+    places = coverage.grid.middles_m[:, None] + offsets
     up = coverage.site.ground.heights_m(places.reshape(-1, 2)).reshape(-1, 4)
     # A corner can lie outside the data although the centre does not.
     up = np.where(np.isfinite(up), up, cells.centre_m[:, None, 2])

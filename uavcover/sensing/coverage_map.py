@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from uavcover.kernels import coverage as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.sight import Sight
-from uavcover.model.scenario import Scenario
+from uavcover.model.scenario import Scenario, SineCosineTerrain
 from uavcover.model.sensor import FrameCamera
 from uavcover.scenario.obstacles import waypoint_breaches
 from uavcover.scenario.site import Site
-from uavcover.sensing.cells import CellGrid, make_cells
+from uavcover.sensing.cells import CellGrid, make_cells, make_sampled_cells
 from uavcover.sensing.sensors import flat_picture, reach_at_height_m, sight_of, trigger_distance_m, turns_with_legs
 
 
@@ -298,6 +298,8 @@ def finer_map(site: Site) -> CoverageMap | None:
 def _map_of(site: Site, cell_size_m: float) -> CoverageMap:
     key = (CoverageMap, cell_size_m)
     if key not in site.derived:
-        site.derived[key] = CoverageMap(site, cell_size_m=cell_size_m)
+        # The paper's surface has no pixels, and its cells are their centres.
+        cut = make_cells if isinstance(site.scenario.terrain, SineCosineTerrain) else make_sampled_cells
+        site.derived[key] = CoverageMap(site, cell_size_m=cell_size_m, cut=cut)
     made: CoverageMap = site.derived[key]
     return made
