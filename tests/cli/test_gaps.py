@@ -15,7 +15,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan
 from uavcover.run.plan_files import read_planned
 from uavcover.run.provenance import seal_flight
-from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.coverage_map import judging_map
 
 
 def sealed(run: Path) -> None:

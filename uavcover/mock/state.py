@@ -15,7 +15,7 @@ from mission_io.model.enums import AutopilotId, MissionState, VehicleClass
 from mission_io.model.items import GeoPoint, MissionItem, MissionType
 from mission_io.protocol.exchange import Address
 from mission_io.wire import messages as m
-from uavcover.mock.behaviour import Behaviour, Settings, TerrainSource, TransferClock, quick
+from uavcover.mock.behaviour import Behaviour, Settings, TerrainData, TransferClock, quick
 from uavcover.mock.body import STEP_S, Ground, MockBody
 from uavcover.mock.camera import MockCamera
 from uavcover.mock.dynamics import Airframe, BatteryData, Vector, WindModel
@@ -124,7 +124,7 @@ class MockState:
             rng=rng,
         )
         self.fence = FenceWatch(self.missions, self.body, self.parameters, ardupilot=self.is_ardupilot)
-        asks_for_terrain = self.is_ardupilot and self.behaviour.terrain is TerrainSource.GROUND_STATION
+        asks_for_terrain = self.is_ardupilot and self.behaviour.terrain is TerrainData.GROUND_STATION
         self.terrain = TerrainFeed() if asks_for_terrain else None
         self.streams = Streams(self.behaviour, ardupilot=self.is_ardupilot)
         self.took_off_at_s: float | None = None
