@@ -201,6 +201,8 @@ def read_rows(path: Path) -> list[Row]:
 def summary(rows: Sequence[Row]) -> list[str]:
     """What the rows say, in words."""
     planned = [row for row in rows if not math.isnan(row.claimed)]
+    if not planned:
+        return [f"- 0 of {len(rows)} were planned."]
     off = [abs(row.claimed - row.recomputed) for row in planned]
     against = [row.mission_s / row.lines_s for row in planned if not math.isnan(row.lines_s)]
     flown = [row.flown - row.claimed for row in planned if not math.isnan(row.flown)]
@@ -209,9 +211,12 @@ def summary(rows: Sequence[Row]) -> list[str]:
         f"- Claims and recomputation differ by {100 * np.median(off):.2f} points in the middle and {100 * max(off):.2f} at most; "
         f"{sum(each <= 0.002 for each in off)} of {len(off)} by no more than 0.2.",
         f"- {sum(row.out_of_band_m > _HEIGHT_TOLERANCE_M for row in planned)} plans leave their band of heights.",
-        f"- Against the best simple lines that see as much: {100 * (np.median(against) - 1):+.0f} % time in the middle, "
-        f"{100 * (max(against) - 1):+.1f} % at worst; for {len(planned) - len(against)} plans no lines see as much.",
-    ]  # fmt: skip
+    ]
+    if against:
+        lines.append(
+            f"- Against the best simple lines that see as much: {100 * (np.median(against) - 1):+.0f} % time in the middle, "
+            f"{100 * (max(against) - 1):+.1f} % at worst; for {len(planned) - len(against)} plans no lines see as much."
+        )
     if flown:
         lines.append(
             f"- {len(flown)} were flown by the mock vehicle: coverage against planned {100 * min(flown):+.2f} points at worst."
@@ -219,7 +224,7 @@ def summary(rows: Sequence[Row]) -> list[str]:
     return lines
 
 
-def write(out: Path, rows: Sequence[Row], *, evaluations: int) -> None:
+def write(out: Path, rows: Sequence[Row], *, seeds: int, evaluations: int, flights: int) -> None:
     """The page, and the table beside it."""
     with out.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, [each.name for each in fields(Row)], lineterminator="\n")
@@ -228,7 +233,7 @@ def write(out: Path, rows: Sequence[Row], *, evaluations: int) -> None:
     lines = [
         "# Terrains of many kinds",
         "",
-        f"Command: `.venv/bin/python scripts/bench_kinds.py --evaluations {evaluations}`, "
+        f"Command: `.venv/bin/python scripts/bench_kinds.py --seeds {seeds} --evaluations {evaluations} --fly {flights}`, "
         f"{datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, Python {platform.python_version()}, "
         f"{os.cpu_count()} cores. What is planned and how it is checked is said at the top of the script.",
         "",
@@ -279,7 +284,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 )  # fmt: skip
                 print(row, flush=True)
                 rows.append(row)
-                write(chosen.out, rows, evaluations=chosen.evaluations)
+                write(chosen.out, rows, seeds=chosen.seeds, evaluations=chosen.evaluations, flights=chosen.fly)
     return 0
 
 
