@@ -82,6 +82,7 @@ REASONS = {
     "tests/planning/": "searches on small sites",
     "tests/optimizers/": "optimizers on problems with a known answer",
     "tests/sensing/": "coverage maps against their definition",
+    "tests/test_terrain_kinds.py": "whole plans, recomputed by code that shares nothing with the planner",
     "tests/mission_io/test_presets.py": "long missions over slow links in the time the protocol allows, in constant memory",
     "tests/mission_io/formats/": "every reader on thousands of damaged files, in linear time",
     "tests/mission_io/test_mavsdk_peers.py": "MAVSDK as the other side: a foreign implementation of the protocol",
