@@ -1,6 +1,7 @@
 """KMZ: a zip with a KML document, opened with limits so that a small file cannot fill memory or disk."""
 
 import zipfile
+import zlib
 from pathlib import Path
 
 from uavcover.errors import InputError
@@ -21,7 +22,7 @@ def kml_of(path: Path) -> bytes:
     try:
         with zipfile.ZipFile(path) as archive:
             return _unpacked(path, archive)
-    except (zipfile.BadZipFile, NotImplementedError, EOFError, zipfile.zlib.error) as error:  # type: ignore[attr-defined]
+    except (zipfile.BadZipFile, NotImplementedError, EOFError, zlib.error) as error:
         raise InputError(
             f"{path}: cannot be opened as KMZ, which is a zip file ({error}); save it again, or as KML"
         ) from error
