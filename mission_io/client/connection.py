@@ -2,10 +2,10 @@
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.client.peers import Peers, VehicleChoice, VehicleInfo, two_in_one, vehicle_of
@@ -28,6 +28,22 @@ _CATCH_UP_S = 0.1
 """How long ``poll`` reads what has arrived already; otherwise a vehicle that sends faster than we read would never let it end."""
 
 
+class Service(Protocol):
+    """Answers the vehicle's questions beside everything else that goes on; sans-IO."""
+
+    def receive(self, received: Received, now: float) -> None:
+        """Take a message of the vehicle that arrived at ``now``."""
+        ...
+
+    def messages_to_send(self, now: float) -> Sequence[Message]:
+        """What is to be sent at ``now``."""
+        ...
+
+    def next_timer(self) -> float | None:
+        """When it wants to be asked again; None for not before the next message."""
+        ...
+
+
 class Connection:
     """A connection to one vehicle: sends a heartbeat each second while it waits, and keeps the vehicle's latest one.
 
@@ -45,6 +61,7 @@ class Connection:
         give_up: Polled at every message and at least once a second while a call waits; True ends the call with a
             WaitCancelledError. None never does. Transfers have their own ``stop``, which also cancels them on the
             vehicle.
+        services: Answer the vehicle's questions whenever any call waits, such as those for terrain heights.
     """
 
     def __init__(
@@ -62,6 +79,7 @@ class Connection:
         self.local = Address(system_id, component_id)
         self.peers = Peers(self.local)
         self.give_up: Callable[[], bool] | None = None
+        self.services: list[Service] = []
         self._for_others = 0
         self._listener = listener
         self._vehicle: VehicleInfo | None = None
@@ -297,10 +315,20 @@ class Connection:
             if now >= self._heartbeat_at + _HEARTBEAT_S:
                 self._heartbeat_at = now
                 self._send_heartbeat()
-            wake = min(deadline, self._heartbeat_at + _HEARTBEAT_S)
+            wake = min(deadline, self._heartbeat_at + _HEARTBEAT_S, self._serve(now))
             messages = self._receive(max(0.0, wake - now))
             if messages or self.clock.now() >= deadline:
                 return messages
+
+    def _serve(self, now: float) -> float:
+        """Send what the services have due; when they want to be asked again."""
+        wake = math.inf
+        for service in self.services:
+            for message in service.messages_to_send(now):
+                self.send(message)
+            timer = service.next_timer()
+            wake = wake if timer is None else min(wake, timer)
+        return wake
 
     def _wait(self, seconds: float) -> None:
         """Let time pass while messages are processed as usual."""
@@ -334,6 +362,8 @@ class Connection:
                     _log.warning("%s", two_in_one(self._vehicle, beat))
                 elif isinstance(received.message, TimeSync) and received.message.answered_ns == 0:
                     self._answer_time(received.message)
+                for service in self.services:
+                    service.receive(received, now)
             if self._listener is not None:
                 self._listener(received, now)
             if is_for(received.message, system_id=self.local.system_id, component_id=self.local.component_id):

@@ -6,7 +6,7 @@
 | `.waypoints`, `.txt` and any other | yes | yes | one of the three lists |
 | `.csv` | yes | yes | a mission |
 | `.fen` | yes | no | a fence |
-| `.kml`, `.geojson` | no | yes | a route to look at |
+| `.kml`, `.geojson`, `.gpx` | no | yes | a route to look at |
 """
 
 import logging
@@ -16,9 +16,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot, MissionList, items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot, MissionList, autopilot_for, items_of
 from mission_io.errors import FormatError, MisuseError
-from mission_io.formats import csv, geojson, kml, plan, poly, wpl
+from mission_io.formats import csv, geojson, gpx, kml, mavros, plan, poly, wpl
 from mission_io.formats.text import text_from_bytes
 from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.items import Command, Mission, MissionType
@@ -26,7 +26,7 @@ from mission_io.model.places import doubts_about
 
 _log = logging.getLogger(__name__)
 
-DRAWING_SUFFIXES: Final = frozenset({".kml", ".geojson", ".json", ".poly"})
+DRAWING_SUFFIXES: Final = frozenset({".kml", ".geojson", ".json", ".poly", ".gpx"})
 """Suffixes of files that hold drawn shapes and no mission items."""
 ONLY_LIST: Final[Mapping[str, MissionType]] = MappingProxyType({".csv": MissionType.MISSION, ".fen": MissionType.FENCE})
 """The one list that a file of this suffix can hold."""
@@ -143,9 +143,7 @@ def write_mission(
         raise MisuseError(f"{path}: only a .plan file holds fence and rally points along with a mission")
     if suffix in {".fen", ".poly"}:
         raise MisuseError(f"{path}: a {suffix} file cannot hold a mission; name it .waypoints or .plan")
-    file_format = {".json": "geojson"}.get(suffix, suffix.removeprefix("."))
-    if file_format not in FORMATS:
-        file_format = "waypoints"
+    file_format = _FORMATS_OF_SUFFIXES.get(suffix, "waypoints")
     text = mission_text(file_format, lists)
     losses: tuple[str, ...] = ()
     if file_format == "plan":
@@ -203,15 +201,23 @@ _READERS: Final[Mapping[str, Callable[[str, MissionType | None], MissionFile]]] 
 )
 _WRITERS: Final[Mapping[str, Callable[[plan.PlanFile, str], str]]] = MappingProxyType(
     {
-        ".waypoints": lambda lists, _: wpl.write_mission(lists.mission),
-        ".plan": lambda lists, _: plan.write(lists),
-        ".kml": lambda lists, name: kml.write_mission(lists.mission, name=name),
-        ".geojson": lambda lists, name: geojson.write_mission(lists.mission, name=name),
-        ".csv": lambda lists, _: csv.write_mission(lists.mission),
+        "waypoints": lambda lists, _: wpl.write_mission(lists.mission),
+        "plan": lambda lists, _: plan.write(lists),
+        "kml": lambda lists, name: kml.write_mission(lists.mission, name=name),
+        "geojson": lambda lists, name: geojson.write_mission(lists.mission, name=name),
+        "csv": lambda lists, _: csv.write_mission(lists.mission),
+        "gpx": lambda lists, name: gpx.write_mission(lists.mission, name=name),
+        "mavros": lambda lists, _: mavros.write_mission(
+            lists.mission, autopilot=autopilot_for(lists.mav_autopilot, lists.vehicle_type)
+        ),
     }
 )
+_FORMATS_OF_SUFFIXES: Final[Mapping[str, str]] = MappingProxyType(
+    {".plan": "plan", ".kml": "kml", ".geojson": "geojson", ".json": "geojson", ".csv": "csv", ".gpx": "gpx"}
+)
+"""Any other suffix is ``waypoints``; ``mavros`` has no suffix of its own."""
 
-FORMATS: Final = tuple(suffix.removeprefix(".") for suffix in _WRITERS)
+FORMATS: Final = tuple(_WRITERS)
 """Formats that a mission can be written in, by name."""
 
 
@@ -227,7 +233,7 @@ def mission_text(file_format: str, lists: plan.PlanFile, *, name: str = "mission
         FormatError: the mission has no home although the format needs one, or a number that the format cannot hold.
         MisuseError: another format.
     """
-    writer = _WRITERS.get(f".{file_format}")
+    writer = _WRITERS.get(file_format)
     if writer is None:
         raise MisuseError(f"format {file_format!r} is not one of {', '.join(FORMATS)}")
     return writer(lists, name)

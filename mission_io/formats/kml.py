@@ -3,11 +3,10 @@
 import re
 from collections.abc import Callable
 from xml.parsers import expat
-from xml.sax.saxutils import escape
 
 from mission_io.errors import FormatError
 from mission_io.formats.drawings import Drawing, DrawnArea, DrawnLine, RoutePoint, Spot, alt_amsl_m, open_ring, route_of
-from mission_io.formats.text import clean_text, degrees_text, finite_number, place_problem, plain_decimal
+from mission_io.formats.text import clean_text, degrees_text, finite_number, place_problem, plain_decimal, xml_text
 from mission_io.model.areas import LatLon
 from mission_io.model.items import Mission
 
@@ -41,15 +40,7 @@ def write_mission(mission: Mission, *, name: str = "mission") -> str:
     points = [(point.number, coordinates(point)) for point in route_of(mission)]
     line = _LINE.format(coordinates="\n".join(text for _, text in points)) if len(points) > 1 else ""
     marks = "".join(_POINT.format(number=number, coordinates=text) for number, text in points)
-    return _HEAD.format(name=escape(_xml_text(name))) + line + marks + _TAIL
-
-
-def _xml_text(text: str) -> str:
-    """Without the control characters that XML cannot hold in any form."""
-    bad = next((character for character in text if ord(character) < 32 and character not in "\t\n\r"), None)
-    if bad is not None:
-        raise FormatError(f"the name holds {bad!r}, which XML cannot", where="name", advice="leave it out")
-    return text
+    return _HEAD.format(name=xml_text(name)) + line + marks + _TAIL
 
 
 def read_drawing(text: str) -> Drawing:

@@ -34,6 +34,9 @@ _MODELLED = {
     "rallyPoints": {"points"},
 }
 _COMPACT = json.JSONEncoder(allow_nan=False)
+_OLD_LISTS = {"geoFence": ("polygon", "polygons", "circles", "breachReturn"), "rallyPoints": ("points",)}
+"""What an old part of version 1 may hold."""
+_HOME = "plannedHomePosition"
 _FENCE_ENTRIES = {"polygons": {"inclusion", "polygon", "version"}, "circles": {"inclusion", "circle", "version"}}
 
 
@@ -98,15 +101,12 @@ def write(plan: PlanFile) -> str:
         FormatError: no home, an infinite number, a height that is not a number, heights of rally points or of the
             return point that are not above home, or items that differ from what a kept entry flies.
     """
-    home = plan.mission.home
-    if home is None:
-        raise FormatError("the mission has no home", where="plannedHomePosition", advice="give where it starts")
     mission = {
         "cruiseSpeed": round(plan.cruise_speed_m_s),
         "firmwareType": int(plan.mav_autopilot),
         "hoverSpeed": round(plan.hover_speed_m_s),
         "items": _items_json(plan),
-        "plannedHomePosition": [home.lat_deg, home.lon_deg, home.alt_amsl_m],
+        "plannedHomePosition": _home_json(plan),
         "vehicleType": int(plan.vehicle_type),
     }
     points = [_framed_json(point, f"rallyPoints.points[{n}]") for n, point in enumerate(plan.rally.points)]
@@ -118,6 +118,16 @@ def write(plan: PlanFile) -> str:
         raise FormatError("a number is not finite", where="plan", advice="give finite places and speeds") from None
     except RecursionError:
         raise FormatError("a kept entry is nested too deeply", where="plan") from None
+
+
+def _home_json(plan: PlanFile) -> object:
+    home = plan.mission.home
+    if home is not None:
+        return [home.lat_deg, home.lon_deg, home.alt_amsl_m]
+    kept = plan.extras.get("mission", {}).get(_HOME)
+    if kept is None:
+        raise FormatError("the mission has no home", where=_HOME, advice="give where it starts")
+    return kept
 
 
 def _part_text(plan: PlanFile, name: str, part: Mapping[str, Any], *, indent: int) -> str:
@@ -231,18 +241,21 @@ def read_to_keep(text: str) -> PlanFile:
     repairs = list(clean.repairs)
     extras: dict[str, Mapping[str, Any]] = {}
     _read_part(root, "", repairs, extras)
-    for name in ("mission", "geoFence", "rallyPoints"):
-        if name != "mission" and name not in root.value:
-            repairs.append(f"plan.{name}: is missing, there is none")
-        else:
-            _read_part(root.get(name), name, repairs, extras)
+    _read_part(root.get("mission"), "mission", repairs, extras)
+    fence, rally = Fence(), RallyPoints()
+    if _is_there(root, "geoFence", repairs):
+        _read_part(root.get("geoFence"), "geoFence", repairs, extras)
+        fence = _read_fence(root.get("geoFence"), repairs)
+    if _is_there(root, "rallyPoints", repairs):
+        _read_part(root.get("rallyPoints"), "rallyPoints", repairs, extras)
+        rally = _read_rally(root.get("rallyPoints"))
     mission = root.get("mission")
-    home = mission.get("plannedHomePosition").floats(3)
+    home = _read_home(mission.get(_HOME), repairs, extras)
     items, entries = _read_items(mission.get("items"))
     return PlanFile(
-        Mission(GeoPoint(*home), items),
-        root.optional("geoFence", lambda node: _read_fence(node, repairs), Fence()),
-        root.optional("rallyPoints", _read_rally, RallyPoints()),
+        Mission(home, items),
+        fence,
+        rally,
         mav_autopilot=mission.get("firmwareType").whole(),
         vehicle_type=mission.optional("vehicleType", Node.whole, int(VehicleClass.QUADROTOR)),
         cruise_speed_m_s=mission.optional("cruiseSpeed", Node.number, 15.0),
@@ -251,6 +264,31 @@ def read_to_keep(text: str) -> PlanFile:
         extras=extras,
         repairs=tuple(repairs),
     )
+
+
+def _is_there(root: Node, name: str, repairs: list[str]) -> bool:
+    """Whether the plan has a fence or rally points; an empty part of version 1, as QGroundControl once wrote it, is none."""
+    if name not in root.value:
+        repairs.append(f"plan.{name}: is missing, there is none")
+        return False
+    node = root.get(name)
+    version = node.optional("version", lambda entry: entry.value, None)
+    if version == 1 and version is not True and not any(node.value.get(key) for key in _OLD_LISTS[name]):
+        repairs.append(f"{node.where}: is empty and of the old version 1, there is none")
+        return False
+    return True
+
+
+def _read_home(node: Node, repairs: list[str], extras: dict[str, Mapping[str, Any]]) -> GeoPoint | None:
+    """The planned home. One without a height, as QGroundControl saves it without terrain data, is kept but not used."""
+    entries = node.nodes()
+    if len(entries) != 3 or entries[2].value is not None:
+        return GeoPoint(*node.floats(3))
+    for entry in entries[:2]:
+        entry.number()
+    repairs.append(f"{node.where}: has no height, so the mission has no home")
+    extras["mission"] = {**extras.get("mission", {}), _HOME: node.value}
+    return None
 
 
 def _read_part(node: Node, name: str, repairs: list[str], extras: dict[str, Mapping[str, Any]]) -> None:

@@ -5,8 +5,10 @@ Numbers are written as the shortest plain decimals that read back as the same nu
 
 import codecs
 import math
+import re
 from dataclasses import dataclass
 from decimal import Decimal
+from xml.sax.saxutils import escape
 
 from mission_io.errors import FormatError
 
@@ -114,3 +116,18 @@ def place_problem(lat_deg: float, lon_deg: float) -> FormatError | None:
         return None
     advice = "latitude comes first" if abs(lon_deg) <= 90.0 and abs(lat_deg) <= 180.0 else ""
     return FormatError(f"latitude {lat_deg:g}, longitude {lon_deg:g} is not a place", advice=advice)
+
+
+_NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def xml_text(text: str, *, where: str = "name") -> str:
+    """Text as the content of an XML element or of an attribute in double quotes.
+
+    Raises:
+        FormatError: a character that XML cannot hold in any form, such as a control character or half a character.
+    """
+    bad = _NOT_IN_XML.search(text)
+    if bad is not None:
+        raise FormatError(f"the {where} holds {bad.group()!r}, which XML cannot", where=where, advice="leave it out")
+    return escape(text, {'"': "&quot;"})

@@ -136,8 +136,8 @@ def _heading_is_free(item: MissionItem) -> bool:
     return item.command in _YAW_IS_FREE and math.isnan(item.params[3])
 
 
-def _without_free_values(item: MissionItem) -> tuple[float, float, float, float]:
-    """The parameters with 0 for every NaN without a meaning."""
+def without_free_values(item: MissionItem) -> tuple[float, float, float, float]:
+    """The parameters with 0 for "any heading" and for every NaN in a parameter that the command does not use."""
 
     def written(number: int, value: float) -> float:
         free = (number == 4 and _heading_is_free(item)) or not uses_parameter(item.command, number)
@@ -151,7 +151,7 @@ def _row_text(number: int, item: MissionItem) -> str:
     place = degrees_text if item.has_position else plain_decimal
     params = item.params
     if any(map(math.isnan, params)):
-        params = _without_free_values(item)
+        params = without_free_values(item)
     try:
         columns = (
             str(number),

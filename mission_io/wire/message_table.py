@@ -300,6 +300,9 @@ ROWS: Final[tuple[MessageRow, ...]] = (
         _same("spacing_m", "spacing"), _same("terrain_alt_amsl_m", "terrain_height"),
         _same("height_above_terrain_m", "current_height"), "pending", "loaded",
     ),
+    _row(
+        m.FileTransfer, "file_transfer_protocol", *_TO, FieldRow("payload", ("payload",), bytes, tuple), target_network=0
+    ),
     _row(m.LogRequestList, "log_request_list", *_TO, _same("first", "start"), _same("last", "end")),
     _row(
         m.LogEntry, "log_entry", _same("log_id", "id"), _same("log_count", "num_logs"),

@@ -15,6 +15,7 @@ from mission_io.wire.telemetry_messages import BatteryStatus as BatteryStatus
 from mission_io.wire.telemetry_messages import CameraFeedback as CameraFeedback
 from mission_io.wire.telemetry_messages import CameraImageCaptured as CameraImageCaptured
 from mission_io.wire.telemetry_messages import EkfStatusReport as EkfStatusReport
+from mission_io.wire.telemetry_messages import FileTransfer as FileTransfer
 from mission_io.wire.telemetry_messages import GpsRawInt as GpsRawInt
 from mission_io.wire.telemetry_messages import LogData as LogData
 from mission_io.wire.telemetry_messages import LogEntry as LogEntry
@@ -354,6 +355,7 @@ Message: TypeAlias = (
     | LogRequestList
     | LogEntry
     | LogRequestData
+    | FileTransfer
     | LogData
     | LogRequestEnd
 )

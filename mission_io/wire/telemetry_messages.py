@@ -243,6 +243,15 @@ class TerrainReport:
     loaded: int
 
 
+@dataclass(frozen=True, slots=True)
+class FileTransfer:
+    """A request or an answer of MAVLink FTP; see ``mission_io.protocol.ftp`` for its 251 bytes."""
+
+    target_system: int
+    target_component: int
+    payload: bytes
+
+
 LOG_DATA_BYTES = 90
 """As many bytes of a log fit in one message."""
 

@@ -55,6 +55,7 @@ SAMPLES: list[m.Message] = [
     m.ParamRequestList(1, 1),
     m.RequestDataStream(1, 1, 6, 4),
     m.TerrainRequest(46.1234567, -7.7654321, 100, 2**56 - 1),
+    m.FileTransfer(1, 1, bytes(range(251))),
     m.TerrainData(46.1234567, -7.7654321, 100, 55, tuple(range(-8, 8))),
     m.TerrainReport(46.1234567, -7.7654321, 100, 512.5, 60.25, 56, 1120),
     m.LogRequestList(1, 1, 3, 8),

@@ -83,6 +83,7 @@ def test_every_field_of_mavlink_1_is_one_of_ours_or_a_constant(name: str) -> Non
 
 
 DECIDED_ZERO = {
+    "file_transfer_protocol": {"target_network"},
     "heartbeat": {"mavlink_version"},
     "home_position": {"x", "y", "z", "q", "approach_x", "approach_y", "approach_z"},
     "command_int": {"current", "autocontinue"},

@@ -51,7 +51,9 @@ def test_waypoints_are_recognised_by_their_commands(tmp_path: Path) -> None:
         read_file(path, mission_type=MissionType.FENCE)
 
 
-@pytest.mark.parametrize(("name", "first"), [("a.kml", "<?xml"), ("a.geojson", '{"type": "FeatureCollection"')])
+@pytest.mark.parametrize(
+    ("name", "first"), [("a.kml", "<?xml"), ("a.GPX", "<?xml"), ("a.geojson", '{"type": "FeatureCollection"')]
+)
 def test_maps_are_written_and_not_read(tmp_path: Path, name: str, first: str) -> None:
     write_mission(MISSION, tmp_path / name)
     assert (tmp_path / name).read_text().replace('{\n "', '{"').startswith(first)

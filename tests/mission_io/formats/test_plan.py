@@ -139,3 +139,46 @@ def test_what_may_be_missing() -> None:
     assert back.repairs == (
         "removed a byte order mark", "plan.geoFence: is missing, there is none", "plan.rallyPoints: is missing, there is none",
     )  # fmt: skip
+
+
+def test_a_home_without_height_is_kept_and_not_used() -> None:
+    text = changed("mission.plannedHomePosition.2", None)
+    found = plan.read(text)
+    assert found.mission.home is None
+    assert found.repairs == ("plan.mission.plannedHomePosition: has no height, so the mission has no home",)
+    again = plan.write(found)
+    assert json.loads(again)["mission"]["plannedHomePosition"] == json.loads(text)["mission"]["plannedHomePosition"]
+    assert plan.read(again) == found
+    with_home = found.with_mission(replace(found.mission, home=HOME))
+    assert plan.read(plan.write(with_home)).mission.home == HOME
+
+
+@pytest.mark.parametrize(
+    ("part", "old"),
+    [
+        ("geoFence", {"version": 1}),
+        ("geoFence", {"polygon": [], "version": 1}),
+        ("geoFence", {"polygons": [], "circles": [], "version": 1}),
+        ("rallyPoints", {"version": 1}),
+        ("rallyPoints", {"points": [], "version": 1}),
+    ],
+)
+def test_an_empty_part_of_the_old_version_is_none(part: str, old: dict[str, Any]) -> None:
+    found = plan.read(changed(part, old))
+    assert found.repairs == (f"plan.{part}: is empty and of the old version 1, there is none",)
+    assert (found.fence if part == "geoFence" else found.rally) in (plan.Fence(), plan.RallyPoints())
+    assert plan.read(plan.write(found)).mission == found.mission
+
+
+@pytest.mark.parametrize(
+    ("part", "old"),
+    [
+        ("geoFence", {"polygon": [[1.0, 2.0], [1.0, 3.0], [2.0, 3.0]], "version": 1}),
+        ("rallyPoints", {"points": [[1.0, 2.0, 3.0]], "version": 1}),
+        ("geoFence", {"version": True}),
+        ("rallyPoints", {"points": [], "version": 3}),
+    ],
+)
+def test_old_content_and_other_versions_are_refused(part: str, old: dict[str, Any]) -> None:
+    with pytest.raises(FormatError, match=f"plan.{part}.version: version (1|3|True) is not known"):
+        plan.read(changed(part, old))

@@ -189,7 +189,7 @@ def test_unknown_keys_within_a_fence_are_listed() -> None:
     before["geoFence"]["polygons"] = [polygon]
     del before["rallyPoints"]["version"]
     assert plan.read(json.dumps(before)).repairs == (
-        "plan.rallyPoints.version: is missing, read as 2", "plan.geoFence.polygons[0]: left out 'colour'",
+        "plan.geoFence.polygons[0]: left out 'colour'", "plan.rallyPoints.version: is missing, read as 2",
     )  # fmt: skip
 
 

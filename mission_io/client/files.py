@@ -1,0 +1,235 @@
+"""Files of a vehicle over MAVLink FTP: sent and read with a window, resumed, and compared by their CRC."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+from mission_io.client.client import Client
+from mission_io.errors import FormatError, MisuseError, TransferCancelledError, TransferError, TransferSilentError
+from mission_io.formats.mission_dat import dat_path, read_mission_dat
+from mission_io.model.items import MissionItem, MissionType
+from mission_io.protocol.ftp import FtpMessage
+from mission_io.protocol.ftp_download import FtpDownload, FtpDownloadState
+from mission_io.protocol.ftp_listing import FtpEntry, FtpListing, FtpListingState
+from mission_io.protocol.ftp_upload import FtpUpload, FtpUploadState
+from mission_io.wire.messages import FileTransfer, Received
+
+ARDUPILOT_WINDOW = 5
+"""ArduPilot queues five requests, and drops what comes beyond."""
+
+
+class FileUploads:
+    """Uploads files to the vehicle of a client; one that the link interrupted goes on where it was.
+
+    Args:
+        client: Connected.
+        window: Requests on the way at once.
+        silent_s: Without any answer for so long, an upload is given up.
+    """
+
+    def __init__(self, client: Client, *, window: int = ARDUPILOT_WINDOW, silent_s: float = 30.0) -> None:
+        if window < 1 or not silent_s > 0.0:
+            raise MisuseError(f"window {window} and silent_s {silent_s} must be above 0")
+        self._client, self._window, self._silent_s = client, window, silent_s
+        self._unfinished: dict[str, FtpUpload] = {}
+
+    def upload(
+        self,
+        path: str,
+        content: bytes,
+        *,
+        progress: Callable[[int, int], None] | None = None,
+        stop: Callable[[], bool] | None = None,
+    ) -> None:
+        """Upload a file and compare its CRC; after an error, the same call goes on where it was.
+
+        Args:
+            path: Where the vehicle keeps it; the folder exists there.
+            content: Its bytes.
+            progress: Called with the bytes that are across, and the total.
+            stop: Polled; True leaves the upload as it is.
+
+        Raises:
+            TransferSilentError: the vehicle stopped answering.
+            TransferCancelledError: ``stop`` returned True.
+            TransferError: the vehicle refused, or what arrived has another CRC.
+        """
+        client = self._client
+        upload = FtpUpload(
+            path, content, now=client.clock.now(), window=self._window, silent_s=self._silent_s,
+            resume=self._unfinished.get(path),
+        )  # fmt: skip
+        self._unfinished[path] = upload
+
+        def done() -> tuple[int, int]:
+            return upload.across_bytes, len(content)
+
+        _carry(client, upload, f"upload of {path}", done, progress=progress, stop=stop)
+        if upload.state is FtpUploadState.DONE:
+            del self._unfinished[path]
+            return
+        kind = TransferSilentError if upload.state is FtpUploadState.SILENT else TransferError
+        raise kind(
+            f"upload of {path}: {upload.state.value} ({upload.why}) after {upload.across_bytes} of {len(content)} bytes"
+            f"{client.signing_advice()}",
+            vehicle_holds="unknown",
+        )
+
+
+class FileDownloads:
+    """Lists folders of a client's vehicle and downloads files; a download that the link interrupted goes on where it was.
+
+    Args:
+        client: Connected.
+        window: Single reads on the way at once.
+        silent_s: Without anything new for so long, a download is given up.
+    """
+
+    def __init__(self, client: Client, *, window: int = ARDUPILOT_WINDOW, silent_s: float = 30.0) -> None:
+        if window < 1 or not silent_s > 0.0:
+            raise MisuseError(f"window {window} and silent_s {silent_s} must be above 0")
+        self._client, self._window, self._silent_s = client, window, silent_s
+        self._unfinished: dict[str, FtpDownload] = {}
+
+    def entries(self, path: str) -> list[FtpEntry]:
+        """What is in a folder: folders first, by name.
+
+        Raises:
+            TransferSilentError: the vehicle stopped answering.
+            TransferError: the vehicle refused, or its answers make no sense.
+        """
+        client = self._client
+        listing = FtpListing(path, now=client.clock.now(), silent_s=self._silent_s)
+        _carry(client, listing, f"list of {path}", lambda: (0, 0))
+        if listing.state is FtpListingState.DONE:
+            return listing.entries
+        kind = TransferSilentError if listing.state is FtpListingState.SILENT else TransferError
+        raise kind(
+            f"list of {path}: {listing.state.value} ({listing.why}){client.signing_advice()}",
+            vehicle_holds="unchanged",
+        )
+
+    def download(
+        self,
+        path: str,
+        *,
+        progress: Callable[[int, int], None] | None = None,
+        stop: Callable[[], bool] | None = None,
+    ) -> bytes:
+        """Download a file and compare its CRC; after an error, the same call goes on where it was.
+
+        Args:
+            path: Where the vehicle keeps it.
+            progress: Called with the bytes that are here, and the total as the vehicle announces it.
+            stop: Polled; True leaves the download as it is.
+
+        Raises:
+            TransferSilentError: nothing new came.
+            TransferCancelledError: ``stop`` returned True.
+            TransferError: the vehicle refused, or what arrived has another CRC.
+        """
+        client = self._client
+        download = FtpDownload(
+            path, now=client.clock.now(), window=self._window, silent_s=self._silent_s,
+            resume=self._unfinished.get(path),
+        )  # fmt: skip
+        self._unfinished[path] = download
+
+        def done() -> tuple[int, int]:
+            return download.across_bytes, download.total_bytes
+
+        _carry(client, download, f"download of {path}", done, progress=progress, stop=stop)
+        if download.state in (FtpDownloadState.DONE, FtpDownloadState.DIFFERS):
+            del self._unfinished[path]
+        if download.state is FtpDownloadState.DONE:
+            return download.content
+        kind = TransferSilentError if download.state is FtpDownloadState.SILENT else TransferError
+        raise kind(
+            f"download of {path}: {download.state.value} ({download.why}) after {download.across_bytes} of "
+            f"{download.total_bytes} bytes{client.signing_advice()}",
+            vehicle_holds="unchanged",
+        )
+
+    def mission_items(
+        self, mission_type: MissionType, *, progress: Callable[[int, int], None] | None = None
+    ) -> list[MissionItem]:
+        """One of ArduPilot's lists, downloaded as one file; the same items as ``Client.download`` gives.
+
+        Raises:
+            FormatError: the file is not what it should be.
+            TransferError: as for ``download``; other autopilots have no such file.
+        """
+        path = dat_path(mission_type)
+        content = self.download(path, progress=progress)
+        try:
+            return read_mission_dat(content, mission_type)
+        except FormatError as error:
+            raise FormatError(error.what, where=error.where or path, advice=error.advice) from None
+
+
+class _Transfer(Protocol):
+    """What uploads, downloads and listings have in common."""
+
+    path: str
+
+    @property
+    def finished(self) -> bool: ...
+
+    def messages_to_send(self, now: float) -> list[FtpMessage]: ...
+
+    def next_timer(self) -> float | None: ...
+
+    def receive(self, payload: bytes, now: float) -> None: ...
+
+
+def _carry(
+    client: Client,
+    transfer: _Transfer,
+    name: str,
+    done: Callable[[], tuple[int, int]],
+    *,
+    progress: Callable[[int, int], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> None:
+    """Run a transfer to its end.
+
+    Raises:
+        TransferCancelledError: ``stop`` returned True.
+    """
+    pump = _Pump(transfer, client.vehicle.system_id, client.vehicle.component_id)
+    client.services.append(pump)
+    told = (-1, -1)
+    try:
+        while not transfer.finished:
+            if stop is not None and stop():
+                across, total = done()
+                raise TransferCancelledError(
+                    f"{name}: stopped after {across} of {total} bytes", vehicle_holds="unknown"
+                )
+            wake = transfer.next_timer()
+            client.poll(0.0 if wake is None else min(1.0, max(0.0, wake - client.clock.now())))
+            if progress is not None and done() != told:
+                told = done()
+                progress(*told)
+    finally:
+        client.services.remove(pump)
+
+
+class _Pump:
+    """A transfer as a service of a connection."""
+
+    def __init__(self, transfer: _Transfer, system_id: int, component_id: int) -> None:
+        self._transfer, self._to = transfer, (system_id, component_id)
+
+    def receive(self, received: Received, now: float) -> None:
+        """Take an answer of the vehicle."""
+        message = received.message
+        if isinstance(message, FileTransfer) and (received.system_id, received.component_id) == self._to:
+            self._transfer.receive(message.payload, now)
+
+    def messages_to_send(self, now: float) -> list[FileTransfer]:
+        """The requests that are due."""
+        return [FileTransfer(*self._to, message.encoded()) for message in self._transfer.messages_to_send(now)]
+
+    def next_timer(self) -> float | None:
+        """When the next is due."""
+        return self._transfer.next_timer()

@@ -1,0 +1,242 @@
+"""A mission as points and what the camera does at them, for controllers that fly points and know no commands.
+
+Nothing is left out in silence: an item that a list of points cannot express is an error that names it.
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+from mission_io.errors import FormatError
+from mission_io.formats.text import place_problem
+from mission_io.model.actions import (
+    Action,
+    ChangeSpeed,
+    Land,
+    MountMode,
+    PointGimbal,
+    PointMount,
+    StartPictures,
+    Takeoff,
+    TakePicture,
+    TriggerEvery,
+    Waypoint,
+    action_of,
+)
+from mission_io.model.areas import FramedPoint
+from mission_io.model.items import Frame, GeoPoint, Mission, SpeedType
+from mission_io.model.places import ground_distance_m
+
+_YAW_LOCK = 16
+"""GIMBAL_MANAGER_FLAGS: yaw is a heading, not an angle relative to the vehicle's nose."""
+_STRAIGHT_UP_M = 1.0
+"""Take-off and landing this near to the point above them are vertical."""
+_SAME_PLACE_DEG, _SAME_HEIGHT_M = 1e-9, 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPoint:
+    """A point of a flight, and what holds from there on.
+
+    Attributes:
+        lat_deg: Latitude, WGS 84.
+        lon_deg: Longitude, WGS 84.
+        height_above_home_m: Height above the place of take-off.
+        speed_m_s: Over ground, from there on.
+        heading_deg: Heading held from there on, clockwise from north; None: along the legs.
+        pitch_deg: Pitch of the camera from there on, -90 is straight down; None: not told.
+        pictures: How many pictures are taken there.
+        picture_distance_m: A picture is taken each time after so many metres over ground from there on; None: not.
+    """
+
+    lat_deg: float
+    lon_deg: float
+    height_above_home_m: float
+    speed_m_s: float
+    heading_deg: float | None = None
+    pitch_deg: float | None = None
+    pictures: int = 0
+    picture_distance_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFlight:
+    """A flight from the ground at home to the ground at home.
+
+    Attributes:
+        home: Where it takes off and lands.
+        points: In flying order: the first is the top of the climb, straight above home, the last is straight above the landing.
+    """
+
+    home: GeoPoint
+    points: tuple[CameraPoint, ...]
+
+
+def camera_flight(mission: Mission, *, pitch_deg: float | None = None) -> CameraFlight:
+    """A mission that takes off first and lands last, as points.
+
+    Args:
+        mission: What to fly.
+        pitch_deg: Pitch of the camera where the mission has no item that sets it, such as that of a fixed camera.
+
+    Raises:
+        FormatError: an item that points cannot express, no home, or no take-off and landing straight below its ends.
+    """
+    home = mission.home
+    if home is None:
+        raise FormatError("the mission has no home", where="home", advice="give the place it starts from")
+    problem = place_problem(home.lat_deg, home.lon_deg)
+    if problem is not None or not math.isfinite(home.alt_amsl_m):
+        raise FormatError("home is not a place", where="home", advice="give the place it starts from")
+    reader = _Reader(home, pitch_deg)
+    for number, item in enumerate(mission.items, start=1):
+        where = f"item {number}"
+        action = action_of(item)
+        if action is None or not item.autocontinue:
+            what = f"command {int(item.command)} has no counterpart in a list of points"
+            raise FormatError(what if item.autocontinue else "it waits for the pilot to continue", where=where)
+        if reader.landed:
+            raise FormatError("something comes after the landing", where=where, advice="leave it out")
+        reader.read(action, where)
+    return reader.flight()
+
+
+class _Reader:
+    """Follows a mission item by item: the points so far, and what holds from the last one on."""
+
+    def __init__(self, home: GeoPoint, pitch_deg: float | None) -> None:
+        self.landed = False
+        self._home = home
+        self._points: list[CameraPoint] = []
+        self._speed_m_s = math.nan
+        self._pitch_deg = pitch_deg
+        self._camera_heading_deg: float | None = None
+        self._own_heading_deg: float | None = None  # of the last waypoint alone
+        self._distance_m: float | None = None
+
+    def read(self, action: Action, where: str) -> None:
+        match action:
+            case Takeoff():
+                self._takeoff(action, where)
+            case Waypoint():
+                self._waypoint(action, where)
+            case Land():
+                self._land(action, where)
+            case ChangeSpeed():
+                if action.kind is not SpeedType.GROUND or not 0.0 < action.speed_m_s < math.inf:
+                    raise FormatError("a change of a speed other than that over ground", where=where)
+                self._speed_m_s = action.speed_m_s
+            case PointMount() | PointGimbal():
+                self._point_camera(action, where)
+            case TriggerEvery():
+                self._trigger(action, where)
+            case TakePicture() | StartPictures():
+                self._picture(action, where)
+            case _:
+                what = f"{type(action).__name__} (command {int(action.COMMAND)}) has no counterpart in a list of points"
+                raise FormatError(what, where=where)
+        self._hold_from_here()
+
+    def flight(self) -> CameraFlight:
+        if not self.landed:
+            raise FormatError("the mission does not end with a landing", where="mission", advice="land at home")
+        if len(self._points) < 2:
+            raise FormatError("the mission has fewer than two points", where="mission")
+        if any(math.isnan(point.speed_m_s) for point in self._points):
+            raise FormatError("no speed is set before the first leg", where="mission", advice="begin with the speed")
+        return CameraFlight(self._home, tuple(self._points))
+
+    def _takeoff(self, action: Takeoff, where: str) -> None:
+        if self._points:
+            raise FormatError("a take-off in flight", where=where)
+        self._require_near(action.place, self._home.lat_deg, self._home.lon_deg, where, "the take-off is", "home")
+        self._add(action.place, where)
+
+    def _waypoint(self, action: Waypoint, where: str) -> None:
+        if not self._points:
+            raise FormatError("the mission does not begin with a take-off", where=where, advice="take off at home")
+        if action.hold_s or action.acceptance_radius_m or action.pass_radius_m:
+            raise FormatError("a waypoint with a time to hold or a radius of its own", where=where)
+        if action.heading_deg is not None and not math.isfinite(action.heading_deg):
+            raise FormatError("its heading is not a number", where=where)
+        self._own_heading_deg = None if action.heading_deg is None else action.heading_deg % 360.0
+        self._add(action.place, where)
+
+    def _land(self, action: Land, where: str) -> None:
+        if not self._points:
+            raise FormatError("the mission does not begin with a take-off", where=where, advice="take off at home")
+        last = self._points[-1]
+        self._require_near(action.place, last.lat_deg, last.lon_deg, where, "the landing is", "the point before it")
+        self._require_near(action.place, self._home.lat_deg, self._home.lon_deg, where, "the landing is", "home")
+        self.landed = True
+
+    def _require_near(self, place: FramedPoint, lat_deg: float, lon_deg: float, where: str, what: str, of: str) -> None:
+        self._require_place(place, where)
+        if not ground_distance_m(place.lat_deg, place.lon_deg, lat_deg, lon_deg) <= _STRAIGHT_UP_M:
+            raise FormatError(f"{what} more than {_STRAIGHT_UP_M:g} m away from {of}", where=where)
+
+    @staticmethod
+    def _require_place(place: FramedPoint, where: str) -> None:
+        problem = place_problem(place.lat_deg, place.lon_deg)
+        if problem is not None:
+            raise FormatError(problem.what, where=where, advice=problem.advice)
+
+    def _add(self, place: FramedPoint, where: str) -> None:
+        self._require_place(place, where)
+        if place.frame is Frame.ABOVE_TERRAIN:
+            raise FormatError("its height is above the terrain, which is not known here", where=where)
+        height_m = place.alt_m - (self._home.alt_amsl_m if place.frame is Frame.AMSL else 0.0)
+        if not math.isfinite(height_m):
+            raise FormatError("its height is not finite", where=where)
+        last = self._points[-1] if self._points else None
+        if last is None or not (
+            abs(last.lat_deg - place.lat_deg) <= _SAME_PLACE_DEG
+            and abs(last.lon_deg - place.lon_deg) <= _SAME_PLACE_DEG
+            and abs(last.height_above_home_m - height_m) <= _SAME_HEIGHT_M
+        ):
+            self._points.append(CameraPoint(place.lat_deg, place.lon_deg, height_m, self._speed_m_s))
+
+    def _point_camera(self, action: PointMount | PointGimbal, where: str) -> None:
+        if isinstance(action, PointMount):
+            if action.mode is not MountMode.ANGLES or action.roll_deg or action.yaw_deg:
+                raise FormatError("the camera is turned aside or rolled", where=where)
+            self._pitch_deg = action.pitch_deg
+        else:
+            if action.pitch_rate_deg_s or action.yaw_rate_deg_s or action.gimbal:
+                raise FormatError("a turning gimbal, or a second one", where=where)
+            if action.flags == _YAW_LOCK:
+                self._camera_heading_deg = None if action.yaw_deg is None else action.yaw_deg % 360.0
+            elif action.flags or action.yaw_deg:
+                raise FormatError("the camera is turned aside", where=where)
+            self._pitch_deg = self._pitch_deg if action.pitch_deg is None else action.pitch_deg
+        if self._pitch_deg is not None and not math.isfinite(self._pitch_deg):
+            raise FormatError("the camera's angle is not a number", where=where)
+
+    def _trigger(self, action: TriggerEvery, where: str) -> None:
+        if not 0.0 <= action.distance_m < math.inf or action.shutter_ms or (action.distance_m and not action.at_once):
+            raise FormatError("pictures by distance that do not begin at once", where=where)
+        self._distance_m = action.distance_m or None
+
+    def _picture(self, action: TakePicture | StartPictures, where: str) -> None:
+        plain = (
+            action == TakePicture()
+            if isinstance(action, TakePicture)
+            else action.count == 1 and not action.interval_s and not action.camera
+        )
+        if not plain:
+            raise FormatError("something other than one picture", where=where)
+        if not self._points:
+            raise FormatError("a picture before the take-off", where=where)
+        last = self._points[-1]
+        self._points[-1] = dataclasses.replace(last, pictures=last.pictures + 1)
+
+    def _hold_from_here(self) -> None:
+        own, camera = self._own_heading_deg, self._camera_heading_deg
+        if self._points and not self.landed:
+            self._points[-1] = dataclasses.replace(
+                self._points[-1],
+                speed_m_s=self._speed_m_s,
+                heading_deg=camera if own is None else own,
+                pitch_deg=self._pitch_deg,
+                picture_distance_m=self._distance_m,
+            )

@@ -1,0 +1,98 @@
+"""CSV of Litchi's Mission Hub, metric: one row a waypoint (litchiutilities.com/docs/litchiCsv.php).
+
+Litchi keeps settings of the whole mission outside of the file; set them after the import: Path Mode "Straight Lines" (with
+curves, actions are not carried out and corners are cut), Heading Mode "Custom (WD)", Finish Action "Land" (the last waypoint
+is straight above the landing).
+"""
+
+import math
+from collections.abc import Sequence
+
+from mission_io.errors import FormatError
+from mission_io.formats.camera_flight import CameraFlight, CameraPoint
+from mission_io.formats.text import degrees_text, plain_decimal
+from mission_io.model.places import earth_centred_m, ground_distance_m
+
+MOST_WAYPOINTS = 99
+"""DJI's mobile SDK takes so many; Litchi chains more of them only while it has a signal."""
+_HEIGHTS_M = (-200.0, 500.0)
+_PITCHES_DEG = (-90.0, 0.0)
+_MOST_SPEED_M_S = 15.0
+_APART_M = (0.5, 2000.0)
+_ACTIONS = 15
+_NO_ACTION, _TAKE_PHOTO = -1, 1
+_COLUMNS = (
+    "latitude", "longitude", "altitude(m)", "heading(deg)", "curvesize(m)", "rotationdir", "gimbalmode",
+    "gimbalpitchangle",
+    *(f"action{what}{number}" for number in range(1, _ACTIONS + 1) for what in ("type", "param")),
+    "altitudemode", "speed(m/s)", "poi_latitude", "poi_longitude", "poi_altitude(m)", "poi_altitudemode",
+    "photo_timeinterval", "photo_distinterval",
+)  # fmt: skip
+HEADER = ",".join(_COLUMNS)
+
+
+def write_csv(flight: CameraFlight) -> str:
+    """Write a flight as CSV; heights are above the place of take-off.
+
+    Raises:
+        FormatError: Litchi cannot do it, with the point.
+    """
+    points = flight.points
+    if not 2 <= len(points) <= MOST_WAYPOINTS:
+        raise FormatError(
+            f"{len(points)} points, Litchi takes 2 to {MOST_WAYPOINTS}", where="flight", advice="split it"
+        )
+    _check_distances(points)
+    rows = [_row(number, points) for number in range(len(points))]
+    return "\n".join([HEADER, *rows]) + "\n"
+
+
+def _row(number: int, points: Sequence[CameraPoint]) -> str:
+    point, where = points[number], f"point {number + 1}"
+    before = points[number - 1].picture_distance_m if number else None
+    begins = point.picture_distance_m is not None and point.picture_distance_m != before
+    pictures = point.pictures + begins  # where pictures by distance begin, one is taken at once
+    pitch_deg = 0.0 if point.pitch_deg is None else point.pitch_deg
+    _check("m above home", point.height_above_home_m, _HEIGHTS_M, where)
+    _check("degrees of the camera's pitch", pitch_deg, _PITCHES_DEG, where)
+    _check("m/s", point.speed_m_s, (0.1, _MOST_SPEED_M_S), where)
+    if pictures > _ACTIONS:
+        raise FormatError(f"{pictures} pictures, Litchi takes {_ACTIONS}", where=where)
+    heading_deg = _course_deg(points, number) if point.heading_deg is None else point.heading_deg
+    distance_m = -1.0 if point.picture_distance_m is None else point.picture_distance_m
+    actions = [_TAKE_PHOTO] * pictures + [_NO_ACTION] * (_ACTIONS - pictures)
+    numbers = (
+        point.height_above_home_m, heading_deg, 0.0, 0, 0 if point.pitch_deg is None else 2, pitch_deg,
+        *(value for action in actions for value in (action, 0)),
+        0, point.speed_m_s, 0.0, 0.0, 0.0, 0, -1.0, distance_m,
+    )  # fmt: skip
+    place = (degrees_text(point.lat_deg, where), degrees_text(point.lon_deg, where))
+    return ",".join((*place, *(plain_decimal(value, where) for value in numbers)))
+
+
+def _check(what: str, value: float, limits: tuple[float, float], where: str) -> None:
+    if not limits[0] <= value <= limits[1]:
+        raise FormatError(f"{value:g} {what}, Litchi takes {limits[0]:g} to {limits[1]:g}", where=where)
+
+
+def _check_distances(points: Sequence[CameraPoint]) -> None:
+    for number in range(1, len(points)):
+        a, b = points[number - 1], points[number]
+        apart_m = math.dist(
+            earth_centred_m(a.lat_deg, a.lon_deg, a.height_above_home_m),
+            earth_centred_m(b.lat_deg, b.lon_deg, b.height_above_home_m),
+        )
+        _check("m to the next point", apart_m, _APART_M, f"point {number}")
+
+
+def _course_deg(points: Sequence[CameraPoint], number: int) -> float:
+    """Direction of the leg that begins at a point, clockwise from north; that of a vertical one is the leg's before it."""
+    for first in (*range(number, len(points) - 1), *range(number - 1, -1, -1)):
+        a, b = points[first], points[first + 1]
+        if ground_distance_m(a.lat_deg, a.lon_deg, b.lat_deg, b.lon_deg) > 0.1:
+            east_deg = math.remainder(b.lon_deg - a.lon_deg, 360.0)
+            lat_a, lat_b, east = math.radians(a.lat_deg), math.radians(b.lat_deg), math.radians(east_deg)
+            x = math.sin(east) * math.cos(lat_b)
+            y = math.cos(lat_a) * math.sin(lat_b) - math.sin(lat_a) * math.cos(lat_b) * math.cos(east)
+            return math.degrees(math.atan2(x, y)) % 360.0
+    return 0.0

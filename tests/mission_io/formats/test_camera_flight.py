@@ -1,0 +1,224 @@
+"""Missions as points: what holds from each of them on, and every item that points cannot express is refused by its number."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mission_io.errors import FormatError
+from mission_io.formats.camera_flight import camera_flight
+from mission_io.formats.litchi import write_csv
+from mission_io.formats.wpml import write_kmz
+from mission_io.model.actions import (
+    PointGimbal,
+    PointMount,
+    StartPictures,
+    TakePicture,
+    item_of,
+)
+from mission_io.model.items import (
+    Command,
+    Frame,
+    GeoPoint,
+    Mission,
+    MissionItem,
+    SpeedType,
+    change_speed,
+    delay,
+    land,
+    look_at,
+    return_to_launch,
+    takeoff,
+    trigger_camera_every,
+    waypoint,
+)
+from tests.mission_io.formats.wpml_tables import check_kmz
+from uavcover.intake.dji_aircraft import dji_aircraft_named
+
+M3E = dji_aircraft_named("dji-m3e")
+HOME = GeoPoint(47.25, -8.5, 512.25)
+
+
+def at(north_m: float, height_m: float = 60.0) -> MissionItem:
+    return waypoint(HOME.lat_deg + north_m / 111_000.0, HOME.lon_deg, height_m, frame=Frame.ABOVE_HOME)
+
+
+UP = takeoff(HOME.lat_deg, HOME.lon_deg, 40.0, frame=Frame.ABOVE_HOME)
+OVER_HOME = waypoint(HOME.lat_deg, HOME.lon_deg, 40.0, frame=Frame.ABOVE_HOME)
+DOWN = land(HOME.lat_deg, HOME.lon_deg, frame=Frame.ABOVE_HOME)
+
+
+def flown(*items: MissionItem) -> Mission:
+    return Mission(HOME, (UP, change_speed(8.0), *items, OVER_HOME, DOWN))
+
+
+def test_what_is_set_holds_from_the_point_before_it_on() -> None:
+    mission = flown(
+        at(100), item_of(PointMount(-60.0)), at(200), trigger_camera_every(12.5), at(300), change_speed(5.0), at(400),
+        trigger_camera_every(0.0), at(500),
+    )  # fmt: skip
+    points = camera_flight(mission).points
+    assert [p.height_above_home_m for p in points] == [40.0, 60.0, 60.0, 60.0, 60.0, 60.0, 40.0]
+    assert [p.pitch_deg for p in points] == [None, -60.0, -60.0, -60.0, -60.0, -60.0, -60.0]
+    assert [p.picture_distance_m for p in points] == [None, None, 12.5, 12.5, None, None, None]
+    assert [p.speed_m_s for p in points] == [8.0, 8.0, 8.0, 5.0, 5.0, 5.0, 5.0]
+    assert [p.pictures for p in points] == [0] * 7
+
+
+def test_a_waypoint_that_stands_twice_is_one_point() -> None:
+    points = camera_flight(
+        flown(at(100), trigger_camera_every(20.0), at(100), at(300), trigger_camera_every(0.0))
+    ).points
+    assert len(points) == 4
+    assert [p.picture_distance_m for p in points] == [None, 20.0, None, None]
+
+
+@pytest.mark.parametrize("picture", [TakePicture(), StartPictures(count=1, first_number=3)])
+def test_pictures_at_waypoints(picture: Any) -> None:
+    points = camera_flight(flown(at(100), item_of(picture), at(200), item_of(picture), item_of(picture))).points
+    assert [p.pictures for p in points] == [0, 1, 2, 0]
+
+
+def test_headings_of_waypoints_hold_there_and_that_of_a_gimbal_until_it_is_changed() -> None:
+    north = replace(at(100), params=(0.0, 0.0, 0.0, 350.0))
+    free = replace(at(200), params=(0.0, 0.0, 0.0, math.nan))
+    over = replace(OVER_HOME, params=(0.0, 0.0, 0.0, math.nan))
+    mission = Mission(HOME, (UP, change_speed(8.0), north, free, over, DOWN))
+    assert [p.heading_deg for p in camera_flight(mission).points] == [None, 350.0, None, None]
+    locked = item_of(PointGimbal(-80.0, -90.0, 0.0, 0.0, flags=16))
+    mission = Mission(HOME, (UP, change_speed(8.0), locked, free, over, DOWN))
+    assert [(p.heading_deg, p.pitch_deg) for p in camera_flight(mission).points] == [(270.0, -80.0)] * 3
+
+
+def test_a_fixed_camera_keeps_the_angle_that_it_is_given() -> None:
+    assert {p.pitch_deg for p in camera_flight(flown(at(100)), pitch_deg=-45.0).points} == {-45.0}
+
+
+def test_heights_above_the_sea_become_heights_above_home() -> None:
+    point = waypoint(HOME.lat_deg + 0.001, HOME.lon_deg, 500.25, frame=Frame.AMSL)
+    assert camera_flight(flown(point)).points[1].height_above_home_m == -12.0
+
+
+KNOWN = {
+    int(command)
+    for command in (
+        Command.NAV_WAYPOINT, Command.NAV_LAND, Command.NAV_TAKEOFF, Command.DO_CHANGE_SPEED, Command.DO_MOUNT_CONTROL,
+        Command.DO_GIMBAL_MANAGER_PITCHYAW, Command.DO_SET_CAM_TRIGG_DIST, Command.DO_DIGICAM_CONTROL,
+        Command.IMAGE_START_CAPTURE,
+    )
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "command", sorted({*(int(command) for command in Command), 0, 30, 181, 184, 206, 530, 65535} - KNOWN)
+)
+def test_every_other_command_is_refused_by_its_number(command: int) -> None:
+    for frame in (Frame.COMMAND, Frame.ABOVE_HOME):
+        item = MissionItem(command, frame, (1.0, 0.0, 0.0, 0.0), HOME.lat_deg, HOME.lon_deg, 50.0)
+        with pytest.raises(FormatError, match=rf"^item 4: .*command {command}\b"):
+            camera_flight(flown(at(100), item))
+
+
+def change(item: MissionItem, number: int, value: float) -> MissionItem:
+    p1, p2, p3, p4 = (value if k == number else kept for k, kept in enumerate(item.params, start=1))
+    return replace(item, params=(p1, p2, p3, p4))
+
+
+@pytest.mark.parametrize(
+    ("items", "match"),
+    [
+        ((change(at(100), 1, 3.0),), "item 3: a waypoint with a time to hold"),
+        ((change(at(100), 2, 3.0),), "item 3: a waypoint with a time to hold or a radius"),
+        ((change(at(100), 3, -3.0),), "item 3: a waypoint with"),
+        ((change(at(100), 4, math.inf),), "item 3: its heading"),
+        ((replace(at(100), autocontinue=False),), "item 3: it waits for the pilot"),
+        ((replace(at(100), frame=Frame.ABOVE_TERRAIN),), "item 3: its height is above the terrain"),
+        ((replace(at(100), alt_m=math.nan),), "item 3: its height is not finite"),
+        ((replace(at(100), lat_deg=91.0),), "item 3: latitude 91"),
+        ((replace(at(100), lon_deg=math.nan),), "item 3: latitude 47.*longitude nan"),
+        ((change_speed(5.0, kind=SpeedType.CLIMB),), "item 3: a change of a speed other"),
+        ((change_speed(math.nan),), "item 3: a change of a speed"),
+        ((change_speed(0.0),), "item 3: a change of a speed"),
+        ((item_of(PointMount(-90.0, yaw_deg=20.0)),), "item 3: the camera is turned aside"),
+        ((item_of(PointMount(math.nan)),), "item 3: the camera's angle"),
+        ((item_of(PointGimbal(-90.0, 20.0)),), "item 3: the camera is turned aside"),
+        ((item_of(PointGimbal(-90.0, flags=2)),), "item 3: the camera is turned aside"),
+        ((item_of(PointGimbal(-90.0, 0.0, 5.0)),), "item 3: a turning gimbal"),
+        ((item_of(PointGimbal(-90.0, gimbal=2)),), "item 3: a turning gimbal, or a second"),
+        ((change(trigger_camera_every(5.0), 3, 0.0),), "item 3: pictures by distance that do not begin"),
+        ((change(trigger_camera_every(5.0), 1, -1.0),), "item 3: pictures by distance"),
+        ((item_of(TakePicture(pictures=2)),), "item 3: something other than one picture"),
+        ((item_of(TakePicture(zoom=2.0)),), "item 3: something other than one picture"),
+        ((item_of(StartPictures(interval_s=2.0)),), "item 3: something other than one picture"),
+        ((look_at(47.0, -8.0, 0.0, frame=Frame.AMSL),), "item 3: LookAt"),
+        ((delay(3.0),), "item 3: Delay"),
+        ((return_to_launch(),), "item 3: ReturnToLaunch"),
+        ((UP,), "item 3: a take-off in flight"),
+        ((at(100), DOWN), "item 4: the landing is more than 1 m away from the point before it"),
+    ],
+)
+def test_what_points_cannot_express_is_refused(items: tuple[MissionItem, ...], match: str) -> None:
+    with pytest.raises(FormatError, match=match) as caught:
+        camera_flight(flown(*items))
+    assert "\n" not in str(caught.value)
+
+
+ANY_NUMBER = (
+    st.sampled_from([0.0, -0.0, 1.0, -1.0, 16.0, 90.0, 1e-320, 1e30, math.nan, math.inf, -math.inf]) | st.floats()
+)
+MEDDLED = st.builds(
+    MissionItem,
+    command=st.sampled_from(sorted(KNOWN)),
+    frame=st.sampled_from(Frame),
+    params=st.tuples(ANY_NUMBER, ANY_NUMBER, ANY_NUMBER, ANY_NUMBER),
+    lat_deg=ANY_NUMBER | st.just(HOME.lat_deg),
+    lon_deg=ANY_NUMBER | st.just(HOME.lon_deg),
+    alt_m=ANY_NUMBER,
+    autocontinue=st.booleans(),
+)
+
+
+@given(
+    items=st.lists(
+        MEDDLED | st.sampled_from([at(100), at(300), change_speed(5.0), trigger_camera_every(9.0)]), max_size=5
+    ),
+    place=st.integers(0, 6),
+)
+def test_whatever_is_in_a_mission_it_is_points_or_one_error(items: list[MissionItem], place: int) -> None:
+    """And what becomes of it can be written, or is refused in the same way."""
+    honest = list(flown(at(100)).items)
+    mission = Mission(HOME, (*honest[:place], *items, *honest[place:]))
+    refused = ""
+    try:
+        flight = camera_flight(mission)
+        for point in flight.points:
+            assert all(map(math.isfinite, (point.lat_deg, point.lon_deg, point.height_above_home_m, point.speed_m_s)))
+        write_csv(flight)
+        check_kmz(write_kmz(flight, M3E, return_height_m=80.0))
+    except FormatError as error:
+        refused = str(error)
+    assert "\n" not in refused
+
+
+@pytest.mark.parametrize(
+    ("mission", "match"),
+    [
+        (replace(flown(at(100)), home=None), "home: the mission has no home"),
+        (replace(flown(at(100)), home=replace(HOME, lat_deg=math.nan)), "home: home is not a place"),
+        (replace(flown(at(100)), home=replace(HOME, lat_deg=47.26)), "item 1: the take-off is more than 1 m away from home"),
+        (Mission(HOME, ()), "does not end with a landing"),
+        (Mission(HOME, (UP, change_speed(8.0), DOWN)), "fewer than two points"),
+        (Mission(HOME, (UP, change_speed(8.0), at(100))), "does not end with a landing"),
+        (Mission(HOME, (change_speed(8.0), at(100), OVER_HOME, DOWN)), "item 2: the mission does not begin with a take-off"),
+        (Mission(HOME, (UP, at(100), OVER_HOME, DOWN)), "no speed is set before the first leg"),
+        (Mission(HOME, (item_of(TakePicture()), UP)), "item 1: a picture before the take-off"),
+        (Mission(HOME, (*flown(at(100)).items, at(200))), "item 6: something comes after the landing"),
+        (Mission(HOME, (UP, change_speed(8.0), at(100), at(0), DOWN, return_to_launch())), "item 6: something comes after"),
+    ],
+)  # fmt: skip
+def test_a_flight_begins_and_ends_at_home(mission: Mission, match: str) -> None:
+    with pytest.raises(FormatError, match=match):
+        camera_flight(mission)
