@@ -108,7 +108,7 @@ def simple_lines(site: Site) -> list[Route]:
         return [fly_rows(site, layout) for layout in scanned_rows(site, most_nodes=_MOST_NODES)]
     routes = []
     for turn in range(12):
-        angle = long_side_angle_rad(site) + turn * math.pi / 12
+        angle = long_side_angle_rad(site.area) + turn * math.pi / 12
         for share in (0.5, 0.75, 0.95):
             height_m = low + share * (high - low)
             strip_m = 2.0 * max(reach_at_height_m(site.scenario.sensor, height_m), site.scenario.area.cell_size_m)

@@ -100,7 +100,7 @@ def usual_route(site: Site) -> Route:
     if site.scenario.sensor.sensing == "at-waypoints":
         return fly_rows(site, NodeRows(rows=6, columns=7, stagger=0.5, height_share=0.5))
     if can_be_adapted(site):
-        routes = adaptive_swaths(site, long_side_angle_rad(site))
+        routes = adaptive_swaths(site, long_side_angle_rad(site.area))
         return routes[len(routes) // 2]
     return fly_layout(site, plain_boustrophedon(site))
 

@@ -57,7 +57,8 @@ def scenario_reference() -> str:
     for section, classes in sections.items():
         for cls in classes:
             kind = _kind(cls)
-            title = f"## `[{section}]`" + (f" with `kind = {_toml(kind)}`" if kind else "")
+            named = f"[[{section}]]" if typing.get_origin(hints[section]) is tuple else f"[{section}]"
+            title = f"## `{named}`" + (f" with `kind = {_toml(kind)}`" if kind else "")
             needed = "Required." if _is_required(Scenario, section) else "Optional."
             lines += [title, "", f"{needed} {_prose(_summary(cls))}", "", *_keys(cls, dataclasses.fields(cls))]
             for field in dataclasses.fields(cls):

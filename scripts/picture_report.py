@@ -1,8 +1,10 @@
-"""Pictures of a report in a headless Chromium: the top of the page by light and by dark, and a phone's.
+"""Pictures of reports in a headless Chromium: the top of one by light, by dark and on a phone, and the maps of others.
 
-Usage: .venv/bin/python scripts/picture_report.py REPORT.html DIR
+Usage: .venv/bin/python scripts/picture_report.py REPORT.html DIR [NAME=REPORT.html ...]
 """
 
+import base64
+import io
 import sys
 import tempfile
 from pathlib import Path
@@ -13,10 +15,19 @@ ROOT = Path(__file__).parents[1]
 SETTLE = "new Promise(done => setTimeout(done, 1500))"
 TOP = (0, 0, 1200, 1900)
 PHONE = (0, 0, 390, 1500)
+SCREENS = ((1400, 900, "Pictures per point, flown"), (390, 844, "Coverage"))
+"""Widths and heights of the pictures of maps, and the layer that each shows."""
+
+SHOW = """(() => {{
+    const layers = [...document.querySelectorAll('.leaflet-control-layers-base label')];
+    const layer = layers.find(l => l.textContent.includes({layer!r}));
+    if (layer) layer.querySelector('input').click();
+    [...document.querySelectorAll('h2')].find(h => h.textContent === 'Map').scrollIntoView();
+}})()"""
 
 
 def main() -> None:
-    """Draw demo-report.png, demo-report-dark.png and demo-report-phone.png."""
+    """Draw demo-report.png, demo-report-dark.png, demo-report-phone.png, and report-NAME-WIDTH.webp of the named reports."""
     sys.path.insert(0, str(ROOT))
     from tests.report.browser import chromium_page
 
@@ -30,8 +41,17 @@ def main() -> None:
             page.open(page_file, width=width, colors=colors)
             page.run(SETTLE)
             png = page.screenshot(out / f"{name}.png")
-            Image.open(png).crop(box).quantize(192).save(png, optimize=True)
+            Image.open(png).crop(box).quantize(96).save(png, optimize=True)
             print(f"written: {png}")
+        for named in sys.argv[3:]:
+            name, _, report = named.partition("=")
+            for width, height, layer in SCREENS:
+                page.open(Path(report), width=width, height=height)
+                page.run(SHOW.format(layer=layer))
+                page.run(SETTLE)
+                shown = Image.open(io.BytesIO(base64.b64decode(page.view())))
+                shown.convert("RGB").save(out / f"report-{name}-{width}.webp", quality=82, method=6)
+                print(f"written: {out / f'report-{name}-{width}.webp'}")
         if page.complaints:
             raise SystemExit(f"the browser complains: {page.complaints}")
 

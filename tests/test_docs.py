@@ -105,10 +105,13 @@ def merged(block: dict[str, Any]) -> str:
     for key, value in block.items():
         replaces = not isinstance(value, dict) or "kind" in value or key == "area"
         scenario[key] = value if replaces else scenario.get(key, {}) | value
+    tables = scenario.pop("no_fly", [])
     top = [f"{key} = {json.dumps(value)}" for key, value in scenario.items() if not isinstance(value, dict)]
     for section, keys in scenario.items():
         if isinstance(keys, dict):
             top += [f"[{section}]", *(f"{key} = {json.dumps(value)}" for key, value in keys.items())]
+    for keys in tables:
+        top += ["[[no_fly]]", *(f"{key} = {json.dumps(value)}" for key, value in keys.items())]
     return "\n".join(top)
 
 
@@ -119,6 +122,8 @@ SCENARIOS = [page for page in GUIDES if blocks(page, "toml")]
 def test_every_piece_of_a_scenario_is_understood(page: Path) -> None:
     for piece in blocks(page, "toml"):
         keys = tomllib.loads(piece)
+        if "no_fly" in keys:
+            keys["no_fly"] = [zone for zone in keys["no_fly"] if "file" not in zone]
         keys.pop("obstacles", None)  # names a file of buildings, or lists tables of prisms
         if "area" in keys:
             keys["area"] = {"cell_size_m": 5.0, **keys["area"], "file": "valley.geojson"}

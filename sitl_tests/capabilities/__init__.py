@@ -22,6 +22,7 @@ ALL: Mapping[str, Callable[[Case], Finding | Judge]] = MappingProxyType(
         "mission-from-file": stations.mission_from_file,
         "arming": flights.arming,
         "fly-square": flights.fly_square,
+        "terrain-flight": flights.terrain_flight,
         "pause-and-resume": flights.pause_and_resume,
         "second-flight": flights.second_flight,
         "stop-and-return": flights.stop_and_return,

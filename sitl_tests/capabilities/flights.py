@@ -1,14 +1,18 @@
 """Small flights, each compared with the mission that another station downloads from the vehicle."""
 
 import math
+from dataclasses import replace
 
-from mission_io.errors import CommandRefusedError
-from mission_io.model.items import Command, GeoPoint
+from mission_io.client.terrain import answer_terrain_requests
+from mission_io.errors import CommandRefusedError, MisuseError
+from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionType
+from mission_io.protocol.terrain import TerrainAnswers
 from mission_io.wire.messages import GlobalPositionInt
 from sitl_tests.case import Case, Finding, Station
 from sitl_tests.errors import CheckFailedError, require
 from sitl_tests.flying import (
     fly_mission,
+    frame_at,
     require_at_home,
     require_flown,
     take_off,
@@ -55,6 +59,35 @@ def fly_square(case: Case) -> Finding:
     worst_m = require_flown(path, waypoints_held(case))
     return Finding(
         WORKS, f"{outcome.duration_s:.0f} s, {rate_hz:.1f} samples a second, waypoints passed within {worst_m:.1f} m"
+    )
+
+
+def terrain_flight(case: Case) -> Finding:
+    """It arms for a mission above terrain because our side answers its requests for the ground, and flies it."""
+    home = case.vehicle.home
+    # The simulator's ground is flat, and its time runs fast.
+    answers = TerrainAnswers(lambda places: [home.alt_amsl_m] * len(places), parts_per_s=1000.0)
+    mission = route_mission(home)
+    above = tuple(
+        replace(item, frame=Frame.ABOVE_TERRAIN) if item.command == Command.NAV_WAYPOINT else item
+        for item in mission.items
+    )
+    with case.station() as station:
+        answer_terrain_requests(station.client, answers)
+        try:
+            outcome, path = fly_mission(case, station, Mission(mission.home, above))
+        except MisuseError as error:  # our own check knows who has no terrain frames
+            return Finding("refused", str(error))
+    _require_landed(case, outcome)
+    held = [item for item in case.held(MissionType.MISSION) if item.frame is Frame.ABOVE_TERRAIN]
+    require(bool(held), "the vehicle holds no item above terrain")
+    places = [frame_at(home).enu_from_geodetic(i.lat_deg, i.lon_deg, home.alt_amsl_m + i.alt_m)[0] for i in held]
+    worst_m = require_flown(path, [(float(e), float(n), float(u)) for e, n, u in places])
+    counts = answers.counts
+    require(counts.parts_sent > 0 and not counts.refused, f"its requests were not answered: {counts}")
+    return Finding(
+        WORKS,
+        f"{counts.blocks} blocks, {counts.parts_sent} parts sent; waypoints above terrain passed within {worst_m:.1f} m",
     )
 
 

@@ -2,8 +2,10 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 from sitl_tests.simulators.running import RunningVehicle, Start, StartRequest
+from uavcover.mock.behaviour import TerrainData, quick
 from uavcover.mock.server import start_in_background
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.vehicle import AutopilotName
@@ -15,9 +17,11 @@ def starter(autopilot: AutopilotName, *, vehicle_type: int) -> Start:
 
     @contextmanager
     def start(request: StartRequest) -> Iterator[RunningVehicle]:
-        vehicle = MockVehicle(
-            AUTOPILOTS[autopilot], request.home, MockConfig(speed=request.speed, vehicle_type=vehicle_type)
-        )
+        asks = replace(
+            quick(), terrain=TerrainData.GROUND_STATION
+        )  # as ArduPilot does; PX4's ways have no such question
+        config = MockConfig(speed=request.speed, vehicle_type=vehicle_type, behaviour=asks)
+        vehicle = MockVehicle(AUTOPILOTS[autopilot], request.home, config)
         with start_in_background(vehicle, speed=request.speed) as background:
             url = f"udpout://127.0.0.1:{background.port}"
             yield RunningVehicle(

@@ -153,7 +153,7 @@ class TestLengthAt:
         tried, routes = scan(judge)
         assert len(tried) == len(routes)
         assert {"1", "2"} <= {one.family.split()[-2] for one in tried}
-        height_m, angle_rad = best_height_agl_m(site), long_side_angle_rad(site)
+        height_m, angle_rad = best_height_agl_m(site), long_side_angle_rad(site.area)
         loose = [
             (fly_layout(site, regular_layout(
                 angle_rad=angle_rad, lines=lines, height_agl_m=height_m, inset=0.8, tolerance_m=PLAIN_TOLERANCE_M

@@ -1,6 +1,7 @@
 """``uavcover new``: from foreign files to a scenario that plans, and every bad input as one line."""
 
 import itertools
+import json
 import tomllib
 
 import numpy as np
@@ -9,61 +10,24 @@ import rasterio
 import shapely
 from rasterio.transform import Affine
 
+from mission_io.model.items import Command
+from scripts import bad_inputs as bad_input_page
+from tests.cli import bad_inputs
+from tests.cli.bad_inputs import PLACES, SIZE_M, dem_at, options, square_parts
 from tests.scenario.areas import written
-from tests.scenario.dem_files import write_dem
 from uavcover.run.plan import PlanRequest, plan_into
 from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site
-
-SIZE_M = 400.0
-# Latitude, longitude, system and pixels of the elevation model, ground at 0 in metres above sea level.
-PLACES = {
-    "Alps, UTM, 2,500 m": (46.55, 8.03, 32632, 10.0, 1900.0),
-    "Alps, the Swiss grid": (46.55, 8.03, 2056, 10.0, 1000.0),
-    "Tennessee, one arc second": (36.48, -84.22, 4326, 30.0, 0.0),
-    "southern hemisphere, UTM": (-33.45, -70.62, 32719, 5.0, 0.0),
-    "across 180 degrees": (-16.80, 180.0, 32760, 10.0, -300.0),
-    "77 degrees south": (-77.52, 166.60, 3031, 10.0, -300.0),
-    "78 degrees north, degrees": (78.22, 15.60, 4326, 30.0, -400.0),
-}
-
-
-def square_parts(place, hole=True):
-    """A square of SIZE_M with a hole, in longitude and latitude."""
-    lat, lon = PLACES[place][:2]
-    half = 0.5 * SIZE_M / 111_195.0
-    across = half / np.cos(np.radians(lat))
-    inner = [(lon + 0.3 * x * across, lat + 0.3 * y * half) for x, y in ((-1, -1), (-1, 1), (1, 1), (1, -1))]
-    outer = [(lon + x * across, lat + y * half) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    wrapped = [[(x - 360.0 if x > 180.0 else x, y) for x, y in ring] for ring in (outer, inner)]
-    return [shapely.Polygon(wrapped[0], [wrapped[1]] if hole else [])]
-
-
-def dem_at(folder, place, *, steepest=0.35):
-    lat, lon, epsg, pixel_m, level_m = PLACES[place]
-    lon = 179.95 if lon == 180.0 and epsg == 4326 else lon
-    path = write_dem(
-        folder / "dem.tif", np.random.default_rng(3), lat_deg=lat, lon_deg=lon, epsg=epsg, pixel_m=pixel_m, size_m=1600.0,
-        steepest=steepest,
-    )  # fmt: skip
-    with rasterio.open(path, "r+") as file:
-        file.write(file.read(1) + np.float32(level_m), 1)
-    return path
-
-
-def options(dem, *, camera="dji-m3e", gsd="3cm"):
-    return ("--dem", dem, "--camera", camera, "--gsd", gsd)
+from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.pictures import count_pictures, picture_statistics, planned_poses
 
 
 @pytest.fixture(scope="module")
 def tennessee(tmp_path_factory):
     """A folder with an elevation model and areas around 36.48 N, 84.22 W."""
     folder = tmp_path_factory.mktemp("tennessee")
-    dem_at(folder, "Tennessee, one arc second")
-    parts = square_parts("Tennessee, one arc second")
-    written.kml(folder / "area.kml", parts)
-    written.geojson(folder / "area.geojson", parts)
+    bad_inputs.prepare(folder)
     return folder
 
 
@@ -254,95 +218,67 @@ def test_tiles_bands_and_feet_reach_the_scenario(cli, tmp_path):
     assert "has no band 'dtm'; terrain.band is one of: 1, 2 Elevation" in ended.error
 
 
-BAD = {
-    "nothing": ((), "give an area, such as area.kml"),
-    "no options": (("AREA",), "an area needs --dem dem.tif, --camera NAME, --gsd 2.5cm as well"),
-    "no camera": (("AREA", "--dem", "DEM"), "an area needs --camera NAME, --gsd 2.5cm as well"),
-    "no such area": (("nowhere.kml", "OPTIONS"), "no such file; an area is a file"),
-    "not an area": (("DEM", "OPTIONS"), ".tif is not a format of areas"),
-    "no such model": (
-        ("AREA", "--dem", "no.tif", "--camera", "m3e", "--gsd", "3cm"),
-        "no.tif: no such file; give the elevation data",
-    ),
-    "a model that is none": (
-        ("AREA", "--dem", "AREA", "--camera", "m3e", "--gsd", "3cm"),
-        "cannot be read as elevation data",
-    ),
-    "a picture": (
-        ("AREA", "--dem", "PICTURE", "--camera", "m3e", "--gsd", "3cm"),
-        "is a picture (3 bands of 8 bits), not heights",
-    ),
-    "camera": (("AREA", "--dem", "DEM", "--camera", "dji-m33e", "--gsd", "3cm"), "did you mean dji-m3e"),
-    "gsd without unit": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "3"), "has no unit; write it as 2.5cm"),
-    "gsd": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "fine"), "is not understood; write it as 2.5cm"),
-    "gsd too fine": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "1mm"), "ask for 0.67 cm or more"),
-    "overlap": (("AREA", "OPTIONS", "--overlap", "0.75/0.7"), "write it in percent, as 75/70"),
-    "overlap of everything": (("AREA", "OPTIONS", "--overlap", "100/70"), "is outside 0 to 95 percent"),
-    "too much overlap": (
-        ("AREA", "--dem", "DEM", "--camera", "mini 3 pro", "--gsd", "1cm", "--overlap", "95/70"),
-        "ask for less forward overlap, a coarser --gsd",
-    ),
-    "battery": (("AREA", "OPTIONS", "--battery", "25"), "has no unit; write it as 25min"),
-    "negative battery": (("AREA", "OPTIONS", "--battery", "-5min"), "must be above 0"),
-    "vehicle": (("AREA", "OPTIONS", "--vehicle", "dji"), "did you mean dji-m3e"),
-    "home": (("AREA", "OPTIONS", "--home", "here"), "write it as LAT,LON in degrees"),
-    "home swapped": (
-        ("AREA", "OPTIONS", "--home", "-84.22,36.48"),
-        "km are allowed; give a place beside it, latitude first",
-    ),
-    "home elsewhere": (("AREA", "OPTIONS", "--home", "36.9,-84.22"), "km are allowed"),
-    "max height": (("AREA", "OPTIONS", "--max-height", "10m"), "leaves no height band"),
-    "speed": (("AREA", "OPTIONS", "--speed", "fast"), "write it as 8m/s"),
-    "speed beyond the vehicle": (
-        ("AREA", "OPTIONS", "--vehicle", "px4", "--speed", "50km/h"),
-        "is more than the 12 m/s of px4",
-    ),
-    "margin": (("AREA", "OPTIONS", "--margin", "some"), "write it as 40m"),
-    "mount": (("AREA", "OPTIONS", "--mount", "loose"), "give stabilised (a gimbal) or fixed"),
-    "datum": (("AREA", "OPTIONS", "--vertical-datum", "NN"), "give EGM96 (SRTM) or EGM2008 (Copernicus)"),
-    "autopilot": (("AREA", "OPTIONS", "--autopilot", "dji"), "neither ardupilot nor px4"),
-    "height unit": (("AREA", "OPTIONS", "--height-unit", "yard"), "give m, ft or us-ft"),
-    "band": (("AREA", "OPTIONS", "--band", "7"), "has no band '7'; terrain.band is one of: 1"),
-    "lakes": (("AREA", "OPTIONS", "--fill-lakes", "all"), "write it as 200m"),
-    "no tiles": (("AREA", "--dem", "none/*.hgt", "--camera", "m3e", "--gsd", "3cm"), "none/*.hgt has no tile"),
-    "feature": (("AREA", "OPTIONS", "--feature", "feild 1"), "did you mean 'field 1'?"),
-    "layer": (("AREA", "OPTIONS", "--layer", "x"), "leave the option out"),
-    "crs": (("AREA", "OPTIONS", "--crs", "EPSG:x"), "write it as EPSG:32632"),
-    "elsewhere": (("46.5,8.0,200", "OPTIONS"), "off the elevation data"),
-    "beyond the model": (("36.48,-84.22,5km", "OPTIONS"), "reaches beyond the elevation data"),
-    "too large": (("36.48,-84.22,40km", "OPTIONS"), "km by"),
-    "swapped": (("SWAPPED", "OPTIONS"), "its axes are swapped: use --swap-axes"),
-    "no folder": (("AREA", "OPTIONS", "-o", "no/where/a.toml"), "there is no folder"),
-    "no scenario": (("AREA", "OPTIONS", "-o", "a.kml"), "is not a .toml file"),
-    "unknown option": (("AREA", "OPTIONS", "--gds", "3"), "No such option"),
-}
-
-
-@pytest.mark.parametrize("what", BAD)
+@pytest.mark.parametrize("what", bad_inputs.ALL)
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 def test_bad_input_is_one_line_with_a_remedy(cli, tennessee, tmp_path, monkeypatch, what):
     monkeypatch.chdir(tmp_path)
-    arguments, words = BAD[what]
-    swapped = [shapely.transform(part, lambda p: p[:, ::-1]) for part in square_parts("Tennessee, one arc second")]
-    if what == "swapped":
-        # 36 degrees east of Greenwich and 84 degrees south is a place too: only the elevation model knows better.
-        written.geojson(tmp_path / "swapped.geojson", swapped)
-    if what == "a picture":
-        picture = np.zeros((3, 8, 8), dtype=np.uint8)
-        with rasterio.open(
-            tmp_path / "photo.tif", "w", driver="GTiff", width=8, height=8, count=3, dtype="uint8", crs="EPSG:4326",
-            transform=Affine(0.025, 0.0, -84.3, 0.0, -0.025, 36.6),
-        ) as file:  # fmt: skip
-            file.write(picture)
-    names = {
-        "AREA": (tennessee / "area.kml",), "DEM": (tennessee / "dem.tif",), "OPTIONS": options(tennessee / "dem.tif"),
-        "SWAPPED": (tmp_path / "swapped.geojson",), "PICTURE": (tmp_path / "photo.tif",),
-    }  # fmt: skip
-    ended = cli("new", *(each for argument in arguments for each in names.get(argument, (argument,))))
+    arguments, words = bad_inputs.arguments_of(what, tennessee, tmp_path)
+    ended = cli("new", *arguments)
     assert ended.code == 2, ended.err
     lines = [line for line in ended.err.splitlines() if not line.startswith("warning: ")]
     assert len(lines) == 1, ended.err
     assert words in lines[0]
     assert not list(tmp_path.glob("*.toml"))
+
+
+@pytest.mark.parametrize(
+    ("pattern", "flights"),
+    [("crosshatch", ["along", "across"]), ("oblique", ["nadir", "north", "east", "south", "west"])],
+)
+def test_a_pattern_is_a_scenario_for_each_flight(cli, tennessee, tmp_path, pattern, flights):
+    area, out = tennessee / "area.kml", tmp_path / "s.toml"
+    ended = cli("new", area, *options(tennessee / "dem.tif"), "--pattern", pattern, "-o", out, "--json")
+    assert ended.code == 0, ended.err
+    paths = [tmp_path / f"s-{flight}.toml" for flight in flights]
+    assert [flight["scenario"] for flight in ended.document["flights"]] == [str(path) for path in paths]
+    assert sorted(tmp_path.iterdir()) == sorted(paths)
+    planners = [load_scenario(path).planner for path in paths]
+    assert all(planner.algorithm == "lines" and planner.line_heading_deg is not None for planner in planners)
+    again = cli("new", area, *options(tennessee / "dem.tif"), "--pattern", pattern, "-o", out)
+    assert (again.code, "is there already" in again.err) == (2, True)
+    planned = cli("plan", area, *options(tennessee / "dem.tif"), "--pattern", pattern, "-o", tmp_path / "run")
+    assert planned.code == 2
+    assert f"--pattern: {pattern} is {len(flights)} missions; write their scenarios with uavcover new" in planned.err
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_flight_of_an_oblique_set_says_where_to_look(cli, tennessee, tmp_path):
+    out, run = tmp_path / "s.toml", tmp_path / "run"
+    assert (
+        cli(
+            "new",
+            tennessee / "area.kml",
+            *options(tennessee / "dem.tif"),
+            "--pattern",
+            "oblique",
+            "--margin",
+            "0",
+            "-o",
+            out,
+        ).code
+        == 0
+    )
+    ended = cli("plan", tmp_path / "s-east.toml", "-o", run, "--json")
+    assert ended.code == 0, ended.err
+    document = json.loads((run / "plan.json").read_text())
+    assert document["metrics"]["coverage_of_coverable"] >= 0.98
+    rows = [line.split("\t") for line in (run / "mission.waypoints").read_text().splitlines()[1:]]
+    (gimbal,) = (row for row in rows if int(row[3]) == Command.DO_GIMBAL_MANAGER_PITCHYAW)
+    assert [float(value) for value in gimbal[4:6]] == [-45.0, 90.0]
+
+
+def test_the_page_of_bad_inputs_shows_what_is_said():
+    assert bad_input_page.PAGE.read_text(encoding="utf-8") == bad_input_page.page()
 
 
 ODD = (
@@ -433,3 +369,9 @@ def test_the_overlap_that_was_asked_for_holds_up_to_the_edge(cli, tmp_path, over
         site, outcome.plan.chosen.route.waypoints_m, (1.0 - sensor.forward_overlap) * length_m, places
     )
     assert float((counts >= needed).mean()) >= 0.99
+    # What the report says of the plan: the same rule, the same share.
+    coverage, route_m = judging_map(site), outcome.plan.chosen.route.waypoints_m
+    stated = picture_statistics(coverage, count_pictures(coverage, planned_poses(coverage, [route_m])))
+    assert stated.asked == needed
+    assert stated.overlap_holds
+    assert stated.overlap_fraction == pytest.approx(float((counts >= needed).mean()), abs=0.01)

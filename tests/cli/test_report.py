@@ -1,6 +1,11 @@
+import webbrowser
 from pathlib import Path
 
+import pytest
+
 from tests.cli.conftest import Cli
+from tests.report.test_background import extent_of, write_mbtiles
+from uavcover.scenario.site import load_site
 
 
 def test_a_flown_run(cli: Cli, flown: Path, tmp_path: Path) -> None:
@@ -29,6 +34,28 @@ def test_a_plan_alone_and_another_file(cli: Cli, planned: Path, tmp_path: Path) 
     assert cli("report", planned, "-o", page, "--force").code == 0
 
 
+@pytest.mark.parametrize("starts", [True, False, webbrowser.Error("none"), OSError("none")])
+def test_open_starts_the_browser(
+    cli: Cli, planned: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, starts: bool | Exception
+) -> None:
+    asked = []
+
+    def opened(url: str) -> bool:
+        asked.append(url)
+        if isinstance(starts, Exception):
+            raise starts
+        return starts
+
+    monkeypatch.setattr(webbrowser, "open", opened)
+    page = tmp_path / "a page #1.html"
+    ended = cli("report", planned, "-o", page, "--open")
+    assert ended.code == 0
+    assert asked == [page.resolve().as_uri()]
+    assert ("no browser could be started here; open the file yourself" in ended.err) == (starts is not True)
+    assert cli("report", planned, "-o", page, "--force").code == 0
+    assert len(asked) == 1
+
+
 def test_another_log(cli: Cli, flown: Path) -> None:
     ended = cli("report", flown, "--log", flown / "flight.rrd", "--log", flown / "track.csv")
     assert ended.code == 0
@@ -39,3 +66,15 @@ def test_errors(cli: Cli, tmp_path: Path, flown: Path) -> None:
     assert "uavcover plan" in cli("report", tmp_path).error
     (flown / "plan.json").write_text("{}")
     assert cli("report", flown).code == 2
+
+
+def test_a_map_of_the_users_own(cli: Cli, flown: Path, tmp_path: Path) -> None:
+    site = load_site(flown / "scenario.toml")
+    behind = write_mbtiles(tmp_path / "map.mbtiles", extent_of(site), zooms=(14,))
+    page = tmp_path / "with.html"
+    assert cli("report", flown, "-o", page, "--background", behind).code == 0
+    assert "Background: map.mbtiles (the file names no source)" in page.read_text(encoding="utf-8")
+    ended = cli("report", flown, "-o", tmp_path / "other.html", "--background", tmp_path / "no.tif")
+    assert ended.code == 2
+    assert "no.tif: no such file" in ended.error
+    assert not (tmp_path / "other.html").exists()

@@ -49,6 +49,11 @@ def test_steep_ground_gets_a_deeper_band():
     assert lows[0] == lows[1] > lows[2] > lows[3] == lows[4]
 
 
+def test_legs_climb_more_steeply_than_the_ground():
+    angles = [design(slope_deg=slope).max_climb_angle_deg for slope in (0.0, 15.0, 16.0, 40.0, 64.0, 89.0)]
+    assert angles == [30.0, 30.0, 35.0, 55.0, 80.0, 80.0]
+
+
 def test_the_speed_obeys_the_camera():
     camera = camera_named("dji-mini-3-pro")  # a picture every 2 s
     found = design(camera=camera)

@@ -8,11 +8,11 @@ from mission_io.autopilots.autopilot import ARDUPILOT
 from mission_io.model.areas import Fence, FencePolygon, LatLon, items_from_fence
 from mission_io.model.enums import CommandResult, EkfFlag, MissionResult
 from mission_io.model.items import Command, Frame, MissionItem, MissionType
+from mission_io.protocol.terrain import TerrainAnswers
 from mission_io.wire import messages as m
 from tests.mock.bench import Bench, go, up_there
 from tests.vehicle.scene import HOME, above_home
 from uavcover.mock.behaviour import OBSERVED
-from uavcover.mock.terrain_feed import terrain_answers
 from uavcover.vehicle.modes import Mode
 
 FENCE, RALLY = MissionType.FENCE, MissionType.RALLY
@@ -263,7 +263,7 @@ def test_a_self_crossing_polygon_is_accepted():
 
 def test_it_tells_nothing_unasked_but_its_heartbeat_and_texts():
     bench = ready()
-    assert {type(message) for message in bench.said} == {m.Heartbeat, m.StatusText, m.TerrainRequest}
+    assert {type(message) for message in bench.said} == {m.Heartbeat, m.StatusText}
     assert bench.command(Command.SET_MESSAGE_INTERVAL, 33.0, 1e5) is CommandResult.ACCEPTED
     bench.run(1.0)
     assert len(bench.heard(m.GlobalPositionInt)) == pytest.approx(10, abs=1)
@@ -348,11 +348,17 @@ def test_terrain_frames_need_somebody_to_answer_terrain_requests():
     bench.set_mode(Mode.GUIDED)
     assert bench.command(Command.COMPONENT_ARM_DISARM, 1.0) is CommandResult.FAILED
     assert bench.heard(m.StatusText)[-1].text == "PreArm: waiting for terrain data"
-    for _ in range(4):
+    bench.run(5.0)
+    assert not bench.heard(m.TerrainRequest)  # it requests nothing on a link that has not asked for it
+    assert bench.command(Command.SET_MESSAGE_INTERVAL, 133.0, 5e5) is CommandResult.ACCEPTED
+    answers = TerrainAnswers(lambda places: [hill(*place) for place in places], parts_per_s=1000.0)
+    for turn in range(40):
         bench.run(2.1)
         for request in bench.heard(m.TerrainRequest)[-1:]:
-            for data in terrain_answers(request, hill):
+            answers.receive(m.Received(request, 1, 1, 2), turn)
+            for data in answers.messages_to_send(turn + 1.0):
                 bench.send(data)
+        bench.said.clear()
     bench.said.clear()
     bench.run(5.0)
     assert not bench.heard(m.TerrainRequest)

@@ -9,10 +9,13 @@ import shapely
 
 from uavcover.model.area import Area
 from uavcover.model.limits import FlightLimits
+from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle, Obstacles
-from uavcover.model.scenario import Home, Origin, PlannerSettings, Requirements, Scenario, SineCosineTerrain
+from uavcover.model.scenario import Home, Origin, PlannerSettings, Requirements, Scenario
 from uavcover.model.sensor import NadirCamera, Sensor
+from uavcover.model.terrain import SineCosineTerrain
 from uavcover.model.vehicle import Vehicle
+from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import grid_ground
 from uavcover.scenario.obstacles import Footprint, stand_on
@@ -54,6 +57,7 @@ def make_site(
     planner: dict[str, Any] | None = None,
     requirements: dict[str, Any] | None = None,
     obstacles: Obstacles | None = None,
+    no_fly: tuple[NoFly, ...] = (),
 ) -> Site:
     scenario = Scenario(
         name="test",
@@ -67,6 +71,7 @@ def make_site(
         planner=PlannerSettings(**{"algorithm": "imodbo", "population_size": 20, "evaluations": 60, **(planner or {})}),
         requirements=Requirements(**(requirements or {})),
         obstacles=obstacles or Obstacles(),
+        no_fly=no_fly,
     )
     axis = np.arange(LOW_M, HIGH_M + STEP_M / 2, STEP_M)
     east, north = np.meshgrid(axis, axis)
@@ -88,7 +93,8 @@ def make_site(
         for prism in scenario.obstacles.prisms
     ]
     ground, prisms = stand_on(ground, footprints, largest_clearance_m=scenario.obstacles.clearance_beside_m)
-    return Site(scenario, frame, ground, area, around, home_m, prisms)
+    zones = local_zones(no_fly, frame, around if home is None else shapely.union_all([around, shapely.Point(home)]))
+    return Site(scenario, frame, ground, area, around, home_m, prisms, zones)
 
 
 def tower(

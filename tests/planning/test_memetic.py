@@ -9,19 +9,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.planning.sites import hills, make_site, with_scenario
+from tests.planning.sites import Ups, flat, hills, make_site, with_scenario
 from tests.planning.test_planner import Clock, frozen, same, values
 from uavcover.kernels.sight import CONE, DISC, Sight
 from uavcover.model.route import Plan, Route
 from uavcover.model.sensor import DiscSensor, SphereSensor
 from uavcover.model.vehicle import Wind
+from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.planning.planner import Effort, SearchProgress, plan_routes
 from uavcover.planning.search.goal_search import LADDER, _long_stages, _thinned
 from uavcover.planning.search.local_search import CHAINS, PaceByClock, PaceByNumber
+from uavcover.planning.search.memetic import _closed
 from uavcover.planning.search.route_problem import narrowed, route_problem, state_of
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.coverage_map import CoverageMap, judging_map
 
 LIMITS = {"height_margin_m": 5.0}
 SPHERE = SphereSensor(kind="sphere", range_m=110.0)
@@ -253,3 +256,22 @@ def test_fewer_waypoints_than_see_all_still_see_most_also_in_little_time() -> No
     for fewer in range(1, 6):
         reached = max(seen for n, seen in most.items() if n <= full - fewer)
         assert reached >= 1.0 - fewer / (full - fewer)
+
+
+@pytest.mark.parametrize("ups", [flat, hills], ids=["flat", "hills"])
+def test_gaps_of_a_route_are_closed_behind_it(ups: Ups) -> None:
+    """A search that ends short of its goal goes on from its route with the gaps closed, which keeps every limit."""
+    site = make_site(ups, cell_m=5.0)
+    judging = judging_map(site)
+    whole = fly_layout(site, plain_boustrophedon(site)).waypoints_m
+    for goal in (0.9, 0.97):
+        cut = Route(whole[: 2 * len(whole) // 3])
+        before = judging.share_of_coverable(judging.seen(cut.waypoints_m))
+        assert before < goal
+        closed = _closed(judging, cut, goal)
+        assert closed is not None
+        np.testing.assert_array_equal(closed.waypoints_m[: len(cut)], cut.waypoints_m)
+        assert judging.share_of_coverable(judging.seen(closed.waypoints_m)) >= goal
+        assert measure_violations(site, closed.waypoints_m, margin_m=0.0).total == 0.0
+    assert _closed(judging, Route(whole), 0.5) is None
+    assert _closed(judging, cut, 1.5) is None

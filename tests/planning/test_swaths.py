@@ -117,7 +117,7 @@ def test_lines_turn_with_the_angle() -> None:
 def test_the_long_side() -> None:
     c, s = math.cos(0.3), math.sin(0.3)
     ring = tuple((c * e - s * n, s * e + c * n) for e, n in ((0.0, 0.0), (300.0, 0.0), (300.0, 200.0), (0.0, 200.0)))
-    assert math.sin(long_side_angle_rad(make_site(ring=ring)) - 0.3) == pytest.approx(0.0, abs=1e-9)
+    assert math.sin(long_side_angle_rad(make_site(ring=ring).area) - 0.3) == pytest.approx(0.0, abs=1e-9)
 
 
 # The encoding

@@ -1,15 +1,19 @@
 """The parts of the picture, as arrays."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 import shapely
 
-from tests.planning.sites import hills, make_site
+from tests.planning.sites import flat, hills, make_site
 from tests.recording.flights import Flight
+from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle, Obstacles
-from uavcover.recording.scene import obstacle_triangles_m, relief_mesh, waypoint_labels
+from uavcover.recording import layout
+from uavcover.recording.blueprint import LEGEND_TEXT
+from uavcover.recording.scene import obstacle_triangles_m, relief_mesh, scene_bounds_m, waypoint_labels, zone_lines_m
 from uavcover.recording.tiles import coverage_tiles, lift_m, shown_from_s, tick_times_s
 from uavcover.recording.vehicle import body_rotations, footprints_m
 from uavcover.scenario.ground import Ground, grid_ground
@@ -161,3 +165,36 @@ def test_an_obstacle_is_its_roof_and_its_walls() -> None:
     on_ground = np.isclose(corners[:, 2], site.ground.heights_m(corners[:, :2]))
     assert (on_ground | (corners[:, 2] == top)).all()
     assert (~roof).sum() == 16
+
+
+def test_limits_and_fence_have_colours_of_their_own_and_are_in_the_legend() -> None:
+    lines = {
+        "fence": layout.FENCE_RGB, "ceiling": layout.CEILING_RGB, "floor": layout.FLOOR_RGB, "area": layout.AREA_RGB,
+        "planned": layout.PLANNED_RGB, "flown": layout.FLOWN_RGB, "no-fly zone": layout.NO_FLY_RGB,
+    }  # fmt: skip
+    for (one, rgb), (other, another) in itertools.combinations(lines.items(), 2):
+        assert np.linalg.norm(np.subtract(rgb, another)) > 70.0, (one, other)
+    for words in ("orange outline | the fence", "highest height allowed", "lowest height allowed", "no-fly zones"):
+        assert words in LEGEND_TEXT
+
+
+@pytest.mark.parametrize(
+    ("heights", "low", "high"),
+    [
+        ({"floor_agl_m": 50.0, "ceiling_agl_m": 90.0}, 50.0, 90.0),
+        ({"floor_amsl_m": 460.0, "ceiling_amsl_m": 480.0}, 60.0, 80.0),  # the local frame lies at 400 m
+        ({}, 0.0, None),
+    ],
+)
+def test_a_no_fly_zone_is_its_floor_its_ceiling_and_its_corners(heights, low, high) -> None:
+    corners = ((100.0, 20.0), (160.0, 20.0), (160.0, 90.0))
+    site = make_site(flat, no_fly=(NoFly(polygon_east_north_m=corners, **heights),))
+    lines = zone_lines_m(site, site.zones[0], scene_bounds_m(site))
+    assert len(lines) == 2 + 4  # the first corner is the last one too
+    high = site.scenario.transit_ceiling_agl_m if high is None else high
+    assert {round(float(up), 6) for line in lines for up in line[:, 2]} == {low, high}
+    everywhere = make_site(flat, no_fly=(NoFly(center_east_north_m=(0.0, 0.0), radius_m=90_000.0, floor_agl_m=300.0),))
+    west, south, east, north = bounds = scene_bounds_m(everywhere)
+    for line in zone_lines_m(everywhere, everywhere.zones[0], bounds):
+        assert west <= line[:, 0].min() <= line[:, 0].max() <= east
+        assert south <= line[:, 1].min() <= line[:, 1].max() <= north

@@ -97,7 +97,7 @@ def test_coverage_series_ends_at_the_share_that_was_seen(flight: Flight, recorde
 def test_entities(flight: Flight, recorded: Path) -> None:
     rows = {row.entity: row for row in describe_recording(recorded)}
     expected = {value for name, value in vars(layout).items() if name.isupper() and str(value).startswith("/")}
-    expected -= {layout.COVERAGE, layout.MAP, layout.SERIES, layout.OBSTACLES}
+    expected -= {layout.COVERAGE, layout.MAP, layout.SERIES, layout.OBSTACLES, layout.NO_FLY}
     expected |= {f"{layout.COVERAGE}/*", "/map/area", "/map/fence", "/map/home", "/map/planned"}
     assert expected <= set(rows)
     track = rows[layout.TRACK]

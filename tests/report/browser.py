@@ -84,6 +84,10 @@ class Page:
         png.write_bytes(base64.b64decode(self._ask("Page.captureScreenshot", **options)["data"]))
         return png
 
+    def view(self) -> str:
+        """What is on the screen, as a PNG in base64."""
+        return str(self._ask("Page.captureScreenshot")["data"])
+
     def print_pdf(self) -> bytes:
         return base64.b64decode(self._ask("Page.printToPDF", printBackground=True)["data"])
 

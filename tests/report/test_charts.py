@@ -1,5 +1,6 @@
 """Values on their places in the picture."""
 
+import dataclasses
 import doctest
 import re
 
@@ -7,7 +8,9 @@ import numpy as np
 import pytest
 
 from uavcover.report import charts
-from uavcover.report.charts import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Plot, nice_ticks
+from uavcover.report.charts import FRAMES, Plot, nice_ticks
+from uavcover.report.content import ReportContent
+from uavcover.report.plots import pareto_front
 
 
 def points(path: str) -> np.ndarray:
@@ -30,54 +33,92 @@ def test_ticks_are_round_inside_and_as_many_as_asked(low: float, span: float, ab
     assert len({text for _, text in ticks}) == len(ticks)
 
 
-def test_the_corners_of_the_ranges_are_the_corners_of_the_picture() -> None:
+@pytest.mark.parametrize("number", range(len(FRAMES)))
+def test_the_corners_of_the_ranges_are_the_corners_of_the_picture(number: int) -> None:
+    f = FRAMES[number]
     plot = Plot((10.0, 20.0), (-1.0, 1.0))
     plot.line("flown", np.array([10.0, 20.0]), np.array([-1.0, 1.0]), name="a line")
     plot.mark("chosen", 15.0, 0.0, radius=3.0, title="middle")
     chart = plot.finished("c", "C", x_label="x", y_label="y")
-    np.testing.assert_allclose(points(chart.lines[0].path), [[LEFT, HEIGHT - BOTTOM], [WIDTH - RIGHT, TOP]])
-    assert (chart.marks[0].x, chart.marks[0].y) == ((LEFT + WIDTH - RIGHT) / 2.0, (TOP + HEIGHT - BOTTOM) / 2.0)
+    picture = chart.pictures[number]
+    assert picture.frame is f
+    corners = [[f.left, f.height - f.bottom], [f.width - f.right, f.top]]
+    np.testing.assert_allclose(points(picture.lines[0].path), corners)
+    middle = (f.left + f.width - f.right) / 2.0, (f.top + f.height - f.bottom) / 2.0
+    assert (picture.marks[0].x, picture.marks[0].y) == middle
     assert [(key.style, key.name, key.is_mark) for key in chart.keys] == [("flown", "a line", False)]
 
 
 def test_a_line_is_broken_where_a_value_is_not_known() -> None:
     plot = Plot((0.0, 4.0), (0.0, 1.0))
     plot.line("flown", np.arange(5.0), np.array([0.0, 1.0, np.nan, 1.0, 0.0]))
-    path = plot.finished("c", "C", x_label="", y_label="").lines[0].path
+    path = plot.finished("c", "C", x_label="", y_label="").wide.lines[0].path
     assert re.sub(r"[^ML]", "", path) == "MLML"
 
 
-def test_a_long_region_keeps_the_peaks_of_both_its_lines() -> None:
+@pytest.mark.parametrize("number", range(len(FRAMES)))
+def test_a_long_region_keeps_the_peaks_of_both_its_lines(number: int) -> None:
+    f = FRAMES[number]
     x = np.linspace(0.0, 1.0, 50_000)
     low, high = np.zeros(x.size), 5.0 + np.sin(300.0 * x)
     low[12_345], high[40_001] = -3.0, 9.0
     plot = Plot((0.0, 1.0), (-3.0, 9.0))
     plot.between("ground", x, low, high, name="ground")
-    (line,) = plot.finished("c", "C", x_label="x", y_label="y").lines
+    (line,) = plot.finished("c", "C", x_label="x", y_label="y").pictures[number].lines
     found = points(line.path)
     assert len(found) < 10_000
-    assert (found[:, 1].min(), found[:, 1].max()) == (TOP, HEIGHT - BOTTOM)
-    width = WIDTH - RIGHT - LEFT
-    np.testing.assert_allclose(found[found[:, 1].argmin(), 0], LEFT + x[40_001] * width, atol=0.06)
-    np.testing.assert_allclose(found[found[:, 1].argmax(), 0], LEFT + x[12_345] * width, atol=0.06)
+    assert (found[:, 1].min(), found[:, 1].max()) == (f.top, f.height - f.bottom)
+    width = f.width - f.right - f.left
+    np.testing.assert_allclose(found[found[:, 1].argmin(), 0], f.left + x[40_001] * width, atol=0.06)
+    np.testing.assert_allclose(found[found[:, 1].argmax(), 0], f.left + x[12_345] * width, atol=0.06)
 
 
-def test_thinning_keeps_every_peak_end_and_break() -> None:
+@pytest.mark.parametrize("number", range(len(FRAMES)))
+def test_thinning_keeps_every_peak_end_and_break(number: int) -> None:
+    f = FRAMES[number]
     x = np.arange(100_000.0)
     y = np.sin(x / 1000.0)
     y[54_321], y[777], y[90_000:90_010] = 9.0, -9.0, np.nan
     plot = Plot((0.0, 1e5), (-10.0, 10.0))
     plot.line("flown", x, y)
-    path = plot.finished("c", "C", x_label="", y_label="").lines[0].path
+    path = plot.finished("c", "C", x_label="", y_label="").pictures[number].lines[0].path
     places = points(path)
-    assert len(places) < 2000
+    assert len(places) < 1.4 * f.points
     assert path.count("M") == 2
-    scale = (HEIGHT - TOP - BOTTOM) / 20.0
+    scale = (f.height - f.top - f.bottom) / 20.0
     np.testing.assert_allclose(np.ptp(places[:, 1]), 18.0 * scale, atol=0.2)
-    np.testing.assert_allclose(places[[0, -1], 0], [LEFT, WIDTH - RIGHT], atol=0.1)
+    np.testing.assert_allclose(places[[0, -1], 0], [f.left, f.width - f.right], atol=0.1)
 
 
 def test_a_range_without_width_is_drawn() -> None:
     chart = Plot((5.0, 5.0), (0.0, 0.0)).finished("c", "C", x_label="", y_label="")
     assert chart.x_range == (4.5, 5.5)
-    assert chart.x_ticks
+    assert all(picture.x_ticks for picture in chart.pictures)
+
+
+def test_the_trade_off_shows_where_one_chooses(content: ReportContent) -> None:
+    chosen = next(member for member in content.members if member.chosen)
+    shares = np.linspace(0.02, 1.0, 60)
+    members = tuple(
+        dataclasses.replace(
+            chosen, index=k, chosen=k == 57, coverage_of_coverable=float(share), path_length_m=100.0 * k
+        )
+        for k, share in enumerate(shares)
+    )
+    planned = dataclasses.replace(content.planned, coverage_of_coverable=float(shares[57]))
+    plan = content.plan | {"baselines": []}
+    near, whole = pareto_front(dataclasses.replace(content, members=members, planned=planned, plan=plan))
+    assert len(whole.wide.marks) == 60
+    assert near.y_range[0] > 80.0 > 10.0 > whole.y_range[0]
+    assert 5 < len(near.wide.marks) < 12
+    for chart in (near, whole):
+        # The chosen one is drawn last, over the others; and all inside the frame.
+        assert [mark.style for mark in chart.wide.marks].index("chosen") == len(chart.wide.marks) - 1
+        for picture in chart.pictures:
+            f = picture.frame
+            assert all(f.left <= mark.x <= f.width - f.right for mark in picture.marks)
+            assert all(f.top <= mark.y <= f.height - f.bottom for mark in picture.marks)
+    # Nothing to leave out: one chart.
+    few = tuple(member for member in members if member.index > 54)
+    assert len(pareto_front(dataclasses.replace(content, members=few, planned=planned, plan=plan))) == 1
+    assert pareto_front(dataclasses.replace(content, members=())) == ()

@@ -14,7 +14,7 @@ from tests.report.conftest import HOSTILE, coarse, lines_over, write_run
 from uavcover.report.content import read_run
 from uavcover.report.page import render_report
 
-_PATHS = "document.querySelectorAll('#map .leaflet-overlay-pane path').length"
+_PATHS = "document.querySelectorAll('#map .leaflet-pane path').length"
 _NUMBERS = "document.querySelectorAll('#map .number').length"
 _CELLS = "document.querySelector('#map img.cells')?.src ?? null"
 _LEGEND = "document.querySelector('#legend').textContent"
@@ -76,7 +76,7 @@ def test_the_3d_view_is_drawn_turns_and_follows_the_layer(opened: Page) -> None:
 
 def test_popups_and_the_cursor_over_a_chart(opened: Page) -> None:
     opened.run(
-        "document.querySelectorAll('#map path.leaflet-interactive')[3].dispatchEvent(new MouseEvent('click', {bubbles: true}))"
+        "document.querySelectorAll('#map path.waypoint')[3].dispatchEvent(new MouseEvent('click', {bubbles: true}))"
     )
     words = opened.run("document.querySelector('.leaflet-popup-content')?.textContent ?? ''")
     assert "waypoint 3" in words

@@ -9,10 +9,12 @@ import pytest
 from PIL import Image
 
 from tests.planning.sites import flat, make_site, tower
+from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
 from uavcover.report import map_data as drawing
+from uavcover.report.cell_layers import UNSEEN_RGB, cell_layers, cells_bounds_m
 from uavcover.report.content import ReportContent
-from uavcover.report.map_data import UNSEEN_RGB, cell_layers, cells_bounds_m, map_data
+from uavcover.report.map_data import map_data
 
 
 def pixels(uri: str) -> np.ndarray:
@@ -27,7 +29,7 @@ def data(content: ReportContent) -> dict[str, Any]:
 def test_every_cell_has_its_pixel(content: ReportContent) -> None:
     assert content.verdict is not None
     coverage, seen = content.coverage, content.verdict.flown.seen
-    layer = cell_layers(coverage, content.verdict)[0]
+    layer = cell_layers(content)[0]
     image = pixels(layer.image)
     west, _, east, north = cells_bounds_m(coverage)
     size = (east - west) / image.shape[1]
@@ -42,7 +44,7 @@ def test_every_cell_has_its_pixel(content: ReportContent) -> None:
 
 def test_layers_of_looks_time_angle_and_distance(content: ReportContent) -> None:
     assert content.verdict is not None
-    layers = {layer.key: layer for layer in cell_layers(content.coverage, content.verdict)}
+    layers = {layer.key: layer for layer in cell_layers(content)}
     # The demo's camera has no pixel count, so there is no ground sample distance to show.
     assert list(layers) == ["coverage", "gaps", "looks", "first-seen", "incidence", "distance"]
     flown = content.verdict.flown
@@ -103,3 +105,14 @@ def test_obstacles_with_their_names_heights_and_grounds() -> None:
         (30.0, 50.0, 0.0),
         (10.0, 50.0, 0.0),
     }
+
+
+def test_no_fly_zones_are_drawn_where_they_are() -> None:
+    zone = NoFly(center_east_north_m=(40.0, 70.0), radius_m=25.0, floor_agl_m=60.0, name="helipad")
+    site = make_site(flat, no_fly=(zone,))
+    drawn = drawing._zone(site.zones[0])
+    assert (drawn["name"], drawn["heights"]) == ("helipad", "from 60 m above ground up")
+    (ring,) = drawn["rings"]
+    away = np.hypot(*(np.array(ring) - (40.0, 70.0)).T)
+    assert away.min() >= 24.9
+    assert away.max() <= 25.2

@@ -12,7 +12,7 @@ from tests.report.browser import Page
 from tests.report.conftest import cut, lines_over, resumed, two_sorties, write_track
 from tests.report.test_charts import points
 from uavcover.report import plots
-from uavcover.report.charts import LEFT, RIGHT, WIDTH, Chart
+from uavcover.report.charts import WIDE, Chart
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.map_data import map_data
 from uavcover.report.page import render_report
@@ -44,7 +44,7 @@ def charts(content: ReportContent) -> dict[str, Chart]:
 
 def lines_of(chart: Chart) -> list[tuple[str, str, np.ndarray]]:
     """Style, name and places of the lines of flights."""
-    return [(line.style, line.name, points(line.path)) for line in chart.lines if line.style.startswith("flight-")]
+    return [(line.style, line.name, points(line.path)) for line in chart.wide.lines if line.style.startswith("flight-")]
 
 
 def test_every_chart_shows_every_flight_in_its_own_style(several: ReportContent) -> None:
@@ -60,8 +60,8 @@ def test_flights_follow_each_other_and_fill_the_axis(several: ReportContent) -> 
     for name in ("height", "coverage"):
         chart = charts(several)[name]
         (_, _, first), (_, _, second) = lines_of(chart)
-        assert first[0, 0] == pytest.approx(LEFT, abs=0.1)
-        assert second[-1, 0] == pytest.approx(WIDTH - RIGHT, abs=0.1)
+        assert first[0, 0] == pytest.approx(WIDE.left, abs=0.1)
+        assert second[-1, 0] == pytest.approx(WIDE.width - WIDE.right, abs=0.1)
         # The pause between them is a few seconds of several minutes.
         assert 0.0 < second[0, 0] - first[-1, 0] < 10.0
         total_s = sum(flight.duration_s for flight in several.flights)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from pymavlink import mavwp
 from pyproj import Transformer
 
@@ -181,8 +182,11 @@ def test_a_transit_is_refused_with_its_name() -> None:
         (350.0, 250.0),
         (-150.0, 250.0),
     )
-    with pytest.raises(InfeasibleError, match=r"the way home: leg to waypoint .* outside the fence"):
-        compiled(make_site(fence=u), route((-20, 240, 80), (100, 200, 80), (10, 50, 80)))
+    site = make_site(fence=u)
+    around = compiled(site, route((-20, 240, 80), (100, 200, 80), (10, 50, 80))).path_m
+    assert site.fence.covers(shapely.LineString(around[:, :2]))
+    with pytest.raises(InfeasibleError, match=r"the planned route: leg to waypoint .* outside the fence"):
+        compiled(site, route((-20, 240, 80), (-20, 50, 80)))
     with pytest.raises(InfeasibleError, match=r"the way there: .*no elevation data"):
         compiled(make_site(lambda e, n: np.where((e > -60) & (e < -40), np.nan, 0.0 * n)))
 

@@ -175,6 +175,29 @@ def test_the_largest_number_of_items(autopilot: str) -> None:
         compile_mission(site, route, autopilot=autopilot)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("most", [8, 10, 13])
+@pytest.mark.parametrize("shared", [1, 0], ids=["along the path", "at waypoints"])
+def test_a_limit_of_points_splits_where_it_costs_least(shared: int, most: int) -> None:
+    extra: dict[str, Any] = {} if shared else {"sensor": SPHERE}
+    site = make_site(hills, **extra)
+    route = there_and_back(site, lines=3, spacing_m=100.0)
+    n = len(route)
+    times: dict[tuple[int, int], float] = {}
+    for first in range(n):
+        for last in range(first + shared, n):
+            part = compile_mission(site, Route(route.waypoints_m[first : last + 1]), autopilot="ardupilot")
+            if len(part.path_m) <= most:
+                times[first, last] = part.flight_time_s
+    best = [0.0] + [math.inf] * n
+    for last in range(shared, n):
+        ends = [best[first] + times[first, last] for first in range(last + 1 - shared) if (first, last) in times]
+        best[last + 1 - shared] = min(ends, default=math.inf)
+    sorties = compile_sorties(site, route, autopilot="ardupilot", most_points=most)
+    assert len(sorties) > 1
+    assert max(len(sortie.compiled.path_m) for sortie in sorties) <= most
+    assert sum(s.compiled.flight_time_s for s in sorties) == pytest.approx(best[n - shared], rel=1e-9)
+
+
 def test_more_items_than_the_autopilot_takes() -> None:
     site = make_site(flat)
     route = there_and_back(site, lines=20, spacing_m=7.0)

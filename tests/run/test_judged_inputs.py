@@ -15,7 +15,7 @@ from tests.report.conftest import coarse, cut, lines_over, write_track
 from uavcover.errors import InputError
 from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
-from uavcover.model.scenario import RasterTerrain
+from uavcover.model.terrain import RasterTerrain
 from uavcover.run import judged_inputs
 from uavcover.run.folder import MISSION_FILES, PLAN_FILES, RunFolder, has_a_flight
 from uavcover.run.judged_inputs import WHATS, JudgedInputs, inspect_inputs, judged_logs, refuse_changes

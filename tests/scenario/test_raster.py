@@ -1,8 +1,10 @@
 import math
 import re
+import struct
 
 import matplotlib.cbook
 import numpy as np
+import pyproj
 import pytest
 import rasterio
 from rasterio.crs import CRS
@@ -12,7 +14,7 @@ from rasterio.warp import Resampling, reproject, transform
 from scripts import make_terrain
 from uavcover.errors import TerrainError
 from uavcover.scenario import elevation_file
-from uavcover.scenario.elevation_file import read_ground, read_height_amsl_m
+from uavcover.scenario.elevation_file import read_ground, read_height_amsl_m, read_heights_amsl_m
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import grid_ground
 from uavcover.scenario.scenario_file import load_scenario, terrain_source
@@ -207,7 +209,7 @@ def one_line(caught, path, *words):
 
 
 WRONG = {
-    "no crs": ({"crs": None}, ["no coordinate reference system; assign"]),
+    "no crs": ({"crs": None}, ["does not name its coordinate system; give it with terrain\\.crs"]),
     "degrees taken for metres": ({"crs": "EPSG:32632"}, ["pixels of 0.001 x 0.001", "degrees taken for metres; assign"]),
     "metres taken for degrees": (
         {"transform": from_origin(_X, _Y, 30, 30)}, ["reaches latitude 5.2", "metres taken for degrees; assign"],
@@ -266,12 +268,64 @@ def test_the_sea_level_of_the_scenario_is_that_of_the_file(tmp_path):
     one_line(caught, path, "says EGM96, the file says EGM2008")
 
 
-@pytest.mark.parametrize("datum", ["WGS84-ellipsoid", "unheard of"])
-def test_heights_that_are_not_above_sea_level_are_refused(tmp_path, datum):
+def test_an_unheard_of_datum(tmp_path):
     path = write(tmp_path / "dem.tif", bumps())
     with pytest.raises(TerrainError) as caught:
-        read(path, datum)
-    one_line(caught, None, "^terrain.vertical_datum", datum, "convert the file")
+        read(path, "unheard of")
+    one_line(caught, None, "^terrain.vertical_datum", "unheard of", "convert the file")
+
+
+def _geoid(lat_deg, lon_deg):
+    """A made-up sea level: bilinear in latitude and longitude, as PROJ is between the nodes of a grid."""
+    return 48.0 + 2.0 * (lat_deg - LAT) - 3.0 * (lon_deg - LON)
+
+
+@pytest.fixture
+def geoid_grid(tmp_path):
+    """PROJ with a grid for EGM96 in a folder of its own, in NOAA's format GTX under the grid's former name."""
+    south, west, step, count = LAT - 1.0, LON - 1.0, 0.25, 9
+    lat, lon = south + step * np.arange(count), west + step * np.arange(count)
+    nodes = _geoid(lat[:, None], lon[None, :])
+    header = struct.pack(">4d2i", south, west, step, step, count, count)
+    (tmp_path / "egm96_15.gtx").write_bytes(header + nodes.astype(">f4").tobytes())
+    before = pyproj.datadir.get_data_dir()
+    pyproj.datadir.append_data_dir(str(tmp_path))
+    yield tmp_path
+    pyproj.datadir.set_data_dir(before)
+
+
+@pytest.mark.usefixtures("geoid_grid")
+@pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:4979"])
+def test_heights_above_the_ellipsoid_are_brought_to_sea_level(tmp_path, crs):
+    path = write(tmp_path / "dem.tif", bumps(), crs=crs)
+    plain = write(tmp_path / "plain.tif", bumps())
+    rng = np.random.default_rng(4)
+    lat, lon = LAT + rng.uniform(-0.004, 0.004, 200), LON + rng.uniform(-0.004, 0.004, 200)
+    above_sea = read_heights_amsl_m(path, "WGS84-ellipsoid", lat, lon)
+    raw = read_heights_amsl_m(plain, "EGM96", lat, lon)
+    assert np.abs(above_sea - (raw - _geoid(lat, lon))).max() < 2e-3
+    assert np.ptp(raw - above_sea) > 0.005
+
+
+def test_without_the_grid_the_error_names_it(tmp_path):
+    path = write(tmp_path / "dem.tif", bumps())
+    with pytest.raises(TerrainError) as caught:
+        read(path, "WGS84-ellipsoid")
+    one_line(caught, None, "^terrain.vertical_datum", "us_nga_egm96_15.tif", "projsync", "convert the file")
+
+
+@pytest.mark.usefixtures("geoid_grid")
+def test_a_grid_that_does_not_reach_the_data(tmp_path):
+    path = write(tmp_path / "dem.tif", bumps(), transform=from_origin(LON + 4.98, LAT + 0.015, 0.001, 0.001))
+    with pytest.raises(TerrainError, match="the geoid grid does not reach the elevation data"):
+        read_heights_amsl_m(path, "WGS84-ellipsoid", np.array([LAT]), np.array([LON + 5.0]))
+
+
+@pytest.mark.usefixtures("geoid_grid")
+def test_a_sea_level_that_the_file_names_is_no_ellipsoid(tmp_path):
+    path = write(tmp_path / "dem.tif", bumps(), crs="EPSG:4326+5773")
+    with pytest.raises(TerrainError, match="the scenario says WGS84-ellipsoid, the file says EGM96"):
+        read(path, "WGS84-ellipsoid")
 
 
 def test_missing_empty_and_broken_files(tmp_path):

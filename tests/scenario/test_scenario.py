@@ -14,12 +14,11 @@ from uavcover.model.scenario import (
     Home,
     Origin,
     PlannerSettings,
-    RasterTerrain,
     Requirements,
     Scenario,
-    SineCosineTerrain,
 )
 from uavcover.model.sensor import DiscSensor, NadirCamera, SphereSensor
+from uavcover.model.terrain import RasterTerrain, SineCosineTerrain
 from uavcover.model.vehicle import Vehicle
 from uavcover.scenario.scenario_file import (
     bundled_scenarios,
@@ -203,7 +202,7 @@ MISTAKES = {
     "not one of": (
         "seed = 7",
         'algorithm = "nsga9"',
-        "planner.algorithm: must be 'memetic', 'local-search', 'imodbo', 'modbo', 'nsga2' or 'moead', not 'nsga9'",
+        "planner.algorithm: must be 'memetic', 'local-search', 'imodbo', 'modbo', 'nsga2', 'moead' or 'lines', not 'nsga9'",
     ),
     "datum": ('"EGM96"', '"NN"', "terrain.vertical_datum: must be 'EGM96', 'EGM2008' or 'WGS84-ellipsoid', not 'NN'"),
     "kind": (
@@ -218,7 +217,7 @@ MISTAKES = {
     "in the wrong section": ("seed = 7", "fov_deg = 7", "planner.fov_deg: unknown key (it belongs in [sensor])"),
     "of the wrong kind": ("fov_deg = 70.0", "fov_deg = 7\nradius_m = 3", "sensor.radius_m: unknown key (of another kind"),
     "after a section": ("seed = 7", 'select = "knee"', "planner.select: unknown key (it belongs above the first"),
-    "unlike anything": ("seed = 7", "zzz = 1", "planner.zzz: unknown key (known: algorithm, encoding"),
+    "unlike anything": ("seed = 7", "zzz = 1", "planner.zzz: unknown key (known: algorithm, line_heading_deg, encoding"),
     "rule of a section": ("= 120.0", "= 20.0", "limits.max_height_agl_m: the band 40.0..20.0 m leaves nothing"),
     "rule of a kind": ("fov_deg = 70.0", "fov_deg = 190.0", "sensor.fov_deg: 190.0 is outside 0..180 degrees"),
     "rule across": ("range_m = 200.0", "range_m = 30.0", "sensor.range_m: 30.0 m does not reach the ground from limits."),

@@ -278,6 +278,7 @@ def test_bad_folders_patterns_and_zips(tmp_path, monkeypatch):
         (tmp_path / "empty" / name).write_bytes(b"x")
     with pytest.raises(TerrainError, match="2 tiles, more than 1"):
         find_tiles(["empty"], folder=tmp_path, around=None)
+    monkeypatch.setattr(terrain_source, "HARMLESS_ZIP_BYTES", 1_000_000)
     zips = {
         "none.zip": ([("a.txt", b"x")], "holds 0 elevation files"),
         "two.zip": ([("a.hgt", b"x"), ("b.hgt", b"x")], "holds 2 elevation files"),
@@ -292,3 +293,46 @@ def test_bad_folders_patterns_and_zips(tmp_path, monkeypatch):
     (tmp_path / "bad.zip").write_bytes(b"no zip")
     with pytest.raises(TerrainError, match="cannot be opened as a zip file"):
         ground_of(tmp_path / "bad.zip")
+
+
+def test_a_zipped_tile_of_open_sea_is_no_bomb(tmp_path):
+    with zipfile.ZipFile(tmp_path / "N46E008.hgt.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("N46E008.hgt", bytes(2 * 1201 * 1201))
+    assert read_height_amsl_m(tmp_path / "N46E008.hgt.zip", "EGM96", lat_deg=46.5, lon_deg=8.5) == 0.0
+
+
+@pytest.mark.parametrize("tiles", [1, 4])
+def test_a_coordinate_system_that_the_file_does_not_name(whole, tmp_path, tiles):
+    """An ASCII grid without its .prj has none; the scenario says it, and it is the same ground."""
+    if tiles == 1:
+        with rasterio.open(whole) as file:
+            values, profile = file.read(1), file.profile
+        files = (tmp_path / "dem.tif",)
+        with rasterio.open(files[0], "w", **{**profile, "crs": None}) as out:
+            out.write(values, 1)
+    else:
+        files = tuple(sorted(cut(whole, tmp_path / "tiles", parts=2, crs=None).iterdir()))
+    assert same_ground(ground_of(TerrainSource(files, crs="EPSG:32632")), ground_of(whole))
+    with pytest.raises(
+        TerrainError, match=r"does not name its coordinate system; give it with terrain\.crs \(--dem-crs\)"
+    ):
+        ground_of(TerrainSource(files))
+    with pytest.raises(TerrainError, match=r"terrain\.crs: 'EPSG:1' is not a coordinate system; .*--dem-crs"):
+        ground_of(TerrainSource(files, crs="EPSG:1"))
+    with pytest.raises(TerrainError, match=r"names its coordinate system itself \(EPSG:32632\); leave terrain\.crs"):
+        ground_of(TerrainSource((whole,), crs="EPSG:32632"))
+
+
+def test_heights_in_centimetres(whole, tmp_path):
+    """Iowa's elevation model has whole centimetres and does not say so; taken as metres they are refused."""
+    with rasterio.open(whole) as file:
+        values, profile = file.read(1), file.profile
+    path = tmp_path / "cm.tif"
+    with rasterio.open(path, "w", **{**profile, "dtype": "uint32", "nodata": 0}) as out:
+        out.write((values * 100.0).round().astype("uint32"), 1)
+    with pytest.raises(TerrainError, match=r"feet or centimetres, set terrain\.height_unit \(--height-unit\)"):
+        ground_of(path)
+    places = np.random.default_rng(1).uniform(-390.0, 390.0, (4000, 2))
+    in_cm = ground_of(TerrainSource((path,), height_unit="cm")).heights_m(places)
+    difference = np.abs(in_cm - ground_of(whole).heights_m(places))
+    assert difference.max() <= 0.00501

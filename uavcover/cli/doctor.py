@@ -98,6 +98,7 @@ def _optional() -> Iterator[Finding]:
     for name, purpose, extra in (
         ("pyulog", ".ulg logs of PX4", "ulog"),
         ("pyserial", "serial links", "serial"),
+        ("mcap", "exports for Foxglove", "mcap"),
         ("pyogrio", "areas in GeoPackage and Shapefile", "gis"),
     ):
         yield _extra(name, purpose, extra)

@@ -16,6 +16,7 @@ from uavcover.cli.ending import ending_well, run_app
 from uavcover.cli.export import export
 from uavcover.cli.fly import fly
 from uavcover.cli.gaps import gaps
+from uavcover.cli.get_file import get_file
 from uavcover.cli.inspect import inspect
 from uavcover.cli.mock_vehicle import mock_vehicle
 from uavcover.cli.new import new
@@ -25,6 +26,9 @@ from uavcover.cli.plan import plan
 from uavcover.cli.plan_upload import plan_upload
 from uavcover.cli.report import report
 from uavcover.cli.select import select
+from uavcover.cli.send_file import send_file
+from uavcover.cli.terrain import terrain
+from uavcover.cli.terrain_server import terrain_server
 from uavcover.cli.upload import upload
 from uavcover.cli.verify import verify
 
@@ -52,6 +56,11 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
         ),
     },
     "Plan": {
+        "terrain": (
+            terrain,
+            "the elevation data that an area needs, and where it is",
+            ("uavcover terrain area.kml", "uavcover terrain area.kml --dem tiles/ --dat TERRAIN"),
+        ),
         "new": (
             new,
             "a scenario from your area, elevation data and camera",
@@ -80,10 +89,10 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
         ),
         "export": (
             export,
-            "the mission as one file for other software",
+            "the mission for other software: DJI, Litchi, ROS, GPX",
             (
-                "uavcover export RUN --format kml -o route.kml",
-                "uavcover export RUN --format plan --autopilot px4 -o mission.plan",
+                "uavcover export RUN --format wpml --drone dji-m3e -o survey.kmz",
+                "uavcover export RUN --format litchi -o survey.csv",
             ),
         ),
     },
@@ -121,6 +130,30 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
             fly,
             "arm, start, follow, record, land",
             ("uavcover fly RUN --to mock:", "uavcover fly RUN --to udp:127.0.0.1:14550 --resume"),
+        ),
+        "send-file": (
+            send_file,
+            "files onto the vehicle's card; get-file reads one",
+            (
+                "uavcover send-file TERRAIN/N36W085.DAT --to udp:127.0.0.1:14550",
+                "uavcover send-file script.lua --folder /APM/scripts --to tcp:127.0.0.1:5760",
+            ),
+        ),
+        "get-file": (
+            get_file,
+            "",
+            (
+                "uavcover get-file /APM/LOGS/ --to udp:127.0.0.1:14550",
+                "uavcover get-file @MISSION/mission.dat --to tcp:127.0.0.1:5760 -o mission.dat",
+            ),
+        ),
+        "terrain-server": (
+            terrain_server,
+            "answer a vehicle's requests for terrain heights",
+            (
+                "uavcover terrain-server --dem dem.tif --to udp:127.0.0.1:14550",
+                "uavcover terrain-server --dem tiles/ --to tcp:127.0.0.1:5760",
+            ),
         ),
         "mock-vehicle": (
             mock_vehicle,

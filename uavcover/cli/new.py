@@ -35,7 +35,7 @@ def new(
     """
     from uavcover.errors import InputError, OutputError
     from uavcover.intake.scenario_text import name_of
-    from uavcover.run.new import new_scenario, say_design
+    from uavcover.run.new import new_scenarios, say_design, say_estimate
 
     console = output.console()
     if "list" in (survey.camera, survey.vehicle):
@@ -45,17 +45,30 @@ def new(
     path = out if out is not None else Path(f"{name_of(Path(area).stem)}.toml")
     if path.suffix.lower() != ".toml":
         raise InputError(f"-o: {path} is not a .toml file; name the scenario, such as survey.toml")
-    if path.exists() and not force:
-        raise OutputError(f"{path}: is there already; give another name with -o, or --force to replace it")
     if not path.parent.is_dir():
         raise OutputError(f"{path}: there is no folder {path.parent}; make it first")
-    scenario = new_scenario(survey.request(area, autopilot=autopilot), console, folder=path.parent)
-    path.write_text(scenario.text, encoding="utf-8")
-    document = say_design(scenario, console)
-    console.say(f"written: {path}")
-    console.suggest(f"uavcover plan {path} -o {path.stem} --budget 60s")
-    console.result({"scenario": str(path), **document})
+    _refuse_to_replace([path], force=force)
+    scenarios = new_scenarios(survey.request(area, autopilot=autopilot), console, folder=path.parent)
+    paths = [path.with_stem("-".join(part for part in (path.stem, each.view.name) if part)) for each in scenarios]
+    _refuse_to_replace(paths, force=force)
+    for scenario, file in zip(scenarios, paths, strict=True):
+        file.write_text(scenario.text, encoding="utf-8")
+    document = say_design(scenarios[0], console)
+    estimates = [say_estimate(scenario, console) for scenario in scenarios]
+    for file in paths:
+        console.say(f"written: {file}")
+    console.suggest(*(f"uavcover plan {file} -o {file.stem} --budget 60s" for file in paths))
+    flights = [{"scenario": str(file), **estimate} for file, estimate in zip(paths, estimates, strict=True)]
+    console.result({**document, **flights[0], "flights": flights})
     return 0
+
+
+def _refuse_to_replace(paths: list[Path], *, force: bool) -> None:
+    from uavcover.errors import OutputError
+
+    for path in paths:
+        if path.exists() and not force:
+            raise OutputError(f"{path}: is there already; give another name with -o, or --force to replace it")
 
 
 def _list(console: "Console", *, cameras: bool, vehicles: bool) -> int:

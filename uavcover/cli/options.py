@@ -14,7 +14,7 @@ from typer.core import TyperGroup
 from uavcover.errors import InputError
 
 _GROUP_WIDTH = 10
-_NAME_WIDTH = 14
+_NAME_WIDTH = 15
 
 
 class Overview(TyperGroup):
@@ -22,17 +22,16 @@ class Overview(TyperGroup):
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the whole help text."""
-        formatter.write(f"Usage: {ctx.command_path} [--debug] COMMAND ...\n{self.help}\n\n")
+        formatter.write(f"Usage: {ctx.command_path} [--debug] [--version] COMMAND ...\n{self.help}\n")
         group = None
         for name in self.list_commands(ctx):
             command: Any = self.get_command(ctx, name)
+            if not command.short_help:  # the row of its neighbour tells of it: a small terminal has 24 rows
+                continue
             title = "" if command.rich_help_panel == group else command.rich_help_panel
             group = command.rich_help_panel
             formatter.write(f"{title:{_GROUP_WIDTH}}{name:{_NAME_WIDTH}}{command.short_help}\n")
-        formatter.write(
-            "\nCOMMAND --help tells its options. All take --json, -q and -v; --debug shows the\n"
-            "trace of an error. --version; --install-completion for bash, zsh, fish.\n"
-        )
+        formatter.write("COMMAND --help tells its options; all take --json, -q, -v. --install-completion\n")
 
 
 if TYPE_CHECKING:

@@ -105,8 +105,9 @@ def _site(source: str, survey: SurveyOptions, console: "Console", *, autopilot: 
         if given := survey.given():
             raise InputError(f"{source}: is a scenario; {', '.join(given)} go with an area, such as area.kml")
         return source
-    from uavcover.run.new import new_scenario, say_design
+    from uavcover.run.new import new_scenario, say_design, say_estimate
 
     new = new_scenario(survey.request(source, autopilot=autopilot), console, folder=Path())
     say_design(new, console)
+    say_estimate(new, console)
     return new.site

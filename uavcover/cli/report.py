@@ -22,6 +22,10 @@ def report(
         Path | None,
         typer.Option(help="Also draw the ground and the routes from the side and from above.", metavar="DIR"),
     ] = None,
+    background: Annotated[
+        Path | None, typer.Option(help="A map of your own behind the report's: GeoTIFF or MBTiles.", metavar="FILE")
+    ] = None,
+    show: Annotated[bool, typer.Option("--open", help="Open it in your browser.")] = False,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
@@ -34,12 +38,25 @@ def report(
     path = RunFolder(run).file("report.html") if page is None else page
     if page is not None and path.exists() and not force:
         raise OutputError(f"{path}: would be overwritten; use --force, or another name")
-    content = save_report(RunFolder(run), path, console, logs=log or [])
+    content = save_report(RunFolder(run), path, console, logs=log or [], background=background)
     drawn = [] if figures is None else draw_figures(content, figures, console, force=force)
     judged = None if content.verdict is None else content.verdict.report
     passed, verdict = (None, None) if judged is None else (judged.passed, judged.verdict)
-    console.suggest(f"open {path} in a browser")
+    if show and not _opened(path):
+        console.warn(f"{path}: no browser could be started here; open the file yourself")
+    if not show:
+        console.suggest(f"open {path} in a browser, or add --open")
     console.result(
         {"report": str(path), "passed": passed, "verdict": verdict, "figures": [str(figure) for figure in drawn]}
     )
     return 0
+
+
+def _opened(path: Path) -> bool:
+    """Whether a browser was started on a file."""
+    import webbrowser
+
+    try:
+        return webbrowser.open(path.resolve().as_uri())
+    except (webbrowser.Error, OSError):
+        return False

@@ -9,16 +9,36 @@ if TYPE_CHECKING:
     from uavcover.run.new import NewRequest
 
 
+Dem = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--dem", help="Elevation data: a raster, a folder or pattern of tiles; again for more.", metavar="FILE"
+    ),
+]
+VerticalDatum = Annotated[
+    str | None,
+    typer.Option("--vertical-datum", help="Of the elevation data: EGM96, EGM2008, ellipsoid.", metavar="DATUM"),
+]
+DemCrs = Annotated[
+    str | None,
+    typer.Option("--dem-crs", help="Coordinate system of the elevation data, where it does not say.", metavar="EPSG:N"),
+]
+HeightUnit = Annotated[
+    str | None,
+    typer.Option(
+        "--height-unit", help="Of the elevation data, where it does not say: m, cm, ft, us-ft.", metavar="UNIT"
+    ),
+]
+Band = Annotated[
+    str | None, typer.Option("--band", help="Number or name of the elevation data's band; default: the first.")
+]
+
+
 @dataclass(frozen=True, slots=True)
 class SurveyOptions:
     """What is seen, with which camera, from which vehicle."""
 
-    dem: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--dem", help="Elevation data: a raster, a folder or pattern of tiles; again for more.", metavar="FILE"
-        ),
-    ] = None
+    dem: Dem = None
     camera: Annotated[
         str | None, typer.Option("--camera", help="A camera: list, a name, or a TOML file of your own.", metavar="NAME")
     ] = None
@@ -55,21 +75,29 @@ class SurveyOptions:
         ),
     ] = None
     mount: Annotated[str | None, typer.Option("--mount", help="stabilised (default) or fixed.", metavar="MOUNT")] = None
-    vertical_datum: Annotated[
-        str | None, typer.Option("--vertical-datum", help="Of the elevation data: EGM96 or EGM2008.", metavar="DATUM")
-    ] = None
-    height_unit: Annotated[
-        str | None,
-        typer.Option(
-            "--height-unit", help="Of the elevation data, where it does not say: m, ft, us-ft.", metavar="UNIT"
-        ),
-    ] = None
-    band: Annotated[
-        str | None, typer.Option("--band", help="Number or name of the elevation data's band; default: the first.")
-    ] = None
+    vertical_datum: VerticalDatum = None
+    dem_crs: DemCrs = None
+    height_unit: HeightUnit = None
+    band: Band = None
     fill_lakes: Annotated[
         str | None,
         typer.Option("--fill-lakes", help="Interpolate gaps of the elevation data up to this long.", metavar="LENGTH"),
+    ] = None
+    no_fly: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--no-fly",
+            help="No-fly zones: ED-269 or ED-318 JSON, OpenAir, GeoJSON, KML, ...; again for more files.",
+            metavar="FILE",
+        ),
+    ] = None
+    pattern: Annotated[
+        str | None,
+        typer.Option(
+            "--pattern",
+            help="single (default); crosshatch: two flights whose lines cross; oblique: straight down and four tilted.",
+            metavar="NAME",
+        ),
     ] = None
     layer: Annotated[str | None, typer.Option("--layer", help="Layer or folder of the area's file.")] = None
     feature: Annotated[
@@ -103,5 +131,6 @@ class SurveyOptions:
             area=query, dem=tuple(self.dem or ()), camera=self.camera, gsd=self.gsd, overlap=self.overlap, battery=self.battery,
             vehicle=self.vehicle, home=self.home, max_height=self.max_height, speed=self.speed, margin=self.margin,
             mount=self.mount, vertical_datum=self.vertical_datum, autopilot=autopilot,
-            height_unit=self.height_unit, band=self.band, fill_lakes=self.fill_lakes,
+            dem_crs=self.dem_crs, height_unit=self.height_unit, band=self.band, fill_lakes=self.fill_lakes,
+            no_fly=tuple(self.no_fly or ()), pattern=self.pattern,
         )  # fmt: skip

@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from uavcover.intake.patterns import OBLIQUE_SAMPLE, SINGLE, View
 from uavcover.intake.survey import USUAL_CEILING_M, SurveyDesign
 from uavcover.model.area import Rings
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
@@ -37,6 +38,8 @@ class SurveyScenario:
         slope_deg: slope that 95 % of the ground stays below.
         autopilot: whose conventions mission files follow.
         mount: "stabilised" or "fixed".
+        no_fly: files of no-fly zones.
+        view: what this flight of a pattern looks at.
     """
 
     name: str
@@ -53,6 +56,8 @@ class SurveyScenario:
     slope_deg: float
     autopilot: str
     mount: str
+    no_fly: tuple[str, ...] = ()
+    view: View = SINGLE
 
 
 def return_height_m(highest_amsl_m: float, home_amsl_m: float) -> float:
@@ -69,8 +74,10 @@ def scenario_text(scenario: SurveyScenario, *, folder: Path) -> str:
         _home(scenario),
         _sensor(scenario),
     )
+    zones = [_zone_file(name, folder) for name in scenario.no_fly]
     return "\n".join(
-        "\n".join(lines) + "\n" for lines in (*sections, _limits(scenario), _vehicle(scenario), _goal(scenario))
+        "\n".join(lines) + "\n"
+        for lines in (*sections, _limits(scenario), _vehicle(scenario), *_lines(scenario), _goal(scenario), *zones)
     )
 
 
@@ -151,6 +158,8 @@ def _terrain(scenario: SurveyScenario, folder: Path) -> list[str]:
         _line("file", names[0] if len(names) == 1 else names, "relative to this file"),
         _line("vertical_datum", scenario.vertical_datum, stated),
     ]
+    if source.crs is not None:
+        lines.append(_line("crs", source.crs, "as given on the command line"))
     if source.band is not None:
         lines.append(_line("band", source.band, "as given on the command line"))
     if source.height_unit is not None:
@@ -184,27 +193,58 @@ def _sensor(scenario: SurveyScenario) -> list[str]:
         f"at least {camera.min_interval_s:g} s apart" if camera.min_interval_s else "its shortest interval is not known"
     )
     every_s = design.picture_distance_m / design.speed_m_s
+    view = scenario.view
+    if view.is_tilted:
+        sample = _line(
+            "max_ground_sample_m", round(OBLIQUE_SAMPLE * wish.gsd_m, 6),
+            f"{OBLIQUE_SAMPLE:g} times what is asked straight below: the middle of a tilted picture is farther away",
+        )  # fmt: skip
+        overlap = "of the tilted picture, from the lower end of the band"
+        tilt = [_line("pitch_deg", view.pitch_deg, "tilted, for walls")]
+    else:
+        sample = _line("max_ground_sample_m", wish.gsd_m, "a place counts only where a pixel covers at most this")
+        overlap = f"a picture every {design.picture_distance_m:.1f} m, {every_s:.1f} s; {interval}"
+        tilt = []
+    if view.heading_deg is not None:
+        tilt.append(
+            _line("heading_deg", view.heading_deg, "the camera keeps it on every line, whichever way it is flown")
+        )
     return [
         f"[sensor] # {camera.title}, {camera.focal_length_mm:g} mm; source: {camera.source or 'not stated'}",
         _line("kind", "frame-camera", "pictures with straight sides, taken by distance"),
         _line("fov_across_deg", camera.fov_across_deg, f"sensor {camera.sensor_across_mm:g} mm wide, landscape"),
         _line("fov_along_deg", camera.fov_along_deg, f"sensor {camera.sensor_along_mm:g} mm high"),
         _line("pixels_across", camera.pixels_across, "for the ground sample distance"),
-        _line("max_ground_sample_m", wish.gsd_m, "a place counts only where a pixel covers at most this"),
-        _line(
-            "forward_overlap",
-            wish.forward_overlap,
-            f"a picture every {design.picture_distance_m:.1f} m, {every_s:.1f} s; {interval}",
-        ),
+        sample,
+        *tilt,
+        _line("forward_overlap", wish.forward_overlap, overlap),
         _line("side_overlap", wish.side_overlap, f"lines about {design.line_distance_m:.0f} m apart"),
         _line(
-            "range_m", float(design.range_m), "beyond the corners of a picture on slopes; the sample distance limits it"
+            "range_m", _range_m(scenario), "beyond the corners of a picture on slopes; the sample distance limits it"
         ),
         _line(
             "mount",
             scenario.mount,
             "a gimbal keeps it level" if scenario.mount == "stabilised" else "it tilts with the vehicle",
         ),
+    ]
+
+
+def _range_m(scenario: SurveyScenario) -> float:
+    """The design's, stretched where the camera looks ahead."""
+    return float(math.ceil(scenario.design.range_m / math.sin(math.radians(-scenario.view.pitch_deg))))
+
+
+def _lines(scenario: SurveyScenario) -> list[list[str]]:
+    heading_deg = scenario.view.line_heading_deg
+    if heading_deg is None:
+        return []
+    return [
+        [
+            "[planner]",
+            _line("algorithm", "lines", "parallel lines, as this flight is one of several over the area"),
+            _line("line_heading_deg", heading_deg, "clockwise from north"),
+        ]
     ]
 
 
@@ -223,6 +263,7 @@ def _limits(scenario: SurveyScenario) -> list[str]:
             f"room for straight legs over ground of up to {scenario.slope_deg:.0f} degrees; sets the picture distance",
         ),
         _line("height_margin_m", design.height_margin_m, "the planner stays this far inside the band: no vehicle flies exactly"),
+        _line("max_climb_angle_deg", design.max_climb_angle_deg, "steepest leg; steeper than the ground, which lines follow"),
         _line("transit_clearance_m", _TRANSIT_CLEARANCE_M, "above ground on the way there and back"),
     ]  # fmt: skip
 
@@ -254,6 +295,14 @@ def _vehicle(scenario: SurveyScenario) -> list[str]:
     )
     lines.append(_line("autopilot", scenario.autopilot, "whose conventions the mission files follow"))
     return lines
+
+
+def _zone_file(name: str, folder: Path) -> list[str]:
+    return [
+        "[[no_fly]]",
+        _line("file", _relative(Path(name), folder), "zones that no leg enters; relative to this file"),
+        _line("margin_m", 10.0, "planned legs stay this far outside of them"),
+    ]
 
 
 def _goal(scenario: SurveyScenario) -> list[str]:

@@ -17,6 +17,7 @@ _SPEED_SHARE = 0.8
 _TRIGGER_SLACK = 1.1
 """A trigger by distance fires at the first position beyond it, a tenth of the distance late at worst."""
 _FLAT_DEG, _STEEP_DEG = 8.0, 25.0
+_USUAL_CLIMB_DEG, _CLIMB_OVER_SLOPE_DEG, _STEEPEST_CLIMB_DEG = 30.0, 15.0, 80.0
 _CELLS, _FINEST_CELL_M = 25_000, 2.0
 
 
@@ -57,6 +58,7 @@ class SurveyDesign:
         min_height_agl_m: lower end of the height band.
         max_height_agl_m: upper end.
         height_margin_m: the planner stays this far inside both.
+        max_climb_angle_deg: steepest leg; a multicopter climbs as steeply as the ground does.
         picture_distance_m: between two pictures, for the overlap at the lower end.
         line_distance_m: between two lines, at the middle of the band.
         speed_m_s: over ground.
@@ -72,6 +74,7 @@ class SurveyDesign:
     min_height_agl_m: float
     max_height_agl_m: float
     height_margin_m: float
+    max_climb_angle_deg: float
     picture_distance_m: float
     line_distance_m: float
     speed_m_s: float
@@ -127,10 +130,17 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float) -> Surv
     diagonal = 0.5 * math.hypot(across, along)
     return SurveyDesign(
         wish=wish, gsd_height_m=gsd_height_m, min_height_agl_m=bottom_m, max_height_agl_m=top_m, height_margin_m=height_margin_m,
+        max_climb_angle_deg=_climb_angle_deg(slope_deg),
         picture_distance_m=picture_distance_m, line_distance_m=line_distance_m, speed_m_s=speed_m_s, speed_reason=reason,
         endurance_s=endurance_s, margin_m=margin_m, cell_size_m=round(cell_m, 1),
         range_m=math.ceil(1.6 * top_m * math.hypot(1.0, diagonal)),
     )  # fmt: skip
+
+
+def _climb_angle_deg(slope_deg: float) -> float:
+    """Steepest leg over ground of a slope, in steps of 5 degrees: steeper than the ground, or lines across it end at the foot."""
+    wanted_deg = 5.0 * math.ceil((slope_deg + _CLIMB_OVER_SLOPE_DEG) / 5.0)
+    return min(max(wanted_deg, _USUAL_CLIMB_DEG), _STEEPEST_CLIMB_DEG)
 
 
 def _refuse_height(wish: SurveyWish, gsd_height_m: float, top_m: float) -> None:
@@ -151,7 +161,8 @@ def _speed(wish: SurveyWish, picture_distance_m: float) -> tuple[float, str]:
     largest = vehicle.max_speed_m_s if vehicle is not None else None
     if wish.speed_m_s is not None and largest is not None and wish.speed_m_s > largest:
         raise InputError(
-            f"--speed: {wish.speed_m_s:g} m/s is more than the {largest:g} m/s of {wish.vehicle and wish.vehicle.name}"
+            f"--speed: {wish.speed_m_s:g} m/s is more than the {largest:g} m/s of {wish.vehicle and wish.vehicle.name}; "
+            "give a lower one"
         )
     usual = _USUAL_SPEED_M_S
     if vehicle is not None and vehicle.cruise_speed_m_s is not None:

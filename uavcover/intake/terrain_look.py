@@ -4,7 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import rasterio.errors
 import shapely
+from pyproj import CRS
+from pyproj.exceptions import ProjError
 from scipy import ndimage
 
 from uavcover.errors import InputError, TerrainError
@@ -13,6 +16,7 @@ from uavcover.model.area import Rings
 from uavcover.scenario.elevation_file import read_height_amsl_m, read_heights_amsl_m
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.terrain_source import TerrainSource
+from uavcover.scenario.vertical import ELLIPSOID, SEA_LEVEL_DATUMS
 
 _GRID, _GAP_GRID = 60, 160
 _ROUND_M = 10.0
@@ -22,7 +26,6 @@ _EDGE_STEPS = 240
 _SLOPE_REACH_M = 15.0
 _HOME_SLOPE_DEG = 8.0
 _LARGEST_KM = 40.0
-DATUMS = ("EGM96", "EGM2008")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +53,9 @@ class TerrainLook:
     datums: tuple[str, ...]
 
 
-def look_at_terrain(file: TerrainSource, parts: tuple[Rings, ...], *, where: str, around_m: float) -> TerrainLook:
+def look_at_terrain(
+    file: TerrainSource, parts: tuple[Rings, ...], *, where: str, around_m: float, datum: str | None
+) -> TerrainLook:
     """Look at the ground of an area.
 
     Args:
@@ -58,12 +63,13 @@ def look_at_terrain(file: TerrainSource, parts: tuple[Rings, ...], *, where: str
         parts: the area, rings of (longitude, latitude).
         where: names the area in errors.
         around_m: how far around it the ground matters.
+        datum: vertical datum of the file; none: what it says, or may have.
 
     Raises:
         TerrainError: the file cannot be used.
         InputError: the area is not on the elevation data, or too large.
     """
-    datums = _datums(file, parts[0][0][0])
+    datums = possible_datums(file) if datum is None else (datum,)
     frame = _middle(parts)
     area = _in_frame(parts, frame)
     west, south, east, north = area.bounds
@@ -133,11 +139,18 @@ def known_margin_m(file: TerrainSource, look: TerrainLook, wanted_m: float) -> f
     return 0.0
 
 
-def place_for_home(file: TerrainSource, look: TerrainLook) -> tuple[float, float]:
+def place_for_home(
+    file: TerrainSource, look: TerrainLook, *, avoid: shapely.Geometry | None = None
+) -> tuple[float, float]:
     """Latitude and longitude of the lowest place at the edge of the area where the ground is level enough to take off.
 
+    Args:
+        file: the elevation data.
+        look: at the terrain.
+        avoid: where it must not be, (east, north) metres in the frame of the look.
+
     Raises:
-        InputError: there is no known ground at its edge.
+        InputError: there is no known ground at its edge, or all of it is to be avoided.
     """
     rings = [part.exterior for part in shapely.get_parts(look.area)]
     step_m = max(5.0, sum(ring.length for ring in rings) / _EDGE_STEPS)
@@ -145,6 +158,12 @@ def place_for_home(file: TerrainSource, look: TerrainLook) -> tuple[float, float
     heights = _heights(file, look.datums[0], look.frame, places)
     slopes = _slopes_deg(file, look.datums[0], look.frame, places)
     known = np.isfinite(heights) & np.isfinite(slopes)
+    if avoid is not None and known.any():
+        known &= ~shapely.intersects_xy(avoid, places[:, 0], places[:, 1])
+        if not known.any():
+            raise InputError(
+                "--home: all of the area's edge is in no-fly zones; give the take-off place as --home LAT,LON"
+            )
     if not known.any():
         raise InputError("--home: no elevation at the edge of the area; give the take-off place as --home LAT,LON")
     level = known & (slopes <= max(_HOME_SLOPE_DEG, float(np.min(slopes[known])) + 1.0))
@@ -153,19 +172,35 @@ def place_for_home(file: TerrainSource, look: TerrainLook) -> tuple[float, float
     return round(float(lat[0]), 6), round(float(lon[0]), 6)
 
 
-def _datums(file: TerrainSource, place: tuple[float, float]) -> tuple[str, ...]:
-    """The sea-level datums that the heights may refer to: the one that the file names, or all of them."""
+def possible_datums(file: TerrainSource) -> tuple[str, ...]:
+    """The datums that the heights of a file may refer to: the one that it names, or all at sea level.
+
+    Raises:
+        TerrainError: the file cannot be used.
+    """
     fitting: list[str] = []
     refusal: TerrainError | None = None
-    for datum in DATUMS:
+    for datum in SEA_LEVEL_DATUMS:
         try:
-            read_heights_amsl_m(file, datum, np.array([place[1]]), np.array([place[0]]))
+            read_heights_amsl_m(file, datum, np.zeros(1), np.zeros(1))  # anywhere: what it opens is checked
             fitting.append(datum)
         except TerrainError as error:
             refusal = refusal or error
     if refusal is not None and not fitting:
-        raise refusal
+        if not _is_above_ellipsoid(file):
+            raise refusal
+        read_heights_amsl_m(file, ELLIPSOID, np.zeros(1), np.zeros(1))
+        fitting.append(ELLIPSOID)
     return tuple(fitting)
+
+
+def _is_above_ellipsoid(file: TerrainSource) -> bool:
+    try:
+        with file.opened() as dataset:
+            crs = None if dataset.crs is None else CRS.from_wkt(dataset.crs.to_wkt())
+    except (TerrainError, ProjError, rasterio.errors.RasterioError, OSError):
+        return False
+    return crs is not None and not crs.is_compound and len(crs.axis_info) == 3
 
 
 def _middle(parts: tuple[Rings, ...]) -> LocalFrame:

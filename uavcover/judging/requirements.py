@@ -79,6 +79,12 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
         apart = scenario.obstacles
         wanted = f"{apart.clearance_beside_m:g} m beside or {apart.clearance_above_m:g} m above"
         rows.append(RequirementRow("Clear of obstacles", wanted, judge.words("obstacle"), judge.none("obstacle")))
+    if scenario.no_fly:
+        counting = sum(zone.in_force(scenario.flight_window_utc) for zone in scenario.no_fly)
+        wanted = f"{counting} zone{'s' if counting != 1 else ''}"
+        rows.append(
+            RequirementRow("Outside of no-fly zones", wanted, judge.words("no-fly-zone"), judge.none("no-fly-zone"))
+        )
     if requirements.max_ground_speed_m_s is not None:
         fastest = report.max_ground_speed_m_s
         rows.append(

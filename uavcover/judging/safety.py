@@ -1,10 +1,10 @@
-"""Safety along the full length of the flown track: heights, sea-level limits, fence and obstacles.
+"""Safety along the full length of the flown track: heights, sea-level limits, fence, obstacles and no-fly zones.
 
 Also speed, and deviation from the planned route.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from uavcover.kernels.route import distances_to_polyline
 from uavcover.model.track import Track
 from uavcover.model.vehicle import Vehicle
 from uavcover.model.verdict import Violation, ViolationKind
+from uavcover.scenario.airspace.zones import Zone, ZoneBreach
 from uavcover.scenario.obstacles import leg_breaches, waypoint_breaches
 from uavcover.scenario.site import Site
 
@@ -287,6 +288,12 @@ def find_violations(
         *find.above("obstacle", route, lacking, 0.0, phase="route"),
         *find.above("obstacle", ~route, lacking, 0.0, phase="transit"),
     ]  # fmt: skip
+    for zone, inside in _inside_zones(site, enu_m, joined):
+        breaches = [
+            *find.above("no-fly-zone", route, inside, 0.0, phase="route"),
+            *find.above("no-fly-zone", ~route, inside, 0.0, phase="transit"),
+        ]
+        found += [replace(breach, name=zone.name) for breach in breaches]
     if limits.min_alt_amsl_m is not None:
         found += find.below("below-sea-level-limit", route, sea, limits.min_alt_amsl_m, phase="route")
     if limits.max_alt_amsl_m is not None:
@@ -305,6 +312,26 @@ def _lacking_clearance(site: Site, enu_m: FloatArray, joined: BoolArray) -> Samp
             if legs[k, 1] > lacking[sample]:
                 lacking[sample], at[sample] = legs[k, 1], k + legs[k, 2]
     return SampleValues(lacking, at)
+
+
+def _inside_zones(site: Site, enu_m: FloatArray, joined: BoolArray) -> Iterator[tuple[Zone, SampleValues]]:
+    """For each no-fly zone that was entered, metres inside of its outline for each sample, there or on an adjacent leg."""
+    check = site.flown_zones
+    numbers = np.arange(len(enu_m), dtype=float)
+    entered: dict[int, SampleValues] = {}
+    found: list[tuple[ZoneBreach, tuple[int, ...]]]
+    found = [(breach, (breach.leg,)) for breach in check.place_breaches(enu_m)]
+    if len(enu_m) > 1:
+        found += [(breach, (breach.leg, breach.leg + 1)) for breach in check.leg_breaches(enu_m, joined)]
+    for breach, samples in found:
+        inside = entered.setdefault(breach.zone, SampleValues(np.zeros(len(enu_m)), numbers.copy()))
+        # To be in a zone at all is a violation, however little it is.
+        depth_m = max(breach.depth_m, 2.0 * TOLERANCE)
+        for sample in samples:
+            if depth_m > inside.values[sample]:
+                inside.values[sample], inside.at[sample] = depth_m, breach.leg + breach.at
+    for number, inside in sorted(entered.items()):
+        yield site.zones[number], inside
 
 
 def _outside_fence_m(site: Site, enu_m: FloatArray, joined: BoolArray) -> FloatArray:

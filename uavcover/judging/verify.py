@@ -16,13 +16,22 @@ from uavcover.judging.decision import cell_statistics, coverage_by_time, decide,
 from uavcover.judging.flown_coverage import FlownCoverage, count_observations, joined_observations, joining_shifts_s
 from uavcover.judging.gaps import GapRegion, find_gaps
 from uavcover.judging.judged_track import JudgedTrack, judge_track, largest, track_positions_m
+from uavcover.judging.observations import Observations
 from uavcover.judging.phases import PlannedRoute
 from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.outline import svg_map
 from uavcover.model.track import Track
-from uavcover.model.verdict import VerificationReport
+from uavcover.model.verdict import PictureStatistics, VerificationReport
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.pictures import (
+    OVERLAP_FRACTION,
+    PictureCounts,
+    count_pictures,
+    picture_statistics,
+    takes_pictures,
+)
 
 AGREE_M = 0.3
 """Tolerance between logs of one flight: rounding of positions, and interpolation between samples."""
@@ -169,6 +178,8 @@ class Verdict:
         report: decision and figures.
         flown: coverage by cell.
         gaps: the coverage gaps and their cells.
+        pictures: how many pictures show each cell; none for a sensor that takes no single pictures.
+        observations: all observations of the flight, in order of time, each once.
         shifts_s: seconds added to the vehicle times of each track to put all on one clock, which ``flown`` and the report's
             ``coverage_by_time`` use.
     """
@@ -177,6 +188,8 @@ class Verdict:
     report: VerificationReport
     flown: FlownCoverage
     gaps: tuple[GapRegion, ...]
+    pictures: PictureCounts | None
+    observations: Observations
     shifts_s: tuple[float, ...]
 
     def __repr__(self) -> str:
@@ -239,6 +252,8 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
     together = joined_observations(parts, shifts_s)
     flown = count_observations(coverage, together)
     gaps = tuple(find_gaps(coverage, flown))
+    pictures = _pictures(coverage, together) if takes_pictures(site.scenario) else None
+    statistics = None if pictures is None else picture_statistics(coverage, pictures)
     decision = decide(coverage, flown, judged, unknown_attitude_looks=int((~together.known).sum()))
     report = VerificationReport(
         coverage_fraction=coverage.share(flown.seen),
@@ -258,6 +273,7 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
         max_ground_speed_m_s=_largest([j.speeds_m_s[j.phases.route] for j in judged]),
         gaps=tuple(region.gap for region in gaps),
         cells=cell_statistics(coverage, flown),
+        pictures=statistics,
         coverage_by_time=coverage_by_time(coverage, flown, together.times_s),
         samples=sum(len(flown.track) for flown in tracks),
         unknown_attitude_looks=int((~together.known).sum()),
@@ -269,10 +285,25 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
         passed=decision.verdict == "passed",
         reasons=decision.reasons,
         doubts=decision.doubts,
-        findings=(*decision.findings, *map(str, records)),
+        findings=(*decision.findings, *map(str, records), *_overlap_findings(statistics)),
         requirements=judged_requirements(site.scenario),
     )
-    return Verdict(coverage, report, flown, gaps, shifts_s)
+    return Verdict(coverage, report, flown, gaps, pictures, together, shifts_s)
+
+
+def _pictures(coverage: CoverageMap, together: Observations) -> PictureCounts:
+    """Pictures whose direction is known; the others show nothing for certain."""
+    known = together.where(together.known)
+    return count_pictures(coverage, SensorPoses(known.places_m, known.axes, known.tops, known.times_s))
+
+
+def _overlap_findings(pictures: PictureStatistics | None) -> list[str]:
+    if pictures is None or pictures.overlap_fraction is None or pictures.overlap_holds:
+        return []
+    return [
+        f"the overlap asked for, {pictures.asked} pictures of every point, holds on {100.0 * pictures.overlap_fraction:.2f} % of "
+        f"the area as drawn, less than {100.0 * OVERLAP_FRACTION:g} %"
+    ]
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,7 +42,7 @@ _STREAMS: dict[int, tuple[type[m.Message], ...]] = {
     6: (m.GlobalPositionInt,),
     10: (m.Attitude,),
     11: (m.VfrHud,),
-    12: (m.SystemTime, m.EkfStatusReport, m.BatteryStatus, m.TerrainReport),
+    12: (m.SystemTime, m.EkfStatusReport, m.BatteryStatus, m.TerrainReport, m.TerrainRequest),
 }
 """The messages of this vehicle in each of ArduPilot's groups (MAV_DATA_STREAM)."""
 _EVERY_STREAM = 0
@@ -210,6 +210,9 @@ def handle(control: FlightControl, failsafes: Failsafes, received: m.Received) -
         case m.TerrainData():
             if vehicle.terrain is not None:
                 vehicle.terrain.take(message)
+        case m.FileTransfer():
+            back = received.system_id, received.component_id
+            return [m.FileTransfer(*back, payload) for payload in vehicle.files.answer(message.payload)]
         case m.LogRequestList():
             return [m.LogEntry(log_id=0, log_count=0, last_log_id=0, time_unix_s=0, size_bytes=0)]  # it keeps no logs
         case _:

@@ -32,15 +32,12 @@ class MissionFlight:
 
     @property
     def needs_terrain(self) -> bool:
-        """Whether an item is above terrain that the vehicle does not know."""
+        """Whether an item is above terrain, and requested terrain is missing; ArduPilot waits for all of it."""
         feed = self._state.terrain
-        if feed is None:
+        if feed is None or feed.pending == 0:
             return False
-        return any(
-            feed.height_amsl_m(item.lat_deg, item.lon_deg) is None
-            for item in self._state.mission_items[self.first_seq :]
-            if item.frame is Frame.ABOVE_TERRAIN and item.has_position
-        )
+        items = self._state.mission_items[self.first_seq :]
+        return any(item.frame is Frame.ABOVE_TERRAIN and item.has_position for item in items)
 
     def reset(self) -> None:
         """Forget all progress, as after a reboot."""

@@ -14,6 +14,7 @@ from mission_io.autopilots.autopilot import Autopilot, autopilot_for
 from mission_io.model.enums import AutopilotId, MissionState, VehicleClass
 from mission_io.model.items import GeoPoint, MissionItem, MissionType
 from mission_io.protocol.exchange import Address
+from mission_io.protocol.ftp_server import FtpServer
 from mission_io.wire import messages as m
 from uavcover.mock.behaviour import Behaviour, Settings, TerrainData, TransferClock, quick
 from uavcover.mock.body import STEP_S, Ground, MockBody
@@ -83,6 +84,7 @@ class MockState:
         mission_state: progress of the mission.
         current_seq: wire number of the mission item that it flies to.
         streams: which messages are due when.
+        files: what it keeps for MAVLink FTP, in memory.
         terrain: heights of the ground that ground stations have sent; None when it does not ask for them.
         took_off_at_s: ``powered_s`` when it first left the ground.
         disarm_at_s: ``time_s`` at which it disarms itself on the ground.
@@ -125,6 +127,7 @@ class MockState:
         )
         self.fence = FenceWatch(self.missions, self.body, self.parameters, ardupilot=self.is_ardupilot)
         asks_for_terrain = self.is_ardupilot and self.behaviour.terrain is TerrainData.GROUND_STATION
+        self.files = FtpServer()
         self.terrain = TerrainFeed() if asks_for_terrain else None
         self.streams = Streams(self.behaviour, ardupilot=self.is_ardupilot)
         self.took_off_at_s: float | None = None

@@ -100,7 +100,7 @@ class MockVehicle(MockState):
             self._fly(now)
         body.believed.step()
         if self.steps_done % _CHECK_EVERY == 0:
-            self._check(now)
+            self._check()
         if now + 1e-9 >= self.streams.next_due_s:
             for kind in self.streams.due(now):
                 tell(self, kind)
@@ -111,14 +111,13 @@ class MockVehicle(MockState):
             self.say(texts[self._texts_said].severity, texts[self._texts_said].text)
             self._texts_said += 1
 
-    def _check(self, now: float) -> None:
-        """Draw power, check the failsafes, and send what mission transfers and the terrain feed have due."""
+    def _check(self) -> None:
+        """Draw power, check the failsafes, send what mission transfers have due, and note what terrain is wanted."""
         self.body.draw_power(_CHECK_EVERY * STEP_S, motors=self.flying)
         self.failsafes.check()
         self.send_all(self.missions.messages_to_send(self.powered_s))
         if self.terrain is not None and self.home_known:
             self.terrain.want_for(self.body.home, self.mission_items)
-            self.send_all(self.terrain.requests(now))
 
     def _boot(self) -> None:
         self._texts_said = 0

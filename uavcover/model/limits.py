@@ -3,7 +3,10 @@
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
+from uavcover.model.area import Ring
 from uavcover.model.value_checks import STRICT, require, require_lon_lat, require_not_negative, require_positive
+
+FENCE_KEYS = ("fence_lon_lat_deg", "fence_east_north_m", "fence_polygons_lon_lat_deg", "fence_polygons_east_north_m")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,6 +27,8 @@ class FlightLimits:
         fence_margin_m: margin of the default fence, the convex hull of area and home.
         fence_lon_lat_deg: the fence as a ring of (longitude, latitude).
         fence_east_north_m: the fence as a ring in the local frame.
+        fence_polygons_lon_lat_deg: the fence as several rings, which overlap or share edges: the vehicle stays in their union.
+        fence_polygons_east_north_m: the same in the local frame.
         applies_to: "legs": every leg along its full length. "waypoints": the waypoints alone, as in the paper.
         max_home_error_m: largest difference between the vehicle's home and the planned one, horizontally and in height.
     """
@@ -41,6 +46,8 @@ class FlightLimits:
     fence_margin_m: float = 150.0
     fence_lon_lat_deg: tuple[tuple[float, float], ...] | None = None
     fence_east_north_m: tuple[tuple[float, float], ...] | None = None
+    fence_polygons_lon_lat_deg: tuple[Ring, ...] | None = None
+    fence_polygons_east_north_m: tuple[Ring, ...] | None = None
     applies_to: Literal["legs", "waypoints"] = "legs"
     max_home_error_m: float = 10.0
 
@@ -71,8 +78,24 @@ class FlightLimits:
                 self.max_alt_amsl_m > self.min_alt_amsl_m,
                 f"max_alt_amsl_m: {self.max_alt_amsl_m} must be above min_alt_amsl_m = {self.min_alt_amsl_m}",
             )
+        given = [key for key in FENCE_KEYS if getattr(self, key) is not None]
         require(
-            self.fence_lon_lat_deg is None or self.fence_east_north_m is None,
-            "fence_lon_lat_deg: give the fence once, not also as fence_east_north_m",
+            len(given) <= 1,
+            f"{given[0] if given else ''}: give the fence once, not also as {given[-1] if given else ''}",
         )
         require_lon_lat(self.fence_lon_lat_deg or (), "fence_lon_lat_deg")
+        for number, ring in enumerate(self.fence_polygons_lon_lat_deg or ()):
+            require_lon_lat(ring, f"fence_polygons_lon_lat_deg.{number}")
+        for key in FENCE_KEYS[2:]:
+            require(getattr(self, key) != (), f"{key}: is empty; give a list of rings, or leave it out")
+
+    @property
+    def fence_key(self) -> str | None:
+        """The key by which the fence is given; none for the default fence."""
+        return next((key for key in FENCE_KEYS if getattr(self, key) is not None), None)
+
+    @property
+    def fence_rings_lon_lat_deg(self) -> list[Ring]:
+        """The rings of a fence in degrees; none of another one."""
+        ring = self.fence_lon_lat_deg
+        return [ring] if ring is not None else list(self.fence_polygons_lon_lat_deg or ())

@@ -5,8 +5,10 @@ from typing import ClassVar, Literal
 
 from uavcover.model.area import Area
 from uavcover.model.limits import FlightLimits
+from uavcover.model.no_fly import NoFly, utc_time
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.sensor import Sensor
+from uavcover.model.terrain import Terrain
 from uavcover.model.value_checks import STRICT, require, require_not_negative, require_positive
 from uavcover.model.vehicle import Vehicle, Wind
 
@@ -47,70 +49,10 @@ class Uncertainty:
         return self.height_m + self.terrain_m
 
 
-PlannerAlgorithm = Literal["memetic", "local-search", "imodbo", "modbo", "nsga2", "moead"]
+PlannerAlgorithm = Literal["memetic", "local-search", "imodbo", "modbo", "nsga2", "moead", "lines"]
 
 Objective = Literal["mission-time", "flight-time", "length"]
 InitialRoute = Literal["boustrophedon", "greedy-set-cover", "set-cover", "exact-set-cover"]
-VerticalDatum = Literal["EGM96", "EGM2008", "WGS84-ellipsoid"]
-HeightUnit = Literal["m", "ft", "us-ft"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RasterTerrain:
-    """Elevation data in a file that rasterio reads.
-
-    Attributes:
-        kind: name of this source in a scenario.
-        file: a path relative to the scenario file, or ``bundled:NAME`` for data that comes with the package; or a folder of
-            tiles, a pattern such as "tiles/*.hgt", a zipped tile, or a list of these.
-        vertical_datum: reference of the heights. Ellipsoid heights are refused where sea-level heights are needed.
-        band: number or name of the band with the heights; default: the first.
-        height_unit: unit of the heights, where the file does not say; default: metres, or what the file says.
-        fill_no_data_m: gaps without data up to this long, such as lakes, are closed by interpolation from their rim.
-        grid_step_m: step of a square grid to resample the data to; default: none, the ground keeps the file's pixels.
-    """
-
-    __pydantic_config__: ClassVar = STRICT
-
-    kind: Literal["raster"]
-    file: str | tuple[str, ...]
-    vertical_datum: VerticalDatum
-    band: int | str | None = None
-    height_unit: HeightUnit | None = None
-    fill_no_data_m: float = 0.0
-    grid_step_m: float | None = None
-
-    def __post_init__(self) -> None:
-        require(bool(self.file), "file: is empty; give an elevation file")
-        require(not isinstance(self.band, int) or self.band >= 1, f"band: {self.band} is below 1, the first band")
-        require_not_negative(fill_no_data_m=self.fill_no_data_m)
-        require(
-            self.fill_no_data_m == 0.0 or self.grid_step_m is None,
-            "fill_no_data_m: goes with the file's own pixels; leave grid_step_m out",
-        )
-        if self.grid_step_m is not None:
-            require_positive(grid_step_m=self.grid_step_m)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SineCosineTerrain:
-    """The paper's surface, Eq. 26: z = s sin(y / s) cos(x / s), with s = ``scale_m`` metres to the paper's unit.
-
-    Attributes:
-        kind: name of this source in a scenario.
-        scale_m: metres per unit of the paper.
-    """
-
-    __pydantic_config__: ClassVar = STRICT
-
-    kind: Literal["sine-cosine"]
-    scale_m: float = 1.0
-
-    def __post_init__(self) -> None:
-        require_positive(scale_m=self.scale_m)
-
-
-Terrain = RasterTerrain | SineCosineTerrain
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,6 +114,8 @@ class PlannerSettings:
     Attributes:
         algorithm: "memetic": IMODBO, then a local search of what it and the baselines found. "local-search": from sampled routes
             and baselines alone. "imodbo", "modbo": the paper's optimizers, plain. "nsga2", "moead": pymoo's, for comparison.
+            "lines": the best parallel lines of a scan, for sensors that look along the path.
+        line_heading_deg: of "lines": their heading, clockwise from north; default: along the longer side of the area.
         encoding: "swaths": parallel lines with their own gaps and heights, for sensors that look along the path.
             "waypoints": free points with activation genes, as the paper.
         population_size: members of the population.
@@ -197,6 +141,7 @@ class PlannerSettings:
     __pydantic_config__: ClassVar = STRICT
 
     algorithm: PlannerAlgorithm = "memetic"
+    line_heading_deg: float | None = None
     encoding: Literal["swaths", "waypoints"] = "swaths"
     population_size: int = 50
     evaluations: int = 5000
@@ -214,6 +159,18 @@ class PlannerSettings:
         require(
             self.evaluations >= self.population_size,
             f"evaluations: {self.evaluations} is less than one population of {self.population_size}",
+        )
+        require(
+            self.line_heading_deg is None or self.algorithm == "lines",
+            'line_heading_deg: goes with algorithm = "lines"; the other algorithms choose the direction of every leg',
+        )
+        require(
+            self.line_heading_deg is None or 0.0 <= self.line_heading_deg < 360.0,
+            f"line_heading_deg: {self.line_heading_deg} is outside 0 to below 360, clockwise from north",
+        )
+        require(
+            self.algorithm != "lines" or self.encoding == "swaths",
+            'encoding: "waypoints" are not lines; leave it out with algorithm = "lines"',
         )
         require(self.capacity >= 2, f"max_waypoints: {self.max_waypoints} is below 2")
         require_not_negative(band_deviation_price=self.band_deviation_price, waypoint_price=self.waypoint_price or 0.0)
@@ -305,6 +262,9 @@ class Scenario:
         select: the rule that selects one route of the Pareto set.
         requirements: what the flown track must reach.
         obstacles: obstacles on the ground.
+        no_fly: zones that the vehicle must not enter on any part of the flight.
+        flight_window_utc: earliest take-off and latest landing, such as ["2026-06-01T06:00Z", "2026-06-01T18:00Z"]. No-fly
+            zones that are not in force between them do not count; without a window every zone counts.
         wind: the wind the flight is planned for.
         uncertainty: errors of positions, ground and attitude.
         description: one line for people.
@@ -325,6 +285,8 @@ class Scenario:
     requirements: Requirements = field(default_factory=Requirements)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     obstacles: Obstacles = field(default_factory=Obstacles)
+    no_fly: tuple[NoFly, ...] = ()
+    flight_window_utc: tuple[str, str] | None = None
     wind: Wind = field(default_factory=Wind)
     description: str = ""
 
@@ -351,6 +313,9 @@ class Scenario:
             self.area.cell_size_m <= reach_m,
             f"area.cell_size_m: cells of {self.area.cell_size_m} m are larger than the sensor's reach of {reach_m} m",
         )
+        if self.flight_window_utc is not None:
+            begin, end = (utc_time(text, "flight_window_utc") for text in self.flight_window_utc)
+            require(begin < end, "flight_window_utc: the latest landing must be after the earliest take-off")
         airspeed = self.vehicle.max_airspeed_m_s
         require(
             self.wind.speed_m_s == 0.0 or (airspeed is not None and airspeed > self.wind.speed_m_s),

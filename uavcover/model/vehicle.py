@@ -42,7 +42,7 @@ def autopilot_name(text: str | None, default: AutopilotName) -> AutopilotName:
             return default
         case "ardupilot" | "px4":
             return text
-    raise InputError(f"--autopilot: {text!r} is neither ardupilot nor px4")
+    raise InputError(f"--autopilot: {text!r} is neither ardupilot nor px4; give one of them")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

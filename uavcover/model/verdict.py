@@ -17,6 +17,7 @@ ViolationKind = Literal[
     "above-sea-level-limit",
     "fence",
     "obstacle",
+    "no-fly-zone",
     "ground-speed",
     "deviation",
 ]
@@ -47,7 +48,7 @@ class Violation:
         end_s: vehicle time at which it ended.
         worst_s: vehicle time at which it was worst.
         worst: the worst value reached, in the unit of the limit; for the fence, metres outside; for an obstacle, metres of
-            missing clearance beside or above it, whichever is less.
+            missing clearance beside or above it, whichever is less; for a no-fly zone, metres inside of its outline.
         limit: the limit.
         excess: how far the worst value is beyond the limit, above 0.
         unit: of all three.
@@ -57,6 +58,7 @@ class Violation:
         north_m: where it was worst.
         phase: "route" between the first and the last planned waypoint, "transit" elsewhere.
         track: number of the track, counted from 0.
+        name: of the no-fly zone.
     """
 
     kind: ViolationKind
@@ -73,6 +75,7 @@ class Violation:
     north_m: float
     phase: Literal["route", "transit"]
     track: int = 0
+    name: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +128,32 @@ class CellStatistics:
     ground_sample_p95_m: float | None
     incidence_median_deg: float | None
     incidence_p95_deg: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class PictureStatistics:
+    """In how many pictures the ground of the area is, as it was drawn, without its margin.
+
+    Attributes:
+        taken: how many pictures there are.
+        asked: in how many the overlap asked for puts a point, floor(1 / (1 - forward)) times floor(1 / (1 - side)); none where
+            no overlap is asked for.
+        overlap_fraction: fraction of the ground in at least so many, 0..1.
+        overlap_holds: whether that is enough.
+        fewest: of any cell.
+        median: of the cells.
+        ground_sample_median_m: median of the best ground sample distance of each cell; none where it is not known.
+        ground_sample_p95_m: 95 % of the cells have a better one.
+    """
+
+    taken: int
+    asked: int | None
+    overlap_fraction: float | None
+    overlap_holds: bool | None
+    fewest: int
+    median: float
+    ground_sample_median_m: float | None
+    ground_sample_p95_m: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +228,7 @@ class VerificationReport:
         max_ground_speed_m_s: largest ground speed on the route, averaged over a second; none without a route.
         gaps: coverage gaps, largest first.
         cells: how well the cells were seen.
+        pictures: in how many pictures they are; none for a sensor that takes no single pictures.
         coverage_by_time: coverage over time; with several tracks, each is taken to begin right after the previous one.
         samples: number of samples of the track.
         unknown_attitude_looks: number of observations of unknown direction; what they may have seen counts as possibly seen.
@@ -229,6 +259,7 @@ class VerificationReport:
     max_ground_speed_m_s: float | None
     gaps: tuple[Gap, ...]
     cells: CellStatistics
+    pictures: PictureStatistics | None
     coverage_by_time: tuple[CoverageMoment, ...]
     samples: int
     unknown_attitude_looks: int

@@ -61,6 +61,7 @@ _ADVICE = {
     "above sea-level limit": "raise limits.max_alt_amsl_m",
     "climb": "allow a larger limits.max_climb_angle_deg",
     "fence": "give a larger fence",
+    "no-fly zone": "allow a smaller margin_m of the zone, or plan another area",
     "obstacle": "allow smaller obstacles.clearance_beside_m and clearance_above_m, or raise limits.max_height_agl_m",
 }
 

@@ -20,6 +20,7 @@ from uavcover.model.route import Route
 from uavcover.planning.baselines.boustrophedon import best_height_agl_m
 from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.routes.leg_checks import measure_violations
+from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 from uavcover.sensing.sensors import reach_at_height_m, turns_with_legs
@@ -115,8 +116,8 @@ def places_around(site: Site, cells_m: FloatArray) -> FloatArray:
 
 
 def inside_fence(site: Site, places_m: FloatArray) -> BoolArray:
-    """(k,) whether each of (k, 2) places is inside the fence by the vehicle's acceptance radius, over known ground."""
-    inner = site.fence.buffer(-site.scenario.vehicle.acceptance_radius_m)
+    """(k,) whether each of (k, 2) places is inside fence and no-fly zones by the acceptance radius, over known ground."""
+    inner = flyable_area(site).polygon.buffer(-site.scenario.vehicle.acceptance_radius_m)
     inside = shapely.contains_xy(inner, places_m[:, 0], places_m[:, 1])
     return np.asarray(inside & np.isfinite(site.ground.heights_m(places_m)), dtype=bool)
 

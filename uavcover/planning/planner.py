@@ -7,11 +7,10 @@ from concurrent.futures import Executor
 
 import numpy as np
 
-from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.dominance import least_crowded, non_dominated_mask
 from uavcover.kernels.way_cost import route_cost
-from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.model.route import Plan, Route
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import make_optimizer, optimizer_class, optimizer_name
 from uavcover.optimizers.interface import AskAndTell
@@ -19,6 +18,7 @@ from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_
 from uavcover.planning.baselines.boustrophedon import TUNED, Baseline
 from uavcover.planning.baselines.initial_routes import constructed_routes
 from uavcover.planning.baselines.swaths import long_side_angle_rad
+from uavcover.planning.choice import choose
 from uavcover.planning.encodings import SwathEncoding, WaypointEncoding
 from uavcover.planning.front import (
     Candidate,
@@ -26,18 +26,15 @@ from uavcover.planning.front import (
     NamedRoute,
     Snapshots,
     judge_members,
-    pareto_members,
-    thinned,
-    why_infeasible,
 )
+from uavcover.planning.parallel_lines import plan_lines
 from uavcover.planning.search.memetic import improve
 from uavcover.planning.search.optimizer_search import Effort, Encoding, SearchProgress, SearchRun, rounds_of, search
-from uavcover.planning.search.simplify import simplified
-from uavcover.planning.selection import Rule, parse_rule, select, without_flukes
+from uavcover.planning.selection import parse_rule
 from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.routes.way_cost import way_cost_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import finer_map, judging_map, judging_maps, planning_map
+from uavcover.sensing.coverage_map import judging_map, planning_map
 
 __all__ = ["Effort", "SearchProgress", "plan_routes"]
 
@@ -112,14 +109,18 @@ def plan_routes(
         InfeasibleError: no route that was found keeps the hard limits; says which, where and by how much.
         InputError: the rule cannot be understood.
     """
+    if settings.algorithm == "lines" and own is None:
+        return plan_lines(
+            site, settings=settings, select_rule=select_rule, effort=effort, executor=executor, should_stop=should_stop
+        )
+    if own is not None:
+        optimizer_class(own)
+        # It begins with the constructed routes that the plain optimizers begin with.
+        settings = dataclasses.replace(settings, algorithm="imodbo")
     algorithm: str = settings.algorithm
     name, share = _OPTIMIZER[settings.algorithm]
     if own is not None:
-        optimizer_class(own)
         algorithm = name = optimizer_name(own)
-        share = 1.0
-        # It begins with the constructed routes that the plain optimizers begin with.
-        settings = dataclasses.replace(settings, algorithm="imodbo")
     started = effort.now()
     rule = parse_rule(select_rule)
     coarse = planning_map(site)
@@ -186,7 +187,7 @@ def plan_routes(
         lines: list[NamedRoute] = []
         if settings.encoding == "swaths" and not interrupted:
             straight = [b.layout for b in _by_merit(baselines, goal) if b.layout is not None]
-            angle = straight[0].angle_rad if straight else long_side_angle_rad(site)
+            angle = straight[0].angle_rad if straight else long_side_angle_rad(site.area)
             until = effort.now() + _LINES_SHARE * (math.inf if effort.budget_s is None else effort.budget_s)
             lines = _other_lines(site, angle, executor, lambda: should_stop() or effort.now() > until)
         finish = Finish(coarse, fine, constructed, optimized, lines, effort=effort, started=started, executor=executor)
@@ -205,63 +206,22 @@ def plan_routes(
             interrupted = improved.interrupted
         made = finish.worth_judging(found)
     members = judge_members(fine, made, executor)
-    feasible = [member for member in (*members, *reference) if member.violation <= 0.0]
-    if not feasible:
-        early = "interrupted: so far " if interrupted else ""
-        raise InfeasibleError(early + why_infeasible(site, [*members, *reference]))
-    confirmed = _confirmed(site, _few_enough(feasible, settings), rule, cells=fine.grid.count)
-    if share < 1.0:
-        simpler = _simplified(site, confirmed, rule, lambda: effort.is_over(started))
-        confirmed += [member for member in judge_members(fine, simpler, executor) if member.violation <= 0.0]
-        made = [*made, *simpler]
-    kept.close([*constructed, *made])
-    pareto = thinned(pareto_members(confirmed), rule)
-    choice = select(pareto, rule)
+    chosen = choose(
+        site, fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted,
+        is_over=(lambda: effort.is_over(started)) if share < 1.0 else None,
+    )  # fmt: skip
+    kept.close([*constructed, *made, *chosen.simpler])
     return Plan(
-        chosen=pareto[choice.index],
-        members=tuple(pareto),
+        chosen=chosen.route,
+        members=chosen.pareto,
         baselines=tuple(reference),
         rule=rule.text,
-        rule_met=choice.met and _is_few_enough(pareto[choice.index], settings),
+        rule_met=chosen.rule_met,
         algorithm=algorithm,
         evaluations=evaluations,
         wall_s=effort.now() - started,
         interrupted=interrupted,
     )
-
-
-def _is_few_enough(member: RouteMember, settings: PlannerSettings) -> bool:
-    """Whether a route has no more waypoints than it may have."""
-    return settings.most_waypoints is None or member.metrics.waypoint_count <= settings.most_waypoints
-
-
-def _few_enough(members: Sequence[RouteMember], settings: PlannerSettings) -> list[RouteMember]:
-    """Those of no more waypoints than a route may have; where there are none, those with the fewest."""
-    fewest = min(member.metrics.waypoint_count for member in members)
-    few = [member for member in members if _is_few_enough(member, settings)]
-    return few or [member for member in members if member.metrics.waypoint_count == fewest]
-
-
-def _confirmed(site: Site, members: list[RouteMember], rule: Rule, *, cells: int) -> list[RouteMember]:
-    """The members without those that the rule would choose for luck, where there are finer cells to try them on."""
-    finer = finer_map(site)
-    if finer is None:
-        return members
-    return without_flukes(
-        members, rule, lambda route: finer.share_of_coverable(finer.seen(route.waypoints_m)), cells=cells
-    )
-
-
-def _simplified(
-    site: Site, feasible: Sequence[RouteMember], rule: Rule, is_over: Callable[[], bool]
-) -> list[NamedRoute]:
-    """What the rule chooses among the members, without the waypoints that it can do without; none when it needs them all."""
-    if rule.kind == "index":
-        return []
-    pareto = pareto_members(feasible)
-    chosen = pareto[select(pareto, rule).index]
-    simpler = simplified(judging_maps(site), chosen.route, asked=rule.required_coverage, is_over=is_over)
-    return [] if simpler is None else [(simpler, chosen.origin)]
 
 
 def _other_lines(

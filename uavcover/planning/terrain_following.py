@@ -1,4 +1,4 @@
-"""Drapes a line on the map over the terrain, and around obstacles too tall for the height band."""
+"""Drapes a line on the map over the terrain, around no-fly zones, and around obstacles too tall for the height band."""
 
 import math
 from functools import lru_cache
@@ -9,6 +9,8 @@ from shapely.ops import nearest_points, substring
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.route import follow_terrain
+from uavcover.scenario.airspace.flyable import flyable_area
+from uavcover.scenario.airspace.way_round import WayRound
 from uavcover.scenario.obstacles import Prism
 from uavcover.scenario.site import Site
 
@@ -103,6 +105,47 @@ def _along(ring: shapely.LineString, entry: FloatArray, exit_: FloatArray) -> Fl
     return direct if high - low <= 0.5 * ring.length else rest
 
 
+def inside_flyable_area(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Route a line on the map around no-fly zones that meet the height band, and around the bays of the fence.
+
+    Corners outside of where the route may be move to its edge. Where nothing is in the way, the line as it is.
+
+    Args:
+        site: the scenario on its ground.
+        polyline_m: (n, 2) east, north corners.
+        wanted_agl_m: (n,) wanted height above ground at the corners, linear between them.
+
+    Returns:
+        (m, 2) corners, and (m,) wanted heights.
+    """
+    ways = _ways(site)
+    if ways is None or len(polyline_m) == 0:
+        return polyline_m, wanted_agl_m
+    corners = [ways.inside(corner) for corner in polyline_m]
+    places, heights = [corners[0]], [float(wanted_agl_m[0])]
+    for k in range(1, len(corners)):
+        if np.array_equal(corners[k], corners[k - 1]) and not np.array_equal(polyline_m[k], polyline_m[k - 1]):
+            continue
+        way = ways.along(corners[k - 1], corners[k])
+        if way is None:
+            way = np.array([corners[k - 1], corners[k]])
+        legs = np.hypot(*np.diff(way, axis=0).T)
+        along = np.cumsum(legs) / max(float(legs.sum()), _SHORTEST_CROSSING_M)
+        places += list(way[1:])
+        heights += list(wanted_agl_m[k - 1] + along * (wanted_agl_m[k] - wanted_agl_m[k - 1]))
+    return np.array(places), np.array(heights)
+
+
+def _ways(site: Site) -> WayRound | None:
+    """Ways inside the flyable area; none where it is convex, so that every line between two places is inside."""
+    if "ways of the route" not in site.derived:
+        polygon = flyable_area(site).polygon
+        simple = polygon.is_empty or (not site.zones and polygon.convex_hull.area - polygon.area < _MARGIN_M)
+        site.derived["ways of the route"] = None if simple else WayRound(polygon)
+    ways: WayRound | None = site.derived["ways of the route"]
+    return ways
+
+
 SAMPLE_SPACING_M = 5.0
 HAIR_M = 1e-6
 """So much of the band is left free at both ends, so that rounding does not break it."""
@@ -111,7 +154,7 @@ HAIR_M = 1e-6
 def lay_over_terrain(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArray, *, tolerance_m: float) -> FloatArray:
     """Waypoints over the terrain along a line on the map, inside the scenario's band and climb limit where that is possible.
 
-    They lead over obstacles, and around those that the band does not reach over.
+    They lead over obstacles, around those that the band does not reach over, and around no-fly zones that meet the band.
 
     Args:
         site: the scenario on its ground.
@@ -123,6 +166,7 @@ def lay_over_terrain(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArra
         (m, 3) ENU waypoints, corners among them. Where the ground has no data their height is read from the neighbours:
         a finite number, so that the route can be compared with others; the leg checks say that data is missing there.
     """
+    polyline_m, wanted_agl_m = inside_flyable_area(site, polyline_m, wanted_agl_m)
     # A sample's distance farther away nothing is raised over an obstacle.
     polyline_m, wanted_agl_m = around_obstacles(site, polyline_m, wanted_agl_m, apart_m=SAMPLE_SPACING_M)
     limits = site.scenario.limits

@@ -35,6 +35,9 @@ LEGEND_TEXT = """
 | blue outline | the area |
 | orange outline | the fence |
 | violet blocks | obstacles |
+| magenta outlines | no-fly zones: floor, ceiling, corners |
+| red line over the heights | the highest height allowed above ground |
+| violet line over the heights | the lowest height allowed above ground |
 """
 
 

@@ -105,11 +105,11 @@ def log_series(recording: rr.RecordingStream, coverage: CoverageMap, track: Trac
     # The band applies from the first to the last planned waypoint; a track without a route shows it throughout.
     on_route = np.flatnonzero(track.current_waypoint >= 1)
     ends = [on_route[0], on_route[-1]] if on_route.size else [0, -1]
-    for entity, name, height_m in (
-        (layout.HEIGHT_MIN, "lowest allowed", limits.min_height_agl_m),
-        (layout.HEIGHT_MAX, "highest allowed", limits.max_height_agl_m),
+    for entity, name, height_m, rgb in (
+        (layout.HEIGHT_MIN, "lowest allowed", limits.min_height_agl_m, layout.FLOOR_RGB),
+        (layout.HEIGHT_MAX, "highest allowed", limits.max_height_agl_m, layout.CEILING_RGB),
     ):
-        _log_series(recording, entity, track.time_s[ends], np.full(2, height_m), name=name, rgb=layout.LIMIT_RGB)
+        _log_series(recording, entity, track.time_s[ends], np.full(2, height_m), name=name, rgb=rgb)
     if len(track) > 1:
         velocity_m_s = np.gradient(track.enu_m, track.time_s, axis=0)
         ground_m_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])
@@ -141,7 +141,7 @@ def log_states(recording: rr.RecordingStream, states: Sequence[VehicleState]) ->
     whole = span_s > 0.0
     shares = 100.0 * went[whole] / np.maximum(came + went, 1.0)[whole]
     for entity, name, values_of, rgb in (
-        (layout.LINK_LOST, "lost, percent", shares, layout.LIMIT_RGB),
+        (layout.LINK_LOST, "lost, percent", shares, layout.LOST_RGB),
         (layout.LINK_RATE, "messages a second", came[whole] / span_s[whole], layout.FOOTPRINT_RGB),
     ):
         _log_series(recording, entity, time_s[whole], values_of, name=name, rgb=rgb)

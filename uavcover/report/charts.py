@@ -2,18 +2,48 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
 
-WIDTH, HEIGHT = 760.0, 270.0
-LEFT, RIGHT, TOP, BOTTOM = 62.0, 14.0, 12.0, 44.0
 
-_MAX_POINTS = 1500
-"""Largest number of points of a line: more cannot be distinguished and enlarge the file."""
+@dataclass(frozen=True, slots=True)
+class ChartSize:
+    """The size of a picture in its own units, about pixels, and the margins around what is drawn.
+
+    Attributes:
+        name: style class; the style sheet shows the frame that fits the screen.
+        width: of the picture.
+        height: of the picture.
+        left: margin for the labels of the vertical axis.
+        right: margin.
+        top: margin.
+        bottom: margin for the labels of the horizontal axis.
+        x_ticks: about how many ticks the horizontal axis has.
+        y_ticks: likewise the vertical one.
+        points: largest number of points of a line: more cannot be distinguished and enlarge the file.
+    """
+
+    name: str
+    width: float
+    height: float
+    left: float
+    right: float
+    top: float
+    bottom: float
+    x_ticks: int
+    y_ticks: int
+    points: int
+
+
+WIDE = ChartSize("wide", 760.0, 270.0, 62.0, 14.0, 12.0, 44.0, x_ticks=8, y_ticks=6, points=1500)
+NARROW = ChartSize("narrow", 330.0, 250.0, 52.0, 10.0, 12.0, 42.0, x_ticks=4, y_ticks=5, points=600)
+"""On a phone, whose text has the size of the page's."""
+
+FRAMES = (WIDE, NARROW)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +84,17 @@ class Key:
 
 
 @dataclass(frozen=True, slots=True)
+class ChartView:
+    """A chart drawn into one frame: ticks on both axes, lines in the order of drawing, marks over them."""
+
+    frame: ChartSize
+    x_ticks: tuple[Tick, ...]
+    y_ticks: tuple[Tick, ...]
+    lines: tuple[Line, ...]
+    marks: tuple[Mark, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Chart:
     """A chart ready for drawing.
 
@@ -64,10 +105,7 @@ class Chart:
         y_label: beside it.
         x_range: values at the left and right end.
         y_range: values at the bottom and the top.
-        x_ticks: on the horizontal axis.
-        y_ticks: on the vertical axis.
-        lines: in the order of drawing.
-        marks: over the lines.
+        pictures: the same in each of FRAMES.
         keys: what the styles mean.
     """
 
@@ -77,15 +115,17 @@ class Chart:
     y_label: str
     x_range: tuple[float, float]
     y_range: tuple[float, float]
-    x_ticks: tuple[Tick, ...]
-    y_ticks: tuple[Tick, ...]
-    lines: tuple[Line, ...]
-    marks: tuple[Mark, ...]
+    pictures: tuple[ChartView, ...]
     keys: tuple[Key, ...]
+
+    @property
+    def wide(self) -> ChartView:
+        """The drawing for a screen."""
+        return self.pictures[FRAMES.index(WIDE)]
 
 
 class Plot:
-    """Builds a chart: converts values to positions in the picture.
+    """Builds a chart: collects values, and converts them to positions in each frame's picture.
 
     Args:
         x_range: values at the left and right end; the right one above the left one.
@@ -94,30 +134,33 @@ class Plot:
 
     def __init__(self, x_range: tuple[float, float], y_range: tuple[float, float]) -> None:
         self.x_range, self.y_range = _opened(*x_range), _opened(*y_range)
-        self._lines: list[Line] = []
-        self._marks: list[Mark] = []
+        self._lines: list[Callable[[_Scale], Line]] = []
+        self._marks: list[Callable[[_Scale], Mark]] = []
+        self._keys: list[Key] = []
 
     def line(self, style: str, x: FloatArray, y: FloatArray, *, name: str = "") -> None:
         """Add a line through (n,) points, broken where a value is unknown."""
-        self._lines.append(Line(style, self._path(*_thinned(x, y)), name))
+        self._add(style, name, lambda scale: scale.path(*_thinned(x, y, scale.frame.points)))
 
     def between(self, style: str, x: FloatArray, low: FloatArray, high: FloatArray, *, name: str = "") -> None:
         """Add the region between two lines over the same (n,) positions, where both are known."""
         known = np.isfinite(low) & np.isfinite(high)
-        if known.any():
+
+        def path(scale: "_Scale") -> str:
             # Each line is thinned by its own peaks, so the two keep different points.
-            below_x, below = _thinned(x[known], low[known])
-            above_x, above = _thinned(x[known], high[known])
-            path = self._path(np.append(above_x, below_x[::-1]), np.append(above, below[::-1])) + "Z"
-            self._lines.append(Line(style, path, name))
+            below_x, below = _thinned(x[known], low[known], scale.frame.points)
+            above_x, above = _thinned(x[known], high[known], scale.frame.points)
+            return scale.path(np.append(above_x, below_x[::-1]), np.append(above, below[::-1])) + "Z"
+
+        if known.any():
+            self._add(style, name, path)
 
     def mark(self, style: str, x: float, y: float, *, radius: float, title: str) -> None:
         """Add a point with a tooltip."""
-        self._marks.append(Mark(style, self._x(x), self._y(y), radius, title))
+        self._marks.append(lambda scale: Mark(style, scale.x(x), scale.y(y), radius, title))
 
     def finished(self, name: str, title: str, *, x_label: str, y_label: str, mark_keys: Sequence[Key] = ()) -> Chart:
         """The finished chart."""
-        keys = [Key(line.style, line.name, is_mark=False) for line in self._lines if line.name]
         return Chart(
             name=name,
             title=title,
@@ -125,28 +168,50 @@ class Plot:
             y_label=y_label,
             x_range=self.x_range,
             y_range=self.y_range,
-            x_ticks=tuple(Tick(self._x(v), text) for v, text in nice_ticks(*self.x_range, about=8)),
-            y_ticks=tuple(Tick(self._y(v), text) for v, text in nice_ticks(*self.y_range, about=6)),
-            lines=tuple(self._lines),
-            marks=tuple(self._marks),
-            keys=(*keys, *mark_keys),
+            pictures=tuple(self._drawn(frame) for frame in FRAMES),
+            keys=(*self._keys, *mark_keys),
         )
 
-    def _x(self, value: float) -> float:
-        low, high = self.x_range
-        return LEFT + (value - low) / (high - low) * (WIDTH - LEFT - RIGHT)
+    def _add(self, style: str, name: str, path: "Callable[[_Scale], str]") -> None:
+        self._lines.append(lambda scale: Line(style, path(scale), name))
+        if name:
+            self._keys.append(Key(style, name, is_mark=False))
 
-    def _y(self, value: float) -> float:
-        low, high = self.y_range
-        return HEIGHT - BOTTOM - (value - low) / (high - low) * (HEIGHT - TOP - BOTTOM)
+    def _drawn(self, frame: ChartSize) -> ChartView:
+        scale = _Scale(frame, self.x_range, self.y_range)
+        return ChartView(
+            frame=frame,
+            x_ticks=tuple(Tick(scale.x(v), text) for v, text in nice_ticks(*self.x_range, about=frame.x_ticks)),
+            y_ticks=tuple(Tick(scale.y(v), text) for v, text in nice_ticks(*self.y_range, about=frame.y_ticks)),
+            lines=tuple(line(scale) for line in self._lines),
+            marks=tuple(mark(scale) for mark in self._marks),
+        )
 
-    def _path(self, x: FloatArray, y: FloatArray) -> str:
+
+@dataclass(frozen=True, slots=True)
+class _Scale:
+    """Converts values to positions in a frame."""
+
+    frame: ChartSize
+    x_range: tuple[float, float]
+    y_range: tuple[float, float]
+
+    def x(self, value: float) -> float:
+        (low, high), frame = self.x_range, self.frame
+        return frame.left + (value - low) / (high - low) * (frame.width - frame.left - frame.right)
+
+    def y(self, value: float) -> float:
+        (low, high), frame = self.y_range, self.frame
+        share = (value - low) / (high - low)
+        return frame.height - frame.bottom - share * (frame.height - frame.top - frame.bottom)
+
+    def path(self, x: FloatArray, y: FloatArray) -> str:
         parts: list[str] = []
         pen_down = False
         for a, b in zip(x.tolist(), y.tolist(), strict=True):
             known = math.isfinite(a) and math.isfinite(b)
             if known:
-                parts.append(f"{'L' if pen_down else 'M'}{self._x(a):.1f} {self._y(b):.1f}")
+                parts.append(f"{'L' if pen_down else 'M'}{self.x(a):.1f} {self.y(b):.1f}")
             pen_down = known
         return "".join(parts)
 
@@ -172,11 +237,11 @@ def _opened(low: float, high: float) -> tuple[float, float]:
     return (low, high) if high > low else (low - 0.5, low + 0.5)
 
 
-def _thinned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """At most about _MAX_POINTS of the points: the ends, minimum and maximum of each stretch, so that no peak is lost."""
-    if x.size <= _MAX_POINTS:
+def _thinned(x: FloatArray, y: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
+    """At most about ``most`` of the points: the ends, minimum and maximum of each stretch, so that no peak is lost."""
+    if x.size <= most:
         return x, y
-    edges = np.linspace(0, x.size, _MAX_POINTS // 2 + 1).astype(int)
+    edges = np.linspace(0, x.size, most // 2 + 1).astype(int)
     kept = {0, x.size - 1}
     for a, b in itertools.pairwise(edges.tolist()):
         piece = y[a:b]

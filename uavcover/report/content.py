@@ -9,14 +9,17 @@ import numpy as np
 
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.verify import Verdict, track_positions_m
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.track import Track
+from uavcover.model.verdict import PictureStatistics
 from uavcover.run.documents import ParetoRow, PlannedDocument, read_pareto, read_plan_document
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import judge_tracks, planned_for, read_log
 from uavcover.run.judged_inputs import judged_logs, was_flown
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.pictures import PictureCounts, count_pictures, picture_statistics, planned_poses, takes_pictures
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +49,23 @@ class Flight:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PlannedView:
+    """What the plan promises to see.
+
+    Attributes:
+        seen: (cells,) whether it sees each cell.
+        poses: from where it observes.
+        pictures: how many of these, as single pictures, show each cell; none for a sensor that takes no single pictures.
+        statistics: of these pictures.
+    """
+
+    seen: BoolArray
+    poses: SensorPoses
+    pictures: PictureCounts | None
+    statistics: PictureStatistics | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ReportContent:
     """The content of a whole run.
 
@@ -54,6 +74,8 @@ class ReportContent:
         coverage: the cells of the area.
         plan: the content of ``plan.json``.
         planned: the selected route.
+        sorties_m: (k, 3) waypoints of each sortie that the plan is flown in; none when it is one flight.
+        planned_view: what they promise to see.
         members: the Pareto set, empty where there is no ``pareto.csv``.
         about: ``run.json``, empty where there is none.
         upload: ``upload.json``, empty where there is none.
@@ -67,6 +89,8 @@ class ReportContent:
     coverage: CoverageMap
     plan: dict[str, Any]
     planned: PlannedDocument
+    sorties_m: tuple[FloatArray, ...]
+    planned_view: PlannedView
     members: tuple[ParetoRow, ...]
     about: dict[str, Any]
     upload: dict[str, Any]
@@ -98,11 +122,16 @@ def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = (
         verdict = judge_tracks(site, tracks)
         flights = _flights(site, [_shown(path, run) for path in paths], tracks, verdict.shifts_s)
     pareto = run.file("pareto.csv")
+    coverage = judging_map(site) if verdict is None else verdict.coverage
+    planned = read_plan_document(plan, source=str(run.file("plan.json")))
+    sorties_m = tuple(_planned_of(folder).route.waypoints_m for folder in run.sorties())
     return ReportContent(
         site=site,
-        coverage=judging_map(site) if verdict is None else verdict.coverage,
+        coverage=coverage,
         plan=plan,
-        planned=read_plan_document(plan, source=str(run.file("plan.json"))),
+        planned=planned,
+        sorties_m=sorties_m,
+        planned_view=_planned_view(coverage, planned.route.waypoints_m, sorties_m),
         members=read_pareto(pareto) if pareto.is_file() else (),
         about=_optional_json(run, "run.json"),
         upload=_optional_json(run, "upload.json"),
@@ -110,6 +139,20 @@ def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = (
         verdict=verdict,
         warnings=tuple(warning for r in read for warning in r.warnings),
         notices=tuple(notices),
+    )
+
+
+def _planned_view(coverage: CoverageMap, route_m: FloatArray, sorties_m: Sequence[FloatArray]) -> PlannedView:
+    """The trigger of pictures by distance begins anew with every sortie."""
+    poses = planned_poses(coverage, sorties_m or [route_m])
+    pictures = count_pictures(coverage, poses) if takes_pictures(coverage.site.scenario) else None
+    statistics = None if pictures is None else picture_statistics(coverage, pictures)
+    return PlannedView(coverage.seen(route_m), poses, pictures, statistics)
+
+
+def _planned_of(folder: RunFolder) -> PlannedDocument:
+    return read_plan_document(
+        folder.read_json("plan.json", made_by="uavcover plan"), source=str(folder.file("plan.json"))
     )
 
 

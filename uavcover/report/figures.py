@@ -21,7 +21,10 @@ FIGURE_NAMES = ("side-view.png", "top-view.png")
 _DPI = 150
 _SIDE_NODES, _TOP_NODES = 120, 500
 _OBSTACLE = "#8e6fc1"
+_NO_FLY = "#e0245e"
 _PLANNED, _CHOSEN, _BASELINE = "#1f3f8f", "#d55e00", "#6b7075"
+_PLANNED_LINE, _PLANNED_WIDTH, _FLOWN_WIDTH = "#a9c4ff", 4.5, 1.1
+"""What was planned is broad and pale, under what was flown: both show where they agree."""
 _FLOWN = ("#d55e00", "#b0208f", "#00786c", "#6a3fc4", "#806000", "#0f7fc0", "#38801c", "#c93a6e")
 _MAX_NUMBERS = 60
 
@@ -113,6 +116,11 @@ def _top_view(content: ReportContent) -> Figure:
         for ring in (polygon.exterior, *polygon.interiors):
             axes.plot(*np.asarray(ring.coords).T[:2], color="white", linewidth=1.2)
     axes.plot(*np.asarray(content.site.fence.exterior.coords).T[:2], color="white", linewidth=1.0, linestyle="--")
+    for zone in content.site.zones:
+        for part in shapely.get_parts(zone.outline):
+            axes.fill(
+                *np.asarray(part.exterior.coords).T[:2], facecolor=_NO_FLY, edgecolor=_NO_FLY, alpha=0.35, linewidth=1.2
+            )
     for prism in content.site.prisms:
         axes.fill(
             *np.asarray(prism.footprint.polygon.exterior.coords).T[:2],
@@ -133,10 +141,10 @@ def _top_view(content: ReportContent) -> Figure:
 
 
 def _routes(content: ReportContent) -> list[tuple[str, str, float, FloatArray]]:
-    routes = [("planned", _PLANNED, 1.6, content.planned.route.waypoints_m)]
+    routes = [("planned", _PLANNED_LINE, _PLANNED_WIDTH, content.planned.route.waypoints_m)]
     alone = len(content.flights) == 1
     return routes + [
-        ("flown" if alone else f"flown: {flight.name}", _FLOWN[number % len(_FLOWN)], 1.0, flight.enu_m)
+        ("flown" if alone else f"flown: {flight.name}", _FLOWN[number % len(_FLOWN)], _FLOWN_WIDTH, flight.enu_m)
         for number, flight in enumerate(content.flights)
     ]
 

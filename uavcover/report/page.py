@@ -16,8 +16,10 @@ from markupsafe import Markup
 from uavcover.errors import OutputError
 from uavcover.judging.requirements import requirement_rows
 from uavcover.report import plots
+from uavcover.report.background import Background, read_background
+from uavcover.report.cell_layers import REASON_WORDS
 from uavcover.report.content import ReportContent, read_run
-from uavcover.report.map_data import REASON_WORDS, drawn_every, map_data
+from uavcover.report.map_data import bounds_m, drawn_every, map_data
 from uavcover.run.documents import bounds_in_words
 from uavcover.run.folder import RunFolder, write_text
 from uavcover.run.judged_inputs import (
@@ -31,6 +33,7 @@ from uavcover.run.judged_inputs import (
 )
 from uavcover.run.provenance import note_files
 from uavcover.run.user import Unattended, User
+from uavcover.sensing.pictures import OVERLAP_FRACTION, overlap_rule
 
 _HERE = Path(__file__).parent
 _PAGE = _HERE / "page"
@@ -44,8 +47,11 @@ BOUND_WORDS = {
 }
 
 
-def render_report(content: ReportContent) -> str:
-    """Render the page. Content from files is escaped; only our own scripts may run, by their hashes."""
+def render_report(content: ReportContent, background: Background | None = None) -> str:
+    """Render the page, with a map of the user's own behind its map where there is one.
+
+    Content from files is escaped; only our own scripts may run, by their hashes.
+    """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_PAGE),
         autoescape=True,
@@ -74,7 +80,8 @@ def render_report(content: ReportContent) -> str:
             ]
         ),
         leaflet_licence=_read(_LEAFLET / "LICENSE"),
-        data=map_data(content),
+        data=map_data(content) | {"background": None if background is None else background.image},
+        background=background,
         **_facts(content),
     )
 
@@ -82,6 +89,8 @@ def render_report(content: ReportContent) -> str:
 def _facts(content: ReportContent) -> dict[str, Any]:
     verdict, site = content.verdict, content.site
     report = None if verdict is None else verdict.report
+    baselines = _baselines(content.plan)
+    floor = plots.choice_floor(content)
     charts = [plots.elevation_profile(content), plots.height_along_route(content)]
     if verdict is not None:
         charts += [plots.height_over_time(content, verdict), plots.coverage_over_time(content, verdict)]
@@ -98,7 +107,18 @@ def _facts(content: ReportContent) -> dict[str, Any]:
         "pareto": plots.pareto_front(content),
         "members": content.members,
         "bounds": _bounds(content.plan),
-        "baselines": _baselines(content.plan),
+        "baselines": [b for b in baselines if b["coverage_of_coverable"] >= floor],
+        "lesser_baselines": [b for b in baselines if b["coverage_of_coverable"] < floor],
+        "picture_rows": [
+            (name, statistics)
+            for name, statistics in (
+                ("planned", content.planned_view.statistics),
+                ("flown", None if report is None else report.pictures),
+            )
+            if statistics is not None
+        ],
+        "overlap_rule": overlap_rule(site.scenario.sensor),
+        "overlap_fraction": OVERLAP_FRACTION,
         "upload": content.upload,
         "about": content.about,
         "commands": _commands(content.about, content.plan),
@@ -184,24 +204,34 @@ def _hash_source(script: str) -> str:
 REPORT, VERDICT = "report.html", "verification.json"
 
 
-def write_report(run: str | Path, path: str | Path | None = None, *, logs: Sequence[str | Path] = ()) -> Path:
+def write_report(
+    run: str | Path,
+    path: str | Path | None = None,
+    *,
+    logs: Sequence[str | Path] = (),
+    background: str | Path | None = None,
+) -> Path:
     """Write the report of a run folder, one HTML file that opens offline, as ``uavcover report`` does.
 
     Args:
         run: the run folder.
         path: the file. Default: ``report.html`` in the run folder.
         logs: what was flown. Default: the run's tracks.
+        background: a GeoTIFF or MBTiles file to lie behind the map.
 
     Returns:
         The file.
     """
     folder = RunFolder(run)
     to = folder.file(REPORT) if path is None else Path(path)
-    save_report(folder, to, Unattended(), logs=[Path(log) for log in logs])
+    behind = None if background is None else Path(background)
+    save_report(folder, to, Unattended(), logs=[Path(log) for log in logs], background=behind)
     return to
 
 
-def save_report(run: RunFolder, path: Path, user: User, *, logs: Sequence[Path] = ()) -> ReportContent:
+def save_report(
+    run: RunFolder, path: Path, user: User, *, logs: Sequence[Path] = (), background: Path | None = None
+) -> ReportContent:
     """Write the report of a run folder to a file; it follows from other files, so it may replace an older one.
 
     Raises:
@@ -211,10 +241,11 @@ def save_report(run: RunFolder, path: Path, user: User, *, logs: Sequence[Path] 
     of_run = path.resolve() == run.file(REPORT).resolve()
     if of_run and run.file(REPORT).exists():
         run.remove([REPORT])  # a report that is refused leaves no older one behind
-    notices = _standing(run, logs)
+    notices = standing(run, logs)
     with user.progress("reporting"):
         content = read_run(run, logs=logs, notices=notices)
-        text = render_report(content)
+        behind = None if background is None else read_background(background, content.site, bounds_m(content.site))
+        text = render_report(content, behind)
     for warning in (*content.notices, *content.warnings):
         user.warn(warning)
     write_text(path, text)
@@ -224,7 +255,7 @@ def save_report(run: RunFolder, path: Path, user: User, *, logs: Sequence[Path] 
     return content
 
 
-def _standing(run: RunFolder, logs: Sequence[Path]) -> list[str]:
+def standing(run: RunFolder, logs: Sequence[Path]) -> list[str]:
     """How the report stands to ``verification.json``: what has to be said of it.
 
     Raises:

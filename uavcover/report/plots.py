@@ -1,5 +1,7 @@
 """The charts of a report."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -102,7 +104,7 @@ def coverage_over_time(content: ReportContent, verdict: Verdict) -> Chart:
     planned = 100.0 * content.planned.coverage_fraction
     plot = Plot((0.0, end / 60.0), (0.0, 102.0))
     plot.between("seen", times / 60.0, np.zeros(times.size), seen)
-    plot.line("planned", np.array([0.0, end / 60.0]), _both(planned), name="planned, of the area")
+    plot.line("level", np.array([0.0, end / 60.0]), _both(planned), name="planned, of the area")
     plot.line("limit", np.array([0.0, end / 60.0]), _both(asked), name="required, of what can be seen")
     for number, flight in enumerate(flights):
         ends = flight.clock_s[[0, -1]]
@@ -113,18 +115,47 @@ def coverage_over_time(content: ReportContent, verdict: Verdict) -> Chart:
     return plot.finished("coverage", "Coverage over time", x_label="minutes of flight", y_label="%")
 
 
-def pareto_front(content: ReportContent) -> Chart | None:
-    """Coverage against mission time or length of the Pareto set and the baselines; none without a Pareto set."""
-    members = content.members
-    if not members:
-        return None
+def pareto_front(content: ReportContent) -> tuple[Chart, ...]:
+    """Coverage against mission time or length of the Pareto set and the baselines; none without a Pareto set.
+
+    The first chart shows the surroundings of the chosen route, where one chooses; the second everything, where that is more.
+    """
+    if not content.members:
+        return ()
+    near, whole = _trade_off(content, choice_floor(content)), _trade_off(content, -math.inf)
+    return (near,) if len(near.wide.marks) == len(whole.wide.marks) else (near, whole)
+
+
+def choice_floor(content: ReportContent) -> float:
+    """Least share 0..1 of what can be seen that matters where one chooses: the last points are what costs."""
+    chosen = content.planned.coverage_of_coverable
+    return chosen - max(4.0 * (1.0 - chosen), 0.05)
+
+
+def _trade_off(content: ReportContent, floor: float) -> Chart:
+    """The trade-off of what sees at least a share 0..1 of what can be seen."""
     baselines = [b for b in content.plan.get("baselines", []) if isinstance(b, dict)]
-    axis = trade_off_axis(members, baselines)
+    axis = trade_off_axis(content.members, baselines)
+    shown_baselines = [
+        (baseline, cost)
+        for baseline, cost in zip(baselines, axis.baselines, strict=True)
+        if baseline["coverage_of_coverable"] >= floor
+    ]
+    shown_members = [
+        (m, cost) for m, cost in zip(content.members, axis.members, strict=True) if m.coverage_of_coverable >= floor
+    ]
     share = np.array(
-        [float(b["coverage_of_coverable"]) for b in baselines] + [m.coverage_of_coverable for m in members]
+        [float(b["coverage_of_coverable"]) for b, _ in shown_baselines]
+        + [m.coverage_of_coverable for m, _ in shown_members]
     )
-    reference = None if axis.is_time else content.plan.get("bounds", {}).get("length_reference_m")
-    costs = np.array([*axis.members, *axis.baselines, *([] if reference is None else [reference / 1000.0])])
+    reference = (
+        None if axis.is_time or math.isfinite(floor) else content.plan.get("bounds", {}).get("length_reference_m")
+    )
+    costs = np.array([
+        *(cost for _, cost in (*shown_members, *shown_baselines)), *([] if reference is None else [reference / 1000.0])
+    ])  # fmt: skip
+    if not costs.size:
+        costs, share = np.array([0.0, 1.0]), np.array([max(floor, 0.0)])
     pad = 0.03 * float(np.ptp(costs))
     low = 100.0 * float(share.min())
     span = max(100.0 - low, 1.0)
@@ -135,13 +166,14 @@ def pareto_front(content: ReportContent) -> Chart | None:
     keys = [Key("member", "Pareto set", is_mark=True)]
     if reference is not None:
         plot.line("reference", _both(reference / 1000.0), np.array(plot.y_range), name="area / swath width (no bound)")
-    for baseline, cost in zip(baselines, axis.baselines, strict=True):
+    for baseline, cost in shown_baselines:
         plot.mark(
             "baseline", cost, 100.0 * baseline["coverage_of_coverable"], radius=3.5,
             title=_words(baseline["name"], baseline["coverage_of_coverable"], baseline["path_length_m"],
                          baseline.get("mission_time_s"), baseline["waypoint_count"]),
         )  # fmt: skip
-    for member, cost in zip(members, axis.members, strict=True):
+    # The chosen one lies over the others.
+    for member, cost in sorted(shown_members, key=lambda shown: shown[0].chosen):
         name = f"index:{member.index}, {member.made_by}"
         plot.mark(
             "chosen" if member.chosen else "member", cost, 100.0 * member.coverage_of_coverable,
@@ -150,9 +182,13 @@ def pareto_front(content: ReportContent) -> Chart | None:
                 name, member.coverage_of_coverable, member.path_length_m, member.mission_time_s, member.waypoint_count
             ),
         )  # fmt: skip
-    keys += [Key("chosen", "chosen", is_mark=True)] if any(m.chosen for m in members) else []
-    keys += [Key("baseline", "baselines", is_mark=True)] if baselines else []
-    return plot.finished("pareto", "The trade-off", x_label=axis.label, y_label="% of what can be seen", mark_keys=keys)
+    keys += [Key("chosen", "chosen", is_mark=True)] if any(m.chosen for m, _ in shown_members) else []
+    keys += [Key("baseline", "baselines", is_mark=True)] if shown_baselines else []
+    here = math.isfinite(floor)
+    return plot.finished(
+        "pareto" if here else "pareto-whole", "The trade-off" if here else "The whole trade-off",
+        x_label=axis.label, y_label="% of what can be seen", mark_keys=keys,
+    )  # fmt: skip
 
 
 def _words(name: str, share: float, length_m: float, mission_s: float | None, waypoints: int) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 import shapely
 
 from uavcover.kernels.arrays import FloatArray
+from uavcover.scenario.airspace.zones import ZoneBreach, ZoneCheck
 from uavcover.scenario.obstacles import leg_breaches, waypoint_breaches
 from uavcover.scenario.site import Site
 
@@ -33,6 +34,7 @@ ProblemKind = Literal[
     "climb",
     "fence",
     "obstacle",
+    "no-fly zone",
 ]
 
 
@@ -44,13 +46,13 @@ class LegProblem:
         leg: number of the waypoint at its end, counted from 0; leg k goes from waypoint k - 1 to k.
         kind: which limit.
         value: the leg's worst value; for the fence, metres outside it; for an obstacle, metres of clearance missing beside or
-            above it, whichever is less.
+            above it, whichever is less; for a no-fly zone, metres inside it or its margin.
         limit: the allowed value.
         unit: of both.
         east_m: where it is worst.
         north_m: where it is worst.
         waypoint_alone: whether only the waypoint was checked, not the leg to it.
-        name: of the obstacle.
+        name: of the obstacle or the no-fly zone.
     """
 
     leg: int
@@ -72,6 +74,8 @@ class LegProblem:
             return f"{what}: {self.value:.1f} m outside the fence {where}"
         if self.kind == "obstacle":
             return f"{what}: {self.value:.1f} m too near to obstacle {self.name!r} {where}"
+        if self.kind == "no-fly zone":
+            return f"{what}: {self.value:.1f} m inside no-fly zone {self.name!r}, margins included, {where}"
         amounts = f"{self.value:.1f} {self.unit} against {self.limit:.1f} {self.unit}"
         return f"{what}: {self.kind}, {amounts} {where}"
 
@@ -87,6 +91,7 @@ class Violations:
         climb_deg: degrees steeper than the limit, summed over the legs.
         fence_m: metres of the route outside the fence.
         obstacle_m: metres of missing clearance from obstacles, summed over the legs.
+        no_fly_m: metres inside no-fly zones and their margins, at the deepest place of every leg, summed over the legs.
         no_data_legs: legs without elevation data.
     """
 
@@ -96,12 +101,13 @@ class Violations:
     climb_deg: float
     fence_m: float
     obstacle_m: float
+    no_fly_m: float
     no_data_legs: int
 
     @property
     def total(self) -> float:
         """Sum of all excesses in metres and degrees, with 1000 for each leg without data; 0 for a feasible route."""
-        metres = self.below_m + self.above_m + self.sea_level_m + self.fence_m + self.obstacle_m
+        metres = self.below_m + self.above_m + self.sea_level_m + self.fence_m + self.obstacle_m + self.no_fly_m
         return metres + self.climb_deg + 1000.0 * self.no_data_legs
 
 
@@ -139,12 +145,18 @@ def measure_violations(site: Site, route_m: FloatArray, *, margin_m: float) -> V
         climb_deg=climb,
         fence_m=_length_outside_fence_m(site, route_m),
         obstacle_m=float(_breaches(site, route_m)[:, 1].sum()),
+        no_fly_m=sum((breach.depth_m for breach in _zone_breaches(site, route_m)), 0.0),
         no_data_legs=int((~known).sum()),
     )
 
 
 def find_problems(
-    site: Site, route_m: FloatArray, *, lowest_agl_m: float, highest_agl_m: float | None
+    site: Site,
+    route_m: FloatArray,
+    *,
+    lowest_agl_m: float,
+    highest_agl_m: float | None,
+    zones: ZoneCheck | None = None,
 ) -> list[LegProblem]:
     """Every leg of an (n, 3) ENU route that breaks a limit, in flying order, whatever the limits apply to.
 
@@ -155,6 +167,7 @@ def find_problems(
         route_m: waypoints in flying order.
         lowest_agl_m: lowest height above ground.
         highest_agl_m: largest height above ground, or none.
+        zones: the no-fly zones to keep out of; default: with their margins.
     """
     if len(route_m) == 1:
         return find_waypoint_problems(site, route_m, lowest_agl_m=lowest_agl_m, highest_agl_m=highest_agl_m)
@@ -164,6 +177,8 @@ def find_problems(
     alts = site.alts_amsl_m(route_m)
     angles = climb_angles_deg(route_m)
     breaches = leg_breaches(site.ground, route_m, site.scenario.obstacles)
+    check = site.planned_zones if zones is None else zones
+    entered = {breach.leg: breach for breach in reversed(check.leg_breaches(route_m))}
     for leg, row in enumerate(ranges, start=1):
         a, b = route_m[leg - 1], route_m[leg]
         problems += _obstacle_problems(site, leg, (a, b), breaches[leg - 1])
@@ -176,6 +191,8 @@ def find_problems(
         outside, at = _furthest_outside_fence(site, a, b)
         if outside > 0.0:
             problems.append(LegProblem(leg, "fence", outside, 0.0, "m", float(at[0]), float(at[1])))
+        if leg - 1 in entered:
+            problems.append(_zone_problem(site, leg, (a, b), entered[leg - 1]))
     return problems
 
 
@@ -194,12 +211,15 @@ def find_waypoint_problems(
     rows = _waypoint_figures(site, route_m)
     alts = site.alts_amsl_m(route_m)
     breaches = waypoint_breaches(site.ground, route_m, site.scenario.obstacles)
+    entered = {breach.leg: breach for breach in reversed(site.planned_zones.place_breaches(route_m))}
     for k, (point, row) in enumerate(zip(route_m, rows, strict=True)):
         problems += _obstacle_problems(site, k, (point, point), breaches[k])
         problems += _height_problems(site, k, (point, point), row, alts[[k, k]], lowest_agl_m, highest_agl_m)
         outside, _ = _furthest_outside_fence(site, point, point)
         if outside > 0.0:
             problems.append(LegProblem(k, "fence", outside, 0.0, "m", float(point[0]), float(point[1])))
+        if k in entered:
+            problems.append(_zone_problem(site, k, (point, point), entered[k]))
     return [dataclasses.replace(problem, waypoint_alone=True) for problem in problems]
 
 
@@ -248,6 +268,20 @@ def _obstacle_problems(
         place = ends_m[0] + t * (ends_m[1] - ends_m[0])
         name = site.prisms[int(number)].footprint.name
         yield LegProblem(leg, "obstacle", float(lacking), 0.0, "m", float(place[0]), float(place[1]), name=name)
+
+
+def _zone_problem(site: Site, leg: int, ends_m: tuple[FloatArray, FloatArray], breach: ZoneBreach) -> LegProblem:
+    """The problem of a leg between two (3,) ends that is in a no-fly zone."""
+    place = ends_m[0] + breach.at * (ends_m[1] - ends_m[0])
+    name = site.zones[breach.zone].name
+    return LegProblem(leg, "no-fly zone", breach.depth_m, 0.0, "m", float(place[0]), float(place[1]), name=name)
+
+
+def _zone_breaches(site: Site, route_m: FloatArray) -> list[ZoneBreach]:
+    """Entries of the legs into zones and their margins, or of the waypoints alone, as the limits apply."""
+    if site.scenario.limits.applies_to == "legs":
+        return site.planned_zones.leg_breaches(route_m)
+    return site.planned_zones.place_breaches(route_m)
 
 
 def _breaches(site: Site, route_m: FloatArray) -> FloatArray:

@@ -15,13 +15,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import shapely
 
 from mission_io.autopilots import autopilot as autopilots
 from mission_io.autopilots.autopilot import MissionList, items_of, mission_type_of
 from mission_io.autopilots.checks import check_for_autopilot
 from mission_io.model.actions import PointGimbal, PointMount, StartPictures, TakePicture, item_of
-from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
+from mission_io.model.areas import Fence, FramedPoint, RallyPoints
 from mission_io.model.items import (
     Frame,
     GeoPoint,
@@ -40,9 +39,11 @@ from uavcover.kernels.flight_time import flight_time, landing_time, leg_time, ta
 from uavcover.model.route import Route
 from uavcover.model.sensor import Camera, FrameCamera, Sensor
 from uavcover.model.vehicle import AutopilotName, Vehicle
+from uavcover.routes.fence import fence_of
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.transit import (
     ReturnAdvice,
+    check_column,
     check_straight_return,
     check_transit,
     check_way_home,
@@ -52,6 +53,7 @@ from uavcover.routes.transit import (
     transit,
 )
 from uavcover.routes.way_cost import pace_of
+from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m
@@ -124,7 +126,7 @@ class CompiledMission:
 
     Attributes:
         mission: home and items.
-        fence: one inclusion polygon.
+        fence: one inclusion polygon, then its holes and no-fly zones as exclusions.
         rally: home at a safe height; empty when no safe height is known.
         first_waypoint_item: index in ``mission.items`` of the first planned waypoint.
         waypoint_count: how many planned waypoints there are from it on.
@@ -134,6 +136,8 @@ class CompiledMission:
         return_advice: whether the autopilot's own return is safe.
         max_height_above_home_m: highest point of the whole path above home: what the autopilot's maximum altitude must allow.
         flight_time_s: of the whole path, take-off and landing included.
+        zones_in_fence: the no-fly zones that are exclusions of the fence.
+        zones_left_out: those that are not, because the path passes over or under them and a fence has no floors.
     """
 
     mission: Mission
@@ -146,6 +150,8 @@ class CompiledMission:
     return_advice: ReturnAdvice
     max_height_above_home_m: float
     flight_time_s: float
+    zones_in_fence: tuple[Zone, ...] = ()
+    zones_left_out: tuple[Zone, ...] = ()
 
 
 def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName) -> CompiledMission:
@@ -164,6 +170,7 @@ def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName) -> Co
         change_speed(site.scenario.vehicle.cruise_speed_m_s),
         *(_item(waypoint, frame, point, home) for point in there[1:-1]),
     ]
+    check_column(site, home, there[0])
     climb_s = takeoff_time(pace_of(site, autopilot), float(there[0, 2] - home[2]))
     return _compiled(site, route, opening, there, begin_s=climb_s, flown_s=0.0, autopilot=autopilot)
 
@@ -234,6 +241,7 @@ def _compiled(
     back = transit(site, home[:2], planned[-1], ground_end_height_m=vehicle.takeoff_height_m)[::-1]
     check_way_there(site, there_m)
     check_way_home(site, back)
+    check_column(site, home, back[-1])
 
     sensor = site.scenario.sensor
     first, *_ = sensing = [headed(_item(waypoint, frame, point, home), sensor, autopilot) for point in planned]
@@ -263,18 +271,20 @@ def _compiled(
             "ask for less coverage (--select), or plan a smaller area"
         )
     advice = check_straight_return(site, path, first_waypoint=len(there_m) - 1, waypoint_count=len(planned))
-    fence, rally = _fence(site, frame), _rally(frame, home, advice)
-    for content in (mission, fence, rally):
+    fence, rally = fence_of(site, frame, path), _rally(frame, home, advice)
+    for content in (mission, fence.fence, rally):
         _check_autopilot(content, AUTOPILOTS[autopilot], item_limit=vehicle.max_mission_items)
     return CompiledMission(
         mission=mission,
-        fence=fence,
+        fence=fence.fence,
         rally=rally,
         first_waypoint_item=len(opening),
         waypoint_count=len(planned),
         items_per_waypoint=items_per_waypoint(sensor),
         path_m=path,
         return_advice=advice,
+        zones_in_fence=fence.zones,
+        zones_left_out=fence.left_out,
         max_height_above_home_m=float(site.alts_amsl_m(path).max() - site.alts_amsl_m(home)[0]),
         flight_time_s=time_s,
     )
@@ -291,7 +301,16 @@ def compile_return(site: Site, *, lat_deg: float, lon_deg: float, alt_amsl_m: fl
     back = transit(site, home[:2], here, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)[::-1]
     # The vehicle may be below the clearance now: then it climbs vertically first.
     # It may also be above the ceiling; keeping it there for that reason would be worse.
-    check_transit(site, "the way home", back, far_end=0, far_end_lowest_agl_m=-math.inf, highest_agl_m=None)
+    # It may be in the margin of a no-fly zone; the zones themselves are kept out of.
+    check_transit(
+        site,
+        "the way home",
+        back,
+        far_end=0,
+        far_end_lowest_agl_m=-math.inf,
+        highest_agl_m=None,
+        zones=site.flown_zones,
+    )
     items = [_item(waypoint, frame, point, home) for point in back[1:]]
     return Mission(_geo_point(frame, home), (*items, _item(land, frame, home, home)))
 
@@ -301,8 +320,9 @@ def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, i
     items = items_of(content, autopilot)
     problems = check_for_autopilot(items, autopilot, mission_type_of(content))
     if problems:
-        # A problem without an item concerns the whole list: too many items.
-        refused = MissionTooLongError if problems[0].item is None else InfeasibleError
+        # A problem without an item concerns the whole list: too many items, of which a mission can be split.
+        is_mission = mission_type_of(content) is MissionType.MISSION
+        refused = MissionTooLongError if problems[0].item is None and is_mission else InfeasibleError
         raise refused(f"{autopilot.name} would not take this {mission_type_of(content).name.lower()}: {problems[0]}")
     if item_limit is not None and mission_type_of(content) is MissionType.MISSION and len(items) > item_limit:
         raise MissionTooLongError(f"the mission has {len(items)} items, vehicle.max_mission_items is {item_limit}")
@@ -327,12 +347,6 @@ def _item(make: Callable[..., MissionItem], frame: LocalFrame, point_m: FloatArr
 def _geo_point(frame: LocalFrame, point_m: FloatArray) -> GeoPoint:
     lat, lon, alt = frame.geodetic_from_enu(point_m)
     return GeoPoint(float(lat[0]), float(lon[0]), float(alt[0]))
-
-
-def _fence(site: Site, frame: LocalFrame) -> Fence:
-    corners = np.asarray(shapely.orient_polygons(site.fence).exterior.coords)[:-1]
-    lat, lon, _ = frame.geodetic_from_enu(np.column_stack([corners, np.zeros(len(corners))]))
-    return Fence((FencePolygon(tuple(LatLon(float(a), float(o)) for a, o in zip(lat, lon, strict=True))),))
 
 
 def _rally(frame: LocalFrame, home_m: FloatArray, advice: ReturnAdvice) -> RallyPoints:

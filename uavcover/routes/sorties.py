@@ -54,7 +54,9 @@ class Sortie:
     compiled: CompiledMission
 
 
-def compile_sorties(site: Site, route: Route, *, autopilot: AutopilotName) -> tuple[Sortie, ...]:
+def compile_sorties(
+    site: Site, route: Route, *, autopilot: AutopilotName, most_points: int | None = None
+) -> tuple[Sortie, ...]:
     """Compile a route as one flight or, where endurance or item count require it, as several with transits of their own.
 
     The order of the waypoints is kept. Dynamic programming over all possible splits minimises the total flight time.
@@ -63,18 +65,20 @@ def compile_sorties(site: Site, route: Route, *, autopilot: AutopilotName) -> tu
         site: the scenario on its ground.
         route: the planned route.
         autopilot: the autopilot whose limits apply.
+        most_points: how many points of its path a flight may have, transits included; none: any number.
 
     Raises:
         InputError: the scenario has no place on Earth or no home.
         InfeasibleError: a leg breaks a limit, or a part of the route cannot be reached inside the endurance (says which).
     """
     try:
-        return (Sortie(0, len(route) - 1, route, compile_mission(site, route, autopilot=autopilot)),)
+        whole = _compile(site, route, autopilot=autopilot, most_points=most_points)
+        return (Sortie(0, len(route) - 1, route, whole),)
     except MissionTooLongError as error:
         if len(route) < 2:
             raise
         refusal: InfeasibleError = error
-    costs = _along_transits(site, route, autopilot)
+    costs = _along_transits(site, route, autopilot, most_points)
     compiled: dict[tuple[int, int], CompiledMission] = {}
     all_checked = False
     for attempt in range(_ROUNDS):
@@ -86,7 +90,7 @@ def compile_sorties(site: Site, route: Route, *, autopilot: AutopilotName) -> tu
                 continue
             part = Route(route.waypoints_m[first : last + 1])
             try:
-                compiled[first, last] = compile_mission(site, part, autopilot=autopilot)
+                compiled[first, last] = _compile(site, part, autopilot=autopilot, most_points=most_points)
             except MissionTooLongError as error:
                 # The compiler includes costs that the estimate does not.
                 refusal, costs = error, _without(costs, first, last)
@@ -106,6 +110,15 @@ def compile_sorties(site: Site, route: Route, *, autopilot: AutopilotName) -> tu
                 for first, last in cuts
             )
     raise InfeasibleError(f"the route could not be split into flights: {refusal}") from refusal
+
+
+def _compile(site: Site, route: Route, *, autopilot: AutopilotName, most_points: int | None) -> CompiledMission:
+    compiled = compile_mission(site, route, autopilot=autopilot)
+    if most_points is not None and len(compiled.path_m) > most_points:
+        raise MissionTooLongError(
+            f"the flight has {len(compiled.path_m)} points with the ways there and home, of which {most_points} are allowed"
+        )
+    return compiled
 
 
 def _item_limit(site: Site, autopilot: AutopilotName) -> float:
@@ -149,7 +162,7 @@ def _flight_costs(
     )
 
 
-def _along_transits(site: Site, route: Route, autopilot: AutopilotName) -> FlightCosts:
+def _along_transits(site: Site, route: Route, autopilot: AutopilotName, most_points: int | None) -> FlightCosts:
     """Costs of flights whose transits follow the terrain exactly as the compiler makes them."""
     home, vehicle = site.home_m, site.scenario.vehicle
     if home is None:
@@ -169,9 +182,13 @@ def _along_transits(site: Site, route: Route, autopilot: AutopilotName) -> Fligh
         alone[k] = takeoff_time(pace, column_m) + flight_time(pace, round_m) + landing_time(pace, column_m)
         items[k] = len(way) - 1
     # Home, take-off, speed and transit before the route; transit and landing after it.
-    return _flight_costs(
+    costs = _flight_costs(
         site, points, pace, ends=(there, back, alone), items=(items + 2, items + 1), limits=_limits(site, autopilot)
     )
+    if most_points is None:
+        return costs
+    # Points are fewer than items: where items are the tighter limit, the compiler says so, and another split is tried.
+    return costs._replace(there_items=items, back_items=items, each_items=1, item_limit=float(most_points))
 
 
 def mission_time_s(site: Site, route: Route) -> float:
@@ -290,6 +307,11 @@ def _why_not(site: Site, costs: FlightCosts, refusal: InfeasibleError) -> str:
             f"{what}: flown alone it takes {least[worst]:.0f} s with the ways there and home, "
             f"{longest_flight_in_words(site.scenario.vehicle)}; move [home] nearer, or plan a smaller area"
         )
+    items = costs.there_items[firsts] + costs.each_items * (step + 1) + costs.back_items[firsts + step]
+    most = int(np.argmax(items))
+    if items[most] > costs.item_limit:
+        what = f"the leg to waypoint {most + 1}" if step else f"waypoint {most}"
+        return f"{what}: a flight there and home has {items[most]} points or items, of which {costs.item_limit:g} are allowed"
     return f"the route cannot be split into flights: {refusal}"
 
 

@@ -5,13 +5,17 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
 from uavcover.errors import InfeasibleError, InputError
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.coverage import sample_path
 from uavcover.kernels.obstacle_breach import tops_near_m
 from uavcover.kernels.route import follow_terrain
 from uavcover.routes.leg_checks import LegProblem, find_problems
+from uavcover.scenario.airspace.flyable import transit_area, transit_area_between_walls
+from uavcover.scenario.airspace.way_round import WayRound
+from uavcover.scenario.airspace.zones import ZoneCheck
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site
 
@@ -38,12 +42,16 @@ class ReturnAdvice:
         worst_clearance_m: lowest point of all straight lines above ground; NaN where ground is unknown.
         safe_return_height_m: height above home from which every straight line keeps the transit clearance; infinite where
             ground is unknown.
+        no_fly: names of the no-fly zones that straight lines enter.
+        no_fly_waypoints: numbers of the waypoints from which they do, as ``unsafe_waypoints``.
     """
 
     return_height_m: float
     unsafe_waypoints: tuple[int, ...]
     worst_clearance_m: float
     safe_return_height_m: float
+    no_fly: tuple[str, ...] = ()
+    no_fly_waypoints: tuple[int, ...] = ()
 
 
 def frame_and_home(site: Site) -> tuple[LocalFrame, FloatArray]:
@@ -68,7 +76,7 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
     """Plan a transit over the terrain between the column above home and a point.
 
     It keeps the transit clearance plus the height margin, which allows for tracking errors in flight, and passes over
-    obstacles.
+    obstacles. It is straight on the map where no no-fly zone and no bay of the fence is in the way, and else leads around them.
 
     Args:
         site: the scenario on its ground.
@@ -79,17 +87,59 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
     Returns:
         (k, 3) ENU from the column's top to the point.
     """
-    limits = site.scenario.limits
-    wanted_m = limits.transit_clearance_m + limits.height_margin_m
     if math.hypot(*(end_m[:2] - home_en_m)) < _COLUMN_M:
+        limits = site.scenario.limits
+        wanted_m = limits.transit_clearance_m + limits.height_margin_m
         home_ground = float(site.ground.heights_m(home_en_m)[0])
         top = home_ground + max(ground_end_height_m, wanted_m + _TRANSIT_SLACK_M)
         return np.vstack([[*home_en_m, max(end_m[2], top)], end_m])
+    straight = _along(site, np.vstack([home_en_m, end_m[:2]]), end_m, ground_end_height_m)
+    if (not site.zones and _is_convex(site)) or _is_clear(site, straight, site.planned_zones):
+        return straight
+    found = [straight]
+    for ways in _ways_round(site):
+        # A vehicle in flight may have come into the margin of a zone, or outside the fence: from there straight back.
+        inside = ways.inside(end_m[:2])
+        corners = ways.between(home_en_m, inside)
+        if corners is None:
+            continue
+        if not np.array_equal(inside, end_m[:2]):
+            corners = np.vstack([corners, end_m[:2]])
+        found.append(_along(site, corners, end_m, ground_end_height_m))
+        if _is_clear(site, found[-1], site.planned_zones):
+            return found[-1]
+    # The check of the transit tells what is in its way.
+    return next((points for points in found if _is_clear(site, points, site.flown_zones)), straight)
+
+
+def _is_clear(site: Site, points_m: FloatArray, zones: ZoneCheck) -> bool:
+    """Whether a (k, 3) transit keeps out of the no-fly zones and inside the fence."""
+    line = shapely.LineString(points_m[:, :2])
+    inside = line.length == 0.0 or shapely.length(line.difference(site.fence)) <= _COLUMN_M
+    return bool(inside and not zones.leg_breaches(points_m))
+
+
+def _is_convex(site: Site) -> bool:
+    return bool(site.fence.convex_hull.area - site.fence.area <= _COLUMN_M)
+
+
+def _ways_round(site: Site) -> list[WayRound]:
+    """Ways around everything that any height of a transit meets; then around what every height meets."""
+    if "ways of transits" not in site.derived:
+        site.derived["ways of transits"] = [WayRound(transit_area(site)), WayRound(transit_area_between_walls(site))]
+    ways: list[WayRound] = site.derived["ways of transits"]
+    return ways
+
+
+def _along(site: Site, corners_m: FloatArray, end_m: FloatArray, ground_end_height_m: float) -> FloatArray:
+    """(m, 3) ENU of a transit along (k, 2) corners from the column to a point."""
+    limits = site.scenario.limits
+    wanted_m = limits.transit_clearance_m + limits.height_margin_m
     height_m = float(site.ground.heights_agl_m(end_m)[0])
-    points, highest_m = _over_terrain(site, home_en_m, end_m[:2], (ground_end_height_m, height_m))
+    points, highest_m = _over_terrain(site, corners_m, (ground_end_height_m, height_m))
     if highest_m > _planned_highest_agl_m(site) and height_m > wanted_m:
         # Over a gorge the height of the route's end is too much: go low, and climb to the end where it is.
-        low_points, low_m = _over_terrain(site, home_en_m, end_m[:2], (ground_end_height_m, 0.0))
+        low_points, low_m = _over_terrain(site, corners_m, (ground_end_height_m, 0.0))
         if low_m < highest_m:
             points = low_points
     if abs(points[-1, 2] - end_m[2]) <= _COLUMN_M:
@@ -99,18 +149,17 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
     return np.vstack([points, end_m])
 
 
-def _over_terrain(
-    site: Site, home_en_m: FloatArray, end_en_m: FloatArray, heights_agl_m: tuple[float, float]
-) -> tuple[FloatArray, float]:
-    """(k, 3) ENU of a transit of these heights at its ends, higher where it has to be; and its greatest height."""
+def _over_terrain(site: Site, corners_m: FloatArray, heights_agl_m: tuple[float, float]) -> tuple[FloatArray, float]:
+    """(m, 3) ENU along (k, 2) corners of these heights at the ends, higher where it has to be; and its greatest height."""
     limits, obstacles = site.scenario.limits, site.scenario.obstacles
     wanted_m = limits.transit_clearance_m + limits.height_margin_m
     aim_m = wanted_m + _TRANSIT_SLACK_M
+    flown_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners_m, axis=0).T))])
     for attempt in range(_TRANSIT_TRIES):
         points = follow_terrain(
             site.ground.surface,
-            np.vstack([home_en_m, end_en_m]),
-            np.array([heights_agl_m[0], max(heights_agl_m[1], aim_m)]),
+            np.ascontiguousarray(corners_m),
+            np.interp(flown_m, flown_m[[0, -1]], [heights_agl_m[0], max(heights_agl_m[1], aim_m)]),
             aim_m,
             _NO_CEILING_M,
             math.tan(math.radians(limits.max_climb_angle_deg)) * (1.0 - 1e-9),
@@ -160,26 +209,42 @@ def check_transit(
     far_end: int,
     far_end_lowest_agl_m: float,
     highest_agl_m: float | None,
+    zones: ZoneCheck | None = None,
 ) -> None:
     """Refuse a transit that breaks a limit anywhere.
 
     The leg at its far end, point number ``far_end``, may be vertical; then it has its own lowest height and is exempt from the
-    climb limit. The lower sea-level limit does not apply to transits: home may lie below it.
+    climb limit. The lower sea-level limit does not apply to transits: home may lie below it. ``zones`` are the no-fly zones to
+    keep out of, by default with their margins.
     """
     leg = max(far_end, 1)
     ignored = {"below sea-level limit"}
     lowest_agl_m = site.scenario.limits.transit_clearance_m
     if math.hypot(*(points_m[leg, :2] - points_m[leg - 1, :2])) < _COLUMN_M:
         column = points_m[leg - 1 : leg + 1]
-        problems = find_problems(site, column, lowest_agl_m=far_end_lowest_agl_m, highest_agl_m=None)
+        problems = find_problems(site, column, lowest_agl_m=far_end_lowest_agl_m, highest_agl_m=None, zones=zones)
         refuse(what, [dataclasses.replace(p, leg=leg) for p in problems if p.kind not in {*ignored, "climb"}])
         points_m = np.delete(points_m, far_end, axis=0)
     limits = site.scenario.limits
-    problems = find_problems(site, points_m, lowest_agl_m=lowest_agl_m, highest_agl_m=highest_agl_m)
+    problems = find_problems(site, points_m, lowest_agl_m=lowest_agl_m, highest_agl_m=highest_agl_m, zones=zones)
     problems = [problem for problem in problems if problem.kind not in ignored]
     if any(problem.kind == "too high" for problem in problems) and limits.max_transit_height_agl_m is None:
         what += " (limits.max_transit_height_agl_m allows more)"
     refuse(what, problems)
+
+
+def check_column(site: Site, home_m: FloatArray, top_m: FloatArray) -> None:
+    """Refuse a take-off or landing column between (3,) home and its top that enters a no-fly zone.
+
+    Raises:
+        InfeasibleError: it does; the message names the zone.
+    """
+    for breach in site.planned_zones.leg_breaches(np.vstack([home_m, top_m])):
+        zone = site.zones[breach.zone]
+        raise InfeasibleError(
+            f"the column above home: it climbs {top_m[2] - home_m[2]:.0f} m into no-fly zone {zone.name!r} "
+            f"({zone.heights_in_words()}), margins included; move [home], or lower vehicle.takeoff_height_m"
+        )
 
 
 def _end_lowest_agl_m(site: Site) -> float:
@@ -212,8 +277,9 @@ def check_straight_return(site: Site, path_m: FloatArray, *, first_waypoint: int
     height = site.scenario.vehicle.return_height_m
     clearance = site.scenario.limits.transit_clearance_m
     spacing = min(_SAMPLE_SPACING_M, site.ground.surface.step_m)
-    lowest = np.full(len(path_m), np.inf)
+    lowest, through = np.full(len(path_m), np.inf), np.zeros(len(path_m), dtype=bool)
     highest_ground = -math.inf
+    entered: set[str] = set()
     for row in range(len(path_m)):
         starts = sample_path(np.ascontiguousarray(path_m[max(row - 1, 0) : row + 1]), spacing)
         ups = np.maximum(starts[:, 2], home[2] + height)
@@ -221,19 +287,39 @@ def check_straight_return(site: Site, path_m: FloatArray, *, first_waypoint: int
             _lowest_on_the_way_home_m(site, starts, ups, home), _clear_of_tops_m(site, starts, ups, home) + clearance
         )
         lowest[row] = np.min(clear, initial=np.inf)
+        names = _zones_on_the_way_home(site, starts, ups, home)
+        entered |= names
+        through[row] = bool(names)
         # On a level line, the lowest height above ground is over the highest ground.
         highest_ground = float(np.maximum(highest_ground, np.max(ups - clear, initial=-np.inf)))
-    unsafe = np.flatnonzero(~(lowest >= clearance)) - first_waypoint
+
+    def waypoints(rows: BoolArray) -> tuple[int, ...]:
+        numbers = np.unique(np.clip(np.flatnonzero(rows) - first_waypoint, 0, waypoint_count - 1))
+        return tuple(int(k) for k in numbers)
+
     known = math.isfinite(highest_ground)
     safe_up_m = highest_ground + clearance
     # At a different height, the ground along plumb lines lies slightly aside.
     safe_up_m += site.ground.lean_error_m(abs(safe_up_m - float(home[2]) - height)) if known else 0.0
     return ReturnAdvice(
         return_height_m=height,
-        unsafe_waypoints=tuple(int(k) for k in np.unique(np.clip(unsafe, 0, waypoint_count - 1))),
+        unsafe_waypoints=waypoints(~(lowest >= clearance)),
         worst_clearance_m=float(lowest.min()),
         safe_return_height_m=max(0.0, safe_up_m - float(home[2])) if known else math.inf,
+        no_fly=tuple(sorted(entered)),
+        no_fly_waypoints=waypoints(through),
     )
+
+
+def _zones_on_the_way_home(site: Site, starts_m: FloatArray, ups_m: FloatArray, home_m: FloatArray) -> set[str]:
+    """Names of the zones that level lines from above (n, 3) positions to the landing column enter."""
+    if not site.zones:
+        return set()
+    line = np.empty((2 * len(starts_m), 3))
+    line[0::2] = np.column_stack([starts_m[:, :2], ups_m])
+    line[1::2] = np.column_stack([np.tile(home_m[:2], (len(starts_m), 1)), ups_m])
+    returns = np.arange(len(line) - 1) % 2 == 0
+    return {site.zones[breach.zone].name for breach in site.flown_zones.leg_breaches(line, returns)}
 
 
 def _lowest_on_the_way_home_m(site: Site, starts_m: FloatArray, ups_m: FloatArray, home_m: FloatArray) -> FloatArray:

@@ -268,6 +268,7 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
     if report.planned_coverage_fraction is not None:
         user.say(f"coverage planned  {percent(report.planned_coverage_fraction)} of the area")
     _say_cells(user, report)
+    _say_pictures(user, report)
     user.say(
         f"height on route   {metres(report.min_height_agl_m)} to {metres(report.max_height_agl_m)} above ground; "
         f"in transit {metres(report.min_transit_clearance_m)} to {metres(report.max_transit_height_agl_m)}"
@@ -283,8 +284,9 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
             if site.frame is not None
             else f"{violation.east_m:.0f} m east, {violation.north_m:.0f} m north"
         )
+        name = f" {violation.name!r}" if violation.name else ""
         user.say(
-            f"violation         {violation.kind} from {violation.start_s:.1f} s to {violation.end_s:.1f} s: "
+            f"violation         {violation.kind}{name} from {violation.start_s:.1f} s to {violation.end_s:.1f} s: "
             f"{violation.worst:.1f} against {violation.limit:.1f} {violation.unit} at {place}, {violation.worst_s:.1f} s"
         )
     if len(report.violations) > _SHOWN_VIOLATIONS:
@@ -315,6 +317,21 @@ def _say_unobserved(user: User, report: VerificationReport) -> None:
         user.say(f"                  from {stretch.start_s:.1f} s to {stretch.end_s:.1f} s: {stretch.detail}")
     if len(flown) > _SHOWN_STRETCHES:
         user.say(f"                  and {len(flown) - _SHOWN_STRETCHES} more stretches")
+
+
+def _say_pictures(user: User, report: VerificationReport) -> None:
+    pictures = report.pictures
+    if pictures is None:
+        return
+    user.say(
+        f"pictures          {pictures.taken}; a point is in {pictures.fewest} or more, {pictures.median:g} (median)"
+    )
+    if pictures.asked is not None and pictures.overlap_fraction is not None:
+        holds = "holds" if pictures.overlap_holds else "DOES NOT HOLD"
+        user.say(
+            f"overlap asked for {holds}: {percent(pictures.overlap_fraction)} of the area as drawn is in at least "
+            f"{pictures.asked} pictures"
+        )
 
 
 def _say_cells(user: User, report: VerificationReport) -> None:

@@ -5,32 +5,45 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import shapely
 
 from uavcover.errors import InfeasibleError, InputError, TerrainError
 from uavcover.intake import quantities
 from uavcover.intake.cameras import CameraBody, camera_named
+from uavcover.intake.patterns import View, views_of
 from uavcover.intake.scenario_text import SurveyScenario, name_of, return_height_m, scenario_text
 from uavcover.intake.survey import SurveyDesign, SurveyWish, design_survey
-from uavcover.intake.terrain_look import DATUMS, TerrainLook, known_margin_m, look_at_terrain, place_for_home
+from uavcover.intake.terrain_look import TerrainLook, known_margin_m, look_at_terrain, place_for_home
 from uavcover.intake.vehicles import vehicle_named
-from uavcover.model.scenario import HeightUnit
+from uavcover.model.no_fly import NoFly
+from uavcover.model.terrain import HeightUnit
 from uavcover.model.vehicle import autopilot_name
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planning.baselines.swaths import fly_layout
+from uavcover.planning.baselines.swaths import (
+    angle_of_heading_rad,
+    fly_layout,
+    heading_of_angle_deg,
+    long_side_angle_rad,
+)
 from uavcover.routes.sorties import compile_sorties, mission_time_s
 from uavcover.run.user import User
+from uavcover.scenario.airspace.zone_file import read_zones
+from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea, read_area
 from uavcover.scenario.elevation_file import read_height_amsl_m
 from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.terrain_source import TerrainSource, find_tiles
+from uavcover.scenario.vertical import datum_named
 from uavcover.sensing.coverage_map import path_lengths_m
 from uavcover.sensing.sensors import trigger_distance_m
 
 _AROUND_M = 200.0
 """Around the area the ground is looked at for the way home: the fence is 150 m outside."""
 _FARTHEST_HOME_M = 10_000.0
+_BESIDE_ZONES_M = 5.0
+"""A take-off place that nobody gave is this much farther from no-fly zones than it has to be."""
 _MOUNTS = {"stabilised": "stabilised", "gimbal": "stabilised", "fixed": "fixed"}
 
 
@@ -51,11 +64,14 @@ class NewRequest:
         speed: as "8m/s".
         margin: around the area, as "40m", or "0".
         mount: "stabilised" or "fixed".
-        vertical_datum: "EGM96" or "EGM2008".
+        vertical_datum: "EGM96", "EGM2008" or "ellipsoid".
         autopilot: "ardupilot" or "px4".
-        height_unit: of the elevation data: "m", "ft" or "us-ft".
+        dem_crs: of the elevation data, where it names none.
+        height_unit: of the elevation data: "m", "dm", "cm", "ft" or "us-ft".
         band: its band, number or name.
         fill_lakes: gaps up to this long are interpolated, as "200m".
+        no_fly: files of no-fly zones.
+        pattern: "single", "crosshatch" or "oblique".
     """
 
     area: AreaQuery
@@ -72,9 +88,12 @@ class NewRequest:
     mount: str | None = None
     vertical_datum: str | None = None
     autopilot: str | None = None
+    dem_crs: str | None = None
     height_unit: str | None = None
     band: str | None = None
     fill_lakes: str | None = None
+    no_fly: tuple[str, ...] = ()
+    pattern: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,16 +105,32 @@ class NewScenario:
         site: the scenario on its ground.
         design: heights, distances, speed.
         look: at the terrain.
+        view: which flight of a pattern it is.
     """
 
     text: str
     site: Site
     design: SurveyDesign
     look: TerrainLook
+    view: View
 
 
 def new_scenario(request: NewRequest, user: User, *, folder: Path) -> NewScenario:
-    """Design a survey and write its scenario, telling what was derived.
+    """As :func:`new_scenarios`, for a survey of one flight.
+
+    Raises:
+        InputError: also for a pattern of several.
+    """
+    scenarios = new_scenarios(request, user, folder=folder)
+    if len(scenarios) > 1:
+        raise InputError(
+            f"--pattern: {request.pattern} is {len(scenarios)} missions; write their scenarios with uavcover new, and plan each"
+        )
+    return scenarios[0]
+
+
+def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[NewScenario, ...]:
+    """Design a survey and write its scenarios, one for each flight of its pattern.
 
     Args:
         request: what the user gave.
@@ -110,23 +145,27 @@ def new_scenario(request: NewRequest, user: User, *, folder: Path) -> NewScenari
         user.warn(f"{request.area.source}: {note}")
     wish = _wish(request)
     dem = _terrain(request, area)
-    look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=_AROUND_M)
+    look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=_AROUND_M, datum=_wanted_datum(request))
+    closed = _closed_to_home(request, look, user)
     dem = _over_lakes(dem, look, user)
     design = design_survey(wish, slope_deg=look.slope_deg, area_m2=look.area_m2)
     design = _inside_data(design, dem, look, user)
-    datum, stated = _datum(request, look, user)
-    home = place_for_home(dem, look) if request.home is None else _near(request.home, look)
+    datum, stated = _datum(look, user)
+    home = place_for_home(dem, look, avoid=closed) if request.home is None else _near(request.home, look)
     vehicle = wish.vehicle
+    mount = _mount(request.mount)
+    along_deg = heading_of_angle_deg(long_side_angle_rad(look.area))
+    views = views_of(request.pattern, along_deg=along_deg)
+    if mount == "fixed" and any(view.is_tilted for view in views):
+        raise InputError("--mount: a fixed camera is not tilted in flight; give stabilised, or another --pattern")
     scenario = SurveyScenario(
         name=name_of(area.name), query=request.area, area=area, terrain_files=request.dem, terrain=dem,
         vertical_datum=datum, datum_is_stated=stated,
         design=design, home=home, home_is_given=request.home is not None,
         return_height_m=return_height_m(look.highest_amsl_m, _home_height_m(dem, datum, home)), slope_deg=look.slope_deg,
         autopilot=autopilot_name(request.autopilot, (vehicle.autopilot if vehicle is not None else None) or "ardupilot"),
-        mount=_mount(request.mount),
+        mount=mount, no_fly=request.no_fly,
     )  # fmt: skip
-    text = scenario_text(scenario, folder=folder)
-    site = load_site(parse_scenario(text, source=request.area.source, folder=folder))
     if design.speed_reason:
         user.warn(f"speed {design.speed_m_s:g} m/s: {design.speed_reason}")
     if wish.camera.min_interval_s is None:
@@ -134,11 +173,21 @@ def new_scenario(request: NewRequest, user: User, *, folder: Path) -> NewScenari
             f"the shortest interval of {wish.camera.name} is not known: check that it takes a picture every "
             f"{design.picture_distance_m / design.speed_m_s:.1f} s"
         )
-    return NewScenario(text, site, design, look)
+    return tuple(_in_full(scenario, view, look, request, folder=folder) for view in views)
+
+
+def _in_full(
+    scenario: SurveyScenario, view: View, look: TerrainLook, request: NewRequest, *, folder: Path
+) -> NewScenario:
+    """One flight of the pattern."""
+    named = replace(scenario, view=view, name="-".join(part for part in (scenario.name, view.name) if part))
+    text = scenario_text(named, folder=folder)
+    site = load_site(parse_scenario(text, source=request.area.source, folder=folder))
+    return NewScenario(text, site, scenario.design, look, view)
 
 
 def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
-    """Tell what was derived, and estimate time, pictures and batteries from plain parallel lines; the same as a document."""
+    """Tell what was derived; the same as a document."""
     design, site = scenario.design, scenario.site
     drawn_ha = scenario.look.area_m2 / 1e4
     user.say(
@@ -161,14 +210,18 @@ def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
     home = site.scenario.home
     if home is not None and home.lat_deg is not None and home.lon_deg is not None:
         user.say(f"{'home':18}{home.lat_deg:.6f}, {home.lon_deg:.6f}, {site.alt_amsl_offset_m:.0f} m above sea level")
-    estimate = _estimate(site)
-    user.say(f"{'estimate':18}{estimate.words}")
     return {
         "area_m2": scenario.look.area_m2, "seen_area_m2": float(site.area.area), "margin_m": design.margin_m,
         "min_height_agl_m": low, "max_height_agl_m": high, "picture_distance_m": design.picture_distance_m,
-        "line_distance_m": design.line_distance_m, "speed_m_s": design.speed_m_s, "pictures": estimate.pictures,
-        "flight_time_s": estimate.time_s, "batteries": estimate.batteries,
+        "line_distance_m": design.line_distance_m, "speed_m_s": design.speed_m_s,
     }  # fmt: skip
+
+
+def say_estimate(scenario: NewScenario, user: User) -> dict[str, object]:
+    """Tell pictures, time and batteries of plain parallel lines; the same as a document."""
+    estimate = _estimate(scenario)
+    user.say(f"{f'estimate {scenario.view.name}'.strip():18}{estimate.words}")
+    return {"pictures": estimate.pictures, "flight_time_s": estimate.time_s, "batteries": estimate.batteries}
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,9 +232,10 @@ class _Estimate:
     words: str
 
 
-def _estimate(site: Site) -> _Estimate:
+def _estimate(scenario: NewScenario) -> _Estimate:
     """Of plain parallel lines over the area; the search finds better."""
-    layout = plain_boustrophedon(site)
+    site, heading_deg = scenario.site, scenario.view.line_heading_deg
+    layout = plain_boustrophedon(site, angle_rad=None if heading_deg is None else angle_of_heading_rad(heading_deg))
     route = fly_layout(site, layout)
     length_m = float(path_lengths_m(route.waypoints_m)[-1])
     every_m = trigger_distance_m(site.scenario) or length_m
@@ -197,6 +251,25 @@ def _estimate(site: Site) -> _Estimate:
     return _Estimate(
         pictures, time_s, batteries, f"{words}, {batteries} batter{'y' if batteries == 1 else 'ies'} (plain lines)"
     )
+
+
+def _closed_to_home(request: NewRequest, look: TerrainLook, user: User) -> shapely.Geometry:
+    """Where no take-off place may be: the no-fly zones that begin at the ground, with margins; tells how many zones count."""
+    west, south, east, north = look.area.bounds
+    lats, lons, _ = look.frame.geodetic_from_enu(np.array([[west, south, 0.0], [east, north, 0.0]]))
+    lons[1] += 360.0 if lons[1] < lons[0] else 0.0
+    shapes = []
+    for file in request.no_fly:
+        try:
+            zones, _ = read_zones(NoFly(file=file), near=(lons[0], lats[0], lons[1], lats[1]))
+        except InputError as error:
+            raise InputError(f"--no-fly: {error}") from error
+        user.say(f"--no-fly: {len(zones)} zones of {file} count")
+        around = look.area.buffer(_FARTHEST_HOME_M)
+        for zone in local_zones(zones, look.frame, around):
+            if zone.entry.floor_agl_m is None and zone.entry.floor_amsl_m is None:
+                shapes.append(zone.grown(zone.entry.margin_m + _BESIDE_ZONES_M))
+    return shapely.union_all(shapes)
 
 
 def _wish(request: NewRequest) -> SurveyWish:
@@ -244,9 +317,11 @@ def _terrain(request: NewRequest, area: FoundArea) -> TerrainSource:
         raise InputError(f"--dem: {missing[0]}: no such file; give the elevation data of the area, such as dem.tif")
     unit = None if request.height_unit is None else request.height_unit.casefold()
     if unit not in (None, *get_args(HeightUnit)):
-        raise InputError(f"--height-unit: {request.height_unit!r} is not known; give m, ft or us-ft")
+        raise InputError(f"--height-unit: {request.height_unit!r} is not known; give m, dm, cm, ft or us-ft")
     filled_m = request.fill_lakes and quantities.length_m(request.fill_lakes, option="--fill-lakes", example="200m")
-    return TerrainSource(files, band=request.band, height_unit=unit, fill_no_data_m=filled_m or 0.0)
+    return TerrainSource(
+        files, crs=request.dem_crs, band=request.band, height_unit=unit, fill_no_data_m=filled_m or 0.0
+    )
 
 
 def _over_lakes(dem: TerrainSource, look: TerrainLook, user: User) -> TerrainSource:
@@ -272,17 +347,15 @@ def _inside_data(design: SurveyDesign, dem: TerrainSource, look: TerrainLook, us
     return replace(design, margin_m=float(margin_m))
 
 
-def _datum(request: NewRequest, look: TerrainLook, user: User) -> tuple[str, bool]:
-    wanted = request.vertical_datum
-    if wanted is not None:
-        known = {datum.casefold(): datum for datum in DATUMS}
-        if wanted.casefold() not in known:
-            raise InputError(f"--vertical-datum: {wanted!r} is not known; give EGM96 (SRTM) or EGM2008 (Copernicus)")
-        return known[wanted.casefold()], True
+def _wanted_datum(request: NewRequest) -> str | None:
+    return None if request.vertical_datum is None else datum_named(request.vertical_datum)
+
+
+def _datum(look: TerrainLook, user: User) -> tuple[str, bool]:
     if len(look.datums) > 1:
         user.warn(
             "the elevation data does not say what its heights refer to: they are taken as above sea level (EGM96); heights "
-            "above the ellipsoid would be wrong by up to 100 m; --vertical-datum EGM96 or EGM2008 says it"
+            "above the ellipsoid would be wrong by up to 100 m; --vertical-datum EGM96, EGM2008 or ellipsoid says it"
         )
     return look.datums[0], len(look.datums) == 1
 

@@ -23,11 +23,14 @@ from uavcover.run.mission import compile_flights
 from uavcover.run.plan_files import save_plan
 from uavcover.run.search import SearchRequest, bounds, least_length_m, plan
 from uavcover.run.user import ProgressBar, StopRequests, User, metres, percent
+from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site, load_site
 
 _FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
 
 
+_SHOWN_ZONES = 6
+_NEARLY_ALL = 0.999
 _FLOWN_EXACTLY_M = 3.0
 """How well a route is flown at best: in still air the mock vehicle was off by 2.9 m on ridge-obstacles, 6.3 m on ridge-25km2."""
 
@@ -118,6 +121,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     if refused is not None:
         raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
     _say_plan(user, run, result, bounds, time.monotonic() - started, asked=_asked(site, request, result))
+    say_zones(user, site, result.chosen.metrics)
     if "shortest_path_m" in bounds and site.scenario.objective == "mission-time":
         user.say("this plan makes the time of the whole mission small (the last column), not the length of the route")
     if flights and (warning := room_in_words(site.scenario.limits, result.chosen.metrics)):
@@ -246,6 +250,36 @@ def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, s
         )
 
 
+def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
+    """Say what no-fly zones keep from the route."""
+    scenario, area = site.scenario, flyable_area(site)
+    in_force = [zone for zone in scenario.no_fly if zone.in_force(scenario.flight_window_utc)]
+    timed = sum(zone.from_utc is not None or zone.until_utc is not None for zone in in_force)
+    if len(in_force) < len(scenario.no_fly):
+        user.say(
+            f"{len(scenario.no_fly) - len(in_force)} no-fly zones are not in force in flight_window_utc and do not count"
+        )
+    if timed and scenario.flight_window_utc is None:
+        user.say(
+            f"{timed} no-fly zones have times; without flight_window_utc in the scenario they are in force all the time"
+        )
+    for zone in area.closed[:_SHOWN_ZONES]:
+        partly = (
+            "; end the height band below its floor or above its ceiling to fly there" if zone in area.partly else ""
+        )
+        user.say(
+            f"no-fly zone {zone.name!r}, {zone.heights_in_words()}: the route keeps {zone.entry.margin_m:g} m away{partly}"
+        )
+    if len(area.closed) > _SHOWN_ZONES:
+        user.say(f"and {len(area.closed) - _SHOWN_ZONES} more no-fly zones that the route keeps away from")
+    if area.cut_off:
+        user.warn("no-fly zones cut off parts of the fence from home; they are not flown")
+    if area.closed and metrics.coverage_of_coverable > 0.0:
+        seen = metrics.coverage_fraction / metrics.coverage_of_coverable
+        if seen < _NEARLY_ALL:
+            user.warn(f"with the no-fly zones {percent(seen)} of the area can be seen")
+
+
 def room_in_words(limits: FlightLimits, metrics: RouteMetrics) -> str | None:
     """A warning when a route is planned so near to the ends of the height band that a flight will break them; else none."""
     room_m = min(limits.max_height_agl_m - metrics.max_height_agl_m, metrics.min_height_agl_m - limits.min_height_agl_m)
@@ -260,6 +294,17 @@ def room_in_words(limits: FlightLimits, metrics: RouteMetrics) -> str | None:
 
 def _say_return(user: User, compiled: CompiledMission, which: str) -> None:
     advice = compiled.return_advice
+    for zone in compiled.zones_left_out:
+        user.warn(
+            f"{which}no-fly zone {zone.name!r} ({zone.heights_in_words()}) is not in the uploaded fence: the mission passes over "
+            "or under it, and a fence has neither floors nor ceilings"
+        )
+    if advice.no_fly:
+        names = ", ".join(map(repr, advice.no_fly))
+        user.warn(
+            f"{which}a straight return enters no-fly zone {names} from some waypoints; let the mission fly home, or stop it with "
+            "Ctrl-C, which plans a way around"
+        )
     if advice.unsafe_waypoints:
         numbers = ", ".join(map(str, advice.unsafe_waypoints[:8])) + (
             " ..." if len(advice.unsafe_waypoints) > 8 else ""

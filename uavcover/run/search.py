@@ -78,7 +78,8 @@ def plan(
             f"algorithm: {algorithm!r} is not one of {', '.join(planners)}; nor one of the optimizers "
             f"{', '.join(name for name in ALGORITHMS if name not in planners)}; nor module:Class"
         )
-    settings = _settings(site.scenario.planner, request, algorithm=algorithm if known else None)
+    # Another optimizer stands in the place of a plain one.
+    settings = _settings(site.scenario.planner, request, algorithm=algorithm if known else "imodbo")
     if budget_s is not None and not budget_s > 0.0:
         raise InputError(f"budget: {budget_s} s must be above 0")
     if workers is not None and workers < 1:

@@ -29,6 +29,7 @@ from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compil
 from uavcover.routes.way_cost import pace_of
 from uavcover.run.mission import compile_plan
 from uavcover.run.resume import Unfinished
+from uavcover.run.vehicle_terrain import answer_from_site
 from uavcover.scenario.site import Site
 from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts, OperatingVolume, PlanNeeds
 from uavcover.vehicle.fly import Continuation, FlightOutcome, Orders, PlanContinuation
@@ -96,6 +97,8 @@ class VehicleLink:
 def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint | None = None) -> Iterator[Connected]:
     """Open a link and wait for a vehicle; a context manager that closes the link.
 
+    With a site, the vehicle's requests for terrain heights are answered from its elevation data as long as the link is open.
+
     Args:
         to: where it is; a URL alone takes the defaults of :class:`VehicleLink`.
         site: whose vehicle and home ``mock:`` takes; given, other vehicles than multirotors are refused.
@@ -129,6 +132,7 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
         vehicle = client.wait_for_vehicle(at.timeout_s, system_id=at.system_id, component_id=at.component_id)
         if site is not None:
             require_multirotor(client)
+            answer_from_site(client, site)
         monitor.listen_to(vehicle.address)
         own: AutopilotName = "px4" if vehicle.autopilot is AUTOPILOTS["px4"] else "ardupilot"
         yield Connected(client, monitor, own, link, at.url)
@@ -189,7 +193,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
         acceptance_radius_m=site.scenario.vehicle.acceptance_radius_m,
         max_climb_m_s=site.scenario.vehicle.max_climb_m_s,
         max_descent_m_s=site.scenario.vehicle.max_descent_m_s,
-        volume=_operating_volume(site),
+        volume=_operating_volume(site, compiled),
         needs=PlanNeeds(
             pace=pace_of(site),
             return_height_m=site.scenario.vehicle.return_height_m,
@@ -199,15 +203,16 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
     )
 
 
-def _operating_volume(site: Site) -> OperatingVolume:
-    """What positions in flight are judged by."""
+def _operating_volume(site: Site, compiled: CompiledMission) -> OperatingVolume:
+    """What positions in flight are judged by: no-fly zones as far as they are exclusions of the fence."""
     shapely.prepare(site.fence)
 
     def ground_up_m(east_m: float, north_m: float) -> float:
         return float(site.ground.heights_m(np.array([[east_m, north_m]]))[0])
 
     def outside_fence_m(east_m: float, north_m: float) -> float:
-        return float(site.fence.distance(shapely.Point(east_m, north_m)))
+        outside_m = float(site.fence.distance(shapely.Point(east_m, north_m)))
+        return max([outside_m, *(zone.depth_m(east_m, north_m) for zone in compiled.zones_in_fence)])
 
     limits = site.scenario.limits
     return OperatingVolume(

@@ -65,6 +65,8 @@ def upload_document(site: Site, compiled: CompiledMission, url: str, results: Se
         "waypoint_count": compiled.waypoint_count,
         "items_per_waypoint": compiled.items_per_waypoint,
         "return_advice": dataclasses.asdict(compiled.return_advice),
+        "no_fly_in_fence": [zone.name for zone in compiled.zones_in_fence],
+        "no_fly_not_in_fence": [zone.name for zone in compiled.zones_left_out],
         "autopilot_max_height_above_home_m": limit,
         "lists": [result.as_json() for result in results],
     }

@@ -24,7 +24,7 @@ from uavcover.scenario.ground import Ground, grid_ground, ground_of_nodes
 from uavcover.scenario.no_data import fill_gaps
 from uavcover.scenario.pixel_frame import STRAIGHT_WITHIN_M, Bounds, finish_frame, fit_frame, node_ups_m
 from uavcover.scenario.terrain_source import TerrainSource, as_source
-from uavcover.scenario.vertical import SEA_LEVEL_DATUMS, refuse_feet_by_guess, unit_of_heights_m
+from uavcover.scenario.vertical import DATUMS, ELLIPSOID, Undulation, refuse_feet_by_guess, unit_of_heights_m
 
 _log = logging.getLogger(__name__)
 
@@ -34,6 +34,7 @@ MAX_ERROR_M = 0.1
 """Largest permitted difference between the ground and its file's own surface."""
 _BLOCKS, _PIXELS_OF_BLOCK, _PLACES_OF_BLOCK = 60, 40.0, 400
 _ABOVE_M = 120.0
+_MOST_PIXELS = 4_000_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -41,7 +42,7 @@ class _Raster:
     """An open, checked file.
 
     ``full_turn`` is 360 degrees in the unit of its longitudes, 0 if it has none; ``unit_m`` the unit of its heights in metres,
-    ``band`` their band.
+    ``band`` their band; ``undulation`` brings heights above the ellipsoid to sea level, none where they are above it.
     """
 
     path: TerrainSource
@@ -51,6 +52,7 @@ class _Raster:
     full_turn: float
     unit_m: float
     band: int
+    undulation: Undulation | None
 
     def pixels_at(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
         """(n, 2) column and row, integers at pixel centres, of geodetic positions less than half the Earth apart."""
@@ -97,6 +99,15 @@ class _Raster:
         out[inside] = upper + v * (lower - upper)
         return out
 
+    def sample_scattered_m(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
+        """As :meth:`sample_m`, for positions with many pixels between them: never more than ``_MOST_PIXELS`` at once."""
+        spans = np.ptp(self.pixels_at(lat_deg, lon_deg), axis=0) + 2.0
+        half = len(lat_deg) // 2
+        if half == 0 or float(np.prod(spans)) <= _MOST_PIXELS:
+            return self.sample_m(lat_deg, lon_deg)
+        parts = [self.sample_scattered_m(lat_deg[part], lon_deg[part]) for part in (slice(half), slice(half, None))]
+        return np.concatenate(parts)
+
     def read(self, window: Window) -> FloatArray:
         """(rows, columns) heights above sea level, NaN where there is no data."""
         with _readable(self.path):
@@ -104,13 +115,17 @@ class _Raster:
         scaled = masked.astype(float) * self.dataset.scales[self.band - 1] + self.dataset.offsets[self.band - 1]
         pixels = np.asarray(scaled.filled(np.nan), dtype=float) * self.unit_m
         pixels[~np.isfinite(pixels)] = np.nan
+        if self.undulation is not None:
+            rows, columns = np.indices(pixels.shape).reshape(2, -1) + np.array([[window.row_off], [window.col_off]])
+            lat_deg, lon_deg = self.places_of(np.column_stack([columns, rows]).astype(float))
+            pixels -= self.undulation.heights_m(lat_deg, lon_deg).reshape(pixels.shape)
         wrong = (pixels < LOWEST_PLAUSIBLE_M) | (pixels > HIGHEST_PLAUSIBLE_M)
         if wrong.any():
             row, column = np.argwhere(wrong)[0] + (window.row_off, window.col_off)
             raise TerrainError(
                 f"{self.path}: a height of {pixels[wrong][0]:g} m in row {row}, column {column}; if that value "
                 "marks missing data, declare it as the no-data value of the file (gdal_edit.py -a_nodata); "
-                'if heights are in feet, set terrain.height_unit = "ft"'
+                'if heights are in feet or centimetres, set terrain.height_unit (--height-unit) to "ft" or "cm"'
             )
         return pixels
 
@@ -121,21 +136,22 @@ def _readable(path: TerrainSource) -> Iterator[None]:
         yield
     except (rasterio.errors.RasterioError, OSError) as error:
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        raise TerrainError(f"{path}: cannot be read as elevation data ({reason})") from error
+        raise TerrainError(
+            f"{path}: cannot be read as elevation data ({reason}); give a whole raster of heights"
+        ) from error
 
 
 @contextmanager
 def _open(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_Raster]:
     path = as_source(source)
-    if vertical_datum not in SEA_LEVEL_DATUMS:
-        raise TerrainError(
-            f"terrain.vertical_datum: heights above the {vertical_datum} are not heights above sea level, which "
-            "autopilots want; convert the file first (for example gdalwarp with -t_srs EPSG:4326+5773)"
-        )
+    if vertical_datum not in DATUMS:
+        known = f"give {', '.join(DATUMS)}, or convert the file (gdalwarp with -t_srs EPSG:4326+5773)"
+        raise TerrainError(f"terrain.vertical_datum: {vertical_datum!r} is not known; {known}")
+    undulation = Undulation() if vertical_datum == ELLIPSOID else None
     with _readable(path), path.opened() as dataset:
         if dataset.crs is None:
             raise TerrainError(
-                f"{path}: has no coordinate reference system; assign the right one (gdal_edit.py -a_srs)"
+                f"{path}: does not name its coordinate system; give it with terrain.crs (--dem-crs), such as EPSG:32632"
             )
         try:
             crs = CRS.from_wkt(dataset.crs.to_wkt())
@@ -161,7 +177,7 @@ def _open(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_Raster
             raise TerrainError(
                 f"{path}: is a picture ({dataset.count} bands of 8 bits), not heights; give the elevation model"
             )
-        yield _Raster(path, dataset, to_source, vertical_datum, turn, unit_m, band)
+        yield _Raster(path, dataset, to_source, vertical_datum, turn, unit_m, band, undulation)
 
 
 def _check_pixel_size(path: TerrainSource, crs: CRS, dataset: Any) -> None:
@@ -202,7 +218,7 @@ def read_heights_amsl_m(
         TerrainError: the file cannot be used.
     """
     with _open(path, vertical_datum) as raster:
-        return raster.sample_m(lat_deg, lon_deg)
+        return raster.sample_scattered_m(lat_deg, lon_deg)
 
 
 def read_ground(

@@ -3,29 +3,33 @@
 import dataclasses
 import difflib
 import json
+import logging
 import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-import shapely
 import tomli_w
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from uavcover.errors import InputError, ScenarioError
-from uavcover.model.area import Area, Ring, Rings
-from uavcover.model.limits import FlightLimits
+from uavcover.model.area import Area, Rings
+from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
-from uavcover.model.scenario import RasterTerrain, Scenario, Terrain
+from uavcover.model.scenario import Scenario
+from uavcover.model.terrain import RasterTerrain, Terrain
+from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.areas.area_file import SUFFIXES as AREA_SUFFIXES
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.obstacles import polygons_of, read_geojson, read_obstacles
+from uavcover.scenario.ring_checks import across_180, fence_mistakes, no_fly_mistakes, valid_ring
 from uavcover.scenario.terrain_source import TerrainSource, find_tiles
 
 _BUNDLED = "bundled:"
 _MOST_MISTAKES = 5
 """Largest number of obstacles named in an error line."""
+_LOG = logging.getLogger(__name__)
 _SCENARIO = TypeAdapter(Scenario)
 _AREA = TypeAdapter(Area)
 
@@ -88,8 +92,13 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
             # Other keys are invalid already; report the mistakes in the area's shape at the same time.
             mistakes += _shape_mistakes(_AREA.validate_json(json.dumps(raw["area"], default=str), strict=True), folder)
         raise ScenarioError(f"{source}: {'; '.join(mistakes)}") from error
-    mistakes += _shape_mistakes(scenario.area, folder) + _fence_mistakes(scenario.limits)
+    mistakes += _shape_mistakes(scenario.area, folder) + fence_mistakes(scenario.limits)
     mistakes += _obstacle_mistakes(scenario, folder)
+    on_earth = scenario.area.is_geographic or scenario.origin is not None
+    drawn = [zone for zone in scenario.no_fly if zone.file is None]
+    mistakes += no_fly_mistakes(drawn, on_earth=on_earth)[:_MOST_MISTAKES]
+    if not on_earth and len(drawn) < len(scenario.no_fly):
+        mistakes.append("no_fly: zones of a file need a place on Earth; give an [origin]")
     if mistakes:
         raise ScenarioError(f"{source}: {'; '.join(mistakes)}")
     return dataclasses.replace(
@@ -97,6 +106,7 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
         area=_with_rings(scenario.area, folder),
         terrain=_absolute_files(scenario, folder),
         obstacles=_inline_obstacles(scenario.obstacles, folder),
+        no_fly=_inline_zones(scenario, folder),
     )
 
 
@@ -106,15 +116,15 @@ def dump_scenario(scenario: Scenario) -> str:
 
 
 def _given(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A table without the keys that are None: TOML has no word for it."""
-    return {key: value for key, value in pairs if value is not None}
+    """A table without the keys that are None, for which TOML has no word; and [[no_fly]] can only follow where no list stands."""
+    return {key: value for key, value in pairs if value is not None and (key, value) != ("no_fly", ())}
 
 
 def terrain_source(terrain: RasterTerrain) -> TerrainSource:
     """The elevation files of a loaded scenario."""
     names = (terrain.file,) if isinstance(terrain.file, str) else terrain.file
     return TerrainSource(
-        tuple(_data_file(name, Path()) for name in names), band=terrain.band, height_unit=terrain.height_unit,
+        tuple(_data_file(name, Path()) for name in names), crs=terrain.crs, band=terrain.band, height_unit=terrain.height_unit,
         fill_no_data_m=terrain.fill_no_data_m,
     )  # fmt: skip
 
@@ -268,6 +278,29 @@ def _inline_obstacles(obstacles: Obstacles, folder: Path) -> Obstacles:
     return dataclasses.replace(obstacles, file=None, prisms=(*obstacles.prisms, *read))
 
 
+def _inline_zones(scenario: Scenario, folder: Path) -> tuple[NoFly, ...]:
+    """The no-fly zones with their files replaced by the zones near area, home and fence.
+
+    Raises:
+        ScenarioError: a file cannot be used.
+    """
+    found: list[NoFly] = []
+    for number, entry in enumerate(scenario.no_fly):
+        if entry.file is None:
+            found.append(entry)
+            continue
+        try:
+            zones, notes = read_zones(
+                entry, folder=folder, near=_bounds_deg(_with_rings(scenario.area, folder), scenario)
+            )
+        except InputError as error:
+            raise ScenarioError(f"no_fly.{number}.file: {error}") from error
+        for note in notes:
+            _LOG.warning("no-fly zones: %s", note)
+        found += zones
+    return tuple(found)
+
+
 def _obstacle_mistakes(scenario: Scenario, folder: Path) -> list[str]:
     """Mistakes in the footprints of the obstacles."""
     found: list[str] = []
@@ -280,7 +313,7 @@ def _obstacle_mistakes(scenario: Scenario, folder: Path) -> list[str]:
         if prism.rings_lon_lat_deg and not scenario.area.is_geographic and scenario.origin is None:
             found.append(f"{where}: longitudes and latitudes need an [origin]; give rings_east_north_m")
         outer, *courts = [
-            _valid_ring(ring, where, found) for ring in prism.rings_lon_lat_deg or prism.rings_east_north_m
+            valid_ring(ring, where, found) for ring in prism.rings_lon_lat_deg or prism.rings_east_north_m
         ]
         if outer is not None and any(court is not None and not outer.covers(court) for court in courts):
             found.append(f"{where}: a courtyard reaches outside the footprint")
@@ -300,9 +333,10 @@ def _absolute_files(scenario: Scenario, folder: Path) -> Terrain:
 
 
 def _bounds_deg(area: Area, scenario: Scenario) -> tuple[float, float, float, float] | None:
-    """West, south, east, north of area and home, or of the origin; none where there is no place on Earth."""
+    """West, south, east, north of area, fence and home, or of the origin; none where there is no place on Earth."""
     rings = [rings[0] for rings in area.parts] if area.is_geographic else []
-    places = [place for ring in rings for place in _across_180(ring)[0]]
+    rings += scenario.limits.fence_rings_lon_lat_deg
+    places = [place for ring in rings for place in across_180(ring)[0]]
     for place in (scenario.home, scenario.origin):
         if place is not None and place.lat_deg is not None and place.lon_deg is not None:
             beside = places[0][0] if places else place.lon_deg
@@ -331,11 +365,11 @@ def _shape_mistakes(area: Area, folder: Path) -> list[str]:
         elif file_key:
             outer_key, hole_key = file_key, f"{file_key}: hole "
         if area.is_geographic:
-            outer_ring, *hole_rings = _across_180(outer_ring, *hole_rings)
-        left = outer = _valid_ring(outer_ring, outer_key, found)
+            outer_ring, *hole_rings = across_180(outer_ring, *hole_rings)
+        left = outer = valid_ring(outer_ring, outer_key, found)
         holes_end = len(found)
         for number, ring in enumerate(hole_rings):
-            hole = _valid_ring(ring, f"{hole_key}{number}", found)
+            hole = valid_ring(ring, f"{hole_key}{number}", found)
             if hole is None or outer is None:
                 continue
             if not outer.covers(hole):
@@ -344,33 +378,3 @@ def _shape_mistakes(area: Area, folder: Path) -> list[str]:
         if outer is not None and len(found) == holes_end and not left.area > 0.0:
             found.append(f"{outer_key}: nothing is left of the area inside its holes")
     return found[:_MOST_MISTAKES]
-
-
-def _fence_mistakes(limits: FlightLimits) -> list[str]:
-    found: list[str] = []
-    for key in ("fence_lon_lat_deg", "fence_east_north_m"):
-        ring = getattr(limits, key)
-        if ring is not None:
-            whole = _across_180(ring)[0] if key == "fence_lon_lat_deg" else ring
-            _valid_ring(whole, f"limits.{key}", found)
-    return found
-
-
-def _across_180(*rings: Ring) -> list[Ring]:
-    """Rings of one polygon with continuous longitudes, for checks on a plane: across 180 degrees they go on to the east."""
-    lons = [lon for lon, _ in rings[0]]
-    if not lons or max(lons) - min(lons) <= 180.0:
-        return list(rings)
-    return [tuple((lon + 360.0 if lon < 0.0 else lon, lat) for lon, lat in ring) for ring in rings]
-
-
-def _valid_ring(ring: Ring, where: str, found: list[str]) -> Any:
-    """The polygon of a ring; none for an invalid one, which adds a line to ``found``."""
-    if len({*ring}) < 3:
-        found.append(f"{where}: a ring needs at least 3 different corners, this one has {len({*ring})}")
-        return None
-    polygon = shapely.Polygon(ring)
-    if not polygon.is_valid:
-        found.append(f"{where}: {shapely.is_valid_reason(polygon)}; a ring must not cross or touch itself")
-        return None
-    return polygon

@@ -13,13 +13,9 @@ import shapely
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.area import Ring
-from uavcover.model.scenario import (
-    Objective,
-    RasterTerrain,
-    Scenario,
-    SineCosineTerrain,
-    Uncertainty,
-)
+from uavcover.model.scenario import Objective, Scenario, Uncertainty
+from uavcover.model.terrain import RasterTerrain, SineCosineTerrain
+from uavcover.scenario.airspace.zones import Zone, ZoneCheck, local_zones
 from uavcover.scenario.elevation_file import MAX_ERROR_M, read_ground, read_height_amsl_m
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground, sine_cosine_ground
@@ -46,6 +42,7 @@ class Site:
         fence: the geofence, (east, north) metres.
         home_m: (3,) take-off position on the ground, ENU metres; none without a home.
         prisms: the obstacles on the ground, by their kernel numbers.
+        zones: the no-fly zones that are in force and come near.
         derived: values that later stages compute once for this site, by key; a copy of the site starts without them.
     """
 
@@ -56,6 +53,7 @@ class Site:
     fence: shapely.Polygon
     home_m: FloatArray | None
     prisms: tuple[Prism, ...] = ()
+    zones: tuple[Zone, ...] = ()
     derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __repr__(self) -> str:
@@ -96,6 +94,17 @@ class Site:
         if stated == Uncertainty():
             return self.ground_error_m
         return stated.vertical_m + self.ground.error_m
+
+    @property
+    def planned_zones(self) -> ZoneCheck:
+        """Tests planned legs against the no-fly zones with all margins."""
+        margin_m = self.scenario.limits.height_margin_m
+        return ZoneCheck(self.zones, self.ground, self.frame, height_margin_m=margin_m, margins=True)
+
+    @property
+    def flown_zones(self) -> ZoneCheck:
+        """Tests flown legs against the no-fly zones themselves."""
+        return ZoneCheck(self.zones, self.ground, self.frame)
 
     def alts_amsl_m(self, enu_m: FloatArray) -> FloatArray:
         """Heights above sea level (n,) of (n, 3) ENU positions; when not georeferenced, up itself."""
@@ -138,6 +147,10 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
     if footprints:
         clearance_m = max(scenario.obstacles.clearance_beside_m, scenario.uncertainty.position_m)
         ground, prisms = stand_on(ground, footprints, largest_clearance_m=clearance_m)
+    zones = local_zones(
+        [zone for zone in scenario.no_fly if zone.in_force(scenario.flight_window_utc)], frame,
+        fence if home_en is None else shapely.union_all([fence, shapely.Point(home_en)]),
+    )  # fmt: skip
     if home_en is not None:
         _check_home_is_clear(scenario, home_en, footprints)
     home = None
@@ -147,7 +160,10 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
             raise TerrainError(f"home: no elevation at the take-off place ({ground.source})")
         home = np.array([home_en[0], home_en[1], home_up])
         home.flags.writeable = False
-    return Site(scenario=scenario, frame=frame, ground=ground, area=area, fence=fence, home_m=home, prisms=prisms)
+        _check_home_is_outside(zones, home, 0.0 if frame is None else frame.alt_amsl_m)
+    return Site(
+        scenario=scenario, frame=frame, ground=ground, area=area, fence=fence, home_m=home, prisms=prisms, zones=zones
+    )
 
 
 def _frame(scenario: Scenario, terrain_file: Path | TerrainSource | None) -> LocalFrame | None:
@@ -186,6 +202,14 @@ def _area(scenario: Scenario, frame: LocalFrame | None) -> shapely.Polygon | sha
     return _grown(left, scenario.area.margin_m) if scenario.area.margin_m > 0.0 else left
 
 
+def area_as_drawn(site: Site) -> shapely.Polygon | shapely.MultiPolygon:
+    """The area of a site, (east, north) metres, before it was grown by its margin."""
+    area = site.scenario.area
+    if area.margin_m == 0.0:
+        return site.area
+    return _area(dataclasses.replace(site.scenario, area=dataclasses.replace(area, margin_m=0.0)), site.frame)
+
+
 def _grown(area: shapely.Polygon | shapely.MultiPolygon, margin_m: float) -> shapely.Polygon | shapely.MultiPolygon:
     """The area with a margin outside; holes stay as they were drawn, whose ground need not even be known."""
     solid = shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(area)])
@@ -203,11 +227,7 @@ def _check_near(
     """Refuse places that cannot be meant: degrees in the wrong order, or map coordinates taken for local ones."""
     several = "polygons" if len(scenario.area.parts) > 1 else "polygon"
     area_key = f"{several}_{'lon_lat_deg' if scenario.area.is_geographic else 'east_north_m'}"
-    fence_key = "fence_margin_m"
-    if scenario.limits.fence_lon_lat_deg is not None:
-        fence_key = "fence_lon_lat_deg"
-    elif scenario.limits.fence_east_north_m is not None:
-        fence_key = "fence_east_north_m"
+    fence_key = scenario.limits.fence_key or "fence_margin_m"
     home = [] if home_en is None else [("home", shapely.Point(home_en))]
     for key, place in [*home, (f"area.{area_key}", area), (f"limits.{fence_key}", fence)]:
         reach_m = float(np.abs(shapely.bounds(place)).max())
@@ -261,18 +281,49 @@ def _check_home_is_clear(scenario: Scenario, home_en: FloatArray, footprints: li
             )
 
 
+def _check_home_is_outside(zones: tuple[Zone, ...], home_m: FloatArray, alt_amsl_offset_m: float) -> None:
+    """Refuse a home in a no-fly zone, or nearer to it than its margin, where the zone begins at the ground."""
+    place = shapely.Point(home_m[:2])
+    for zone in zones:
+        entry = zone.entry
+        floors = [floor for floor in (entry.floor_agl_m,) if floor is not None]
+        floors += [entry.floor_amsl_m - (home_m[2] + alt_amsl_offset_m)] if entry.floor_amsl_m is not None else []
+        if floors and min(floors) > 0.0:
+            continue
+        distance_m = zone.outline.distance(place)
+        if zone.circle is not None:
+            distance_m = max(0.0, math.hypot(*(home_m[:2] - zone.circle[:2])) - zone.circle[2])
+        if distance_m < entry.margin_m or distance_m == 0.0:
+            where = "lies in" if distance_m == 0.0 else f"is {distance_m:.1f} m from"
+            more = "" if distance_m == 0.0 else f", whose margin_m is {entry.margin_m:g} m"
+            raise ScenarioError(f"home: {where} no-fly zone {zone.name!r}{more}; move the take-off place")
+
+
 def _fence(
     scenario: Scenario, frame: LocalFrame | None, area: shapely.Geometry, home_en: FloatArray | None
 ) -> shapely.Polygon:
-    limits = scenario.limits
-    if limits.fence_lon_lat_deg is not None or limits.fence_east_north_m is not None:
-        if limits.fence_lon_lat_deg is not None and frame is None:
-            raise ScenarioError("limits.fence_lon_lat_deg: needs a place on Earth; give fence_east_north_m")
-        fence = _polygon(limits.fence_lon_lat_deg, limits.fence_east_north_m, frame)
-        if not fence.is_valid:
-            key = "fence_lon_lat_deg" if limits.fence_lon_lat_deg is not None else "fence_east_north_m"
+    limits, key = scenario.limits, scenario.limits.fence_key
+    if key is not None:
+        in_degrees = limits.fence_rings_lon_lat_deg
+        if in_degrees and frame is None:
             raise ScenarioError(
-                f"limits.{key}: {shapely.is_valid_reason(fence)}; a ring must not cross or touch itself"
+                f"limits.{key}: needs a place on Earth; give {key.replace('lon_lat_deg', 'east_north_m')}"
+            )
+        in_metres = limits.fence_polygons_east_north_m or ()
+        in_metres = (limits.fence_east_north_m,) if limits.fence_east_north_m is not None else in_metres
+        parts = [_polygon(ring, None, frame) for ring in in_degrees] or [
+            _polygon(None, ring, frame) for ring in in_metres
+        ]
+        for part in parts:
+            if not part.is_valid:
+                raise ScenarioError(
+                    f"limits.{key}: {shapely.is_valid_reason(part)}; a ring must not cross or touch itself"
+                )
+        fence = shapely.union_all(parts) if len(parts) > 1 else parts[0]
+        if not isinstance(fence, shapely.Polygon):
+            raise ScenarioError(
+                f"limits.{key}: the polygons lie apart in {len(shapely.get_parts(fence))} pieces, between which no vehicle can "
+                "pass; let them overlap"
             )
         return fence
     places = [area] if home_en is None else [area, shapely.Point(home_en)]

@@ -12,6 +12,8 @@ from xml.sax.saxutils import escape
 import numpy as np
 import rasterio
 import rasterio.errors
+from pyproj import CRS
+from pyproj.exceptions import CRSError
 from rasterio.warp import transform_bounds
 
 from uavcover.errors import TerrainError
@@ -21,6 +23,8 @@ _ZIPPED = (".hgt", ".tif", ".tiff", ".asc", ".img")
 MAX_TILES = 400
 """Of a folder or a pattern; each is opened once to see where it is."""
 MAX_ZIP_ENTRIES, MAX_ZIP_BYTES, MAX_ZIP_RATIO = 500, 2_000_000_000, 200.0
+HARMLESS_ZIP_BYTES = 100_000_000
+"""Up to here any ratio will do: a tile of open sea packs to a thousandth."""
 _AROUND_DEG = 0.05
 """Tiles farther from area and home are left out; a fence is seldom 5 km wide."""
 _OFF_GRID = 0.01
@@ -34,12 +38,14 @@ class TerrainSource:
 
     Attributes:
         files: the files.
+        crs: coordinate system, where the files do not name theirs.
         band: number or name of the band with the heights; none: the first.
         height_unit: unit of the heights, where the files do not say.
         fill_no_data_m: gaps without data up to this long are closed by interpolation.
     """
 
     files: tuple[Path, ...]
+    crs: str | None = None
     band: int | str | None = None
     height_unit: str | None = None
     fill_no_data_m: float = 0.0
@@ -58,16 +64,20 @@ class TerrainSource:
         """The raster, open.
 
         Raises:
-            TerrainError: a file is not there, empty, or lies on another grid than the first.
+            TerrainError: a file is not there, empty, lies on another grid than the first, or names its coordinate system itself.
             rasterio.errors.RasterioError, OSError: it cannot be read.
         """
         for file in self.files:
             if not file.is_file():
                 raise TerrainError(f"{file}: no such file (terrain.file is relative to the scenario file)")
             if file.stat().st_size == 0:
-                raise TerrainError(f"{file}: the file is empty")
-        name = _gdal_name(self.files[0]) if len(self.files) == 1 else _mosaic(self.files, self.band)
+                raise TerrainError(f"{file}: the file is empty; fetch it again")
+        name = _mosaic(self.files, self.band, self.crs) if self._is_virtual else _gdal_name(self.files[0])
         return rasterio.open(name)  # type: ignore[no-any-return]
+
+    @property
+    def _is_virtual(self) -> bool:
+        return len(self.files) > 1 or self.crs is not None
 
     def band_of(self, dataset: Any) -> int:
         """Number of the band with the heights, in an open raster; tiles side by side have one.
@@ -75,7 +85,7 @@ class TerrainSource:
         Raises:
             TerrainError: there is no such band.
         """
-        return 1 if len(self.files) > 1 else band_number(dataset, self.band, self.files[0])
+        return 1 if self._is_virtual else band_number(dataset, self.band, self.files[0])
 
     def sha256(self) -> str:
         """Hash of the data: of a file, or of the names and hashes of all files that GDAL reads for it.
@@ -201,7 +211,7 @@ def _gdal_name(file: Path) -> str:
         )
     (entry,) = rasters
     ratio = entry.file_size / max(entry.compress_size, 1)
-    if entry.file_size > MAX_ZIP_BYTES or ratio > MAX_ZIP_RATIO:
+    if entry.file_size > MAX_ZIP_BYTES or (entry.file_size > HARMLESS_ZIP_BYTES and ratio > MAX_ZIP_RATIO):
         raise TerrainError(
             f"{file}: {entry.filename} unpacks to {entry.file_size:,} bytes, {ratio:.0f} times its packed size; "
             "unpack it if you trust it"
@@ -222,9 +232,9 @@ class _Tile:
     band: int
 
 
-def _mosaic(files: Sequence[Path], band: int | str | None) -> str:
+def _mosaic(files: Sequence[Path], band: int | str | None, crs: str | None) -> str:
     """A virtual raster of tiles, pixel by pixel as they are; where there is none, there is no data."""
-    tiles = [_tile(file, band) for file in files]
+    tiles = [_tile(file, band, None if crs is None else _wkt(crs)) for file in files]
     first = tiles[0]
     a, b, c, d, e, f = tuple(first.transform)[:6]
     if b or d:
@@ -262,23 +272,39 @@ def _mosaic(files: Sequence[Path], band: int | str | None) -> str:
     )
 
 
-def _tile(file: Path, band: int | str | None) -> _Tile:
+def _wkt(crs: str) -> str:
+    try:
+        return str(CRS.from_user_input(crs).to_wkt())
+    except CRSError:
+        raise TerrainError(
+            f"terrain.crs: {crs!r} is not a coordinate system; give it (--dem-crs) as EPSG:32632, say"
+        ) from None
+
+
+def _tile(file: Path, band: int | str | None, crs_wkt: str | None) -> _Tile:
     name = _gdal_name(file)
     try:
         with rasterio.open(name) as dataset:
-            if dataset.crs is None:
+            if dataset.crs is None and crs_wkt is None:
                 raise TerrainError(
-                    f"{file}: has no coordinate reference system; assign the right one (gdal_edit.py -a_srs)"
+                    f"{file}: does not name its coordinate system; give it with terrain.crs (--dem-crs), such as EPSG:32632"
+                )
+            if dataset.crs is not None and crs_wkt is not None:
+                own = dataset.crs.to_string()[:40]
+                raise TerrainError(
+                    f"{file}: names its coordinate system itself ({own}); leave terrain.crs (--dem-crs) out"
                 )
             number = band_number(dataset, band, file)
             scale = (float(dataset.scales[number - 1]), float(dataset.offsets[number - 1]))
             return _Tile(
-                file, name, dataset.crs.to_wkt(), dataset.transform, (dataset.width, dataset.height),
+                file, name, crs_wkt or dataset.crs.to_wkt(), dataset.transform, (dataset.width, dataset.height),
                 dataset.nodatavals[number - 1], dataset.units[number - 1] or "", scale, number,
             )  # fmt: skip
     except (rasterio.errors.RasterioError, OSError) as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        raise TerrainError(f"{file}: cannot be read as elevation data ({reason})") from error
+        raise TerrainError(
+            f"{file}: cannot be read as elevation data ({reason}); give a whole raster of heights"
+        ) from error
 
 
 def _source(tile: _Tile, column: int, row: int) -> str:

@@ -1,17 +1,78 @@
 """What heights refer to and what they are counted in: vertical datums and units of elevation files."""
 
-from pyproj import CRS
+import warnings
 
-from uavcover.errors import TerrainError
+import numpy as np
+from pyproj import CRS
+from pyproj.exceptions import ProjError
+from pyproj.transformer import TransformerGroup
+
+from uavcover.errors import InputError, TerrainError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.terrain_source import TerrainSource
 
 _FOOT_M, _SURVEY_FOOT_M = 0.3048, 1200.0 / 3937.0
 _UNITS_M = {
     **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
+    **dict.fromkeys(("dm", "decimetre", "decimeter"), 0.1),
+    **dict.fromkeys(("cm", "centimetre", "centimeter"), 0.01),
     **dict.fromkeys(("ft", "foot", "feet", "international foot"), _FOOT_M),
     **dict.fromkeys(("us-ft", "ftus", "us survey foot", "foot_us", "us survey feet"), _SURVEY_FOOT_M),
 }
 SEA_LEVEL_DATUMS = {"EGM96": ("egm96", "5773"), "EGM2008": ("egm2008", "3855")}
+ELLIPSOID = "WGS84-ellipsoid"
+DATUMS = (*SEA_LEVEL_DATUMS, ELLIPSOID)
+_WITHOUT_HEIGHT, _ABOVE_EGM96 = 4979, "EPSG:4326+5773"
+
+
+class Undulation:
+    """How far the sea level of EGM96, which autopilots mean, lies above the ellipsoid of WGS 84, by a grid that PROJ has."""
+
+    def __init__(self) -> None:
+        """Looks for the grid; nothing is fetched.
+
+        Raises:
+            TerrainError: PROJ does not have it; names it.
+        """
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the grid that is not there, which the error names
+            group = TransformerGroup(_WITHOUT_HEIGHT, _ABOVE_EGM96, always_xy=True, allow_ballpark=False)
+        if not group.transformers or not group.best_available:
+            grids = [grid.short_name for operation in group.unavailable_operations for grid in operation.grids]
+            raise TerrainError(
+                f'terrain.vertical_datum: heights above the ellipsoid ("{ELLIPSOID}") need the geoid grid '
+                f"{grids[0] if grids else 'of EGM96'}, which PROJ does not have here; fetch it (projsync --file "
+                f"{grids[0] if grids else 'us_nga_egm96_15.tif'}), or convert the file (gdalwarp with -t_srs EPSG:4326+5773)"
+            )
+        self._to_sea_level = group.transformers[0]
+
+    def heights_m(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
+        """(n,) heights of the sea level above the ellipsoid at geodetic positions.
+
+        Raises:
+            TerrainError: the grid does not reach there.
+        """
+        try:
+            _, _, above = self._to_sea_level.transform(lon_deg, lat_deg, np.zeros(np.shape(lat_deg)), errcheck=True)
+        except ProjError as error:
+            raise TerrainError(
+                f"terrain.vertical_datum: the geoid grid does not reach the elevation data ({error})"
+            ) from error
+        return -np.asarray(above, dtype=float)
+
+
+def datum_named(text: str) -> str:
+    """One of ``DATUMS`` as the user writes it.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    known = {datum.casefold(): datum for datum in DATUMS} | {"ellipsoid": ELLIPSOID}
+    if text.casefold() not in known:
+        raise InputError(
+            f"--vertical-datum: {text!r} is not known; give EGM96 (SRTM), EGM2008 (Copernicus) or ellipsoid"
+        )
+    return known[text.casefold()]
 
 
 def refuse_feet_by_guess(path: TerrainSource, horizontal: CRS) -> None:
@@ -46,7 +107,7 @@ def unit_of_heights_m(path: TerrainSource, crs: CRS, vertical_datum: str, unit: 
     if crs.is_compound:
         vertical = crs.sub_crs_list[1]
         words = f"{vertical.name} {vertical.to_authority()}".lower()
-        if not any(word in words for word in SEA_LEVEL_DATUMS[vertical_datum]):
+        if not any(word in words for word in SEA_LEVEL_DATUMS.get(vertical_datum, ())):
             raise _contradiction(path, vertical_datum, vertical.name)
         axis = vertical.axis_info[0]
         if unit and abs(axis.unit_conversion_factor / unit_m - 1.0) > 1e-3:
@@ -54,7 +115,7 @@ def unit_of_heights_m(path: TerrainSource, crs: CRS, vertical_datum: str, unit: 
                 f"{path}: heights are in {unit!r} and in {axis.unit_name!r}; convert them to metres first"
             )
         unit_m = float(axis.unit_conversion_factor)
-    elif len(crs.axis_info) == 3:
+    elif len(crs.axis_info) == 3 and vertical_datum != ELLIPSOID:
         raise _contradiction(path, vertical_datum, f"heights above the ellipsoid of {crs.name}")
     return unit_m
 

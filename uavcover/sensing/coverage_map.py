@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from uavcover.kernels import coverage as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.sight import Sight
-from uavcover.model.scenario import Scenario, SineCosineTerrain
+from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import FrameCamera
+from uavcover.model.terrain import SineCosineTerrain
+from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.obstacles import waypoint_breaches
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import CellGrid, make_cells, make_sampled_cells
@@ -211,8 +213,8 @@ class CoverageMap:
         """(cells,) whether a cell can be seen from an allowed position.
 
         Every cell is tried from several positions around it (:func:`trial_places`), all inside the fence, the height band and the
-        sea-level limits, and clear of obstacles. A cell that is seen is coverable for certain; any other might be seen from a
-        position that was not tried, so the set is a lower bound.
+        sea-level limits, outside of no-fly zones and clear of obstacles. A cell that is seen is coverable for certain; any other
+        might be seen from a position that was not tried, so the set is a lower bound.
         """
         wanted = self.site.scenario.requirements
         apart_m = wanted.look_distance_m or 0.0
@@ -245,7 +247,7 @@ class CoverageMap:
             low = np.maximum(low, limits.min_alt_amsl_m + sea)
         if limits.max_alt_amsl_m is not None:
             high = np.minimum(high, limits.max_alt_amsl_m + sea)
-        inside = shapely.intersects_xy(self.site.fence, east_north_m[:, 0], east_north_m[:, 1])
+        inside = shapely.intersects_xy(flyable_area(self.site).polygon, east_north_m[:, 0], east_north_m[:, 1])
         up = np.where((low <= high) & inside, low + share * (high - low), np.nan)
         places = np.column_stack([east_north_m, up])
         too_near = waypoint_breaches(self.site.ground, places, self.site.scenario.obstacles)[:, 1] > 0.0

@@ -40,7 +40,7 @@ class OperatingVolume:
 
     Attributes:
         ground_up_m: height of the ground in the local frame by east and north; NaN where unknown.
-        outside_fence_m: distance outside the fence by east and north; 0 inside.
+        outside_fence_m: distance outside the fence, or inside one of its exclusions, by east and north; 0 where it is kept.
         min_height_agl_m: lower end of the height band between the first and the last planned waypoint.
         max_height_agl_m: its upper end.
     """

@@ -149,7 +149,7 @@ def _families(site: Site) -> list[_Family]:
     best, limits = best_height_agl_m(site), site.scenario.limits
     middle = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
     return [
-        _Family(long_side_angle_rad(site) + k * math.pi / _ANGLES, height, inset, PLAIN_TOLERANCE_M)
+        _Family(long_side_angle_rad(site.area) + k * math.pi / _ANGLES, height, inset, PLAIN_TOLERANCE_M)
         for k in range(_ANGLES)
         for height in sorted({best, 0.5 * (best + middle)}, reverse=True)
         for inset in _INSETS

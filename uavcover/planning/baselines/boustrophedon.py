@@ -124,9 +124,9 @@ def best_height_agl_m(site: Site, *, tolerance_m: float = PLAIN_TOLERANCE_M) -> 
     return float(heights[int(np.argmax(reach))])
 
 
-def plain_boustrophedon(site: Site) -> SwathLayout:
-    """Lines along the long side, at the height with the widest strip, without overlap on flat ground."""
-    angle = long_side_angle_rad(site)
+def plain_boustrophedon(site: Site, *, angle_rad: float | None = None) -> SwathLayout:
+    """Lines along the long side, or in a direction, at the height with the widest strip, without overlap on flat ground."""
+    angle = long_side_angle_rad(site.area) if angle_rad is None else angle_rad
     height = best_height_agl_m(site)
     return regular_layout(
         angle_rad=angle,
@@ -157,7 +157,7 @@ def boustrophedons(
 
 
 def _scan(site: Site) -> Iterator[list[SwathLayout]]:
-    base = long_side_angle_rad(site)
+    base = long_side_angle_rad(site.area)
     limits = site.scenario.limits
     best = best_height_agl_m(site)
     middle = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)

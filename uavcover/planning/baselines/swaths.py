@@ -24,6 +24,7 @@ class SwathLayout:
         inset: how far the lines stop before the border of the area, as a share of the sensor's reach on flat ground.
         tolerance_m: how far the straight legs may leave the wanted height.
         start: which of the four ways to fly it: bit 0 begins at the other end of the first line, bit 1 with the last line.
+        shift_m: how far east and north all lines are moved, for a camera that looks at the ground beside them.
     """
 
     angle_rad: float
@@ -32,6 +33,7 @@ class SwathLayout:
     inset: float
     tolerance_m: float
     start: int = 0
+    shift_m: tuple[float, float] = (0.0, 0.0)
 
 
 def regular_layout(
@@ -43,9 +45,19 @@ def regular_layout(
     return SwathLayout(angle_rad, gaps, np.full(lines, height_agl_m), inset, tolerance_m, start)
 
 
-def long_side_angle_rad(site: Site) -> float:
-    """Direction of the longer side of the smallest rectangle around the area, -pi/2..pi/2."""
-    rectangle = shapely.get_coordinates(shapely.minimum_rotated_rectangle(site.area))
+def angle_of_heading_rad(heading_deg: float) -> float:
+    """Direction of lines counter-clockwise from east, -pi/2..pi/2, from a heading clockwise from north."""
+    return math.remainder(math.radians(90.0 - heading_deg), math.pi)
+
+
+def heading_of_angle_deg(angle_rad: float) -> float:
+    """Heading of lines clockwise from north, 0 to below 180, from their direction counter-clockwise from east."""
+    return (90.0 - math.degrees(angle_rad)) % 180.0
+
+
+def long_side_angle_rad(area: shapely.Polygon | shapely.MultiPolygon) -> float:
+    """Direction of the longer side of the smallest rectangle around an area, -pi/2..pi/2."""
+    rectangle = shapely.get_coordinates(shapely.minimum_rotated_rectangle(area))
     sides = np.diff(rectangle, axis=0)[:2]
     east, north = sides[int(np.argmax(np.hypot(sides[:, 0], sides[:, 1])))]
     return math.remainder(math.atan2(north, east), math.pi)
@@ -85,7 +97,7 @@ def fly_layout(site: Site, layout: SwathLayout) -> Route:
         points = points.reshape(-1, 2, 2)[:, ::-1].reshape(-1, 2)
     if layout.start & 2:
         points, heights = points[::-1], heights[::-1]
-    return Route(lay_over_terrain(site, points @ to_lines, heights, tolerance_m=layout.tolerance_m))
+    return Route(lay_over_terrain(site, points @ to_lines + layout.shift_m, heights, tolerance_m=layout.tolerance_m))
 
 
 def to_lines_frame(angle_rad: float) -> FloatArray:

@@ -23,6 +23,10 @@ _MAIN_STAGES = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
 """Shares of the work for the goal that is asked for after which it is corrected; after the first both chains take the better."""
 _STAGES = (0.5, 0.85, 1.0)
 _MAIN_SHARE = 0.7
+_CLOSING_SHARE = 0.15
+_MOST_SHORT = 0.03
+"""A search that ends this little short of the goal goes on for so much of the work from its route with the gaps closed: beside
+zones and obstacles no small move sees the last of the ground."""
 _COVERAGE_PRICE = 2.0
 _COVERAGE_PRICE_FREE = 1.5
 """Of all coverage, in lengths of the route; where the order is free: of a cell of average weight, in radii of the sensor.
@@ -72,10 +76,12 @@ class RouteJudge:
     Attributes:
         coverage: share of what can be covered that a route sees, on the cells it is judged on.
         found: told every route worth judging.
+        closed: a route and what else has to be flown to reach a goal on those cells; none where that is too much to find out.
     """
 
     coverage: Callable[[Route], float]
     found: Callable[[Route], None]
+    closed: Callable[[Route, float], Route | None] = lambda _route, _goal: None
 
 
 def search_goals(
@@ -106,7 +112,14 @@ def search_goals(
     known = list(starts)
     if asked is not None:
         end = begin + main * (until - begin)
-        known += search_goal(work, known, asked, capacity, (begin, end), _MAIN_STAGES, judge)
+        found = search_goal(work, known, asked, capacity, (begin, end), _MAIN_STAGES, judge)
+        known += found
+        closed = _closed(work, found, asked, judge)
+        if closed is not None and len(closed.route) <= capacity:
+            judge.found(closed.route)
+            main += _CLOSING_SHARE
+            end, after = begin + main * (until - begin), end
+            known += search_goal(work, [closed], asked, capacity, (after, end), _STAGES, judge)
     ladder = (1.0 - main) * (until - begin)
     goals = _thinned(goals, int(ladder / max(_GOAL_PER_CORRECTION * work.correction, 1e-9)))
     each = ladder / len(goals)
@@ -115,6 +128,16 @@ def search_goals(
         at = until - ladder + number * each
         known += search_goal(work, known, goal, capacity, (at, at + each), _STAGES, judge)
     return known
+
+
+def _closed(work: Work, found: Sequence[SearchStart], goal: float, judge: RouteJudge) -> SearchStart | None:
+    """What a search ended with and its gaps closed, where it ends short of its goal."""
+    if not found or work.stopped:
+        return None
+    best = found[-1]
+    short = goal - judge.coverage(best.route)
+    closed = judge.closed(best.route, goal + SAFETY) if 0.0 < short <= _MOST_SHORT else None
+    return None if closed is None else SearchStart(closed, best.seen + short)
 
 
 def search_goal(

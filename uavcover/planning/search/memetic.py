@@ -5,11 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uavcover.errors import InfeasibleError
+from uavcover.kernels.arrays import BoolArray
 from uavcover.kernels.tours import short_tour
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
-from uavcover.planning.baselines.boustrophedon import best_height_agl_m
+from uavcover.planning.baselines.boustrophedon import PLAIN_TOLERANCE_M, best_height_agl_m
 from uavcover.planning.front import Candidate
+from uavcover.planning.gap_route import plan_closing_route
 from uavcover.planning.search.goal_search import (
     SAFETY,
     RouteJudge,
@@ -32,6 +35,8 @@ from uavcover.planning.search.route_problem import RouteProblem, route_problem
 from uavcover.planning.search.simplify import thinned_out
 from uavcover.planning.search.tour_with_neighbourhoods import search_free_order
 from uavcover.planning.selection import Rule
+from uavcover.planning.terrain_following import lay_over_terrain
+from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import make_scattered_cells
 from uavcover.sensing.coverage_map import CoverageMap, judging_maps
@@ -48,6 +53,12 @@ _WAYPOINTS_SHARE = 0.15
 
 _FLOWN = 0.98
 """The coverage that it goes for when the rule asks for none."""
+
+_MOST_MISSING = 10_000
+"""Cells; to close the gaps of more takes seconds."""
+
+_MORE = (1.0, 1.5, 2.5)
+"""Times the ground that lacks: what gaps are closed of."""
 
 _PATH_CAPACITY = 3
 _SPARE_WAYPOINTS = 100
@@ -137,7 +148,7 @@ def improve(
 
     asked = rule.required_coverage
     capacity = _capacity(problem, settings, starts)
-    judge = RouteJudge(judged_coverage, found)
+    judge = RouteJudge(judged_coverage, found, lambda route, goal: _closed(judging, route, goal))
     if problem.free_order:
         search_free_order(work, starts, asked=asked, capacity=capacity, judge=judge)
     else:
@@ -147,6 +158,39 @@ def improve(
         on_these_cells = RouteJudge(lambda route: judging.share_of_coverable(judging.seen(route.waypoints_m)), found)
         search_waypoints(work, known, goal=goal, capacity=capacity, until=1.0, judge=on_these_cells)
     return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
+
+
+def _closed(judging: CoverageMap, route: Route, goal: float) -> Route | None:
+    """The route, and behind it what sees enough of the ground that it misses; none where that is too much to find out."""
+    seen = judging.seen(route.waypoints_m)
+    missing = judging.coverable & ~seen
+    lacking = goal - judging.share_of_coverable(seen)
+    if lacking <= 0.0 or np.count_nonzero(missing) > _MOST_MISSING:
+        return None
+    needed_m2 = lacking * float(judging.grid.weight_m2[judging.coverable].sum())
+    for more in _MORE:
+        whole = _with_closing(judging, route, missing, more * needed_m2)
+        if whole is None:
+            return None
+        # Pictures by distance fall elsewhere behind a route than behind home: it may take more.
+        if judging.share_of_coverable(judging.seen(whole.waypoints_m)) >= goal:
+            return whole
+    return None
+
+
+def _with_closing(judging: CoverageMap, route: Route, missing: BoolArray, needed_m2: float) -> Route | None:
+    """The route, and behind it one for so much of the missing ground; none where that would break a limit."""
+    site, points = judging.site, route.waypoints_m
+    end_m = points[-1] if site.home_m is None else site.home_m
+    try:
+        closing = plan_closing_route(judging, missing, start_m=points[-1], end_m=end_m, needed_m2=needed_m2)
+    except InfeasibleError:
+        return None
+    ends = np.vstack([points[-1], closing.route.waypoints_m[0]])
+    link = lay_over_terrain(site, ends[:, :2], site.ground.heights_agl_m(ends), tolerance_m=PLAIN_TOLERANCE_M)
+    whole = np.vstack([points, link[1:-1], closing.route.waypoints_m])
+    margin_m = site.scenario.limits.height_margin_m
+    return Route(whole) if measure_violations(site, whole, margin_m=margin_m).total <= 0.0 else None
 
 
 def _fewer_waypoints(problem: RouteProblem, starts: Sequence[SearchStart], goal: float) -> SearchStart:

@@ -15,6 +15,7 @@ from uavcover.kernels.sight import CONE, FRUSTUM, Sight, horizontal_reach
 from uavcover.kernels.way_cost import LENGTH, route_cost
 from uavcover.model.route import Route
 from uavcover.routes.way_cost import way_cost_of
+from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import trigger_distance_m
@@ -125,8 +126,8 @@ def narrowed(sight: Sight, *, margin_m: float, reach_m: float) -> Sight:
 
 def _limits(site: Site) -> RouteLimits:
     limits = site.scenario.limits
-    fence = np.ascontiguousarray(shapely.get_coordinates(shapely.get_exterior_ring(site.fence))[:-1], dtype=float)
     # Height above sea level less up: smallest at the origin, largest at the far corners, where the Earth has curved away.
+    fence = shapely.get_coordinates(site.fence)
     places = np.column_stack([np.vstack([fence, [[0.0, 0.0]]]), np.zeros(len(fence) + 1)])
     sea = site.alts_amsl_m(places)
     lowest = -math.inf if limits.min_alt_amsl_m is None else limits.min_alt_amsl_m - float(sea.min())
@@ -138,10 +139,22 @@ def _limits(site: Site) -> RouteLimits:
         highest_up_m=highest,
         max_slope=math.tan(math.radians(limits.max_climb_angle_deg)),
         legs=1 if limits.applies_to == "legs" else 0,
-        fence_m=fence,
+        fence_m=_rings_m(flyable_area(site).polygon),
         beside_m=site.scenario.obstacles.clearance_beside_m,
         above_m=site.scenario.obstacles.clearance_above_m,
     )
+
+
+def _rings_m(polygon: shapely.Polygon) -> FloatArray:
+    """(k, 2) corners of all rings of a polygon in one array, for the kernels: of one ring, its corners.
+
+    Several rings are closed, and rows of NaN are between them and at the end: an edge to or from such a row compares as false, so
+    it neither toggles inside and outside nor crosses a leg.
+    """
+    rings = [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]
+    if len(rings) == 1:
+        return np.ascontiguousarray(rings[0][:-1], dtype=float)
+    return np.ascontiguousarray(np.vstack([np.vstack([ring, [[np.nan, np.nan]]]) for ring in rings]), dtype=float)
 
 
 def state_of(problem: RouteProblem, route: Route, *, capacity: int) -> RouteState:

@@ -14,6 +14,7 @@ from uavcover.kernels import set_cover as kernels
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.sight import horizontal_reach
 from uavcover.planning.encodings import allowed_band_m
+from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, sees_each
 from uavcover.sensing.sensors import whatever_heading
@@ -141,7 +142,7 @@ def _lattice_2d(site: Site, reach_m: float, spacing_m: float) -> FloatArray:
 
 def _around(site: Site, reach_m: float) -> shapely.Geometry:
     """Where a place may be that sees some of the area."""
-    return site.fence.intersection(site.area.buffer(reach_m))
+    return flyable_area(site).polygon.intersection(site.area.buffer(reach_m))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

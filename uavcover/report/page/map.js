@@ -2,6 +2,8 @@
 // The map. Places are local metres: Leaflet's "latitude" is north, its "longitude" is east.
 const data = JSON.parse(document.getElementById("data").textContent);
 const report = { layer: null, onLayer: [], showPlace: null };
+// Flights have dark colours by light and light ones in the dark; the broad line of the plan below them has the opposite.
+report.plannedColor = window.matchMedia("(prefers-color-scheme: dark)").matches ? "#56668a" : "#ffffff";
 report.trackLook = ({ style }) => {
   const number = Number(style.split("-")[1]), colors = 8;
   return { color: getComputedStyle(document.documentElement).getPropertyValue(`--flight-${number % colors}`).trim(), dashArray: number < colors ? null : "7 5" };
@@ -12,8 +14,15 @@ report.trackLook = ({ style }) => {
   const corners = ([west, south, east, north]) => [[south, west], [north, east]];
   const map = L.map("map", { crs: L.CRS.Simple, minZoom: -8, maxZoom: 8, zoomSnap: 0.25, zoomDelta: 0.5 });
   map.attributionControl.setPrefix("Leaflet");
-  const fit = () => map.fitBounds(corners(data.bounds), { animate: false, padding: [4, 4] });
+  // Beside the list of layers, where it is open and there is room.
+  const fit = () => {
+    const list = document.querySelector("#map .leaflet-control-layers"), width = list && getComputedStyle(list).display !== "none" ? list.offsetWidth + 12 : 0;
+    const right = width < 0.4 * map.getSize().x ? width : 0;
+    map.fitBounds(corners(data.bounds), { animate: false, paddingTopLeft: [4, 4], paddingBottomRight: [4 + right, 4] });
+  };
   fit();
+  // Home, violations and the vehicle stay over marks that are drawn anew.
+  map.createPane("above").style.zIndex = 450;
   L.control.scale({ imperial: false }).addTo(map);
   L.imageOverlay(data.relief, corners(data.bounds), { zIndex: 1 }).addTo(map);
 
@@ -44,27 +53,93 @@ report.trackLook = ({ style }) => {
   const outline = (rings, color, dashes) =>
     L.layerGroup(rings.map((ring) => L.polyline(ring.map(at), { color, weight: 2, dashArray: dashes, interactive: false })));
   const overlays = {};
-  overlays["Area"] = outline(data.area, "#7fc4ff");
+  if (data.background) overlays["Background map"] = L.imageOverlay(data.background, corners(data.bounds), { className: "background", zIndex: 2 });
+  // The legend below the map; names come from files, and go in as text.
+  const key = (label, ...strokes) => {
+    const item = document.createElement("li"), words = document.createElement("span");
+    const drawing = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+    drawing.setAttribute("viewBox", "0 0 26 12");
+    drawing.setAttribute("aria-hidden", "true");
+    for (const attributes of strokes) {
+      if (attributes.bare) drawing.style.background = "none";
+      const isMark = "r" in attributes;
+      const shape = document.createElementNS(drawing.namespaceURI, isMark ? "circle" : "path");
+      const all = isMark ? { cx: 13, cy: 6, ...attributes } : { d: "M2 6H24", fill: "none", ...attributes };
+      delete all.bare;
+      for (const [name, value] of Object.entries(all)) shape.setAttribute(name, value);
+      drawing.append(shape);
+    }
+    words.textContent = label;
+    item.append(drawing, words);
+    document.getElementById("line-legend").append(item);
+  };
+  if (data.drawn.length) {
+    overlays["Area"] = outline(data.drawn, "#7fc4ff");
+    key("area as drawn", { stroke: "#7fc4ff", "stroke-width": 2 });
+    overlays["Area with its margin"] = outline(data.area, "#7fc4ff", "2 5");
+    key("with its margin", { stroke: "#7fc4ff", "stroke-width": 2, "stroke-dasharray": "2 4" });
+  } else {
+    overlays["Area"] = outline(data.area, "#7fc4ff");
+    key("area", { stroke: "#7fc4ff", "stroke-width": 2 });
+  }
   overlays["Fence"] = outline(data.fence, "#ff7a59", "6 5");
+  key("fence", { stroke: "#ff7a59", "stroke-width": 2, "stroke-dasharray": "5 3" });
+  if (data.noFly.length) {
+    overlays[`No-fly zones (${data.noFly.length})`] = L.layerGroup(data.noFly.map((zone) =>
+      L.polygon(zone.rings.map((ring) => ring.map(at)), { color: "#e0245e", weight: 2, fillColor: "#e0245e", fillOpacity: 0.22 })
+        .bindPopup(() => popup(zone.name, [["no-fly zone", zone.heights]]))));
+    key("no-fly zone", { stroke: "#e0245e", "stroke-width": 2 });
+  }
   if (data.obstacles.length) {
     overlays[`Obstacles (${data.obstacles.length})`] = L.layerGroup(data.obstacles.map((obstacle) =>
       L.polygon(obstacle.rings.map((ring) => ring.map(at)), { color: "#3b2b52", weight: 1.5, fillColor: "#8e6fc1", fillOpacity: 0.55 })
         .bindPopup(() => popup(obstacle.name, [["height", `${obstacle.height} m`], ["place", placeWords(obstacle.rings[0][0][0], obstacle.rings[0][0][1])]]))));
   }
-  const planned = L.polyline(data.plan.map(at), { color: "#ffffff", weight: 2.5, interactive: false });
-  const shadow = L.polyline(data.plan.map(at), { color: "#22304f", weight: 4.5, interactive: false });
-  overlays["Planned route"] = L.layerGroup([shadow, planned, ...data.plan.map((place, i) =>
-    L.circleMarker(at(place), { radius: 3.5, color: "#22304f", weight: 1.5, fillColor: "#ffffff", fillOpacity: 1 })
+  // Of places too close together on the screen only the first ones of an order are drawn.
+  const thinned = (places, order, apart) => {
+    const taken = new Map(), kept = [], view = map.getBounds().pad(0.4);
+    for (const i of order) {
+      if (!view.contains(at(places[i]))) continue;
+      const point = map.latLngToLayerPoint(at(places[i])), column = Math.floor(point.x / apart), row = Math.floor(point.y / apart);
+      let free = true;
+      for (let c = column - 1; free && c <= column + 1; c++) for (let r = row - 1; free && r <= row + 1; r++) {
+        free = !(taken.get(`${c} ${r}`) || []).some((other) => other.distanceTo(point) < apart);
+      }
+      if (!free) continue;
+      const cell = `${column} ${row}`;
+      taken.set(cell, [...(taken.get(cell) || []), point]);
+      kept.push(i);
+    }
+    return kept.sort((a, b) => a - b);
+  };
+  // A layer of marks that is thinned anew wherever the map is moved.
+  const thinnedLayer = (places, order, apart, mark) => {
+    const layer = L.layerGroup(), redraw = () => { layer.clearLayers(); thinned(places, order, apart).forEach((i) => layer.addLayer(mark(i))); };
+    layer.on("add", () => { redraw(); map.on("moveend", redraw); });
+    layer.on("remove", () => map.off("moveend", redraw));
+    return layer;
+  };
+  // The ends of a route are always drawn.
+  const endsFirst = (places) => places.length ? [places.length - 1, ...places.keys()].slice(0, places.length) : [];
+  // Planned is broad and white, edged in the colour of its sortie; flown is thin and lies over it: both show where they agree.
+  const dark = "#22304f", parts = data.sorties.length ? data.sorties : [{ name: "", points: data.plan }];
+  const edge = (part) => part.name ? report.trackLook(part).color : dark;
+  const lines = parts.flatMap((part) => [[edge(part), 7.5], [report.plannedColor, 5]].map(([color, weight]) =>
+    L.polyline(part.points.map(at), { color, weight, interactive: false, className: "planned" })));
+  for (const part of parts) {
+    key(part.name ? `planned, ${part.name}` : "planned route", { stroke: edge(part), "stroke-width": 7.5 }, { stroke: report.plannedColor, "stroke-width": 5 });
+  }
+  overlays["Planned route"] = L.layerGroup([...lines, thinnedLayer(data.plan, endsFirst(data.plan), 9, (i) =>
+    L.circleMarker(at(data.plan[i]), { radius: 3.5, color: dark, weight: 1.5, fillColor: "#ffffff", fillOpacity: 1, className: "waypoint" })
       .bindPopup(() => popup(`waypoint ${i}`, [
         ["above ground", `${data.planHeights[i] === null ? "?" : data.planHeights[i].toFixed(1)} m`],
-        ["place", placeWords(place[0], place[1])],
+        ["place", placeWords(data.plan[i][0], data.plan[i][1])],
       ])))]);
-  const numbers = data.plan.map((place, i) => {
+  overlays["Waypoint numbers"] = thinnedLayer(data.plan, endsFirst(data.plan), 26, (i) => {
     const text = document.createElement("span");
     text.textContent = String(i);
-    return L.marker(at(place), { interactive: false, keyboard: false, icon: L.divIcon({ className: "number", html: text, iconSize: null, iconAnchor: [-5, 16] }) });
+    return L.marker(at(data.plan[i]), { interactive: false, keyboard: false, icon: L.divIcon({ className: "number", html: text, iconSize: null, iconAnchor: [-5, 16] }) });
   });
-  overlays["Waypoint numbers"] = L.layerGroup(numbers);
   if (data.tracks.length) {
     // What the layer control shows is markup: names of files are made text first.
     const label = (track, color) => {
@@ -75,37 +150,52 @@ report.trackLook = ({ style }) => {
       return data.tracks.length > 1 ? swatch.outerHTML + words.outerHTML : words.outerHTML;
     };
     for (const track of data.tracks) {
-      const look = report.trackLook(track), places = track.points.map(at);
+      const look = report.trackLook(track);
       overlays[label(track, look.color)] = L.layerGroup([
-        L.polyline(places, { color: "#ffffff", weight: 4, opacity: 0.55, interactive: false }),
-        L.polyline(places, { ...look, weight: 2.2, interactive: false, className: `track ${track.style}` })]);
+        L.polyline(track.points.map(at), { ...look, weight: 2.2, interactive: false, className: `track ${track.style}` })]);
+      key(data.tracks.length > 1 ? `flown, ${track.name}` : "flown", { stroke: look.color, "stroke-width": 2.2, "stroke-dasharray": look.dashArray || "none", bare: true });
     }
-    const vehicle = L.circleMarker([0, 0], { radius: 7, color: "#000", weight: 2, fillColor: "#ffd400", fillOpacity: 1, interactive: false });
+    const vehicle = L.circleMarker([0, 0], { pane: "above", radius: 7, color: "#000", weight: 2, fillColor: "#ffd400", fillOpacity: 1, interactive: false });
     report.showPlace = (place) => {
       if (place === null) return void vehicle.remove();
       vehicle.setLatLng(at(place)).addTo(map);
     };
   }
+  for (const [name, look] of [["planned", { radius: 3, color: "#22304f", weight: 1.2, fillColor: "#9ec5ff", fillOpacity: 1 }],
+    ["flown", { radius: 2.2, color: "#000000", weight: 0.8, fillColor: "#ffd400", fillOpacity: 1 }]]) {
+    const places = data.pictures[name];
+    if (!places.length) continue;
+    overlays[`Pictures, ${name} (${places.length})`] = thinnedLayer(places, endsFirst(places), 5, (i) =>
+      L.circleMarker(at(places[i]), { ...look, className: `picture ${name}` })
+        .bindPopup(() => popup(`picture ${i + 1}, ${name}`, [["place", placeWords(places[i][0], places[i][1])]])));
+    key(`picture, ${name}`, { r: look.radius + 1, fill: look.fillColor, stroke: look.color, "stroke-width": look.weight });
+  }
   if (data.home) {
-    const home = L.circleMarker(at(data.home), { radius: 6, color: "#fff", weight: 2, fillColor: "#d6248f", fillOpacity: 1 });
+    const home = L.circleMarker(at(data.home), { pane: "above", radius: 6, color: "#fff", weight: 2, fillColor: "#d6248f", fillOpacity: 1 });
     home.bindPopup(() => popup("home", [["place", placeWords(data.home[0], data.home[1])]]));
     overlays["Home"] = L.layerGroup([home]);
+    key("home", { r: 5, fill: "#d6248f", stroke: "#ffffff", "stroke-width": 1.5 });
   }
   if (data.gaps.length) {
-    overlays[`Gaps (${data.gaps.length})`] = L.layerGroup(data.gaps.map((gap) =>
-      L.circle([gap.north, gap.east], { radius: 1.4 * Math.sqrt(gap.area / Math.PI) + 4, color: "#d55e00", weight: 2, dashArray: "3 4", fillOpacity: 0 })
-        .bindPopup(() => popup(`${gap.area} m² not seen`, [["why", gap.reason], ["cells", gap.cells], ["place", placeWords(gap.east, gap.north)]]))));
+    const middles = data.gaps.map((gap) => [gap.east, gap.north]);
+    overlays[`Gaps (${data.gaps.length})`] = thinnedLayer(middles, [...middles.keys()], 22, (i) => {
+      const gap = data.gaps[i];
+      return L.circleMarker(at(middles[i]), { radius: gap.area < 100 ? 5 : gap.area < 1000 ? 7 : 9, color: "#ffb000", weight: 2.5, dashArray: "3 3", fillOpacity: 0, className: "gap" })
+        .bindPopup(() => popup(`${gap.area} m² not seen`, [["why", gap.reason], ["cells", gap.cells], ["place", placeWords(gap.east, gap.north)]]));
+    });
+    key("middle of a gap", { r: 4.5, fill: "none", stroke: "#ffb000", "stroke-width": 2, "stroke-dasharray": "2.5 2" });
   }
   if (data.violations.length) {
     overlays[`Violations (${data.violations.length})`] = L.layerGroup(data.violations.map((v) =>
-      L.circleMarker([v.north, v.east], { radius: 9, color: "#fff", weight: 2, fillColor: "#b3261e", fillOpacity: 1 })
+      L.circleMarker([v.north, v.east], { pane: "above", radius: 9, color: "#fff", weight: 2, fillColor: "#b3261e", fillOpacity: 1 })
         .bindPopup(() => popup(v.kind, [["reached", v.worst], ["limit", v.limit], ["from", `${v.from} s`], ["to", `${v.to} s`], ["place", placeWords(v.east, v.north)]]))));
+    key("violation", { r: 5, fill: "#b3261e", stroke: "#ffffff", "stroke-width": 1.5 });
   }
 
   // One picture of the cells at a time; the relief lies under all of them.
   const grounds = {};
   const cellLayers = data.cells.map((layer) => {
-    const picture = L.imageOverlay(layer.image, corners(data.cellBounds), { className: "cells", zIndex: 2 });
+    const picture = L.imageOverlay(layer.image, corners(data.cellBounds), { className: "cells", zIndex: 3 });
     picture.cells = layer;
     grounds[layer.title] = picture;
     return picture;
@@ -136,9 +226,9 @@ report.trackLook = ({ style }) => {
   map.on("baselayerchange", (event) => show(event.layer.cells));
   (cellLayers[0] || bare).addTo(map);
   for (const [name, layer] of Object.entries(overlays)) {
-    if (name !== "Waypoint numbers" || data.plan.length <= 60) layer.addTo(map);
+    if (!(name.startsWith("Pictures, planned") && data.pictures.flown.length)) layer.addTo(map);
   }
-  const control = L.control.layers(grounds, overlays, { collapsed: false }).addTo(map);
+  const control = L.control.layers(grounds, overlays, { collapsed: false, autoZIndex: false }).addTo(map);
   const box = control.getContainer();
   const button = L.DomUtil.create("button", "layers-button");
   button.type = "button";
@@ -149,6 +239,7 @@ report.trackLook = ({ style }) => {
   holder.onAdd = () => (L.DomEvent.disableClickPropagation(button), button);
   holder.addTo(map);
   box.parentNode.prepend(button);
+  fit();
 
   const pointer = document.getElementById("pointer");
   map.on("mousemove", (event) => { pointer.textContent = placeWords(event.latlng.lng, event.latlng.lat); });

@@ -86,7 +86,7 @@ def read_area(query: AreaQuery, *, folder: Path = Path()) -> FoundArea:
     """
     is_file = not is_area_text(query.source)
     path = folder / query.source
-    document = _read_file(path, query.layer) if is_file else _read_text(query.source)
+    document = read_document(path, query.layer) if is_file else _read_text(query.source)
     if document.unclosed and not query.make_valid:
         raise InputError(
             f"{document.source}: {document.unclosed[0]}; repeat its first corner at the end, or use --make-valid"
@@ -127,7 +127,12 @@ def _on_earth(crs: CRS, where: str) -> CRS:
     return crs
 
 
-def _read_file(path: Path, layer: str | None) -> AreaDocument:
+def read_document(path: Path, layer: str | None) -> AreaDocument:
+    """The polygons of a file of any known format, not yet checked.
+
+    Raises:
+        InputError: it is no such file, or cannot be read.
+    """
     suffix = path.suffix.lower()
     if not path.exists():
         raise InputError(f"{path}: no such file; an area is a file, WEST,SOUTH,EAST,NORTH, LAT,LON,RADIUS or WKT")

@@ -1,8 +1,9 @@
 """The polygons of a file before they are checked: features with names, in the file's own coordinates."""
 
 import difflib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 from pyproj import CRS
 
@@ -21,11 +22,13 @@ class AreaFeature:
         polygons: each its outer ring and its holes, as (x, y) or (longitude, latitude) pairs in the order of the file.
         name: of the feature; empty without one.
         layer: the layer, folder or kind it belongs to; empty where the format has none.
+        properties: what else GeoJSON says of it.
     """
 
     polygons: tuple[Rings, ...]
     name: str = ""
     layer: str = ""
+    properties: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

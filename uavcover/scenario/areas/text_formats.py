@@ -32,24 +32,25 @@ def read_geojson(text: str, source: str) -> AreaDocument:
     crs = WGS84
     found: list[AreaFeature] = []
     others: Counter[str] = Counter()
-    todo = [(root, "")]
+    todo: list[tuple[Node, Mapping[str, Any]]] = [(root, {})]
     while todo:
-        node, name = todo.pop()
+        node, properties = todo.pop()
+        name = _name_of(properties)
         kind = node.get("type").text()
         if node.value.get("crs") is not None:
             crs = _named_system(node.get("crs"))
         if kind == "FeatureCollection":
-            todo += [(one, "") for one in reversed(node.get("features").nodes())]
+            todo += [(one, {}) for one in reversed(node.get("features").nodes())]
         elif kind == "Feature":
             if node.value.get("geometry") is not None:
-                todo.append((node.get("geometry"), _property_name(node)))
+                todo.append((node.get("geometry"), _properties(node)))
         elif kind == "GeometryCollection":
-            todo += [(one, name) for one in reversed(node.get("geometries").nodes())]
+            todo += [(one, properties) for one in reversed(node.get("geometries").nodes())]
         elif kind == "Polygon":
-            found.append(AreaFeature((_rings(node.get("coordinates")),), name))
+            found.append(AreaFeature((_rings(node.get("coordinates")),), name, properties=properties))
         elif kind == "MultiPolygon":
             parts = tuple(_rings(part) for part in node.get("coordinates").nodes())
-            found += [AreaFeature(parts, name)] if parts else []
+            found += [AreaFeature(parts, name, properties=properties)] if parts else []
         else:
             others[kind[:30]] += 1
     return AreaDocument(source, tuple(found), crs, _counted(others))
@@ -67,12 +68,15 @@ def _named_system(node: Node) -> CRS:
         ) from None
 
 
-def _property_name(feature: Node) -> str:
+def _properties(feature: Node) -> Mapping[str, Any]:
     properties = feature.value.get("properties")
-    if isinstance(properties, dict):
-        for key, value in properties.items():
-            if str(key).casefold() == "name" and isinstance(value, str | int | float):
-                return str(value)
+    return properties if isinstance(properties, dict) else {}
+
+
+def _name_of(properties: Mapping[str, Any]) -> str:
+    for key, value in properties.items():
+        if str(key).casefold() == "name" and isinstance(value, str | int | float):
+            return str(value)
     return ""
 
 

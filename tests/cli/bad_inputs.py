@@ -1,0 +1,201 @@
+"""Bad inputs of `uavcover new`: what is given, and what the one line of its error has to say.
+
+docs/results/bad_inputs.md shows the lines (scripts/bad_inputs.py).
+"""
+
+from pathlib import Path
+
+import numpy as np
+import rasterio
+import shapely
+from rasterio.crs import CRS
+from rasterio.transform import Affine
+
+from tests.scenario.areas import written
+from tests.scenario.areas.test_bad_areas import TEXTS
+from tests.scenario.dem_files import write_dem
+
+SIZE_M = 400.0
+# Latitude, longitude, system and pixels of the elevation model, ground at 0 in metres above sea level.
+PLACES = {
+    "Alps, UTM, 2,500 m": (46.55, 8.03, 32632, 10.0, 1900.0),
+    "Alps, the Swiss grid": (46.55, 8.03, 2056, 10.0, 1000.0),
+    "Tennessee, one arc second": (36.48, -84.22, 4326, 30.0, 0.0),
+    "southern hemisphere, UTM": (-33.45, -70.62, 32719, 5.0, 0.0),
+    "across 180 degrees": (-16.80, 180.0, 32760, 10.0, -300.0),
+    "77 degrees south": (-77.52, 166.60, 3031, 10.0, -300.0),
+    "78 degrees north, degrees": (78.22, 15.60, 4326, 30.0, -400.0),
+}
+
+
+def square_parts(place, hole=True):
+    """A square of SIZE_M with a hole, in longitude and latitude."""
+    lat, lon = PLACES[place][:2]
+    half = 0.5 * SIZE_M / 111_195.0
+    across = half / np.cos(np.radians(lat))
+    inner = [(lon + 0.3 * x * across, lat + 0.3 * y * half) for x, y in ((-1, -1), (-1, 1), (1, 1), (1, -1))]
+    outer = [(lon + x * across, lat + y * half) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    wrapped = [[(x - 360.0 if x > 180.0 else x, y) for x, y in ring] for ring in (outer, inner)]
+    return [shapely.Polygon(wrapped[0], [wrapped[1]] if hole else [])]
+
+
+def dem_at(folder, place, *, steepest=0.35):
+    lat, lon, epsg, pixel_m, level_m = PLACES[place]
+    lon = 179.95 if lon == 180.0 and epsg == 4326 else lon
+    path = write_dem(
+        folder / "dem.tif", np.random.default_rng(3), lat_deg=lat, lon_deg=lon, epsg=epsg, pixel_m=pixel_m, size_m=1600.0,
+        steepest=steepest,
+    )  # fmt: skip
+    with rasterio.open(path, "r+") as file:
+        file.write(file.read(1) + np.float32(level_m), 1)
+    return path
+
+
+def options(dem, *, camera="dji-m3e", gsd="3cm"):
+    return ("--dem", dem, "--camera", camera, "--gsd", gsd)
+
+
+AT = "Tennessee, one arc second"
+
+BAD = {
+    "nothing": ((), "give an area, such as area.kml"),
+    "no options": (("AREA",), "an area needs --dem dem.tif, --camera NAME, --gsd 2.5cm as well"),
+    "no camera": (("AREA", "--dem", "DEM"), "an area needs --camera NAME, --gsd 2.5cm as well"),
+    "no such area": (("nowhere.kml", "OPTIONS"), "no such file; an area is a file"),
+    "not an area": (("DEM", "OPTIONS"), ".tif is not a format of areas"),
+    "no such model": (
+        ("AREA", "--dem", "no.tif", "--camera", "m3e", "--gsd", "3cm"),
+        "no.tif: no such file; give the elevation data",
+    ),
+    "a model that is none": (
+        ("AREA", "--dem", "AREA", "--camera", "m3e", "--gsd", "3cm"),
+        "cannot be read as elevation data",
+    ),
+    "a picture": (
+        ("AREA", "--dem", "PICTURE", "--camera", "m3e", "--gsd", "3cm"),
+        "is a picture (3 bands of 8 bits), not heights",
+    ),
+    "camera": (("AREA", "--dem", "DEM", "--camera", "dji-m33e", "--gsd", "3cm"), "did you mean dji-m3e"),
+    "gsd without unit": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "3"), "has no unit; write it as 2.5cm"),
+    "gsd": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "fine"), "is not understood; write it as 2.5cm"),
+    "gsd too fine": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "1mm"), "ask for 0.67 cm or more"),
+    "overlap": (("AREA", "OPTIONS", "--overlap", "0.75/0.7"), "write it in percent, as 75/70"),
+    "overlap of everything": (("AREA", "OPTIONS", "--overlap", "100/70"), "is outside 0 to 95 percent"),
+    "too much overlap": (
+        ("AREA", "--dem", "DEM", "--camera", "mini 3 pro", "--gsd", "1cm", "--overlap", "95/70"),
+        "ask for less forward overlap, a coarser --gsd",
+    ),
+    "battery": (("AREA", "OPTIONS", "--battery", "25"), "has no unit; write it as 25min"),
+    "negative battery": (("AREA", "OPTIONS", "--battery", "-5min"), "must be above 0"),
+    "vehicle": (("AREA", "OPTIONS", "--vehicle", "dji"), "did you mean dji-m3e"),
+    "home": (("AREA", "OPTIONS", "--home", "here"), "write it as LAT,LON in degrees"),
+    "home swapped": (
+        ("AREA", "OPTIONS", "--home", "-84.22,36.48"),
+        "km are allowed; give a place beside it, latitude first",
+    ),
+    "home elsewhere": (("AREA", "OPTIONS", "--home", "36.9,-84.22"), "km are allowed"),
+    "max height": (("AREA", "OPTIONS", "--max-height", "10m"), "leaves no height band"),
+    "speed": (("AREA", "OPTIONS", "--speed", "fast"), "write it as 8m/s"),
+    "speed beyond the vehicle": (
+        ("AREA", "OPTIONS", "--vehicle", "px4", "--speed", "50km/h"),
+        "is more than the 12 m/s of px4",
+    ),
+    "margin": (("AREA", "OPTIONS", "--margin", "some"), "write it as 40m"),
+    "mount": (("AREA", "OPTIONS", "--mount", "loose"), "give stabilised (a gimbal) or fixed"),
+    "datum": (("AREA", "OPTIONS", "--vertical-datum", "NN"), "give EGM96 (SRTM), EGM2008 (Copernicus) or ellipsoid"),
+    "autopilot": (("AREA", "OPTIONS", "--autopilot", "dji"), "neither ardupilot nor px4"),
+    "height unit": (("AREA", "OPTIONS", "--height-unit", "yard"), "give m, dm, cm, ft or us-ft"),
+    "band": (("AREA", "OPTIONS", "--band", "7"), "has no band '7'; terrain.band is one of: 1"),
+    "lakes": (("AREA", "OPTIONS", "--fill-lakes", "all"), "write it as 200m"),
+    "no tiles": (("AREA", "--dem", "none/*.hgt", "--camera", "m3e", "--gsd", "3cm"), "none/*.hgt has no tile"),
+    "pattern": (("AREA", "OPTIONS", "--pattern", "grid"), "give single, crosshatch or oblique"),
+    "a fixed camera in an oblique set": (
+        ("AREA", "OPTIONS", "--pattern", "oblique", "--mount", "fixed"),
+        "give stabilised, or another --pattern",
+    ),
+    "feature": (("AREA", "OPTIONS", "--feature", "feild 1"), "did you mean 'field 1'?"),
+    "layer": (("AREA", "OPTIONS", "--layer", "x"), "leave the option out"),
+    "crs": (("AREA", "OPTIONS", "--crs", "EPSG:x"), "write it as EPSG:32632"),
+    "elsewhere": (("46.5,8.0,200", "OPTIONS"), "off the elevation data"),
+    "beyond the model": (("36.48,-84.22,5km", "OPTIONS"), "reaches beyond the elevation data"),
+    "too large": (("36.48,-84.22,40km", "OPTIONS"), "km by"),
+    "swapped": (("SWAPPED", "OPTIONS"), "its axes are swapped: use --swap-axes"),
+    "no folder": (("AREA", "OPTIONS", "-o", "no/where/a.toml"), "there is no folder"),
+    "no scenario": (("AREA", "OPTIONS", "-o", "a.kml"), "is not a .toml file"),
+    "unknown option": (("AREA", "OPTIONS", "--gds", "3"), "No such option"),
+}
+
+_MODEL = ("AREA", "--dem", "MODEL", "--camera", "m3e", "--gsd", "3cm")
+MODELS = {
+    "a model without a system": ({"crs": None}, "give it with terrain.crs (--dem-crs), such as EPSG:32632"),
+    "a model in degrees called metres": ({"crs": "EPSG:32616"}, "degrees taken for metres; assign the right"),
+    "a model of another sea level": ({"crs": "EPSG:4326+5703"}, "the file says NAVD88"),
+    "a model above the ellipsoid": ({"crs": "EPSG:4979"}, "need the geoid grid us_nga_egm96_15.tif"),
+    "a model in fathoms": ({"unit": "fathom"}, "heights are in 'fathom'; convert them to metres"),
+    "no-data that is not declared": ({"hole": -32768.0}, "declare it as the no-data value of the file"),
+    "a hole in the model": ({"hole": float("nan")}, "--fill-lakes"),
+    "a model of a site grid": (
+        {"crs": CRS.from_wkt('LOCAL_CS["site grid",UNIT["metre",1]]')}, "assign or convert to a known one",
+    ),
+    "a model that was cut off": ({"kept_bytes": 900}, "cannot be read as elevation data"),
+    "an empty model": ({"kept_bytes": 0}, "the file is empty"),
+}  # fmt: skip
+
+
+def prepare(folder: Path) -> None:
+    """An elevation model and areas around 36.48 N, 84.22 W."""
+    dem_at(folder, AT)
+    parts = square_parts(AT)
+    written.kml(folder / "area.kml", parts)
+    written.geojson(folder / "area.geojson", parts)
+
+
+def arguments_of(what: str, prepared: Path, folder: Path) -> tuple[list[object], str]:
+    """The arguments of one bad input, whose own files are written into a folder, and words of its error."""
+    if what in MODELS:
+        change, words = MODELS[what]
+        _write_model(prepared / "dem.tif", folder / "model.tif", **change)
+        arguments: tuple[object, ...] = _MODEL
+    elif what in TEXTS:
+        name, text, words = TEXTS[what]
+        (folder / name).write_text(text, encoding="utf-8")
+        arguments = (name, "OPTIONS")
+    else:
+        arguments, words = BAD[what]
+    swapped = [shapely.transform(part, lambda p: p[:, ::-1]) for part in square_parts(AT)]
+    if what == "swapped":
+        # 36 degrees east of Greenwich and 84 degrees south is a place too: only the elevation model knows better.
+        written.geojson(folder / "swapped.geojson", swapped)
+    if what == "a picture":
+        picture = np.zeros((3, 8, 8), dtype=np.uint8)
+        with rasterio.open(
+            folder / "photo.tif", "w", driver="GTiff", width=8, height=8, count=3, dtype="uint8", crs="EPSG:4326",
+            transform=Affine(0.025, 0.0, -84.3, 0.0, -0.025, 36.6),
+        ) as file:  # fmt: skip
+            file.write(picture)
+    names = {
+        "AREA": (prepared / "area.kml",), "DEM": (prepared / "dem.tif",), "OPTIONS": options(prepared / "dem.tif"),
+        "SWAPPED": (folder / "swapped.geojson",), "PICTURE": (folder / "photo.tif",), "MODEL": (folder / "model.tif",),
+    }  # fmt: skip
+    return [each for argument in arguments for each in names.get(str(argument), (argument,))], words
+
+
+ALL = (*BAD, *MODELS, *(what for what in TEXTS if what not in BAD))
+
+
+def _write_model(source, path, *, crs=..., unit=None, hole=None, kept_bytes=None):
+    with rasterio.open(source) as file:
+        values, profile = file.read(1), file.profile
+    if crs is not ...:
+        profile["crs"] = crs
+    if hole is not None:
+        rows, columns = values.shape
+        values[rows // 2 - 6 : rows // 2 - 3, columns // 2 - 1 : columns // 2 + 1] = hole
+        if np.isfinite(hole):
+            profile["nodata"] = None
+    with rasterio.open(path, "w", **profile) as file:
+        file.write(values, 1)
+        if unit is not None:
+            file.units = (unit,)
+    if kept_bytes is not None:
+        path.write_bytes(path.read_bytes()[:kept_bytes])

@@ -1,0 +1,145 @@
+"""No-fly zones from the command line: a survey beside an airport, its files, and what is told."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+import shapely
+
+from mission_io.formats import plan as plan_format
+from tests.cli.bad_inputs import dem_at, options, square_parts
+from tests.naive.zones import in_zone
+from tests.scenario.areas import written
+from uavcover.scenario.site import load_site
+
+PLACES = ["across 180 degrees"]
+
+
+def zones_near(place, folder):
+    """ED-269: a circle inside of the area, a square at its corner, and one 100 km away."""
+    (outline,) = square_parts(place, hole=False)
+    ring = np.asarray(outline.exterior.coords)
+    lons = np.where(ring[:, 0] < 0.0, ring[:, 0] + 360.0, ring[:, 0]) if np.ptp(ring[:, 0]) > 180.0 else ring[:, 0]
+    lon, lat = float(lons[:-1].mean()), float(ring[:-1, 1].mean())
+    across = float(np.ptp(lons))
+
+    def wrapped(value):
+        return value - 360.0 if value > 180.0 else value
+
+    def volume(shape, **heights):
+        return {
+            "uomDimensions": "M",
+            "lowerLimit": 0,
+            "lowerVerticalReference": "AGL",
+            **heights,
+            "horizontalProjection": shape,
+        }
+
+    def zone(name, shape, **heights):
+        return {"identifier": name, "name": name, "restriction": "PROHIBITED", "geometry": [volume(shape, **heights)]}
+
+    corner = [
+        (lon + a * across, lat + b * float(np.ptp(ring[:, 1])))
+        for a, b in ((0.4, 0.4), (0.6, 0.4), (0.6, 0.6), (0.4, 0.6))
+    ]
+    far = {"type": "Circle", "center": [wrapped(lon), lat + 0.9], "radius": 500}
+    document = {
+        "features": [
+            zone("helipad", {"type": "Circle", "center": [wrapped(lon + 0.2 * across), lat], "radius": 40}),
+            zone("prison", {"type": "Polygon", "coordinates": [[[wrapped(x), y] for x, y in corner]]}, upperLimit=300,
+                 upperVerticalReference="AGL"),
+            zone("far away", far),
+        ]
+    }  # fmt: skip
+    path = folder / "zones.json"
+    path.write_text(json.dumps(document))
+    return path
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_a_survey_beside_no_fly_zones_is_one_command(cli, tmp_path, place):
+    dem = dem_at(tmp_path, place)
+    area = written.geojson(tmp_path / "area.geojson", square_parts(place))
+    zones = zones_near(place, tmp_path)
+    ended = cli(
+        "plan",
+        area,
+        *options(dem, gsd="6cm"),
+        "--no-fly",
+        zones,
+        "--evaluations",
+        "50",
+        "--select",
+        "max-coverage",
+        "-o",
+        tmp_path / "run",
+    )
+    assert ended.code == 0, ended.err
+    assert "2 zones of" in ended.out
+    assert "no-fly zone 'helipad'" in ended.out
+    site = load_site(tmp_path / "run" / "scenario.toml")
+    assert [zone.name for zone in site.zones] == ["helipad", "prison"]
+    document = plan_format.read((tmp_path / "run" / "mission.plan").read_text())
+    assert [polygon.inclusion for polygon in document.fence.polygons] == [True, False]
+    assert [(circle.inclusion, circle.radius_m) for circle in document.fence.circles] == [(False, 40.0)]
+    # Every place of the mission as a file, far more densely than anybody flies it.
+    items = [item for item in document.mission.items if item.command in (16, 21, 22)]
+    lats, lons = np.array([(item.lat_deg, item.lon_deg) for item in items]).T
+    places = site.frame.enu_from_geodetic(lats, lons, site.frame.alt_amsl_m)[:, :2]
+    line = shapely.LineString(places).segmentize(0.5)
+    for zone in site.zones:
+        for at in shapely.get_coordinates(line):
+            assert not in_zone(zone, at, height_agl_m=60.0, alt_amsl_m=60.0, margin_m=9.9)
+    keys = tomllib.loads((tmp_path / "run" / "scenario.toml").read_text())
+    assert [zone["name"] for zone in keys["no_fly"]] == ["helipad", "prison"]
+
+
+def test_new_writes_the_file_with_its_reason_and_home_is_outside(cli, tmp_path):
+    place = PLACES[0]
+    dem = dem_at(tmp_path, place)
+    area = written.geojson(tmp_path / "area.geojson", square_parts(place))
+    plain = cli("new", area, *options(dem), "-o", tmp_path / "plain.toml")
+    assert plain.code == 0, plain.err
+    home = load_site(tmp_path / "plain.toml").scenario.home
+    # A zone over the place that would have been chosen.
+    ring = [
+        [home.lon_deg + a, home.lat_deg + b]
+        for a, b in ((-5e-4, -5e-4), (5e-4, -5e-4), (5e-4, 5e-4), (-5e-4, 5e-4), (-5e-4, -5e-4))
+    ]
+    zones = tmp_path / "zones.geojson"
+    zones.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    ended = cli("new", area, *options(dem), "--no-fly", zones, "-o", tmp_path / "survey.toml")
+    assert ended.code == 0, ended.err
+    text = (tmp_path / "survey.toml").read_text()
+    assert 'file = "zones.geojson"' in text
+    for line in text.splitlines():
+        if " = " in line and not line.startswith("#"):
+            assert " # " in line, line
+    site = load_site(tmp_path / "survey.toml")
+    assert site.zones[0].outline.distance(shapely.Point(site.home_m[:2])) >= 10.0
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "no such file; give one of"),
+        ("hello", "is not OpenAir"),
+        ("AC R\nAN x\nAL high\n", "line 3, zone x: 'high' is not a height"),
+    ],
+)
+def test_a_bad_file_is_one_line(cli, tmp_path, content, message):
+    dem = dem_at(tmp_path, PLACES[0])
+    area = written.geojson(tmp_path / "area.geojson", square_parts(PLACES[0]))
+    if content is not None:
+        (tmp_path / "zones.txt").write_text(content)
+    ended = cli("new", area, *options(dem), "--no-fly", tmp_path / "zones.txt", "-o", tmp_path / "survey.toml")
+    assert ended.code == 2
+    assert "--no-fly: " in ended.error
+    assert message in ended.error
+
+
+def test_zones_go_with_an_area(cli, tmp_path):
+    ended = cli("plan", "jacksboro", "--no-fly", "zones.json", "-o", tmp_path / "run")
+    assert ended.code == 2
+    assert "--no-fly" in ended.error

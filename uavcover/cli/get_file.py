@@ -1,0 +1,67 @@
+"""``uavcover get-file``: files from a vehicle's card, and what is in its folders, by MAVLink FTP."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+
+
+def get_file(
+    path: Annotated[str, typer.Argument(help="The file on the vehicle; with a slash at the end, the folder to list.")],
+    to: options.To,
+    *,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Where to write it; default: its name, here.", metavar="FILE")
+    ] = None,
+    window: Annotated[
+        int,
+        typer.Option(
+            "--window", help="Single reads on the way at once; ArduPilot queues 5.", metavar="N", min=1, max=1000
+        ),
+    ] = 5,
+    vehicle: options.VehicleOptions,
+    force: options.Force = False,
+    output: options.Output,
+) -> int:
+    """Get a file from a vehicle by MAVLink FTP and compare its CRC, or list a folder (PATH ends with a slash)."""
+    from mission_io.client.files import FileDownloads
+    from uavcover.errors import InputError, OutputError
+    from uavcover.run.file_group import write_file
+    from uavcover.run.session import connect
+
+    console = output.console()
+    if path.endswith("/"):
+        if out is not None:
+            raise InputError(f"{path}: a folder is listed, not written; leave -o away, or name a file")
+        with connect(vehicle.link_to(to)) as connected:
+            entries = FileDownloads(connected.client).entries(path)
+        for entry in entries:
+            size = "folder" if entry.is_folder else "?" if entry.size_bytes is None else str(entry.size_bytes)
+            console.say(f"{size:>12}  {_printable(entry.name)}")
+        console.say(f"{len(entries)} entries in {path}")
+        listed = [{"name": e.name, "folder": e.is_folder, "bytes": e.size_bytes} for e in entries]
+        console.result({"from": to, "path": path, "entries": listed})
+        return 0
+    name = path.rsplit("/", 1)[-1]
+    file = Path(name) if out is None else out
+    if name in {"", ".", ".."} or "\0" in path:
+        raise InputError(f"{path!r} names no file; a folder to list ends with a slash")
+    if file.is_dir():
+        raise OutputError(f"{file}: is a folder; name a file with -o")
+    if file.exists() and not force:
+        raise OutputError(f"{file}: would be overwritten; use --force, or another name with -o")
+    if not file.parent.is_dir():
+        raise OutputError(f"{file.parent}: is no folder; make it first")
+    with connect(vehicle.link_to(to)) as connected, console.progress(f"getting {path}") as bar:
+        content = FileDownloads(connected.client, window=window).download(path, progress=bar.count)
+    write_file(file, content)
+    console.say(f"written: {file} ({len(content)} bytes, CRC equal)")
+    console.result({"from": to, "path": path, "file": str(file), "bytes": len(content)})
+    return 0
+
+
+def _printable(name: str) -> str:
+    """A name as a terminal may show it: what a vehicle sends could hold control characters."""
+    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in name)

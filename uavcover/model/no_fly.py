@@ -1,0 +1,131 @@
+"""No-fly zones: parts of the airspace that the vehicle must not enter, with floor, ceiling and times."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import ClassVar
+
+from uavcover.model.area import Ring, Rings
+from uavcover.model.value_checks import STRICT, require, require_lon_lat, require_not_negative, require_positive
+
+OUTLINES = (
+    "file", "polygon_lon_lat_deg", "polygon_east_north_m", "polygons_lon_lat_deg", "center_lon_lat_deg",
+    "center_east_north_m",
+)  # fmt: skip
+
+
+def utc_time(text: str, key: str) -> datetime:
+    """A time of ISO 8601 with its zone, in UTC.
+
+    Raises:
+        ValueError: it is not one; the message begins with the key.
+    """
+    try:
+        time = datetime.fromisoformat(text.strip())
+    except ValueError:
+        time = None
+    require(time is not None and time.tzinfo is not None, f"{key}: {text!r} is not a time such as 2026-06-01T06:00Z")
+    assert time is not None
+    return time.astimezone(UTC)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoFly:
+    """A zone that the vehicle must not enter, or a file of such zones. Exactly one outline is given.
+
+    Without a floor it begins at the ground, without a ceiling it has no top. With two floors the lower one counts, with two
+    ceilings the higher one.
+
+    Attributes:
+        file: a file of zones: GeoJSON, KML, KMZ, GeoPackage, Shapefile, WKT, .plan, .poly, ED-269 or ED-318 JSON, or OpenAir
+            (.txt, .air), relative to the scenario file. Floors, ceilings and times are taken from the file where it has
+            them, and from this table elsewhere. Zones more than 20 km from area, home and fence are left out.
+        make_valid: whether outlines in that file that cross themselves, and rings that are not closed, are mended.
+        ignore: names or identifiers of zones of that file that do not count, such as those with a clearance to fly.
+        polygon_lon_lat_deg: outline as a ring of (longitude, latitude).
+        polygon_east_north_m: outline as a ring in the local frame.
+        polygons_lon_lat_deg: several parts, each a list of rings, the outer one first, then holes.
+        center_lon_lat_deg: (longitude, latitude) of a circle's centre.
+        center_east_north_m: the same in the local frame.
+        radius_m: radius of that circle.
+        floor_agl_m: lower end above the ground below the vehicle.
+        floor_amsl_m: lower end above mean sea level.
+        ceiling_agl_m: upper end above the ground below the vehicle.
+        ceiling_amsl_m: upper end above mean sea level.
+        from_utc: first moment at which it is in force, such as "2026-06-01T06:00Z"; default: always.
+        until_utc: last such moment.
+        margin_m: planned legs stay this far outside, horizontally; above and below it limits.height_margin_m. The flown track
+            is judged by the zone itself.
+        name: for people.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    file: str | None = None
+    make_valid: bool = False
+    ignore: tuple[str, ...] = ()
+    polygon_lon_lat_deg: Ring | None = None
+    polygon_east_north_m: Ring | None = None
+    polygons_lon_lat_deg: tuple[Rings, ...] | None = None
+    center_lon_lat_deg: tuple[float, float] | None = None
+    center_east_north_m: tuple[float, float] | None = None
+    radius_m: float | None = None
+    floor_agl_m: float | None = None
+    floor_amsl_m: float | None = None
+    ceiling_agl_m: float | None = None
+    ceiling_amsl_m: float | None = None
+    from_utc: str | None = None
+    until_utc: str | None = None
+    margin_m: float = 10.0
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        given = [key for key in OUTLINES if getattr(self, key) is not None]
+        require(len(given) == 1, f"give exactly one of {', '.join(OUTLINES[:-1])} and {OUTLINES[-1]}")
+        require(self.file is None or bool(self.file.strip()), "file: is empty; give a file of zones")
+        for key in ("ignore", "make_valid"):
+            require(not getattr(self, key) or self.file is not None, f"{key}: goes with file")
+        circle = self.center_lon_lat_deg is not None or self.center_east_north_m is not None
+        require(circle == (self.radius_m is not None), "radius_m: goes with center_lon_lat_deg or center_east_north_m")
+        require_not_negative(margin_m=self.margin_m)
+        require(self.margin_m <= 1000.0, f"margin_m: {self.margin_m} m must be at most 1000 m")
+        if self.radius_m is not None:
+            require_positive(radius_m=self.radius_m)
+        require_lon_lat(self.polygon_lon_lat_deg or (), "polygon_lon_lat_deg")
+        for number, rings in enumerate(self.polygons_lon_lat_deg or ()):
+            require(bool(rings), "polygons_lon_lat_deg: a list of polygons, each a list of rings")
+            for ring in rings:
+                require_lon_lat(ring, f"polygons_lon_lat_deg.{number}")
+        if self.center_lon_lat_deg is not None:
+            require_lon_lat((self.center_lon_lat_deg,), "center_lon_lat_deg")
+        for datum in ("agl_m", "amsl_m"):
+            floor, ceiling = getattr(self, f"floor_{datum}"), getattr(self, f"ceiling_{datum}")
+            require(
+                floor is None or ceiling is None or ceiling > floor,
+                f"ceiling_{datum}: {ceiling} must be above floor_{datum} = {floor}",
+            )
+        begin, end = (
+            None if text is None else utc_time(text, key)
+            for key, text in (("from_utc", self.from_utc), ("until_utc", self.until_utc))
+        )
+        require(begin is None or end is None or begin < end, "until_utc: must be after from_utc")
+
+    @property
+    def is_geographic(self) -> bool:
+        """Whether its outline is in longitude and latitude."""
+        return self.polygon_east_north_m is None and self.center_east_north_m is None
+
+    @property
+    def parts(self) -> tuple[Rings, ...]:
+        """The polygons in its own coordinates; none for a circle or a file."""
+        ring = self.polygon_lon_lat_deg or self.polygon_east_north_m
+        return ((ring,),) if ring is not None else self.polygons_lon_lat_deg or ()
+
+    def in_force(self, window_utc: tuple[str, str] | None) -> bool:
+        """Whether it is in force at some time of a window; without a window it counts as in force."""
+        if window_utc is None:
+            return True
+        begin, end = (utc_time(text, "flight_window_utc") for text in window_utc)
+        return not (
+            (self.from_utc is not None and utc_time(self.from_utc, "from_utc") > end)
+            or (self.until_utc is not None and utc_time(self.until_utc, "until_utc") < begin)
+        )

@@ -1,0 +1,70 @@
+"""Where the heights of the ground come from."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from uavcover.model.value_checks import STRICT, require, require_not_negative, require_positive
+
+VerticalDatum = Literal["EGM96", "EGM2008", "WGS84-ellipsoid"]
+HeightUnit = Literal["m", "dm", "cm", "ft", "us-ft"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RasterTerrain:
+    """Elevation data in a file that rasterio reads.
+
+    Attributes:
+        kind: name of this source in a scenario.
+        file: a path relative to the scenario file, or ``bundled:NAME`` for data that comes with the package; or a folder of
+            tiles, a pattern such as "tiles/*.hgt", a zipped tile, or a list of these.
+        vertical_datum: reference of the heights. Heights above the ellipsoid are brought to sea level (EGM96), with a geoid grid
+            that PROJ has.
+        crs: coordinate system, such as "EPSG:32632", where the file does not name its own.
+        band: number or name of the band with the heights; default: the first.
+        height_unit: unit of the heights, where the file does not say; default: metres, or what the file says.
+        fill_no_data_m: gaps without data up to this long, such as lakes, are closed by interpolation from their rim.
+        grid_step_m: step of a square grid to resample the data to; default: none, the ground keeps the file's pixels.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    kind: Literal["raster"]
+    file: str | tuple[str, ...]
+    vertical_datum: VerticalDatum
+    crs: str | None = None
+    band: int | str | None = None
+    height_unit: HeightUnit | None = None
+    fill_no_data_m: float = 0.0
+    grid_step_m: float | None = None
+
+    def __post_init__(self) -> None:
+        require(bool(self.file), "file: is empty; give an elevation file")
+        require(not isinstance(self.band, int) or self.band >= 1, f"band: {self.band} is below 1, the first band")
+        require_not_negative(fill_no_data_m=self.fill_no_data_m)
+        require(
+            self.fill_no_data_m == 0.0 or self.grid_step_m is None,
+            "fill_no_data_m: goes with the file's own pixels; leave grid_step_m out",
+        )
+        if self.grid_step_m is not None:
+            require_positive(grid_step_m=self.grid_step_m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SineCosineTerrain:
+    """The paper's surface, Eq. 26: z = s sin(y / s) cos(x / s), with s = ``scale_m`` metres to the paper's unit.
+
+    Attributes:
+        kind: name of this source in a scenario.
+        scale_m: metres per unit of the paper.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    kind: Literal["sine-cosine"]
+    scale_m: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_positive(scale_m=self.scale_m)
+
+
+Terrain = RasterTerrain | SineCosineTerrain

@@ -1,0 +1,106 @@
+"""The choice among routes that were judged: not for luck, not with too many waypoints, without those it can do without."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+from uavcover.errors import InfeasibleError
+from uavcover.model.route import RouteMember
+from uavcover.model.scenario import PlannerSettings
+from uavcover.planning.front import NamedRoute, judge_members, pareto_members, thinned, why_infeasible
+from uavcover.planning.search.simplify import simplified
+from uavcover.planning.selection import Rule, select, without_flukes
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChosenRoute:
+    """What was chosen, and from what.
+
+    Attributes:
+        route: the chosen one.
+        pareto: the Pareto set that it is in.
+        rule_met: whether it is what the rule asks for.
+        simpler: routes that were made of it with fewer waypoints, whether chosen or not.
+    """
+
+    route: RouteMember
+    pareto: tuple[RouteMember, ...]
+    rule_met: bool
+    simpler: tuple[NamedRoute, ...]
+
+
+def choose(
+    site: Site,
+    fine: CoverageMap,
+    settings: PlannerSettings,
+    rule: Rule,
+    judged: Sequence[RouteMember],
+    *,
+    executor: Executor | None,
+    interrupted: bool,
+    is_over: Callable[[], bool] | None,
+) -> ChosenRoute:
+    """Choose by the rule among judged routes.
+
+    Args:
+        site: the scenario on its ground.
+        fine: the cells on which they were judged.
+        settings: how many waypoints a route may have.
+        rule: what is asked for.
+        judged: the routes.
+        executor: judges routes side by side.
+        interrupted: the search was; an error says so.
+        is_over: whether there is no time left to give up waypoints; none: they are all kept.
+
+    Raises:
+        InfeasibleError: none of them keeps the hard limits; says which, where and by how much.
+    """
+    feasible = [member for member in judged if member.violation <= 0.0]
+    if not feasible:
+        early = "interrupted: so far " if interrupted else ""
+        raise InfeasibleError(early + why_infeasible(site, judged))
+    confirmed = _confirmed(site, _few_enough(feasible, settings), rule, cells=fine.grid.count)
+    simpler: list[NamedRoute] = []
+    if is_over is not None:
+        simpler = _simplified(site, confirmed, rule, is_over)
+        confirmed += [member for member in judge_members(fine, simpler, executor) if member.violation <= 0.0]
+    pareto = thinned(pareto_members(confirmed), rule)
+    choice = select(pareto, rule)
+    route = pareto[choice.index]
+    return ChosenRoute(route, tuple(pareto), choice.met and _is_few_enough(route, settings), tuple(simpler))
+
+
+def _is_few_enough(member: RouteMember, settings: PlannerSettings) -> bool:
+    """Whether a route has no more waypoints than it may have."""
+    return settings.most_waypoints is None or member.metrics.waypoint_count <= settings.most_waypoints
+
+
+def _few_enough(members: Sequence[RouteMember], settings: PlannerSettings) -> list[RouteMember]:
+    """Those of no more waypoints than a route may have; where there are none, those with the fewest."""
+    fewest = min(member.metrics.waypoint_count for member in members)
+    few = [member for member in members if _is_few_enough(member, settings)]
+    return few or [member for member in members if member.metrics.waypoint_count == fewest]
+
+
+def _confirmed(site: Site, members: list[RouteMember], rule: Rule, *, cells: int) -> list[RouteMember]:
+    """The members without those that the rule would choose for luck, where there are finer cells to try them on."""
+    finer = finer_map(site)
+    if finer is None:
+        return members
+    return without_flukes(
+        members, rule, lambda route: finer.share_of_coverable(finer.seen(route.waypoints_m)), cells=cells
+    )
+
+
+def _simplified(
+    site: Site, feasible: Sequence[RouteMember], rule: Rule, is_over: Callable[[], bool]
+) -> list[NamedRoute]:
+    """What the rule chooses among the members, without the waypoints that it can do without; none when it needs them all."""
+    if rule.kind == "index":
+        return []
+    pareto = pareto_members(feasible)
+    chosen = pareto[select(pareto, rule).index]
+    simpler = simplified(judging_maps(site), chosen.route, asked=rule.required_coverage, is_over=is_over)
+    return [] if simpler is None else [(simpler, chosen.origin)]

@@ -1,0 +1,281 @@
+"""A map of the user's own behind the report's map: a GeoTIFF or MBTiles file, cut to the frame and warped into local metres.
+
+Nothing is fetched: the file is read by its own format's reader alone, so that no file can point anywhere else.
+"""
+
+import html
+import io
+import math
+import re
+import sqlite3
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+import rasterio
+import rasterio.errors
+from PIL import Image
+from pyproj import Transformer
+from pyproj.exceptions import ProjError
+from rasterio.enums import ColorInterp, Resampling
+from rasterio.windows import Window
+from scipy.ndimage import map_coordinates
+
+from uavcover.errors import InputError
+from uavcover.kernels.arrays import ByteArray, FloatArray
+from uavcover.report.cell_layers import Bounds, data_uri
+from uavcover.scenario.site import Site
+
+PIXELS: Final = 1400
+"""Along the longer side of the picture in the page."""
+
+_QUALITY = 80
+_NODES = 65
+"""Along each side of the lattice on which places are converted; between its nodes a map of a few kilometres is even."""
+
+_MOST_TILES = 1024
+_TILE_PIXELS = (64, 2048)
+_SQLITE = b"SQLite format 3\0"
+_MERCATOR_HALF_M = 20037508.342789244
+
+
+@dataclass(frozen=True, slots=True)
+class Background:
+    """A picture for the map.
+
+    Attributes:
+        image: data URI; covers the bounds that were asked for, transparent where the file has nothing.
+        attribution: what the file says of its makers, as text; empty where it says nothing.
+        name: of the file.
+    """
+
+    image: str
+    attribution: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Picture:
+    """Pixels of a file, and where positions of the file are in them.
+
+    Attributes:
+        rgba: (rows, columns, 4) bytes.
+        attribution: as in Background.
+        column: (n, n) of the lattice's nodes, in pixels from the left side.
+        row: likewise from the top.
+    """
+
+    rgba: ByteArray
+    attribution: str
+    column: FloatArray
+    row: FloatArray
+
+
+def read_background(path: Path, site: Site, bounds_m: Bounds) -> Background:
+    """Cut a map file to a rectangle of the local frame.
+
+    Args:
+        path: a GeoTIFF with 8 bits a band (grey, colours or a palette) in any coordinate system, or MBTiles with pictures.
+        site: has the frame.
+        bounds_m: west, south, east, north.
+
+    Raises:
+        InputError: the file cannot be used, and why.
+    """
+    if site.frame is None:
+        raise InputError("--background: the scenario has no place on Earth, so no map lies behind it")
+    if not path.is_file():
+        raise InputError(f"--background: {path}: no such file; give a GeoTIFF or MBTiles file")
+    west, south, east, north = bounds_m
+    grid_e, grid_n = np.meshgrid(np.linspace(west, east, _NODES), np.linspace(north, south, _NODES))
+    middle_up = float(np.nan_to_num(site.ground.heights_m(np.array([[(west + east) / 2.0, (south + north) / 2.0]]))[0]))
+    places = np.column_stack([grid_e.ravel(), grid_n.ravel(), np.full(grid_e.size, middle_up)])
+    lat, lon, _ = (values.reshape(grid_e.shape) for values in site.frame.geodetic_from_enu(places))
+    longer = max(east - west, north - south)
+    size = max(1, round(PIXELS * (east - west) / longer)), max(1, round(PIXELS * (north - south) / longer))
+    try:
+        with path.open("rb") as file:
+            is_sqlite = file.read(len(_SQLITE)) == _SQLITE
+        picture = (_of_mbtiles if is_sqlite else _of_geotiff)(path, lat, lon, size)
+    except (rasterio.errors.RasterioError, ProjError, sqlite3.Error, OSError, ValueError) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(
+            f"--background: {path}: cannot be read as GeoTIFF or MBTiles ({reason}); export the map again as one of these"
+        ) from error
+    warped = _warped(picture, size)
+    if not warped[..., 3].any():
+        raise InputError(
+            f"--background: {path}: has nothing where the map is, around latitude {lat.mean():.5f}, longitude {lon.mean():.5f}; "
+            "give a file of this place"
+        )
+    return Background(data_uri(warped, "WEBP", quality=_QUALITY), picture.attribution, path.name)
+
+
+def _warped(picture: _Picture, size: tuple[int, int]) -> ByteArray:
+    """The pixels of a picture at the middles of (columns, rows) pixels of the rectangle."""
+    columns, rows = size
+    grid = np.meshgrid(
+        (np.arange(rows) + 0.5) / rows * (_NODES - 1),
+        (np.arange(columns) + 0.5) / columns * (_NODES - 1),
+        indexing="ij",
+    )
+    at = [map_coordinates(nodes, grid, order=1) - 0.5 for nodes in (picture.row, picture.column)]
+    height, width = picture.rgba.shape[:2]
+    inside = (at[0] >= -0.5) & (at[0] <= height - 0.5) & (at[1] >= -0.5) & (at[1] <= width - 0.5)
+    out = np.zeros((rows, columns, 4), dtype=np.uint8)
+    # Of what is transparent no colour is mixed in.
+    order: Literal[0, 1] = 1 if picture.rgba[..., 3].all() else 0
+    for band in range(4):
+        values = map_coordinates(picture.rgba[..., band].astype(np.float32), at, order=order, mode="nearest")
+        out[..., band] = np.where(inside, np.rint(values), 0.0).astype(np.uint8)
+    return out
+
+
+def _of_geotiff(path: Path, lat: FloatArray, lon: FloatArray, size: tuple[int, int]) -> _Picture:
+    # No other driver: a VRT, for one, may name files on the network.
+    with rasterio.open(path.resolve(), driver="GTiff") as dataset:
+        if dataset.crs is None:
+            raise InputError(f"--background: {path}: has no coordinate system; save it as a GeoTIFF with one")
+        if any(kind != "uint8" for kind in dataset.dtypes):
+            raise InputError(
+                f"--background: {path}: its bands are {', '.join(sorted(set(dataset.dtypes)))}, not 8 bits; convert it with: "
+                "gdal_translate -ot Byte -scale IN OUT"
+            )
+        to_file = Transformer.from_crs(4326, dataset.crs.to_wkt(), always_xy=True)
+        column, row = _finite(_pixels(dataset, to_file, lat, lon))
+        left, top = max(0, math.floor(column.min()) - 2), max(0, math.floor(row.min()) - 2)
+        right, bottom = min(dataset.width, math.ceil(column.max()) + 2), min(dataset.height, math.ceil(row.max()) + 2)
+        if right <= left or bottom <= top:
+            return _Picture(np.zeros((1, 1, 4), np.uint8), "", np.zeros_like(column), np.zeros_like(row))
+        # No finer than the picture in the page.
+        finer = max(1.0, min((right - left) / size[0], (bottom - top) / size[1]))
+        shape = max(1, round((bottom - top) / finer)), max(1, round((right - left) / finer))
+        rgba = _rgba(dataset, Window(left, top, right - left, bottom - top), shape)
+        tags = {name.upper(): value for name, value in dataset.tags().items()}
+        attribution = next((tags[k] for k in ("ATTRIBUTION", "TIFFTAG_COPYRIGHT", "COPYRIGHT") if tags.get(k)), "")
+    scale_x, scale_y = shape[1] / (right - left), shape[0] / (bottom - top)
+    return _Picture(rgba, _text(attribution), (column - left) * scale_x, (row - top) * scale_y)
+
+
+def _rgba(dataset: rasterio.DatasetReader, window: Window, shape: tuple[int, int]) -> ByteArray:
+    """Bands of a window as red, green, blue and how much is there."""
+    palette = dataset.count >= 1 and dataset.colorinterp[0] == ColorInterp.palette
+    resampling = Resampling.nearest if palette else Resampling.average
+    read = {"window": window, "out_shape": shape}
+    opaque = dataset.dataset_mask(**read)
+    if palette:
+        table = np.zeros((256, 4), dtype=np.uint8)
+        for index, color in dataset.colormap(1).items():
+            table[index] = color
+        rgba = table[dataset.read(1, **read, resampling=resampling)]
+        return np.dstack([rgba[..., :3], np.minimum(rgba[..., 3], opaque)])
+    bands = [1, 2, 3] if dataset.count >= 3 else [1, 1, 1]
+    colors = [dataset.read(band, **read, resampling=resampling) for band in bands]
+    return np.dstack([*colors, opaque]).astype(np.uint8)
+
+
+def _of_mbtiles(path: Path, lat: FloatArray, lon: FloatArray, size: tuple[int, int]) -> _Picture:
+    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+        facts = {str(name): str(value) for name, value in database.execute("SELECT name, value FROM metadata")}
+        if facts.get("format", "png").lower() in {"pbf", "mvt"}:
+            raise InputError(
+                f"--background: {path}: has vector tiles, which are no pictures; give raster MBTiles (PNG, JPEG)"
+            )
+        zooms = [int(z) for (z,) in database.execute("SELECT DISTINCT zoom_level FROM tiles ORDER BY zoom_level")]
+        if not zooms:
+            raise InputError(f"--background: {path}: has no tiles")
+        x, y = _mercator_shares(lat, lon)
+        zoom = _zoom(x, y, zooms, size)
+        tiles = 2**zoom
+        first = math.floor(x.min() * tiles), math.floor(y.min() * tiles)
+        last = math.floor(x.max() * tiles), math.floor(y.max() * tiles)
+        rgba, pixels = _mosaic(database, path, zoom, first, last)
+    return _Picture(
+        rgba, _text(facts.get("attribution", "")), (x * tiles - first[0]) * pixels, (y * tiles - first[1]) * pixels
+    )
+
+
+def _mercator_shares(lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Places on the world's square map, 0..1 from its west and from its north."""
+    x, y = Transformer.from_crs(4326, 3857, always_xy=True).transform(lon, lat)
+    x, y = _finite((x, y))
+    # A rectangle across 180 degrees goes on beyond the eastern side.
+    x = np.where(x < x.max() - _MERCATOR_HALF_M, x + 2.0 * _MERCATOR_HALF_M, x)
+    return (x + _MERCATOR_HALF_M) / (2.0 * _MERCATOR_HALF_M), (_MERCATOR_HALF_M - y) / (2.0 * _MERCATOR_HALF_M)
+
+
+def _zoom(x: FloatArray, y: FloatArray, zooms: list[int], size: tuple[int, int]) -> int:
+    """The coarsest zoom whose tiles of 256 pixels are as fine as the page's picture, or the finest that is not too large."""
+    across, down = float(np.ptp(x)), float(np.ptp(y))
+    few = [z for z in zooms if (across * 2**z + 2.0) * (down * 2**z + 2.0) <= _MOST_TILES]
+    if not few:
+        return zooms[0]
+    fine = [z for z in few if across * 2**z * 256.0 >= size[0]]
+    return fine[0] if fine else few[-1]
+
+
+def _mosaic(
+    database: sqlite3.Connection, path: Path, zoom: int, first: tuple[int, int], last: tuple[int, int]
+) -> tuple[ByteArray, int]:
+    """Tiles from the first to the last (column, row from the north) side by side, and the pixels along a tile."""
+    columns, rows = last[0] - first[0] + 1, last[1] - first[1] + 1
+    if columns * rows > _MOST_TILES:
+        raise InputError(
+            f"--background: {path}: its coarsest tiles are too many for the map; give one with lower zooms"
+        )
+    out, pixels = np.zeros((rows, columns, 4), dtype=np.uint8), 1
+    for column in range(columns):
+        for row in range(rows):
+            # Rows of MBTiles are counted from the south.
+            place = (zoom, (first[0] + column) % 2**zoom, 2**zoom - 1 - (first[1] + row))
+            found = database.execute(
+                "SELECT tile_data FROM tiles WHERE zoom_level = ? AND tile_column = ? AND tile_row = ?", place
+            ).fetchone()
+            if found is None:
+                continue
+            tile = _tile(found[0], path, place)
+            if pixels == 1:
+                pixels = tile.shape[0]
+                out = np.zeros((rows * pixels, columns * pixels, 4), dtype=np.uint8)
+            if tile.shape[0] != pixels:
+                raise InputError(f"--background: {path}: tile {place} has {tile.shape[0]} pixels, others {pixels}")
+            out[row * pixels : (row + 1) * pixels, column * pixels : (column + 1) * pixels] = tile
+    return out, pixels
+
+
+def _tile(data: object, path: Path, place: tuple[int, int, int]) -> ByteArray:
+    where = f"--background: {path}: tile {place} (zoom, column, row)"
+    if not isinstance(data, bytes):
+        raise InputError(f"{where} is no picture")
+    try:
+        with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP")) as picture:
+            width, height = picture.size
+            if width != height or not _TILE_PIXELS[0] <= width <= _TILE_PIXELS[1]:
+                raise InputError(
+                    f"{where} is {width} x {height} pixels, not a square of {_TILE_PIXELS[0]} to {_TILE_PIXELS[1]}"
+                )
+            return np.asarray(picture.convert("RGBA"), dtype=np.uint8)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise InputError(f"{where} cannot be read as PNG, JPEG or WebP") from error
+
+
+def _pixels(
+    dataset: rasterio.DatasetReader, to_file: Transformer, lat: FloatArray, lon: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Columns and rows of places, in pixels from the upper left corner of a file."""
+    inverse = ~dataset.transform
+    x, y = to_file.transform(lon, lat)
+    return inverse.a * x + inverse.b * y + inverse.c, inverse.d * x + inverse.e * y + inverse.f
+
+
+def _finite(values: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    if not all(np.isfinite(part).all() for part in values):
+        raise InputError("--background: the file's coordinate system does not reach the place of the map")
+    return values
+
+
+def _text(words: str) -> str:
+    """Attribution without its markup, in one line."""
+    return " ".join(html.unescape(re.sub(r"<[^>]*>", " ", words)).split())[:300]

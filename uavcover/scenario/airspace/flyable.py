@@ -1,0 +1,169 @@
+"""Where on the map planned legs may be: the fence without the no-fly zones that meet a range of heights.
+
+For the search a zone counts over its whole outline where it meets the heights anywhere over it; legs are tested against floor and
+ceiling themselves (:mod:`uavcover.scenario.airspace.zones`). To fly below a floor, the height band has to end below it.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from uavcover.kernels.arrays import FloatArray
+from uavcover.scenario.airspace.zones import Polygons, Zone
+from uavcover.scenario.site import Site
+
+_ROUNDING_M = 0.05
+"""Planned legs stay this much farther away than they have to, so that rounding does not matter."""
+_MANY_CORNERS = 40
+_SIMPLER_BY_M = 2.0
+_SAMPLES_ACROSS = 150
+_BETWEEN_SAMPLES_M = 5.0
+"""Ground between two samples may be this much higher or lower, where not every pixel is looked at."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlyableArea:
+    """Where the planned route may be.
+
+    Attributes:
+        polygon: one piece of the fence, zones with their margins cut out.
+        closed: the zones that close the height band over some of the fence.
+        partly: those of them with a floor or a ceiling inside of the band, so that a narrower band would open some of them.
+        cut_off: whether zones cut off other pieces of the fence.
+    """
+
+    polygon: shapely.Polygon
+    closed: tuple[Zone, ...] = ()
+    partly: tuple[Zone, ...] = ()
+    cut_off: bool = False
+
+
+def flyable_area(site: Site) -> FlyableArea:
+    """Where the planned route may be; without no-fly zones the whole fence."""
+    found = site.derived.get("flyable area")
+    if not isinstance(found, FlyableArea):
+        found = _flyable_area(site)
+        site.derived["flyable area"] = found
+    return found
+
+
+def transit_area(site: Site) -> Polygons:
+    """Where transits may be at any of their heights: the fence without the zones that meet one of them."""
+    found = site.derived.get("transit area")
+    if not isinstance(found, Polygons):
+        low, high = _transit_heights_m(site)
+        closed = [zone for zone in site.zones if _meets(site, zone, low, high)]
+        found = _without(site, closed)
+        site.derived["transit area"] = found
+    return found
+
+
+def transit_area_between_walls(site: Site) -> Polygons:
+    """Where transits may be at one of their heights at least: zones that they may pass under or over are not cut out."""
+    heights = _transit_heights_m(site)
+    return _without(site, [zone for zone in site.zones if _fills(site, zone, *heights)])
+
+
+def _transit_heights_m(site: Site) -> tuple[float, float]:
+    limits = site.scenario.limits
+    return min(limits.transit_clearance_m, limits.min_height_agl_m), site.scenario.transit_ceiling_agl_m
+
+
+def _flyable_area(site: Site) -> FlyableArea:
+    limits = site.scenario.limits
+    low, high = limits.min_height_agl_m, limits.max_height_agl_m
+    closed = tuple(zone for zone in site.zones if _meets(site, zone, low, high))
+    if not closed:
+        return FlyableArea(site.fence)
+    pieces = _pieces(_without(site, closed))
+    there = len(pieces)
+    # Only what can be reached from home counts: pieces behind zones that no transit passes under or over are not.
+    heights = _transit_heights_m(site)
+    walls = [zone for zone in site.zones if _fills(site, zone, *heights)]
+    reached = [piece for piece in _pieces(_without(site, walls)) if _holds_home(site, piece)]
+    if reached:
+        pieces = [piece for piece in pieces if reached[0].intersects(piece.representative_point())]
+    partly = tuple(zone for zone in closed if not _fills(site, zone, low, high))
+    if not pieces:
+        return FlyableArea(shapely.Polygon(), closed, partly, cut_off=there > 0)
+    best = max(pieces, key=lambda piece: (shapely.area(piece.intersection(site.area)), piece.area))
+    return FlyableArea(best, closed, partly, cut_off=there > 1)
+
+
+def _holds_home(site: Site, piece: shapely.Polygon) -> bool:
+    return site.home_m is None or bool(piece.intersects(shapely.Point(site.home_m[:2])))
+
+
+def _without(site: Site, zones: list[Zone] | tuple[Zone, ...]) -> Polygons:
+    """The fence without zones, their margins and a little more."""
+    if not zones:
+        return site.fence
+    left = site.fence.difference(shapely.union_all([_with_few_corners(zone) for zone in zones]))
+    return left if isinstance(left, Polygons) else shapely.MultiPolygon(_pieces(left))
+
+
+def _with_few_corners(zone: Zone) -> shapely.Geometry:
+    """A zone with its margin; with fewer corners, and up to 4 m more room, where it has many: each is a corner of ways around."""
+    reach_m = zone.entry.margin_m + _ROUNDING_M
+    if zone.circle is not None or shapely.get_num_coordinates(zone.outline) <= _MANY_CORNERS:
+        return zone.grown(reach_m)
+    return zone.grown(reach_m + _SIMPLER_BY_M).simplify(_SIMPLER_BY_M)
+
+
+def _pieces(shape: shapely.Geometry) -> list[shapely.Polygon]:
+    return [part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon) and not part.is_empty]
+
+
+def _meets(site: Site, zone: Zone, low_agl_m: float, high_agl_m: float) -> bool:
+    """Whether a zone may contain any place at these heights above ground inside the fence."""
+    ground = _ground_amsl_m(site, zone)
+    if ground is None:
+        return False
+    entry, margin = zone.entry, site.scenario.limits.height_margin_m
+    floors = [(entry.floor_agl_m, high_agl_m), (entry.floor_amsl_m, ground[1] + high_agl_m)]
+    ceilings = [(entry.ceiling_agl_m, low_agl_m), (entry.ceiling_amsl_m, ground[0] + low_agl_m)]
+    under = [highest <= floor - margin for floor, highest in floors if floor is not None]
+    over = [lowest >= ceiling + margin for ceiling, lowest in ceilings if ceiling is not None]
+    return not ((under and all(under)) or (over and all(over)))
+
+
+def _fills(site: Site, zone: Zone, low_agl_m: float, high_agl_m: float) -> bool:
+    """Whether a zone contains every place over its outline at these heights above ground."""
+    ground = _ground_amsl_m(site, zone)
+    if ground is None:
+        return False
+    entry, margin = zone.entry, site.scenario.limits.height_margin_m
+    floors = [(entry.floor_agl_m, low_agl_m), (entry.floor_amsl_m, ground[0] + low_agl_m)]
+    ceilings = [(entry.ceiling_agl_m, high_agl_m), (entry.ceiling_amsl_m, ground[1] + high_agl_m)]
+    above_floor = [lowest >= floor - margin for floor, lowest in floors if floor is not None]
+    below_top = [highest <= ceiling + margin for ceiling, highest in ceilings if ceiling is not None]
+    return (not above_floor or any(above_floor)) and (not below_top or any(below_top))
+
+
+def _ground_amsl_m(site: Site, zone: Zone) -> tuple[float, float] | None:
+    """Lowest and highest ground above sea level under a zone inside the fence; none where they do not meet."""
+    under = zone.grown(zone.entry.margin_m + _ROUNDING_M).intersection(site.fence)
+    if under.is_empty:
+        return None
+    entry = zone.entry
+    if entry.floor_amsl_m is None and entry.ceiling_amsl_m is None:
+        return -math.inf, math.inf  # nobody asks
+    places = _places_in(under, site.ground.surface.step_m)
+    ups = site.ground.heights_m(places)
+    known = np.isfinite(ups)
+    if not known.any():
+        return -math.inf, math.inf
+    alts = site.alts_amsl_m(np.column_stack([places[known], ups[known]]))
+    return float(alts.min()) - _BETWEEN_SAMPLES_M, float(alts.max()) + _BETWEEN_SAMPLES_M
+
+
+def _places_in(shape: shapely.Geometry, step_m: float) -> FloatArray:
+    """(k, 2) a lattice of places in a shape, and its corners."""
+    west, south, east, north = shapely.bounds(shape)
+    step = max(step_m, (east - west) / _SAMPLES_ACROSS, (north - south) / _SAMPLES_ACROSS)
+    axes = np.arange(west, east + step, step), np.arange(south, north + step, step)
+    lattice = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    inside = lattice[shapely.intersects_xy(shape, lattice[:, 0], lattice[:, 1])]
+    return np.vstack([inside, shapely.get_coordinates(shape)])

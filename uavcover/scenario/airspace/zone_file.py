@@ -1,0 +1,233 @@
+"""The one reader of no-fly zones: a file of any known format, as entries of a scenario."""
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from mission_io.errors import FormatError
+from mission_io.formats import plan
+from mission_io.formats.json_node import parse_json
+from mission_io.formats.text import text_from_bytes
+from uavcover.errors import InputError
+from uavcover.model.area import Rings
+from uavcover.model.no_fly import NoFly
+from uavcover.scenario.airspace.geographical_zones import is_ed269, is_ed318, read_ed269, read_ed318
+from uavcover.scenario.airspace.openair import looks_like_openair, read_openair
+from uavcover.scenario.airspace.read_zone import ReadZone, ReadZones
+from uavcover.scenario.areas.area_file import MAX_BYTES, SUFFIXES, read_document
+from uavcover.scenario.areas.features import WGS84
+from uavcover.scenario.areas.rings import RingReading, joined, read_polygons, rings_of
+
+ZONE_SUFFIXES = (*SUFFIXES, ".txt", ".air", ".openair")
+_HEIGHTS: Final = ("floor_agl_m", "floor_amsl_m", "ceiling_agl_m", "ceiling_amsl_m")
+_TIMES: Final = ("from_utc", "until_utc")
+
+NEAR_KM = 20.0
+"""Zones of a file farther from area, home and fence are left out."""
+
+_DEGREE_KM = 111.0
+_LARGEST_RADIUS_M = 1_000_000.0
+
+Bounds = tuple[float, float, float, float]
+
+
+def read_zones(
+    entry: NoFly, *, folder: Path = Path(), near: Bounds | None = None
+) -> tuple[tuple[NoFly, ...], tuple[str, ...]]:
+    """The zones of an entry that names a file, each with its own outline, and what was left out, one line each.
+
+    Args:
+        entry: names the file; its floors, ceilings and times are those of zones whose file has none.
+        folder: base of a relative path.
+        near: west, south, east, north in degrees of what is flown; zones far from it are left out. None keeps them all.
+
+    Raises:
+        InputError: one line that names the file and the zone, what is wrong there, and the way out.
+    """
+    path = folder / (entry.file or "")
+    read = _read(path)
+    unknown = sorted(set(entry.ignore) - {name for zone in read.zones for name in zone.names})
+    if unknown:
+        raise InputError(
+            f"{path}: has no zone {unknown[0]!r}, which ignore names; write its name or identifier as in the file"
+        )
+    wanted = [zone for zone in read.zones if not zone.names & set(entry.ignore)]
+    notes = [f"{path.name}: {note}" for note in read.notes]
+    if not read.zones and not read.notes:
+        raise InputError(f"{path}: has no zone; give a file with polygons or circles")
+    # Files of whole countries: what is far away is not even checked.
+    close = [(number, zone) for number, zone in enumerate(wanted, start=1) if near is None or _is_near(zone, near)]
+    found = [_entry_of(entry, zone, f"{path}, zone {number} ({zone.name})") for number, zone in close]
+    if len(close) < len(wanted):
+        notes.append(
+            f"{path.name}: {len(wanted) - len(close)} of {len(wanted)} zones left out, more than {NEAR_KM:g} km away"
+            + ("" if close else "; are longitude and latitude swapped, or is it the file of another place?")
+        )
+    return tuple(found), tuple(notes)
+
+
+def _read(path: Path) -> ReadZones:
+    suffix = path.suffix.lower()
+    if not path.is_file() or suffix not in ZONE_SUFFIXES:
+        what = (
+            "no such file"
+            if not path.exists()
+            else "is a folder"
+            if path.is_dir()
+            else f"{suffix or 'no suffix'} is not a format of zones"
+        )
+        raise InputError(f"{path}: {what}; give one of {', '.join(ZONE_SUFFIXES)}")
+    if suffix in (".json", ".geojson", ".plan", ".txt", ".air", ".openair"):
+        try:
+            if path.stat().st_size > MAX_BYTES:
+                raise InputError(f"{path}: is larger than {MAX_BYTES:,} bytes; save the zones near the flight alone")
+            text = text_from_bytes(path.read_bytes()).text
+            own = _of_text(text, suffix)
+        except FormatError as error:
+            advice = "" if error.advice else "; save it again from the program that wrote it"
+            raise InputError(f"{path}: {error}{advice}") from error
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror or type(error).__name__})") from error
+        if own is not None:
+            return own
+    return _of_features(path)
+
+
+def _of_text(text: str, suffix: str) -> ReadZones | None:
+    """The zones of a text in a format of airspace; none for one of areas."""
+    if suffix == ".plan":
+        return _of_plan(text)
+    if suffix in (".json", ".geojson"):
+        root = parse_json(text, "document")
+        return read_ed269(root) if is_ed269(root.value) else read_ed318(root) if is_ed318(root.value) else None
+    if not text.strip():
+        raise FormatError("the file is empty", where="line 1", advice="save it again")
+    if text.lstrip().startswith(("{", "[")):
+        root = parse_json(text, "document")
+        if is_ed269(root.value):
+            return read_ed269(root)
+        if is_ed318(root.value):
+            return read_ed318(root)
+    if not looks_like_openair(text):
+        raise FormatError("is not OpenAir, whose zones begin with AC", where="line 1", advice="give a file of zones")
+    return read_openair(text)
+
+
+def _of_plan(text: str) -> ReadZones:
+    """The exclusions of the fence of a ``.plan`` file."""
+    fence = plan.read_to_keep(text).fence
+    zones = [
+        ReadZone(
+            f"exclusion {n}", frozenset(), {}, rings_may_be_open=True,
+            polygons=((tuple((place.lon_deg, place.lat_deg) for place in one.vertices),),),
+        )
+        for n, one in enumerate((one for one in fence.polygons if not one.inclusion), start=1)
+    ]  # fmt: skip
+    zones += [
+        ReadZone(
+            f"exclusion circle {n}", frozenset(), {}, circle=(one.center.lon_deg, one.center.lat_deg, one.radius_m)
+        )
+        for n, one in enumerate((one for one in fence.circles if not one.inclusion), start=1)
+    ]
+    return ReadZones(tuple(zones))
+
+
+def _of_features(path: Path) -> ReadZones:
+    """Polygons of a file of areas; those of GeoJSON may have the scenario's keys as properties."""
+    document = read_document(path, None)
+    if document.unclosed:
+        raise InputError(f"{path}: {document.unclosed[0]}; repeat its first corner at the end")
+    if document.crs is None:
+        raise InputError(f"{path}: does not say its coordinate system; save it as GeoJSON")
+    zones = []
+    for number, feature in enumerate(document.features, start=1):
+        name = feature.name or f"zone {number}"
+        heights, times = _properties(feature.properties, f"{path}, feature {number} ({name})")
+        zones.append(
+            ReadZone(
+                name, frozenset({feature.name}) - {""}, heights, feature.polygons, document.crs,
+                document.rings_may_be_open, None, *times,
+            )
+        )  # fmt: skip
+    notes = (f"{document.others} left out: not polygons",) if document.others else ()
+    if not zones:
+        raise InputError(
+            f"{path}: has no polygon{f' (it has {document.others})' if document.others else ''}; give a file of zones"
+        )
+    return ReadZones(tuple(zones), (*document.notes, *notes))
+
+
+def _properties(properties: Mapping[str, Any], where: str) -> tuple[dict[str, float], tuple[str | None, str | None]]:
+    heights = {key: properties[key] for key in _HEIGHTS if properties.get(key) is not None}
+    for key, value in heights.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise InputError(f"{where}: {key} is not a number of metres, but {json.dumps(value)[:30]}; correct it")
+    begin, end = (None if properties.get(key) is None else str(properties[key]) for key in _TIMES)
+    return {key: float(value) for key, value in heights.items()}, (begin, end)
+
+
+def _entry_of(entry: NoFly, zone: ReadZone, where: str) -> NoFly:
+    """A zone of a file as an entry: with its own heights and times, or else those of the entry.
+
+    Raises:
+        InputError: one line that begins with ``where``.
+    """
+    changes: dict[str, Any] = {key: zone.heights.get(key) for key in _HEIGHTS} if zone.heights else {}
+    if zone.from_utc is not None or zone.until_utc is not None:
+        changes |= {"from_utc": zone.from_utc, "until_utc": zone.until_utc}
+    changes |= {"file": None, "ignore": (), "make_valid": False, "name": zone.name}
+    if zone.circle is not None:
+        lon, lat, radius_m = zone.circle
+        if not 0.0 < radius_m <= _LARGEST_RADIUS_M:
+            raise InputError(
+                f"{where}: a radius of {radius_m:g} m is outside 0..{_LARGEST_RADIUS_M:,.0f} m; correct it"
+            )
+        changes |= {"center_lon_lat_deg": (lon, lat), "radius_m": radius_m}
+    else:
+        reading = RingReading(zone.crs, zone.rings_may_be_open, make_valid=entry.make_valid)
+        try:
+            polygons = [one for rings in zone.polygons for one in read_polygons(rings, reading, where)]
+        except InputError as error:
+            # The advice is for areas on the command line.
+            text = (
+                str(error).replace("use --make-valid", "set make_valid = true").replace("--crs EPSG:NUMBER", "ogr2ogr")
+            )
+            raise InputError(text) from error
+        changes["polygons_lon_lat_deg"] = tuple(_open(rings_of(polygon)) for polygon in joined(polygons))
+    try:
+        return dataclasses.replace(entry, **changes)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}; correct it, or name the zone in ignore") from error
+
+
+def _open(rings: Rings) -> Rings:
+    """Rings without the repeated last corner."""
+    return tuple(ring[:-1] if ring[0] == ring[-1] else ring for ring in rings)
+
+
+def _is_near(zone: ReadZone, near: Bounds) -> bool:
+    """Whether a zone may be near; a zone in another coordinate system, or with numbers that are none, may be."""
+    west, south, east, north = near
+    reach_km = NEAR_KM
+    places = [place for rings in zone.polygons for place in rings[0]]
+    if zone.circle is not None:
+        places = [zone.circle[:2]]
+        reach_km += abs(zone.circle[2]) / 1000.0
+    lons, lats = np.array(places, dtype=float).reshape(-1, 2).T
+    if not zone.crs.equals(WGS84) or len(lons) == 0 or not (np.isfinite(lons).all() and np.abs(lats).max() <= 90.0):
+        return True
+    middle = 0.5 * (west + east)
+    # Continuous from the first corner on, and that one beside the middle.
+    steps = np.concatenate([[0.0], np.cumsum((np.diff(lons) + 180.0) % 360.0 - 180.0)])
+    lons = (lons[0] - middle + 180.0) % 360.0 - 180.0 + middle + steps
+    aside = reach_km / _DEGREE_KM
+    along = aside / max(math.cos(math.radians(min(max(abs(north), abs(south)) + aside, 89.9))), 1e-3)
+    return bool(
+        lons.max() >= west - along and lons.min() <= east + along
+        and lats.max() >= south - aside and lats.min() <= north + aside
+    )  # fmt: skip

@@ -1,0 +1,70 @@
+"""Mistakes in rings that a scenario gives: of areas, fences and no-fly zones."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import shapely
+
+from uavcover.model.area import Ring
+from uavcover.model.limits import FlightLimits
+from uavcover.model.no_fly import NoFly
+
+
+def across_180(*rings: Ring) -> list[Ring]:
+    """Rings of one polygon with continuous longitudes, for checks on a plane: across 180 degrees they go on to the east."""
+    lons = [lon for lon, _ in rings[0]]
+    if not lons or max(lons) - min(lons) <= 180.0:
+        return list(rings)
+    return [tuple((lon + 360.0 if lon < 0.0 else lon, lat) for lon, lat in ring) for ring in rings]
+
+
+def valid_ring(ring: Ring, where: str, found: list[str]) -> Any:
+    """The polygon of a ring; none for an invalid one, which adds a line to ``found``."""
+    if len({*ring}) < 3:
+        found.append(f"{where}: a ring needs at least 3 different corners, this one has {len({*ring})}")
+        return None
+    polygon = shapely.Polygon(ring)
+    if not polygon.is_valid:
+        found.append(f"{where}: {shapely.is_valid_reason(polygon)}; a ring must not cross or touch itself")
+        return None
+    return polygon
+
+
+def fence_mistakes(limits: FlightLimits) -> list[str]:
+    """Mistakes in the rings of a fence."""
+    found: list[str] = []
+    for key in ("fence_lon_lat_deg", "fence_east_north_m"):
+        ring = getattr(limits, key)
+        if ring is not None:
+            valid_ring(across_180(ring)[0] if key == "fence_lon_lat_deg" else ring, f"limits.{key}", found)
+    for number, ring in enumerate(limits.fence_polygons_lon_lat_deg or ()):
+        valid_ring(across_180(ring)[0], f"limits.fence_polygons_lon_lat_deg.{number}", found)
+    for number, ring in enumerate(limits.fence_polygons_east_north_m or ()):
+        valid_ring(ring, f"limits.fence_polygons_east_north_m.{number}", found)
+    return found
+
+
+def no_fly_mistakes(zones: Sequence[NoFly], *, on_earth: bool) -> list[str]:
+    """Mistakes in the outlines of zones.
+
+    Args:
+        zones: as the scenario has them, files left out.
+        on_earth: whether the local frame has a place on Earth.
+    """
+    found: list[str] = []
+    for number, zone in enumerate(zones):
+        where = f"no_fly.{number}{f' ({zone.name})' if zone.name else ''}"
+        if zone.is_geographic and not on_earth:
+            found.append(
+                f"{where}: longitudes and latitudes need an [origin]; give polygon_east_north_m or center_east_north_m"
+            )
+        for rings in zone.parts:
+            outer, *holes = across_180(*rings) if zone.is_geographic else rings
+            polygon = valid_ring(outer, where, found)
+            if polygon is not None and not polygon.area > 0.0:
+                found.append(f"{where}: has no area; draw it again")
+            for hole_number, ring in enumerate(holes):
+                hole = valid_ring(ring, f"{where}: hole {hole_number}", found)
+                if polygon is not None and hole is not None and not polygon.covers(hole):
+                    found.append(f"{where}: hole {hole_number} reaches outside the zone")
+    return found

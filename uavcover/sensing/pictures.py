@@ -1,0 +1,175 @@
+"""In how many pictures each cell is, and at what ground sample distance: what a reconstruction has to work with.
+
+Coverage asks whether a cell was seen in the middle of a picture, as the side overlap leaves it. Here every whole picture counts
+that shows the cell: inside its frame, in range, not too oblique, and with nothing in between. How coarse it is does not matter
+for the count; the best ground sample distance is told beside it.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.kernels import observation_counting as kernels
+from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.observation_counting import Camera, SensorPoses
+from uavcover.kernels.sight import Sight, local_slopes
+from uavcover.model.scenario import Scenario
+from uavcover.model.sensor import Camera as CameraSensor
+from uavcover.model.sensor import FrameCamera, Sensor
+from uavcover.model.verdict import PictureStatistics
+from uavcover.scenario.site import area_as_drawn
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import camera_turn, focal_px, sight_of, trigger_distance_m
+
+WORKERS = 2
+"""Threads that share the rows of the lattice; the result does not depend on their number."""
+
+OVERLAP_FRACTION = 0.99
+"""Share of the drawn area that has to be in as many pictures as the overlap asks for, for the overlap to hold."""
+
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PictureCounts:
+    """What pictures show of each cell.
+
+    Attributes:
+        pictures: (cells,) how many pictures show it.
+        ground_sample_m: (cells,) the best ground sample distance of these; NaN where there is none, or it is not known.
+        taken: how many pictures there are.
+    """
+
+    pictures: NDArray[np.int32]
+    ground_sample_m: FloatArray
+    taken: int
+
+
+def takes_pictures(scenario: Scenario) -> bool:
+    """Whether the sensor takes single pictures: a camera that is triggered by distance, or looks from the waypoints."""
+    sensor = scenario.sensor
+    if not isinstance(sensor, CameraSensor):
+        return False
+    return sensor.sensing == "at-waypoints" or trigger_distance_m(scenario) is not None
+
+
+def pictures_asked(sensor: Sensor) -> int | None:
+    """In how many pictures the overlap asked for puts a point; none where no overlap is asked for.
+
+    With forward overlap F pictures begin every 1 - F of their length, so at least floor(1 / (1 - F)) of a line show a point; with
+    side overlap S at least floor(1 / (1 - S)) lines do. The product counts pictures of all lines.
+
+    >>> pictures_asked(FrameCamera(kind="frame-camera", fov_across_deg=60.0, fov_along_deg=40.0, range_m=200.0,
+    ...                            forward_overlap=0.75, side_overlap=0.7))
+    12
+    """
+    if not isinstance(sensor, FrameCamera):
+        return None
+    forward, side = sensor.forward_overlap or 0.0, sensor.side_overlap
+    if forward == side == 0.0:
+        return None
+    return math.floor(1.0 / (1.0 - forward) + _ROUNDING) * math.floor(1.0 / (1.0 - side) + _ROUNDING)
+
+
+def overlap_rule(sensor: Sensor) -> str | None:
+    """How :func:`pictures_asked` comes to its number, for people; none where no overlap is asked for.
+
+    >>> overlap_rule(FrameCamera(kind="frame-camera", fov_across_deg=60.0, fov_along_deg=40.0, range_m=200.0,
+    ...                          forward_overlap=0.75, side_overlap=0.7))
+    '75 % forward puts a point in at least 4 pictures of a line, 70 % side in at least 3 lines: 4 x 3 = 12 pictures'
+    """
+    asked = pictures_asked(sensor)
+    if asked is None or not isinstance(sensor, FrameCamera):
+        return None
+    forward, side = sensor.forward_overlap or 0.0, sensor.side_overlap
+    lines = math.floor(1.0 / (1.0 - side) + _ROUNDING)
+    words = (
+        f"{100.0 * forward:g} % forward puts a point in at least {asked // lines} pictures of a line",
+        f"{100.0 * side:g} % side in at least {lines} lines",
+    )
+    return f"{', '.join(words)}: {asked // lines} x {lines} = {asked} pictures"
+
+
+def whole_picture(sensor: Sensor) -> Sight:
+    """The sight of a sensor with all of its picture, however coarse."""
+    if isinstance(sensor, FrameCamera):
+        sensor = dataclasses.replace(sensor, side_overlap=0.0)
+    if isinstance(sensor, CameraSensor):
+        sensor = dataclasses.replace(sensor, max_ground_sample_m=None)
+    return sight_of(sensor)
+
+
+def planned_poses(coverage: CoverageMap, routes_m: Sequence[FloatArray]) -> SensorPoses:
+    """Where a level vehicle observes from on (n, 3) ENU routes, one for each flight, and how its camera is turned."""
+    parts = [coverage.observations(route) for route in routes_m]
+    places = np.vstack([np.empty((0, 3)), *(part.places_m for part in parts)])
+    headings = np.vstack([np.empty((0, 2)), *(part.headings for part in parts)])
+    yaw_deg = np.degrees(np.arctan2(headings[:, 0], headings[:, 1]))
+    yaw_deg[~headings.any(axis=1)] = np.nan
+    level = np.zeros(len(places))
+    turn = camera_turn(coverage.site.scenario.sensor, np.column_stack([level, level, yaw_deg]))
+    return SensorPoses(places[turn.known], turn.axes[turn.known], turn.tops[turn.known], level[turn.known])
+
+
+def count_pictures(coverage: CoverageMap, poses: SensorPoses) -> PictureCounts:
+    """Count the pictures that show each cell of a map.
+
+    Args:
+        coverage: the cells.
+        poses: of the pictures; their times do not matter.
+    """
+    site = coverage.site
+    sight, slopes = whole_picture(site.scenario.sensor), local_slopes(site.ground.surface)
+    # Each is a pass of its own.
+    camera = Camera(
+        focal_px=focal_px(site.scenario.sensor),
+        pass_gap_s=-1.0,
+        offset_m=0.0,
+        horizontal_m=0.0,
+        lift_m=0.0,
+        turn_rad=0.0,
+    )
+    numbered = poses._replace(times_s=np.arange(len(poses.eyes), dtype=float))
+    counts = kernels.no_observations(coverage.grid.count)
+
+    def add(first_row: int) -> None:
+        kernels.count_rows(
+            site.ground.surface, slopes, sight, camera, coverage.grid.cells, numbered, (first_row, WORKERS), counts
+        )
+
+    with ThreadPoolExecutor(WORKERS) as executor:
+        list(executor.map(add, range(WORKERS)))
+    sample_m = np.where(np.isfinite(counts.ground_sample_m), counts.ground_sample_m, np.nan)
+    return PictureCounts(counts.passes, sample_m, len(poses.eyes))
+
+
+def drawn_cells(coverage: CoverageMap) -> BoolArray:
+    """(cells,) which cells have their middle in the area as it was drawn, without its margin."""
+    middles = coverage.grid.middles_m
+    return np.asarray(shapely.contains_xy(area_as_drawn(coverage.site), middles[:, 0], middles[:, 1]))
+
+
+def picture_statistics(coverage: CoverageMap, counts: PictureCounts) -> PictureStatistics:
+    """Statistics of pictures over the cells of the area as it was drawn; its margin is there to be seen less often."""
+    drawn = drawn_cells(coverage)
+    weight, pictures = coverage.grid.weight_m2[drawn], counts.pictures[drawn]
+    asked = pictures_asked(coverage.site.scenario.sensor)
+    enough = None if asked is None or not drawn.any() else float(weight[pictures >= asked].sum() / weight.sum())
+    sample_m = counts.ground_sample_m[drawn]
+    sample_m = sample_m[np.isfinite(sample_m)]
+    return PictureStatistics(
+        taken=counts.taken,
+        asked=asked,
+        overlap_fraction=enough,
+        overlap_holds=None if enough is None else enough >= OVERLAP_FRACTION,
+        fewest=int(pictures.min(initial=np.iinfo(np.int32).max)) if drawn.any() else 0,
+        median=float(np.median(pictures)) if drawn.any() else 0.0,
+        ground_sample_median_m=float(np.median(sample_m)) if sample_m.size else None,
+        ground_sample_p95_m=float(np.percentile(sample_m, 95.0)) if sample_m.size else None,
+    )
