@@ -44,6 +44,16 @@ def test_it_flies_when_it_is_answered() -> None:
     assert scene.vehicle.terrain.pending == 0
 
 
+def test_it_arms_when_the_heights_take_a_slow_link_longer_than_arming_may_take() -> None:
+    scene = scene_that_asks()
+    wanted = above_terrain(mission())
+    scene.upload(wanted)
+    answer_terrain_requests(scene.client, TerrainAnswers(level, parts_per_s=2.0))
+    outcome = scene.fly(wanted)
+    assert outcome.ending is Ending.LANDED
+    assert len(scene.monitor.terrain_asked) > 3
+
+
 def test_it_does_not_arm_when_nobody_answers() -> None:
     scene = scene_that_asks()
     wanted = above_terrain(mission())

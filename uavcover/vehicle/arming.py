@@ -9,6 +9,8 @@ from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
 from uavcover.vehicle.session import Session, Stopped, Timer
 
 _ANSWER_S = 3.0
+_LACKS_TERRAIN = "terrain data"
+"""Words of ArduPilot's refusal, "PreArm: waiting for terrain data"."""
 _AGAIN = (CommandResult.TEMPORARILY_REJECTED, CommandResult.FAILED)
 
 
@@ -122,13 +124,33 @@ def is_flying(session: Session) -> bool:
     return session.client.vehicle.armed and session.monitor.on_ground is not True
 
 
+class _Patience:
+    """How long a refused arming is retried: longer while terrain heights, which take a slow link minutes, are on their way."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._asked_count = len(session.monitor.terrain_asked)
+        self._any = Timer(session, session.timeouts.arm_s)
+        self._terrain = Timer(session, session.timeouts.terrain_s)
+
+    @property
+    def over(self) -> bool:
+        """Whether the next refusal is the last."""
+        asked_count = len(self._session.monitor.terrain_asked)
+        if asked_count > self._asked_count:
+            self._asked_count = asked_count
+            self._terrain.restart()
+        lacks_terrain = asked_count > 0 and _LACKS_TERRAIN in self._session.recent_warnings
+        return self._any.over and not (lacks_terrain and not self._terrain.over)
+
+
 def _arm(session: Session) -> None:
-    timer = Timer(session, session.timeouts.arm_s)
+    patience = _Patience(session)
     while True:
         try:
             session.client.command(Command.COMPONENT_ARM_DISARM, 1.0)
         except CommandRefusedError as error:
-            if error.result not in _AGAIN or timer.over:
+            if error.result not in _AGAIN or patience.over:
                 raise FlightFaultError(Ending.ARMING_REFUSED, f"{error}{session.recent_warnings}") from error
             if session.stop():
                 raise Stopped from None

@@ -142,6 +142,7 @@ class FlightTimeouts:
         link_lost_s: silence before the vehicle is given up; on the link's clock.
         ready_s: time to get ready for arming; ArduPilot needs about 41 s.
         arm_s: time during which a refused arming is retried.
+        terrain_s: the same for a vehicle that requests terrain heights, since it last requested others than before.
         start_s: time from the start command to leaving the ground.
         halt_s: time to come to rest after a hold command.
         stuck_s: time without progress.
@@ -158,6 +159,7 @@ class FlightTimeouts:
     link_lost_s: float = 30.0
     ready_s: float = 120.0
     arm_s: float = 10.0
+    terrain_s: float = 60.0
     start_s: float = 30.0
     halt_s: float = 20.0
     stuck_s: float = 60.0

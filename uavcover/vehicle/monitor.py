@@ -131,6 +131,7 @@ class VehicleClock:
 MessageT = TypeVar("MessageT", bound=m.Message)
 
 
+_MAX_TERRAIN_ASKED = 10_000
 _DOUBT_S = 1.0
 """So long positions whose stamps are doubted count as coming; on the link's clock."""
 
@@ -150,6 +151,7 @@ class Monitor:
         counts: how many messages of each kind arrived.
         reached: the highest mission item that the vehicle said it reached.
         uploads_taken: how often it thanked somebody for a mission, us or another ground station.
+        terrain_asked: the different requests for terrain heights; one more shows that an answer to an earlier one arrived.
     """
 
     def __init__(self) -> None:
@@ -162,6 +164,7 @@ class Monitor:
         self.counts: Counter[type[m.Message]] = Counter()
         self.reached = -1
         self.uploads_taken = 0
+        self.terrain_asked: set[m.TerrainRequest] = set()
         self._assembler = TextAssembler()
         self._other_assemblers: dict[int, TextAssembler] = {}
         self._time = VehicleClock()
@@ -266,6 +269,8 @@ class Monitor:
                 self.ground.take_word(message.landed_state, self.time_s)
             case m.MissionItemReached():
                 self.reached = max(self.reached, message.seq)
+            case m.TerrainRequest() if len(self.terrain_asked) < _MAX_TERRAIN_ASKED:
+                self.terrain_asked.add(message)
             case m.StatusText():
                 self.texts.extend(self._assembler.take(message))
 
