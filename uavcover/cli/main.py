@@ -8,6 +8,7 @@ from importlib import metadata
 import typer
 
 from uavcover.cli.bench import bench
+from uavcover.cli.check import check
 from uavcover.cli.clear import clear
 from uavcover.cli.demo import demo
 from uavcover.cli.doctor import doctor
@@ -79,13 +80,21 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
         ),
         "pareto": (
             pareto,
-            "the trade-off of a plan, as a table or a picture",
+            "the trade-off of a plan; select takes another route",
             ("uavcover pareto RUN", "uavcover pareto RUN --plot tradeoff.png"),
         ),
         "select": (
             select,
-            "another route of that trade-off, and its mission files",
+            "",
             ("uavcover select RUN knee", 'uavcover select RUN "coverage>=0.98"'),
+        ),
+        "check": (
+            check,
+            "any mission, judged over the terrain before flight",
+            (
+                "uavcover check mission.plan --dem dem.tif --no-fly zones.json --return-height 60m",
+                "uavcover check survey.waypoints --dem tiles/ --vehicle dji-m350-rtk --battery 30min --map found.geojson",
+            ),
         ),
         "export": (
             export,

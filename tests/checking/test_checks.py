@@ -1,0 +1,243 @@
+import math
+
+import numpy as np
+import pytest
+import shapely
+
+from mission_io.model.areas import Fence, FenceCircle, FencePolygon, LatLon
+from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
+from tests.checking.worlds import (
+    COPTER,
+    FRAME,
+    HOME_M,
+    LAT,
+    LON,
+    PLANE,
+    home,
+    item,
+    lat_lon,
+    mission,
+    ridge_ground,
+    up,
+    way,
+    world,
+)  # fmt: skip
+from uavcover.checking.aircraft import Aircraft
+from uavcover.checking.check import Checked, CheckRequest, check_mission
+from uavcover.checking.endurance_checks import flight_time_s
+from uavcover.checking.flown_path import flown_path
+from uavcover.checking.limits import Limits
+from uavcover.model.no_fly import NoFly
+
+HIGH = Aircraft(return_height_m=130.0)
+FREE = Limits(max_height_agl_m=None)
+
+
+def heights(lat: np.ndarray, lon: np.ndarray) -> np.ndarray:
+    """Of the ridge, above the sea; there is none 1,400 m away."""
+    enu = FRAME.enu_from_geodetic(lat, lon, HOME_M)
+    up_m = 100.0 * np.maximum(0.0, 1.0 - np.abs(enu[:, 0] - 400.0) / 50.0)
+    return np.where(np.abs(enu[:, :2]).max(axis=1) < 1400.0, HOME_M + up_m, np.nan)
+
+
+def checked(
+    *items: MissionItem, aircraft: Aircraft = HIGH, limits: Limits = FREE, zones=(), whole=None, **more
+) -> Checked:
+    request = CheckRequest(mission=whole or mission(*items), aircraft=aircraft, limits=limits, **more)
+    return check_mission(request, heights, lambda *_: ridge_ground(), lambda _: zones)
+
+
+def found(outcome: Checked, weight: str = "breaks") -> list[tuple[str, tuple[int, int] | None]]:
+    return [(one.kind, one.items) for one in outcome.findings if one.weight == weight]
+
+
+OVER = (up(), way(300.0, 0.0, 115.0), way(600.0, 0.0, 115.0), home())
+
+
+def test_a_good_mission_passes() -> None:
+    outcome = checked(*OVER)
+    assert outcome.verdict == "passed"
+    assert found(outcome, "look") == [("sight", (2, 4))]
+
+
+def test_a_ridge_between_two_points() -> None:
+    outcome = checked(up(), way(300.0, 0.0, 60.0), way(500.0, 0.0, 60.0), home())
+    (leg, *_) = [one for one in outcome.findings if one.kind == "ground"]
+    assert (leg.items, leg.weight) == ((2, 3), "breaks")
+    assert leg.by == pytest.approx(50.0, abs=0.1), "40 m in the ridge, 10 m are to be kept"
+    place = FRAME.enu_from_geodetic(leg.lat_deg, leg.lon_deg, leg.alt_amsl_m)[0]
+    assert place == pytest.approx([400.0, 0.0, 60.0], abs=0.1)
+
+
+def test_the_band() -> None:
+    outcome = checked(*OVER, limits=Limits(max_height_agl_m=112.0, max_above_home_m=114.0))
+    assert found(outcome) == [("height", (1, 3)), ("above-home", (1, 4))]
+
+
+def test_unknown_ground_is_not_proved() -> None:
+    outcome = checked(up(), way(-1450.0, 0.0, 60.0), way(-1600.0, 0.0, 60.0), home(), aircraft=COPTER)
+    assert outcome.verdict == "not proved"
+    assert {kind for kind, _ in found(outcome, "unknown")} == {"no-elevation"}
+
+
+def fence(*rings: list[tuple[float, float]], inclusion: bool = True) -> Fence:
+    return Fence(tuple(FencePolygon(tuple(LatLon(*lat_lon(*at)) for at in ring), inclusion) for ring in rings))
+
+
+SQUARE = [(-50.0, -50.0), (650.0, -50.0), (650.0, 50.0), (-50.0, 50.0)]
+SHORT = [(-50.0, -50.0), (580.0, -50.0), (580.0, 50.0), (-50.0, 50.0)]
+
+
+def test_fences() -> None:
+    assert found(checked(*OVER, fence=fence(SQUARE))) == []
+    (beyond,) = [one for one in checked(*OVER, fence=fence(SHORT)).findings if one.kind == "fence"]
+    assert beyond.by == pytest.approx(20.0, abs=0.1)
+    # ArduPilot wants a place inside every inclusion, PX4 inside any.
+    assert ("fence", (2, 4)) in found(checked(*OVER, fence=fence(SQUARE, SHORT)))
+    px4 = Aircraft(autopilot="px4", return_height_m=130.0)
+    assert found(checked(*OVER, fence=fence(SQUARE, SHORT), aircraft=px4)) == []
+    assert ("fence", (2, 4)) in found(checked(*OVER, fence=fence(SHORT), aircraft=px4))
+
+
+def test_fences_of_circles_and_holes() -> None:
+    def circle(east_m: float, north_m: float, radius_m: float, inclusion: bool) -> Fence:
+        return Fence(circles=(FenceCircle(LatLon(*lat_lon(east_m, north_m)), radius_m, inclusion),))
+
+    assert found(checked(*OVER, fence=circle(0.0, 0.0, 601.0, True))) == []
+    (beyond,) = [one for one in checked(*OVER, fence=circle(0.0, 0.0, 590.0, True)).findings if one.kind == "fence"]
+    assert beyond.by == pytest.approx(10.0, abs=0.1)
+    # Its middle is beside the leg, between its ends.
+    (within,) = [one for one in checked(*OVER, fence=circle(450.0, 20.0, 30.0, False)).findings if one.kind == "fence"]
+    assert within.by == pytest.approx(10.0, abs=0.1)
+    assert found(checked(*OVER, fence=circle(450.0, 31.0, 30.0, False))) == []
+    hole = fence([(440.0, -5.0), (460.0, -5.0), (460.0, 5.0), (440.0, 5.0)], inclusion=False)
+    assert ("fence", (2, 4)) in found(checked(*OVER, fence=hole))
+
+
+def zone(floor_agl_m: float | None, ceiling_amsl_m: float | None) -> NoFly:
+    corners = [lat_lon(*at)[::-1] for at in ((440.0, -5.0), (460.0, -5.0), (460.0, 5.0), (440.0, 5.0))]
+    return NoFly(polygon_lon_lat_deg=tuple(corners), floor_agl_m=floor_agl_m, ceiling_amsl_m=ceiling_amsl_m, name="Z")
+
+
+@pytest.mark.parametrize(
+    ("floor_agl_m", "ceiling_amsl_m", "enters"),
+    [(None, None, True), (116.0, None, False), (None, 814.0, False), (100.0, 820.0, True)],
+)
+def test_no_fly_zones_have_floor_and_ceiling(floor_agl_m: float, ceiling_amsl_m: float, enters: bool) -> None:
+    outcome = checked(*OVER[:3], zones=(zone(floor_agl_m, ceiling_amsl_m),))
+    assert (("no-fly", (2, 3)) in found(outcome)) == enters
+
+
+def test_a_return_behind_a_ridge() -> None:
+    outcome = checked(*OVER[:3], way(600.0, 100.0, 60.0), item(Command.NAV_LAND, 600.0, 100.0, 0.0), aircraft=COPTER)
+    assert found(outcome) == [("return", (3, 4))]
+    assert found(checked(*OVER[:3], way(600.0, 100.0, 60.0), item(Command.NAV_LAND, 600.0, 100.0, 0.0))) == []
+
+
+def test_distance_from_home() -> None:
+    assert found(checked(*OVER, limits=Limits(max_height_agl_m=None, max_distance_m=550.0))) == [("distance", (2, 4))]
+
+
+def test_sight_from_another_place() -> None:
+    on_the_ridge = lat_lon(400.0, 0.0)
+    assert found(checked(*OVER, pilot=on_the_ridge), "look") == []
+
+
+def test_a_battery_and_the_wind() -> None:
+    seconds = checked(*OVER).time_s
+    assert seconds > (2.0 * 600.0) / 10.0 + 130.0 / 2.5
+    import dataclasses
+
+    tired = dataclasses.replace(HIGH, endurance_s=seconds / 0.8 - 1.0)
+    assert found(checked(*OVER, aircraft=tired)) == [("battery", None)]
+    fresh = dataclasses.replace(HIGH, endurance_s=seconds / 0.8 + 1.0)
+    assert found(checked(*OVER, aircraft=fresh)) == []
+    slow = dataclasses.replace(fresh, max_airspeed_m_s=12.0)
+    windy = Limits(max_height_agl_m=None, wind_m_s=8.0)
+    assert found(checked(*OVER, aircraft=slow, limits=windy)) == [("battery", None)]
+    storm = Limits(max_height_agl_m=None, wind_m_s=12.0)
+    assert found(checked(*OVER, aircraft=slow, limits=storm)) == [("wind", None)]
+
+
+def test_time_of_wings_in_wind() -> None:
+    path = flown_path(mission(up(50.0), way(900.0, 0.0, 50.0)), world(), PLANE)
+    climb_s = 50.0 / PLANE.max_climb_m_s
+    assert flight_time_s(path, PLANE, 0.0) == pytest.approx(climb_s + 900.0 / 15.0, rel=1e-3)
+    assert flight_time_s(path, PLANE, 5.0) == pytest.approx(climb_s + 900.0 / 10.0, rel=1e-3)
+    assert math.isinf(flight_time_s(path, PLANE, 16.0))
+
+
+def test_wings_need_room() -> None:
+    steep = checked(up(), way(200.0, 0.0, 115.0), way(220.0, 0.0, 180.0), home(), aircraft=PLANE)
+    assert ("climb", (2, 3)) in found(steep)
+    back = checked(
+        up(), way(300.0, 0.0, 115.0), way(320.0, 0.0, 115.0), way(300.0, 10.0, 115.0), home(), aircraft=PLANE
+    )
+    assert ("turn", (3, 4)) in found(back, "look")
+
+
+@pytest.mark.parametrize("swap", [(2,), (2, 3)])
+def test_swapped_axes_of_items(swap: tuple[int, ...]) -> None:
+    import dataclasses
+
+    items = [
+        dataclasses.replace(one, lat_deg=one.lon_deg, lon_deg=one.lat_deg) if number in swap else one
+        for number, one in enumerate(OVER, 1)
+    ]
+    outcome = checked(*items)
+    wrong = [one for one in outcome.findings if one.kind == "place"]
+    assert [one.items for one in wrong] == [(number, number) for number in swap]
+    assert all("swapped" in one.what for one in wrong)
+
+
+def test_everything_swapped_or_elsewhere() -> None:
+    swapped = checked(whole=Mission(GeoPoint(LON, LAT, 0.0), OVER))
+    assert [one.what for one in swapped.findings] == ["latitude and longitude of home are swapped"]
+    assert swapped.verdict == "failed"
+    beside = checked(whole=Mission(GeoPoint(LAT + 1.0, LON, 0.0), OVER))
+    assert "outside the elevation data" in beside.findings[0].what
+    far = checked(whole=Mission(GeoPoint(-LAT, LON, 0.0), (MissionItem(16, Frame.AMSL, (0.0,) * 4, -LAT, LON, 50.0),)))
+    assert "elsewhere" in far.findings[0].what
+
+
+def test_places_that_nobody_means() -> None:
+    at_zero = MissionItem(16, Frame.ABOVE_HOME, (0.0,) * 4, 0.0, 0.0, 115.0)
+    assert ("place", (2, 2)) in found(checked(up(), at_zero, *OVER[1:]), "look")
+    far = MissionItem(16, Frame.ABOVE_HOME, (0.0,) * 4, LAT + 2.0, LON, 50.0)
+    assert ("place", (3, 3)) in found(checked(*OVER[:2], far, *OVER[2:]))
+    no_home = checked(whole=Mission(None, OVER))
+    assert ("home", (0, 0)) in found(no_home, "look")
+    high = checked(whole=Mission(GeoPoint(LAT, LON, HOME_M + 50.0), OVER))
+    assert ("home", (0, 0)) in found(high, "look")
+    nothing = checked(whole=Mission(None, (home(),)))
+    assert nothing.verdict == "not proved"
+
+
+@pytest.mark.parametrize(
+    ("made", "word"),
+    [
+        (lambda e, h: way(e, 0.0, h + HOME_M), "height above sea level"),
+        (lambda e, h: way(e, 0.0, h, Frame.AMSL), "height above home"),
+        (lambda e, h: way(e, 0.0, h / 0.3048), "feet"),
+    ],
+)
+def test_why_heights_may_be_wrong(made, word: str) -> None:
+    limits = Limits(max_height_agl_m=120.0)
+    outcome = checked(up(), made(300.0, 115.0), made(500.0, 115.0), home(), limits=limits)
+    told = [one.what for one in outcome.findings if one.kind in ("ground", "height")]
+    assert any(word in what for what in told), told
+
+
+def test_heights_above_terrain_are_not_for_px4() -> None:
+    px4 = Aircraft(autopilot="px4", return_height_m=130.0)
+    low = way(300.0, 0.0, 50.0, Frame.ABOVE_TERRAIN)
+    assert ("frame", (2, 2)) in found(checked(up(), low, home(), aircraft=px4))
+    assert ("frame", (2, 2)) in found(checked(up(), low, home()), "look")
+
+
+def test_every_finding_says_what_to_do() -> None:
+    outcome = checked(up(), way(300.0, 0.0, 60.0), way(500.0, 0.0, 60.0), home(), fence=fence(SHORT))
+    assert all(one.what and one.do for one in outcome.findings)
+    assert (
+        shapely.Point(LON, LAT).distance(shapely.Point(outcome.findings[0].lon_deg, outcome.findings[0].lat_deg)) < 0.1
+    )

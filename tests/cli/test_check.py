@@ -1,0 +1,121 @@
+"""``uavcover check`` on the bundled elevation data."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import uavcover
+from tests.cli.conftest import Cli
+
+DEM = Path(uavcover.__file__).parent / "data" / "jacksboro.tif"
+HOME = "0\t1\t0\t16\t0\t0\t0\t0\t36.4762\t-84.2160\t485\t1"
+GOOD = ("22 0 0 40", "16 36.4770 -84.2160 70", "16 36.4770 -84.2150 70", "20 0 0 0")
+
+
+def mission(folder: Path, *rows: str, name: str = "m.waypoints", frame: int = 3) -> Path:
+    """A file of rows "command latitude longitude height"."""
+    lines = ["QGC WPL 110", HOME]
+    for number, row in enumerate(rows, 1):
+        command, lat, lon, height = row.split()
+        lines.append(f"{number}\t0\t{frame}\t{command}\t0\t0\t0\t0\t{lat}\t{lon}\t{height}\t1")
+    file = folder / name
+    file.write_text("\n".join(lines) + "\n")
+    return file
+
+
+def test_a_good_mission(cli: Cli, tmp_path: Path) -> None:
+    ended = cli("check", mission(tmp_path, *GOOD), "--dem", DEM, "--return-height", "70m")
+    assert ended.code == 0, ended.out
+    assert ended.out.splitlines()[-1] == "verdict: passed"
+
+
+def test_a_hill_in_the_way(cli: Cli, tmp_path: Path) -> None:
+    file = mission(tmp_path, "22 0 0 40", "16 36.4770 -84.2160 70", "16 36.4850 -84.2240 70", "20 0 0 0")
+    ended = cli("check", file, "--dem", DEM, "--json", "--map", tmp_path / "found.geojson")
+    assert ended.code == 1
+    assert ended.document["verdict"] == "failed"
+    (leg,) = [one for one in ended.document["findings"] if one["kind"] == "ground" and one["items"] == [2, 3]]
+    assert leg["by"] > 50.0
+    assert 36.4770 < leg["lat_deg"] <= 36.4850
+    assert ended.document["figures"]["min_height_agl_m"] == pytest.approx(10.0 - leg["by"], abs=1.0)
+    drawn = json.loads((tmp_path / "found.geojson").read_text())
+    kinds = {feature["geometry"]["type"] for feature in drawn["features"]}
+    assert kinds == {"LineString", "Point"}
+    again = cli("check", file, "--dem", DEM, "--map", tmp_path / "found.geojson")
+    assert again.code == 2
+    assert "--force" in again.error
+
+
+def test_fence_and_zones_of_files(cli: Cli, tmp_path: Path) -> None:
+    file = mission(tmp_path, *GOOD)
+    ring = [[-84.2155, 36.4765], [-84.2153, 36.4765], [-84.2153, 36.4775], [-84.2155, 36.4775], [-84.2155, 36.4765]]
+    shape = tmp_path / "zone.geojson"
+    shape.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    entered = cli("check", file, "--dem", DEM, "--return-height", "70m", "--no-fly", shape, "--json")
+    assert entered.code == 1
+    assert {(one["kind"], *one["items"]) for one in entered.document["findings"] if one["weight"] == "breaks"} == {
+        ("no-fly", 2, 4)
+    }
+    left = cli("check", file, "--dem", DEM, "--return-height", "70m", "--fence", shape, "--json")
+    assert {one["kind"] for one in left.document["findings"] if one["weight"] == "breaks"} == {"fence"}
+
+
+def test_a_plan_brings_its_autopilot_and_its_fence(cli: Cli, tmp_path: Path) -> None:
+    from mission_io.formats import plan
+    from mission_io.formats.files import read_mission
+    from mission_io.model.areas import Fence, FenceCircle, LatLon
+
+    fence = Fence(circles=(FenceCircle(LatLon(36.4762, -84.2160), 60.0),))
+    made = plan.PlanFile(read_mission(mission(tmp_path, *GOOD)), fence, plan.RallyPoints(), 12)
+    file = tmp_path / "m.plan"
+    file.write_text(plan.write(made))
+    ended = cli("check", file, "--dem", DEM, "--json")
+    # PX4 returns 60 m above home, ArduCopter 15 m; the circle of 60 m is left.
+    assert {one["kind"] for one in ended.document["findings"] if one["weight"] == "breaks"} == {"fence"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "telling"),
+    [
+        (("nowhere.plan", "--dem", DEM), "no such file"),
+        (("m.waypoints",), "--dem"),
+        (("m.docx", "--dem", DEM), "is not read"),
+        (("fence.waypoints", "--dem", DEM), "no mission"),
+        (("empty.waypoints", "--dem", DEM), "no items"),
+        (("broken.waypoints", "--dem", DEM), "broken.waypoints"),
+        (("m.waypoints", "--dem", "none.tif"), "none.tif"),
+        (("m.waypoints", "--dem", DEM, "--vehicle", "bicycle"), "bicycle"),
+        (("m.waypoints", "--dem", DEM, "--flies-as", "bird"), "bird"),
+        (("m.waypoints", "--dem", DEM, "--autopilot", "me"), "me"),
+        (("m.waypoints", "--dem", DEM, "--reserve", "100"), "--reserve"),
+        (("m.waypoints", "--dem", DEM, "--reserve", "nan"), "--reserve"),
+        (("m.waypoints", "--dem", DEM, "--min-height", "10"), "--min-height"),
+        (("m.waypoints", "--dem", DEM, "--fence", "m.waypoints"), "--fence"),
+        (("m.waypoints", "--dem", DEM, "--fence", "no.waypoints"), "--fence"),
+        (("m.waypoints", "--dem", DEM, "--no-fly", "no.json"), "no.json"),
+        (("m.waypoints", "--dem", DEM, "--home", "91,0"), "--home"),
+        (("m.waypoints", "--dem", DEM, "--map", "x.png"), ".geojson"),
+    ],
+)
+def test_bad_input_is_one_line(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[object, ...], telling: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    mission(tmp_path, *GOOD)
+    (tmp_path / "m.docx").write_text("?")
+    mission(tmp_path, "5003 36.4762 -84.216 0", name="fence.waypoints")
+    (tmp_path / "fence.waypoints").write_text(f"QGC WPL 110\n{HOME}\n1\t0\t0\t5003\t50\t0\t0\t0\t36.47\t-84.2\t0\t1\n")
+    (tmp_path / "empty.waypoints").write_text(f"QGC WPL 110\n{HOME}\n")
+    (tmp_path / "broken.waypoints").write_text("QGC WPL 110\n1 2 three\n")
+    ended = cli("check", *arguments)
+    assert ended.code == 2, ended.out
+    assert telling in ended.error
+
+
+def test_a_mission_of_another_place(cli: Cli, tmp_path: Path) -> None:
+    file = mission(tmp_path, *GOOD)
+    file.write_text(file.read_text().replace("\t36.", "\t46."))
+    ended = cli("check", file, "--dem", DEM)
+    assert ended.code == 1
+    assert "elsewhere" in ended.out

@@ -1,0 +1,1 @@
+"""Anybody's mission, judged over the terrain before it is flown."""

@@ -1,0 +1,85 @@
+"""What a mission's file does not say: the aircraft that flies it, and what its autopilot does by default."""
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from uavcover.model.vehicle import AutopilotName
+
+Kind = Literal["multirotor", "fixed-wing", "vtol"]
+KINDS: Final[tuple[Kind, ...]] = ("multirotor", "fixed-wing", "vtol")
+_CONE_SLOPE, _CONE_CLIMB_M = 3.0, 2.0
+"""RTL_CONE_SLOPE and RTL_ALT_MIN of ArduCopter: near home it climbs less before it returns."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Aircraft:
+    """An aircraft and its autopilot's settings.
+
+    Attributes:
+        autopilot: whose meaning the commands have.
+        kind: how it moves.
+        cruise_speed_m_s: over ground for a multirotor, through the air for the others.
+        max_climb_m_s: largest upward speed.
+        max_descent_m_s: largest downward speed.
+        max_airspeed_m_s: largest speed through the air; none: wind does not slow a multirotor.
+        return_height_m: height above home of the autopilot's own return.
+        loiter_radius_m: radius of a circle whose item states none.
+        turn_radius_m: smallest radius of a turn; 0 for a multirotor.
+        endurance_s: time in the air; none: unknown.
+        reserve_fraction: share of it that a flight leaves.
+    """
+
+    autopilot: AutopilotName = "ardupilot"
+    kind: Kind = "multirotor"
+    cruise_speed_m_s: float = 10.0
+    max_climb_m_s: float = 2.5
+    max_descent_m_s: float = 1.5
+    max_airspeed_m_s: float | None = None
+    return_height_m: float = 15.0
+    loiter_radius_m: float = 10.0
+    turn_radius_m: float = 0.0
+    endurance_s: float | None = None
+    reserve_fraction: float = 0.2
+
+    @property
+    def has_wings(self) -> bool:
+        """Whether it flies between waypoints on wings."""
+        return self.kind != "multirotor"
+
+
+def default_aircraft(autopilot: AutopilotName, kind: Kind) -> Aircraft:
+    """An aircraft with the parameters that its autopilot comes with.
+
+    ArduCopter: WPNAV_SPEED, WPNAV_SPEED_UP, WPNAV_SPEED_DN, RTL_ALT, CIRCLE_RADIUS; ArduPlane: AIRSPEED_CRUISE, TECS_CLMB_MAX,
+    TECS_SINK_MAX, ALT_HOLD_RTL, WP_LOITER_RAD, LIM_ROLL_CD; PX4: MPC_XY_CRUISE, MPC_Z_V_AUTO_UP, MPC_Z_V_AUTO_DN,
+    FW_AIRSPD_TRIM, FW_T_CLMB_R_SP, FW_T_SINK_R_SP, RTL_RETURN_ALT, NAV_LOITER_RAD, FW_R_LIM.
+    """
+    if kind == "multirotor":
+        if autopilot == "px4":
+            return Aircraft(
+                autopilot=autopilot, cruise_speed_m_s=5.0, max_climb_m_s=3.0, max_descent_m_s=1.5, return_height_m=60.0,
+                loiter_radius_m=80.0,
+            )  # fmt: skip
+        return Aircraft(autopilot=autopilot)
+    if autopilot == "px4":  # FW_R_LIM is 50 degrees: 15^2 / (9.81 tan 50)
+        return Aircraft(
+            autopilot=autopilot, kind=kind, cruise_speed_m_s=15.0, max_climb_m_s=3.0, max_descent_m_s=2.0, return_height_m=60.0,
+            loiter_radius_m=80.0, turn_radius_m=19.0,
+        )  # fmt: skip
+    return Aircraft(  # LIM_ROLL_CD is 45 degrees: 15^2 / (9.81 tan 45)
+        autopilot=autopilot, kind=kind, cruise_speed_m_s=15.0, max_climb_m_s=5.0, max_descent_m_s=5.0, return_height_m=100.0,
+        loiter_radius_m=60.0, turn_radius_m=23.0,
+    )  # fmt: skip
+
+
+def return_height_m(height_above_home_m: float, distance_m: float, aircraft: Aircraft) -> float:
+    """Height above home at which an autopilot returns from a place.
+
+    ArduCopter climbs to RTL_ALT, near home no higher than ``_CONE_SLOPE`` times the distance (ModeRTL::compute_return_target).
+    """
+    wanted = aircraft.return_height_m
+    if aircraft.autopilot == "ardupilot" and not aircraft.has_wings:
+        wanted = min(wanted, max(_CONE_SLOPE * distance_m, _CONE_CLIMB_M))
+    elif aircraft.has_wings and aircraft.autopilot == "ardupilot":
+        return wanted
+    return max(wanted, height_above_home_m)

@@ -1,0 +1,178 @@
+"""The check of a mission: everything that is judged, in one place."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from mission_io.model.items import Command, Frame, GeoPoint, Mission
+from uavcover.checking.aircraft import Aircraft
+from uavcover.checking.boundary_checks import distance_findings, fence_findings, zone_findings
+from uavcover.checking.endurance_checks import endurance_findings, wing_findings
+from uavcover.checking.fences import FenceSource, local_fence
+from uavcover.checking.findings import CheckFinding
+from uavcover.checking.flown_path import FlownPath, flown_path
+from uavcover.checking.ground_checks import height_findings
+from uavcover.checking.hints import with_hints
+from uavcover.checking.limits import Limits, Surroundings
+from uavcover.checking.places import Heights, places_of
+from uavcover.checking.sight_checks import return_findings, sight_findings
+from uavcover.checking.world import World
+from uavcover.model.no_fly import NoFly
+from uavcover.scenario.airspace.zones import local_zones
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.ground import Ground
+
+_AROUND_M = 300.0
+_EYE_M = 1.6
+
+Bounds = tuple[float, float, float, float]
+GroundReader = Callable[[LocalFrame, Bounds], Ground]
+"""The ground in a local frame, within west, south, east, north in metres."""
+ZoneReader = Callable[[Bounds], Sequence[NoFly]]
+"""No-fly zones near west, south, east, north in degrees."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckRequest:
+    """What is judged, and by what.
+
+    Attributes:
+        mission: as its file has it.
+        aircraft: who flies it.
+        limits: what it has to keep.
+        fence: the fence, none for none.
+        home: latitude and longitude of the take-off place; none: the mission's.
+        pilot: latitude and longitude of the pilot; none: at home.
+    """
+
+    mission: Mission
+    aircraft: Aircraft
+    limits: Limits
+    fence: FenceSource | None = None
+    home: tuple[float, float] | None = None
+    pilot: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Checked:
+    """The outcome.
+
+    Attributes:
+        findings: everything found; what breaks first.
+        path: as it would be flown; none where home is unknown.
+        world: where it is; likewise.
+        time_s: of the whole flight; infinite where the wind stops it.
+    """
+
+    findings: tuple[CheckFinding, ...]
+    path: FlownPath | None
+    world: World | None
+    time_s: float
+
+    @property
+    def verdict(self) -> str:
+        """Is it "passed", "failed", or "not proved" where something could not be answered."""
+        weights = {one.weight for one in self.findings}
+        return "failed" if "breaks" in weights else "not proved" if "unknown" in weights else "passed"
+
+
+def check_mission(
+    request: CheckRequest, heights: Heights, read_ground: GroundReader, read_zones: ZoneReader
+) -> Checked:
+    """Judge a mission at its full length.
+
+    Args:
+        request: what, and by what.
+        heights: of the ground at single places.
+        read_ground: the ground around the mission.
+        read_zones: the no-fly zones around it.
+
+    Raises:
+        UavcoverError: elevation data or zones cannot be read.
+    """
+    mission, aircraft, limits = request.mission, request.aircraft, request.limits
+    places = places_of(mission, heights, aircraft.autopilot, home=request.home)
+    findings = [*places.findings, *_frame_findings(mission, aircraft)]
+    if places.home is None:
+        return Checked(_sorted(findings), None, None, 0.0)
+    world = _world(request, places.home, places.skipped, read_ground)
+    path = flown_path(mission, world, aircraft, skipped=places.skipped)
+    surroundings = _surroundings(request, world, path, read_zones)
+    findings += path.findings
+    findings += with_hints(height_findings(path, world, limits), mission, world, limits)
+    findings += fence_findings(path, world, surroundings.fence)
+    findings += zone_findings(path, world, surroundings)
+    findings += distance_findings(path, world, limits)
+    findings += return_findings(path, world, limits, aircraft)
+    if surroundings.pilot_m is not None:
+        findings += sight_findings(path, world, surroundings.pilot_m)
+    findings += wing_findings(path, world, aircraft)
+    time_s, tired = endurance_findings(path, aircraft, limits)
+    return Checked(_sorted([*findings, *tired]), path, world, time_s)
+
+
+def _sorted(findings: list[CheckFinding]) -> tuple[CheckFinding, ...]:
+    order = {"breaks": 0, "unknown": 1, "look": 2}
+    return tuple(sorted(findings, key=lambda one: (order[one.weight], one.items or (0, 0))))
+
+
+def _frame_findings(mission: Mission, aircraft: Aircraft) -> list[CheckFinding]:
+    over = [n for n, item in enumerate(mission.items, 1) if item.frame is Frame.ABOVE_TERRAIN]
+    if not over:
+        return []
+    items = (over[0], over[-1])
+    if aircraft.autopilot == "px4":
+        return [
+            CheckFinding(
+                kind="frame", weight="breaks", items=items, what="PX4 does not take heights above the terrain",
+                do="give heights above home (frame 3) or above sea level (frame 0)",
+            )
+        ]  # fmt: skip
+    return [
+        CheckFinding(
+            kind="frame", weight="look", items=items,
+            what="heights above the terrain need terrain data on the vehicle; without it the mission stops there",
+            do="send it: uavcover terrain --dat, or uavcover terrain-server; TERRAIN_ENABLE 1",
+        )
+    ]  # fmt: skip
+
+
+def _world(request: CheckRequest, home: GeoPoint, skipped: frozenset[int], read_ground: GroundReader) -> World:
+    """The ground wherever the mission may come."""
+    frame = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m)
+    lat_lon = [(home.lat_deg, home.lon_deg), *([] if request.pilot is None else [request.pilot])]
+    around_m = _AROUND_M + 2.0 * request.aircraft.loiter_radius_m
+    splines = False
+    for number, item in enumerate(request.mission.items, 1):
+        if number in skipped or not item.has_position or not math.isfinite(item.lat_deg + item.lon_deg):
+            continue
+        if (item.lat_deg, item.lon_deg) != (0.0, 0.0):
+            lat_lon.append((item.lat_deg, item.lon_deg))
+        splines |= item.command == Command.NAV_SPLINE_WAYPOINT
+        if item.command in (Command.NAV_LOITER_UNLIM, Command.NAV_LOITER_TURNS, Command.NAV_LOITER_TIME):
+            around_m = max(around_m, _AROUND_M + 2.0 * abs(item.params[2] if math.isfinite(item.params[2]) else 0.0))
+    lats, lons = np.array(lat_lon).T
+    en = frame.enu_from_geodetic(lats, lons, home.alt_amsl_m)[:, :2]
+    if splines and len(en) > 1:
+        around_m = max(around_m, 0.6 * float(np.hypot(*np.diff(en, axis=0).T).max()))
+    west, south = en.min(axis=0) - around_m
+    east, north = en.max(axis=0) + around_m
+    return World(frame, read_ground(frame, (float(west), float(south), float(east), float(north))))
+
+
+def _surroundings(request: CheckRequest, world: World, path: FlownPath, read_zones: ZoneReader) -> Surroundings:
+    known = [segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)] for segment in path.segments]
+    places = np.vstack([np.zeros((1, 3)), *known])
+    lat, lon, _ = world.frame.geodetic_from_enu(places)
+    entries = read_zones((float(lon.min()), float(lat.min()), float(lon.max()), float(lat.max())))
+    box = shapely.box(*places[:, :2].min(axis=0), *places[:, :2].max(axis=0)).buffer(1.0)
+    pilot = (0.0, 0.0) if request.pilot is None else world.place(*request.pilot)
+    eye = world.above_ground([pilot], _EYE_M)[0]
+    return Surroundings(
+        fence=local_fence(request.fence, world, request.aircraft.autopilot),
+        zones=local_zones(entries, world.frame, box),
+        pilot_m=eye if np.isfinite(eye).all() else None,
+    )

@@ -1,0 +1,72 @@
+"""What a check finds: one row for each thing that breaks a limit or deserves a look."""
+
+import itertools
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+Weight = Literal["breaks", "unknown", "look"]
+"""``breaks`` a limit; ``unknown``: what was asked cannot be answered; ``look``: allowed, and seldom meant."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckFinding:
+    """One thing found.
+
+    Attributes:
+        kind: what kind of thing, one of the words in docs/reference/checked_missions.md.
+        weight: how much it weighs.
+        what: what is wrong, for people.
+        do: what to do about it.
+        items: numbers of the first and the last item concerned, home being 0; none: the whole mission.
+        lat_deg: where it is worst; none without a place.
+        lon_deg: likewise.
+        alt_amsl_m: likewise.
+        by: by how much, in the unit of ``unit``; 0 where there is no measure.
+        unit: "m", "s", or empty.
+    """
+
+    kind: str
+    weight: Weight
+    what: str
+    do: str
+    items: tuple[int, int] | None = None
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    alt_amsl_m: float | None = None
+    by: float = 0.0
+    unit: str = ""
+
+    def document(self) -> dict[str, Any]:
+        """The same for programs."""
+        return {
+            "kind": self.kind, "weight": self.weight, "items": None if self.items is None else list(self.items),
+            "lat_deg": self.lat_deg, "lon_deg": self.lon_deg, "alt_amsl_m": self.alt_amsl_m, "by": self.by,
+            "unit": self.unit, "what": self.what, "do": self.do,
+        }  # fmt: skip
+
+
+def joined(findings: Iterable[CheckFinding], same: Callable[[CheckFinding], object]) -> list[CheckFinding]:
+    """Findings of legs that follow each other as one, which tells of the worst place.
+
+    Args:
+        findings: in flying order, each with items.
+        same: what findings must have in common to be joined.
+    """
+    runs: list[list[CheckFinding]] = []
+    for found in findings:
+        last = runs[-1][-1] if runs else None
+        if last is not None and same(last) == same(found) and _follows(found.items, last.items):
+            runs[-1].append(found)
+        else:
+            runs.append([found])
+    out = []
+    for run in runs:
+        worst = max(run, key=lambda one: one.by)
+        numbers = list(itertools.chain.from_iterable(one.items or () for one in run))
+        out.append(replace(worst, items=(min(numbers), max(numbers)) if numbers else None))
+    return out
+
+
+def _follows(items: tuple[int, int] | None, before: tuple[int, int] | None) -> bool:
+    return items is not None and before is not None and before[0] <= items[0] <= before[1] + 1

@@ -1,0 +1,144 @@
+"""Heights along every segment at its full length: ground, band, height above home."""
+
+import numpy as np
+
+from uavcover.checking.findings import CheckFinding, joined
+from uavcover.checking.flown_path import FlownPath, Segment
+from uavcover.checking.limits import Limits
+from uavcover.checking.world import World
+from uavcover.kernels.arrays import FloatArray
+
+TOLERANCE_M = 0.05
+"""Heights this near to a limit keep it: files are rounded, and so are elevation models."""
+_LANDED_M = 0.5
+
+
+def height_findings(path: FlownPath, world: World, limits: Limits) -> list[CheckFinding]:
+    """Segments too near to the ground or in it, too high, or over unknown ground."""
+    low, high, unknown, above_home = [], [], [], []
+    for segment in path.distinct:
+        ranges = world.ground.leg_height_ranges_m(segment.enu_m)
+        if not np.isfinite(ranges).all():
+            unknown.append(_unknown(segment, world, ranges))
+        if np.isfinite(ranges).any():
+            low += _too_low(segment, world, limits, ranges)
+            high += _too_high(segment, world, limits, ranges)
+        above_home += _above_home(segment, world, limits)
+    return [
+        *_worst_of_each(low),
+        *joined(high, lambda one: one.kind),
+        *joined(above_home, lambda one: one.kind),
+        *joined(unknown, lambda one: one.kind),
+    ]
+
+
+def _worst_of_each(findings: list[CheckFinding]) -> list[CheckFinding]:
+    """One finding for each pair of items; a leg that is flown again may come from elsewhere."""
+    worst: dict[tuple[int, int] | None, CheckFinding] = {}
+    for one in findings:
+        if one.items not in worst or one.by > worst[one.items].by:
+            worst[one.items] = one
+    return list(worst.values())
+
+
+def place_of(segment: Segment, piece: int, at: float) -> FloatArray:
+    """The place (3,) at a parameter 0..1 of a piece of a segment."""
+    begin, end = segment.enu_m[piece], segment.enu_m[piece + 1]
+    return np.asarray(begin + at * (end - begin))
+
+
+def _too_low(segment: Segment, world: World, limits: Limits, ranges: FloatArray) -> list[CheckFinding]:
+    piece = int(np.nanargmin(ranges[:, 0]))
+    lowest_m = float(ranges[piece, 0])
+    where = place_of(segment, piece, float(ranges[piece, 1]))
+    # Take-off and landing touch the ground at their ends, and nowhere else.
+    limit_m = limits.min_height_agl_m if segment.phase in ("route", "return") else -_LANDED_M
+    if lowest_m >= limit_m - TOLERANCE_M:
+        return []
+    lat, lon, alt = world.geodetic(where)
+    short_m = limit_m - lowest_m
+    words = f"{-lowest_m:.1f} m below the ground" if lowest_m < 0.0 else f"{lowest_m:.1f} m above the ground"
+    a, b = segment.items
+    points = f"item {b}" if a in (0, b) or segment.phase != "route" else f"items {a} and {b}"
+    return [
+        CheckFinding(
+            kind="ground",
+            weight="breaks",
+            items=segment.items,
+            lat_deg=lat,
+            lon_deg=lon,
+            alt_amsl_m=alt,
+            by=short_m,
+            unit="m",
+            what=f"{words}, the least is {max(limit_m, 0.0):g} m",
+            do=f"raise {points} by {short_m:.0f} m or more, or put a waypoint there",
+        ),
+    ]
+
+
+def _too_high(segment: Segment, world: World, limits: Limits, ranges: FloatArray) -> list[CheckFinding]:
+    piece = int(np.nanargmax(ranges[:, 2]))
+    highest_m = float(ranges[piece, 2])
+    if limits.max_height_agl_m is None or highest_m <= limits.max_height_agl_m + TOLERANCE_M:
+        return []
+    if segment.phase in ("return", "landing"):
+        return []  # the band is that of the route; an autopilot's own return is high on purpose
+    lat, lon, alt = world.geodetic(place_of(segment, piece, float(ranges[piece, 3])))
+    over_m = highest_m - limits.max_height_agl_m
+    return [
+        CheckFinding(
+            kind="height",
+            weight="breaks",
+            items=segment.items,
+            lat_deg=lat,
+            lon_deg=lon,
+            alt_amsl_m=alt,
+            by=over_m,
+            unit="m",
+            what=f"{highest_m:.0f} m above the ground, the most is {limits.max_height_agl_m:g} m",
+            do=f"fly {over_m:.0f} m lower there, or allow more with --max-height",
+        ),
+    ]
+
+
+def _above_home(segment: Segment, world: World, limits: Limits) -> list[CheckFinding]:
+    if limits.max_above_home_m is None:
+        return []
+    alts = world.alts_amsl_m(segment.enu_m)
+    if not np.isfinite(alts).any():
+        return []
+    k = int(np.nanargmax(alts))
+    over_m = float(alts[k]) - world.home_alt_amsl_m - limits.max_above_home_m
+    if over_m <= TOLERANCE_M:
+        return []
+    lat, lon, alt = world.geodetic(segment.enu_m[k])
+    return [
+        CheckFinding(
+            kind="above-home",
+            weight="breaks",
+            items=segment.items,
+            lat_deg=lat,
+            lon_deg=lon,
+            alt_amsl_m=alt,
+            by=over_m,
+            unit="m",
+            what=f"{over_m + limits.max_above_home_m:.0f} m above home, the most is {limits.max_above_home_m:g} m",
+            do=f"fly {over_m:.0f} m lower there",
+        ),
+    ]
+
+
+def _unknown(segment: Segment, world: World, ranges: FloatArray) -> CheckFinding:
+    piece = int(np.argmin(np.isfinite(ranges).all(axis=1)))
+    place = segment.enu_m[piece]
+    lat, lon, alt = world.geodetic(place) if np.isfinite(place).all() else (None, None, None)
+    return CheckFinding(
+        kind="no-elevation",
+        weight="unknown",
+        items=segment.items,
+        lat_deg=lat,
+        lon_deg=lon,
+        alt_amsl_m=alt,
+        what="the elevation data has no height here",
+        do="give elevation data that reaches all of the flight",
+    )

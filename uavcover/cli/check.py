@@ -1,0 +1,160 @@
+"""``uavcover check``: anybody's mission, judged before it is flown."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from uavcover.cli import options
+from uavcover.cli.terrain_server import DemOptions
+
+if TYPE_CHECKING:
+    from uavcover.checking.limits import Limits
+
+
+@dataclass(frozen=True, slots=True)
+class AircraftOptions:
+    """Who flies it."""
+
+    vehicle: Annotated[
+        str | None,
+        typer.Option("--vehicle", help="A vehicle: a name (new --vehicle list), or a TOML file.", metavar="NAME"),
+    ] = None
+    autopilot: Annotated[
+        str | None,
+        typer.Option(help="Whose meaning the items have; default: the file's, or ardupilot.", metavar="ardupilot|px4"),
+    ] = None
+    flies_as: Annotated[
+        str | None,
+        typer.Option("--flies-as", help="multirotor, fixed-wing or vtol; default: the file's.", metavar="KIND"),
+    ] = None
+    speed: Annotated[
+        str | None, typer.Option("--speed", help="Default: the vehicle's or the autopilot's.", metavar="SPEED")
+    ] = None
+    battery: Annotated[
+        str | None, typer.Option("--battery", help="Time in the air, such as 25min.", metavar="TIME")
+    ] = None
+    reserve: Annotated[
+        float, typer.Option("--reserve", help="Percent of the battery that must be left.", metavar="PERCENT")
+    ] = 20.0
+    return_height: Annotated[
+        str | None,
+        typer.Option(
+            "--return-height",
+            help="Return altitude above home (RTL_ALT, RTL_RETURN_ALT); default: the autopilot's.",
+            metavar="LENGTH",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, slots=True)
+class LimitOptions:
+    """What it has to keep."""
+
+    min_height: Annotated[
+        str,
+        typer.Option("--min-height", help="Least height above ground between take-off and landing.", metavar="LENGTH"),
+    ] = "10m"
+    max_height: Annotated[
+        str, typer.Option("--max-height", help="Largest height above ground; none: no limit.", metavar="LENGTH")
+    ] = "120m"
+    max_above_home: Annotated[
+        str | None, typer.Option("--max-above-home", help="Largest height above home.", metavar="LENGTH")
+    ] = None
+    max_distance: Annotated[
+        str | None, typer.Option("--max-distance", help="Largest distance from home.", metavar="LENGTH")
+    ] = None
+    wind: Annotated[
+        str | None, typer.Option("--wind", help="Wind, from the worst side, such as 8m/s.", metavar="SPEED")
+    ] = None
+
+    def limits(self) -> "Limits":
+        """What was given."""
+        from uavcover.checking.limits import Limits
+        from uavcover.intake.quantities import length_m, speed_m_s
+
+        def length(text: str | None, option: str, example: str) -> float | None:
+            return None if text is None or text == "none" else length_m(text, option=option, example=example)
+
+        low, high = length(self.min_height, "--min-height", "10m"), length(self.max_height, "--max-height", "120m")
+        return Limits(
+            min_height_agl_m=0.0 if low is None else low,
+            max_height_agl_m=high,
+            max_above_home_m=length(self.max_above_home, "--max-above-home", "120m"),
+            max_distance_m=length(self.max_distance, "--max-distance", "500m"),
+            wind_m_s=0.0 if self.wind is None else speed_m_s(self.wind, option="--wind", example="8m/s"),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class AroundOptions:
+    """What is around it."""
+
+    fence: Annotated[
+        Path | None,
+        typer.Option(
+            "--fence",
+            help="Fence (.plan, .waypoints, .fen), or an area to stay inside; default: the fence of a .plan.",
+            metavar="FILE",
+        ),
+    ] = None
+    no_fly: Annotated[
+        list[str] | None, typer.Option("--no-fly", help="No-fly zones, as in new; again for more.", metavar="FILE")
+    ] = None
+    home: Annotated[
+        str | None, typer.Option("--home", help="Take-off place; default: the file's.", metavar="LAT,LON")
+    ] = None
+    pilot: Annotated[
+        str | None, typer.Option("--pilot", help="Where pilot and radio are; default: at home.", metavar="LAT,LON")
+    ] = None
+
+
+def check(
+    file: Annotated[Path, typer.Argument(help="A mission: .plan, .waypoints or .csv.")],
+    *,
+    dem: DemOptions,
+    around: AroundOptions,
+    aircraft: AircraftOptions,
+    limit: LimitOptions,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", help="Write path and findings for map programs.", metavar="FILE.geojson"),
+    ] = None,
+    force: options.Force = False,
+    output: options.Output,
+) -> int:
+    """Judge anybody's mission over the terrain, every leg at its full length, before it is flown.
+
+    Exit code 0: passed; 1: something breaks a limit, or cannot be judged for want of elevation data; 2: a file cannot be read.
+    """
+    from uavcover.errors import InputError
+    from uavcover.intake.quantities import lat_lon, length_m, speed_m_s, time_s
+    from uavcover.run.check import CheckQuery, document_of, refuse_map, say_findings, write_map
+    from uavcover.run.check import check as check_file
+
+    console = output.console()
+    if not dem.dem:
+        raise InputError("--dem: give elevation data: a raster, a folder or a pattern of tiles")
+    if not 0.0 <= aircraft.reserve < 100.0:
+        raise InputError(f"--reserve: {aircraft.reserve:g} is not a share of the battery; give 0 to 99 percent")
+    if map_file is not None:
+        refuse_map(map_file, force=force)
+    height, speed, battery = aircraft.return_height, aircraft.speed, aircraft.battery
+    query = CheckQuery(
+        file=file, elevation=dem.data(), fence=around.fence, no_fly=tuple(around.no_fly or ()), vehicle=aircraft.vehicle,
+        autopilot=aircraft.autopilot, kind=aircraft.flies_as,
+        home=None if around.home is None else lat_lon(around.home, option="--home"),
+        pilot=None if around.pilot is None else lat_lon(around.pilot, option="--pilot"),
+        return_height_m=None if height is None else length_m(height, option="--return-height", example="60m"),
+        speed_m_s=None if speed is None else speed_m_s(speed, option="--speed", example="8m/s"),
+        endurance_s=None if battery is None else time_s(battery, option="--battery", example="25min"),
+        reserve_fraction=aircraft.reserve / 100.0, limits=limit.limits(),
+    )  # fmt: skip
+    checked = check_file(query, console)
+    say_findings(checked, console)
+    if map_file is not None:
+        write_map(checked, map_file, force=force)
+        console.say(f"written: {map_file}")
+    console.result(document_of(query, checked))
+    return 0 if checked.verdict == "passed" else 1

@@ -1,0 +1,357 @@
+"""The workflow of ``uavcover check``: somebody's mission file and elevation data in, findings out."""
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mission_io.autopilots.vehicle_types import VehicleKind, kind_of
+from mission_io.errors import FormatError
+from mission_io.formats import files, plan
+from mission_io.formats.text import text_from_bytes
+from mission_io.model.areas import Fence
+from mission_io.model.enums import AutopilotId
+from mission_io.model.items import Command, Mission
+from uavcover.checking.aircraft import KINDS, Aircraft, Kind, default_aircraft
+from uavcover.checking.check import Bounds, Checked, CheckRequest, check_mission
+from uavcover.checking.fences import FenceSource
+from uavcover.checking.limits import Limits
+from uavcover.errors import InputError, OutputError, TerrainError
+from uavcover.intake.vehicles import VehicleType, vehicle_named
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.no_fly import NoFly
+from uavcover.model.vehicle import AutopilotName, autopilot_name
+from uavcover.run.file_group import write_file
+from uavcover.run.user import User
+from uavcover.run.vehicle_terrain import ElevationData, open_elevation_data
+from uavcover.scenario.airspace.zone_file import read_zones
+from uavcover.scenario.areas.area_file import AreaQuery, read_area
+from uavcover.scenario.elevation_file import read_ground, read_heights_amsl_m
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.ground import Ground
+from uavcover.scenario.terrain_source import TerrainSource
+
+MISSION_SUFFIXES = (".plan", ".waypoints", ".txt", ".mission", ".csv")
+_FENCE_FILES = (".plan", ".waypoints", ".txt", ".fen")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckQuery:
+    """What the user asks for.
+
+    Attributes:
+        file: the mission.
+        elevation: the elevation data.
+        fence: file of a fence, or of an area to stay inside; none: the mission file's own.
+        no_fly: files of no-fly zones.
+        vehicle: a vehicle by name; none: the autopilot's defaults.
+        autopilot: "ardupilot" or "px4"; none: the file's, or ArduPilot.
+        kind: how the aircraft moves; none: the file's, or what its commands suggest.
+        home: take-off place; none: the file's.
+        pilot: where the pilot stands; none: at home.
+        return_height_m: the autopilot's return altitude above home; none: its default.
+        speed_m_s: none: the vehicle's.
+        endurance_s: none: the vehicle's.
+        reserve_fraction: of the endurance.
+        limits: of heights, distance and wind.
+    """
+
+    file: Path
+    elevation: ElevationData
+    fence: Path | None = None
+    no_fly: tuple[str, ...] = ()
+    vehicle: str | None = None
+    autopilot: str | None = None
+    kind: str | None = None
+    home: tuple[float, float] | None = None
+    pilot: tuple[float, float] | None = None
+    return_height_m: float | None = None
+    speed_m_s: float | None = None
+    endurance_s: float | None = None
+    reserve_fraction: float = 0.2
+    limits: Limits = field(default_factory=Limits)
+
+
+@dataclass(frozen=True, slots=True)
+class ReadMission:
+    """A mission file as it is judged.
+
+    Attributes:
+        mission: its mission.
+        fence: its fence, none where it has none.
+        autopilot: whom it was made for; none: it does not say.
+        kind: of aircraft, likewise.
+        repairs: what was repaired to read it.
+    """
+
+    mission: Mission
+    fence: Fence | None = None
+    autopilot: AutopilotName | None = None
+    kind: Kind | None = None
+    repairs: tuple[str, ...] = ()
+
+
+def check(query: CheckQuery, user: User) -> Checked:
+    """Read everything, judge the mission, and tell of repairs.
+
+    Raises:
+        UavcoverError: a file cannot be read or used.
+        FormatError: the mission file is none.
+    """
+    read = read_mission_file(query.file)
+    for repair in read.repairs:
+        user.warn(f"{query.file}: repaired: {repair}")
+    if not read.mission.items:
+        raise InputError(f"{query.file}: the mission has no items; give a file that flies somewhere")
+    aircraft = aircraft_of(query, read)
+    source, datum = _open_elevation(query.elevation, read.mission, query.home)
+    request = CheckRequest(
+        mission=read.mission, aircraft=aircraft, limits=query.limits, home=query.home, pilot=query.pilot,
+        fence=_read_fence(query.fence) if query.fence is not None else read.fence,
+    )  # fmt: skip
+
+    def heights(lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
+        return read_heights_amsl_m(source, datum, lat_deg, lon_deg)
+
+    def ground(frame: LocalFrame, bounds_m: Bounds) -> Ground:
+        return read_ground(source, datum, frame=frame, bounds_m=bounds_m, grid_step_m=None)
+
+    def zones(near: Bounds) -> Sequence[NoFly]:
+        found: list[NoFly] = []
+        for file in query.no_fly:
+            entries, notes = read_zones(NoFly(file=str(Path(file).resolve())), near=near)
+            found += entries
+            for note in notes:
+                user.say(note)
+        return found
+
+    return check_mission(request, heights, ground, zones)
+
+
+def read_mission_file(path: Path) -> ReadMission:
+    """Read a mission of any known format.
+
+    Raises:
+        InputError: there is no such file, or it is of no known format.
+        FormatError: it is not what its name says.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}; give a mission file")
+    suffix = path.suffix.lower()
+    if suffix not in MISSION_SUFFIXES:
+        raise InputError(f"{path}: {suffix or 'no suffix'} is not read; give one of {', '.join(MISSION_SUFFIXES)}")
+    if suffix == ".plan":
+        try:
+            decoded = text_from_bytes(path.read_bytes())
+            document = plan.read(decoded.text)
+        except FormatError as error:
+            raise FormatError(
+                error.what, where=f"{path}: {error.where}" if error.where else str(path), advice=error.advice
+            ) from error
+        fence = document.fence if document.fence != Fence() else None
+        return ReadMission(
+            document.mission, fence, _autopilot_of(document.mav_autopilot), _kind_of(document.vehicle_type, document.mission),
+            (*decoded.repairs, *document.repairs),
+        )  # fmt: skip
+    read = files.read_file(path)
+    if read.mission is None:
+        raise InputError(f"{path}: holds a fence or rally points and no mission; give it with --fence")
+    return ReadMission(read.mission, None, None, _kind_of(None, read.mission), read.repairs)
+
+
+def aircraft_of(query: CheckQuery, read: ReadMission) -> Aircraft:
+    """The aircraft: the autopilot's defaults, the vehicle's data sheet over them, the user's own values over both.
+
+    Raises:
+        InputError: a name is not known.
+    """
+    vehicle = None if query.vehicle is None else vehicle_named(query.vehicle)
+    stated = vehicle.autopilot if vehicle is not None else None
+    autopilot = autopilot_name(query.autopilot, stated or read.autopilot or "ardupilot")
+    kind: Kind = read.kind or "multirotor"
+    if query.kind is not None:
+        known: dict[str, Kind] = {name: name for name in KINDS}
+        if query.kind not in known:
+            raise InputError(f"--flies-as: {query.kind!r} is not known; give {', '.join(KINDS)}")
+        kind = known[query.kind]
+    own = default_aircraft(autopilot, kind)
+    sheet = vehicle or VehicleType("", "")
+
+    def first(*values: float | None, default: float) -> float:
+        return next((value for value in values if value is not None), default)
+
+    return replace(
+        own,
+        cruise_speed_m_s=first(query.speed_m_s, sheet.cruise_speed_m_s, default=own.cruise_speed_m_s),
+        max_climb_m_s=first(sheet.max_climb_m_s, default=own.max_climb_m_s),
+        max_descent_m_s=first(sheet.max_descent_m_s, default=own.max_descent_m_s),
+        max_airspeed_m_s=sheet.max_speed_m_s,
+        return_height_m=first(query.return_height_m, default=own.return_height_m),
+        endurance_s=query.endurance_s if query.endurance_s is not None else sheet.endurance_s,
+        reserve_fraction=query.reserve_fraction,
+    )
+
+
+def _autopilot_of(mav_autopilot: int) -> AutopilotName | None:
+    return {int(AutopilotId.ARDUPILOT): "ardupilot", int(AutopilotId.PX4): "px4"}.get(mav_autopilot)  # type: ignore[return-value]
+
+
+def _kind_of(vehicle_type: int | None, mission: Mission) -> Kind | None:
+    if vehicle_type is not None:
+        named: dict[VehicleKind, Kind] = {VehicleKind.PLANE: "fixed-wing", VehicleKind.VTOL: "vtol"}
+        kind = named.get(kind_of(vehicle_type))
+        if kind is not None:
+            return kind
+    commands = {item.command for item in mission.items}
+    if commands & {Command.NAV_VTOL_TAKEOFF, Command.NAV_VTOL_LAND}:
+        return "vtol"
+    return "multirotor" if vehicle_type is not None else None
+
+
+def _open_elevation(
+    data: ElevationData, mission: Mission, home: tuple[float, float] | None
+) -> tuple[TerrainSource, str]:
+    places = [] if home is None else [home]
+    if mission.home is not None:
+        places.append((mission.home.lat_deg, mission.home.lon_deg))
+    places += [(item.lat_deg, item.lon_deg) for item in mission.items if item.has_position]
+    real = [place for place in places if all(map(math.isfinite, place)) and place != (0.0, 0.0)]
+    if not real:
+        return open_elevation_data(data)
+    # Around what most places are near to: one wrong place must not bring the tiles of half the Earth.
+    lat, lon = np.median(np.array(real), axis=0)
+    reach = 1.0
+    try:
+        return open_elevation_data(
+            data, around=(lon - reach, max(-90.0, lat - reach), lon + reach, min(90.0, lat + reach))
+        )
+    except TerrainError as error:
+        if "none of" not in str(error):
+            raise
+        return open_elevation_data(data)
+
+
+def _read_fence(path: Path) -> FenceSource:
+    if path.suffix.lower() in _FENCE_FILES:
+        if not path.is_file():
+            raise InputError(f"--fence: {path}: no such file; give a fence or an area")
+        read = files.read_file(path)
+        if read.fence is None or read.fence == Fence():
+            raise InputError(f"--fence: {path}: holds no fence; give a fence, or an area to stay inside")
+        return read.fence
+    return read_area(AreaQuery(source=str(path))).parts
+
+
+def document_of(query: CheckQuery, checked: Checked) -> dict[str, Any]:
+    """The outcome for programs."""
+    return {
+        "schema_version": 1,
+        "file": str(query.file),
+        "sha256": hashlib.sha256(query.file.read_bytes()).hexdigest(),
+        "verdict": checked.verdict,
+        "findings": [one.document() for one in checked.findings],
+        "figures": figures_of(checked),
+    }
+
+
+def figures_of(checked: Checked) -> dict[str, float | None]:
+    """How long, how far, how high; None where it is not known."""
+    path, world = checked.path, checked.world
+    known: dict[str, float | None] = dict.fromkeys(
+        ("length_m", "time_s", "min_height_agl_m", "max_height_agl_m", "max_above_home_m", "max_distance_m")
+    )
+    if path is None or world is None or not path.segments:
+        return known
+    lines = [segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)] for segment in path.segments]
+    points = np.vstack(lines)
+    ranges = [world.ground.leg_height_ranges_m(s.enu_m) for s in path.distinct if s.phase in ("route", "return")]
+    rows = np.vstack([part for part in ranges if len(part)] or [np.full((1, 4), np.nan)])
+    known["length_m"] = sum(float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in lines)
+    known["time_s"] = checked.time_s if math.isfinite(checked.time_s) else None
+    if np.isfinite(rows).any():
+        known["min_height_agl_m"], known["max_height_agl_m"] = (
+            float(np.nanmin(rows[:, 0])),
+            float(np.nanmax(rows[:, 2])),
+        )
+    if len(points):
+        known["max_above_home_m"] = float(world.alts_amsl_m(points).max()) - world.home_alt_amsl_m
+        known["max_distance_m"] = float(np.hypot(points[:, 0], points[:, 1]).max())
+    return known
+
+
+def say_findings(checked: Checked, user: User) -> None:
+    """Tell the outcome: one row for each finding and what to do about it below, then the figures."""
+    if checked.findings:
+        user.say(f"{'':8}{'what':14}{'items':10}{'latitude, longitude':26}{'by':>9}")
+    for one in checked.findings:
+        items = (
+            ""
+            if one.items is None
+            else f"{one.items[0]}"
+            if one.items[0] == one.items[1]
+            else f"{one.items[0]}-{one.items[1]}"
+        )
+        place = "" if one.lat_deg is None or one.lon_deg is None else f"{one.lat_deg:.6f}, {one.lon_deg:.6f}"
+        by = "" if not one.unit else f"{one.by:.1f} {one.unit}" if one.by < 1000.0 else f"{one.by:.0f} {one.unit}"
+        user.say(f"{one.weight:8}{one.kind:14}{items:10}{place:26}{by:>9}".rstrip())
+        user.say(f"{'':8}{one.what}")
+        user.say(f"{'':8}-> {one.do}")
+    figures = figures_of(checked)
+    words = {
+        "length_m": ("path", "m"), "time_s": ("time", "s"), "min_height_agl_m": ("lowest above ground", "m"),
+        "max_height_agl_m": ("highest above ground", "m"), "max_above_home_m": ("highest above home", "m"),
+        "max_distance_m": ("farthest from home", "m"),
+    }  # fmt: skip
+    told = [f"{name} {figures[key]:.0f} {unit}" for key, (name, unit) in words.items() if figures[key] is not None]
+    if told:
+        user.say("; ".join(told))
+    user.say(f"verdict: {checked.verdict}")
+
+
+def write_map(checked: Checked, path: Path, *, force: bool) -> None:
+    """Write the path as lines and the findings as points, for any map program.
+
+    Raises:
+        OutputError: the file is there already, or cannot be written, or is not named .geojson.
+    """
+    refuse_map(path, force=force)
+    features: list[dict[str, Any]] = []
+    if checked.path is not None and checked.world is not None:
+        for segment in checked.path.distinct:
+            known = segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)]
+            if len(known) < 2:
+                continue
+            lat, lon, alt = checked.world.frame.geodetic_from_enu(known)
+            line = [
+                [round(float(x), 8), round(float(y), 8), round(float(z), 2)]
+                for y, x, z in zip(lat, lon, alt, strict=True)
+            ]
+            features.append(
+                _feature(
+                    "LineString",
+                    line,
+                    {"from_item": segment.items[0], "item": segment.items[1], "phase": segment.phase},
+                )
+            )
+    for one in checked.findings:
+        if one.lat_deg is not None and one.lon_deg is not None:
+            features.append(_feature("Point", [one.lon_deg, one.lat_deg], one.document()))
+    text = json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
+    write_file(path, (text + "\n").encode())
+
+
+def refuse_map(path: Path, *, force: bool) -> None:
+    """Refuse a map that cannot be written, before anything is judged."""
+    if path.suffix.lower() not in (".geojson", ".json"):
+        raise OutputError(f"--map: {path}: name it .geojson")
+    if path.exists() and not force:
+        raise OutputError(f"{path}: is there already; give another name, or --force to replace it")
+
+
+def _feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
