@@ -141,6 +141,18 @@ MODELS = {
     "an empty model": ({"kept_bytes": 0}, "the file is empty"),
 }  # fmt: skip
 
+_SURFACE = ("AREA", "OPTIONS", "--dsm", "SURFACE")
+SURFACES = {
+    "no such surface model": ({"missing": True}, "surface.tif: no such file; give the elevation data"),
+    "a surface model that is the ground": ({"copied": True}, "is the file of terrain.file again"),
+    "ground and surface swapped": ({"trees_m": -25.0}, "are the two swapped"),
+    "a surface model in feet": ({"factor": 1.0 / 0.3048}, "the surface seems to be in feet"),
+    "a surface model above the ellipsoid": ({"shift_m": -31.0}, "vertical datums or units seem to differ"),
+    "a surface model of a part": ({"until": 0.5}, "give a surface model that covers it, or leave --dsm out"),
+    "towers in the surface model": ({"trees_m": 90.0}, "ask for a coarser --gsd or a larger --max-height"),
+    "a surface model that says another datum": ({"crs": "EPSG:4326+5703"}, "terrain.surface_vertical_datum: the scenario says"),
+}  # fmt: skip
+
 
 def prepare(folder: Path) -> None:
     """An elevation model and areas around 36.48 N, 84.22 W."""
@@ -156,6 +168,10 @@ def arguments_of(what: str, prepared: Path, folder: Path) -> tuple[list[object],
         change, words = MODELS[what]
         _write_model(prepared / "dem.tif", folder / "model.tif", **change)
         arguments: tuple[object, ...] = _MODEL
+    elif what in SURFACES:
+        change, words = SURFACES[what]
+        _write_surface(prepared / "dem.tif", folder / "surface.tif", **change)
+        arguments = _SURFACE
     elif what in TEXTS:
         name, text, words = TEXTS[what]
         (folder / name).write_text(text, encoding="utf-8")
@@ -176,11 +192,12 @@ def arguments_of(what: str, prepared: Path, folder: Path) -> tuple[list[object],
     names = {
         "AREA": (prepared / "area.kml",), "DEM": (prepared / "dem.tif",), "OPTIONS": options(prepared / "dem.tif"),
         "SWAPPED": (folder / "swapped.geojson",), "PICTURE": (folder / "photo.tif",), "MODEL": (folder / "model.tif",),
+        "SURFACE": ("surface.tif",) if what == "no such surface model" else (folder / "surface.tif",),
     }  # fmt: skip
     return [each for argument in arguments for each in names.get(str(argument), (argument,))], words
 
 
-ALL = (*BAD, *MODELS, *(what for what in TEXTS if what not in BAD))
+ALL = (*BAD, *MODELS, *SURFACES, *(what for what in TEXTS if what not in BAD))
 
 
 def _write_model(source, path, *, crs=..., unit=None, hole=None, kept_bytes=None):
@@ -199,3 +216,24 @@ def _write_model(source, path, *, crs=..., unit=None, hole=None, kept_bytes=None
             file.units = (unit,)
     if kept_bytes is not None:
         path.write_bytes(path.read_bytes()[:kept_bytes])
+
+
+def _write_surface(
+    source, path, *, missing=False, copied=False, factor=1.0, shift_m=0.0, trees_m=0.0, until=1.0, crs=...
+):
+    """The ground's heights with a change: a wood in the middle, another unit or datum, nothing in the east."""
+    with rasterio.open(source) as file:
+        values, profile = file.read(1), file.profile
+    if missing:
+        return
+    if copied:
+        path.write_bytes(source.read_bytes())
+        return
+    rows, columns = values.shape
+    values[rows // 2 - 3 : rows // 2 + 3, columns // 2 - 3 : columns // 2 + 3] += trees_m
+    values = (factor * (values + shift_m)).astype(np.float32)
+    values[:, round(until * columns) :] = np.nan
+    if crs is not ...:
+        profile["crs"] = crs
+    with rasterio.open(path, "w", **profile) as file:
+        file.write(values, 1)

@@ -75,8 +75,8 @@ AcceptChanged = Annotated[
     list[str] | None,
     typer.Option(
         "--accept-changed",
-        help="Judge although this changed since planning or flight, and say so in the verdict: scenario, terrain, obstacles, "
-        "plan, mission, track, version, record (run.json) or all; again for more.",
+        help="Judge although this changed since planning or flight, and say so in the verdict: scenario, terrain, surface, "
+        "obstacles, plan, mission, track, version, record (run.json) or all; again for more.",
         metavar="WHAT",
     ),
 ]

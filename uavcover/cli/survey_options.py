@@ -6,13 +6,21 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from uavcover.run.new import NewRequest
+    from uavcover.run.new_elevation import NewRequest
 
 
 Dem = Annotated[
     list[str] | None,
     typer.Option(
         "--dem", help="Elevation data: a raster, a folder or pattern of tiles; again for more.", metavar="FILE"
+    ),
+]
+Dsm = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--dsm",
+        help="A surface model (trees, roofs) beside the ground of --dem; flights keep above it. Again for more tiles.",
+        metavar="FILE",
     ),
 ]
 VerticalDatum = Annotated[
@@ -39,6 +47,7 @@ class SurveyOptions:
     """What is seen, with which camera, from which vehicle."""
 
     dem: Dem = None
+    dsm: Dsm = None
     camera: Annotated[
         str | None, typer.Option("--camera", help="A camera: list, a name, or a TOML file of your own.", metavar="NAME")
     ] = None
@@ -120,7 +129,7 @@ class SurveyOptions:
 
     def request(self, area: str, *, autopilot: str | None) -> "NewRequest":
         """What is asked for."""
-        from uavcover.run.new import NewRequest
+        from uavcover.run.new_elevation import NewRequest
         from uavcover.scenario.areas.area_file import AreaQuery
 
         query = AreaQuery(
@@ -133,4 +142,5 @@ class SurveyOptions:
             mount=self.mount, vertical_datum=self.vertical_datum, autopilot=autopilot,
             dem_crs=self.dem_crs, height_unit=self.height_unit, band=self.band, fill_lakes=self.fill_lakes,
             no_fly=tuple(self.no_fly or ()), pattern=self.pattern,
+            dsm=tuple(self.dsm or ()),
         )  # fmt: skip

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from uavcover.intake.patterns import OBLIQUE_SAMPLE, SINGLE, View
+from uavcover.intake.surface_look import HIDES_M, SurfaceLook
 from uavcover.intake.survey import USUAL_CEILING_M, SurveyDesign
 from uavcover.model.area import Rings
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
@@ -40,6 +41,8 @@ class SurveyScenario:
         mount: "stabilised" or "fixed".
         no_fly: files of no-fly zones.
         view: what this flight of a pattern looks at.
+        surface_files: a surface model: files, folders or patterns.
+        surface: what was seen of it; none without one.
     """
 
     name: str
@@ -58,6 +61,8 @@ class SurveyScenario:
     mount: str
     no_fly: tuple[str, ...] = ()
     view: View = SINGLE
+    surface_files: tuple[str, ...] = ()
+    surface: SurfaceLook | None = None
 
 
 def return_height_m(highest_amsl_m: float, home_amsl_m: float) -> float:
@@ -149,13 +154,13 @@ def _relative(path: Path, folder: Path) -> str:
 
 
 def _terrain(scenario: SurveyScenario, folder: Path) -> list[str]:
-    names = [_relative(Path(name), folder) for name in scenario.terrain_files]
+    names = _files(scenario.terrain_files, folder)
     stated = "as the file says" if scenario.datum_is_stated else "above sea level; the file does not say more: check it"
     source = scenario.terrain
     lines = [
         "[terrain]",
         _line("kind", "raster", "an elevation model"),
-        _line("file", names[0] if len(names) == 1 else names, "relative to this file"),
+        _line("file", names, "relative to this file"),
         _line("vertical_datum", scenario.vertical_datum, stated),
     ]
     if source.crs is not None:
@@ -168,6 +173,25 @@ def _terrain(scenario: SurveyScenario, folder: Path) -> list[str]:
         lines.append(
             _line("fill_no_data_m", source.fill_no_data_m, "gaps up to this long are interpolated from their rim")
         )
+    if scenario.surface is not None:
+        lines += _surface(scenario.surface, _files(scenario.surface_files, folder))
+    return lines
+
+
+def _files(names: tuple[str, ...], folder: Path) -> str | list[str]:
+    relative = [_relative(Path(name), folder) for name in names]
+    return relative[0] if len(relative) == 1 else relative
+
+
+def _surface(surface: SurfaceLook, names: str | list[str]) -> list[str]:
+    lines = [_line("surface_file", names, "trees and roofs: heights are kept above them, and they hide the ground")]
+    given = (
+        ("surface_vertical_datum", surface.vertical_datum, "as the file says"),
+        ("surface_crs", surface.source.crs, "as given on the command line"),
+        ("surface_height_unit", surface.source.height_unit, "as given on the command line"),
+    )
+    lines += [_line(key, value, reason) for key, value, reason in given if value is not None]
+    lines.append(_line("surface_hides_m", HIDES_M, "ground farther than this under them cannot be seen"))
     return lines
 
 

@@ -10,6 +10,8 @@ from uavcover.intake.vehicles import VehicleType
 USUAL_CEILING_M = 120.0
 """What most countries allow above ground without a permission (EU open category; 400 ft in the United States)."""
 LOWEST_TOP_M = 25.0
+LOWEST_BOTTOM_M = 15.0
+"""Lowest end of the band above trees and roofs."""
 _SLOWEST_M_S = 2.0
 _USUAL_SPEED_M_S = 10.0
 _SPEED_SHARE = 0.8
@@ -94,7 +96,7 @@ class SurveyDesign:
         return height_agl_m / self.wish.camera.focal_px
 
 
-def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float) -> SurveyDesign:
+def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float, step_m: float = 0.0) -> SurveyDesign:
     """Heights, distances and speed of a survey.
 
     Args:
@@ -102,6 +104,7 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float) -> Surv
         slope_deg: slope that 95 % of the ground stays below; steeper ground gets a deeper height band, since straight legs cannot
             follow it as closely.
         area_m2: size of the area.
+        step_m: tallest thing that lines pass over, trees or roofs of a surface model: the band has room for that step.
 
     Raises:
         InputError: it cannot be flown; says which of the wishes has to change.
@@ -115,6 +118,15 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float) -> Surv
     steepness = min(max((slope_deg - _FLAT_DEG) / (_STEEP_DEG - _FLAT_DEG), 0.0), 1.0)
     bottom_m = math.ceil(min((0.75 - 0.15 * steepness) * top_m, top_m - 15.0))
     height_margin_m = 5.0 if top_m - bottom_m >= 20.0 else 3.5
+    if step_m > 0.0:
+        height_margin_m = 5.0
+        bottom_m = min(bottom_m, math.floor(top_m - step_m - 2.0 * height_margin_m - 1.0))
+        if bottom_m < LOWEST_BOTTOM_M:
+            raise InputError(
+                f"--dsm: what stands there is up to {step_m:.0f} m tall, and lines between {LOWEST_BOTTOM_M:g} m above it and "
+                f"{top_m:g} m above open ground have no room; ask for a coarser --gsd or a larger --max-height, or cut it out of "
+                "the area"
+            )
     across = camera.sensor_across_mm / camera.focal_length_mm
     along = camera.sensor_along_mm / camera.focal_length_mm
     picture_distance_m = (1.0 - wish.forward_overlap) * along * bottom_m

@@ -1,6 +1,7 @@
 """A first look at elevation data: does it reach the area, how steep is it, where is a place to take off."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,7 +141,11 @@ def known_margin_m(file: TerrainSource, look: TerrainLook, wanted_m: float) -> f
 
 
 def place_for_home(
-    file: TerrainSource, look: TerrainLook, *, avoid: shapely.Geometry | None = None
+    file: TerrainSource,
+    look: TerrainLook,
+    *,
+    avoid: shapely.Geometry | None = None,
+    is_open: Callable[[FloatArray], np.ndarray] | None = None,
 ) -> tuple[float, float]:
     """Latitude and longitude of the lowest place at the edge of the area where the ground is level enough to take off.
 
@@ -148,6 +153,7 @@ def place_for_home(
         file: the elevation data.
         look: at the terrain.
         avoid: where it must not be, (east, north) metres in the frame of the look.
+        is_open: whether nothing stands at (n, 2) places; none: everywhere.
 
     Raises:
         InputError: there is no known ground at its edge, or all of it is to be avoided.
@@ -163,6 +169,13 @@ def place_for_home(
         if not known.any():
             raise InputError(
                 "--home: all of the area's edge is in no-fly zones; give the take-off place as --home LAT,LON"
+            )
+    if is_open is not None and known.any():
+        known &= is_open(places)
+        if not known.any():
+            raise InputError(
+                "--home: trees and roofs of the surface model stand on all of the area's edge; give a place in the open as "
+                "--home LAT,LON"
             )
     if not known.any():
         raise InputError("--home: no elevation at the edge of the area; give the take-off place as --home LAT,LON")

@@ -61,7 +61,7 @@ def coverage_by_time(coverage: CoverageMap, flown: FlownCoverage, times_s: Float
     order = np.flatnonzero(flown.seen)
     order = order[np.argsort(flown.first_seen_s[order], kind="stable")]
     weight = coverage.grid.weight_m2
-    so_far = np.append(0.0, np.cumsum(weight[order])) / weight.sum()
+    so_far = np.append(0.0, np.cumsum(weight[order])) / coverage.grid.area_m2
     moments = np.linspace(times_s[0], times_s[-1], _MOMENTS) if times_s[-1] > times_s[0] else times_s[:1]
     shares = so_far[np.searchsorted(flown.first_seen_s[order], moments, side="right")]
     return tuple(CoverageMoment(float(t), float(share)) for t, share in zip(moments, shares, strict=True))

@@ -121,7 +121,8 @@ def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> Judge
         # Where the positions do not match the plan, only the recorded waypoint numbers remain.
         believed=misnumbered is None or (passed is not None and not passed.passed.any()),
     )  # fmt: skip
-    here_m = site.ground.heights_agl_m(enu)
+    # Beginning, end and "under the ground": a vehicle stands on the bare ground, under what a surface model has there.
+    here_m = site.bare_ground.heights_agl_m(enu)
     begin, end = track_ends(scenario, track.time_s, enu, here_m, noise_m=motion.noise_m)
     phases = _phases(site, enu, route, planned, end)
     heights = track_heights(site, enu, joined, phases)

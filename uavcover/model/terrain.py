@@ -24,6 +24,14 @@ class RasterTerrain:
         height_unit: unit of the heights, where the file does not say; default: metres, or what the file says.
         fill_no_data_m: gaps without data up to this long, such as lakes, are closed by interpolation from their rim.
         grid_step_m: step of a square grid to resample the data to; default: none, the ground keeps the file's pixels.
+        surface_file: a surface model, with trees and roofs, of the same place; named as ``file`` is. Flights keep their heights
+            above the higher of the two, and what it covers is hidden; ``file`` is the ground that is looked at.
+        surface_vertical_datum: reference of the surface model's heights; default: ``vertical_datum``.
+        surface_crs: coordinate system of the surface model, where the file does not name its own.
+        surface_band: number or name of its band; default: the first.
+        surface_height_unit: unit of its heights, where the file does not say.
+        surface_hides_m: ground that lies more than this under the surface is hidden by trees or a roof; lower growth, and the
+            errors of both models, hide nothing.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -36,9 +44,24 @@ class RasterTerrain:
     height_unit: HeightUnit | None = None
     fill_no_data_m: float = 0.0
     grid_step_m: float | None = None
+    surface_file: str | tuple[str, ...] | None = None
+    surface_vertical_datum: VerticalDatum | None = None
+    surface_crs: str | None = None
+    surface_band: int | str | None = None
+    surface_height_unit: HeightUnit | None = None
+    surface_hides_m: float = 2.0
 
     def __post_init__(self) -> None:
         require(bool(self.file), "file: is empty; give an elevation file")
+        require(self.surface_file is None or bool(self.surface_file), "surface_file: is empty; give a surface model")
+        for key in ("surface_vertical_datum", "surface_crs", "surface_band", "surface_height_unit"):
+            require(
+                self.surface_file is not None or getattr(self, key) is None,
+                f"{key}: says how a surface model is read; give surface_file too, or leave it out",
+            )
+        band = self.surface_band
+        require(not isinstance(band, int) or band >= 1, f"surface_band: {band} is below 1, the first band")
+        require_positive(surface_hides_m=self.surface_hides_m)
         require(not isinstance(self.band, int) or self.band >= 1, f"band: {self.band} is below 1, the first band")
         require_not_negative(fill_no_data_m=self.fill_no_data_m)
         require(

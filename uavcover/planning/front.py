@@ -163,7 +163,7 @@ def gains_of(coverage: CoverageMap, route: Route) -> Gains:
     seen = first >= 0
     weight_m2 = coverage.grid.weight_m2
     gained = np.bincount(leg[first[seen]], weights=weight_m2[seen], minlength=len(way_m) - 1)
-    return Gains(route, way_m, np.concatenate([[0.0], np.cumsum(gained)]) / float(weight_m2.sum()))
+    return Gains(route, way_m, np.concatenate([[0.0], np.cumsum(gained)]) / coverage.grid.area_m2)
 
 
 def parts_of(gains: Gains, *, shares: Sequence[float] = SHARES) -> list[Part]:

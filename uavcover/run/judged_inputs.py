@@ -4,7 +4,7 @@ Hashes are of bytes: a scenario written in another way is another scenario, even
 consistently is not found out here, but by the judgement of the track.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,9 +15,10 @@ from uavcover.model.terrain import RasterTerrain
 from uavcover.run.folder import FLIGHT_FILES, MISSION_FILES, SCHEMA_VERSION, RunFolder
 from uavcover.run.provenance import Record, obstacles_sha256, read_record, run_document, sha256_of, version
 from uavcover.run.resume import TRACK, continues, flown_tracks
-from uavcover.scenario.scenario_file import load_scenario, terrain_source
+from uavcover.scenario.scenario_file import load_scenario, surface_source, terrain_source
+from uavcover.scenario.terrain_source import TerrainSource
 
-WHATS = ("scenario", "terrain", "obstacles", "plan", "mission", "track", "version", "record")
+WHATS = ("scenario", "terrain", "surface", "obstacles", "plan", "mission", "track", "version", "record")
 """What can have changed, in the words of ``--accept-changed``; ``record`` is what says how it was: run.json itself."""
 EVERYTHING = "all"
 _SHOWN_DIGITS = 12
@@ -87,20 +88,23 @@ def inspect_inputs(run: RunFolder, logs: Sequence[Path]) -> JudgedInputs:
             finding.add_followed(folder, record)
     finding.add_tracks(logs)
     scenario_sha256 = sha256_of(path)
-    terrain_sha256 = obstacles = None
+    elevation: dict[str, str | None] = {"terrain": None}
+    obstacles = None
     try:
         scenario = load_scenario(path)
     except ScenarioError:
         if not any(change.what == "scenario" for change in finding.changes):
             raise
     else:
-        terrain_sha256, obstacles = _terrain_sha256(scenario), obstacles_sha256(scenario.obstacles)
-        finding.add_surroundings(scenario, record, terrain_sha256, obstacles)
+        sources = _elevation_sources(scenario)
+        elevation |= {what: _elevation_sha256(source) for what, source in sources.items()}
+        obstacles = obstacles_sha256(scenario.obstacles)
+        finding.add_surroundings(record, {what: source.name for what, source in sources.items()}, elevation, obstacles)
     hashes = {
         "version": version(),
         "schema_version": SCHEMA_VERSION,
         "scenario": scenario_sha256,
-        "terrain": terrain_sha256,
+        **elevation,
         "obstacles": obstacles,
         "plan": sha256_of(run.file("plan.json")),
         "plans_followed": {finding.name(f.file("plan.json")): sha256_of(f.file("plan.json")) for f in folders.values()},
@@ -160,16 +164,22 @@ def unsealed_in_words(name: str) -> str:
     )
 
 
-def _terrain_sha256(scenario: Scenario) -> str | None:
+def _elevation_sources(scenario: Scenario) -> dict[str, TerrainSource]:
+    """Ground and surface model of a scenario, as far as it has them."""
     terrain = scenario.terrain
     if not isinstance(terrain, RasterTerrain):
-        return None
+        return {}
+    surface = surface_source(terrain)
+    return {"terrain": terrain_source(terrain), **({} if surface is None else {"surface": surface})}
+
+
+def _elevation_sha256(source: TerrainSource) -> str | None:
     try:
-        return terrain_source(terrain).sha256()
+        return source.sha256()
     except FileNotFoundError:
         return None
     except OSError as error:
-        raise InputError(f"{terrain_source(terrain)}: cannot be read ({error.strerror})") from error
+        raise InputError(f"{source}: cannot be read ({error.strerror})") from error
 
 
 @dataclass(slots=True)
@@ -216,13 +226,14 @@ class _Finding:
                 where = self.name(folder.file("plan.json"))
                 self.changes.append(Change("plan", where, was, now, f"{where} was planned for another scenario"))
 
-    def add_surroundings(self, scenario: Scenario, record: Record, terrain: str | None, obstacles: str | None) -> None:
-        """Elevation data and obstacles."""
+    def add_surroundings(
+        self, record: Record, names: Mapping[str, str], elevation: Mapping[str, str | None], obstacles: str | None
+    ) -> None:
+        """Elevation data by its names, and obstacles."""
         if record.inputs is None:
             return
-        kind = scenario.terrain
-        name = terrain_source(kind).name if isinstance(kind, RasterTerrain) else "terrain"
-        for what, file, now in (("terrain", name, terrain), ("obstacles", "obstacles of scenario.toml", obstacles)):
+        judged = [(what, names.get(what, what), now) for what, now in elevation.items()]
+        for what, file, now in (*judged, ("obstacles", "obstacles of scenario.toml", obstacles)):
             was = record.inputs.get(what)
             if was != now:
                 self.changes.append(Change(what, file, was, now))

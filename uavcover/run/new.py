@@ -3,21 +3,20 @@
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import shapely
 
-from uavcover.errors import InfeasibleError, InputError, TerrainError
+from uavcover.errors import InfeasibleError, InputError
 from uavcover.intake import quantities
 from uavcover.intake.cameras import CameraBody, camera_named
 from uavcover.intake.patterns import View, views_of
 from uavcover.intake.scenario_text import SurveyScenario, name_of, return_height_m, scenario_text
+from uavcover.intake.surface_look import SurfaceLook
 from uavcover.intake.survey import SurveyDesign, SurveyWish, design_survey
-from uavcover.intake.terrain_look import TerrainLook, known_margin_m, look_at_terrain, place_for_home
+from uavcover.intake.terrain_look import TerrainLook, look_at_terrain, place_for_home
 from uavcover.intake.vehicles import vehicle_named
 from uavcover.model.no_fly import NoFly
-from uavcover.model.terrain import HeightUnit
 from uavcover.model.vehicle import autopilot_name
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import (
@@ -27,73 +26,30 @@ from uavcover.planning.baselines.swaths import (
     long_side_angle_rad,
 )
 from uavcover.routes.sorties import compile_sorties, mission_time_s
+from uavcover.run.new_elevation import (
+    AROUND_M,
+    NewRequest,
+    ground_asked_for,
+    inside_data,
+    over_lakes,
+    surface_asked_for,
+)
 from uavcover.run.user import User
 from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.airspace.zones import local_zones
-from uavcover.scenario.areas.area_file import AreaQuery, FoundArea, read_area
+from uavcover.scenario.areas.area_file import read_area
 from uavcover.scenario.elevation_file import read_height_amsl_m
 from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.terrain_source import TerrainSource, find_tiles
+from uavcover.scenario.terrain_source import TerrainSource
 from uavcover.scenario.vertical import datum_named
 from uavcover.sensing.coverage_map import path_lengths_m
 from uavcover.sensing.sensors import trigger_distance_m
 
-_AROUND_M = 200.0
-"""Around the area the ground is looked at for the way home: the fence is 150 m outside."""
 _FARTHEST_HOME_M = 10_000.0
 _BESIDE_ZONES_M = 5.0
 """A take-off place that nobody gave is this much farther from no-fly zones than it has to be."""
 _MOUNTS = {"stabilised": "stabilised", "gimbal": "stabilised", "fixed": "fixed"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NewRequest:
-    """What the user gave, as text; None is for what was left out.
-
-    Attributes:
-        area: what is to be seen.
-        dem: elevation data: files, folders or patterns of tiles.
-        camera: name or file.
-        gsd: ground sample distance, as "2.5cm".
-        overlap: forward and side, as "75/70".
-        battery: time in the air, as "25min".
-        vehicle: name or file.
-        home: "LAT,LON".
-        max_height: above ground, as "120m".
-        speed: as "8m/s".
-        margin: around the area, as "40m", or "0".
-        mount: "stabilised" or "fixed".
-        vertical_datum: "EGM96", "EGM2008" or "ellipsoid".
-        autopilot: "ardupilot" or "px4".
-        dem_crs: of the elevation data, where it names none.
-        height_unit: of the elevation data: "m", "dm", "cm", "ft" or "us-ft".
-        band: its band, number or name.
-        fill_lakes: gaps up to this long are interpolated, as "200m".
-        no_fly: files of no-fly zones.
-        pattern: "single", "crosshatch" or "oblique".
-    """
-
-    area: AreaQuery
-    dem: tuple[str, ...] = ()
-    camera: str | None = None
-    gsd: str | None = None
-    overlap: str | None = None
-    battery: str | None = None
-    vehicle: str | None = None
-    home: str | None = None
-    max_height: str | None = None
-    speed: str | None = None
-    margin: str | None = None
-    mount: str | None = None
-    vertical_datum: str | None = None
-    autopilot: str | None = None
-    dem_crs: str | None = None
-    height_unit: str | None = None
-    band: str | None = None
-    fill_lakes: str | None = None
-    no_fly: tuple[str, ...] = ()
-    pattern: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,6 +62,7 @@ class NewScenario:
         design: heights, distances, speed.
         look: at the terrain.
         view: which flight of a pattern it is.
+        surface: at the surface model; none without one.
     """
 
     text: str
@@ -113,6 +70,7 @@ class NewScenario:
     design: SurveyDesign
     look: TerrainLook
     view: View
+    surface: SurfaceLook | None
 
 
 def new_scenario(request: NewRequest, user: User, *, folder: Path) -> NewScenario:
@@ -144,14 +102,20 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     for note in area.notes:
         user.warn(f"{request.area.source}: {note}")
     wish = _wish(request)
-    dem = _terrain(request, area)
-    look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=_AROUND_M, datum=_wanted_datum(request))
+    dem = ground_asked_for(request, area)
+    look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=AROUND_M, datum=_wanted_datum(request))
     closed = _closed_to_home(request, look, user)
-    dem = _over_lakes(dem, look, user)
-    design = design_survey(wish, slope_deg=look.slope_deg, area_m2=look.area_m2)
-    design = _inside_data(design, dem, look, user)
+    dem = over_lakes(dem, look, user)
     datum, stated = _datum(look, user)
-    home = place_for_home(dem, look, avoid=closed) if request.home is None else _near(request.home, look)
+    surface = surface_asked_for(request, area, dem, look, datum)
+    step_m = 0.0 if surface is None else surface.tallest_m
+    design = design_survey(wish, slope_deg=look.slope_deg, area_m2=look.area_m2, step_m=step_m)
+    design = inside_data(design, dem, look, user)
+    is_open = None if surface is None else surface.is_open
+    home = (
+        place_for_home(dem, look, avoid=closed, is_open=is_open) if request.home is None else _near(request.home, look)
+    )
+    highest_m = look.highest_amsl_m if surface is None else max(look.highest_amsl_m, surface.highest_amsl_m)
     vehicle = wish.vehicle
     mount = _mount(request.mount)
     along_deg = heading_of_angle_deg(long_side_angle_rad(look.area))
@@ -162,9 +126,9 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
         name=name_of(area.name), query=request.area, area=area, terrain_files=request.dem, terrain=dem,
         vertical_datum=datum, datum_is_stated=stated,
         design=design, home=home, home_is_given=request.home is not None,
-        return_height_m=return_height_m(look.highest_amsl_m, _home_height_m(dem, datum, home)), slope_deg=look.slope_deg,
+        return_height_m=return_height_m(highest_m, _home_height_m(dem, datum, home)), slope_deg=look.slope_deg,
         autopilot=autopilot_name(request.autopilot, (vehicle.autopilot if vehicle is not None else None) or "ardupilot"),
-        mount=mount, no_fly=request.no_fly,
+        mount=mount, no_fly=request.no_fly, surface_files=request.dsm, surface=surface,
     )  # fmt: skip
     if design.speed_reason:
         user.warn(f"speed {design.speed_m_s:g} m/s: {design.speed_reason}")
@@ -183,7 +147,7 @@ def _in_full(
     named = replace(scenario, view=view, name="-".join(part for part in (scenario.name, view.name) if part))
     text = scenario_text(named, folder=folder)
     site = load_site(parse_scenario(text, source=request.area.source, folder=folder))
-    return NewScenario(text, site, scenario.design, look, view)
+    return NewScenario(text, site, scenario.design, look, view, scenario.surface)
 
 
 def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
@@ -195,9 +159,13 @@ def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
     )
     ground = f"{scenario.look.lowest_amsl_m:.0f} to {scenario.look.highest_amsl_m:.0f} m above sea level"
     user.say(f"{'ground':18}{ground}, 95 % of it below {scenario.look.slope_deg:.0f} degrees")
+    if (surface := scenario.surface) is not None:
+        hidden = f"hide {100.0 * surface.hidden_share:.0f} % of the ground, which no flight can see"
+        user.say(f"{'trees and roofs':18}up to {surface.tallest_m:.0f} m above the ground; they {hidden}")
     low, high = design.min_height_agl_m, design.max_height_agl_m
     gsd = f"{100.0 * design.gsd_at_m(low):.2f} to {100.0 * design.gsd_at_m(high):.2f} cm a pixel"
-    user.say(f"{'height band':18}{low:g} to {high:g} m above ground, {gsd}")
+    above = "ground" if scenario.surface is None else "ground, trees and roofs"
+    user.say(f"{'height band':18}{low:g} to {high:g} m above {above}, {gsd}")
     if design.is_capped:
         user.say(
             f"{'':18}{100.0 * design.wish.gsd_m:g} cm would allow {design.gsd_height_m:.0f} m: --max-height raises the limit"
@@ -214,6 +182,7 @@ def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
         "area_m2": scenario.look.area_m2, "seen_area_m2": float(site.area.area), "margin_m": design.margin_m,
         "min_height_agl_m": low, "max_height_agl_m": high, "picture_distance_m": design.picture_distance_m,
         "line_distance_m": design.line_distance_m, "speed_m_s": design.speed_m_s,
+        **({} if surface is None else {"tallest_m": surface.tallest_m, "hidden_share": surface.hidden_share}),
     }  # fmt: skip
 
 
@@ -300,51 +269,6 @@ def _wish(request: NewRequest) -> SurveyWish:
         endurance_s=None if request.battery is None else quantities.time_s(request.battery, option="--battery", example="25min"),
         margin_m=0.0 if no_margin else length(request.margin, "--margin", "40m"),
     )  # fmt: skip
-
-
-def _terrain(request: NewRequest, area: FoundArea) -> TerrainSource:
-    """The files of the elevation data that are near the area."""
-    outlines = [place for rings in area.parts for place in rings[0]]
-    lons, lats = [place[0] for place in outlines], [place[1] for place in outlines]
-    if max(lons) - min(lons) > 180.0:
-        lons = [lon + 360.0 if lon < 0.0 else lon for lon in lons]
-    try:
-        files = find_tiles(request.dem, folder=Path(), around=(min(lons), min(lats), max(lons), max(lats)))
-    except TerrainError as error:
-        raise InputError(f"--dem: {str(error).removeprefix('terrain.file: ')}") from error
-    missing = [file for file in files if not file.is_file()]
-    if missing:
-        raise InputError(f"--dem: {missing[0]}: no such file; give the elevation data of the area, such as dem.tif")
-    unit = None if request.height_unit is None else request.height_unit.casefold()
-    if unit not in (None, *get_args(HeightUnit)):
-        raise InputError(f"--height-unit: {request.height_unit!r} is not known; give m, dm, cm, ft or us-ft")
-    filled_m = request.fill_lakes and quantities.length_m(request.fill_lakes, option="--fill-lakes", example="200m")
-    return TerrainSource(
-        files, crs=request.dem_crs, band=request.band, height_unit=unit, fill_no_data_m=filled_m or 0.0
-    )
-
-
-def _over_lakes(dem: TerrainSource, look: TerrainLook, user: User) -> TerrainSource:
-    """Gaps in holes of the area are never looked at but crossed: they are interpolated without being asked for."""
-    if look.gap_m == 0.0 or dem.fill_no_data_m >= look.gap_m:
-        return dem
-    user.warn(
-        f"the elevation data has gaps in holes of the area, up to {look.gap_m:.0f} m long: they are interpolated "
-        "from their rim, and flights may cross them"
-    )
-    return replace(dem, fill_no_data_m=look.gap_m)
-
-
-def _inside_data(design: SurveyDesign, dem: TerrainSource, look: TerrainLook, user: User) -> SurveyDesign:
-    """The design with a margin that the elevation data reaches."""
-    margin_m = math.floor(known_margin_m(dem, look, design.margin_m)) if design.margin_m > 0.0 else 0.0
-    if margin_m < design.margin_m:
-        less_m = design.margin_m - margin_m
-        user.warn(
-            f"the elevation data ends beside the area: pictures overlap in full only from {less_m:g} m inside its edge there "
-            f"(margin {margin_m:g} m instead of {design.margin_m:g} m)"
-        )
-    return replace(design, margin_m=float(margin_m))
 
 
 def _wanted_datum(request: NewRequest) -> str | None:

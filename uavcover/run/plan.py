@@ -25,6 +25,7 @@ from uavcover.run.search import SearchRequest, bounds, least_length_m, plan
 from uavcover.run.user import ProgressBar, StopRequests, User, metres, percent
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site, load_site
+from uavcover.sensing.coverage_map import judging_map
 
 _FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
 
@@ -122,6 +123,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
     _say_plan(user, run, result, bounds, time.monotonic() - started, asked=_asked(site, request, result))
     say_zones(user, site, result.chosen.metrics)
+    say_hidden(user, site)
     if "shortest_path_m" in bounds and site.scenario.objective == "mission-time":
         user.say("this plan makes the time of the whole mission small (the last column), not the length of the route")
     if flights and (warning := room_in_words(site.scenario.limits, result.chosen.metrics)):
@@ -278,6 +280,16 @@ def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
         seen = metrics.coverage_fraction / metrics.coverage_of_coverable
         if seen < _NEARLY_ALL:
             user.warn(f"with the no-fly zones {percent(seen)} of the area can be seen")
+
+
+def say_hidden(user: User, site: Site) -> None:
+    """Say what the surface model hides."""
+    share = judging_map(site).grid.hidden_share
+    if share > 0.0:
+        user.say(
+            f"trees and roofs of the surface model hide {percent(share)} of the ground: it cannot be seen from the air, and no "
+            "route can cover it"
+        )
 
 
 def room_in_words(limits: FlightLimits, metrics: RouteMetrics) -> str | None:

@@ -157,14 +157,26 @@ def _run_document(
         "inputs": {
             "scenario": {"sha256": sha256_of_content(scenario)},
             "terrain": {
-                "source": site.ground.source,
-                "sha256": site.ground.sha256 or None,
-                "largest_error_m": site.ground.error_m,
+                "source": site.bare_ground.source,
+                "sha256": site.bare_ground.sha256 or None,
+                "largest_error_m": site.bare_ground.error_m,
             },
+            **_surface_document(site),
             "obstacles": {"sha256": obstacles_sha256(site.scenario.obstacles)},
         },
         "stages": {"plan": {"wall_s": plan_wall_s}},
     }
+
+
+def _surface_document(site: Site) -> dict[str, Any]:
+    """The surface model, where there is one."""
+    if not site.ground.surface_sha256:
+        return {}
+    return {
+        "surface": {
+            "source": site.ground.source, "sha256": site.ground.surface_sha256, "largest_error_m": site.ground.error_m,
+        }
+    }  # fmt: skip
 
 
 def _version(name: str) -> str | None:

@@ -178,7 +178,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
     home = require_home(site)
     if site.frame is None or site.home_m is None:
         raise InputError(f"scenario {site.scenario.name}: has no place on Earth")
-    ground = float(site.ground.heights_m(site.home_m[:2])[0])
+    ground = float(site.bare_ground.heights_m(site.home_m[:2])[0])
     point = np.array([site.home_m[0], site.home_m[1], ground])
     return FlightPlan(
         mission=compiled.mission,

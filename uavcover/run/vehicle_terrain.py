@@ -31,7 +31,7 @@ from uavcover.model.terrain import HeightUnit, RasterTerrain
 from uavcover.run.file_group import write_file
 from uavcover.run.user import User
 from uavcover.scenario.elevation_file import read_heights_amsl_m
-from uavcover.scenario.scenario_file import terrain_source
+from uavcover.scenario.scenario_file import surface_source, terrain_source
 from uavcover.scenario.site import Site
 from uavcover.scenario.terrain_source import Bounds, TerrainSource, find_tiles
 from uavcover.scenario.vertical import ELLIPSOID, datum_named
@@ -113,16 +113,30 @@ def heights_of_files(source: TerrainSource, vertical_datum: str, say: Callable[[
 
 
 def heights_of_site(site: Site, say: Callable[[str], None]) -> Heights | None:
-    """The ground of a site, as far as its elevation files reach; none for a site without a place on Earth."""
+    """What a site's flights keep their heights above, as far as its elevation files reach; none without a place on Earth."""
     if site.frame is None:
         return None
     terrain = site.scenario.terrain
     if isinstance(terrain, RasterTerrain):
-        return heights_of_files(terrain_source(terrain), terrain.vertical_datum, say)
+        ground = heights_of_files(terrain_source(terrain), terrain.vertical_datum, say)
+        source = surface_source(terrain)
+        if source is None:
+            return ground
+        return _higher(ground, heights_of_files(source, terrain.surface_vertical_datum or terrain.vertical_datum, say))
 
     def heights_amsl_m(places: Sequence[Place]) -> Sequence[float]:
         heights = [site.ground_alt_amsl_m(*place) for place in places]
         return [float("nan") if height is None else height for height in heights]
+
+    return heights_amsl_m
+
+
+def _higher(ground: Heights, surface: Heights) -> Heights:
+    """The higher of both; unknown where the surface is."""
+
+    def heights_amsl_m(places: Sequence[Place]) -> Sequence[float]:
+        low, high = np.array(ground(places), dtype=float), np.array(surface(places), dtype=float)
+        return [float(height) for height in np.where(np.isfinite(low), np.maximum(low, high), high)]
 
     return heights_amsl_m
 

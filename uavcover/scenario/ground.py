@@ -22,6 +22,7 @@ class Ground:
         source: its origin, for people.
         vertical_datum: reference of the source's heights.
         sha256: hash of the source file, empty for a computed surface.
+        surface_sha256: hash of the surface model's file that lies over it, empty without one.
         error_m: largest measured difference between the surface and the file's own bilinear surface, metres; 0 for a computed
             surface.
         cut_error_m: largest difference between heights above ground along a leg and along the parts it is cut into.
@@ -33,6 +34,7 @@ class Ground:
     sha256: str = ""
     error_m: float = 0.0
     cut_error_m: float = 0.0
+    surface_sha256: str = ""
 
     def heights_m(self, east_north_m: ArrayLike) -> FloatArray:
         """Up coordinates (n,) of the ground at (n, 2) positions, metres; NaN where there is no data."""

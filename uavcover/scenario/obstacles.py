@@ -57,7 +57,7 @@ class Prism:
 
 
 def stand_on(
-    ground: Ground, footprints: Sequence[Footprint], *, largest_clearance_m: float
+    ground: Ground, footprints: Sequence[Footprint], *, largest_clearance_m: float, foot: Ground | None = None
 ) -> tuple[Ground, tuple[Prism, ...]]:
     """Put obstacles on a ground; the kernels' obstacle numbers index the returned tuple.
 
@@ -65,11 +65,12 @@ def stand_on(
         ground: the ground without obstacles.
         footprints: the footprints of the obstacles.
         largest_clearance_m: largest horizontal clearance that will be requested.
+        foot: what they stand on, where a surface model lies over it; none: the ground.
 
     Raises:
         TerrainError: the ground under a footprint is unknown.
     """
-    prisms = tuple(Prism(f, _highest_ground_m(ground, f) + f.height_m) for f in footprints)
+    prisms = tuple(Prism(f, _highest_ground_m(foot or ground, f) + f.height_m) for f in footprints)
     edges = [_edges_m(f.polygon) for f in footprints]
     obstacles = make_obstacles(
         np.vstack([np.empty((0, 4)), *edges]),

@@ -139,13 +139,22 @@ def nodes_inside_m(grid: GridFrame, up_m: FloatArray, bounds_m: Bounds) -> Float
     last = np.minimum(np.ceil(box.max(axis=0) + grid.leeway).astype(int) + 1, up_m.shape[::-1])
     columns, rows = np.arange(first[0], last[0]), np.arange(first[1], last[1])
     wanted = np.array([axis.ravel() for axis in np.meshgrid(columns, rows)], dtype=float).T.reshape(-1, 2)
-    ups = up_m[rows[:, None], columns].reshape(-1)
-    places = np.column_stack([np.tile(corners[:, :2].mean(axis=0), (len(wanted), 1)), ups])
-    places[:, 2] = np.where(np.isfinite(ups), ups, grid.level_up_m)
-    # Newton's method: columns and rows are nearly linear in east and north.
-    inverse = np.linalg.inv(growth_on_grid(grid, *corners.mean(axis=0))[:, :2])
-    for _ in range(12):
-        places[:, :2] += (wanted - places_on_grid(grid, places)) @ inverse.T
-    places[:, 2] = ups
+    places = places_of_nodes_m(grid, wanted, up_m[rows[:, None], columns].reshape(-1))
     e, n = places[:, 0], places[:, 1]
     return places[(e >= west) & (e <= east) & (n >= south) & (n <= north)]
+
+
+def places_of_nodes_m(grid: GridFrame, columns_rows: FloatArray, ups_m: FloatArray) -> FloatArray:
+    """(k, 3) ENU positions of nodes by (k, 2) columns and rows and (k,) up coordinates.
+
+    Where there is no data the up coordinate stays NaN, and east and north are those at the level of the grid.
+    """
+    middle = np.array([grid.east0_m, grid.north0_m])
+    places = np.column_stack([np.tile(middle, (len(columns_rows), 1)), ups_m])
+    places[:, 2] = np.where(np.isfinite(ups_m), ups_m, grid.level_up_m)
+    # Newton's method: columns and rows are nearly linear in east and north.
+    inverse = np.linalg.inv(growth_on_grid(grid, grid.east0_m, grid.north0_m, grid.level_up_m)[:, :2])
+    for _ in range(12):
+        places[:, :2] += (columns_rows - places_on_grid(grid, places)) @ inverse.T
+    places[:, 2] = ups_m
+    return places

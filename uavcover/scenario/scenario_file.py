@@ -121,12 +121,26 @@ def _given(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def terrain_source(terrain: RasterTerrain) -> TerrainSource:
-    """The elevation files of a loaded scenario."""
-    names = (terrain.file,) if isinstance(terrain.file, str) else terrain.file
+    """The elevation files of a loaded scenario: the ground."""
     return TerrainSource(
-        tuple(_data_file(name, Path()) for name in names), crs=terrain.crs, band=terrain.band, height_unit=terrain.height_unit,
-        fill_no_data_m=terrain.fill_no_data_m,
+        tuple(_data_file(name, Path()) for name in _names(terrain.file)), crs=terrain.crs, band=terrain.band,
+        height_unit=terrain.height_unit, fill_no_data_m=terrain.fill_no_data_m,
     )  # fmt: skip
+
+
+def surface_source(terrain: RasterTerrain) -> TerrainSource | None:
+    """The files of a loaded scenario's surface model; none without one."""
+    if terrain.surface_file is None:
+        return None
+    return TerrainSource(
+        tuple(_data_file(name, Path()) for name in _names(terrain.surface_file)), crs=terrain.surface_crs,
+        band=terrain.surface_band, height_unit=terrain.surface_height_unit, fill_no_data_m=terrain.fill_no_data_m,
+        key="terrain.surface_file",
+    )  # fmt: skip
+
+
+def _names(file: str | tuple[str, ...]) -> tuple[str, ...]:
+    return (file,) if isinstance(file, str) else file
 
 
 def _data_file(name: str, folder: Path) -> Path:
@@ -325,11 +339,17 @@ def _absolute_files(scenario: Scenario, folder: Path) -> Terrain:
     terrain = scenario.terrain
     if not isinstance(terrain, RasterTerrain):
         return terrain
-    names = (terrain.file,) if isinstance(terrain.file, str) else terrain.file
-    if any(name.startswith(_BUNDLED) for name in names):
-        return terrain
-    files = find_tiles(names, folder=folder, around=_bounds_deg(_with_rings(scenario.area, folder), scenario))
-    return dataclasses.replace(terrain, file=str(files[0]) if len(files) == 1 else tuple(map(str, files)))
+    around = _bounds_deg(_with_rings(scenario.area, folder), scenario)
+
+    def absolute(file: str | tuple[str, ...], key: str) -> str | tuple[str, ...]:
+        names = _names(file)
+        if any(name.startswith(_BUNDLED) for name in names):
+            return file
+        files = find_tiles(names, folder=folder, around=around, key=key)
+        return str(files[0]) if len(files) == 1 else tuple(map(str, files))
+
+    surface = None if terrain.surface_file is None else absolute(terrain.surface_file, "terrain.surface_file")
+    return dataclasses.replace(terrain, file=absolute(terrain.file, "terrain.file"), surface_file=surface)
 
 
 def _bounds_deg(area: Area, scenario: Scenario) -> tuple[float, float, float, float] | None:

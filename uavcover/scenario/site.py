@@ -21,6 +21,7 @@ from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground, sine_cosine_ground
 from uavcover.scenario.obstacles import Footprint, Prism, stand_on
 from uavcover.scenario.scenario_file import load_scenario, terrain_source
+from uavcover.scenario.surface_model import check_home_is_open, with_surface_over
 from uavcover.scenario.terrain_source import TerrainSource
 
 MAX_REACH_M = 100_000.0
@@ -37,12 +38,14 @@ class Site:
     Attributes:
         scenario: the scenario.
         frame: the local frame; none for a scenario that is not georeferenced.
-        ground: the height surface.
+        ground: the height surface that flights keep their heights above and that hides what lies under it: with a surface model,
+            the higher of the two.
         area: the area to cover, holes cut out and grown by its margin, (east, north) metres.
         fence: the geofence, (east, north) metres.
         home_m: (3,) take-off position on the ground, ENU metres; none without a home.
         prisms: the obstacles on the ground, by their kernel numbers.
         zones: the no-fly zones that are in force and come near.
+        ground_model: the ground under the surface model; none without one.
         derived: values that later stages compute once for this site, by key; a copy of the site starts without them.
     """
 
@@ -54,6 +57,7 @@ class Site:
     home_m: FloatArray | None
     prisms: tuple[Prism, ...] = ()
     zones: tuple[Zone, ...] = ()
+    ground_model: Ground | None = None
     derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __repr__(self) -> str:
@@ -73,6 +77,11 @@ class Site:
         except ValueError as error:
             raise ScenarioError(str(error)) from error
         return dataclasses.replace(self, scenario=dataclasses.replace(self.scenario, planner=planner))
+
+    @property
+    def bare_ground(self) -> Ground:
+        """The ground without trees and roofs of a surface model: vehicles stand on it, and it is what is looked at."""
+        return self.ground if self.ground_model is None else self.ground_model
 
     @property
     def alt_amsl_offset_m(self) -> float:
@@ -112,11 +121,11 @@ class Site:
         return points[:, 2] if self.frame is None else self.frame.geodetic_from_enu(points)[2]
 
     def ground_alt_amsl_m(self, lat_deg: float, lon_deg: float) -> float | None:
-        """Height of the ground above sea level; None where unknown, and for a site that is not georeferenced."""
+        """Height of the bare ground above sea level; None where unknown, and for a site that is not georeferenced."""
         if self.frame is None:
             return None
         place = self.frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)
-        place[:, 2] = self.ground.heights_m(place[:, :2])
+        place[:, 2] = self.bare_ground.heights_m(place[:, :2])
         alt_amsl_m = float(self.alts_amsl_m(place)[0])
         return alt_amsl_m if math.isfinite(alt_amsl_m) else None
 
@@ -142,11 +151,13 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
         raise ScenarioError("home: the take-off place is outside limits.fence; move one of the two")
     footprints = _footprints(scenario, frame, shapely.union_all([area, fence]))
     bounds = shapely.union_all([area, fence, *(footprint.polygon for footprint in footprints)]).bounds
-    ground = _ground(scenario, frame, bounds, terrain_file)
+    bare_ground = _ground(scenario, frame, bounds, terrain_file)
+    with_surface = None if frame is None else with_surface_over(scenario, frame, _with_margin(bounds), bare_ground)
+    ground = bare_ground if with_surface is None else with_surface
     prisms: tuple[Prism, ...] = ()
     if footprints:
         clearance_m = max(scenario.obstacles.clearance_beside_m, scenario.uncertainty.position_m)
-        ground, prisms = stand_on(ground, footprints, largest_clearance_m=clearance_m)
+        ground, prisms = stand_on(ground, footprints, largest_clearance_m=clearance_m, foot=bare_ground)
     zones = local_zones(
         [zone for zone in scenario.no_fly if zone.in_force(scenario.flight_window_utc)], frame,
         fence if home_en is None else shapely.union_all([fence, shapely.Point(home_en)]),
@@ -155,15 +166,18 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
         _check_home_is_clear(scenario, home_en, footprints)
     home = None
     if home_en is not None:
-        home_up = float(ground.heights_m(home_en)[0])
+        home_up = float(bare_ground.heights_m(home_en)[0])
         if not np.isfinite(home_up):
-            raise TerrainError(f"home: no elevation at the take-off place ({ground.source})")
+            raise TerrainError(f"home: no elevation at the take-off place ({bare_ground.source})")
+        if with_surface is not None and isinstance(scenario.terrain, RasterTerrain):
+            check_home_is_open(scenario.terrain, with_surface, home_en, home_up)
         home = np.array([home_en[0], home_en[1], home_up])
         home.flags.writeable = False
         _check_home_is_outside(zones, home, 0.0 if frame is None else frame.alt_amsl_m)
     return Site(
-        scenario=scenario, frame=frame, ground=ground, area=area, fence=fence, home_m=home, prisms=prisms, zones=zones
-    )
+        scenario=scenario, frame=frame, ground=ground, area=area, fence=fence, home_m=home, prisms=prisms, zones=zones,
+        ground_model=None if with_surface is None else bare_ground,
+    )  # fmt: skip
 
 
 def _frame(scenario: Scenario, terrain_file: Path | TerrainSource | None) -> LocalFrame | None:
@@ -343,13 +357,8 @@ def _ground(
         return sine_cosine_ground(terrain.scale_m)
     if frame is None or terrain_file is None:
         raise ScenarioError("terrain: raster terrain needs a place on Earth")
-    west, south, east, north = bounds_m
     ground = read_ground(
-        terrain_file, terrain.vertical_datum, frame=frame,
-        bounds_m=(
-            west - TERRAIN_MARGIN_M, south - TERRAIN_MARGIN_M, east + TERRAIN_MARGIN_M, north + TERRAIN_MARGIN_M
-        ),
-        grid_step_m=terrain.grid_step_m,
+        terrain_file, terrain.vertical_datum, frame=frame, bounds_m=_with_margin(bounds_m), grid_step_m=terrain.grid_step_m
     )  # fmt: skip
     margin_m = scenario.limits.height_margin_m
     if ground.error_m > max(MAX_ERROR_M, margin_m):
@@ -359,6 +368,11 @@ def _ground(
             f"file's own pixels, or set height_margin_m to at least {ground.error_m + 0.05:.1f}"
         )
     return ground
+
+
+def _with_margin(bounds_m: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    west, south, east, north = bounds_m
+    return west - TERRAIN_MARGIN_M, south - TERRAIN_MARGIN_M, east + TERRAIN_MARGIN_M, north + TERRAIN_MARGIN_M
 
 
 def load_site(scenario: str | Path | Scenario) -> Site:

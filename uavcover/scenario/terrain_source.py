@@ -42,6 +42,7 @@ class TerrainSource:
         band: number or name of the band with the heights; none: the first.
         height_unit: unit of the heights, where the files do not say.
         fill_no_data_m: gaps without data up to this long are closed by interpolation.
+        key: of the scenario, for errors.
     """
 
     files: tuple[Path, ...]
@@ -49,6 +50,7 @@ class TerrainSource:
     band: int | str | None = None
     height_unit: str | None = None
     fill_no_data_m: float = 0.0
+    key: str = "terrain.file"
 
     def __str__(self) -> str:
         more = len(self.files) - 1
@@ -69,7 +71,7 @@ class TerrainSource:
         """
         for file in self.files:
             if not file.is_file():
-                raise TerrainError(f"{file}: no such file (terrain.file is relative to the scenario file)")
+                raise TerrainError(f"{file}: no such file ({self.key} is relative to the scenario file)")
             if file.stat().st_size == 0:
                 raise TerrainError(f"{file}: the file is empty; fetch it again")
         name = _mosaic(self.files, self.band, self.crs) if self._is_virtual else _gdal_name(self.files[0])
@@ -133,13 +135,16 @@ def as_source(source: "Path | TerrainSource") -> TerrainSource:
     return source if isinstance(source, TerrainSource) else TerrainSource((source,))
 
 
-def find_tiles(names: Sequence[str], *, folder: Path, around: Bounds | None) -> tuple[Path, ...]:
+def find_tiles(
+    names: Sequence[str], *, folder: Path, around: Bounds | None, key: str = "terrain.file"
+) -> tuple[Path, ...]:
     """The files that names mean: a file, a folder of tiles, a pattern such as ``tiles/*.hgt``, or several of them.
 
     Args:
         names: as the scenario has them.
         folder: base of relative paths.
         around: west, south, east, north in degrees of what is needed; of several files only those near it are taken.
+        key: of the scenario, for errors.
 
     Raises:
         TerrainError: a folder or a pattern has no tile, has too many, or none of the tiles is near.
@@ -160,18 +165,18 @@ def find_tiles(names: Sequence[str], *, folder: Path, around: Bounds | None) -> 
             continue
         if not tiles:
             raise TerrainError(
-                f"terrain.file: {name} has no tile ({', '.join(_TILES)}); give files, a folder or a pattern that has"
+                f"{key}: {name} has no tile ({', '.join(_TILES)}); give files, a folder or a pattern that has"
             )
         found += tiles
     found = list(dict.fromkeys(found))
     if len(found) > MAX_TILES:
-        raise TerrainError(f"terrain.file: {len(found)} tiles, more than {MAX_TILES}; give those of the area")
+        raise TerrainError(f"{key}: {len(found)} tiles, more than {MAX_TILES}; give those of the area")
     if len(found) > 1 and around is not None:
         near = [tile for tile in found if _is_near(tile, around)]
         if not near:
             west, south, east, north = around
             raise TerrainError(
-                f"terrain.file: none of {len(found)} tiles is near the area (latitude {south:.3f} to {north:.3f}, "
+                f"{key}: none of {len(found)} tiles is near the area (latitude {south:.3f} to {north:.3f}, "
                 f"longitude {west:.3f} to {east:.3f}); give the tiles of that place"
             )
         found = near

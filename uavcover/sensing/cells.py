@@ -13,6 +13,8 @@ from uavcover.kernels.coverage import NO_RISE, Cells
 from uavcover.kernels.horizon import rises
 from uavcover.kernels.obstacles import horizons
 from uavcover.kernels.sight import RAY, widest_tangent
+from uavcover.model.terrain import RasterTerrain
+from uavcover.scenario.ground import Ground
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import farthest_m, sight_of
 
@@ -32,10 +34,12 @@ class CellGrid:
         cells: lattice, centres and normals.
         weight_m2: (n,) area of the ground in each cell: side^2 sqrt(1 + zx^2 + zy^2), slopes at the centre (LIMITS, Eq. 1); of
             the roof, where an obstacle stands.
+        hidden_m2: area of the ground that the surface model hides; it is in no cell, and counts as not seen.
     """
 
     cells: Cells
     weight_m2: NDArray[np.float64]
+    hidden_m2: float = 0.0
 
     @property
     def middles_m(self) -> FloatArray:
@@ -55,7 +59,17 @@ class CellGrid:
 
     def share(self, seen: NDArray[np.bool_]) -> float:
         """Fraction of the ground area in the cells marked in ``seen`` (n,), 0..1 (Eq. 1)."""
-        return float(self.weight_m2[seen].sum() / self.weight_m2.sum())
+        return float(self.weight_m2[seen].sum() / self.area_m2)
+
+    @property
+    def area_m2(self) -> float:
+        """Ground of the whole area, with what is hidden."""
+        return float(self.weight_m2.sum()) + self.hidden_m2
+
+    @property
+    def hidden_share(self) -> float:
+        """Fraction of the ground that trees and roofs of the surface model hide, 0..1."""
+        return self.hidden_m2 / self.area_m2
 
 
 def make_cells(site: Site, cell_size_m: float) -> CellGrid:
@@ -103,16 +117,17 @@ def _cut(site: Site, cell_size_m: float, *, steps: tuple[float, float] | None = 
     if steps is not None:
         grid_e = grid_e + cell_size_m * _spread(rows, steps[0])[:, None]
         grid_n = grid_n + cell_size_m * _spread(columns, steps[1])
-    inside = shapely.contains_xy(site.area, grid_e, grid_n)
+    inside = np.asarray(shapely.contains_xy(site.area, grid_e, grid_n))
     if not inside.any():
         raise ScenarioError(f"area.cell_size_m: no centre of a cell of {cell_size_m:g} m lies in the area")
+    inside, hidden_m2 = _without_hidden(site, grid_e, grid_n, inside, cell_size_m)
     index = np.full(inside.shape, -1, dtype=np.int32)
     index[inside] = np.arange(int(inside.sum()), dtype=np.int32)
     places = np.column_stack([grid_e[inside], grid_n[inside]])
     up = site.ground.heights_m(places)
     slopes = site.ground.gradients(places)
     if not (np.isfinite(up).all() and np.isfinite(slopes).all()):
-        raise TerrainError(_missing(site, places, ~np.isfinite(up)))
+        raise TerrainError(_missing(site, site.ground, places, ~np.isfinite(up)))
     # The ground under an obstacle cannot be seen: there the cell is part of its flat roof.
     roof = site.ground.roofs_m(places)
     up = np.maximum(up, roof)
@@ -130,7 +145,35 @@ def _cut(site: Site, cell_size_m: float, *, steps: tuple[float, float] | None = 
     for array in (index, centre, normal, horizon, weight, rise):
         array.flags.writeable = False
     cells = Cells(float(e[0]), float(n[0]), float(cell_size_m), index, centre, normal, horizon, scatter_m, rise)
-    return CellGrid(cells, weight)
+    return CellGrid(cells, weight, hidden_m2)
+
+
+def _without_hidden(
+    site: Site, grid_e: FloatArray, grid_n: FloatArray, inside: NDArray[np.bool_], cell_size_m: float
+) -> tuple[NDArray[np.bool_], float]:
+    """Which places of the lattice are cells whose ground can be seen from above, and the area of the ground that cannot.
+
+    The ground of a cell is hidden where the surface model is more than ``terrain.surface_hides_m`` above it. Elsewhere the two
+    are taken as one: the cell is looked at on the surface. Where an obstacle stands the cell is on its roof.
+    """
+    terrain = site.scenario.terrain
+    if site.ground_model is None or not isinstance(terrain, RasterTerrain):
+        return inside, 0.0
+    places = np.column_stack([grid_e[inside], grid_n[inside]])
+    bare, top = site.bare_ground.heights_m(places), site.ground.heights_m(places)
+    for model, known in ((site.bare_ground, np.isfinite(bare)), (site.ground, np.isfinite(top))):
+        if not known.all():
+            raise TerrainError(_missing(site, model, places, ~known))
+    hidden = (top - bare > terrain.surface_hides_m) & ~np.isfinite(site.ground.roofs_m(places))
+    if hidden.all():
+        raise ScenarioError(
+            f"terrain.surface_file: all ground of the area lies more than surface_hides_m = {terrain.surface_hides_m:g} m under "
+            "the surface and cannot be seen from the air; to look at the tree tops, give the surface model as terrain.file"
+        )
+    left = inside.copy()
+    left[inside] = ~hidden
+    slopes = np.nan_to_num(site.bare_ground.gradients(places[hidden]))
+    return left, float(cell_size_m**2 * np.sqrt(1.0 + (slopes**2).sum(axis=1)).sum())
 
 
 def _rises(site: Site, centre: FloatArray, scatter_m: float) -> FloatArray:
@@ -147,7 +190,7 @@ def _spread(count: int, step: float) -> NDArray[np.float64]:
     return np.asarray(shares % 1.0 - 0.5, dtype=np.float64)
 
 
-def _missing(site: Site, places: NDArray[np.float64], missing: NDArray[np.bool_]) -> str:
+def _missing(site: Site, model: Ground, places: NDArray[np.float64], missing: NDArray[np.bool_]) -> str:
     first = places[missing][:1]
     where = f"{first[0, 0]:.0f} m east, {first[0, 1]:.0f} m north of the origin"
     if site.frame is not None:
@@ -155,6 +198,6 @@ def _missing(site: Site, places: NDArray[np.float64], missing: NDArray[np.bool_]
         where = f"latitude {lat[0]:.5f}, longitude {lon[0]:.5f}"
     share = 100.0 * missing.mean()
     return (
-        f"area: no elevation in {share:.1f} % of its cells, first at {where} ({site.ground.source}); the area reaches "
+        f"area: no elevation in {share:.1f} % of its cells, first at {where} ({model.source}); the area reaches "
         "outside the data, or the data has a gap there"
     )
