@@ -3,72 +3,76 @@
 Files: ``read_mission``, ``write_mission`` and ``read_file``. Vehicles: ``open_link`` with ``Client``, or ``AsyncClient``
 under asyncio. Changes: ``diff`` and ``apply_diff``. To be a vehicle: ``MissionServer``. See docs/reference/mission_io.md.
 
-The names exported here are the public API. Everything else may change without notice.
+The names exported here are the public API, loaded when they are first used. Everything else may change without notice.
 """
 
-from mission_io.autopilots.autopilot import (
-    ARDUPILOT,
-    ARDUPILOT_PLANE,
-    ARDUPILOT_ROVER,
-    PX4,
-    Autopilot,
-    MissionList,
-    autopilot_for,
-    items_of,
-    mission_from_wire,
-    mission_list_of,
-    mission_type_of,
-    wire_items,
-)
-from mission_io.autopilots.checks import Problem, check_for_autopilot
-from mission_io.autopilots.comparison import Difference, compare_items
-from mission_io.client.async_client import AsyncClient
-from mission_io.client.client import Client
-from mission_io.client.connection import VehicleInfo
-from mission_io.client.read_back import ReadBack
-from mission_io.errors import (
-    AmbiguousVehicleError,
-    CommandRefusedError,
-    FormatError,
-    LinkError,
-    MissionIoError,
-    MisuseError,
-    TransferCancelledError,
-    TransferError,
-    TransferInterrupted,
-    TransferSilentError,
-    VehicleSilentError,
-    WaitCancelledError,
-)
-from mission_io.formats.files import MissionFile, read_file, read_mission, write_mission
-from mission_io.links.opening import Link, UdpLink, open_link, register_endpoint
-from mission_io.links.simulated import LINK_PRESETS, LinkPreset, link_preset
-from mission_io.model.actions import Action, action_of, item_of
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.model.diff import MissionDiff, apply_diff, diff
-from mission_io.model.items import (
-    Command,
-    Frame,
-    GeoPoint,
-    Mission,
-    MissionItem,
-    MissionType,
-    SpeedType,
-    change_speed,
-    delay,
-    land,
-    look_ahead,
-    look_at,
-    return_to_launch,
-    takeoff,
-    trigger_camera_every,
-    waypoint,
-)
-from mission_io.protocol.exchange import Address
-from mission_io.protocol.server import ListChanged, MissionServer
-from mission_io.protocol.timing import Timing
-from mission_io.wire.codec import LinkStatistics
-from mission_io.wire.signing import SigningKey
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mission_io.autopilots.autopilot import (
+        ARDUPILOT,
+        ARDUPILOT_PLANE,
+        ARDUPILOT_ROVER,
+        PX4,
+        Autopilot,
+        MissionList,
+        autopilot_for,
+        items_of,
+        mission_from_wire,
+        mission_list_of,
+        mission_type_of,
+        wire_items,
+    )
+    from mission_io.autopilots.checks import Problem, check_for_autopilot
+    from mission_io.autopilots.comparison import Difference, compare_items
+    from mission_io.client.async_client import AsyncClient
+    from mission_io.client.client import Client
+    from mission_io.client.connection import VehicleInfo
+    from mission_io.client.read_back import ReadBack
+    from mission_io.errors import (
+        AmbiguousVehicleError,
+        CommandRefusedError,
+        FormatError,
+        LinkError,
+        MissionIoError,
+        MisuseError,
+        TransferCancelledError,
+        TransferError,
+        TransferInterrupted,
+        TransferSilentError,
+        VehicleSilentError,
+        WaitCancelledError,
+    )
+    from mission_io.formats.files import MissionFile, read_file, read_mission, write_mission
+    from mission_io.links.opening import Link, UdpLink, open_link, register_endpoint
+    from mission_io.links.simulated import LINK_PRESETS, LinkPreset, link_preset
+    from mission_io.model.actions import Action, action_of, item_of
+    from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
+    from mission_io.model.diff import MissionDiff, apply_diff, diff
+    from mission_io.model.items import (
+        Command,
+        Frame,
+        GeoPoint,
+        Mission,
+        MissionItem,
+        MissionType,
+        SpeedType,
+        change_speed,
+        delay,
+        land,
+        look_ahead,
+        look_at,
+        return_to_launch,
+        takeoff,
+        trigger_camera_every,
+        waypoint,
+    )
+    from mission_io.protocol.exchange import Address
+    from mission_io.protocol.server import ListChanged, MissionServer
+    from mission_io.protocol.timing import Timing
+    from mission_io.wire.codec import LinkStatistics
+    from mission_io.wire.signing import SigningKey
 
 __all__ = [
     "ARDUPILOT",
@@ -149,3 +153,50 @@ __all__ = [
     "wire_items",
     "write_mission",
 ]
+
+_PLACES = {
+    "mission_io.autopilots.autopilot": (
+        "ARDUPILOT", "ARDUPILOT_PLANE", "ARDUPILOT_ROVER", "PX4", "Autopilot", "MissionList", "autopilot_for",
+        "items_of", "mission_from_wire", "mission_list_of", "mission_type_of", "wire_items",
+    ),
+    "mission_io.autopilots.checks": ("Problem", "check_for_autopilot"),
+    "mission_io.autopilots.comparison": ("Difference", "compare_items"),
+    "mission_io.client.async_client": ("AsyncClient",),
+    "mission_io.client.client": ("Client",),
+    "mission_io.client.connection": ("VehicleInfo",),
+    "mission_io.client.read_back": ("ReadBack",),
+    "mission_io.errors": (
+        "AmbiguousVehicleError", "CommandRefusedError", "FormatError", "LinkError", "MissionIoError", "MisuseError",
+        "TransferCancelledError", "TransferError", "TransferInterrupted", "TransferSilentError", "VehicleSilentError",
+        "WaitCancelledError",
+    ),
+    "mission_io.formats.files": ("MissionFile", "read_file", "read_mission", "write_mission"),
+    "mission_io.links.opening": ("Link", "UdpLink", "open_link", "register_endpoint"),
+    "mission_io.links.simulated": ("LINK_PRESETS", "LinkPreset", "link_preset"),
+    "mission_io.model.actions": ("Action", "action_of", "item_of"),
+    "mission_io.model.areas": ("Fence", "FenceCircle", "FencePolygon", "FramedPoint", "LatLon", "RallyPoints"),
+    "mission_io.model.diff": ("MissionDiff", "apply_diff", "diff"),
+    "mission_io.model.items": (
+        "Command", "Frame", "GeoPoint", "Mission", "MissionItem", "MissionType", "SpeedType", "change_speed", "delay",
+        "land", "look_ahead", "look_at", "return_to_launch", "takeoff", "trigger_camera_every", "waypoint",
+    ),
+    "mission_io.protocol.exchange": ("Address",),
+    "mission_io.protocol.server": ("ListChanged", "MissionServer"),
+    "mission_io.protocol.timing": ("Timing",),
+    "mission_io.wire.codec": ("LinkStatistics",),
+    "mission_io.wire.signing": ("SigningKey",),
+}  # fmt: skip
+_PLACE_OF = {name: module for module, names in _PLACES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """The public names, each loaded with what it needs when it is first used."""
+    if name not in _PLACE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_PLACE_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

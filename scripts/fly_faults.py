@@ -47,7 +47,8 @@ from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.routes.objectives import judge_member
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan
-from uavcover.run.plan_files import read_planned, save_plan
+from uavcover.run.plan_files import save_plan
+from uavcover.run.planned import read_planned
 from uavcover.run.resume import find_unfinished, save_rest
 from uavcover.run.session import Connected, fly, fly_on, is_in_the_air, require_home
 from uavcover.run.upload import upload

@@ -13,7 +13,7 @@ from rasterio.warp import transform
 from tests.cli.conftest import Cli, files
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan
-from uavcover.run.plan_files import read_planned
+from uavcover.run.planned import read_planned
 from uavcover.run.provenance import seal_flight
 from uavcover.sensing.coverage_map import judging_map
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from tests.cli.conftest import Cli
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan, export_text
-from uavcover.run.plan_files import read_planned
+from uavcover.run.planned import read_planned
 
 
 def set_of(run: Path) -> list[dict[str, str]]:

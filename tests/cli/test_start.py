@@ -42,19 +42,66 @@ def test_nobody_reads(arguments: str, redirection: str) -> None:
     assert "Exception ignored" not in done.stderr
 
 
-def test_help_loads_no_numbers() -> None:
-    """What the overview costs: no numpy, no pymavlink, no planner."""
-    code = (
-        "import sys\n"
-        "sys.argv = ['uavcover', '--help']\n"
-        "from uavcover.__main__ import main\n"
-        "try:\n    main()\n"
-        "except SystemExit:\n    pass\n"
-        "heavy = {'numpy', 'scipy', 'numba', 'pymavlink', 'rerun', 'rasterio', 'pydantic', 'matplotlib'} & set(sys.modules)\n"
-        "sys.stderr.write(' '.join(sorted(heavy)))\n"
+_WHAT_IT_LOADS = """
+import sys
+sys.argv = ["uavcover", *sys.argv[1:]]
+from uavcover.__main__ import main
+try:
+    main()
+except SystemExit:
+    pass
+print(*sorted(sys.modules), file=sys.stderr)
+"""
+_HEAVY = {
+    "numpy", "scipy", "numba", "pymavlink", "rerun", "rasterio", "pyproj", "shapely", "pydantic", "matplotlib", "asyncio",
+}  # fmt: skip
+
+
+def _loaded(code: str, *arguments: str) -> set[str]:
+    """The modules that a process names on stderr when it ends."""
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, timeout=300, check=True
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=True)
-    assert done.stderr == ""
+    return set(done.stderr.split())
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"]])
+def test_the_overview_loads_no_command_and_no_numbers(arguments: list[str]) -> None:
+    loaded = _loaded(_WHAT_IT_LOADS, *arguments)
+    assert not loaded & _HEAVY
+    commands = {module for entries in _GROUPS.values() for module, _, _ in entries.values()}
+    assert not loaded & commands
+
+
+def test_help_of_a_command_loads_that_command_and_no_numbers() -> None:
+    loaded = _loaded(_WHAT_IT_LOADS, "plan", "--help")
+    assert not loaded & (_HEAVY - {"pydantic", "asyncio"})  # typer loads these two
+    commands = {module for entries in _GROUPS.values() for module, _, _ in entries.values()}
+    assert loaded & commands == {"uavcover.cli.plan"}
+
+
+_WORKFLOWS = (
+    (("uavcover.recording.reader",), {"rerun", "numpy"}),
+    (("uavcover.run.folder", "uavcover.run.judge"), {"numba", "rasterio", "pyproj", "shapely"}),
+    (("uavcover.run.export",), {"uavcover.routes.mission_compiler"}),
+    (("uavcover.run.session",), {"pymavlink", "uavcover.vehicle.fly"}),
+)
+"""Modules that commands begin with, and what shows that they were loaded."""
+_NOT_FOR = {
+    "uavcover.recording.reader": {"numba", "scipy", "rasterio", "pymavlink", "uavcover.scenario.site"},
+    "uavcover.run.judge": {"scipy.spatial", "scipy.ndimage", "scipy.interpolate", "pymavlink", "matplotlib", "asyncio"},
+    "uavcover.run.export": {"scipy.spatial", "scipy.sparse", "pymavlink", "uavcover.optimizers"},
+    "uavcover.run.session": {"scipy.spatial", "scipy.sparse", "asyncio", "uavcover.optimizers"},
+}
+"""What they must not load: it takes longer than their work, and this work needs none of it."""
+
+
+def test_workflows_load_no_planner_and_no_library_that_they_do_not_need() -> None:
+    code = "import sys\nfor name in sys.argv[1:]:\n    __import__(name)\nprint(*sys.modules, file=sys.stderr)"
+    for modules, needed in _WORKFLOWS:
+        loaded = _loaded(code, *modules)
+        assert needed <= loaded
+        assert not loaded & (_NOT_FOR[modules[-1]] | {"uavcover.planning.planner"}), modules
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from tests.cli.conftest import Cli
 from uavcover.mock.server import MockServer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.run.folder import RunFolder
-from uavcover.run.plan_files import read_planned
+from uavcover.run.planned import read_planned
 from uavcover.run.session import require_home
 
 FOREIGN = ["plane", "vtol", "helicopter", "rover", "boat", "submarine", "airship"]

@@ -27,7 +27,8 @@ from uavcover.run.fly import FlightOptions, record_flight
 from uavcover.run.folder import RunFolder
 from uavcover.run.geotiff import Band, geotiff
 from uavcover.run.mission import compile_flights, compile_plan
-from uavcover.run.plan_files import read_planned, save_plan
+from uavcover.run.plan_files import save_plan
+from uavcover.run.planned import read_planned
 from uavcover.run.resume import find_unfinished, save_rest
 from uavcover.run.session import Connected, fly, require_home
 from uavcover.run.upload import upload

@@ -13,7 +13,7 @@ from uavcover.judging.verify import verify_track
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.sensor import SphereSensor
 from uavcover.run.folder import RunFolder
-from uavcover.run.plan_files import read_planned
+from uavcover.run.planned import read_planned
 from uavcover.sensing.coverage_map import judging_map
 from uavcover.vehicle.track_file import read_track
 

@@ -1,5 +1,7 @@
 """The public face of mission_io: exactly these names; everything else may change."""
 
+import pytest
+
 import mission_io
 
 NAMES = """
@@ -17,6 +19,13 @@ NAMES = """
 
 def test_the_exported_names() -> None:
     assert sorted(mission_io.__all__) == sorted(NAMES.split())
+
+
+def test_the_places_name_the_same() -> None:
+    assert sorted(mission_io._PLACE_OF) == sorted(NAMES.split())
+    assert set(NAMES.split()) <= set(dir(mission_io))
+    with pytest.raises(AttributeError, match="no_such_name"):
+        _ = mission_io.no_such_name
 
 
 def test_every_exported_function_and_class_says_what_it_is() -> None:

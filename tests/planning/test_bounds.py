@@ -12,8 +12,8 @@ from uavcover.model.sensor import SphereSensor
 from uavcover.planning.bounds import are_quick, farthest_looks_m, least_path_length_m, path_bounds, waypoint_bounds
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.set_cover.solvers import SolverEffort
+from uavcover.run.bounds import bounds as bounds_of
 from uavcover.run.documents import bounds_in_words
-from uavcover.run.search import bounds as bounds_of
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, judging_map, sees_each
 
 

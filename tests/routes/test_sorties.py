@@ -21,11 +21,12 @@ from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import compile_mission
 from uavcover.routes.objectives import judge
 from uavcover.routes.sorties import Sortie, compile_sorties, mission_time_s
+from uavcover.run.flights import flown_tracks
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import judge_tracks, planned_for
 from uavcover.run.mission import compile_flights
-from uavcover.run.plan_files import read_planned, save_plan
-from uavcover.run.resume import flown_tracks
+from uavcover.run.plan_files import save_plan
+from uavcover.run.planned import read_planned
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map

@@ -8,12 +8,13 @@ import uavcover as uc
 from mission_io.errors import VehicleSilentError
 from tests.cli.conftest import corner_of_the_demo
 from uavcover.errors import InputError, OptimizerError
+from uavcover.run.bounds import bounds as bounds_of
+from uavcover.run.bounds import least_length_m
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan, export_text
 from uavcover.run.plan import PlanRequest, plan_into
-from uavcover.run.plan_files import read_planned
-from uavcover.run.search import SearchRequest, least_length_m, plan
-from uavcover.run.search import bounds as bounds_of
+from uavcover.run.planned import read_planned
+from uavcover.run.search import SearchRequest, plan
 from uavcover.run.session import VehicleLink, connect, home_of, require_home
 from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import load_scenario

@@ -25,11 +25,12 @@ from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.routes.objectives import judge_member
 from uavcover.run.close_gaps import plan_gap_mission, save_gap_mission
+from uavcover.run.flights import flights_of, flown_tracks
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import judge_tracks, planned_for, read_planned_route
 from uavcover.run.mission import compile_plan
 from uavcover.run.plan_files import save_plan
-from uavcover.run.resume import find_unfinished, flights_of, flown_tracks, save_rest, took_off_s
+from uavcover.run.resume import find_unfinished, save_rest, took_off_s
 from uavcover.run.session import Connected, fly, fly_from_the_air, fly_on, home_of, is_in_the_air
 from uavcover.run.upload import upload
 from uavcover.scenario.site import Site

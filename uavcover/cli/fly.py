@@ -86,7 +86,7 @@ def fly(
     from uavcover.errors import INTERRUPTED
     from uavcover.run.fly import ENDED_BY_USER, FlightOptions, fly_run, resume_run
     from uavcover.run.folder import RunFolder
-    from uavcover.run.plan_files import read_planned
+    from uavcover.run.planned import read_planned
     from uavcover.vehicle.flight_plan import FlightTimeouts
 
     link = replace(vehicle.link_to(to, client=vehicle.client), mock_speed=vehicle.mock_speed)

@@ -2,68 +2,34 @@
 
 import os
 import sys
-from collections.abc import Callable
 from importlib import metadata
 
 import typer
 
-from uavcover.cli.bench import bench
-from uavcover.cli.check import check
-from uavcover.cli.clear import clear
-from uavcover.cli.demo import demo
-from uavcover.cli.doctor import doctor
-from uavcover.cli.download import download
-from uavcover.cli.ending import ending_well, run_app
-from uavcover.cli.export import export
-from uavcover.cli.fly import fly
-from uavcover.cli.gaps import gaps
-from uavcover.cli.get_file import get_file
-from uavcover.cli.inspect import inspect
-from uavcover.cli.mock_vehicle import mock_vehicle
-from uavcover.cli.new import new
-from uavcover.cli.options import Overview, one_by_one
-from uavcover.cli.pareto import pareto
-from uavcover.cli.plan import plan
-from uavcover.cli.plan_upload import plan_upload
-from uavcover.cli.report import report
-from uavcover.cli.select import select
-from uavcover.cli.send_file import send_file
-from uavcover.cli.terrain import terrain
-from uavcover.cli.terrain_server import terrain_server
-from uavcover.cli.upload import upload
-from uavcover.cli.verify import verify
+from uavcover.cli.ending import run_app
+from uavcover.cli.on_demand import Entry, overview_of
 
-app = typer.Typer(
-    name="uavcover",
-    cls=Overview,
-    help="Plan flights that see all of a rugged terrain, fly them, prove what was seen.",
-    add_completion=True,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-
-_GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] = {
+_GROUPS: dict[str, dict[str, Entry]] = {
     "Start": {
         "demo": (
-            demo,
+            "uavcover.cli.demo",
             "the whole chain on real terrain, with a mock vehicle",
             ("uavcover demo", "uavcover demo -o RUN --autopilot px4"),
         ),
         "doctor": (
-            doctor,
+            "uavcover.cli.doctor",
             "what is installed, what works, what is missing",
             ("uavcover doctor", "uavcover doctor --compile"),
         ),
     },
     "Plan": {
         "terrain": (
-            terrain,
+            "uavcover.cli.terrain",
             "the elevation data that an area needs, and where it is",
             ("uavcover terrain area.kml", "uavcover terrain area.kml --dem tiles/ --dat TERRAIN"),
         ),
         "new": (
-            new,
+            "uavcover.cli.new",
             "a scenario from your area, elevation data and camera",
             (
                 "uavcover new area.kml --dem dem.tif --camera dji-m3e --gsd 2.5cm -o survey.toml",
@@ -71,7 +37,7 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
             ),
         ),
         "plan": (
-            plan,
+            "uavcover.cli.plan",
             "a route that sees the area, and its mission files",
             (
                 "uavcover plan jacksboro -o RUN --budget 30s",
@@ -79,17 +45,17 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
             ),
         ),
         "pareto": (
-            pareto,
+            "uavcover.cli.pareto",
             "the trade-off of a plan; select takes another route",
             ("uavcover pareto RUN", "uavcover pareto RUN --plot tradeoff.png"),
         ),
         "select": (
-            select,
+            "uavcover.cli.select",
             "",
             ("uavcover select RUN knee", 'uavcover select RUN "coverage>=0.98"'),
         ),
         "check": (
-            check,
+            "uavcover.cli.check",
             "any mission, judged over the terrain before flight",
             (
                 "uavcover check mission.plan --dem dem.tif --no-fly zones.json --return-height 60m",
@@ -97,7 +63,7 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
             ),
         ),
         "export": (
-            export,
+            "uavcover.cli.export",
             "the mission for other software: DJI, Litchi, ROS, GPX",
             (
                 "uavcover export RUN --format wpml --drone dji-m3e -o survey.kmz",
@@ -107,7 +73,7 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
     },
     "Vehicle": {
         "plan-upload": (
-            plan_upload,
+            "uavcover.cli.plan_upload",
             "plan if needed, check, upload, read back, compare",
             (
                 "uavcover plan-upload RUN --to udp:127.0.0.1:14550",
@@ -115,7 +81,7 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
             ),
         ),
         "upload": (
-            upload,
+            "uavcover.cli.upload",
             "send any .waypoints or .plan file, read it back",
             (
                 "uavcover upload mission.waypoints --to udp:127.0.0.1:14550",
@@ -123,7 +89,7 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
             ),
         ),
         "download": (
-            download,
+            "uavcover.cli.download",
             "a vehicle's mission, fence or rally as a file",
             (
                 "uavcover download --from udp:127.0.0.1:14550 -o mission.waypoints",
@@ -131,17 +97,17 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
             ),
         ),
         "clear": (
-            clear,
+            "uavcover.cli.clear",
             "empty a vehicle's mission, fence or rally points",
             ("uavcover clear --to udp:127.0.0.1:14550", "uavcover clear --to udp:127.0.0.1:14550 --type fence"),
         ),
         "fly": (
-            fly,
+            "uavcover.cli.fly",
             "arm, start, follow, record, land",
             ("uavcover fly RUN --to mock:", "uavcover fly RUN --to udp:127.0.0.1:14550 --resume"),
         ),
         "send-file": (
-            send_file,
+            "uavcover.cli.send_file",
             "files onto the vehicle's card; get-file reads one",
             (
                 "uavcover send-file TERRAIN/N36W085.DAT --to udp:127.0.0.1:14550",
@@ -149,7 +115,7 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
             ),
         ),
         "get-file": (
-            get_file,
+            "uavcover.cli.get_file",
             "",
             (
                 "uavcover get-file /APM/LOGS/ --to udp:127.0.0.1:14550",
@@ -157,7 +123,7 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
             ),
         ),
         "terrain-server": (
-            terrain_server,
+            "uavcover.cli.terrain_server",
             "answer a vehicle's requests for terrain heights",
             (
                 "uavcover terrain-server --dem dem.tif --to udp:127.0.0.1:14550",
@@ -165,7 +131,7 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
             ),
         ),
         "mock-vehicle": (
-            mock_vehicle,
+            "uavcover.cli.mock_vehicle",
             "a MAVLink vehicle for any ground station",
             (
                 "uavcover mock-vehicle --listen udpin://127.0.0.1:14550",
@@ -175,34 +141,41 @@ _GROUPS: dict[str, dict[str, tuple[Callable[..., int], str, tuple[str, str]]]] =
     },
     "After": {
         "verify": (
-            verify,
+            "uavcover.cli.verify",
             "coverage and safety of what was flown",
             ("uavcover verify RUN", "uavcover verify RUN --log flight.bin"),
         ),
         "gaps": (
-            gaps,
+            "uavcover.cli.gaps",
             "what was not seen, and a mission that flies only that",
             ("uavcover gaps RUN", "uavcover gaps RUN --target 0.98 --min-area 50"),
         ),
         "report": (
-            report,
+            "uavcover.cli.report",
             "one HTML file about a run, opens offline",
             ("uavcover report RUN", "uavcover report RUN -o flight.html"),
         ),
         "inspect": (
-            inspect,
+            "uavcover.cli.inspect",
             "look at the recording in 3D, as text or picture",
             ("uavcover inspect RUN", "uavcover inspect RUN --screenshot flight.png"),
         ),
     },
+    "Measure": {
+        "bench": ("uavcover.cli.bench", "the benchmarks of this project", ()),
+    },
 }
+"""By group and name: the module that has the command under its name, what the overview says of it, and examples."""
 
-for _title, _commands in _GROUPS.items():
-    for _name, (_command, _short, _examples) in _commands.items():
-        _epilog = "\b\nExamples:\n" + "\n".join(f"  {example}" for example in _examples)
-        app.command(_name, short_help=_short, rich_help_panel=_title, epilog=_epilog)(ending_well(one_by_one(_command)))
-
-app.add_typer(bench, name="bench", short_help="the benchmarks of this project", rich_help_panel="Measure")
+app = typer.Typer(
+    name="uavcover",
+    cls=overview_of(_GROUPS),
+    help="Plan flights that see all of a rugged terrain, fly them, prove what was seen.",
+    add_completion=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 
 
 def _tell_version(wanted: bool) -> None:

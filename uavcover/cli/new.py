@@ -34,12 +34,13 @@ def new(
     Every key that it writes has its reason as a comment. --camera list and --vehicle list show the tables.
     """
     from uavcover.errors import InputError, OutputError
-    from uavcover.intake.scenario_text import name_of
-    from uavcover.run.new import new_scenarios, say_design, say_estimate
 
     console = output.console()
     if "list" in (survey.camera, survey.vehicle):
         return _list(console, cameras=survey.camera == "list", vehicles=survey.vehicle == "list")
+    from uavcover.intake.scenario_text import name_of  # the lists need no planner
+    from uavcover.run.new import new_scenarios, say_design, say_estimate
+
     if area is None:
         raise InputError("new: give an area, such as area.kml, with --dem dem.tif --camera NAME --gsd 2.5cm")
     path = out if out is not None else Path(f"{name_of(Path(area).stem)}.toml")

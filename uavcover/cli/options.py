@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,17 +20,21 @@ _NAME_WIDTH = 15
 class Overview(TyperGroup):
     """The commands with the group they belong to in front; a group is what typer calls a help panel."""
 
+    def rows(self, ctx: Any) -> Iterator[tuple[str, str, str]]:
+        """Group, name and a line about each command, in their order."""
+        for name in self.list_commands(ctx):
+            command: Any = self.get_command(ctx, name)
+            yield command.rich_help_panel, name, command.short_help
+
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the whole help text."""
         formatter.write(f"Usage: {ctx.command_path} [--debug] [--version] COMMAND ...\n{self.help}\n")
         group = None
-        for name in self.list_commands(ctx):
-            command: Any = self.get_command(ctx, name)
-            if not command.short_help:  # the row of its neighbour tells of it: a small terminal has 24 rows
+        for of_group, name, short in self.rows(ctx):
+            if not short:  # the row of its neighbour tells of it: a small terminal has 24 rows
                 continue
-            title = "" if command.rich_help_panel == group else command.rich_help_panel
-            group = command.rich_help_panel
-            formatter.write(f"{title:{_GROUP_WIDTH}}{name:{_NAME_WIDTH}}{command.short_help}\n")
+            title, group = "" if of_group == group else of_group, of_group
+            formatter.write(f"{title:{_GROUP_WIDTH}}{name:{_NAME_WIDTH}}{short}\n")
         formatter.write("COMMAND --help tells its options; all take --json, -q, -v. --install-completion\n")
 
 

@@ -49,7 +49,7 @@ def plan_upload(
     from uavcover.errors import InputError
     from uavcover.run.folder import RunFolder
     from uavcover.run.plan import PlanRequest, plan_into
-    from uavcover.run.plan_files import read_planned
+    from uavcover.run.planned import read_planned
     from uavcover.run.session import require_home
     from uavcover.run.upload import upload_run
 

@@ -39,7 +39,7 @@ def select(
     from uavcover.planning.selection import parse_rule
     from uavcover.run.folder import RunFolder, flown_in
     from uavcover.run.plan import figures_in_words, say_missions, say_older
-    from uavcover.run.plan_files import read_planned
+    from uavcover.run.planned import read_planned
     from uavcover.run.select import choose
 
     console = output.console()

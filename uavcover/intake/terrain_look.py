@@ -9,7 +9,6 @@ import rasterio.errors
 import shapely
 from pyproj import CRS
 from pyproj.exceptions import ProjError
-from scipy import ndimage
 
 from uavcover.errors import InputError, TerrainError
 from uavcover.kernels.arrays import FloatArray
@@ -111,6 +110,8 @@ def _gaps_in_holes_m(
     if not gaps.any():
         return 0.0
     covered = shapely.contains_xy(area, places[:, 0], places[:, 1]).reshape(_GAP_GRID, _GAP_GRID)
+    from scipy import ndimage  # a third of a second to load, and most elevation data has no gaps
+
     labels, _ = ndimage.label(gaps.reshape(_GAP_GRID, _GAP_GRID), structure=np.ones((3, 3)))
     steps_m = np.array([norths[1] - norths[0], easts[1] - easts[0]])
     largest_m = 0.0

@@ -2,7 +2,6 @@
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import KDTree
 
 from uavcover.errors import OptimizerError
 from uavcover.kernels.arrays import FloatArray
@@ -61,6 +60,8 @@ def inverted_generational_distance(reference_front: npt.ArrayLike, objectives: n
     >>> inverted_generational_distance([[0.0, 1.0], [1.0, 0.0]], [[0.0, 1.0], [1.0, 0.5]])
     0.25
     """
+    from scipy.spatial import KDTree  # a third of a second to load, and the planner's own search needs none
+
     front, points = finite_array(reference_front, "reference_front"), finite_array(objectives, "objectives")
     if front.ndim != 2 or points.ndim != 2 or front.shape[1] != points.shape[1] or not (front.size and points.size):
         raise OptimizerError(

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.niching import dominated_near, last_apart, niche_survivors, spread_out, two_space_medoids
@@ -110,6 +109,8 @@ def _share_of_range(share: float, objectives: FloatArray) -> FloatArray:
 
 def _nearest(among: FloatArray, points: FloatArray, k: int) -> tuple[FloatArray, IntArray]:
     """Distances and rows ``(r, k)`` of the k nearest ``among`` ``(n, d)`` of each point ``(r, d)``."""
+    from scipy.spatial import KDTree  # a third of a second to load, and the planner's own search needs none
+
     away, rows = KDTree(among).query(points, k)
     shape = (len(points), k)
     return np.asarray(away, np.float64).reshape(shape), np.asarray(rows, np.int64).reshape(shape)
@@ -222,6 +223,8 @@ def _ends(points: FloatArray) -> IntArray:
 
 def _crowd(points: FloatArray, chosen: IntArray, radius: float) -> IntArray:
     """``(n,)`` how many rows are near each, itself included: where the band of near-optimal rows is thick they are many."""
+    from scipy.spatial import KDTree
+
     apart = float(np.median(_nearest(points[chosen], points[chosen], min(2, len(chosen)))[0][:, -1]))
     return np.asarray(KDTree(points).query_ball_point(points, radius * apart, return_length=True), np.int64)
 

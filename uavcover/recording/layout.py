@@ -6,14 +6,16 @@ longitude. Readers of recordings depend on ``TIMELINE`` and ``TRACK``; the rest 
 
 import contextlib
 from collections.abc import Iterator, Mapping
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
 from uavcover.errors import InputError
-from uavcover.scenario.site import Site
+
+if TYPE_CHECKING:  # who reads a recording needs no site
+    from uavcover.scenario.site import Site
 
 
 class RecordingError(InputError):
@@ -125,7 +127,7 @@ def any_value_columns(columns: Mapping[str, NDArray[Any]]) -> rr.ComponentColumn
     return rr.AnyValues.columns(True, **columns)
 
 
-def application_id(site: Site) -> str:
+def application_id(site: "Site") -> str:
     """The application id determines which blueprint the viewer applies, so each scenario has its own."""
     return f"uavcover_{site.scenario.name}"
 

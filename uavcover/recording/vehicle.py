@@ -5,11 +5,11 @@ The footprint is the outline of the sensor's field of view on the ground.
 
 import itertools
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.sight import CONE, DISC, FRUSTUM
@@ -21,6 +21,9 @@ from uavcover.recording.scene import extent_m, scene_bounds_m
 from uavcover.recording.tiles import lift_m
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import CameraTurn, camera_turn
+
+if TYPE_CHECKING:  # a third of a second to load; functions below do it
+    from scipy.spatial.transform import Rotation
 
 _DIRECTIONS = 48
 _STEPS = 40
@@ -162,14 +165,18 @@ def send_vehicle(recording: rr.RecordingStream, coverage: CoverageMap, track: Tr
         )
 
 
-def body_rotations(attitude_deg: FloatArray) -> Rotation:
+def body_rotations(attitude_deg: FloatArray) -> "Rotation":
     """Rotations from the body (forward, left, up) to the local frame by (n, 3) roll, pitch, yaw; level where unknown."""
+    from scipy.spatial.transform import Rotation
+
     roll, pitch, yaw = np.nan_to_num(attitude_deg).T
     return Rotation.from_euler("ZYX", np.column_stack([90.0 - yaw, -pitch, roll]), degrees=True)
 
 
-def _rotations(turn: CameraTurn) -> Rotation:
+def _rotations(turn: CameraTurn) -> "Rotation":
     """Rotations from the camera (top, left of the picture, against its axis) to the local frame."""
+    from scipy.spatial.transform import Rotation
+
     left = np.cross(turn.tops, turn.axes)
     return Rotation.from_matrix(np.stack([turn.tops, left, -turn.axes], axis=2))
 

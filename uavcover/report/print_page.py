@@ -19,7 +19,7 @@ from uavcover.report.print_drawings import map_svg, place_text, profile_svg, sty
 from uavcover.routes.sorties import Sortie, compile_sorties
 from uavcover.run.export import ExportRequest, time_with_stops_s, write_exported
 from uavcover.run.folder import RunFolder
-from uavcover.run.plan_files import read_planned
+from uavcover.run.planned import read_planned
 from uavcover.run.provenance import sha256_of_content
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m

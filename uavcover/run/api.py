@@ -21,7 +21,7 @@ from uavcover.run.folder import FLIGHT_FILES, RunFolder, flown_in
 from uavcover.run.judge import verify_run
 from uavcover.run.mission import compile_plan
 from uavcover.run.plan import PlanRequest, plan_into
-from uavcover.run.plan_files import read_planned
+from uavcover.run.planned import read_planned
 from uavcover.run.select import choose
 from uavcover.run.session import Connected
 from uavcover.run.upload import send_and_compare

@@ -22,7 +22,7 @@ from uavcover.routes.way_cost import pace_of
 from uavcover.run.file_group import settle
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan, export_text
-from uavcover.run.plan_files import read_planned
+from uavcover.run.planned import read_planned
 from uavcover.scenario.site import Site
 
 CONTROLLER_POINTS: Final[Mapping[str, int]] = {"wpml": 200, "litchi": MOST_WAYPOINTS}

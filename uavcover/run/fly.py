@@ -13,11 +13,12 @@ from uavcover.model.route import Route
 from uavcover.recording.writer import write_recording
 from uavcover.run import provenance
 from uavcover.run.flight_log import FlightLog, live_recording
+from uavcover.run.flights import TRACK
 from uavcover.run.folder import FLIGHT_FILES, RunFolder
 from uavcover.run.mission import compile_plan
-from uavcover.run.plan_files import read_planned
+from uavcover.run.planned import read_planned
 from uavcover.run.provenance import note_files, seal_flight
-from uavcover.run.resume import TRACK, Unfinished, find_unfinished, save_rest, took_off_s
+from uavcover.run.resume import Unfinished, find_unfinished, save_rest, took_off_s
 from uavcover.run.session import (
     Connected,
     VehicleLink,

@@ -23,6 +23,7 @@ from uavcover.run.documents import (
     read_plan_document,
     verification_document,
 )
+from uavcover.run.flights import TRACK
 from uavcover.run.folder import PLAN_FILES, VERDICT_FILES, RunFolder, json_text
 from uavcover.run.geotiff import Band, geotiff
 from uavcover.run.judged_inputs import (
@@ -34,7 +35,6 @@ from uavcover.run.judged_inputs import (
     unsealed_in_words,
 )
 from uavcover.run.provenance import note_files
-from uavcover.run.resume import TRACK
 from uavcover.run.user import User, metres, percent
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map

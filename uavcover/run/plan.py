@@ -15,13 +15,14 @@ from uavcover.planning.planner import SearchProgress
 from uavcover.planning.selection import parse_rule, select
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie
+from uavcover.run.bounds import bounds, least_length_m
 from uavcover.run.documents import (
     bounds_in_words,
 )
 from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
 from uavcover.run.mission import compile_flights
 from uavcover.run.plan_files import save_plan
-from uavcover.run.search import SearchRequest, bounds, least_length_m, plan
+from uavcover.run.search import SearchRequest, plan
 from uavcover.run.user import ProgressBar, StopRequests, User, metres, percent
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site, load_site

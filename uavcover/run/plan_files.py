@@ -1,4 +1,4 @@
-"""The files of a plan in a run folder: written together, and read back."""
+"""The files of a plan in a run folder, written together."""
 
 import dataclasses
 import platform
@@ -12,12 +12,11 @@ from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.objectives import judge_member
 from uavcover.routes.sorties import Sortie
+from uavcover.run.bounds import bounds
 from uavcover.run.documents import (
-    PlannedDocument,
     pareto_csv,
     pareto_routes_csv,
     plan_document,
-    read_plan_document,
 )
 from uavcover.run.folder import (
     SCHEMA_VERSION,
@@ -29,9 +28,8 @@ from uavcover.run.folder import (
 )
 from uavcover.run.mission import mission_texts
 from uavcover.run.provenance import obstacles_sha256, run_document, sha256_of_content, version, with_entry
-from uavcover.run.search import bounds
 from uavcover.scenario.scenario_file import dump_scenario
-from uavcover.scenario.site import Site, load_site
+from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
 
 
@@ -130,17 +128,6 @@ def _plan_of_sortie(judged: CoverageMap, whole: Plan, sortie: Sortie) -> Plan:
     route = sortie.route
     member = judge_member(judged, route, whole.chosen.origin, margin_m=0.0)
     return dataclasses.replace(whole, chosen=member, members=(member,), baselines=())
-
-
-def read_planned(run: RunFolder) -> tuple[Site, PlannedDocument]:
-    """Site and chosen route of a run folder.
-
-    Raises:
-        InputError: a file is missing or broken; says which command makes it.
-    """
-    site = load_site(run.existing("scenario.toml", made_by="uavcover plan"))
-    document = run.read_json("plan.json", made_by="uavcover plan")
-    return site, read_plan_document(document, source=str(run.file("plan.json")))
 
 
 def _run_document(

@@ -1,16 +1,14 @@
-"""Going on with a flight that ended before its plan: what is left of it, and where its flights are kept."""
+"""Going on with a flight that ended before its plan: what is left of it."""
 
-import hashlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-from uavcover.errors import InputError
 from uavcover.model.route import Plan, Route
 from uavcover.model.track import Track
 from uavcover.routes.objectives import judge_member
 from uavcover.run.documents import PlannedDocument, read_plan_document
+from uavcover.run.flights import LINK, TRACK, flights_of, next_folder, track_sha256
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan
 from uavcover.run.plan_files import save_plan
@@ -19,10 +17,6 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map
 from uavcover.vehicle.resume_point import ResumePoint, find_resume_point, remaining_route
 from uavcover.vehicle.track_file import read_track
-
-TRACK = "track.csv"
-_FOLDER = "resumed"
-_LINK = "resumes"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,31 +45,6 @@ class Unfinished:
         return len(self.route) == 0
 
 
-def flights_of(run: RunFolder) -> list[RunFolder]:
-    """The run and the flights that resumed it, in their order; one that belongs to an older flight ends the list."""
-    flights = [run]
-    while True:
-        folder = RunFolder(run.file(f"{_FOLDER}-{len(flights)}"))
-        if not folder.file(TRACK).is_file() or not continues(folder, flights[-1]):
-            return flights
-        flights.append(folder)
-
-
-def flown_tracks(run: RunFolder) -> list[Path]:
-    """The tracks that count together: the run's, or those of its sorties, each with the flights that resumed it.
-
-    Raises:
-        InputError: nothing was flown.
-    """
-    if sorties := run.sorties():
-        flown = [sortie for sortie in sorties if sortie.file(TRACK).is_file()]
-        if not flown:
-            run.existing(TRACK, made_by="uavcover fly --sortie 1")
-        return [track for sortie in flown for track in flown_tracks(sortie)]
-    run.existing(TRACK, made_by="uavcover fly")
-    return [folder.file(TRACK) for folder in flights_of(run)]
-
-
 def find_unfinished(run: RunFolder, site: Site) -> Unfinished:
     """What the latest flight of a run has left.
 
@@ -83,8 +52,7 @@ def find_unfinished(run: RunFolder, site: Site) -> Unfinished:
         InputError: nothing was flown, or what was cannot be read.
     """
     run.existing(TRACK, made_by="uavcover fly (without --resume)")
-    flights = flights_of(run)
-    latest = flights[-1]
+    latest = flights_of(run)[-1]
     planned = read_plan_document(
         latest.read_json("plan.json", made_by="uavcover plan"), source=str(latest.file("plan.json"))
     )
@@ -95,8 +63,7 @@ def find_unfinished(run: RunFolder, site: Site) -> Unfinished:
         planned.route.waypoints_m, broken, radius_m=radius_m,
         sees_along_legs=site.scenario.sensor.sensing == "along-path",
     )  # fmt: skip
-    folder = RunFolder(run.file(f"{_FOLDER}-{len(flights)}"))
-    return Unfinished(latest, planned, track, broken, Route(left), folder)
+    return Unfinished(latest, planned, track, broken, Route(left), next_folder(run))
 
 
 def took_off_s(run: RunFolder) -> float | None:
@@ -129,18 +96,4 @@ def save_rest(unfinished: Unfinished, site: Site, *, command: Sequence[str]) -> 
         unfinished.folder, site, plan, compiled=compiled, autopilot=site.scenario.vehicle.autopilot,
         seed=site.scenario.planner.seed, command=command,
     )  # fmt: skip
-    note_in_run(unfinished.folder, _LINK, {"track_sha256": _sha256(unfinished.flown.file(TRACK))})
-
-
-def continues(folder: RunFolder, before: RunFolder) -> bool:
-    """Whether a flight goes on with the one before it as it is there now."""
-    try:
-        link = folder.read_json("run.json", made_by="uavcover fly --resume").get(_LINK)
-    except InputError:
-        return False
-    return isinstance(link, dict) and link.get("track_sha256") == _sha256(before.file(TRACK))
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    note_in_run(unfinished.folder, LINK, {"track_sha256": track_sha256(unfinished.flown.file(TRACK))})

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import shapely
@@ -28,7 +28,6 @@ from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compile_continuation, compile_return
 from uavcover.routes.way_cost import pace_of
 from uavcover.run.mission import compile_plan
-from uavcover.run.resume import Unfinished
 from uavcover.run.vehicle_terrain import answer_from_site
 from uavcover.scenario.site import Site
 from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts, OperatingVolume, PlanNeeds
@@ -41,6 +40,9 @@ from uavcover.vehicle.readiness import check_home as check_home_of
 from uavcover.vehicle.resume_point import along_leg_m
 from uavcover.vehicle.return_home import PlanReturn
 from uavcover.vehicle.session import Session
+
+if TYPE_CHECKING:  # who sends a file has no plan
+    from uavcover.run.resume import Unfinished
 
 _GROUND_S, _ASK_AGAIN_S = 4.0, 0.2
 """So long, and so often, a vehicle that is armed is asked whether it stands on the ground."""
@@ -266,7 +268,7 @@ def is_in_the_air(vehicle: Connected) -> bool:
     return client.vehicle.armed and not (monitor.ground.says_landed if proved is None else proved)
 
 
-def fly_on(vehicle: Connected, site: Site, unfinished: Unfinished, orders: Orders) -> FlightOutcome:
+def fly_on(vehicle: Connected, site: Site, unfinished: "Unfinished", orders: Orders) -> FlightOutcome:
     """Take over a vehicle in the air, and fly what is left of a plan.
 
     A vehicle that still holds the mission and is where it left its route goes on with the item it was flying to. Any other is
@@ -342,7 +344,7 @@ def _sent_onward(
 
 
 def _held_onward(
-    vehicle: Connected, site: Site, unfinished: Unfinished, *, lat_deg: float, lon_deg: float, alt_amsl_m: float
+    vehicle: Connected, site: Site, unfinished: "Unfinished", *, lat_deg: float, lon_deg: float, alt_amsl_m: float
 ) -> Continuation | None:
     """How to go on with the mission that the vehicle holds; none when it holds another, or is not where it left the route."""
     number, planned_m = unfinished.broken.waypoint, unfinished.planned.route.waypoints_m

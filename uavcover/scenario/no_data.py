@@ -3,9 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
-from scipy.interpolate import LinearNDInterpolator
-from scipy.spatial import QhullError
 
 from uavcover.kernels.arrays import FloatArray
 
@@ -35,6 +32,10 @@ def fill_gaps(heights_m: FloatArray, *, pixel_m: tuple[float, float], up_to_m: f
         pixel_m: height and width of a pixel.
         up_to_m: longest side of a gap that is filled.
     """
+    from scipy import ndimage  # half a second to load, and most elevation data has no gaps
+    from scipy.interpolate import LinearNDInterpolator
+    from scipy.spatial import QhullError
+
     filled = np.array(heights_m, dtype=float)
     labels, _ = ndimage.label(np.isnan(filled), structure=_NEIGHBOURS)
     count, largest_m = 0, 0.0

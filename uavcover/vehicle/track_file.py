@@ -13,7 +13,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Final, Self
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
@@ -21,7 +21,9 @@ from mission_io.wire import messages as m
 from uavcover.errors import OutputError, TrackError
 from uavcover.model.track import COLUMNS, MAY_BE_EMPTY, OPTIONAL_COLUMNS, PICTURES_COLUMN, ReadTrack, Track, TrackSample
 from uavcover.scenario.frames import LocalFrame
-from uavcover.vehicle.monitor import Monitor
+
+if TYPE_CHECKING:  # who reads a track needs no vehicle
+    from uavcover.vehicle.monitor import Monitor
 
 SAMPLE_BYTES: Final = 2000
 """What a sample takes in track, telemetry log and both recordings together: measured 1.4 kB at 7 samples a second."""
@@ -274,7 +276,7 @@ class Recorder:
 
     def __init__(
         self,
-        monitor: Monitor,
+        monitor: "Monitor",
         frame: LocalFrame,
         *,
         waypoint_of: Callable[[int], int],

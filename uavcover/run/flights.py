@@ -1,0 +1,57 @@
+"""Where the flights of a run are kept: its own, those of its sorties, and those that resumed them."""
+
+import hashlib
+from pathlib import Path
+
+from uavcover.errors import InputError
+from uavcover.run.folder import RunFolder
+
+TRACK = "track.csv"
+LINK = "resumes"
+"""What ``run.json`` calls the flight that a resumed one goes on with."""
+_FOLDER = "resumed"
+
+
+def flights_of(run: RunFolder) -> list[RunFolder]:
+    """The run and the flights that resumed it, in their order; one that belongs to an older flight ends the list."""
+    flights = [run]
+    while True:
+        folder = RunFolder(run.file(f"{_FOLDER}-{len(flights)}"))
+        if not folder.file(TRACK).is_file() or not continues(folder, flights[-1]):
+            return flights
+        flights.append(folder)
+
+
+def flown_tracks(run: RunFolder) -> list[Path]:
+    """The tracks that count together: the run's, or those of its sorties, each with the flights that resumed it.
+
+    Raises:
+        InputError: nothing was flown.
+    """
+    if sorties := run.sorties():
+        flown = [sortie for sortie in sorties if sortie.file(TRACK).is_file()]
+        if not flown:
+            run.existing(TRACK, made_by="uavcover fly --sortie 1")
+        return [track for sortie in flown for track in flown_tracks(sortie)]
+    run.existing(TRACK, made_by="uavcover fly")
+    return [folder.file(TRACK) for folder in flights_of(run)]
+
+
+def next_folder(run: RunFolder) -> RunFolder:
+    """Where the flight that goes on with the latest one is kept."""
+    return RunFolder(run.file(f"{_FOLDER}-{len(flights_of(run))}"))
+
+
+def continues(folder: RunFolder, before: RunFolder) -> bool:
+    """Whether a flight goes on with the one before it as it is there now."""
+    try:
+        link = folder.read_json("run.json", made_by="uavcover fly --resume").get(LINK)
+    except InputError:
+        return False
+    return isinstance(link, dict) and link.get("track_sha256") == track_sha256(before.file(TRACK))
+
+
+def track_sha256(path: Path) -> str:
+    """SHA-256 of a track, by which the flight that goes on with it names it."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
