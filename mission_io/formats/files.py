@@ -1,4 +1,4 @@
-"""Mission files on disk, read and written by the suffix of their name; the only module of the formats that opens files.
+"""Mission files on disk, written by the suffix of their name; the only module of the formats that opens files.
 
 | Suffix | Read | Written | Holds |
 | --- | --- | --- | --- |
@@ -6,19 +6,24 @@
 | `.waypoints`, `.txt` and any other | yes | yes | one of the three lists |
 | `.csv` | yes | yes | a mission |
 | `.fen` | yes | no | a fence |
+| `.mission`, `.fence`, `.rally` (JSON) | yes | no | one of the three lists, of a QGroundControl before `.plan` |
 | `.kml`, `.geojson`, `.gpx` | no | yes | a route to look at |
+
+Except for `.csv`, a file is read as what its first lines are, whatever its name: also MAVProxy's old lists of places (a fence)
+and of lines that begin with ``RALLY``.
 """
 
 import logging
+import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
 from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot, MissionList, autopilot_for, items_of
 from mission_io.errors import FormatError, MisuseError
-from mission_io.formats import csv, geojson, gpx, kml, mavros, plan, poly, wpl
+from mission_io.formats import csv, geojson, gpx, kml, mavros, old_qgc_json, plan, poly, rally_lines, wpl
 from mission_io.formats.text import text_from_bytes
 from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.items import Command, Mission, MissionType
@@ -32,6 +37,7 @@ ONLY_LIST: Final[Mapping[str, MissionType]] = MappingProxyType({".csv": MissionT
 """The one list that a file of this suffix can hold."""
 EVERY_LIST: Final = (".waypoints", ".plan")
 """Suffixes of files that hold whichever of a vehicle's lists: one of them, or all three."""
+_LONGEST_FIRST_LINE = 400
 _FENCE_COMMANDS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1)
 
 
@@ -55,6 +61,12 @@ class MissionFile:
     def lists(self) -> tuple[MissionList, ...]:
         """The lists of the file, empty ones included: mission, fence, rally points."""
         return tuple(one for one in (self.mission, self.fence, self.rally) if one is not None)
+
+    def has(self, mission_type: MissionType) -> bool:
+        """Whether the file has this list."""
+        return {MissionType.MISSION: self.mission, MissionType.FENCE: self.fence, MissionType.RALLY: self.rally}[
+            mission_type
+        ] is not None
 
     @property
     def filled_lists(self) -> tuple[MissionList, ...]:
@@ -87,13 +99,16 @@ def read_file(path: str | Path, *, mission_type: MissionType | None = None) -> M
         raise MisuseError(f"{path}: a {suffix} file holds a {only.name.lower()} and nothing else")
     try:
         decoded = text_from_bytes(path.read_bytes())
-        read = _READERS.get(suffix, _read_waypoints)(decoded.text, mission_type)
+        reader, surprise = _reader_of(suffix, decoded.text)
+        read = reader(decoded.text, mission_type)
     except OSError as error:
         raise MisuseError(f"{path}: cannot be read ({error.strerror})") from error
     except FormatError as error:
         where = f"{path}: {error.where}" if error.where else str(path)
         raise FormatError(error.what, where=where, advice=error.advice) from error
-    return MissionFile(read.mission, read.fence, read.rally, (*decoded.repairs, *read.repairs))
+    if mission_type is not None and not read.has(mission_type):
+        raise FormatError(f"holds no {mission_type.name.lower()}", where=str(path), advice="ask for the list it holds")
+    return MissionFile(read.mission, read.fence, read.rally, (*decoded.repairs, *surprise, *read.repairs))
 
 
 def read_mission(path: str | Path) -> Mission:
@@ -196,9 +211,55 @@ def _read_fen(text: str, _: MissionType | None) -> MissionFile:
     return MissionFile(fence=read.fence, repairs=read.repairs)
 
 
-_READERS: Final[Mapping[str, Callable[[str, MissionType | None], MissionFile]]] = MappingProxyType(
-    {".plan": _read_plan, ".csv": _read_csv, ".fen": _read_fen}
+def _read_places(text: str, _: MissionType | None) -> MissionFile:
+    read = _read_fen(text, _)
+    return replace(read, repairs=("read as an old fence file: the first place is the return point", *read.repairs))
+
+
+def _read_rally_lines(text: str, _: MissionType | None) -> MissionFile:
+    read = rally_lines.read_rally(text)
+    return MissionFile(rally=read.rally, repairs=read.repairs)
+
+
+def _read_old_json(text: str, _: MissionType | None) -> MissionFile:
+    read = old_qgc_json.read(text)
+    return MissionFile(read.mission, read.fence, read.rally, read.repairs)
+
+
+_Reader = Callable[[str, MissionType | None], MissionFile]
+_READERS: Final[Mapping[str, _Reader]] = MappingProxyType({".plan": _read_plan, ".fen": _read_fen})
+"""By suffix, for a file whose first line does not say what it is; of any other suffix: ``.waypoints``."""
+_FIRST_LINES: Final[tuple[tuple[re.Pattern[str], _Reader, str], ...]] = (
+    (re.compile(r"QGC\s+WPL\b", re.IGNORECASE), _read_waypoints, ".waypoints"),
+    (re.compile(r"RALLY\s"), _read_rally_lines, ""),
+    (re.compile(r"[-+]?[0-9.]+[ \t,;]+[-+]?[0-9.]+[ \t]*(#.*)?$"), _read_places, ".fen"),
 )
+"""What a first line looks like, its reader, and the suffix that such files should have, if there is one."""
+_PLAN = re.compile(r'"fileType"\s*:\s*"Plan"')
+_OLD_JSON = re.compile(r'"MAV_AUTOPILOT"\s*:|"fileType"\s*:\s*"(Mission|GeoFence|RallyPoints)"')
+_COMMENTS = re.compile(r"(\s*(#[^\n]*)?\n)*\s*")
+
+
+def _reader_of(suffix: str, text: str) -> tuple[_Reader, tuple[str, ...]]:
+    """The reader for what the file is, and a line for a file that is something else than its name says."""
+    if suffix == ".csv":
+        return _read_csv, ()
+    begin = _COMMENTS.match(text)
+    rest = text[begin.end() if begin else 0 :]
+    if rest.startswith("{"):
+        old = _PLAN.search(text) is None and _OLD_JSON.search(text) is not None
+        surprise = () if suffix != ".waypoints" else ("the file is JSON, and no .waypoints file",)
+        return (_read_old_json if old else _read_plan), surprise
+    line = rest.split("\n", 1)[0][:_LONGEST_FIRST_LINE]
+    for pattern, reader, usual in _FIRST_LINES:
+        if pattern.match(line):
+            named_otherwise = suffix in (".plan", ".fen", ".waypoints") and suffix != usual
+            return _READERS.get(suffix, reader) if suffix == usual else reader, (
+                (f"the file is {usual or 'a list of rally points'}, and no {suffix} file",) if named_otherwise else ()
+            )
+    return _READERS.get(suffix, _read_waypoints), ()
+
+
 _WRITERS: Final[Mapping[str, Callable[[plan.PlanFile, str], str]]] = MappingProxyType(
     {
         "waypoints": lambda lists, _: wpl.write_mission(lists.mission),

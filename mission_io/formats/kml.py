@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from xml.parsers import expat
 
 from mission_io.errors import FormatError
@@ -73,6 +74,9 @@ def read_drawing(text: str) -> Drawing:
 _GEOMETRIES = {"Point": 1, "LineString": 2, "LinearRing": 1}
 _NAMED = (["Placemark", "name"], ["Folder", "name"])
 _COORDINATE_SEPARATORS = re.compile(r"\s*,\s*")
+_SPACE_AT_COMMA = re.compile(r"\s,|,\s")
+_WITH_TIME = 4
+"""Numbers of a place in the files of some loggers: longitude, latitude, height and a time or a speed."""
 
 
 class _DrawingReader:
@@ -83,14 +87,15 @@ class _DrawingReader:
         self._repairs = repairs
         self._path: list[str] = []
         self._kept: list[str] | None = None
-        self._name = ""
-        self._folders: list[str] = []
+        # A name may follow what it names, so shapes refer to a list that holds it.
+        self._name = [""]
+        self._folders: list[list[str]] = []
         self._points: list[LatLon] = []
         self._exterior: tuple[LatLon, ...] | None = None
         self._holes: list[tuple[LatLon, ...]] = []
-        self._areas: list[DrawnArea] = []
-        self._lines: list[DrawnLine] = []
-        self._spots: list[Spot] = []
+        self._areas: list[tuple[DrawnArea, list[str], list[str]]] = []
+        self._lines: list[tuple[DrawnLine, list[str]]] = []
+        self._spots: list[tuple[Spot, list[str]]] = []
 
     def start(self, tag: str, _: dict[str, str]) -> None:
         name = tag.rpartition("}")[2]
@@ -98,9 +103,9 @@ class _DrawingReader:
             raise FormatError(f"<{name[:30]}> is not the beginning of KML", where=self._where())
         self._path.append(name)
         if name == "Placemark":
-            self._name = ""
+            self._name = [""]
         elif name == "Folder":
-            self._folders.append("")
+            self._folders.append([""])
         elif name == "Polygon":
             self._exterior, self._holes = None, []
         elif name in _GEOMETRIES:
@@ -125,33 +130,37 @@ class _DrawingReader:
         elif name in _GEOMETRIES and len(self._points) < _GEOMETRIES[name]:
             self._repairs.append(f"{self._where()}: left out an empty {name}")
         elif name == "Point":
-            self._spots.append(Spot(self._points[0], self._name))
+            self._spots.append((Spot(self._points[0]), self._name))
         elif name == "LineString":
-            self._lines.append(DrawnLine(tuple(self._points), self._name))
+            self._lines.append((DrawnLine(tuple(self._points)), self._name))
         elif name == "LinearRing":
             self._end_ring(parent)
         elif name == "Polygon":
             if self._exterior is None:
                 raise FormatError("a polygon without an outer boundary", where=self._where())
-            self._areas.append(DrawnArea(self._exterior, tuple(self._holes), self._name, self._folder))
+            self._add_area(DrawnArea(self._exterior, tuple(self._holes)))
             self._exterior = None
 
     def refuse_document_type(self, *_: object) -> None:
         raise FormatError("a document type, which may define entities", where=self._where(), advice="remove <!DOCTYPE>")
 
     def drawing(self) -> Drawing:
-        return Drawing(tuple(self._areas), tuple(self._lines), tuple(self._spots), tuple(self._repairs))
+        return Drawing(
+            tuple(replace(area, name=name[0], folder=folder[0]) for area, name, folder in self._areas),
+            tuple(replace(line, name=name[0]) for line, name in self._lines),
+            tuple(replace(spot, name=name[0]) for spot, name in self._spots),
+            tuple(self._repairs),
+        )
 
-    @property
-    def _folder(self) -> str:
-        return self._folders[-1] if self._folders else ""
+    def _add_area(self, area: DrawnArea) -> None:
+        self._areas.append((area, self._name, self._folders[-1] if self._folders else [""]))
 
     def _end_name(self, parent: str, name: str) -> None:
         self._kept = None
         if parent == "Folder":
-            self._folders[-1] = name
+            self._folders[-1][0] = name
         else:
-            self._name = name
+            self._name[0] = name
 
     def _end_ring(self, boundary: str) -> None:
         ring = open_ring(self._points, self._where(), self._repairs)
@@ -162,18 +171,15 @@ class _DrawingReader:
         elif boundary == "outerBoundaryIs":
             raise FormatError("a second outer boundary", where=self._where(), advice="make it a polygon of its own")
         else:
-            self._areas.append(DrawnArea(ring, (), self._name, self._folder))
+            self._add_area(DrawnArea(ring))
 
     def _places(self, text: str) -> list[LatLon]:
         where = self._where()
-        if ", " in text or " ," in text:
-            self._repairs.append(f"{where}: removed space around commas")
-            text = _COORDINATE_SEPARATORS.sub(",", text)
         places: list[LatLon] = []
-        for number, entry in enumerate(text.split()):
+        for number, entry in enumerate(self._entries(text, where)):
             numbers = entry.split(",")
             here = f"{where}, coordinate {number}"
-            if len(numbers) not in (2, 3):
+            if len(numbers) not in (2, 3, _WITH_TIME):
                 raise FormatError(f"{entry[:40]!r} is not longitude,latitude or longitude,latitude,height", where=here)
             lon_deg, lat_deg = finite_number(numbers[0], here), finite_number(numbers[1], here)
             if place_problem(lat_deg, lon_deg) is not None:
@@ -181,6 +187,30 @@ class _DrawingReader:
                 raise FormatError(what, where=here, advice="longitude comes first")
             places.append(LatLon(lat_deg, lon_deg))
         return places
+
+    def _entries(self, text: str, where: str) -> list[str]:
+        """The text of each place. Space around commas belongs to a place if that makes places of two or three numbers.
+
+        Otherwise space separates places and the comma before it is dropped: "10,50, 11,51" is two places.
+        """
+        if not text.strip(", \t\n\r"):
+            return []
+        if _SPACE_AT_COMMA.search(text) is not None:
+            joined = _COORDINATE_SEPARATORS.sub(",", text).split()
+            if all(entry.count(",") in (1, 2) for entry in joined):
+                self._repairs.append(f"{where}: removed space around commas")
+                return joined
+            apart = [entry.strip(",") for entry in text.split() if entry != ","]
+            for number, entry in enumerate(apart):
+                if entry.count(",") not in (1, 2):
+                    here = f"{where}, coordinate {number}"
+                    raise FormatError(f"{entry[:40]!r} is no place", where=here, advice="remove the space at commas")
+            self._repairs.append(f"{where}: removed commas between places")
+            return apart
+        entries = text.split()
+        if any(entry.count(",") == _WITH_TIME - 1 for entry in entries):
+            self._repairs.append(f"{where}: left out a fourth number")
+        return entries
 
     def _where(self) -> str:
         return f"line {self.line()}"

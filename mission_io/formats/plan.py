@@ -6,6 +6,7 @@ heights above calculated terrain, keys of other programs.
 
 import dataclasses
 import json
+import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,12 +14,13 @@ from typing import Any
 
 from mission_io.errors import FormatError
 from mission_io.formats.json_node import Node, parse_json
+from mission_io.formats.plan_areas import fence_json, framed_json, read_fence_part, read_rally_part
 from mission_io.formats.plan_items import PlanEntry, read_complex, read_simple, simple_json
 from mission_io.formats.text import clean_text
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
+from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.diff import diff_items
 from mission_io.model.enums import VehicleClass
-from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem, same_item
+from mission_io.model.items import Command, GeoPoint, Mission, MissionItem, same_item
 from mission_io.model.places import doubts_about
 
 _CONSTANTS: Mapping[str, Mapping[str, Any]] = {
@@ -33,11 +35,12 @@ _MODELLED = {
     "geoFence": {"circles", "polygons", "breachReturn"},
     "rallyPoints": {"points"},
 }
+_OLD_KEYS = {"polygon", "version"}
+"""Keys of version 1 that version 2 says in another way."""
 _COMPACT = json.JSONEncoder(allow_nan=False)
-_OLD_LISTS = {"geoFence": ("polygon", "polygons", "circles", "breachReturn"), "rallyPoints": ("points",)}
-"""What an old part of version 1 may hold."""
+_OLD_PARTS = ("geoFence", "rallyPoints")
+"""Parts that are read in version 1 too."""
 _HOME = "plannedHomePosition"
-_FENCE_ENTRIES = {"polygons": {"inclusion", "polygon", "version"}, "circles": {"inclusion", "circle", "version"}}
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +104,8 @@ def write(plan: PlanFile) -> str:
         FormatError: no home, an infinite number, a height that is not a number, heights of rally points or of the
             return point that are not above home, or items that differ from what a kept entry flies.
     """
+    if not math.isfinite(plan.cruise_speed_m_s) or not math.isfinite(plan.hover_speed_m_s):
+        raise FormatError("a speed is not finite", where="mission.cruiseSpeed", advice="give finite speeds")
     mission = {
         "cruiseSpeed": round(plan.cruise_speed_m_s),
         "firmwareType": int(plan.mav_autopilot),
@@ -109,13 +114,15 @@ def write(plan: PlanFile) -> str:
         "plannedHomePosition": _home_json(plan),
         "vehicleType": int(plan.vehicle_type),
     }
-    points = [_framed_json(point, f"rallyPoints.points[{n}]") for n, point in enumerate(plan.rally.points)]
-    parts = {"geoFence": _fence_json(plan.fence), "mission": mission, "rallyPoints": {"points": points}}
+    points = [framed_json(point, f"rallyPoints.points[{n}]") for n, point in enumerate(plan.rally.points)]
+    parts = {"geoFence": fence_json(plan.fence), "mission": mission, "rallyPoints": {"points": points}}
     try:
         texts = {name: _part_text(plan, name, part, indent=8) for name, part in parts.items()}
         return _part_text(plan, "", texts, indent=4) + "\n"
     except ValueError:
         raise FormatError("a number is not finite", where="plan", advice="give finite places and speeds") from None
+    except TypeError:
+        raise FormatError("a key or value that JSON does not have", where="extras", advice="leave it out") from None
     except RecursionError:
         raise FormatError("a kept entry is nested too deeply", where="plan") from None
 
@@ -136,7 +143,7 @@ def _part_text(plan: PlanFile, name: str, part: Mapping[str, Any], *, indent: in
     for key, value in sorted({**_CONSTANTS[name], **plan.extras.get(name, {}), **part}.items()):
         if name == "" and key in part:
             text = value  # a part, which is text already
-        elif key == "items" and value:
+        elif name == "mission" and key == "items" and value:
             text = "[\n" + ",\n".join(" " * 12 + _COMPACT.encode(item) for item in value) + "\n" + " " * indent + "]"
         else:
             text = _COMPACT.encode(value)
@@ -184,32 +191,6 @@ def _check_jumps(plan: PlanFile) -> None:
             )
 
 
-def _fence_json(fence: Fence) -> dict[str, Any]:
-    document: dict[str, Any] = {
-        "circles": [
-            {
-                "circle": {"center": [c.center.lat_deg, c.center.lon_deg], "radius": c.radius_m},
-                "inclusion": c.inclusion,
-                "version": 1,
-            }
-            for c in fence.circles
-        ],
-        "polygons": [
-            {"inclusion": p.inclusion, "polygon": [[v.lat_deg, v.lon_deg] for v in p.vertices], "version": 1}
-            for p in fence.polygons
-        ],
-    }
-    if fence.return_point is not None:
-        document["breachReturn"] = _framed_json(fence.return_point, "geoFence.breachReturn")
-    return document
-
-
-def _framed_json(point: FramedPoint, where: str) -> list[float]:
-    if point.frame is not Frame.ABOVE_HOME:
-        raise FormatError(f"a height {point.frame.name}; this format has them above home only", where=where)
-    return [point.lat_deg, point.lon_deg, point.alt_m]
-
-
 def read(text: str) -> PlanFile:
     """Read a ``.plan`` file whose mission can be flown.
 
@@ -245,13 +226,13 @@ def read_to_keep(text: str) -> PlanFile:
     fence, rally = Fence(), RallyPoints()
     if _is_there(root, "geoFence", repairs):
         _read_part(root.get("geoFence"), "geoFence", repairs, extras)
-        fence = _read_fence(root.get("geoFence"), repairs)
+        fence = read_fence_part(root.get("geoFence"), repairs)
     if _is_there(root, "rallyPoints", repairs):
         _read_part(root.get("rallyPoints"), "rallyPoints", repairs, extras)
-        rally = _read_rally(root.get("rallyPoints"))
+        rally = read_rally_part(root.get("rallyPoints"))
     mission = root.get("mission")
-    home = _read_home(mission.get(_HOME), repairs, extras)
-    items, entries = _read_items(mission.get("items"))
+    home = read_home(mission.get(_HOME), repairs, extras)
+    items, entries = read_items(mission.get("items"))
     return PlanFile(
         Mission(home, items),
         fence,
@@ -267,19 +248,14 @@ def read_to_keep(text: str) -> PlanFile:
 
 
 def _is_there(root: Node, name: str, repairs: list[str]) -> bool:
-    """Whether the plan has a fence or rally points; an empty part of version 1, as QGroundControl once wrote it, is none."""
-    if name not in root.value:
-        repairs.append(f"plan.{name}: is missing, there is none")
-        return False
-    node = root.get(name)
-    version = node.optional("version", lambda entry: entry.value, None)
-    if version == 1 and version is not True and not any(node.value.get(key) for key in _OLD_LISTS[name]):
-        repairs.append(f"{node.where}: is empty and of the old version 1, there is none")
-        return False
-    return True
+    """Whether the plan has a fence or rally points."""
+    if name in root.value:
+        return True
+    repairs.append(f"plan.{name}: is missing, there is none")
+    return False
 
 
-def _read_home(node: Node, repairs: list[str], extras: dict[str, Mapping[str, Any]]) -> GeoPoint | None:
+def read_home(node: Node, repairs: list[str], extras: dict[str, Mapping[str, Any]]) -> GeoPoint | None:
     """The planned home. One without a height, as QGroundControl saves it without terrain data, is kept but not used."""
     entries = node.nodes()
     if len(entries) != 3 or entries[2].value is not None:
@@ -297,6 +273,10 @@ def _read_part(node: Node, name: str, repairs: list[str], extras: dict[str, Mapp
     found = node.optional("version", lambda entry: entry.value, None)
     if found is None:
         repairs.append(f"{node.where}.version: is missing, read as {version}")
+    elif name in _OLD_PARTS and found == 1 and found is not True:
+        repairs.append(f"{node.where}: is of the old version 1, and written as {version}")
+        extras[name] = {key: value for key, value in node.value.items() if key not in _MODELLED[name] | _OLD_KEYS}
+        return
     elif found != version:
         what = f"version {str(found)[:20]} is not known"
         raise FormatError(what, where=f"{node.where}.version", advice=f"it has to be {version}; save the plan anew")
@@ -310,7 +290,8 @@ def _read_part(node: Node, name: str, repairs: list[str], extras: dict[str, Mapp
         extras[name] = others
 
 
-def _read_items(node: Node) -> tuple[tuple[MissionItem, ...], tuple[PlanEntry, ...]]:
+def read_items(node: Node) -> tuple[tuple[MissionItem, ...], tuple[PlanEntry, ...]]:
+    """The items of an item list in flying order, and the entries that say more than they fly."""
     items: list[MissionItem] = []
     entries: list[PlanEntry] = []
     by_jump_id: dict[object, int] = {}
@@ -341,42 +322,3 @@ def _read_items(node: Node) -> tuple[tuple[MissionItem, ...], tuple[PlanEntry, .
         items[first] = dataclasses.replace(items[first], params=(float(target), p2, p3, p4))
     kept = (dataclasses.replace(e, items=tuple(items[e.first : e.first + len(e.items)])) for e in entries)
     return tuple(items), tuple(kept)
-
-
-def _lat_lon(node: Node) -> LatLon:
-    return LatLon(*node.floats(2))
-
-
-def _read_fence(node: Node, repairs: list[str]) -> Fence:
-    for key, known in _FENCE_ENTRIES.items():
-        for entry in _entries(node, key):
-            others = sorted(set(entry.value) - known) if isinstance(entry.value, Mapping) else []
-            repairs += [f"{entry.where}: left out {other[:30]!r}" for other in others]
-    polygons = tuple(
-        FencePolygon(tuple(_lat_lon(v) for v in p.get("polygon").nodes()), p.get("inclusion").truth())
-        for p in _entries(node, "polygons")
-    )
-    circles = tuple(
-        FenceCircle(
-            _lat_lon(c.get("circle").get("center")),
-            c.get("circle").get("radius").number(),
-            c.get("inclusion").truth(),
-        )
-        for c in _entries(node, "circles")
-    )
-    none: FramedPoint | None = None
-    return Fence(polygons, circles, node.optional("breachReturn", _read_point, none))
-
-
-def _entries(node: Node, key: str) -> list[Node]:
-    nothing: list[Node] = []
-    return node.optional(key, Node.nodes, nothing)
-
-
-def _read_point(node: Node) -> FramedPoint:
-    lat_deg, lon_deg, alt_m = node.floats(3)
-    return FramedPoint(lat_deg, lon_deg, alt_m, Frame.ABOVE_HOME)
-
-
-def _read_rally(node: Node) -> RallyPoints:
-    return RallyPoints(tuple(_read_point(point) for point in node.get("points").nodes()))

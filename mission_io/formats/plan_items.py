@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from mission_io.autopilots.parameter_meanings import has_no_place
 from mission_io.errors import FormatError
 from mission_io.formats.json_node import Node
 from mission_io.model.items import Command, Frame, MissionItem
@@ -78,7 +79,7 @@ def read_simple(node: Node) -> MissionItem:
     plain = _plain_item(node.value)
     if plain is not None:
         return plain
-    p1, p2, p3, p4, lat, lon, alt = _params(node.get("params"))
+    p1, p2, p3, p4, lat, lon, alt = _params(node)
     frame_node, command = node.get("frame"), node.get("command").whole()
     if not 0 <= command <= 65535:
         raise FormatError(f"command {command} is not from 0 to 65535", where=f"{node.where}.command")
@@ -87,7 +88,7 @@ def read_simple(node: Node) -> MissionItem:
     except FormatError as error:
         raise FormatError(error.what, where=frame_node.where, advice=error.advice) from None
     if lat != lat or lon != lon or alt != alt:
-        if frame is not Frame.COMMAND:
+        if frame is not Frame.COMMAND and not has_no_place(command):
             raise FormatError("latitude, longitude and height must be given", where=f"{node.where}.params")
         lat, lon, alt = (0.0 if math.isnan(value) else value for value in (lat, lon, alt))
     autocontinue = node.optional("autoContinue", Node.truth, default=True)
@@ -149,9 +150,12 @@ def _plain_item(entry: Any) -> MissionItem | None:
 
 
 def _params(node: Node) -> list[float]:
-    nodes = node.nodes()
+    """The seven parameters; QGroundControl 3.0 to 3.2 wrote four, and the other three as ``coordinate``."""
+    nodes = node.get("params").nodes()
+    if len(nodes) == _PARAMS - 3 and "coordinate" in node.value:
+        nodes += node.get("coordinate").nodes()
     if len(nodes) != _PARAMS:
-        raise FormatError(f"{len(nodes)} numbers, {_PARAMS} are expected", where=node.where)
+        raise FormatError(f"{len(nodes)} numbers, {_PARAMS} are expected", where=f"{node.where}.params")
     return [math.nan if value.value is None else value.number() for value in nodes]
 
 

@@ -7,13 +7,14 @@ autocontinue. In version 110 the first row is home. Fences and rally points use 
 import itertools
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from mission_io.autopilots.autopilot import home_item, jumps_moved
+from mission_io.autopilots.parameter_meanings import Meaning, has_no_place, meaning_of, number_for_nan
 from mission_io.errors import FormatError
 from mission_io.formats.text import clean_text, degrees_text, finite_number, place_problem, plain_decimal
-from mission_io.model.actions import uses_parameter
 from mission_io.model.areas import (
     Fence,
     RallyPoints,
@@ -26,12 +27,31 @@ from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionIte
 from mission_io.model.places import doubts_about
 
 _HEADER = "QGC WPL 110"
-_HEADER_PATTERN = re.compile(r"QGC[ \t]+WPL[ \t]+([0-9]{1,9})")
-_SEPARATORS = re.compile(r"[ \t,;]+")
+_HEADER_PATTERN = re.compile(r"QGC\s+WPL\s+([0-9]{1,9})", re.ASCII | re.IGNORECASE)
+_SEPARATORS = re.compile(r"[\s,;]+")
+_COMMENT = re.compile(r"(?<!1\.)#")
+"""Not the sign in "1.#QNAN", which is NaN."""
+_NAN_PATTERN = re.compile(r"[-+]?(nan|1\.#(qnan|snan|ind)0*)", re.ASCII | re.IGNORECASE)
+"""NaN as programs write it, those compiled with Microsoft's library included."""
 _COLUMNS = 12
 _SHORT_LINE = 400
+_NO_HOME = frozenset(
+    {*range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1), Command.NAV_RALLY_POINT}
+)
+"""Commands that say that the first row is not home: MAVProxy's fence and rally files have no home row."""
 _PARAM_NAMES = ("param1", "param2", "param3", "param4")
-_YAW_IS_FREE = frozenset({Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND})
+_LEFT_TO_THE_VEHICLE = "NaN that leaves a parameter to the vehicle is written as"
+_NAN_AS_NUMBER: Mapping[Meaning, str] = MappingProxyType(
+    {
+        Meaning.HEADING: "'any heading' is written as 0",
+        Meaning.RESERVED: "NaN in a parameter without a use is written as 0",
+        Meaning.OR_DEFAULT: f"{_LEFT_TO_THE_VEHICLE} 0",
+        Meaning.IF_ABOVE_ZERO: f"{_LEFT_TO_THE_VEHICLE} 0",
+        Meaning.IF_NOT_NEGATIVE: f"{_LEFT_TO_THE_VEHICLE} -1",
+        Meaning.NUMBER: "NaN in the rate of a gimbal that is given an angle is written as 0",
+    }
+)
+"""What becomes of NaN. Of numbers, only a gimbal's rate gets so far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +60,8 @@ class WplFile:
 
     Attributes:
         version: 110 (the first row is home) or 120 (it is not).
-        home: The first row of a version 110 file; None in a version 120 file and when there are no rows.
+        home: The first row of a version 110 file; None in a version 120 file, when there are no rows, and when the first
+            row is a fence item or a rally point, as in MAVProxy's files.
         items: The other rows.
         repairs: What had to be repaired to read it, one line each; empty for a file in strict form.
     """
@@ -78,8 +99,9 @@ class WplFile:
 def write_mission(mission: Mission) -> str:
     """Write a mission as text.
 
-    NaN in parameter 4 of a waypoint, take-off or landing ("any heading") is written as 0, as other programs do, and so is
-    NaN in a parameter that the command does not use (``losses`` lists both). Any other NaN is an error.
+    NaN in a heading ("any heading") is written as 0, as other programs do, and so is NaN in a parameter that the command
+    does not use; where 0 or -1 leaves a parameter to the vehicle as NaN does, that is written (``losses`` lists all three).
+    Any other NaN is an error.
 
     Raises:
         FormatError: no home (the format needs it), or a number that the format cannot hold; with the row.
@@ -89,26 +111,26 @@ def write_mission(mission: Mission) -> str:
     return _write(mission.home, mission.items)
 
 
-def write_fence(fence: Fence, home: GeoPoint) -> str:
-    """Write a fence as text, with home in the first row like every file of this format; errors as ``write_mission``."""
+def write_fence(fence: Fence, home: GeoPoint | None) -> str:
+    """Write a fence as text, with home in the first row, or without it (None) for MAVProxy; errors as ``write_mission``.
+
+    MAVProxy uploads every row of such a file, and vehicles refuse home as an item of a fence.
+    """
     return _write(home, items_from_fence(fence))
 
 
-def write_rally(rally: RallyPoints, home: GeoPoint) -> str:
-    """Write rally points as text, with home in the first row; errors as ``write_mission``."""
+def write_rally(rally: RallyPoints, home: GeoPoint | None) -> str:
+    """Write rally points as text, with home in the first row, or without it (None) for MAVProxy; errors likewise."""
     return _write(home, items_from_rally(rally))
 
 
 def losses(mission: Mission) -> tuple[str, ...]:
     """What ``write_mission`` drops or rounds, one line each; empty when the file is exact."""
-    headings = [n for n, item in enumerate(mission.items, start=1) if _heading_is_free(item)]
-    unused = [
-        number
-        for number, item in enumerate(mission.items, start=1)
-        if any(
-            math.isnan(value) and not uses_parameter(item.command, n) for n, value in enumerate(item.params, start=1)
-        )
-    ]
+    rows_of: dict[Meaning, list[int]] = {}
+    for row, item in enumerate(mission.items, start=1):
+        for number, value in enumerate(item.params, start=1):
+            if math.isnan(value):
+                rows_of.setdefault(meaning_of(item.command, number), []).append(row)
     home = () if mission.home is None else ((0, mission.home.lat_deg), (0, mission.home.lon_deg))
     degrees = itertools.chain(
         home,
@@ -116,34 +138,28 @@ def losses(mission: Mission) -> tuple[str, ...]:
     )
     rounded = [n for n, value in degrees if math.isfinite(value) and float(degrees_text(value, "")) != value]
     found = []
-    if headings:
-        found.append(f"row {headings[0]}: 'any heading' is written as 0, as in {len(headings)} rows")
-    if unused:
-        found.append(f"row {unused[0]}: NaN in a parameter without a use is written as 0, as in {len(unused)} rows")
+    for meaning, written in _NAN_AS_NUMBER.items():
+        if meaning in rows_of:
+            rows = list(dict.fromkeys(rows_of[meaning]))
+            found.append(f"row {rows[0]}: {written}, as in {len(rows)} rows")
     if rounded:
         count = len(dict.fromkeys(rounded))
         found.append(f"row {rounded[0]}: degrees are rounded to 8 decimals (0.6 mm), as in {count} rows")
     return tuple(found)
 
 
-def _write(home: GeoPoint, items: Sequence[MissionItem]) -> str:
-    rows = [home_item(home), *items]
+def _write(home: GeoPoint | None, items: Sequence[MissionItem]) -> str:
+    rows = [*([] if home is None else [home_item(home)]), *items]
     lines = [_HEADER, *(_row_text(number, item) for number, item in enumerate(rows))]
     return "\n".join(lines) + "\n"
 
 
-def _heading_is_free(item: MissionItem) -> bool:
-    return item.command in _YAW_IS_FREE and math.isnan(item.params[3])
-
-
 def without_free_values(item: MissionItem) -> tuple[float, float, float, float]:
-    """The parameters with 0 for "any heading" and for every NaN in a parameter that the command does not use."""
-
-    def written(number: int, value: float) -> float:
-        free = (number == 4 and _heading_is_free(item)) or not uses_parameter(item.command, number)
-        return 0.0 if math.isnan(value) and free else value
-
-    p1, p2, p3, p4 = (written(number, value) for number, value in enumerate(item.params, start=1))
+    """The parameters with the number for NaN wherever there is one; see ``number_for_nan``."""
+    p1, p2, p3, p4 = (
+        number_for_nan(item, number) if math.isnan(value) else value
+        for number, value in enumerate(item.params, start=1)
+    )
     return p1, p2, p3, p4
 
 
@@ -173,8 +189,8 @@ def read(text: str) -> WplFile:
     """Read a ``.waypoints`` file, version 110 or 120.
 
     Repaired and listed: line ends other than LF, a byte order mark, comments and empty lines, spaces or commas instead of
-    tabs, integers written with decimals, the frames of MISSION_ITEM_INT, numbers that do not increase by one, a home row
-    with more than a position. Jumps of version 120, which has no home row, are counted from 1.
+    tabs, integers written with decimals, NaN as a parameter, the frames of MISSION_ITEM_INT, numbers that do not increase
+    by one, a home row with more than a position. Jumps of version 120, which has no home row, are counted from 1.
 
     Raises:
         FormatError: with the line, for anything that would require guessing.
@@ -185,8 +201,8 @@ def read(text: str) -> WplFile:
     items: list[MissionItem] = []
     lines = clean.text.split("\n")
     for line_number, line in enumerate(lines, start=1):
-        content = line.split("#", 1)[0].strip()
-        if "#" in line:
+        content = _COMMENT.split(line, maxsplit=1)[0].strip()
+        if "#" in line and _COMMENT.search(line):
             repairs.append(f"line {line_number}: skipped a comment")
         elif not content and line_number < len(lines):
             repairs.append(f"line {line_number}: skipped an empty line")
@@ -197,7 +213,7 @@ def read(text: str) -> WplFile:
             continue
         row = _Row(line_number, content, line)
         items.append(row.item(len(items), repairs))
-        if version == 110 and len(items) == 1:
+        if version == 110 and len(items) == 1 and items[0].command not in _NO_HOME:
             _note_what_home_says(items[0], row, repairs)
     if version is None:
         raise FormatError("no header", where="line 1", advice=f"a .waypoints file starts with {_HEADER!r}")
@@ -206,6 +222,9 @@ def read(text: str) -> WplFile:
     if not items:
         return WplFile(version, None, (), tuple(repairs))
     first, *rest = items
+    if first.command in _NO_HOME:
+        repairs.append("the first row is not home: the file has none")
+        return WplFile(version, None, tuple(items), tuple(repairs))
     return WplFile(version, GeoPoint(first.lat_deg, first.lon_deg, first.alt_m), tuple(rest), tuple(repairs))
 
 
@@ -258,7 +277,7 @@ class _Row:
             raise FormatError(error.what, where=f"line {self.number}", advice=error.advice) from None
         if frame_number != frame:
             repairs.append(f"line {self.number}: changed frame {frame_number} to {int(frame)}")
-        p1, p2, p3, p4, lat, lon, alt = self._numbers()
+        p1, p2, p3, p4, lat, lon, alt = self._numbers(command, repairs)
         problem = None if frame is Frame.COMMAND else place_problem(lat, lon)
         if problem is not None:
             raise FormatError(problem.what, where=f"line {self.number}", advice=problem.advice)
@@ -276,7 +295,7 @@ class _Row:
             raise FormatError(f"{len(columns)} columns, a row has {_COLUMNS}", where=f"line {self.number}")
         return columns
 
-    def _numbers(self) -> list[float]:
+    def _numbers(self, command: int, repairs: list[str]) -> list[float]:
         """Parse parameters, position and height: all at once if they are plain, otherwise one by one to name the invalid one."""
         content = self._content
         if content.isascii() and "_" not in content and len(content) <= _SHORT_LINE:
@@ -286,7 +305,15 @@ class _Row:
                 numbers = [math.nan]
             if math.isfinite(sum(numbers)):
                 return numbers
-        return [self._number(column) for column in range(4, 11)]
+        return [self._number_or_nan(column, command, repairs) for column in range(4, 11)]
+
+    def _number_or_nan(self, column: int, command: int, repairs: list[str]) -> float:
+        """A number; NaN as a parameter stays NaN, and is 0 as the place of a command that has none."""
+        text = self._columns[column]
+        if _NAN_PATTERN.fullmatch(text) is None or (column > 7 and not has_no_place(command)):
+            return self._number(column)
+        repairs.append(f"line {self.number}: {_NAMES[column]} {text[:12]!r} is no number, left to the vehicle")
+        return math.nan if column <= 7 else 0.0
 
     def _number(self, column: int) -> float:
         text = self._columns[column]

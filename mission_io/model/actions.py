@@ -306,15 +306,6 @@ ACTIONS: tuple[type[Action], ...] = Action.__args__
 _BY_COMMAND = {int(kind.COMMAND): kind for kind in ACTIONS}
 
 
-def uses_parameter(command: int, number: int) -> bool:
-    """Whether a command uses a parameter (1 to 7); True for commands that are not among ``ACTIONS``."""
-    kind = _BY_COMMAND.get(command)
-    if kind is None:
-        return True
-    numbers = [attribute.metadata["parameter"].number for attribute in dataclasses.fields(kind) if attribute.metadata]
-    return number in numbers or (number > 4 and any(f.name == "place" for f in dataclasses.fields(kind)))
-
-
 def item_of(action: Action, *, autocontinue: bool = True) -> MissionItem:
     """The item of an action; unused parameters are 0."""
     values = [0.0] * 7

@@ -106,10 +106,3 @@ def test_camera_commands_say_what_mavlinks_own_table_says_of_their_parameters() 
 )
 def test_what_is_no_known_action_stays_an_item(item: MissionItem) -> None:
     assert a.action_of(item) is None
-
-
-def test_which_parameters_mean_anything() -> None:
-    assert [number for number in range(1, 8) if a.uses_parameter(2000, number)] == [1, 2, 3, 4]
-    assert [number for number in range(1, 8) if a.uses_parameter(17, number)] == [3, 5, 6, 7]
-    assert [number for number in range(1, 8) if a.uses_parameter(20, number)] == []
-    assert all(a.uses_parameter(31010, number) for number in range(1, 8))

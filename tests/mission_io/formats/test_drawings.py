@@ -56,6 +56,48 @@ def test_kml_multigeometries_folders_and_bare_rings() -> None:
     assert kml.read_drawing(text).areas == (DrawnArea(HOLE, (), "m", "f"),) * 2
 
 
+LINE = "<Placemark><name>way</name><LineString><coordinates>{}</coordinates></LineString></Placemark>"
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "repair"),
+    [
+        ("-98.2, 33.1, 5 -98.25 ,33.3,\n6 -98.05,33.35", "removed space around commas"),
+        ("-98.2,33.1,\n-98.25,33.3,\n-98.05,33.35,\n", "removed commas between places"),
+        ("-98.2,33.1, -98.25,33.3, -98.05,33.35", "removed commas between places"),
+        ("-98.2,33.1,5,1700000000 -98.25,33.3,6,1700000001 -98.05,33.35", "left out a fourth number"),
+        ("-98.2,33.1\u00a0-98.25,33.3\t\r\n-98.05,33.35", None),
+    ],
+)
+def test_kml_coordinates_with_four_numbers_or_odd_spaces(coordinates: str, repair: str | None) -> None:
+    found = kml.read_drawing(kml_of(LINE.format(coordinates)))
+    assert found.lines == (DrawnLine(RING[:3], "way"),)
+    assert [line.split(": ")[1] for line in found.repairs if "LF" not in line] == ([repair] if repair else [])
+
+
+@pytest.mark.parametrize("coordinates", ["1,2,3,4,5", "1,2, 3,4, x", "1, 2, 3, 4 5", "1,2,3,4, 5,6", "1 2", ",2 1,2"])
+def test_kml_coordinates_that_could_be_anything_are_an_error(coordinates: str) -> None:
+    with pytest.raises(FormatError, match="line 2, coordinate"):
+        kml.read_drawing(kml_of(LINE.format(coordinates)))
+
+
+@pytest.mark.parametrize("coordinates", ["", " \n", ",", ", ,"])
+def test_kml_coordinates_that_say_nothing_are_left_out(coordinates: str) -> None:
+    found = kml.read_drawing(kml_of(LINE.format(coordinates) + REST))
+    assert (found.lines, found.spots) == (WHOLE.lines, WHOLE.spots)
+    assert [line.split(": ")[1] for line in found.repairs] == ["left out an empty LineString"]
+
+
+def test_kml_names_may_follow_what_they_name() -> None:
+    swapped = [
+        text.replace(f"<name>{name}</name>", "").replace("</Placemark>", f"<name>{name}</name></Placemark>", 1)
+        for text, name in ((POLYGON, "field &lt;1>"), (REST, "way"))
+    ]
+    assert kml.read_drawing(kml_of("".join(swapped))) == WHOLE
+    folder = f"<Folder><Folder>{POLYGON}<name>inner</name></Folder>{POLYGON}<name>outer</name></Folder>{POLYGON}"
+    assert [area.folder for area in kml.read_drawing(kml_of(folder)).areas] == ["inner", "outer", ""]
+
+
 def geo(*geometries: dict[str, Any], name: str = "") -> str:
     features = [{"type": "Feature", "geometry": g, "properties": {"name": name}} for g in geometries]
     return json.dumps({"type": "FeatureCollection", "features": features})

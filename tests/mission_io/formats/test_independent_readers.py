@@ -14,7 +14,7 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4, home_item
 from mission_io.formats import plan, poly, wpl
 from mission_io.formats.drawings import DrawnArea
 from mission_io.links.opening import UdpLink
-from mission_io.model.areas import Fence, items_from_fence, items_from_rally
+from mission_io.model.areas import Fence, FramedPoint, items_from_fence, items_from_rally
 from mission_io.model.items import Frame, MissionItem
 from mission_io.wire.mission_items import float32
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY
@@ -55,6 +55,19 @@ def test_pymavlinks_fence_and_rally_loaders_read_our_waypoints(tmp_path: Path) -
         assert [of_mavwp(loader.wp(number)) for number in range(1, len(items) + 1)] == list(items)
 
 
+@pytest.mark.usefixtures("mavlink_2")
+def test_without_home_pymavlinks_loaders_have_the_items_and_no_more(tmp_path: Path) -> None:
+    """MAVProxy sends every row that these loaders read, so that home would become an item of the fence."""
+    path = tmp_path / "list.waypoints"
+    for loader, text, items in (
+        (mavwp.MissionItemProtocol_Fence(), wpl.write_fence(FENCE, None), items_from_fence(FENCE)),
+        (mavwp.MissionItemProtocol_Rally(), wpl.write_rally(RALLY, None), items_from_rally(RALLY)),
+    ):
+        path.write_text(text, newline="")
+        assert loader.load(str(path)) == len(items)
+        assert [of_mavwp(loader.wp(number)) for number in range(len(items))] == list(items)
+
+
 def test_what_pymavlink_writes_is_read_to_its_six_decimals(tmp_path: Path) -> None:
     ours, theirs = tmp_path / "ours.waypoints", tmp_path / "theirs.waypoints"
     ours.write_text(wpl.write_mission(MISSION), newline="")
@@ -69,7 +82,7 @@ def test_what_pymavlink_writes_is_read_to_its_six_decimals(tmp_path: Path) -> No
         assert (read.lat_deg, read.lon_deg) == pytest.approx((item.lat_deg, item.lon_deg), abs=5.1e-7)
 
 
-ONE_POLYGON = Fence(FENCE.polygons[:1], (), plan.FramedPoint(33.21, -98.12, 0.0))
+ONE_POLYGON = Fence(FENCE.polygons[:1], (), FramedPoint(33.21, -98.12, 0.0))
 
 
 def test_pymavlinks_old_fence_loader_reads_our_fen(tmp_path: Path) -> None:

@@ -8,9 +8,11 @@ from hypothesis import given, settings
 
 from mission_io.errors import FormatError
 from mission_io.formats import plan
+from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.items import Command, Frame, Mission, MissionItem, same_item
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, MISSIONS, NAN_YAW, RALLY
 
+CORNERS = (LatLon(1.0, 2.0), LatLon(1.0, 3.0), LatLon(2.0, 3.0))
 PLAN = plan.PlanFile(MISSION, FENCE, RALLY, mav_autopilot=3)
 
 
@@ -68,8 +70,8 @@ def test_nan_is_null() -> None:
         (replace(PLAN, mission=replace(MISSION, home=None)), "no home"),
         (replace(PLAN, mission=Mission(HOME, (replace(NAN_YAW, alt_m=math.nan),))), "mission item 1"),
         (replace(PLAN, mission=Mission(replace(HOME, lat_deg=math.nan), ())), "not finite"),
-        (replace(PLAN, rally=plan.RallyPoints((plan.FramedPoint(1.0, 2.0, 3.0, Frame.AMSL),))), r"points\[0\]"),
-        (replace(PLAN, fence=plan.Fence((), (), plan.FramedPoint(1.0, 2.0, 3.0, Frame.AMSL))), "breachReturn"),
+        (replace(PLAN, rally=plan.RallyPoints((FramedPoint(1.0, 2.0, 3.0, Frame.AMSL),))), r"points\[0\]"),
+        (replace(PLAN, fence=plan.Fence((), (), FramedPoint(1.0, 2.0, 3.0, Frame.AMSL))), "breachReturn"),
     ],
 )
 def test_what_the_format_cannot_hold_is_refused(bad: plan.PlanFile, what: str) -> None:
@@ -165,20 +167,99 @@ def test_a_home_without_height_is_kept_and_not_used() -> None:
 )
 def test_an_empty_part_of_the_old_version_is_none(part: str, old: dict[str, Any]) -> None:
     found = plan.read(changed(part, old))
-    assert found.repairs == (f"plan.{part}: is empty and of the old version 1, there is none",)
+    assert found.repairs == (f"plan.{part}: is of the old version 1, and written as 2",)
     assert (found.fence if part == "geoFence" else found.rally) in (plan.Fence(), plan.RallyPoints())
     assert plan.read(plan.write(found)).mission == found.mission
 
 
 @pytest.mark.parametrize(
-    ("part", "old"),
+    ("part", "old", "read"),
     [
-        ("geoFence", {"polygon": [[1.0, 2.0], [1.0, 3.0], [2.0, 3.0]], "version": 1}),
-        ("rallyPoints", {"points": [[1.0, 2.0, 3.0]], "version": 1}),
+        (
+            "geoFence",
+            {"polygon": [[1.0, 2.0], [1.0, 3.0], [2.0, 3.0]], "breachReturn": [1.5, 2.5], "version": 1},
+            Fence((FencePolygon(CORNERS),), (), FramedPoint(1.5, 2.5, 0.0)),
+        ),
+        (
+            "geoFence",
+            {"polygons": [{"polygon": [[1, 2], [1, 3], [2, 3]], "inclusion": False}], "breachReturn": [1, 2, 3], "version": 1},
+            Fence((FencePolygon(CORNERS, inclusion=False),), (), FramedPoint(1.0, 2.0, 3.0)),
+        ),
+        ("rallyPoints", {"points": [[1.0, 2.0, 3.0]], "version": 1}, RallyPoints((FramedPoint(1.0, 2.0, 3.0),))),
+    ],
+)  # fmt: skip
+def test_a_part_of_the_old_version_is_read_and_written_in_the_new_one(
+    part: str, old: dict[str, Any], read: Fence | RallyPoints
+) -> None:
+    found = plan.read(changed(part, {**old, "other": 7}))
+    assert (found.fence if part == "geoFence" else found.rally) == read
+    again = plan.read(plan.write(found))
+    assert (again.fence, again.rally, again.repairs) == (found.fence, found.rally, ())
+    document = json.loads(plan.write(found))[part]
+    assert (document["version"], document["other"], "polygon" in document) == (2, 7, False)
+
+
+@pytest.mark.parametrize(
+    ("part", "other"),
+    [
         ("geoFence", {"version": True}),
+        ("geoFence", {"version": "1"}),
         ("rallyPoints", {"points": [], "version": 3}),
     ],
 )
-def test_old_content_and_other_versions_are_refused(part: str, old: dict[str, Any]) -> None:
+def test_other_versions_are_refused(part: str, other: dict[str, Any]) -> None:
     with pytest.raises(FormatError, match=f"plan.{part}.version: version (1|3|True) is not known"):
-        plan.read(changed(part, old))
+        plan.read(changed(part, other))
+
+
+def test_four_parameters_and_a_coordinate_are_seven() -> None:
+    """What QGroundControl 3.0 to 3.2 wrote."""
+    document = json.loads(plan.write(PLAN))
+    entry = document["mission"]["items"][0]
+    entry["coordinate"], entry["params"] = entry["params"][4:], entry["params"][:4]
+    found = plan.read(json.dumps(document))
+    assert found.mission == MISSION
+    assert plan.read(plan.write(found)) == found
+    entry["coordinate"].pop()
+    with pytest.raises(FormatError, match=r"items\[0\].params: 6 numbers, 7 are expected"):
+        plan.read(json.dumps(document))
+
+
+def test_null_where_a_command_has_no_place_is_nothing_and_where_it_has_one_is_an_error() -> None:
+    """Programs give commands without a place the frame of the waypoints around them, and null for the place."""
+    document = json.loads(plan.write(PLAN))
+    document["mission"]["items"][1].update(command=93, frame=3, params=[60.0, None, None, None, None, None, None])
+    found = plan.read(json.dumps(document))
+    item = found.mission.items[1]
+    assert (item.lat_deg, item.lon_deg, item.alt_m, item.params[0]) == (0.0, 0.0, 0.0, 60.0)
+    document["mission"]["items"][1]["command"] = 84
+    with pytest.raises(FormatError, match="latitude, longitude and height must be given"):
+        plan.read(json.dumps(document))
+
+
+@pytest.mark.parametrize("part", ["", "mission", "geoFence", "rallyPoints"])
+@pytest.mark.parametrize("value", [7, None, "text", [1], {"a": [[]]}])
+def test_a_key_of_another_program_may_be_called_items(part: str, value: object) -> None:
+    """Regression: the key ``items`` outside of the mission was written as a mission's items, a fault."""
+    if part == "mission":
+        whole = replace(PLAN, extras={"mission": {"items": value}})
+        assert plan.read(plan.write(whole)).mission == MISSION
+        return
+    found = plan.read(changed(f"{part}.items" if part else "items", value))
+    assert plan.read(plan.write(found)) == found
+    assert found.extras[part] == {"items": value}
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"cruise_speed_m_s": math.inf},
+        {"hover_speed_m_s": math.nan},
+        {"extras": {"": {"a": {1, 2}}}},
+        {"extras": {"": {"a": math.nan}}},
+        {"extras": {"mission": {"a": b"bytes"}}},
+    ],
+)
+def test_what_json_does_not_have_is_the_formats_own_error(wrong: dict[str, Any]) -> None:
+    with pytest.raises(FormatError):
+        plan.write(replace(PLAN, **wrong))

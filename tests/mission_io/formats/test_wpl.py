@@ -46,7 +46,7 @@ def test_any_heading_is_written_as_zero_and_every_other_nan_is_an_error() -> Non
     text = wpl.write_mission(Mission(HOME, (NAN_YAW,)))
     assert wpl.read(text).items[0].params[3] == 0.0
     with pytest.raises(FormatError, match="row 1, param1: nan cannot be written"):
-        wpl.write_mission(Mission(HOME, (replace(NAN_YAW, params=(math.nan, 0.0, 0.0, 0.0)),)))
+        wpl.write_mission(Mission(HOME, (replace(NAN_YAW, command=18, params=(math.nan, 0.0, 0.0, 0.0)),)))
     with pytest.raises(FormatError, match="row 1, latitude: nan is not a coordinate"):
         wpl.write_mission(Mission(HOME, (replace(NAN_YAW, lat_deg=math.nan),)))
     with pytest.raises(FormatError, match="row 0: the mission has no home"):
@@ -101,7 +101,7 @@ def test_version_120_has_no_home_row() -> None:
         ("hello", "'hello' is not the header"),
         (STRICT + "3\t0\t3\t16\n", "line 5: 4 columns, a row has 12"),
         (STRICT.replace("\t12.5\t", "\tfast\t"), "line 4, param2: 'fast' is not a finite number"),
-        (STRICT.replace("\t12.5\t", "\tnan\t"), "line 4, param2"),
+        (STRICT.replace("\t12.5\t", "\tinf\t"), "line 4, param2"),
         (STRICT.replace("\t12.5\t", "\t1e999\t"), "line 4, param2"),
         (STRICT.replace("\t12.5\t", "\t1_0\t"), "line 4, param2"),
         (STRICT.replace("\t12.5\t", "\t" + "9" * 500 + "\t"), "line 4, param2"),
@@ -178,6 +178,45 @@ def test_nan_in_a_parameter_without_a_use_is_written_as_zero_and_listed() -> Non
     mission = Mission(HOME, (stop,))
     assert wpl.read(wpl.write_mission(mission)).items[0].params == (0.0, 0.0, 0.0, 0.0)
     assert wpl.losses(mission) == ("row 1: NaN in a parameter without a use is written as 0, as in 1 rows",)
-    for command in (2000, 31010):
+    for command in (213, 31010):
         with pytest.raises(FormatError, match="row 1, param2: nan cannot be written"):
             wpl.write_mission(Mission(HOME, (replace(stop, command=command),)))
+
+
+@pytest.mark.parametrize("nan", ["nan", "Nan", "NaN", "-nan", "1.#QNAN0", "-1.#IND00"])
+def test_nan_in_a_parameter_is_read_as_programs_write_it(nan: str) -> None:
+    read = wpl.read(STRICT.replace("\t30\t", "\t30\t").replace("22\t0\t0\t0\t0\t", f"22\t0\t0\t0\t{nan}\t"))
+    assert math.isnan(read.items[0].params[3])
+    assert read.repairs == (f"line 3: param4 {nan!r} is no number, left to the vehicle",)
+    assert wpl.read(wpl.write_mission(read.mission())).items[0].params == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_nan_is_nothing_as_the_place_of_a_command_without_one_and_an_error_as_any_other() -> None:
+    read = wpl.read(STRICT.replace("12.5\t-1\t0\t0\t0\t0", "12.5\t-1\t0\tnan\tnan\tnan"))
+    assert (read.items[1].lat_deg, read.items[1].lon_deg, read.items[1].alt_m) == (0.0, 0.0, 0.0)
+    for column, name in (("33.21875000\t-98.12345670\t30", "latitude"), ("30", "altitude")):
+        with pytest.raises(FormatError, match=f"line 3, {name}: 'nan' is not a finite number"):
+            wpl.read(
+                STRICT.replace(
+                    f"\t{column}\t", f"\tnan\t{chr(9).join(column.split(chr(9))[1:])}\t".replace("\t\t", "\t"), 1
+                )
+            )
+    for text in ("inf", "1.#INF", "nano", "nan(0)"):
+        with pytest.raises(FormatError, match="is not a finite number"):
+            wpl.read(STRICT.replace("\t12.5\t", f"\t{text}\t"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        STRICT.replace("QGC WPL 110", "QGC\tWPL\t110"),
+        STRICT.replace("QGC WPL 110", "qgc wpl 110"),
+        STRICT.replace("QGC WPL 110", "  QGC  WPL  110  "),
+        "# made by hand\n\n" + STRICT,
+        STRICT.replace("\t", "\u00a0\t "),
+        STRICT.replace("\n", " \t\r\n"),
+        "\ufeff" + STRICT.replace("\t", "   "),
+    ],
+)
+def test_odd_first_lines_and_odd_space(text: str) -> None:
+    assert wpl.read(text).mission() == wpl.read(STRICT).mission()
