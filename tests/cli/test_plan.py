@@ -263,3 +263,26 @@ def test_request_is_all_that_planning_needs(tmp_path: Path) -> None:
     outcome = plan_into(request, Unattended(), check_site=lambda _: None)
     assert outcome.exit_code == 0
     assert outcome.compiled is None
+
+
+def test_two_vehicles(cli: Cli, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    ended = cli(
+        "plan", corner_of_the_demo(tmp_path), "-o", run, "--evaluations", EVALUATIONS, "--vehicles", 2, "--json"
+    )
+    assert ended.code == 0, ended.err
+    fleet = ended.document["fleet"]
+    assert fleet == json.loads((run / "plan.json").read_text())["fleet"]
+    assert fleet["vehicles"] == 2
+    assert "vehicles = 2" in (run / "scenario.toml").read_text()
+    assert "done after " in ended.err
+    # Another choice, and the same one again, keep the vehicles.
+    assert cli("select", run, "index:0").code == 0
+    assert json.loads((run / "plan.json").read_text())["fleet"]["vehicles"] == 2
+
+
+def test_a_number_of_vehicles_that_cannot_be(cli: Cli, tmp_path: Path) -> None:
+    ended = cli("plan", corner_of_the_demo(tmp_path), "-o", tmp_path / "run", "--vehicles", 0)
+    assert ended.code == 2
+    assert "vehicles: 0 is outside 1..50" in ended.error
+    assert not (tmp_path / "run").exists()

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from uavcover.errors import ScenarioError
 from uavcover.model.area import Area
+from uavcover.model.fleet import Fleet
 from uavcover.model.limits import FlightLimits
 from uavcover.model.scenario import (
     Home,
@@ -168,6 +169,7 @@ scenarios = st.builds(
         st.builds(Origin, lat_deg=st.floats(-90, 90), lon_deg=st.floats(-180, 180), alt_amsl_m=st.floats(-400, 9000)),
     ),
     home=st.one_of(st.none(), st.builds(Home, east_m=st.floats(-10, 10), north_m=st.floats(-10, 10))),
+    fleet=st.builds(Fleet, vehicles=st.integers(1, 50), separation_m=positive, timing_error_fraction=st.floats(0.0, 0.5)),
     planner=st.builds(PlannerSettings, seed=st.integers(0, 2**40), cell_size_m=st.one_of(st.none(), positive)),
     requirements=st.builds(Requirements, min_coverage_of_coverable=share, max_deviation_m=st.one_of(st.none(), positive)),
 )  # fmt: skip
@@ -177,6 +179,52 @@ scenarios = st.builds(
 @given(scenarios)
 def test_every_scenario_comes_back_from_its_text(scenario):
     assert parse(dump_scenario(scenario)) == scenario
+
+
+def test_equal_vehicle_tables_are_a_fleet():
+    table = "[vehicle]\ncruise_speed_m_s = 10.0\n"
+    assert GOOD.count(table) == 1
+    three = GOOD.replace(table, 3 * table.replace("[vehicle]", "[[vehicle]]"))
+    scenario = parse(three)
+    assert scenario == dataclasses.replace(parse(GOOD), fleet=Fleet(vehicles=3))
+    assert parse(dump_scenario(scenario), Path("/elsewhere")) == scenario
+    with_settings = parse(three + "\n[fleet]\nseparation_m = 40.0\nvehicles = 3\n")
+    assert with_settings.fleet == Fleet(vehicles=3, separation_m=40.0)
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        (
+            "[[vehicle]]\ncruise_speed_m_s = 10.0\n[[vehicle]]\ncruise_speed_m_s = 12.0\n",
+            "vehicle.1.cruise_speed_m_s: 12.0 differs from vehicle.0's 10.0; the vehicles of one plan must be equal",
+        ),
+        (
+            "[[vehicle]]\nendurance_s = 900.0\n[[vehicle]]\n",
+            "vehicle.1.endurance_s: default differs from vehicle.0's 900.0",
+        ),
+        (
+            "[[vehicle]]\n[[vehicle]]\n[fleet]\nvehicles = 3\n",
+            "fleet.vehicles: is 3, and there are 2 [[vehicle]] tables; give one of both",
+        ),
+        ("[[vehicle]]\ncruise = 1.0\n[[vehicle]]\ncruise = 1.0\n", "vehicle.cruise: unknown key"),
+        ("vehicle = 3\n", "vehicle: must be a table, not 3"),
+        ("vehicle = []\n", "vehicle: must be a table, not []"),
+        ("[[vehicle]]\n[[vehicle]]\n[[fleet]]\n", "fleet: must be a table"),
+        ("[fleet]\nvehicles = 0\n", "fleet.vehicles: 0 is outside 1..50"),
+        ("[fleet]\nvehicles = 2.5\n", "fleet.vehicles: must be a whole number"),
+        ("[fleet]\nseparation_m = 0.0\n", "fleet.separation_m: 0.0 must be above 0"),
+        ("[fleet]\nseparation_m = nan\n", "fleet.separation_m: must be a finite number"),
+        ("[fleet]\nturnaround_s = -1.0\n", "fleet.turnaround_s: -1.0 must not be negative"),
+        ("[fleet]\ntiming_error_fraction = 5.0\n", "fleet.timing_error_fraction: 5.0 is outside 0..0.5"),
+    ],
+)
+def test_mistakes_in_a_fleet(tables, words):
+    if tables.startswith("vehicle ="):
+        text = tables + GOOD.replace("[vehicle]\ncruise_speed_m_s = 10.0\n", "")
+    else:
+        text = GOOD.replace("[vehicle]\ncruise_speed_m_s = 10.0\n", tables)
+    assert words in refused(text=text)
 
 
 def test_three_mistakes_are_named_in_one_line():

@@ -87,6 +87,12 @@ AcceptChanged = Annotated[
 Sortie = Annotated[
     int | None, typer.Option("--sortie", help="Which flight of a plan that is flown as several.", metavar="N", min=1)
 ]
+Vehicles = Annotated[
+    int | None,
+    typer.Option(
+        "--vehicles", help="How many equal vehicles fly it at the same time; default: the scenario's.", metavar="N"
+    ),
+]
 Timeout = Annotated[
     float, typer.Option("--timeout", help="Seconds to wait for the vehicle's first heartbeat.", metavar="SECONDS")
 ]

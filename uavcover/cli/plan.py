@@ -53,6 +53,7 @@ class Search:
         ),
     ] = None
     autopilot: options.Autopilot = None
+    vehicles: options.Vehicles = None
     workers: Annotated[int | None, typer.Option(help="Threads; the result does not depend on it.")] = None
     seed: options.Seed = None
 
@@ -83,7 +84,7 @@ def plan(
         scenario=_site(scenario, survey, console, autopilot=search.autopilot),
         folder=run, command=sys.argv, force=force, seed=search.seed,
         evaluations=search.evaluations, budget_s=options.seconds(search.budget), algorithm=search.algorithm,
-        max_waypoints=search.max_waypoints, waypoint_price=search.waypoint_price, select=search.select,
+        max_waypoints=search.max_waypoints, waypoint_price=search.waypoint_price, select=search.select, vehicles=search.vehicles,
         autopilot=search.autopilot, workers=search.workers, bounds_s=options.seconds(search.bounds, option="--bounds"),
     )  # fmt: skip
     outcome = plan_into(request, console, check_site=lambda _: None)

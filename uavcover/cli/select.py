@@ -37,6 +37,7 @@ def select(
 
     from uavcover.model.vehicle import autopilot_name
     from uavcover.planning.selection import parse_rule
+    from uavcover.run.fleet import say_fleet
     from uavcover.run.folder import RunFolder, flown_in
     from uavcover.run.plan import figures_in_words, say_missions, say_older
     from uavcover.run.planned import read_planned
@@ -55,6 +56,7 @@ def select(
     console.say(figures_in_words(f"index:{index}", plan.chosen))
     sorties = flights if len(flights) > 1 else ()
     say_missions(console, folder, flights[0].compiled if len(flights) == 1 else None, sorties)
+    say_fleet(console, folder.read_json("plan.json", made_by="uavcover plan")["fleet"])
     if not plan.rule_met:
         console.warn(f"no route meets {plan.rule}; the best there is has been written")
     if flights:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 from uavcover.model.area import Area
+from uavcover.model.fleet import Fleet
 from uavcover.model.limits import FlightLimits
 from uavcover.model.no_fly import NoFly, utc_time
 from uavcover.model.obstacles import Obstacles
@@ -266,6 +267,7 @@ class Scenario:
         flight_window_utc: earliest take-off and latest landing, such as ["2026-06-01T06:00Z", "2026-06-01T18:00Z"]. No-fly
             zones that are not in force between them do not count; without a window every zone counts.
         wind: the wind the flight is planned for.
+        fleet: how many vehicles fly the plan, and what keeps them apart.
         uncertainty: errors of positions, ground and attitude.
         description: one line for people.
     """
@@ -288,6 +290,7 @@ class Scenario:
     no_fly: tuple[NoFly, ...] = ()
     flight_window_utc: tuple[str, str] | None = None
     wind: Wind = field(default_factory=Wind)
+    fleet: Fleet = field(default_factory=Fleet)
     description: str = ""
 
     def __post_init__(self) -> None:

@@ -19,6 +19,7 @@ from uavcover.report.print_drawings import map_svg, place_text, profile_svg, sty
 from uavcover.routes.sorties import Sortie, compile_sorties
 from uavcover.run.export import ExportRequest, time_with_stops_s, write_exported
 from uavcover.run.folder import RunFolder
+from uavcover.run.mission import compile_flights
 from uavcover.run.planned import read_planned
 from uavcover.run.provenance import sha256_of_content
 from uavcover.scenario.site import Site
@@ -58,7 +59,12 @@ def print_plan(run: RunFolder, request: ExportRequest, notes: PrintNotes) -> int
     folder = run if request.sortie is None else run.flight(request.sortie)
     site, planned = read_planned(folder)
     name = request.autopilot or site.scenario.vehicle.autopilot
-    flights = compile_sorties(site, planned.route, autopilot=name, most_points=request.most_points)
+    if request.most_points is None:
+        flights = compile_flights(site, planned.route, autopilot=name, vehicles=planned.vehicles)
+    else:
+        flights = compile_sorties(
+            site, planned.route, autopilot=name, most_points=request.most_points, vehicles=planned.vehicles
+        )
     plan_sha256 = sha256_of_content(folder.file("plan.json").read_text(encoding="utf-8"))
     page = render_print(
         site, flights, notes=notes, autopilot=name, coverage=planned.coverage_of_coverable, plan_sha256=plan_sha256

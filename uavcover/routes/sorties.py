@@ -1,6 +1,7 @@
 """Splits a planned route into several flights so that the transits home are short in total, and times whole missions."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from uavcover.kernels.flight_time import (
 from uavcover.kernels.way_cost import FlightCosts, route_cost, split, straight_ends
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
+from uavcover.routes.fleet_cuts import fleet_cuts
 from uavcover.routes.mission_compiler import (
     AUTOPILOTS,
     CompiledMission,
@@ -46,43 +48,59 @@ class Sortie:
         last: number of its last waypoint; for sensing along the path, the next sortie begins there too.
         route: its waypoints.
         compiled: its mission, from take-off at home to landing there.
+        vehicle: who flies it, from 1.
+        start_s: its planned take-off, since the first take-off of all; none where there is no schedule.
     """
 
     first: int
     last: int
     route: Route
     compiled: CompiledMission
+    vehicle: int = 1
+    start_s: float | None = None
 
 
 def compile_sorties(
-    site: Site, route: Route, *, autopilot: AutopilotName, most_points: int | None = None
+    site: Site,
+    route: Route,
+    *,
+    autopilot: AutopilotName,
+    most_points: int | None = None,
+    vehicles: int = 1,
+    spacing_share: float = 1.0,
 ) -> tuple[Sortie, ...]:
     """Compile a route as one flight or, where endurance or item count require it, as several with transits of their own.
 
-    The order of the waypoints is kept. Dynamic programming over all possible splits minimises the total flight time.
+    The order of the waypoints is kept. Dynamic programming over all possible splits minimises the total flight time. For several
+    vehicles the route is cut so that they are done soonest (``routes/fleet_cuts.py``).
 
     Args:
         site: the scenario on its ground.
         route: the planned route.
         autopilot: the autopilot whose limits apply.
         most_points: how many points of its path a flight may have, transits included; none: any number.
+        vehicles: how many fly at the same time.
+        spacing_share: share of the time between two landings at one home that is left between the starts of two vehicles; with
+            less than 1 the flights are more even, and other pairs than neighbours must not land together.
 
     Raises:
         InputError: the scenario has no place on Earth or no home.
         InfeasibleError: a leg breaks a limit, or a part of the route cannot be reached inside the endurance (says which).
     """
-    try:
-        whole = _compile(site, route, autopilot=autopilot, most_points=most_points)
-        return (Sortie(0, len(route) - 1, route, whole),)
-    except MissionTooLongError as error:
-        if len(route) < 2:
-            raise
-        refusal: InfeasibleError = error
+    refusal = InfeasibleError("no cut keeps the limits")
+    if vehicles == 1 or len(route) < 2:
+        try:
+            whole = _compile(site, route, autopilot=autopilot, most_points=most_points)
+            return (Sortie(0, len(route) - 1, route, whole),)
+        except MissionTooLongError as error:
+            if len(route) < 2:
+                raise
+            refusal = error
     costs = _along_transits(site, route, autopilot, most_points)
     compiled: dict[tuple[int, int], CompiledMission] = {}
     all_checked = False
     for attempt in range(_ROUNDS):
-        cuts = _cuts(costs)
+        cuts = _cuts(costs, site, vehicles, spacing_share)
         if cuts is None:
             raise InfeasibleError(_why_not(site, costs, refusal)) from refusal
         for first, last in cuts:
@@ -278,8 +296,13 @@ def _checked(costs: FlightCosts, site: Site, route: Route) -> FlightCosts:
     return costs._replace(there_s=there, back_s=back)
 
 
-def _cuts(costs: FlightCosts) -> list[tuple[int, int]] | None:
-    """First and last waypoint of each flight of the split with the least total flight time; none when no split exists."""
+def _cuts(costs: FlightCosts, site: Site, vehicles: int, spacing_share: float) -> Sequence[tuple[int, int]] | None:
+    """First and last waypoint of each flight of the split that is done soonest; none when no split exists."""
+    if vehicles > 1:
+        return fleet_cuts(
+            costs, vehicles=vehicles, turnaround_s=site.scenario.fleet.turnaround_s,
+            spacing_s=spacing_share * _spacing_s(costs, site, vehicles),
+        )  # fmt: skip
     total_s, begun = split(costs)
     if not math.isfinite(total_s):
         return None
@@ -290,6 +313,14 @@ def _cuts(costs: FlightCosts) -> list[tuple[int, int]] | None:
         cuts.append((int(begun[last]), last))
         end = int(begun[last])
     return cuts[::-1]
+
+
+def _spacing_s(costs: FlightCosts, site: Site, vehicles: int) -> float:
+    """About how long after each other vehicles land at one home: so that the second one comes late enough, the first one late."""
+    fleet = site.scenario.fleet
+    flight_s = min(costs.endurance_s, float(costs.so_far_s[-1]) / vehicles)
+    column_s = float(landing_time(pace_of(site), site.scenario.vehicle.takeoff_height_m))
+    return 2.0 * (fleet.timing_error_fraction * flight_s + fleet.start_error_s) + fleet.pad_s + column_s
 
 
 def _why_not(site: Site, costs: FlightCosts, refusal: InfeasibleError) -> str:

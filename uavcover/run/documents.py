@@ -49,12 +49,14 @@ class PlannedDocument:
         coverage_fraction: planned share of the area.
         coverage_of_coverable: planned share of what can be seen.
         rule_met: whether the selection rule was met.
+        vehicles: how many fly it; a sortie, a gap mission or what is left of a flight is for one.
     """
 
     route: Route
     coverage_fraction: float
     coverage_of_coverable: float
     rule_met: bool
+    vehicles: int = 1
 
 
 def plan_document(
@@ -64,6 +66,7 @@ def plan_document(
     seed: int,
     bounds: dict[str, Any],
     sorties: Sequence[dict[str, Any]] = (),
+    fleet: dict[str, Any] | None = None,
     baselines: Sequence[dict[str, Any]] | None = None,
 ) -> dict[str, Any]:
     """``plan.json``: equal for equal seed and evaluations in everything but ``wall_s``.
@@ -74,6 +77,7 @@ def plan_document(
         seed: of every random number.
         bounds: what no plan can beat.
         sorties: what is said of each flight when there are several.
+        fleet: what is said of the vehicles when there are several.
         baselines: as an older ``plan.json`` of the same set has them; default: the plan's.
     """
     frame = site.frame
@@ -95,6 +99,7 @@ def plan_document(
         "waypoints": _waypoints(site, plan.chosen.route.waypoints_m),
         "metrics": dataclasses.asdict(plan.chosen.metrics),
         "sorties": list(sorties),
+        "fleet": fleet,
         "bounds": bounds,
         "baselines": [
             {"name": b.origin, "violation": b.violation, **dataclasses.asdict(b.metrics)} for b in plan.baselines
@@ -180,6 +185,7 @@ def read_plan_document(document: dict[str, Any], *, source: str) -> PlannedDocum
             float(metrics["coverage_fraction"]),
             float(metrics["coverage_of_coverable"]),
             bool(document["rule_met"]),
+            int((document.get("fleet") or {"vehicles": 1})["vehicles"]),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(

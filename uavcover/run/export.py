@@ -104,7 +104,7 @@ def export_mission(run: RunFolder, request: ExportRequest) -> tuple[ExportedFile
     _check(request)
     several = request.file_format in CONTROLLER_POINTS or request.most_points is not None
     site, planned = read_planned(run if several and request.sortie is None else run.flight(request.sortie))
-    flights = flight_files(site, planned.route, request)
+    flights = flight_files(site, planned.route, request, vehicles=planned.vehicles)
     names = [request.out.name if len(flights) == 1 else numbered(request.out, k + 1) for k in range(len(flights))]
     older = _names_of_older_exports(request.out) if several else []
     contents = {name: flight.content for name, flight in zip(names, flights, strict=True)}
@@ -112,13 +112,13 @@ def export_mission(run: RunFolder, request: ExportRequest) -> tuple[ExportedFile
     return tuple(ExportedFile(request.out.parent / name, flight) for name, flight in zip(names, flights, strict=True))
 
 
-def flight_files(site: Site, route: Route, request: ExportRequest) -> list[FlightFile]:
+def flight_files(site: Site, route: Route, request: ExportRequest, *, vehicles: int = 1) -> list[FlightFile]:
     """The contents of the files of an export, one for each flight; errors as of :func:`export_mission`."""
     autopilot = request.autopilot or site.scenario.vehicle.autopilot
     if request.file_format in CONTROLLER_POINTS:
-        flights = _flights_with_stops(site, route, request, autopilot)
+        flights = _flights_with_stops(site, route, request, autopilot, vehicles)
     elif request.most_points is not None:
-        sorties = compile_sorties(site, route, autopilot=autopilot, most_points=request.most_points)
+        sorties = compile_sorties(site, route, autopilot=autopilot, most_points=request.most_points, vehicles=vehicles)
         flights = [sortie.compiled for sortie in sorties]
     else:
         flights = [compile_plan(site, route, autopilot=autopilot)]
@@ -243,13 +243,15 @@ def _pitch_deg(site: Site) -> float | None:
 
 
 def _flights_with_stops(
-    site: Site, route: Route, request: ExportRequest, autopilot: AutopilotName
+    site: Site, route: Route, request: ExportRequest, autopilot: AutopilotName, vehicles: int
 ) -> list[CompiledMission]:
     """Flights of few points that a vehicle which stops at each of them completes inside its endurance."""
     most = request.most_points or CONTROLLER_POINTS[request.file_format]
     longest_s = site.scenario.vehicle.longest_flight_s
     for _ in range(_TIGHTER_SPLITS):
-        sorties: Sequence[Sortie] = compile_sorties(site, route, autopilot=autopilot, most_points=most)
+        sorties: Sequence[Sortie] = compile_sorties(
+            site, route, autopilot=autopilot, most_points=most, vehicles=vehicles
+        )
         flights = [sortie.compiled for sortie in sorties]
         times_s = [time_with_stops_s(site, compiled, autopilot) for compiled in flights]
         worst = max(range(len(flights)), key=times_s.__getitem__)

@@ -8,7 +8,11 @@ from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compile_mission
 from uavcover.routes.sorties import Sortie, compile_sorties
+from uavcover.run.fleet import makespan_s, scheduled
 from uavcover.scenario.site import Site
+
+_SPACING_SHARES = (1.0, 0.5)
+"""Spacings of the starts for which a fleet's route is cut; the cut that is done soonest is flown (scripts/bench_fleet.py)."""
 
 
 def compile_plan(site: Site, route: Route, *, autopilot: AutopilotName | None = None) -> CompiledMission:
@@ -16,9 +20,28 @@ def compile_plan(site: Site, route: Route, *, autopilot: AutopilotName | None = 
     return compile_mission(site, route, autopilot=autopilot or site.scenario.vehicle.autopilot)
 
 
-def compile_flights(site: Site, route: Route, *, autopilot: AutopilotName | None = None) -> tuple[Sortie, ...]:
-    """The missions of a planned route: one, or several where endurance or items ask for it (`uavcover.routes.sorties`)."""
-    return compile_sorties(site, route, autopilot=autopilot or site.scenario.vehicle.autopilot)
+def compile_flights(
+    site: Site, route: Route, *, autopilot: AutopilotName | None = None, vehicles: int | None = None
+) -> tuple[Sortie, ...]:
+    """The missions of a planned route: one, or several where endurance, items or vehicles ask for it (`uavcover.routes.sorties`).
+
+    Args:
+        site: the scenario on its ground.
+        route: the planned route.
+        autopilot: for whom; default: the scenario's.
+        vehicles: how many fly; default: the scenario's.
+    """
+    name = autopilot or site.scenario.vehicle.autopilot
+    count = site.scenario.fleet.vehicles if vehicles is None else vehicles
+    if count == 1:
+        return compile_sorties(site, route, autopilot=name)
+    tried = [
+        scheduled(
+            site, compile_sorties(site, route, autopilot=name, vehicles=count, spacing_share=share), autopilot=name
+        )
+        for share in _SPACING_SHARES
+    ]
+    return min(tried, key=makespan_s)
 
 
 def mission_texts(compiled: CompiledMission, *, autopilot: AutopilotName, name: str) -> dict[str, str]:

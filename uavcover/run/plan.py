@@ -19,6 +19,7 @@ from uavcover.run.bounds import bounds, least_length_m
 from uavcover.run.documents import (
     bounds_in_words,
 )
+from uavcover.run.fleet import fleet_document, say_fleet
 from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
 from uavcover.run.mission import compile_flights
 from uavcover.run.plan_files import save_plan
@@ -49,6 +50,7 @@ class PlanRequest(SearchRequest):
         autopilot: for whom the mission files are.
         bounds_s: prove bounds for so long, after the search.
         waypoint_price: cost of every waypoint, in metres of path or in seconds, as the objective is.
+        vehicles: how many fly at the same time.
     """
 
     scenario: str | Site
@@ -58,6 +60,7 @@ class PlanRequest(SearchRequest):
     autopilot: str | None = None
     bounds_s: float | None = None
     waypoint_price: float | None = None
+    vehicles: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +96,8 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     site = request.scenario if isinstance(request.scenario, Site) else load_site(request.scenario)
     if request.waypoint_price is not None:
         site = site.minimising(waypoint_price=request.waypoint_price)
+    if request.vehicles is not None:
+        site = site.flown_by(request.vehicles)
     check_site(site)
     name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
     run = RunFolder(request.folder)
@@ -115,9 +120,10 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         compiled = flights[0].compiled if len(flights) == 1 else None
         sorties = flights if len(flights) > 1 else ()
         bounds = _bounds(site, request, result, user)
+        fleet = fleet_document(site, flights)
         older = save_plan(
             run, site, result, compiled=compiled, autopilot=name, seed=seed, command=request.command, sorties=sorties,
-            proved=bounds,
+            fleet=fleet, proved=bounds,
         )  # fmt: skip
     say_older(user, older)
     if refused is not None:
@@ -130,6 +136,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     if flights and (warning := room_in_words(site.scenario.limits, result.chosen.metrics)):
         user.warn(warning)
     say_missions(user, run, compiled, sorties)
+    say_fleet(user, fleet)
     interrupted = result.interrupted or stops.any()
     if interrupted and not result.interrupted:
         user.warn(f"interrupted when the search was over: the whole plan has been written to {run}")
@@ -146,6 +153,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         "bounds": bounds,
         "mission_files": bool(flights),
         "sorties": len(sorties),
+        "fleet": fleet,
     }
     return PlanOutcome(site, result, compiled, sorties, document, code)
 
@@ -247,8 +255,9 @@ def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, s
         _say_return(user, sortie.compiled, f"sortie {number}: ")
     if sorties:
         total_s = sum(sortie.compiled.flight_time_s for sortie in sorties)
+        why = "one flight is not enough: " if len({sortie.vehicle for sortie in sorties}) == 1 else ""
         user.say(
-            f"one flight is not enough: {len(sorties)} sorties, {total_s:.0f} s in all, in {run.file('sortie-1')} and so on; "
+            f"{why}{len(sorties)} sorties, {total_s:.0f} s in all, in {run.file('sortie-1')} and so on; "
             "each is uploaded and flown with --sortie N"
         )
 

@@ -43,6 +43,7 @@ def save_plan(
     seed: int,
     command: Sequence[str],
     sorties: Sequence[Sortie] = (),
+    fleet: dict[str, Any] | None = None,
     proved: dict[str, Any] | None = None,
     baselines: Sequence[dict[str, Any]] | None = None,
 ) -> RunFolder | None:
@@ -60,6 +61,7 @@ def save_plan(
         seed: of every random number.
         command: how it was asked for.
         sorties: its flights when there are several; each gets a run folder of its own inside this one.
+        fleet: what ``plan.json`` says of several vehicles.
         proved: its :func:`bounds`; default: what there is of them without a plan.
         baselines: as ``plan.json`` of the same Pareto set has them already; default: the plan's.
 
@@ -72,7 +74,7 @@ def save_plan(
     if compiled is not None:
         texts |= mission_texts(compiled, autopilot=autopilot, name=site.scenario.name)
     rows = [_sortie_row(number, sortie) for number, sortie in enumerate(sorties, start=1)]
-    document = plan_document(site, result, seed=seed, bounds=limits, sorties=rows, baselines=baselines)
+    document = plan_document(site, result, seed=seed, bounds=limits, sorties=rows, fleet=fleet, baselines=baselines)
     texts["plan.json"] = json_text(document)
     about = _run_document(site, scenario, seed=seed, command=command, plan_wall_s=result.wall_s)
     judged = judging_map(site) if sorties else None
@@ -82,7 +84,10 @@ def save_plan(
             break
         plan = _plan_of_sortie(judged, result, sortie)
         own = {"scenario.toml": scenario, **_set_texts(plan)}
-        own |= mission_texts(sortie.compiled, autopilot=autopilot, name=f"{site.scenario.name}, sortie {row['number']}")
+        title = f"{site.scenario.name}, sortie {row['number']}"
+        if fleet is not None:
+            title = f"{site.scenario.name}, vehicle {sortie.vehicle}, sortie {row['number']}"
+        own |= mission_texts(sortie.compiled, autopilot=autopilot, name=title)
         own["plan.json"] = json_text(plan_document(site, plan, seed=seed, bounds=of_any_plan))
         own["run.json"] = _recorded(RunFolder(run.file(row["folder"])), about, own)
         texts |= {f"{row['folder']}/{name}": text for name, text in own.items()}
@@ -120,6 +125,8 @@ def _sortie_row(number: int, sortie: Sortie) -> dict[str, Any]:
         "route_length_m": sortie.route.length_m,
         "path_length_m": Route(sortie.compiled.path_m).length_m,
         "mission_items": len(sortie.compiled.mission.items),
+        "vehicle": sortie.vehicle,
+        "takeoff_s": sortie.start_s,
     }
 
 

@@ -8,7 +8,8 @@ from uavcover.model.vehicle import AutopilotName
 from uavcover.planning.selection import parse_rule, select
 from uavcover.routes.objectives import judge_member
 from uavcover.routes.sorties import Sortie
-from uavcover.run.documents import read_pareto, read_pareto_routes
+from uavcover.run.documents import read_pareto, read_pareto_routes, read_plan_document
+from uavcover.run.fleet import fleet_document
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_flights
 from uavcover.run.plan_files import save_plan
@@ -69,14 +70,16 @@ def choose(
         raise InputError(
             f"{run.file('plan.json')}: is not a plan ({type(error).__name__}: {error}); make it again with: uavcover plan"
         ) from error
+    vehicles = read_plan_document(document, source=str(run.file("plan.json"))).vehicles
     flights: tuple[Sortie, ...] = ()
     if site.frame is not None and site.home_m is not None:
         try:
-            flights = compile_flights(site, chosen.route, autopilot=autopilot)
+            flights = compile_flights(site, chosen.route, autopilot=autopilot, vehicles=vehicles)
         except InfeasibleError as error:
             raise InfeasibleError(f"member {choice.index}: {error}; {run} is as it was") from error
     older = save_plan(
         run, site, result, compiled=flights[0].compiled if len(flights) == 1 else None, autopilot=autopilot, seed=seed,
         command=command, sorties=flights if len(flights) > 1 else (), proved=bounds, baselines=baselines,
+        fleet=fleet_document(site, flights) if vehicles > 1 else None,
     )  # fmt: skip
     return result, flights, older

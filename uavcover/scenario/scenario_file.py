@@ -22,6 +22,7 @@ from uavcover.model.terrain import RasterTerrain, Terrain
 from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.areas.area_file import SUFFIXES as AREA_SUFFIXES
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
+from uavcover.scenario.fleet_tables import with_fleet
 from uavcover.scenario.obstacles import polygons_of, read_geojson, read_obstacles
 from uavcover.scenario.ring_checks import across_180, fence_mistakes, no_fly_mistakes, valid_ring
 from uavcover.scenario.terrain_source import TerrainSource, find_tiles
@@ -81,6 +82,7 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
         raw = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ScenarioError(f"{source}: not valid TOML: {error}") from error
+    raw = with_fleet(raw, source=source)
     # Validated as JSON: there the validator accepts a list for a tuple and a table for a dataclass, and is strict otherwise.
     document = json.dumps(raw, default=str)
     mistakes: list[str] = []

@@ -78,6 +78,18 @@ class Site:
             raise ScenarioError(str(error)) from error
         return dataclasses.replace(self, scenario=dataclasses.replace(self.scenario, planner=planner))
 
+    def flown_by(self, vehicles: int) -> "Site":
+        """This site with so many vehicles.
+
+        Raises:
+            ScenarioError: the number is not possible.
+        """
+        try:
+            fleet = dataclasses.replace(self.scenario.fleet, vehicles=vehicles)
+        except ValueError as error:
+            raise ScenarioError(str(error)) from error
+        return dataclasses.replace(self, scenario=dataclasses.replace(self.scenario, fleet=fleet))
+
     @property
     def bare_ground(self) -> Ground:
         """The ground without trees and roofs of a surface model: vehicles stand on it, and it is what is looked at."""

@@ -1,0 +1,101 @@
+"""A fleet's plan: its flights with their vehicles and take-off times, and what it says of them."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from uavcover.model.vehicle import AutopilotName
+from uavcover.routes.fleet_cuts import share_out
+from uavcover.routes.fleet_schedule import schedule
+from uavcover.routes.sorties import Sortie
+from uavcover.routes.timeline import timeline_of
+from uavcover.run.user import User
+from uavcover.scenario.site import Site
+
+
+def scheduled(site: Site, flights: Sequence[Sortie], *, autopilot: AutopilotName) -> tuple[Sortie, ...]:
+    """The flights with the vehicle that flies each and its take-off, so that all keep apart (``routes/fleet_schedule.py``)."""
+    timelines = [timeline_of(site, flight, autopilot=autopilot) for flight in flights]
+    starts = schedule(timelines, site.scenario.fleet)
+    return tuple(
+        dataclasses.replace(flight, vehicle=start.vehicle + 1, start_s=start.start_s)
+        for flight, start in zip(flights, starts, strict=True)
+    )
+
+
+def makespan_s(flights: Sequence[Sortie]) -> float:
+    """From the first take-off to the last landing, as planned."""
+    return max(_start_s(flight) + flight.compiled.flight_time_s for flight in flights)
+
+
+def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | None:
+    """``fleet`` of ``plan.json``; none for one vehicle.
+
+    Args:
+        site: the scenario on its ground.
+        flights: as :func:`scheduled`; none when there is no mission.
+    """
+    fleet = site.scenario.fleet
+    if fleet.vehicles == 1:
+        return None
+    document: dict[str, Any] = {"vehicles": fleet.vehicles, "separation_m": fleet.separation_m}
+    if not flights:
+        return document
+    times_s = [flight.compiled.flight_time_s for flight in flights]
+    done_s = makespan_s(flights)
+    one_s = math.fsum(times_s) + fleet.turnaround_s * (len(flights) - 1)
+    together_s = share_out(times_s, fleet.vehicles, fleet.turnaround_s).makespan_s
+    return document | {
+        "makespan_s": done_s,
+        "one_vehicle_s": one_s,
+        "of_one_vehicle": done_s / one_s,
+        "kept_apart_s": max(0.0, done_s - together_s),
+        "by_vehicle": [_row(site, number, flights) for number in sorted({flight.vehicle for flight in flights})],
+    }
+
+
+def _row(site: Site, vehicle: int, flights: Sequence[Sortie]) -> dict[str, Any]:
+    own = sorted((k for k, f in enumerate(flights) if f.vehicle == vehicle), key=lambda k: _start_s(flights[k]))
+    times_s = [flights[k].compiled.flight_time_s for k in own]
+    endurance_s = site.scenario.vehicle.endurance_s
+    return {
+        "vehicle": vehicle,
+        "sorties": [k + 1 for k in own],
+        "takeoffs_s": [_start_s(flights[k]) for k in own],
+        "landed_s": max(_start_s(flights[k]) + time_s for k, time_s in zip(own, times_s, strict=True)),
+        "flight_time_s": math.fsum(times_s),
+        "least_battery_left": None if endurance_s is None else 1.0 - max(times_s) / endurance_s,
+    }
+
+
+def _start_s(flight: Sortie) -> float:
+    return 0.0 if flight.start_s is None else flight.start_s
+
+
+def say_fleet(user: User, document: dict[str, Any] | None) -> None:
+    """The table of the vehicles, and what they gain."""
+    if document is None or "by_vehicle" not in document:
+        return
+    for row in document["by_vehicle"]:
+        each = ", ".join(
+            f"{number} at {start_s:.0f} s" for number, start_s in zip(row["sorties"], row["takeoffs_s"], strict=True)
+        )
+        left = row["least_battery_left"]
+        battery = "" if left is None else f", at least {100.0 * left:.0f} % of a battery left"
+        user.say(
+            f"vehicle {row['vehicle']:<2} sorties {each}; in the air {row['flight_time_s']:.0f} s, landed at "
+            f"{row['landed_s']:.0f} s{battery}"
+        )
+    waits = document["kept_apart_s"]
+    apart = f" (of that {waits:.0f} s to keep {document['separation_m']:g} m apart)" if waits >= 1.0 else ""
+    used = len(document["by_vehicle"])
+    what = f"{used} vehicles" if used == document["vehicles"] else f"{used} of {document['vehicles']} vehicles"
+    user.say(
+        f"{what}: done after {document['makespan_s']:.0f} s{apart}; one vehicle with the same sorties: "
+        f"{document['one_vehicle_s']:.0f} s (x {document['of_one_vehicle']:.2f})"
+    )
+    if used < document["vehicles"]:
+        user.warn(
+            "more vehicles would not be done sooner: the ways there and home, and keeping apart, cost more than they gain"
+        )
