@@ -96,6 +96,12 @@ def test_a_plan_brings_its_autopilot_and_its_fence(cli: Cli, tmp_path: Path) -> 
         (("m.waypoints", "--dem", DEM, "--no-fly", "no.json"), "no.json"),
         (("m.waypoints", "--dem", DEM, "--home", "91,0"), "--home"),
         (("m.waypoints", "--dem", DEM, "--map", "x.png"), ".geojson"),
+        (("m.waypoints", "--dem", DEM, "--fix"), "-o"),
+        (("m.waypoints", "--dem", DEM, "-o", "n.waypoints"), "--fix"),
+        (("m.waypoints", "--dem", DEM, "--fix", "-o", "n.plan"), "n.plan"),
+        (("m.waypoints", "--dem", DEM, "--fix", "-o", "m.waypoints", "--force"), "itself"),
+        (("m.waypoints", "--dem", DEM, "--fix", "-o", "broken.waypoints"), "--force"),
+        (("swapped.waypoints", "--dem", DEM, "--fix", "-o", "n.waypoints"), "correct that first"),
     ],
 )
 def test_bad_input_is_one_line(
@@ -106,6 +112,7 @@ def test_bad_input_is_one_line(
     (tmp_path / "m.docx").write_text("?")
     mission(tmp_path, "5003 36.4762 -84.216 0", name="fence.waypoints")
     (tmp_path / "fence.waypoints").write_text(f"QGC WPL 110\n{HOME}\n1\t0\t0\t5003\t50\t0\t0\t0\t36.47\t-84.2\t0\t1\n")
+    mission(tmp_path, "22 0 0 40", "16 -84.2160 36.4770 70", "20 0 0 0", name="swapped.waypoints")
     (tmp_path / "empty.waypoints").write_text(f"QGC WPL 110\n{HOME}\n")
     (tmp_path / "broken.waypoints").write_text("QGC WPL 110\n1 2 three\n")
     ended = cli("check", *arguments)
@@ -119,3 +126,39 @@ def test_a_mission_of_another_place(cli: Cli, tmp_path: Path) -> None:
     ended = cli("check", file, "--dem", DEM)
     assert ended.code == 1
     assert "elsewhere" in ended.out
+
+
+@pytest.mark.parametrize("name", ["m.waypoints", "m.plan"])
+def test_a_repaired_mission_is_checked_again(cli: Cli, tmp_path: Path, name: str) -> None:
+    from mission_io.formats import plan
+    from mission_io.formats.files import read_mission
+    from mission_io.model.areas import Fence
+
+    rows = ("22 0 0 40", "16 36.4770 -84.2160 70", "16 36.4800 -84.2190 300", "16 36.4850 -84.2240 480", "20 0 0 0")
+    file = mission(tmp_path, *rows)
+    if name == "m.plan":
+        made = plan.PlanFile(read_mission(file), Fence(), plan.RallyPoints(), 3)
+        file = tmp_path / name
+        file.write_text(plan.write(made))
+    before, options = file.read_bytes(), ("--dem", DEM, "--return-height", "500m", "--max-height", "none", "--json")
+    assert cli("check", file, *options).code == 1
+    fixed = tmp_path / f"fixed{file.suffix}"
+    ended = cli("check", file, *options, "--fix", "-o", fixed)
+    assert (ended.code, ended.document["verdict"], ended.document["file"]) == (0, "passed", str(fixed))
+    assert file.read_bytes() == before
+    assert len(read_mission(fixed).items) >= 5
+    unchanged = cli(
+        "check",
+        fixed,
+        "--dem",
+        DEM,
+        "--return-height",
+        "500m",
+        "--max-height",
+        "none",
+        "--fix",
+        "-o",
+        tmp_path / f"2{file.suffix}",
+    )
+    assert unchanged.code == 0
+    assert "no file was written" in unchanged.out

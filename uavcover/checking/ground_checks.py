@@ -71,7 +71,9 @@ def _too_low(segment: Segment, world: World, limits: Limits, ranges: FloatArray)
             by=short_m,
             unit="m",
             what=f"{words}, the least is {max(limit_m, 0.0):g} m",
-            do=f"raise {points} by {short_m:.0f} m or more, or put a waypoint there",
+            do="return higher (--return-height), or end with legs home"
+            if segment.phase == "return"
+            else f"raise {points} by {short_m:.0f} m or more, or put a waypoint there",
         ),
     ]
 

@@ -1,5 +1,6 @@
 """``uavcover check``: anybody's mission, judged before it is flown."""
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -110,6 +111,19 @@ class AroundOptions:
     ] = None
 
 
+@dataclass(frozen=True, slots=True)
+class RepairOptions:
+    """Whether and where plain repairs are written."""
+
+    fix: Annotated[
+        bool,
+        typer.Option("--fix", help="Lift what is too low, and put waypoints over what legs hit; needs -o."),
+    ] = False
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="The repaired mission, which is checked again.", metavar="FILE")
+    ] = None
+
+
 def check(
     file: Annotated[Path, typer.Argument(help="A mission: .plan, .waypoints or .csv.")],
     *,
@@ -121,17 +135,20 @@ def check(
         Path | None,
         typer.Option("--map", help="Write path and findings for map programs.", metavar="FILE.geojson"),
     ] = None,
+    repair: RepairOptions,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
     """Judge anybody's mission over the terrain, every leg at its full length, before it is flown.
 
-    Exit code 0: passed; 1: something breaks a limit, or cannot be judged for want of elevation data; 2: a file cannot be read.
+    Exit code 0: passed; 1: something breaks a limit, or cannot be judged for want of elevation data; 2: a file
+    cannot be read. With --fix findings, --json and the exit code are those of the repaired mission.
     """
     from uavcover.errors import InputError
     from uavcover.intake.quantities import lat_lon, length_m, speed_m_s, time_s
     from uavcover.run.check import CheckQuery, document_of, refuse_map, say_findings, write_map
     from uavcover.run.check import check as check_file
+    from uavcover.run.repair_mission import refuse_repair_into, repair_mission
 
     console = output.console()
     if not dem.dem:
@@ -140,6 +157,9 @@ def check(
         raise InputError(f"--reserve: {aircraft.reserve:g} is not a share of the battery; give 0 to 99 percent")
     if map_file is not None:
         refuse_map(map_file, force=force)
+    if repair.out is not None and not repair.fix:
+        raise InputError("-o: goes with --fix")
+    fixed = refuse_repair_into(file, repair.out, force=force) if repair.fix else None
     height, speed, battery = aircraft.return_height, aircraft.speed, aircraft.battery
     query = CheckQuery(
         file=file, elevation=dem.data(), fence=around.fence, no_fly=tuple(around.no_fly or ()), vehicle=aircraft.vehicle,
@@ -153,6 +173,10 @@ def check(
     )  # fmt: skip
     checked = check_file(query, console)
     say_findings(checked, console)
+    if fixed is not None and repair_mission(query, checked, fixed, console):
+        query = dataclasses.replace(query, file=fixed)
+        checked = check_file(query, console)
+        say_findings(checked, console)
     if map_file is not None:
         write_map(checked, map_file, force=force)
         console.say(f"written: {map_file}")

@@ -1,0 +1,73 @@
+"""The workflow of ``uavcover check --fix``: plain repairs of somebody's mission, into another file."""
+
+from pathlib import Path
+
+from mission_io.formats import files, plan
+from mission_io.formats.text import text_from_bytes
+from mission_io.model.items import Mission
+from uavcover.checking.check import Checked
+from uavcover.checking.flown_path import flown_path
+from uavcover.checking.repair import repaired
+from uavcover.errors import InputError, OutputError
+from uavcover.run.check import CheckQuery, aircraft_of, read_mission_file
+from uavcover.run.file_group import write_file
+from uavcover.run.user import User
+
+
+def refuse_repair_into(file: Path, out: Path | None, *, force: bool) -> Path:
+    """Where repairs are written to.
+
+    Raises:
+        InputError: there is no name, or one of another format.
+        OutputError: it is the mission itself, or there already.
+    """
+    if out is None:
+        raise InputError(
+            f"--fix: name another file for the repaired mission with -o, such as {file.stem}-fixed{file.suffix}"
+        )
+    if out.suffix.lower() != file.suffix.lower() or file.suffix.lower() == ".csv":
+        kept = ".plan or .waypoints" if file.suffix.lower() == ".csv" else file.suffix
+        raise InputError(f"-o: {out}: repairs are written in the format of the mission, {kept}; name it so")
+    if out.exists() and out.samefile(file):
+        raise OutputError(f"-o: {out} is the mission itself; give another name")
+    if out.exists() and not force:
+        raise OutputError(f"{out}: is there already; give another name, or --force to replace it")
+    return out
+
+
+def repair_mission(query: CheckQuery, checked: Checked, out: Path, user: User) -> bool:
+    """Write the mission with plain repairs, and tell what was changed; False where there is nothing to repair.
+
+    Raises:
+        InputError: places are wrong, which nobody but the user can repair.
+        OutputError: the file cannot be written.
+        FormatError: the format cannot hold the mission.
+    """
+    wrong = next((one for one in checked.findings if one.kind == "place" and one.weight == "breaks"), None)
+    if wrong is not None or checked.world is None:
+        what = "its places are wrong" if wrong is None else wrong.what
+        raise InputError(f"--fix: {query.file}: {what}; correct that first")
+    world = checked.world
+    read = read_mission_file(query.file)
+    aircraft = aircraft_of(query, read)
+    fixed = repaired(read.mission, world, query.limits, lambda mission: flown_path(mission, world, aircraft))
+    if not fixed.raised and not fixed.inserted:
+        user.say("nothing that plain repairs would change; no file was written")
+        return False
+    _write(query.file, out, fixed.mission)
+    user.say(f"written: {out}: {_numbers(fixed.raised)} raised, {_numbers(fixed.inserted)} put in")
+    return True
+
+
+def _write(file: Path, out: Path, mission: Mission) -> None:
+    if file.suffix.lower() == ".plan":
+        document = plan.read_to_keep(text_from_bytes(file.read_bytes()).text)
+        write_file(out, plan.write(document.with_mission(mission)).encode())
+    else:
+        files.write_mission(mission, out)
+
+
+def _numbers(numbers: tuple[int, ...]) -> str:
+    if not numbers:
+        return "no item"
+    return f"{'item' if len(numbers) == 1 else 'items'} {', '.join(map(str, numbers))}"
