@@ -145,6 +145,14 @@ _GROUPS: dict[str, dict[str, Entry]] = {
             "coverage and safety of what was flown",
             ("uavcover verify RUN", "uavcover verify RUN --log flight.bin"),
         ),
+        "judge-photos": (
+            "uavcover.cli.judge_photos",
+            "what any pictures show of an area, and what is missing",
+            (
+                "uavcover judge-photos DCIM/ --area area.kml --dem dem.tif --overlap 75/70 -o verdict",
+                "uavcover judge-photos DCIM/ --scenario RUN --takeoff 46.5,7.9",
+            ),
+        ),
         "gaps": (
             "uavcover.cli.gaps",
             "what was not seen, and a mission that flies only that",

@@ -111,11 +111,10 @@ def gaps_geojson(coverage: CoverageMap, regions: Sequence[GapRegion]) -> dict[st
     frame = coverage.site.frame
     if frame is None:
         raise InputError(f"scenario {coverage.site.scenario.name}: has no place on Earth, so its gaps have no GeoJSON")
-    row_of, column_of = _places_in_lattice(coverage)
     features = []
     for number, region in enumerate(regions):
         gap = region.gap
-        outline = _outline(coverage, row_of[region.cells], column_of[region.cells])
+        outline = cells_outline(coverage, region.cells)
         features.append(
             {
                 "type": "Feature",
@@ -142,8 +141,10 @@ def _places_in_lattice(coverage: CoverageMap) -> tuple[NDArray[np.int64], NDArra
     return row_of, column_of
 
 
-def _outline(coverage: CoverageMap, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> shapely.MultiPolygon:
+def cells_outline(coverage: CoverageMap, chosen: NDArray[np.int64]) -> shapely.MultiPolygon:
     """Union of cells as one shape in the local frame, from a rectangle for each run of cells in a row."""
+    row_of, column_of = _places_in_lattice(coverage)
+    rows, columns = row_of[chosen], column_of[chosen]
     order = np.lexsort((columns, rows))
     rows, columns = rows[order], columns[order]
     starts = np.flatnonzero(np.append(True, (np.diff(rows) != 0) | (np.diff(columns) != 1)))

@@ -40,6 +40,8 @@ from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
 from uavcover.vehicle.track_file import read_track_with_warnings
 
+LAYER_REASONS = ", ".join(f"{code} {reason}" for code, reason in enumerate(("seen", *REASONS)))
+"""What the numbers of the layer of reasons in a raster stand for."""
 LOG_ENDINGS = (".csv", ".rrd", *READERS)
 
 
@@ -158,7 +160,6 @@ def coverage_raster(coverage: CoverageMap, flown: FlownCoverage) -> bytes | None
     if site.frame is None:
         return None
     sureness = flown.seen.astype(float) + flown.possibly_seen + flown.surely_seen
-    codes = ", ".join(f"{code} {reason}" for code, reason in enumerate(("seen", *REASONS)))
     layers: list[tuple[str, str, NDArray[Any]]] = [
         ("looks", "separate passes that saw the cell", flown.passes),
         ("first_seen_s", "vehicle time in seconds", flown.first_seen_s),
@@ -166,7 +167,7 @@ def coverage_raster(coverage: CoverageMap, flown: FlownCoverage) -> bytes | None
         ("incidence_deg", "smallest incidence angle in degrees", flown.incidence_deg),
         ("distance_m", "shortest distance in metres", flown.nearest_m),
         ("sureness", "0 not seen, 1 possibly, 2 seen if measurements are exact, 3 surely", sureness),
-        ("reason", codes, reason_codes(coverage, flown)),
+        ("reason", LAYER_REASONS, reason_codes(coverage, flown)),
     ]
     inside = cells.lattice >= 0
 

@@ -1,0 +1,172 @@
+"""``judge-photos``: pictures of a planned flight, with and without some of them, and what cannot be judged."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+import rasterio
+
+from tests.judging.photos.camera_files import dji, write_jpeg
+from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planning.baselines.swaths import fly_layout
+from uavcover.run.folder import RunFolder
+from uavcover.run.judge import read_planned_route
+from uavcover.run.new import NewRequest, new_scenario
+from uavcover.run.user import Unattended
+from uavcover.scenario.areas.area_file import AreaQuery
+from uavcover.scenario.site import area_as_drawn, load_site
+from uavcover.sensing.coverage_map import judging_map
+
+AREA = "36.4762,-84.2160,45"
+DEM = "uavcover/data/jacksboro.tif"
+
+
+def shots(site, route):
+    """Where pictures are taken on a route, as name, latitude, longitude, height, yaw and seconds."""
+    looks = judging_map(site).observations(route.waypoints_m)
+    lat, lon, alt = site.frame.geodetic_from_enu(looks.places_m)
+    yaw = np.degrees(np.arctan2(looks.headings[:, 0], looks.headings[:, 1]))
+    return list(zip(lat, lon, alt, yaw, 2 * np.arange(len(looks)), strict=True))
+
+
+def take(folder, pictures, *, prefix="DJI"):
+    folder.mkdir(exist_ok=True)
+    for number, (lat, lon, alt, yaw, time_s) in enumerate(pictures):
+        told = dji(
+            AbsoluteAltitude=f"{alt:+.3f}", RelativeAltitude="+80.0", GimbalYawDegree=f"{yaw:.2f}",
+            GimbalPitchDegree="-90.00", GimbalRollDegree="+0.00", FlightXSpeed="8.0", FlightYSpeed="0.0",
+        )  # fmt: skip
+        moment = f"2026:05:04 {10 + time_s // 3600:02d}:{time_s // 60 % 60:02d}:{time_s % 60:02d}"
+        write_jpeg(
+            folder / f"{prefix}_{number:04d}.JPG",
+            place=(lat, lon),
+            alt_m=alt,
+            time=moment,
+            xmp=told,
+            pixels=(5280, 3956),
+        )
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """The pictures of a survey of plain lines."""
+    request = NewRequest(
+        area=AreaQuery(source=AREA), dem=(DEM,), camera="dji-m3e", gsd="2.5cm", overlap="75/70", home="36.4770,-84.2172"
+    )
+    site = new_scenario(request, Unattended(), folder=tmp_path_factory.mktemp("scenario")).site
+    return shots(site, fly_layout(site, plain_boustrophedon(site)))
+
+
+ASKED = ("--area", AREA, "--dem", DEM, "--camera", "dji-m3e", "--gsd", "2.5cm", "--overlap", "75/70")
+
+
+def test_a_whole_survey_passes_and_says_what_is_shown(cli, tmp_path, flown):
+    take(tmp_path / "DCIM", flown)
+    ended = cli("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--json")
+    assert ended.code == 0, ended.err
+    told = ended.document
+    assert told["passed"]
+    assert told["counted"] == len(flown)
+    assert told["overlap_fraction"] >= 0.99
+    assert told["coverage_holds"] == "yes"
+    assert told["refly"] is None
+    rows = list(csv.DictReader((tmp_path / "out/pictures.csv").read_text().splitlines()))
+    assert len(rows) == len(flown)
+    assert float(rows[3]["lat_deg"]) == pytest.approx(flown[3][0], abs=2e-7)
+    # A pixel is 1.9 cm wide at 80 m: 8 mm of motion in a millisecond at 8 m/s.
+    assert float(rows[3]["blur_px"]) == pytest.approx(0.008 * 3751.0 / float(rows[3]["height_agl_m"]), rel=0.02)
+    prints = json.loads((tmp_path / "out/footprints.geojson").read_text())
+    assert len(prints["features"]) == len(flown)
+    with rasterio.open(tmp_path / "out/photos.tif") as raster:
+        assert raster.descriptions[0] == "pictures"
+        assert np.nanmin(raster.read(1)) >= 0
+
+
+def test_what_is_missing_is_told_and_the_flight_for_it_makes_it_whole(cli, tmp_path, flown):
+    third = len(flown) // 3
+    take(tmp_path / "DCIM", flown[:third] + flown[2 * third :])
+    ended = cli("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--budget", "1s", "--json")
+    assert ended.code == 1
+    told = ended.document
+    assert told["verdict"] == "failed"
+    assert told["overlap_holds"] is False
+    assert {gap["reason"] for gap in told["gaps"]} <= {"too-few-looks", "never-in-range", "too-coarse"}
+    lacking_m2 = (1.0 - told["overlap_fraction"]) * told["area_m2"]
+    assert 0.99 * lacking_m2 < sum(gap["area_m2"] for gap in told["gaps"]) < told["area_m2"]
+    again = tmp_path / "out/refly"
+    planned = read_planned_route(RunFolder(again))
+    assert planned is not None
+    site = load_site(again / "scenario.toml")
+    drawn_m2 = area_as_drawn(site).area
+    assert told["refly"]["missing_m2"] <= drawn_m2 < 1.6 * told["refly"]["missing_m2"]
+    take(tmp_path / "DCIM", shots(site, planned), prefix="AGAIN")
+    both = cli("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "both", "--no-refly", "--json")
+    assert both.document["overlap_fraction"] >= 0.98
+
+
+def test_without_camera_and_sample_distance_the_pictures_tell_both(cli, tmp_path, flown):
+    take(tmp_path / "DCIM", flown)
+    ended = cli(
+        "judge-photos", tmp_path / "DCIM", "--area", AREA, "--dem", DEM, "-o", tmp_path / "out", "--no-refly", "--json"
+    )
+    assert ended.code == 0, ended.err
+    assert (tmp_path / "out/camera.toml").read_text().count("12.29") == 2
+    assert ended.document["overlap_holds"] is None
+    again = cli(
+        "judge-photos",
+        tmp_path / "DCIM",
+        "--scenario",
+        tmp_path / "out",
+        "-o",
+        tmp_path / "two",
+        "--no-refly",
+        "--json",
+    )
+    assert again.document["counted"] == len(flown)
+
+
+def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
+    take(
+        tmp_path / "DCIM", [(lat, lon, alt - 60.0 * (k % 2), yaw, t) for k, (lat, lon, alt, yaw, t) in enumerate(flown)]
+    )
+    ended = cli("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--no-refly")
+    assert ended.code in (0, 1)
+    take(tmp_path / "DCIM", [(lat, lon, alt - 200.0, yaw, t) for lat, lon, alt, yaw, t in flown])
+    ended = cli("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--no-refly", "--force")
+    assert "lie under the ground" in ended.err
+    assert ended.code == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ((), "give either --area"),
+        (("--area", AREA, "--scenario", "x.toml"), "give either --area"),
+        (("--scenario", "jacksboro", "--gsd", "2cm"), "--gsd belongs to --area"),
+        (("--area", AREA), "--dem"),
+        (("--area", AREA, "--dem", DEM, "--coverage", "98"), "--coverage: 98 is a share"),
+        (("--area", AREA, "--dem", DEM, "--angle-error", "-1"), "--angle-error"),
+        (("--area", AREA, "--dem", DEM, "--takeoff", "0,0"), "--takeoff: 0, 0 is outside"),
+        (("--area", AREA, "--dem", DEM, "--camera", "dji-m3m-multispectral"), "no picture is of the camera"),
+        (("--area", "46.0,8.0,60", "--dem", DEM), "46"),
+    ],
+)
+def test_what_cannot_be_judged_is_one_line(cli, tmp_path, flown, options, words):
+    take(tmp_path / "DCIM", flown[:4])
+    ended = cli("judge-photos", tmp_path / "DCIM", *options, "-o", tmp_path / "out")
+    assert ended.code == 2
+    assert words in ended.err.splitlines()[-1]
+    assert "Traceback" not in ended.err
+    assert not (tmp_path / "out/photos.json").exists()
+
+
+def test_a_verdict_that_is_there_is_not_replaced(cli, tmp_path, flown):
+    take(tmp_path / "DCIM", flown[::6])
+    arguments = ("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--no-refly")
+    assert cli(*arguments).code == 1
+    kept = (tmp_path / "out/photos.json").read_bytes()
+    ended = cli(*arguments)
+    assert ended.code == 2
+    assert "--force" in ended.error
+    assert (tmp_path / "out/photos.json").read_bytes() == kept

@@ -1,0 +1,181 @@
+"""Pictures' metadata of several makers, lists of pictures, and files that are none of these."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.judging.photos.camera_files import XMP, dji, write_jpeg
+from tests.naive.pictures import _rotation as rotation
+from uavcover.errors import TrackError
+from uavcover.judging.photos.picture import HeightDatum, camera_axes, finite
+from uavcover.judging.photos.readers import read_pictures
+
+PLACE = (-36.47625431, -84.21604127)
+PIX4D = 'xmlns:Camera="http://pix4d.com/camera/1.0"'
+PARROT = 'xmlns:drone-parrot="http://www.parrot.com/drone-parrot/1.0/"'
+
+
+def only(*sources):
+    found = read_pictures(sources)
+    assert len(found.pictures) == 1
+    return found.pictures[0]
+
+
+def test_exif_places_a_picture(tmp_path):
+    write_jpeg(tmp_path / "a.jpg", place=PLACE, alt_m=412.5)
+    picture = only(tmp_path)
+    assert (picture.lat_deg, picture.lon_deg) == pytest.approx(PLACE, abs=1e-9)
+    assert (picture.alt_m, picture.datum) == (412.5, HeightDatum.SEA_LEVEL)
+    assert (picture.pixels, picture.focal_length_mm, picture.focal_length_35mm) == ((5280, 3956), 12.29, 24.0)
+    assert picture.exposure_s == pytest.approx(0.001)
+    assert picture.camera == "DJI M3E"
+    assert not picture.has_direction
+    assert picture.lacks() is None
+
+
+@pytest.mark.parametrize(
+    ("below", "alt_m", "datum"),
+    [(0, 7.0, "sea level"), (1, -7.0, "sea level"), (2, 7.0, "ellipsoid"), (3, -7.0, "ellipsoid")],
+)
+def test_the_reference_of_a_height_counts(tmp_path, below, alt_m, datum):
+    write_jpeg(tmp_path / "a.jpg", place=PLACE, alt_m=7.0, below=below)
+    picture = only(tmp_path)
+    assert (picture.alt_m, picture.datum) == (alt_m, datum)
+
+
+def test_dji_tells_the_gimbal_and_a_fixed_solution_is_above_the_ellipsoid(tmp_path):
+    told = dji(
+        GpsLatitude=PLACE[0], GpsLongtitude=PLACE[1], AbsoluteAltitude="+380.25", RelativeAltitude="+81.00",
+        GimbalYawDegree="+45.10", GimbalPitchDegree="-89.90", GimbalRollDegree="+180.00", FlightYawDegree="+44.0",
+        FlightXSpeed="+3.0", FlightYSpeed="-4.0", RtkFlag="50", RtkStdLat="0.011", RtkStdLon="0.013", RtkStdHgt="0.024",
+    )  # fmt: skip
+    write_jpeg(tmp_path / "a.jpg", place=(0.0, 0.0), alt_m=1.0, xmp=told)
+    picture = only(tmp_path)
+    assert (picture.lat_deg, picture.lon_deg) == PLACE
+    assert (picture.alt_m, picture.datum, picture.height_above_takeoff_m) == (380.25, HeightDatum.ELLIPSOID, 81.0)
+    assert (picture.yaw_deg, picture.pitch_deg, picture.roll_deg) == (45.1, -89.9, 180.0)
+    assert (picture.horizontal_error_m, picture.vertical_error_m) == (0.013, 0.024)
+    assert picture.speed_m_s == pytest.approx(5.0)
+
+
+def test_other_makers_tell_angles_in_their_own_ways(tmp_path):
+    pix4d = XMP.format(
+        spaces=PIX4D,
+        attributes='Camera:Yaw="10" Camera:Pitch="5" Camera:Roll="-2" Camera:GPSXYAccuracy="3/2" Camera:GPSZAccuracy="4"',
+    )
+    parrot = XMP.format(
+        spaces=PARROT,
+        attributes='drone-parrot:CameraYawDegree="20" drone-parrot:CameraPitchDegree="-80" drone-parrot:CameraRollDegree="1"',
+    )
+    for name, xmp in (("a.jpg", pix4d), ("b.jpg", parrot)):
+        write_jpeg(tmp_path / name, place=(10.0, 20.0 if name == "a.jpg" else 20.1), alt_m=50.0, xmp=xmp)
+    one, other = read_pictures([tmp_path]).pictures
+    assert (one.yaw_deg, one.pitch_deg, one.roll_deg) == (10.0, -85.0, -2.0)
+    assert (one.horizontal_error_m, one.vertical_error_m) == (1.5, 4.0)
+    assert (other.yaw_deg, other.pitch_deg, other.roll_deg) == (20.0, -80.0, 1.0)
+
+
+@pytest.mark.parametrize("xmp", ["<x:xmpmeta", '<!DOCTYPE a [<!ENTITY b "c">]><x:xmpmeta/>', "\x00", "<a>" * 2000])
+def test_xmp_that_is_damaged_or_dangerous_is_left_out(tmp_path, xmp):
+    write_jpeg(tmp_path / "a.jpg", place=PLACE, alt_m=1.0, xmp=xmp)
+    assert not only(tmp_path).has_direction
+
+
+def test_bands_of_one_moment_are_one_picture(tmp_path):
+    for band in range(5):
+        write_jpeg(tmp_path / f"IMG_0001_{band}.jpg", place=PLACE, alt_m=99.0)
+    write_jpeg(tmp_path / "IMG_0002_1.jpg", place=PLACE, alt_m=99.0, time="2026:05:04 10:11:14")
+    found = read_pictures([tmp_path])
+    assert [picture.name for picture in found.pictures] == ["IMG_0001_0.jpg", "IMG_0002_1.jpg"]
+    assert "4 of 6 files" in found.notes[0]
+
+
+def test_cards_with_the_same_names_are_kept_apart(tmp_path):
+    for card, lon in (("100MEDIA", 20.0), ("101MEDIA", 21.0)):
+        (tmp_path / card).mkdir()
+        write_jpeg(tmp_path / card / "DJI_0001.JPG", place=(10.0, lon), alt_m=5.0)
+    assert sorted(picture.lon_deg for picture in read_pictures([tmp_path]).pictures) == pytest.approx([20.0, 21.0])
+
+
+def test_geo_txt_moves_pictures_and_keeps_what_only_they_tell(tmp_path):
+    told = dji(AbsoluteAltitude="1", GimbalYawDegree="5", GimbalPitchDegree="-90", GimbalRollDegree="0")
+    write_jpeg(tmp_path / "DJI_1.JPG", place=(0.5, 0.5), alt_m=1.0, xmp=told)
+    (tmp_path / "geo.txt").write_text("WGS84 UTM 16N\nDJI_1.JPG 500000.0 0.0 512.5 0 0 0 0.02 0.03\n")
+    picture = only(tmp_path)
+    assert (picture.lat_deg, picture.lon_deg) == pytest.approx((0.0, -87.0), abs=1e-7)
+    assert (picture.alt_m, picture.horizontal_error_m, picture.vertical_error_m) == (512.5, 0.02, 0.03)
+    assert picture.yaw_deg == 5.0
+
+
+def test_other_lists(tmp_path):
+    (tmp_path / "a_Timestamp.MRK").write_text(
+        "1\t284364.470178\t[2065]\t    36,N\t     0,E\t   193,V\t43.14136393,Lat\t-1.44395281,Lon\t245.124,Ellh\t"
+        "0.013021, 0.012437, 0.029812\t50,Q\n"
+    )
+    mrk = only(tmp_path / "a_Timestamp.MRK")
+    assert (mrk.lat_deg, mrk.lon_deg, mrk.alt_m, mrk.datum) == (43.14136393, -1.44395281, 245.124, "ellipsoid")
+    assert (mrk.horizontal_error_m, mrk.vertical_error_m) == (0.013021, 0.029812)
+    row = {"filename": "x.jpg", "latitude": 1.5, "longitude": 2.5, "altitude": 80.0, "yaw": 30, "pitch": 10, "roll": 0}
+    (tmp_path / "images.json").write_text(json.dumps([row]))
+    odm = only(tmp_path / "images.json")
+    assert (odm.yaw_deg, odm.pitch_deg) == (30.0, -80.0)
+    (tmp_path / "tagged.csv").write_text(
+        "\ufeffImage Name;Latitude;Longitude;Altitude;Yaw;Pitch;Roll\np1;1;2;3;4;-90;0\n"
+    )
+    table = only(tmp_path / "tagged.csv")
+    assert (table.name, table.lat_deg, table.lon_deg, table.alt_m, table.pitch_deg) == ("p1", 1.0, 2.0, 3.0, -90.0)
+    (tmp_path / "rtk.csv").write_text("name,lat,lon,ellh\np1,1,2,3\n")
+    assert only(tmp_path / "rtk.csv").datum is HeightDatum.ELLIPSOID
+
+
+BAD = {
+    "nothing": (None, "no pictures"),
+    "empty.txt": ("", "is empty"),
+    "geo.txt": ("EPSG:99999999\na 1 2 3\n", "no projection"),
+    "words.txt": ("EPSG:4326\na b c\n", "line 2"),
+    "list.json": ("{}", "not ODM's list"),
+    "torn.json": ("[", "not JSON"),
+    "a.MRK": ("1 2 3\n", "no row of DJI's image log"),
+    "a.csv": ("a,b\n1,2\n", "no column for name, lat_deg, lon_deg, alt_m"),
+    "b.csv": ("name,lat,lon,alt\nx,1,2,high\n", "row 2: alt_m: 'high'"),
+    "c.csv": ("", "is empty"),
+    "a.jpg": ("not a picture", "is not a picture"),
+    "a.raw": ("x", "no picture and no list"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_be_read_is_one_line(tmp_path, name):
+    text, words = BAD[name]
+    if text is None:
+        source = tmp_path
+    else:
+        source = tmp_path / name
+        source.write_text(text)
+    with pytest.raises(TrackError, match=words) as raised:
+        read_pictures([source])
+    assert str(tmp_path) in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_file_that_is_not_there_is_said():
+    with pytest.raises(TrackError, match="no such file or folder"):
+        read_pictures([Path("/nowhere/at/all")])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_camera_axes_are_those_of_a_body_that_turns(seed):
+    """A gimbal that looks ahead at pitch 0 is a body's forward axis; the top of its picture is the body's up."""
+    yaw, pitch, roll = np.random.default_rng(seed).uniform(-180.0, 180.0, 3)
+    axes, tops = camera_axes(np.array([yaw]), np.array([pitch]), np.array([roll]))
+    forward, _, down = rotation(roll, pitch, yaw)
+    np.testing.assert_allclose(axes[0], forward, atol=1e-12)
+    np.testing.assert_allclose(tops[0], -down, atol=1e-12)
+
+
+def test_numbers_as_files_hold_them():
+    assert [finite(v) for v in ("+1.5", "3/2", 2, "1/0", "nan", "x", None, "1/2/3")] == [
+        1.5, 1.5, 2.0, None, None, None, None, None,
+    ]  # fmt: skip

@@ -1,0 +1,110 @@
+"""A picture as its file, or a list beside it, tells of it."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from uavcover.kernels.arrays import FloatArray
+
+
+class HeightDatum(StrEnum):
+    """What a picture's height refers to."""
+
+    SEA_LEVEL = "sea level"
+    ELLIPSOID = "ellipsoid"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """A picture; what is not told is None.
+
+    Attributes:
+        name: of its file, or of its row.
+        lat_deg: geodetic, WGS 84.
+        lon_deg: likewise.
+        alt_m: height of the camera above ``datum``.
+        datum: what that refers to.
+        height_above_takeoff_m: the same above the place of take-off, as barometers tell it.
+        time_s: when it was taken, in seconds on any one clock; the same clock for all pictures of a source.
+        yaw_deg: of the camera, clockwise from north; the direction of the picture's top when it looks straight down.
+        pitch_deg: of the camera above the horizon: -90 looks straight down.
+        roll_deg: of the camera, clockwise as it looks.
+        vehicle_yaw_deg: of the vehicle's nose.
+        horizontal_error_m: of its place, one standard deviation.
+        vertical_error_m: of its height.
+        speed_m_s: over ground.
+        exposure_s: time for which the shutter was open.
+        camera: maker and model.
+        pixels: longer and shorter side.
+        focal_length_mm: of the lens.
+        focal_length_35mm: of the lens with the same diagonal field of view on film of 36 x 24 mm.
+    """
+
+    name: str
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    alt_m: float | None = None
+    datum: HeightDatum = HeightDatum.SEA_LEVEL
+    height_above_takeoff_m: float | None = None
+    time_s: float | None = None
+    yaw_deg: float | None = None
+    pitch_deg: float | None = None
+    roll_deg: float | None = None
+    vehicle_yaw_deg: float | None = None
+    horizontal_error_m: float | None = None
+    vertical_error_m: float | None = None
+    speed_m_s: float | None = None
+    exposure_s: float | None = None
+    camera: str | None = None
+    pixels: tuple[int, int] | None = None
+    focal_length_mm: float | None = None
+    focal_length_35mm: float | None = None
+
+    @property
+    def has_direction(self) -> bool:
+        """Whether it tells where its camera looked."""
+        return self.pitch_deg is not None and self.yaw_deg is not None
+
+    def lacks(self) -> str | None:
+        """Why it has no place; none where it has one."""
+        if self.lat_deg is None or self.lon_deg is None:
+            return "no position"
+        if not (abs(self.lat_deg) <= 90.0 and abs(self.lon_deg) <= 180.0) or (self.lat_deg == self.lon_deg == 0.0):
+            return f"position {self.lat_deg:g}, {self.lon_deg:g} is none on Earth"
+        if self.alt_m is None and self.height_above_takeoff_m is None:
+            return "no height"
+        return None
+
+
+def camera_axes(yaw_deg: FloatArray, pitch_deg: FloatArray, roll_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, 3) ENU unit vectors along cameras' views, and towards the tops of their pictures.
+
+    Angles are turned in the order yaw, pitch, roll, as DJI, Parrot and MAVLink gimbals tell them.
+
+    >>> axes, tops = camera_axes(np.array([90.0]), np.array([-90.0]), np.array([0.0]))
+    >>> (axes + 0.0).round(6).tolist(), (tops + 0.0).round(6).tolist()
+    ([[0.0, 0.0, -1.0]], [[1.0, 0.0, 0.0]])
+    """
+    yaw, pitch, roll = np.radians(yaw_deg), np.radians(pitch_deg), np.radians(roll_deg)
+    ahead = np.column_stack([np.sin(yaw), np.cos(yaw), np.zeros_like(yaw)])
+    up = np.array([0.0, 0.0, 1.0])
+    axes = np.cos(pitch)[:, None] * ahead + np.sin(pitch)[:, None] * up
+    level_tops = -np.sin(pitch)[:, None] * ahead + np.cos(pitch)[:, None] * up
+    right = np.cross(axes, level_tops)
+    tops = np.cos(roll)[:, None] * level_tops + np.sin(roll)[:, None] * right
+    return np.ascontiguousarray(axes), np.ascontiguousarray(tops)
+
+
+def finite(value: object) -> float | None:
+    """A number as files hold it, also as text or as a fraction like 1/200; none where it is not a finite one."""
+    try:
+        if isinstance(value, str) and value.count("/") == 1:
+            above, below = value.split("/")
+            number = float(above) / float(below)
+        else:
+            number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None

@@ -1,0 +1,117 @@
+"""Pictures from what people have: folders of pictures, lists of pictures, flight logs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from uavcover.errors import TrackError
+from uavcover.judging.photos.exif import ENDINGS, read_picture
+from uavcover.judging.photos.lists import read_geo_txt, read_images_json, read_mrk, read_table
+from uavcover.judging.photos.picture import Picture
+
+LISTS: dict[str, Callable[[Path], list[Picture]]] = {
+    ".txt": read_geo_txt,
+    ".json": read_images_json,
+    ".mrk": read_mrk,
+    ".csv": read_table,
+}
+GEO_TXT = "geo.txt"
+
+
+@dataclass(frozen=True, slots=True)
+class PictureSet:
+    """All pictures of a flight.
+
+    Attributes:
+        pictures: in order of time where all tell it, otherwise of name.
+        notes: what the user should know of how they were read.
+    """
+
+    pictures: tuple[Picture, ...]
+    notes: tuple[str, ...]
+
+
+def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], None] = lambda _d, _t: None) -> PictureSet:
+    """All pictures of folders, picture files and lists.
+
+    Where a list names a picture that is there as a file, or a folder holds a ``geo.txt``, the list's place counts, and what the
+    list does not tell is taken from the file.
+
+    Args:
+        sources: what the user gave.
+        progress: told how many of how many picture files were read.
+
+    Raises:
+        TrackError: nothing is there, or it cannot be read; names the file.
+    """
+    files: list[Path] = []
+    lists: list[Path] = []
+    for source in sources:
+        if source.is_dir():
+            inside = sorted(path for path in source.rglob("*") if path.is_file())
+            files += [path for path in inside if path.suffix.lower() in ENDINGS]
+            lists += [path for path in inside if path.name.lower() == GEO_TXT]
+        elif not source.is_file():
+            raise TrackError(f"{source}: no such file or folder; give a folder of pictures, or a list of them")
+        elif source.suffix.lower() in ENDINGS:
+            files.append(source)
+        elif source.suffix.lower() in LISTS:
+            lists.append(source)
+        else:
+            known = ", ".join((*ENDINGS, *LISTS))
+            raise TrackError(
+                f"{source}: {source.suffix or 'no ending'} is no picture and no list of pictures; use {known}"
+            )
+    if not files and not lists:
+        raise TrackError(f"{', '.join(map(str, sources))}: no pictures ({', '.join(ENDINGS)}) and no {GEO_TXT} in it")
+    notes: list[str] = []
+    found: dict[str, Picture] = {}
+    for number, path in enumerate(files, start=1):
+        picture = read_picture(path)
+        progress(number, len(files))
+        if picture.name in found:
+            picture = replace(picture, name=path.as_posix())
+        found[picture.name] = picture
+    for path in lists:
+        listed = LISTS[path.suffix.lower()](path)
+        notes.append(f"{len(listed)} pictures of {path.name}")
+        for row in listed:
+            found[row.name] = _joined(row, found.get(row.name))
+    once = _once(list(found.values()), notes)
+    timed = all(picture.time_s is not None for picture in once)
+    once.sort(key=lambda picture: (picture.time_s or 0.0, picture.name) if timed else (0.0, picture.name))
+    return PictureSet(tuple(once), tuple(notes))
+
+
+def _joined(row: Picture, file: Picture | None) -> Picture:
+    """A row of a list, with what only the picture's file tells."""
+    if file is None:
+        return row
+    missing = {
+        name: getattr(file, name)
+        for name in Picture.__slots__
+        if getattr(row, name) is None and getattr(file, name) is not None
+    }
+    # A list that places a picture anew does not move its height above take-off; one height is enough.
+    missing.pop("height_above_takeoff_m", None)
+    if row.alt_m is None and file.alt_m is not None:
+        missing["datum"] = file.datum
+    return replace(row, **missing)
+
+
+def _once(pictures: list[Picture], notes: list[str]) -> list[Picture]:
+    """Without further files of the same moment: the bands of a multispectral camera are one picture."""
+    seen: dict[tuple[object, ...], str] = {}
+    kept = []
+    for picture in pictures:
+        key = (picture.lat_deg, picture.lon_deg, picture.alt_m, picture.time_s)
+        if None not in key and key in seen:
+            continue
+        seen[key] = picture.name
+        kept.append(picture)
+    if len(kept) < len(pictures):
+        notes.append(
+            f"{len(pictures) - len(kept)} of {len(pictures)} files tell the same place and time as another one (bands of one "
+            "picture): they count once"
+        )
+    return kept

@@ -1,0 +1,154 @@
+"""What pictures show of an area, and the files that say it."""
+
+import csv
+import io
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import shapely
+
+from uavcover.errors import InputError
+from uavcover.judging.gaps import GapRegion, reason_codes
+from uavcover.judging.photos.footprints import footprint_m
+from uavcover.judging.photos.placing import PlacedPictures
+from uavcover.judging.photos.showing import ShownCells
+from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.model.sensor import FrameCamera
+from uavcover.run.geotiff import Band, geotiff
+from uavcover.run.judge import LAYER_REASONS
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import focal_px
+
+_LONGEST_STEP_S = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotoVerdict:
+    """What the pictures show.
+
+    Attributes:
+        site: whose area it is, as a flight for it is planned.
+        coverage: its cells with the whole picture in view.
+        placed: the pictures that count.
+        shown: what they show.
+        drawn: (cells,) of the area without its margin.
+        needed: pictures in which each cell has to be.
+        document: what ``photos.json`` says.
+        gaps: where too few show it.
+    """
+
+    site: Site
+    coverage: CoverageMap
+    placed: PlacedPictures
+    shown: ShownCells
+    drawn: BoolArray
+    needed: int
+    document: dict[str, Any]
+    gaps: list[GapRegion]
+
+    @property
+    def lacking(self) -> BoolArray:
+        """(cells,) of the drawn area that could be seen and are in too few pictures."""
+        return self.drawn & self.coverage.coverable & ~self.shown.enough(self.needed)
+
+
+def frame_of(site: Site) -> LocalFrame:
+    """The local frame of a site on Earth.
+
+    Raises:
+        InputError: it has no place on Earth.
+    """
+    if site.frame is None:
+        raise InputError(f"scenario {site.scenario.name}: has no place on Earth, so pictures have no place in it")
+    return site.frame
+
+
+def blur_px(placed: PlacedPictures, coverage: CoverageMap, heights_m: FloatArray) -> FloatArray:
+    """(n,) how many pixels the ground below moves while the shutter is open; NaN where it is not told."""
+    focal = focal_px(coverage.site.scenario.sensor)
+    speeds = _speeds_m_s(placed)
+    exposures = np.array([np.nan if p.exposure_s is None else p.exposure_s for p in placed.pictures])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(heights_m > 0.0, speeds * exposures * focal / heights_m, np.nan)
+
+
+def _speeds_m_s(placed: PlacedPictures) -> FloatArray:
+    told = np.array([np.nan if p.speed_m_s is None else p.speed_m_s for p in placed.pictures])
+    times = np.array([np.nan if p.time_s is None else p.time_s for p in placed.pictures])
+    if len(told) < 2:
+        return told
+    step_s, step_m = np.diff(times), np.linalg.norm(np.diff(placed.eyes_m, axis=0), axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speed = np.where((step_s > 0.0) & (step_s <= _LONGEST_STEP_S), step_m / step_s, np.nan)
+    derived = np.append(speed, speed[-1])
+    return np.where(np.isfinite(told), told, derived)
+
+
+def picture_table(verdict: PhotoVerdict, site: Site) -> str:
+    """A row for each picture that counts, then those that do not."""
+    heights_m = site.ground.heights_agl_m(verdict.placed.eyes_m)
+    blur = blur_px(verdict.placed, verdict.coverage, heights_m)
+    lat, lon, alt = frame_of(site).geodetic_from_enu(verdict.placed.eyes_m)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(
+        ["name", "counted", "reason", "lat_deg", "lon_deg", "alt_amsl_m", "height_agl_m", "direction_known", "blur_px"]
+    )
+    for k, picture in enumerate(verdict.placed.pictures):
+        row = [f"{lat[k]:.7f}", f"{lon[k]:.7f}", f"{alt[k]:.2f}", f"{heights_m[k]:.1f}"]
+        known = "yes" if verdict.placed.direction_known[k] else "no"
+        writer.writerow([picture.name, "yes", "", *row, known, f"{blur[k]:.2f}" if math.isfinite(blur[k]) else ""])
+    for name, why in verdict.placed.left_out.items():
+        writer.writerow([name, "no", why, "", "", "", "", "", ""])
+    return text.getvalue()
+
+
+def footprints_geojson(verdict: PhotoVerdict) -> dict[str, Any]:
+    """A polygon on the ground for each picture that counts (RFC 7946)."""
+    frame, sensor = frame_of(verdict.site), verdict.coverage.site.scenario.sensor
+    features = []
+    for number, picture in enumerate(verdict.placed.pictures):
+        if not isinstance(sensor, FrameCamera):
+            break
+        edge = footprint_m(verdict.placed, number, sensor, verdict.site.ground, reach_m=sensor.range_m)
+        if len(edge) < 3:
+            continue
+        lat, lon, _ = frame.geodetic_from_enu(np.vstack([edge, edge[:1]]))
+        shape = shapely.orient_polygons(shapely.Polygon(np.column_stack([lon, lat]).round(8)))
+        features.append(
+            {"type": "Feature", "geometry": shapely.geometry.mapping(shape), "properties": {"name": picture.name}}
+        )
+    return {"type": "FeatureCollection", "features": features}
+
+
+def photo_raster(verdict: PhotoVerdict) -> bytes:
+    """What the pictures show of each cell as a GeoTIFF."""
+    coverage, shown = verdict.coverage, verdict.shown
+    cells = coverage.grid.cells
+    flown = shown.coverage
+    enough = replace(flown, seen=shown.enough(verdict.needed))
+    sureness = flown.seen.astype(float) + flown.possibly_seen + flown.surely_seen
+    layers = [
+        ("pictures", "pictures that show the cell", shown.pictures),
+        ("directions", "directions of nine: down, or one of eight points of the compass", shown.directions),
+        ("ground_sample_m", "smallest ground sample distance in metres", flown.ground_sample_m),
+        ("incidence_deg", "smallest incidence angle in degrees", flown.incidence_deg),
+        ("sureness", "0 not seen, 1 possibly, 2 seen if measurements are exact, 3 surely", sureness),
+        ("reason", LAYER_REASONS, reason_codes(coverage, enough)),
+    ]
+    inside = cells.lattice >= 0
+
+    def on_lattice(values: Any) -> FloatArray:
+        out = np.full(cells.lattice.shape, np.nan)
+        out[inside] = values[cells.lattice[inside]]
+        return out
+
+    return geotiff(
+        frame_of(verdict.site),
+        [Band(name, unit, on_lattice(values)) for name, unit, values in layers],
+        east0_m=cells.east0_m, north0_m=cells.north0_m, up_m=float(cells.centre_m[:, 2].mean()), step_m=cells.size_m,
+    )  # fmt: skip
