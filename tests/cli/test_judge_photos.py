@@ -12,7 +12,8 @@ from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import read_planned_route
-from uavcover.run.new import NewRequest, new_scenario
+from uavcover.run.new import new_scenario
+from uavcover.run.new_elevation import NewRequest
 from uavcover.run.user import Unattended
 from uavcover.scenario.areas.area_file import AreaQuery
 from uavcover.scenario.site import area_as_drawn, load_site

@@ -64,7 +64,8 @@ def judge_photos(
     from uavcover.intake.quantities import lat_lon
     from uavcover.judging.photos.placing import Assumptions
     from uavcover.run.folder import RunFolder
-    from uavcover.run.judge_photos import PhotoRequest, judge_photos
+    from uavcover.run.judge_photos import judge_photos
+    from uavcover.run.photo_judgement import PhotoRequest
 
     if (area is None) == (scenario is None):
         raise InputError("judge-photos: give either --area (with --dem), or --scenario")

@@ -25,7 +25,7 @@ _GROUPS: dict[str, dict[str, Entry]] = {
     "Plan": {
         "terrain": (
             "uavcover.cli.terrain",
-            "the elevation data that an area needs, and where it is",
+            "elevation data for an area; terrain-server sends it",
             ("uavcover terrain area.kml", "uavcover terrain area.kml --dem tiles/ --dat TERRAIN"),
         ),
         "new": (
@@ -124,7 +124,7 @@ _GROUPS: dict[str, dict[str, Entry]] = {
         ),
         "terrain-server": (
             "uavcover.cli.terrain_server",
-            "answer a vehicle's requests for terrain heights",
+            "",
             (
                 "uavcover terrain-server --dem dem.tif --to udp:127.0.0.1:14550",
                 "uavcover terrain-server --dem tiles/ --to tcp:127.0.0.1:5760",

@@ -36,9 +36,9 @@ class PhotoVerdict:
         placed: the pictures that count.
         shown: what they show.
         drawn: (cells,) of the area without its margin.
-        needed: pictures in which each cell has to be.
-        document: what ``photos.json`` says.
+        asked: pictures in which the overlap asked for puts each point; none where none is.
         gaps: where too few show it.
+        document: what ``photos.json`` says.
     """
 
     site: Site
@@ -46,9 +46,14 @@ class PhotoVerdict:
     placed: PlacedPictures
     shown: ShownCells
     drawn: BoolArray
-    needed: int
-    document: dict[str, Any]
+    asked: int | None
     gaps: list[GapRegion]
+    document: dict[str, Any]
+
+    @property
+    def needed(self) -> int:
+        """Pictures in which each cell has to be."""
+        return self.asked or 1
 
     @property
     def lacking(self) -> BoolArray:
