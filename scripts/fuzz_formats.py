@@ -10,6 +10,7 @@ import argparse
 import importlib.util
 import json
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -35,8 +36,9 @@ else:
 
 with _watched:
     from mission_io.errors import FormatError
-    from mission_io.formats import csv, geojson, kml, plan, poly, wpl
+    from mission_io.formats import csv, files, geojson, kml, old_qgc_json, plan, poly, rally_lines, wpl
     from mission_io.formats.drawings import DrawnArea, fence_from_areas
+    from mission_io.formats.mission_dat import read_mission_dat, write_mission_dat
     from mission_io.formats.text import text_from_bytes
     from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
     from mission_io.model.diff import apply_diff, diff
@@ -44,8 +46,11 @@ with _watched:
         Frame,
         GeoPoint,
         Mission,
+        MissionItem,
+        MissionType,
         change_speed,
         land,
+        same_item,
         takeoff,
         trigger_camera_every,
         waypoint,
@@ -114,6 +119,52 @@ def try_fen(text: str) -> None:
     check(poly.write_fence(poly.read_fence(written).fence) == written, "writing is stable")
 
 
+def try_old(text: str) -> None:
+    """QGroundControl's JSON from before ``.plan``."""
+    read = old_qgc_json.read(text)
+    check((read.mission is None) + (read.fence is None) + (read.rally is None) == 2, "one list")
+    mission = read.mission or Mission(None, ())
+    lists = plan.PlanFile(
+        Mission(GeoPoint(1.0, 2.0, 3.0), mission.items), read.fence or Fence(), read.rally or RallyPoints(), 3
+    )
+    again = plan.read(plan.write(lists))
+    check((again.fence, again.rally) == (lists.fence, lists.rally), "fence and rally points survive as a plan")
+    check(len(again.mission.items) == len(mission.items), "the items survive as a plan")
+    check(all(map(same_item, again.mission.items, mission.items)), "every number survives as a plan")
+
+
+def try_rally(text: str) -> None:
+    """MAVProxy's old rally points."""
+    rally = rally_lines.read_rally(text).rally
+    check(len(wpl.read(wpl.write_rally(rally, None)).rally().points) == len(rally.points), "the points survive")
+
+
+def try_file(text: str) -> None:
+    """Whichever kind of file it is, named as another."""
+    for suffix in (".plan", ".waypoints", ".txt", ".fen"):
+        try:
+            reader, surprise = files._reader_of(suffix, text)
+            read = reader(text, None)
+        except FormatError:
+            continue
+        check(len(surprise) <= 1, "one surprise")
+        for mission_list in read.filled_lists:
+            check(mission_list in read.lists, "a filled list is a list")
+
+
+def try_mission_dat(text: str) -> None:
+    """ArduPilot's mission file; the text is its bytes as Latin-1."""
+    content = text.encode("latin-1")
+    for kind in MissionType:
+        try:
+            items = read_mission_dat(content, kind)
+        except FormatError:
+            continue
+        again = read_mission_dat(write_mission_dat(items, kind), kind)
+        check(len(again) == len(items), "the items survive")
+        check(all(map(same_item, items, again)), "every number survives")
+
+
 TARGETS: dict[str, Callable[[str], None]] = {
     "wpl": try_wpl,
     "plan": try_plan,
@@ -122,7 +173,13 @@ TARGETS: dict[str, Callable[[str], None]] = {
     "geojson": try_drawing(geojson.read_drawing),
     "poly": try_poly,
     "fen": try_fen,
+    "old": try_old,
+    "rally": try_rally,
+    "file": try_file,
+    "mission_dat": try_mission_dat,
 }
+BINARY = frozenset({"mission_dat"})
+"""Targets that are not text."""
 
 
 def seeds(target: str) -> list[bytes]:
@@ -163,9 +220,31 @@ def seeds(target: str) -> list[bytes]:
     polygon = (
         f"<Polygon><outerBoundaryIs>{linear}</outerBoundaryIs><innerBoundaryIs>{linear}</innerBoundaryIs></Polygon>"
     )
+    first_json = {"MAV_AUTOPILOT": 3, "complexItems": [], "version": "1.0",
+                  "plannedHomePosition": {"coordinate": [33.2, -98.1, 300]},
+                  "items": [{"autoContinue": True, "command": command, "coordinate": [33.2, -98.1, 30], "frame": 3, "id": number,
+                             "param1": 1, "param2": 0, "param3": 0, "param4": None, "type": "missionItem"}
+                            for number, command in enumerate((22, 16, 177), start=1)]}  # fmt: skip
+    old = [
+        json.dumps(first_json),
+        json.dumps({**json.loads(whole)["mission"], "fileType": "Mission"}),
+        json.dumps({"fileType": "GeoFence", "version": 1, "polygon": [[1, 2], [1, 3], [2, 3]], "breachReturn": [1, 2]}),
+        json.dumps({"fileType": "RallyPoints", "version": 1, "points": [[1, 2, 3]]}),
+    ]
+    old_parts = json.dumps({**document, "geoFence": json.loads(old[2]), "rallyPoints": json.loads(old[3])})
+    rally_text = "RALLY 33.2 -98.1 50.0 40.0 0.0 0\nRALLY 33.3 -98.2 55.5 0 0 0\n"
+    items = (MissionItem(5100, Frame.ABOVE_HOME, (0.0, 0.0, 0.0, 0.0), 33.2, -98.1, 50.0),)
+    dats = [write_mission_dat(mission.items, MissionType.MISSION), write_mission_dat(items, MissionType.RALLY)]
+    odd = (
+        wpl.write_mission(mission)
+        .replace("\t30\t1\n", "\t30\t1  # up\n")
+        .replace("\t0\t33.2", "\tNan\t33.2")
+        .replace("\t", " \u00a0")
+    )
     texts = {
-        "wpl": [wpl.write_mission(mission), wpl.write_fence(fence, home), wpl.write_mission(mission).replace("110", "120")],
-        "plan": [whole, json.dumps(document)],
+        "wpl": [wpl.write_mission(mission), wpl.write_fence(fence, home), wpl.write_mission(mission).replace("110", "120"),
+                wpl.write_fence(fence, None), odd],
+        "plan": [whole, json.dumps(document), old_parts],
         "csv": [csv.write_mission(mission)],
         "kml": [kml.write_mission(Mission(home, mission.items[:3])), f"<kml><Placemark><name>a</name>{polygon}</Placemark></kml>",
                 f"<kml><MultiGeometry>{linear}<Point><coordinates>1,2</coordinates></Point></MultiGeometry></kml>"],
@@ -173,8 +252,12 @@ def seeds(target: str) -> list[bytes]:
                     json.dumps({"type": "GeometryCollection", "geometries": [shape, {"type": "Point", "coordinates": [1, 2]}]})],
         "poly": [poly.write_area(DrawnArea(ring))],
         "fen": [poly.write_fence(fence)],
+        "old": old,
+        "rally": [rally_text],
+        "file": [whole, wpl.write_fence(fence, None), rally_text, poly.write_fence(fence), *old],
+        "mission_dat": [dat.decode("latin-1") for dat in dats],
     }  # fmt: skip
-    return [text.encode() for text in texts[target]]
+    return [text.encode("latin-1" if target in BINARY else "utf-8") for text in texts[target]]
 
 
 WORDS = [
@@ -207,10 +290,15 @@ def mutated(data: bytes, rng: random.Random) -> bytes:
     return bytes(result)
 
 
+def text_of(target: str, data: bytes) -> str:
+    """An input as its target takes it: text, decoded as files are, or the bytes as Latin-1."""
+    return data.decode("latin-1") if target in BINARY else text_from_bytes(data).text
+
+
 def attempt(target: str, data: bytes) -> None:
     """One input; anything but a FormatError gets out."""
     try:
-        TARGETS[target](text_from_bytes(data).text)
+        TARGETS[target](text_of(target, data))
     except FormatError as error:
         check("\n" not in str(error) and len(str(error)) < 500, "an error is one short line")
 
@@ -223,8 +311,8 @@ def fuzz_by_mutations(target: str, seconds: float, seed: int, finding: Path) -> 
 
     signal.signal(signal.SIGALRM, too_long)
     rng, good = random.Random(seed), seeds(target)
-    runs, end = 0, time.monotonic() + seconds
-    while time.monotonic() < end:
+    runs, end = 0, time.process_time() + seconds
+    while time.process_time() < end:
         data = mutated(rng.choice(good), rng)
         signal.alarm(HANG_S)
         try:
@@ -273,10 +361,16 @@ def run_child(target: str, engine: str, seconds: float, seed: int, finding: Path
     return int(units[-1]) if units else 0, "" if done.returncode == 0 else output[-3000:]
 
 
+def _processor_s() -> float:
+    """Processor time of all children that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
 def main() -> int:
     """Run every target for the given time each."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=60.0, help="for each target")
+    parser.add_argument("--seconds", type=float, default=60.0, help="for each target; of processor time for mutations")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--target", choices=sorted(TARGETS), action="append")
     parser.add_argument("--engine", choices=["atheris", "mutations"], default="atheris" if _ATHERIS else "mutations")
@@ -295,15 +389,13 @@ def main() -> int:
         return 0
     options.keep.mkdir(parents=True, exist_ok=True)
     found = 0
-    print("| target | engine | seconds | inputs | finding |\n|---|---|---|---|---|")
+    print("| target | engine | seconds | processor s | inputs | finding |\n|---|---|---|---|---|---|")
     for target in options.target or TARGETS:
         finding = options.keep / f"{target}.bin"
-        start = time.monotonic()
+        start, before_s = time.monotonic(), _processor_s()
         runs, problem = run_child(target, options.engine, options.seconds, options.seed, finding)
-        print(
-            f"| {target} | {options.engine} | {time.monotonic() - start:.0f} | {runs} | {finding if problem else 'none'} |",
-            flush=True,
-        )
+        times = f"{time.monotonic() - start:.0f} | {_processor_s() - before_s:.0f}"
+        print(f"| {target} | {options.engine} | {times} | {runs} | {finding if problem else 'none'} |", flush=True)
         if problem:
             found += 1
             print(problem, file=sys.stderr)

@@ -30,12 +30,12 @@ _CONSTANTS: Mapping[str, Mapping[str, Any]] = {
     "rallyPoints": {"version": 2},
 }
 _MODELLED = {
-    "": {"mission", "geoFence", "rallyPoints"},
-    "mission": {"cruiseSpeed", "firmwareType", "hoverSpeed", "items", "plannedHomePosition", "vehicleType"},
-    "geoFence": {"circles", "polygons", "breachReturn"},
-    "rallyPoints": {"points"},
+    "": frozenset({"mission", "geoFence", "rallyPoints"}),
+    "mission": frozenset({"cruiseSpeed", "firmwareType", "hoverSpeed", "items", "plannedHomePosition", "vehicleType"}),
+    "geoFence": frozenset({"circles", "polygons", "breachReturn"}),
+    "rallyPoints": frozenset({"points"}),
 }
-_OLD_KEYS = {"polygon", "version"}
+_OLD_KEYS = frozenset({"polygon", "version"})
 """Keys of version 1 that version 2 says in another way."""
 _COMPACT = json.JSONEncoder(allow_nan=False)
 _OLD_PARTS = ("geoFence", "rallyPoints")
@@ -269,14 +269,13 @@ def read_home(node: Node, repairs: list[str], extras: dict[str, Mapping[str, Any
 
 def _read_part(node: Node, name: str, repairs: list[str], extras: dict[str, Mapping[str, Any]]) -> None:
     """Check the version of a part of the document, and keep the keys that are not modelled."""
-    version = _CONSTANTS[name]["version"]
+    version, known = _CONSTANTS[name]["version"], _MODELLED[name]
     found = node.optional("version", lambda entry: entry.value, None)
     if found is None:
         repairs.append(f"{node.where}.version: is missing, read as {version}")
     elif name in _OLD_PARTS and found == 1 and found is not True:
         repairs.append(f"{node.where}: is of the old version 1, and written as {version}")
-        extras[name] = {key: value for key, value in node.value.items() if key not in _MODELLED[name] | _OLD_KEYS}
-        return
+        known = known | _OLD_KEYS
     elif found != version:
         what = f"version {str(found)[:20]} is not known"
         raise FormatError(what, where=f"{node.where}.version", advice=f"it has to be {version}; save the plan anew")
@@ -284,7 +283,7 @@ def _read_part(node: Node, name: str, repairs: list[str], extras: dict[str, Mapp
     others = {
         key: value
         for key, value in node.value.items()
-        if key not in _MODELLED[name] and not (key in constants and constants[key] == value)
+        if key not in known and not (key in constants and constants[key] == value)
     }
     if others:
         extras[name] = others

@@ -191,6 +191,10 @@ def test_an_empty_part_of_the_old_version_is_none(part: str, old: dict[str, Any]
 def test_a_part_of_the_old_version_is_read_and_written_in_the_new_one(
     part: str, old: dict[str, Any], read: Fence | RallyPoints
 ) -> None:
+    without_others = plan.read(changed(part, old))
+    of_another = plan.read(changed(part, {"polygons": [], "points": [], "polygon": [1], "version": 2}))
+    assert of_another.extras[part]["polygon"] == [1], "only version 1 has a meaning for it"
+    assert plan.read(plan.write(without_others)) == without_others
     found = plan.read(changed(part, {**old, "other": 7}))
     assert (found.fence if part == "geoFence" else found.rally) == read
     again = plan.read(plan.write(found))

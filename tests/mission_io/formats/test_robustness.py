@@ -147,7 +147,7 @@ def test_an_xml_bomb_is_refused_before_it_grows() -> None:
 def test_mutated_files_raise_nothing_but_a_format_error(target: str) -> None:
     rng = random.Random(7)
     for data in FUZZ.seeds(target):
-        FUZZ.TARGETS[target](data.decode())
+        FUZZ.TARGETS[target](FUZZ.text_of(target, data))
         for _ in range(150):
             FUZZ.attempt(target, FUZZ.mutated(data, rng))
 
