@@ -126,3 +126,26 @@ def test_bad_url(cli: Cli, planned: Path) -> None:
     ended = cli("plan-upload", planned, "--to", "carrier-pigeon://x")
     assert ended.code == 2
     assert "udpout://HOST:PORT" in ended.error
+
+
+def test_several_vehicles_of_a_plan_for_one(cli: Cli, planned: Path) -> None:
+    ended = cli("plan-upload", planned, "--to", "mock:", "--to", "mock:")
+    assert ended.code == 2
+    assert "is flown by one vehicle, and --to names 2; plan it with: uavcover plan SCENARIO --vehicles 2" in ended.error
+    ended = cli("plan-upload", planned, "--to", "mock:", "--to", "mock:", "--sortie", 1)
+    assert ended.code == 2
+    assert "--sortie: with several --to" in ended.error
+
+
+def test_several_vehicles_are_planned_for_and_uploaded_to(cli: Cli, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    ended = cli(
+        "plan-upload", corner_of_the_demo(tmp_path), "--to", "mock:", "--to", "mock:", "-o", run,
+        "--evaluations", EVALUATIONS, "--json",
+    )  # fmt: skip
+    fleet = json.loads((run / "plan.json").read_text())["fleet"]
+    assert fleet["vehicles"] == 2
+    assert len(fleet["by_vehicle"]) == 2
+    assert ended.code == 0
+    assert [document["vehicle"] for document in ended.document["vehicles"]] == [1, 2]
+    assert all((Path(document["run"]) / "upload.json").exists() for document in ended.document["vehicles"])

@@ -67,6 +67,15 @@ To = Annotated[
         metavar="URL",
     ),
 ]
+ToEach = Annotated[
+    list[str],
+    typer.Option(
+        "--to",
+        help="Where the vehicle is: mock:, udpin://HOST:PORT (wait for it), udpout://HOST:PORT (speak first), udp:HOST:PORT. "
+        "Again for more: vehicle 2, 3, ... of the plan, each gets its first sortie.",
+        metavar="URL",
+    ),
+]
 Logs = Annotated[
     list[Path] | None,
     typer.Option(

@@ -3,11 +3,16 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from uavcover.cli import options
+
+if TYPE_CHECKING:
+    from uavcover.cli.console import Console
+    from uavcover.run.folder import RunFolder
+    from uavcover.run.session import VehicleLink
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +38,7 @@ class Planning:
 
 def plan_upload(
     source: Annotated[str, typer.Argument(help="A scenario (planned first), or a run folder.", metavar="SCENARIO|RUN")],
-    to: options.To,
+    to: options.ToEach,
     *,
     sortie: options.Sortie = None,
     planning: Planning,
@@ -44,6 +49,7 @@ def plan_upload(
 ) -> int:
     """Plan if needed, check every leg, upload mission, fence and rally points, read back and compare.
 
+    With several --to all vehicles are checked before anything is sent; a scenario is planned for so many.
     upload.json tells of the last upload; an older one is replaced.
     """
     from uavcover.errors import InputError
@@ -52,32 +58,49 @@ def plan_upload(
     from uavcover.run.planned import read_planned
     from uavcover.run.session import require_home
     from uavcover.run.upload import upload_run
+    from uavcover.run.upload_fleet import require_different
 
-    link = vehicle.transfer_link(to)  # a bad key is known before an hour of planning
+    links = [vehicle.transfer_link(url) for url in to]  # a bad key is known before an hour of planning
+    require_different(to)
+    if len(to) > 1 and sortie is not None:
+        raise InputError("--sortie: with several --to each vehicle gets its own first sortie; leave it out")
     console = output.console()
     if Path(source).is_dir():
         if unused := planning.given():
             raise InputError(
                 f"{source}: is a run folder and has its plan already; {', '.join(unused)} would do nothing"
             )
-        folder = RunFolder(source).flight(sortie)
-        site, planned = read_planned(folder)
+        folder = RunFolder(source)
     else:
         folder = RunFolder(planning.run if planning.run is not None else Path(source).stem)
         request = PlanRequest(
             scenario=source, folder=folder.path, command=sys.argv, force=force, seed=planning.seed,
             evaluations=planning.evaluations, budget_s=options.seconds(planning.budget), select=planning.select,
+            vehicles=len(to) if len(to) > 1 else None,
         )  # fmt: skip
         outcome = plan_into(request, console, check_site=require_home)
         if outcome.exit_code:
             console.warn("nothing was uploaded")
             console.result(outcome.document)
             return outcome.exit_code
-        folder = folder.flight(sortie)
-        site, planned = read_planned(folder)
-    document = upload_run(folder, site, planned.route, link, console, in_flight=in_flight)
+    if len(links) > 1:
+        return _upload_each(folder, links, console, in_flight=in_flight)
+    folder = folder.flight(sortie)
+    site, planned = read_planned(folder)
+    document = upload_run(folder, site, planned.route, links[0], console, in_flight=in_flight)
     console.say(f"written: {folder.file('upload.json')}")
     if document["passed"]:
-        console.suggest(f"uavcover fly {folder} --to {to}")
+        console.suggest(f"uavcover fly {folder} --to {to[0]}")
     console.result({"run": str(folder), **document})
     return 0 if document["passed"] else 1
+
+
+def _upload_each(run: "RunFolder", links: "list[VehicleLink]", console: "Console", *, in_flight: bool) -> int:
+    from uavcover.run.upload_fleet import upload_fleet
+
+    documents = upload_fleet(run, links, console, in_flight=in_flight)
+    passed = all(document["passed"] for document in documents)
+    if passed:
+        console.suggest(*(f"uavcover fly {document['run']} --to {document['url']}" for document in documents))
+    console.result({"run": str(run), "passed": passed, "vehicles": documents})
+    return 0 if passed else 1

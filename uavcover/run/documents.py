@@ -16,6 +16,7 @@ import numpy as np
 
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
+from uavcover.model.fleet import Fleet
 from uavcover.model.route import Bound, Plan, Question, Route, RouteMember
 from uavcover.model.verdict import VerificationReport
 from uavcover.run.folder import SCHEMA_VERSION
@@ -185,7 +186,7 @@ def read_plan_document(document: dict[str, Any], *, source: str) -> PlannedDocum
             float(metrics["coverage_fraction"]),
             float(metrics["coverage_of_coverable"]),
             bool(document["rule_met"]),
-            int((document.get("fleet") or {"vehicles": 1})["vehicles"]),
+            _vehicles(document.get("fleet")),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
@@ -196,6 +197,11 @@ def read_plan_document(document: dict[str, Any], *, source: str) -> PlannedDocum
             f"{source}: a waypoint has a coordinate that is not a number; make it again with: uavcover plan"
         )
     return planned
+
+
+def _vehicles(fleet: Any) -> int:
+    """How many fly, of the ``fleet`` of a plan."""
+    return 1 if fleet is None else Fleet(vehicles=int(fleet["vehicles"])).vehicles
 
 
 def pareto_csv(plan: Plan) -> str:
