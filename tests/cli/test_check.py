@@ -162,3 +162,30 @@ def test_a_repaired_mission_is_checked_again(cli: Cli, tmp_path: Path, name: str
     )
     assert unchanged.code == 0
     assert "no file was written" in unchanged.out
+
+
+@pytest.mark.parametrize("name", ["r.gpx", "r.kml", "r.csv", "r.wpml"])
+def test_routes_of_points_have_a_take_off_and_no_home(cli: Cli, tmp_path: Path, name: str) -> None:
+    from tests.mission_io.formats.route_files import ROUTES
+
+    file = tmp_path / name
+    file.write_text(
+        ROUTES[file.suffix]([(36.4770, -84.2160, 560.0 - 485.0), (36.4770, -84.2150, 560.0 - 485.0)], 485.0)
+    )
+    ended = cli("check", file, "--dem", DEM, "--home", "36.4762,-84.2160", "--return-height", "70m")
+    assert ended.code == 0, ended.out
+    assert "point 1" in ended.out
+    fixed = cli(
+        "check",
+        file,
+        "--dem",
+        DEM,
+        "--home",
+        "36.4762,-84.2160",
+        "--min-height",
+        "90m",
+        "--fix",
+        "-o",
+        tmp_path / "f.waypoints",
+    )
+    assert "raised" in fixed.out, fixed

@@ -125,7 +125,10 @@ class RepairOptions:
 
 
 def check(
-    file: Annotated[Path, typer.Argument(help="A mission: .plan, .waypoints or .csv.")],
+    file: Annotated[
+        Path,
+        typer.Argument(help="A mission: .plan, .waypoints, .mission, .csv (items, Litchi), .kmz (DJI), .gpx, .kml."),
+    ],
     *,
     dem: DemOptions,
     around: AroundOptions,

@@ -27,6 +27,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.no_fly import NoFly
 from uavcover.model.vehicle import AutopilotName, autopilot_name
 from uavcover.run.file_group import write_file
+from uavcover.run.route_file import ROUTE_SUFFIXES, read_route_file
 from uavcover.run.user import User
 from uavcover.run.vehicle_terrain import ElevationData, open_elevation_data
 from uavcover.scenario.airspace.zone_file import read_zones
@@ -36,7 +37,7 @@ from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground
 from uavcover.scenario.terrain_source import TerrainSource
 
-MISSION_SUFFIXES = (".plan", ".waypoints", ".txt", ".mission", ".csv")
+MISSION_SUFFIXES = (".plan", ".waypoints", ".txt", ".mission", ".csv", *ROUTE_SUFFIXES)
 _FENCE_FILES = (".plan", ".waypoints", ".txt", ".fen")
 
 
@@ -87,6 +88,9 @@ class ReadMission:
         autopilot: whom it was made for; none: it does not say.
         kind: of aircraft, likewise.
         repairs: what was repaired to read it.
+        return_height_m: above home, where the file states it.
+        speed_m_s: likewise.
+        points: of a route, the item that each of its points became.
     """
 
     mission: Mission
@@ -94,6 +98,9 @@ class ReadMission:
     autopilot: AutopilotName | None = None
     kind: Kind | None = None
     repairs: tuple[str, ...] = ()
+    return_height_m: float | None = None
+    speed_m_s: float | None = None
+    points: tuple[int, ...] = ()
 
 
 def check(query: CheckQuery, user: User) -> Checked:
@@ -106,6 +113,10 @@ def check(query: CheckQuery, user: User) -> Checked:
     read = read_mission_file(query.file)
     for repair in read.repairs:
         user.warn(f"{query.file}: repaired: {repair}")
+    if read.points:
+        user.say(
+            f"point 1 of {query.file} is item {read.points[0]}, the last one, {len(read.points)}, item {read.points[-1]}"
+        )
     if not read.mission.items:
         raise InputError(f"{query.file}: the mission has no items; give a file that flies somewhere")
     aircraft = aircraft_of(query, read)
@@ -145,6 +156,18 @@ def read_mission_file(path: Path) -> ReadMission:
     suffix = path.suffix.lower()
     if suffix not in MISSION_SUFFIXES:
         raise InputError(f"{path}: {suffix or 'no suffix'} is not read; give one of {', '.join(MISSION_SUFFIXES)}")
+    route = read_route_file(path)
+    if route is not None:
+        return ReadMission(
+            route.mission,
+            None,
+            None,
+            "multirotor",
+            route.repairs,
+            route.return_height_m,
+            route.speed_m_s,
+            route.numbers,
+        )
     if suffix == ".plan":
         try:
             decoded = text_from_bytes(path.read_bytes())
@@ -187,11 +210,11 @@ def aircraft_of(query: CheckQuery, read: ReadMission) -> Aircraft:
 
     return replace(
         own,
-        cruise_speed_m_s=first(query.speed_m_s, sheet.cruise_speed_m_s, default=own.cruise_speed_m_s),
+        cruise_speed_m_s=first(query.speed_m_s, read.speed_m_s, sheet.cruise_speed_m_s, default=own.cruise_speed_m_s),
         max_climb_m_s=first(sheet.max_climb_m_s, default=own.max_climb_m_s),
         max_descent_m_s=first(sheet.max_descent_m_s, default=own.max_descent_m_s),
         max_airspeed_m_s=sheet.max_speed_m_s,
-        return_height_m=first(query.return_height_m, default=own.return_height_m),
+        return_height_m=first(query.return_height_m, read.return_height_m, default=own.return_height_m),
         endurance_s=query.endurance_s if query.endurance_s is not None else sheet.endurance_s,
         reserve_fraction=query.reserve_fraction,
     )

@@ -1,10 +1,11 @@
 """The workflow of ``uavcover check --fix``: plain repairs of somebody's mission, into another file."""
 
+import dataclasses
 from pathlib import Path
 
 from mission_io.formats import files, plan
 from mission_io.formats.text import text_from_bytes
-from mission_io.model.items import Mission
+from mission_io.model.items import GeoPoint, Mission
 from uavcover.checking.check import Checked
 from uavcover.checking.flown_path import flown_path
 from uavcover.checking.repair import repaired
@@ -21,13 +22,13 @@ def refuse_repair_into(file: Path, out: Path | None, *, force: bool) -> Path:
         InputError: there is no name, or one of another format.
         OutputError: it is the mission itself, or there already.
     """
+    wanted = ".plan" if file.suffix.lower() == ".plan" else ".waypoints"
     if out is None:
         raise InputError(
-            f"--fix: name another file for the repaired mission with -o, such as {file.stem}-fixed{file.suffix}"
+            f"--fix: name another file for the repaired mission with -o, such as {file.stem}-fixed{wanted}"
         )
-    if out.suffix.lower() != file.suffix.lower() or file.suffix.lower() == ".csv":
-        kept = ".plan or .waypoints" if file.suffix.lower() == ".csv" else file.suffix
-        raise InputError(f"-o: {out}: repairs are written in the format of the mission, {kept}; name it so")
+    if out.suffix.lower() != wanted:
+        raise InputError(f"-o: {out}: repairs of a {file.suffix} file are written as {wanted}; name it so")
     if out.exists() and out.samefile(file):
         raise OutputError(f"-o: {out} is the mission itself; give another name")
     if out.exists() and not force:
@@ -54,7 +55,10 @@ def repair_mission(query: CheckQuery, checked: Checked, out: Path, user: User) -
     if not fixed.raised and not fixed.inserted:
         user.say("nothing that plain repairs would change; no file was written")
         return False
-    _write(query.file, out, fixed.mission)
+    mission = fixed.mission
+    if mission.home is None:
+        mission = dataclasses.replace(mission, home=GeoPoint(*world.geodetic([0.0, 0.0, 0.0])))
+    _write(query.file, out, mission)
     user.say(f"written: {out}: {_numbers(fixed.raised)} raised, {_numbers(fixed.inserted)} put in")
     return True
 

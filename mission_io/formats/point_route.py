@@ -1,0 +1,140 @@
+"""Routes of points, as drone apps and map programs have them, made into missions: take-off, waypoints, and what comes then."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+from mission_io.errors import FormatError
+from mission_io.formats.text import clean_text, place_problem
+from mission_io.model.items import Frame, Mission, MissionItem, change_speed, takeoff, waypoint
+
+_LOWEST_M, _HIGHEST_M = -500.0, 20_000.0
+
+
+@dataclass(frozen=True, slots=True)
+class RouteStop:
+    """A point of a route: degrees, and metres above the reference of ``frame``; ``speed_m_s`` of the leg after it, if stated."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    frame: Frame
+    speed_m_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PointRoute:
+    """A route as a mission.
+
+    Attributes:
+        mission: Item 1 is a take-off to the height of the first point, the points follow. It has no home: the files have none.
+        numbers: The number of the item of each point.
+        repairs: What was read otherwise than it stands there, one line each.
+        return_height_m: Above home, at which the aircraft returns by itself; None where the file does not say.
+        speed_m_s: Of all of it; None where the file states none, or several, which are then items.
+    """
+
+    mission: Mission
+    numbers: tuple[int, ...]
+    repairs: tuple[str, ...] = ()
+    return_height_m: float | None = None
+    speed_m_s: float | None = None
+
+
+def route_from_stops(
+    stops: Sequence[RouteStop], *, end: Sequence[MissionItem] = (), repairs: Sequence[str] = (),
+    return_height_m: float | None = None, takeoff_height_m: float | None = None,
+) -> PointRoute:  # fmt: skip
+    """Make a mission of points.
+
+    Args:
+        stops: The points, in order.
+        end: Items after the last one, such as a return.
+        repairs: For the result.
+        return_height_m: For the result.
+        takeoff_height_m: Above home, to which it climbs first; None: to the height of the first point.
+
+    Raises:
+        FormatError: no point, or one that is no place, or a height that is none.
+    """
+    if not stops:
+        raise FormatError("no point to fly to", where="route", advice="give a file with a route of at least one point")
+    for number, stop in enumerate(stops, start=1):
+        problem = place_problem(stop.lat_deg, stop.lon_deg)
+        if problem is not None:
+            raise FormatError(problem.what, where=f"point {number}", advice=problem.advice)
+        if not _LOWEST_M <= stop.alt_m <= _HIGHEST_M:
+            raise FormatError(f"a height of {stop.alt_m:g} m", where=f"point {number}", advice="give metres")
+    first = stops[0]
+    top_m, frame = first.alt_m, first.frame
+    if takeoff_height_m is not None and frame is Frame.ABOVE_HOME:
+        top_m = max(top_m, takeoff_height_m)
+    items = [takeoff(first.lat_deg, first.lon_deg, top_m, frame=frame)]
+    numbers = []
+    speeds = {stop.speed_m_s for stop in stops if stop.speed_m_s is not None and stop.speed_m_s > 0.0}
+    speed_m_s = next(iter(speeds)) if len(speeds) == 1 else None
+    for stop in stops:
+        items.append(waypoint(stop.lat_deg, stop.lon_deg, stop.alt_m, frame=stop.frame))
+        numbers.append(len(items))
+        if len(speeds) > 1 and stop.speed_m_s in speeds and stop.speed_m_s != speed_m_s:
+            speed_m_s = float(stop.speed_m_s or 0.0)
+            items.append(change_speed(speed_m_s))
+    return PointRoute(
+        Mission(None, (*items, *end)),
+        tuple(numbers),
+        tuple(repairs),
+        return_height_m,
+        speed_m_s if len(speeds) == 1 else None,
+    )
+
+
+def xml_root(text: str) -> tuple[ElementTree.Element, tuple[str, ...]]:
+    """The root of an XML document, and repairs of its text.
+
+    Raises:
+        FormatError: invalid XML, or a document type, whose entities let a small file expand to gigabytes.
+    """
+    clean = clean_text(text)
+
+    def refuse(*_: object) -> None:
+        raise FormatError("a document type (DOCTYPE)", where="XML", advice="remove it")
+
+    parser = expat.ParserCreate("utf-8")
+    parser.StartDoctypeDeclHandler = refuse
+    try:
+        data = clean.text.encode("utf-8")
+        parser.Parse(data, True)
+        return ElementTree.fromstring(data), clean.repairs
+    except UnicodeEncodeError:
+        raise FormatError("half a character (a lone surrogate)", where="text", advice="save it as UTF-8") from None
+    except expat.ExpatError as error:
+        raise FormatError(f"no XML: {expat.errors.messages[error.code]}", where=f"line {error.lineno}") from None
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise FormatError(f"no XML: {error}", where="XML") from None
+
+
+def local_name(element: ElementTree.Element) -> str:
+    """The name of an element without its namespace."""
+    return str(element.tag).rpartition("}")[2]
+
+
+def child_text(element: ElementTree.Element, name: str) -> str | None:
+    """The text of the first child of a name, whatever its namespace; None where there is none."""
+    return next(((each.text or "").strip() for each in element if local_name(each) == name), None)
+
+
+def number_in(text: str | None, where: str) -> float:
+    """A finite number of a document.
+
+    Raises:
+        FormatError: it is missing or no number.
+    """
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise FormatError(f"{(text or 'nothing')[:40]!r} where a number has to be", where=where)
+    return value

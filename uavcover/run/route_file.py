@@ -1,0 +1,64 @@
+"""Routes of drone apps and map programs as missions: GPX, KML lines, DJI's WPML, Litchi's CSV."""
+
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from mission_io.errors import FormatError
+from mission_io.formats import gpx_route, kml_route, litchi_reader, wpml_reader
+from mission_io.formats.point_route import PointRoute
+from mission_io.formats.text import text_from_bytes
+from uavcover.errors import InputError
+from uavcover.scenario.areas.kmz import kml_of
+
+ROUTE_SUFFIXES: Final = (".gpx", ".kml", ".kmz", ".wpml")
+MOST_BYTES: Final = 64 * 1024 * 1024
+_READERS: Final[Mapping[str, Callable[[str], PointRoute]]] = MappingProxyType(
+    {".gpx": gpx_route.read_route, ".kml": kml_route.read_route, ".wpml": wpml_reader.read_route}
+)
+
+
+def read_route_file(path: Path) -> PointRoute | None:
+    """Read a file of a route; None for one that is no such file by its name and, with ``.csv``, its header.
+
+    Raises:
+        InputError: it cannot be opened, or is too large.
+        FormatError: it is not what its name says, with file and place.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in (*ROUTE_SUFFIXES, ".csv"):
+        return None
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise InputError(f"{path}: is larger than {MOST_BYTES:,} bytes; save the route alone")
+        if suffix == ".kmz":
+            return _read_kmz(path)
+        text = text_from_bytes(path.read_bytes()).text
+        if suffix == ".csv":
+            return litchi_reader.read_route(text) if litchi_reader.is_litchi(text) else None
+        return _READERS[suffix](text)
+    except FormatError as error:
+        where = f"{path}: {error.where}" if error.where else str(path)
+        raise FormatError(error.what, where=where, advice=error.advice) from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or type(error).__name__})") from error
+
+
+def _read_kmz(path: Path) -> PointRoute:
+    """A flight of DJI's, or a KMZ with a line."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if wpml_reader.DOCUMENT not in archive.namelist():
+                return kml_route.read_route(text_from_bytes(kml_of(path)).text)
+            with archive.open(wpml_reader.DOCUMENT) as stream:
+                data = stream.read(MOST_BYTES + 1)
+    except (zipfile.BadZipFile, NotImplementedError, EOFError, zlib.error, RuntimeError) as error:
+        raise InputError(f"{path}: cannot be opened as KMZ, which is a zip file ({error}); save it again") from error
+    if len(data) > MOST_BYTES:
+        raise InputError(
+            f"{path}: {wpml_reader.DOCUMENT} unpacks to more than {MOST_BYTES:,} bytes; export the flight again"
+        )
+    return wpml_reader.read_route(text_from_bytes(data).text)
