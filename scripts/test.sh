@@ -8,6 +8,8 @@ extra=dev
 bin="$venv/bin"
 # One thread per process: the machines are small and BLAS threads fight each other.
 export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
+# The tests start hundreds of processes: with PYTHONDONTWRITEBYTECODE each would compile all our sources again.
+unset PYTHONDONTWRITEBYTECODE
 
 if [ $# -gt 0 ]; then
     exec "$bin/python" -m pytest "$@"

@@ -40,7 +40,7 @@ def test_the_others_are_slow(tmp_path: Path) -> None:
     def run(expression: str) -> set[str]:
         done = subprocess.run(
             [sys.executable, "-m", "pytest", "-q", "--collect-only", "-p", "no:cacheprovider", "-m", expression, tmp_path],
-            capture_output=True, text=True, timeout=100, check=False,
+            capture_output=True, text=True, timeout=300, check=False,
         )  # fmt: skip
         return {line.partition("[")[2] for line in done.stdout.splitlines() if "test_it[" in line}
 

@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
-    subprocess.run(build, cwd=ROOT, check=True, capture_output=True, timeout=100)
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True, timeout=300)
     (built,) = folder.glob("*.whl")
     return built
 
@@ -38,7 +38,7 @@ def test_installed_elsewhere_it_flies_the_demo(wheel: Path, tmp_path: Path) -> N
     subprocess.run(
         [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps", "--no-index",
          "--no-compile", "--target", target, wheel],
-        check=True, capture_output=True, timeout=100,
+        check=True, capture_output=True, timeout=300,
     )  # fmt: skip
     lend_compiled_kernels(target)
     environment = {**os.environ, "PYTHONPATH": str(target)}
@@ -46,7 +46,7 @@ def test_installed_elsewhere_it_flies_the_demo(wheel: Path, tmp_path: Path) -> N
 
     def run(*arguments: str) -> str:
         done = subprocess.run(
-            [sys.executable, *arguments], cwd=elsewhere, env=environment, capture_output=True, text=True, timeout=200,
+            [sys.executable, *arguments], cwd=elsewhere, env=environment, capture_output=True, text=True, timeout=600,
             check=False,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr

@@ -75,7 +75,7 @@ def vehicles() -> Iterator[Connection]:
     thread.start()
     yield ours
     ours.send(None)
-    thread.join(10.0)
+    thread.join(60.0)
     assert not thread.is_alive()
 
 

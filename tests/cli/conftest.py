@@ -1,5 +1,6 @@
 """One demo for all tests, commands in this process or in another, mock vehicles that end with the test."""
 
+import dataclasses
 import json
 import os
 import shutil
@@ -15,11 +16,13 @@ from typing import Any
 
 import pytest
 
+from tests.once import made_once
 from uavcover.cli.ending import run_app
 from uavcover.cli.main import app
 
 EVALUATIONS = "40"
 WATCHDOG_S = 300.0
+"""Far longer than anything takes on a machine with other work: it ends what hangs, and measures nothing."""
 
 
 @dataclass(frozen=True)
@@ -132,16 +135,20 @@ class DemoRun:
 
 @pytest.fixture(scope="session")
 def demo_run(tmp_path_factory: pytest.TempPathFactory) -> DemoRun:
-    """The demo of a ninth of its area with few evaluations, in processes of its own. Not to be changed: copy it.
+    """The demo of a ninth of its area with few evaluations, made once for all workers. Not to be changed: copy it.
 
     tests/test_setup.py flies the whole.
     """
-    folder = tmp_path_factory.mktemp("demo") / "run"
-    scenario = corner_of_the_demo(folder.parent)
-    ended = in_process(
-        "demo", "-o", folder, "--scenario", scenario, "--evaluations", EVALUATIONS, "--speed", 50, "--json"
-    )
-    return DemoRun(folder, ended)
+
+    def fly(folder: Path) -> None:
+        scenario = corner_of_the_demo(folder)
+        ended = in_process(
+            "demo", "-o", folder / "run", "--scenario", scenario, "--evaluations", EVALUATIONS, "--speed", 50, "--json",
+        )  # fmt: skip
+        (folder / "ended.json").write_text(json.dumps(dataclasses.asdict(ended)))
+
+    folder = made_once(tmp_path_factory, "demo", fly)
+    return DemoRun(folder / "run", Ended(**json.loads((folder / "ended.json").read_text())))
 
 
 @pytest.fixture

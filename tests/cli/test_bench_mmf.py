@@ -92,7 +92,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_stopped_hard_in_the_middle_and_resumed_gives_the_same_sets(
-    tmp_path: Path, whole: Path, how: signal.Signals
+    cli: Cli, tmp_path: Path, whole: Path, how: signal.Signals
 ) -> None:
     broken = tmp_path / "broken"
     with started(command(*TWELVE, "-o", broken)) as process:
@@ -107,7 +107,7 @@ def test_stopped_hard_in_the_middle_and_resumed_gives_the_same_sets(
         assert process.returncode == 130
         assert "the same command goes on" in errors
     stamps = {name: (broken / name).stat().st_mtime_ns for name in before}
-    resumed = in_process(*TWELVE, "-o", broken, "--json")
+    resumed = cli(*TWELVE, "-o", broken, "--json")
     assert resumed.code == 0
     assert json.loads(resumed.out)["made"] <= 12 - len(before)
     assert sets(broken) == sets(whole)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from pymavlink import mavutil
 
-from tests.cli.conftest import Cli, command, files, limited_to, mock_vehicle, started, wait_for_line
+from tests.cli.conftest import WATCHDOG_S, Cli, command, files, limited_to, mock_vehicle, started, wait_for_line
 from uavcover.recording.reader import read_recorded_track
 from uavcover.vehicle.track_file import read_track
 
@@ -58,7 +58,7 @@ def test_a_terminal_that_is_closed_brings_it_home(cli: Cli, planned: Path) -> No
             while b"in the air" not in said:
                 said += os.read(ours, 4096)
             os.close(ours)
-            process.wait(timeout=100)
+            process.wait(timeout=WATCHDOG_S)
         finally:
             process.kill()
             process.wait()
@@ -85,7 +85,7 @@ def test_interrupt_brings_it_home(cli: Cli, planned: Path) -> None:
         with started(command("fly", planned, "--to", url)) as process:
             wait_for_line(process, "in the air")
             process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=100)
+            out, err = process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 130, err
     assert "flying home along checked legs" in out
     assert "flown home along checked legs, landed and disarmed" in out
@@ -102,7 +102,7 @@ def test_second_interrupt_leaves_it_holding(cli: Cli, planned: Path) -> None:
             process.send_signal(signal.SIGINT)
             wait_for_line(process, "told to hold")
             process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=100)
+            out, err = process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 130, err
     assert "the vehicle is left holding" in out
     assert "armed and in the air" in out
@@ -117,7 +117,7 @@ def test_vehicle_that_dies_in_flight(cli: Cli, planned: Path) -> None:
             assert process.stderr is not None
             seen = next(line for line in process.stderr if "in the air" in line)
             vehicle.kill()
-            out, err = process.communicate(timeout=100)
+            out, err = process.communicate(timeout=WATCHDOG_S)
     assert seen
     assert process.returncode == 3
     assert "warning: nothing from vehicle 1 for 3." in err
@@ -170,7 +170,7 @@ def test_pause_makes_it_wait_and_go_on(cli: Cli, planned: Path) -> None:
             process.send_signal(signal.SIGUSR1)
             wait_for_line(process, "paused: the vehicle holds its place")
             process.send_signal(signal.SIGUSR1)
-            out, err = process.communicate(timeout=100)
+            out, err = process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 0, err
     assert "the vehicle goes on with its mission" in out
     assert "flown to the end" in out

@@ -98,5 +98,5 @@ def test_completion_of_commands(shell: str) -> None:
     if shell == "fish":
         environment["_TYPER_COMPLETE_FISH_ACTION"] = "get-args"
     program = Path(sys.executable).with_name("uavcover")
-    done = subprocess.run([program], env=environment, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run([program], env=environment, capture_output=True, text=True, timeout=300, check=False)
     assert "plan-upload" in done.stdout, done.stderr

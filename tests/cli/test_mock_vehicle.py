@@ -9,7 +9,7 @@ import pytest
 from mission_io.client.client import Client
 from mission_io.links.opening import open_link
 from mission_io.wire.messages import SysStatus
-from tests.cli.conftest import Cli, mock_vehicle, started, wait_for_line
+from tests.cli.conftest import WATCHDOG_S, Cli, mock_vehicle, started, wait_for_line
 from uavcover.mock.faults import FaultKind
 
 
@@ -18,7 +18,7 @@ def test_tells_its_port_and_ends_when_told(number: signal.Signals) -> None:
     with mock_vehicle("-q") as (port, process):
         assert port > 0
         process.send_signal(number)
-        out, err = process.communicate(timeout=30)
+        out, err = process.communicate(timeout=WATCHDOG_S)
     assert (process.returncode, out, err) == (0, "", "")
 
 
@@ -53,7 +53,7 @@ def test_takes_faults_errors_and_a_log_of_the_truth(tmp_path: Path) -> None:
             client.wait_for_vehicle()
             assert client.request_message(SysStatus).battery_remaining_percent == 100
         process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=30)
+        process.communicate(timeout=WATCHDOG_S)
     rows = list(csv.DictReader(truth.read_text().splitlines()))
     assert len(rows) > 5
     assert any(abs(float(row["east_error_m"])) > 0.01 for row in rows)

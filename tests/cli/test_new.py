@@ -258,7 +258,7 @@ def test_a_flight_of_an_oblique_set_says_where_to_look(cli, tennessee, tmp_path)
         cli(
             "new",
             tennessee / "area.kml",
-            *options(tennessee / "dem.tif"),
+            *options(tennessee / "dem.tif", gsd="6cm"),
             "--pattern",
             "oblique",
             "--margin",

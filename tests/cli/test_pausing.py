@@ -11,6 +11,7 @@ import termios
 
 import pytest
 
+from tests.cli.conftest import WATCHDOG_S
 from uavcover.cli.console import Console, PauseKey
 
 CHILD = """
@@ -46,7 +47,7 @@ def test_p_pauses_and_p_goes_on_and_the_terminal_is_as_it_was() -> None:
                 assert select.select([child.stdout], [], [], 20.0)[0]
                 said.append(child.stdout.readline().strip())
             assert said == ["True", "True", "False"]
-            assert child.wait(timeout=20.0) == 0
+            assert child.wait(timeout=WATCHDOG_S) == 0
         assert termios.tcgetattr(theirs) == before
     finally:
         os.close(ours)

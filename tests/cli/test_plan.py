@@ -11,11 +11,11 @@ import pytest
 
 from tests.cli.conftest import (
     EVALUATIONS,
+    WATCHDOG_S,
     Cli,
     command,
     corner_of_the_demo,
     files,
-    in_process,
     limited_to,
     started,
     wait_for_line,
@@ -44,7 +44,7 @@ def without_times(folder: Path) -> dict[str, Any]:
 
 
 def test_equal_on_one_thread_two_threads_and_one_core(cli: Cli, tmp_path: Path) -> None:
-    base = ("plan", corner_of_the_demo(tmp_path), "--evaluations", 80, "--seed", 7)
+    base = ("plan", corner_of_the_demo(tmp_path), "--evaluations", EVALUATIONS, "--seed", 7)
     one = cli(*base, "-o", tmp_path / "one", "--workers", 1, "--json")
     assert one.code == 0
     assert one.document["rule_met"] is True
@@ -168,15 +168,15 @@ def test_force_moves_the_older_plan_and_its_flight_away(cli: Cli, flown: Path, t
     assert "no such" not in cli("verify", flown).error
 
 
-def test_two_planners_in_one_folder(tmp_path: Path) -> None:
+def test_two_planners_in_one_folder(cli: Cli, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     with started(command("plan", corner_of_the_demo(tmp_path), "-o", folder, "--budget", "60s")) as first:
         wait_for_line(first, "planning")
-        second = in_process("plan", "jacksboro", "-o", folder, "--force", "--evaluations", EVALUATIONS, "-q")
+        second = cli("plan", tmp_path / "corner.toml", "-o", folder, "--force", "--evaluations", EVALUATIONS, "-q")
         assert second.code == 2
         assert "another uavcover is working in this folder" in second.error
         first.send_signal(signal.SIGINT)
-        first.communicate(timeout=60)
+        first.communicate(timeout=WATCHDOG_S)
     assert plan_of(folder)["interrupted"] is True
 
 
@@ -185,7 +185,7 @@ def test_interrupt_writes_the_best_so_far(tmp_path: Path, number: signal.Signals
     with started(command("plan", corner_of_the_demo(tmp_path), "-o", tmp_path / "run", "--budget", "60s")) as process:
         wait_for_line(process, "planning")
         process.send_signal(number)
-        _, err = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 130
     assert f"the best route found so far has been written to {tmp_path / 'run'}" in err
     assert files(tmp_path / "run") == PLANNED
@@ -199,7 +199,7 @@ def test_third_interrupt_aborts(tmp_path: Path) -> None:
             process.send_signal(signal.SIGINT)
             with suppress(subprocess.TimeoutExpired):
                 process.wait(timeout=0.1)  # two that come at once are one
-        _, err = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=WATCHDOG_S)
     # One that comes while the interpreter shuts down ends it by the signal, which a shell shows as 130 too.
     assert process.returncode in {130, -signal.SIGINT}
     assert "Traceback" not in err
@@ -215,7 +215,7 @@ def test_infeasible_plan_ends_with_4(cli: Cli, tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
-def test_progress_bar_only_on_a_terminal_and_after_two_seconds(tmp_path: Path) -> None:
+def test_progress_bar_only_on_a_terminal_and_after_two_seconds(cli: Cli, tmp_path: Path) -> None:
     arguments = command("plan", corner_of_the_demo(tmp_path), "-o", tmp_path / "long", "--budget", "3s")
     seen = subprocess.run(
         ["script", "-qec", " ".join(arguments), str(tmp_path / "typescript")],
@@ -225,7 +225,7 @@ def test_progress_bar_only_on_a_terminal_and_after_two_seconds(tmp_path: Path) -
     assert seen.returncode == 0
     assert "━" in seen.stdout
     assert re.search(r"\d %, \d+ s", seen.stdout), "coverage, and the time of the mission"
-    piped = in_process("plan", tmp_path / "corner.toml", "-o", tmp_path / "piped", "--evaluations", EVALUATIONS)
+    piped = cli("plan", tmp_path / "corner.toml", "-o", tmp_path / "piped", "--evaluations", EVALUATIONS)
     assert "━" not in piped.out + piped.err
     assert piped.err == "" or all(line.startswith("warning:") for line in piped.err.splitlines())
 

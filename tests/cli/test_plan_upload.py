@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.cli.conftest import EVALUATIONS, Cli, command, corner_of_the_demo, mock_vehicle, started
+from tests.cli.conftest import EVALUATIONS, WATCHDOG_S, Cli, command, corner_of_the_demo, mock_vehicle, started
 from tests.cli.relay import Relay
 from uavcover.run import plan
 
@@ -95,7 +95,7 @@ def test_vehicle_that_stops_in_the_middle_of_an_upload(flown: Path, tmp_path: Pa
             url = f"udpout://127.0.0.1:{relay.port}"
             uploads.append((run, stack.enter_context(started(command("plan-upload", run, "--to", url, "-q")))))
         for run, upload in uploads:
-            out, err = upload.communicate(timeout=100)
+            out, err = upload.communicate(timeout=WATCHDOG_S)
             assert (upload.returncode, out) == (3, ""), err
             assert err.startswith("error: upload of the mission")
             assert len(err.splitlines()) == 1

@@ -47,6 +47,7 @@ def test_open_starts_the_browser(
         return starts
 
     monkeypatch.setattr(webbrowser, "open", opened)
+    monkeypatch.setattr("uavcover.report.page.render_report", lambda *_: "the page, which takes a second to draw")
     page = tmp_path / "a page #1.html"
     ended = cli("report", planned, "-o", page, "--open")
     assert ended.code == 0

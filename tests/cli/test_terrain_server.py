@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.conftest import Cli, command, mock_vehicle, started, wait_for_line
+from tests.cli.conftest import WATCHDOG_S, Cli, command, mock_vehicle, started, wait_for_line
 
 DEM = "uavcover/data/jacksboro.tif"
 
@@ -18,7 +18,7 @@ def test_serves_until_it_is_told_to_stop_and_says_how_much(number: signal.Signal
         with started(arguments) as server:
             wait_for_line(server, "parts of them sent")
             server.send_signal(number)
-            out, err = server.communicate(timeout=60)
+            out, err = server.communicate(timeout=WATCHDOG_S)
     assert server.returncode == 0
     told = re.search(r"requests for 1 blocks: (\d+) parts sent, 0 not, for want of data", out)
     assert told is not None
@@ -33,7 +33,7 @@ def test_json_has_the_counts_and_the_end_of_the_data_is_said() -> None:
             assert server.stderr is not None
             seen = next(line for line in server.stderr if "goes on waiting" in line)
             server.send_signal(signal.SIGINT)
-            out, _ = server.communicate(timeout=60)
+            out, _ = server.communicate(timeout=WATCHDOG_S)
     document = json.loads(out)
     assert server.returncode == 0
     assert document["blocks"] == document["blocks_incomplete"] == 1

@@ -14,7 +14,7 @@ from mission_io.formats import csv, plan, poly, wpl
 from mission_io.links.opening import UdpLink
 from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.items import Frame, GeoPoint, Mission, waypoint
-from tests.cli.conftest import Cli, command, mock_vehicle, started
+from tests.cli.conftest import WATCHDOG_S, Cli, command, mock_vehicle, started
 from tests.cli.relay import Relay
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer
@@ -190,7 +190,7 @@ def test_ctrl_c_says_what_the_vehicle_holds(planned: Path) -> None:
         relay = stack.enter_context(Relay(port, interrupt))
         arguments = command("upload", planned / "mission.waypoints", "--to", f"udpout://127.0.0.1:{relay.port}")
         upload.append(stack.enter_context(started(arguments)))
-        _, err = upload[0].communicate(timeout=60.0)
+        _, err = upload[0].communicate(timeout=WATCHDOG_S)
     assert upload[0].returncode == 130
     assert "this side cancelled" in err
     assert re.search(r"list is now mixed \(\d+ items, of which the first \d+ are new\); upload again, or clear it", err)

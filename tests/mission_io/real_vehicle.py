@@ -30,5 +30,5 @@ def flying_on(link: Link, peer: VehiclePeer) -> Iterator[VehiclePeer]:
         yield peer
     finally:
         stop.set()
-        thread.join(5.0)
+        thread.join(60.0)
         link.close()

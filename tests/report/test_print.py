@@ -202,7 +202,7 @@ def test_it_prints_on_a4(split: tuple[Site, tuple[Sortie, ...]], tmp_path: Path)
     subprocess.run(
         [program, "--headless", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer", f"--user-data-dir={tmp_path}/b",
          f"--print-to-pdf={tmp_path}/page.pdf", (tmp_path / "page.html").as_uri()],
-        check=True, capture_output=True, timeout=120,
+        check=True, capture_output=True, timeout=300,
     )  # fmt: skip
     printed = (tmp_path / "page.pdf").read_bytes()
     boxes = re.findall(rb"/MediaBox ?\[ ?0 0 ([0-9.]+) ([0-9.]+)\]", printed)

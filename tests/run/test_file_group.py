@@ -189,7 +189,7 @@ def test_readers_after_a_real_kill_see_no_mixture(tmp_path: Path) -> None:
         for name in ("plan.json", "mission.waypoints", "upload.json"):
             (folder / name).write_text("old")
         (folder / "run.json").write_text("{}")
-        code = subprocess.run([sys.executable, "-c", PROGRAM, folder, str(after)], timeout=60, check=False).returncode
+        code = subprocess.run([sys.executable, "-c", PROGRAM, folder, str(after)], timeout=300, check=False).returncode
         run = RunFolder(folder)
         plan = run.existing("plan.json", made_by="uavcover plan").read_text()
         rest = {run.file(name).read_text() for name in ("mission.waypoints",)}

@@ -23,7 +23,7 @@ from uavcover.run.upload import upload_run
 from uavcover.run.user import metres, percent
 from uavcover.vehicle.fly import Ending
 
-_MOCK_START_S = 30.0
+_MOCK_START_S = 60.0
 _WIND = ("--wind", "3", "--wind-from", "250", "--gust", "0.7")
 
 

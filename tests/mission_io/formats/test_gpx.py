@@ -54,6 +54,7 @@ def checked(text: str) -> ET.Element:
 PLACES = st.tuples(LATITUDES, LONGITUDES, st.floats(-400.0, 9000.0))
 
 
+@pytest.mark.no_cover  # what takes long is the schema's library; the lines are reached by the other tests
 @given(
     home=PLACES,
     places=st.lists(PLACES, min_size=1, max_size=5),
