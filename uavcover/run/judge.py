@@ -237,9 +237,19 @@ def judge_run(
         for warning in loaded.warnings:
             user.warn(warning)
         tracks.append((loaded.track, planned_for(path, run)))
+    warn_of_separation(site, len(tracks), user)
     with user.progress("verifying"):
         verdict = judge_tracks(site, tracks)
     return site, verdict, [_name(path, run) for path in paths], inputs
+
+
+def warn_of_separation(site: Site, tracks: int, user: User) -> None:
+    """Tell that tracks of several vehicles do not say how near these were to each other: each has its own vehicle's time."""
+    if site.scenario.fleet.vehicles > 1 and tracks > 1:
+        user.warn(
+            "the separation of the vehicles is not judged: each track has its own vehicle's time, and nothing tells how these "
+            "belong together"
+        )
 
 
 def say_inputs(user: User, inputs: JudgedInputs) -> None:
