@@ -29,6 +29,7 @@ from uavcover.routes.sorties import compile_sorties, mission_time_s
 from uavcover.run.new_elevation import (
     AROUND_M,
     NewRequest,
+    ask_about_surface,
     ground_asked_for,
     inside_data,
     over_lakes,
@@ -108,6 +109,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     dem = over_lakes(dem, look, user)
     datum, stated = _datum(look, user)
     surface = surface_asked_for(request, area, dem, look, datum)
+    ask_about_surface(dem, user, beside_surface=surface is not None)
     step_m = 0.0 if surface is None else surface.tallest_m
     design = design_survey(wish, slope_deg=look.slope_deg, area_m2=look.area_m2, step_m=step_m)
     design = inside_data(design, dem, look, user)

@@ -8,6 +8,7 @@ from typing import get_args
 from uavcover.errors import InputError, TerrainError
 from uavcover.intake import quantities
 from uavcover.intake.surface_look import SurfaceLook, look_at_surface, read_as_needed
+from uavcover.intake.surface_names import surface_in_words
 from uavcover.intake.survey import SurveyDesign
 from uavcover.intake.terrain_look import TerrainLook, known_margin_m
 from uavcover.model.terrain import HeightUnit
@@ -135,3 +136,23 @@ def inside_data(design: SurveyDesign, dem: TerrainSource, look: TerrainLook, use
             f"(margin {margin_m:g} m instead of {design.margin_m:g} m)"
         )
     return replace(design, margin_m=float(margin_m))
+
+
+def ask_about_surface(dem: TerrainSource, user: User, *, beside_surface: bool) -> None:
+    """Ask whether elevation data that calls itself a surface is meant as the ground.
+
+    Args:
+        dem: given as the ground.
+        user: is asked.
+        beside_surface: whether a surface model was given too.
+    """
+    why = surface_in_words(dem)
+    if why is None:
+        return
+    if beside_surface:
+        user.warn(f"--dem: is this the bare ground? {why}; --dem is the ground, --dsm what stands on it")
+    else:
+        user.warn(
+            f"--dem: is this the bare ground? {why}. Heights are kept above its trees and roofs, as far as it has them, and they "
+            "are what is looked at; to look at the ground, give a ground model as --dem and this as --dsm"
+        )
