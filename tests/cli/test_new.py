@@ -20,7 +20,7 @@ from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import judging_map
-from uavcover.sensing.pictures import count_pictures, picture_statistics, planned_poses
+from uavcover.sensing.pictures import FLOWN_OVERLAP_FRACTION, count_pictures, picture_statistics, planned_poses
 
 
 @pytest.fixture(scope="module")
@@ -374,4 +374,7 @@ def test_the_overlap_that_was_asked_for_holds_up_to_the_edge(cli, tmp_path, over
     stated = picture_statistics(coverage, count_pictures(coverage, planned_poses(coverage, [route_m])))
     assert stated.asked == needed
     assert stated.overlap_holds
+    # What is asked for, and kept by the plan, is asked of the flight.
+    assert site.scenario.requirements.min_overlap_fraction == FLOWN_OVERLAP_FRACTION
+    assert outcome.exit_code == 0
     assert stated.overlap_fraction == pytest.approx(float((counts >= needed).mean()), abs=0.01)

@@ -13,6 +13,7 @@ from tests.judging.flights import fly_along
 from tests.naive import pictures as naive
 from tests.planning.sites import HIGH_M, LOW_M, ORIGIN, STEP_M, flat, hills, make_site, ridge, tower, with_scenario
 from uavcover.judging.phases import PlannedRoute
+from uavcover.judging.requirements import requirement_rows
 from uavcover.judging.verify import FlownTrack, verify_flight
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.sensor import FrameCamera, NadirCamera, SphereSensor
@@ -206,3 +207,40 @@ def test_a_flight_is_judged_by_its_own_pictures(spacing_m, holds):
     # A sensor without single pictures has no such figures.
     film = with_scenario(site, sensor=dataclasses.replace(site.scenario.sensor, forward_overlap=None))
     assert verify_flight(film, judging_map(film), [FlownTrack(track, None)]).report.pictures is None
+
+
+@pytest.mark.parametrize(
+    ("spacing_m", "blind", "holds"), [(30.0, False, "yes"), (180.0, False, "no"), (30.0, True, "not proved")]
+)
+def test_an_overlap_that_is_required_decides(spacing_m, blind, holds):
+    """From the ground to the ground, so that nothing else is unobserved."""
+    site = make_site(hills, sensor=dataclasses.replace(CAMERA, mount="stabilised"))
+    asked = dataclasses.replace(site.scenario.requirements, min_overlap_fraction=0.9)
+    site = with_scenario(site, requirements=asked)
+    route = lines(spacing_m=spacing_m)
+    feet = route[[0, -1]].copy()
+    feet[:, 2] = site.ground.heights_m(feet[:, :2])
+    track = fly_along(site, np.vstack([feet[:1], route, feet[1:]]), first=1, count=len(route))
+    course = np.diff(track.enu_m, axis=0, append=track.enu_m[-1:])
+    yaw_deg = np.degrees(np.arctan2(course[:, 0], course[:, 1])) + (np.nan if blind else 0.0)
+    track = dataclasses.replace(track, attitude_deg=np.column_stack([np.zeros((len(track), 2)), yaw_deg]))
+    report = verify_flight(site, judging_map(site), [FlownTrack(track, PlannedRoute(route, 1.0))]).report
+    said = "the overlap asked for, 6 pictures"
+    assert any(line.startswith(said) for line in report.reasons) == (holds == "no"), report.doubts
+    assert any(line.startswith(said) for line in report.doubts) == (holds == "not proved")
+    assert not any("overlap" in line for line in report.findings)
+    (row,) = [
+        row for row in requirement_rows(site.scenario, report) if row.name.startswith("Ground in at least 6 pictures")
+    ]
+    assert row.holds == holds
+
+
+def test_an_overlap_is_required_of_a_camera_that_asks_for_one():
+    site = make_site(hills, sensor=dataclasses.replace(CAMERA, mount="stabilised"))
+    asked = dataclasses.replace(site.scenario.requirements, min_overlap_fraction=0.9)
+    for sensor in (
+        NadirCamera(kind="nadir-camera", fov_deg=70.0, range_m=200.0),
+        dataclasses.replace(CAMERA, forward_overlap=None, side_overlap=0.0),
+    ):
+        with pytest.raises(ValueError, match=r"min_overlap_fraction: goes with a frame camera's forward_overlap"):
+            with_scenario(site, sensor=sensor, requirements=asked)

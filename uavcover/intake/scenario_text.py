@@ -43,6 +43,8 @@ class SurveyScenario:
         view: what this flight of a pattern looks at.
         surface_files: a surface model: files, folders or patterns.
         surface: what was seen of it; none without one.
+        keeps_overlap: share of the ground on which plain lines keep the overlap asked for, which is then required; none where
+            they do not.
     """
 
     name: str
@@ -63,6 +65,7 @@ class SurveyScenario:
     view: View = SINGLE
     surface_files: tuple[str, ...] = ()
     surface: SurfaceLook | None = None
+    keeps_overlap: float | None = None
 
 
 def return_height_m(highest_amsl_m: float, home_amsl_m: float) -> float:
@@ -330,8 +333,11 @@ def _zone_file(name: str, folder: Path) -> list[str]:
 
 
 def _goal(scenario: SurveyScenario) -> list[str]:
-    del scenario
-    return [
+    lines = [
         "[requirements]",
         _line("min_coverage_of_coverable", _COVERAGE, "verify asks of the flight what the plan was chosen for"),
     ]
+    if scenario.keeps_overlap is not None:
+        reason = "of the ground is in as many pictures as the overlap asks for; verify asks it of the flight"
+        lines.append(_line("min_overlap_fraction", scenario.keeps_overlap, reason))
+    return lines

@@ -4,8 +4,9 @@ Failed: something observed breaks a limit, or a requirement is missed whatever h
 neither is the case, but something essential was not observed. Passed: everything holds, and was observed.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -23,11 +24,12 @@ from uavcover.judging.unobserved import (
     way_before_m,
     ways_between_m,
 )
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.scenario import Scenario
 from uavcover.model.verdict import CellStatistics, CoverageMoment, Unobserved, VerdictName
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.pictures import PictureCounts, overlap_fraction, overlap_shortfall, picture_statistics
 
 _MOMENTS = 200
 """Number of moments, evenly spread over the observations' time, at which coverage over time is reported."""
@@ -102,7 +104,12 @@ def judged_requirements(scenario: Scenario) -> Mapping[str, Any]:
 
 
 def decide(
-    coverage: CoverageMap, flown: FlownCoverage, judged: Sequence[JudgedTrack], *, unknown_attitude_looks: int
+    coverage: CoverageMap,
+    flown: FlownCoverage,
+    judged: Sequence[JudgedTrack],
+    pictures: PictureCounts | None,
+    *,
+    unknown_attitude_looks: int,
 ) -> Decision:
     """Decide on tracks that count as one flight.
 
@@ -110,6 +117,7 @@ def decide(
         coverage: the cells.
         flown: their coverage.
         judged: each track judged by itself.
+        pictures: how many show each cell; none for a sensor that takes none.
         unknown_attitude_looks: number of observations without a known direction.
     """
     site = coverage.site
@@ -143,13 +151,46 @@ def decide(
     ]
     if len(long) > _SHOWN:
         doubts.append(f"and {len(long) - _SHOWN} more stretches as long")
-    _judge_coverage(coverage, flown, ways, reasons, doubts)
+
+    @cache
+    def perhaps() -> BoolArray:
+        """(cells,) what unobserved stretches, and looks of unknown direction, may have seen."""
+        found = flown.possibly_by_attitude.copy()
+        for way in ways:
+            found |= possibly_seen(coverage, level_observations(site, way, 0.0))
+        return found
+
+    _judge_coverage(coverage, flown, perhaps, reasons, doubts)
+    _judge_overlap(coverage, pictures, perhaps, reasons, doubts)
     verdict: VerdictName = "failed" if reasons else "not proved" if doubts else "passed"
     return Decision(verdict, tuple(reasons), tuple(doubts), tuple(findings), tuple(unobserved), fraction)
 
 
+def _judge_overlap(
+    coverage: CoverageMap,
+    pictures: PictureCounts | None,
+    perhaps: Callable[[], BoolArray],
+    reasons: list[str],
+    doubts: list[str],
+) -> None:
+    """Overlap that is required and missed fails, unless pictures that were not observed may make up for it."""
+    scenario = coverage.site.scenario
+    short = overlap_shortfall(scenario, None if pictures is None else picture_statistics(coverage, pictures))
+    if short is None:
+        return
+    at_most = None if pictures is None else overlap_fraction(coverage, pictures, perhaps())
+    if at_most is None or at_most < (scenario.requirements.min_overlap_fraction or 0.0):
+        reasons.append(short)
+    else:
+        doubts.append(f"{short}; with what may have been seen without being observed it is {100.0 * at_most:.2f} %")
+
+
 def _judge_coverage(
-    coverage: CoverageMap, flown: FlownCoverage, ways_m: Sequence[FloatArray], reasons: list[str], doubts: list[str]
+    coverage: CoverageMap,
+    flown: FlownCoverage,
+    perhaps: Callable[[], BoolArray],
+    reasons: list[str],
+    doubts: list[str],
 ) -> None:
     """Insufficient coverage fails, unless unobserved stretches may make up for it: then it is not proved."""
     requirements = coverage.site.scenario.requirements
@@ -160,12 +201,9 @@ def _judge_coverage(
         short.append((sure, "sure coverage", wanted_sure))
     if not short:
         return
-    perhaps = flown.possibly_by_attitude.copy()
-    for way in ways_m:
-        perhaps |= possibly_seen(coverage, level_observations(coverage.site, way, 0.0))
     for found, what, asked in short:
         seen = flown.seen if what == "coverage" else flown.surely_seen
-        at_most = coverage.share_of_coverable(seen | perhaps)
+        at_most = coverage.share_of_coverable(seen | perhaps())
         text = f"{what} {100 * found:.2f} % of the coverable area is below the required {100 * asked:.2f} %"
         if at_most < asked:
             reasons.append(text)

@@ -42,6 +42,8 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
                 report.surely_covered_of_coverable,
             )
         )
+    if requirements.min_overlap_fraction is not None:
+        rows.append(_overlap_row(requirements.min_overlap_fraction, report))
     rows += _observed_rows(scenario, report)
     rows.append(
         RequirementRow(
@@ -106,6 +108,21 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
             )
         )
     return rows
+
+
+def _overlap_row(asked: float, report: VerificationReport) -> RequirementRow:
+    pictures = report.pictures
+    found = None if pictures is None else pictures.overlap_fraction
+    number = "" if pictures is None or pictures.asked is None else f" {pictures.asked}"
+    short: Holds = (
+        "no" if any(reason.startswith("the overlap asked for") for reason in report.reasons) else "not proved"
+    )
+    return RequirementRow(
+        f"Ground in at least{number} pictures, as the overlap asks",
+        f"at least {100.0 * asked:g} %",
+        "not known" if found is None else f"{100.0 * found:.2f} %",
+        "yes" if found is not None and found >= asked else short,
+    )
 
 
 def _observed_rows(scenario: Scenario, report: VerificationReport) -> list[RequirementRow]:

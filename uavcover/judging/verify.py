@@ -254,7 +254,7 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
     gaps = tuple(find_gaps(coverage, flown))
     pictures = _pictures(coverage, together) if takes_pictures(site.scenario) else None
     statistics = None if pictures is None else picture_statistics(coverage, pictures)
-    decision = decide(coverage, flown, judged, unknown_attitude_looks=int((~together.known).sum()))
+    decision = decide(coverage, flown, judged, pictures, unknown_attitude_looks=int((~together.known).sum()))
     report = VerificationReport(
         coverage_fraction=coverage.share(flown.seen),
         coverage_of_coverable=coverage.share_of_coverable(flown.seen),
@@ -285,7 +285,7 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
         passed=decision.verdict == "passed",
         reasons=decision.reasons,
         doubts=decision.doubts,
-        findings=(*decision.findings, *map(str, records), *_overlap_findings(statistics)),
+        findings=(*decision.findings, *map(str, records), *_overlap_findings(site, statistics)),
         requirements=judged_requirements(site.scenario),
     )
     return Verdict(coverage, report, flown, gaps, pictures, together, shifts_s)
@@ -297,8 +297,11 @@ def _pictures(coverage: CoverageMap, together: Observations) -> PictureCounts:
     return count_pictures(coverage, SensorPoses(known.places_m, known.axes, known.tops, known.times_s))
 
 
-def _overlap_findings(pictures: PictureStatistics | None) -> list[str]:
+def _overlap_findings(site: Site, pictures: PictureStatistics | None) -> list[str]:
+    """Overlap that does not hold, where nothing requires it."""
     if pictures is None or pictures.overlap_fraction is None or pictures.overlap_holds:
+        return []
+    if site.scenario.requirements.min_overlap_fraction is not None:
         return []
     return [
         f"the overlap asked for, {pictures.asked} pictures of every point, holds on {100.0 * pictures.overlap_fraction:.2f} % of "

@@ -197,6 +197,8 @@ class Requirements:
     Attributes:
         min_coverage_of_coverable: required fraction of the area that can be covered within the limits.
         min_sure_coverage_of_coverable: required fraction that is seen for every error within [uncertainty], or none.
+        min_overlap_fraction: required fraction of the ground, as drawn, that is in as many pictures as the camera's
+            forward_overlap and side_overlap ask for, or none: then the overlap is told, and not required.
         looks: number of observations required of a cell; more than 1 requires sensing at waypoints.
         look_distance_m: waypoints closer to each other than this count as one observation; required for more than one.
         max_deviation_m: largest distance of the flown track from the planned route, or none.
@@ -210,6 +212,7 @@ class Requirements:
 
     min_coverage_of_coverable: float = 0.95
     min_sure_coverage_of_coverable: float | None = None
+    min_overlap_fraction: float | None = None
     looks: int = 1
     look_distance_m: float | None = None
     max_deviation_m: float | None = None
@@ -225,6 +228,10 @@ class Requirements:
         )
         sure = self.min_sure_coverage_of_coverable
         require(sure is None or 0.0 <= sure <= 1.0, f"min_sure_coverage_of_coverable: {sure} is a share, 0..1")
+        overlap = self.min_overlap_fraction
+        require(
+            overlap is None or 0.0 < overlap <= 1.0, f"min_overlap_fraction: {overlap} is no share above 0, up to 1"
+        )
         require(1 <= self.looks <= 20, f"looks: {self.looks} is outside 1..20")
         require(
             self.looks == 1 or self.look_distance_m is not None,
@@ -311,6 +318,14 @@ class Scenario:
             self.requirements.looks == 1 or self.sensor.sensing == "at-waypoints",
             'requirements.looks: more than one goes with sensor.sensing = "at-waypoints"; along the path give a frame '
             "camera's side_overlap",
+        )
+        asks_overlap = self.sensor.kind == "frame-camera" and bool(
+            self.sensor.forward_overlap or self.sensor.side_overlap
+        )
+        require(
+            self.requirements.min_overlap_fraction is None or asks_overlap,
+            "requirements.min_overlap_fraction: goes with a frame camera's forward_overlap and side_overlap; give these, or "
+            "leave it out",
         )
         require(
             self.area.cell_size_m <= reach_m,

@@ -17,6 +17,7 @@ from uavcover.intake.survey import SurveyDesign, SurveyWish, design_survey
 from uavcover.intake.terrain_look import TerrainLook, look_at_terrain, place_for_home
 from uavcover.intake.vehicles import vehicle_named
 from uavcover.model.no_fly import NoFly
+from uavcover.model.route import Route
 from uavcover.model.vehicle import autopilot_name
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import (
@@ -44,7 +45,8 @@ from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.terrain_source import TerrainSource
 from uavcover.scenario.vertical import datum_named
-from uavcover.sensing.coverage_map import path_lengths_m
+from uavcover.sensing.coverage_map import judging_map, path_lengths_m
+from uavcover.sensing.pictures import FLOWN_OVERLAP_FRACTION, pictures_asked, planned_pictures
 from uavcover.sensing.sensors import trigger_distance_m
 
 _FARTHEST_HOME_M = 10_000.0
@@ -149,7 +151,29 @@ def _in_full(
     named = replace(scenario, view=view, name="-".join(part for part in (scenario.name, view.name) if part))
     text = scenario_text(named, folder=folder)
     site = load_site(parse_scenario(text, source=request.area.source, folder=folder))
+    if _keeps_overlap(site, view):
+        text = scenario_text(replace(named, keeps_overlap=FLOWN_OVERLAP_FRACTION), folder=folder)
+        site = replace(site, scenario=parse_scenario(text, source=request.area.source, folder=folder))
     return NewScenario(text, site, scenario.design, look, view, scenario.surface)
+
+
+def _plain_route(site: Site, view: View) -> tuple[Route, int]:
+    """Plain parallel lines over the area, and how many they are."""
+    heading_deg = view.line_heading_deg
+    layout = plain_boustrophedon(site, angle_rad=None if heading_deg is None else angle_of_heading_rad(heading_deg))
+    return fly_layout(site, layout), len(layout.heights_agl_m)
+
+
+def _keeps_overlap(site: Site, view: View) -> bool:
+    """Whether an overlap is asked for, and plain lines keep it: then a flight can be asked to."""
+    if pictures_asked(site.scenario.sensor) is None or view.is_tilted:
+        return False
+    try:
+        route, _ = _plain_route(site, view)
+    except InfeasibleError:
+        return False
+    pictures = planned_pictures(judging_map(site), [route.waypoints_m])
+    return pictures is not None and bool(pictures.overlap_holds)
 
 
 def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
@@ -205,14 +229,13 @@ class _Estimate:
 
 def _estimate(scenario: NewScenario) -> _Estimate:
     """Of plain parallel lines over the area; the search finds better."""
-    site, heading_deg = scenario.site, scenario.view.line_heading_deg
-    layout = plain_boustrophedon(site, angle_rad=None if heading_deg is None else angle_of_heading_rad(heading_deg))
-    route = fly_layout(site, layout)
+    site = scenario.site
+    route, lines = _plain_route(site, scenario.view)
     length_m = float(path_lengths_m(route.waypoints_m)[-1])
     every_m = trigger_distance_m(site.scenario) or length_m
     pictures = math.floor(length_m / every_m) + 1
     time_s = mission_time_s(site, route)
-    words = f"about {pictures} pictures, {len(layout.heights_agl_m)} lines, {length_m / 1000.0:.1f} km, {time_s / 60.0:.0f} min"
+    words = f"about {pictures} pictures, {lines} lines, {length_m / 1000.0:.1f} km, {time_s / 60.0:.0f} min"
     if site.scenario.vehicle.longest_flight_s is None:
         return _Estimate(pictures, time_s, None, f"{words} (plain lines; --battery tells how many batteries)")
     try:

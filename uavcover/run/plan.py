@@ -9,7 +9,7 @@ from typing import Any
 
 from uavcover.errors import INTERRUPTED, InfeasibleError
 from uavcover.model.limits import FlightLimits
-from uavcover.model.route import Plan, RouteMember, RouteMetrics
+from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
 from uavcover.model.vehicle import autopilot_name
 from uavcover.planning.planner import SearchProgress
 from uavcover.planning.selection import parse_rule, select
@@ -28,6 +28,7 @@ from uavcover.run.user import ProgressBar, StopRequests, User, metres, percent
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
 
 _FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
 
@@ -73,7 +74,7 @@ class PlanOutcome:
         compiled: the mission, none for a scenario that has no place on Earth, and none when it is flown as several sorties.
         sorties: the flights when there are several.
         document: the answer for ``--json``.
-        exit_code: 0, 1 when the rule was not met, 130 when the user ended the search.
+        exit_code: 0, 1 when the rule, or the overlap required, was not met, 130 when the user ended the search.
     """
 
     site: Site
@@ -140,7 +141,13 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     interrupted = result.interrupted or stops.any()
     if interrupted and not result.interrupted:
         user.warn(f"interrupted when the search was over: the whole plan has been written to {run}")
-    code = INTERRUPTED if interrupted else 0 if result.rule_met else 1
+    short = _overlap_missed(site, result.chosen.route, sorties)
+    if short is not None:
+        user.warn(
+            f"{short}: verify would fail the flight; plan longer, ask for less overlap, or lower "
+            "requirements.min_overlap_fraction"
+        )
+    code = INTERRUPTED if interrupted else 0 if result.rule_met and short is None else 1
     document = {
         "run": str(run),
         "coverage_fraction": result.chosen.metrics.coverage_fraction,
@@ -156,6 +163,14 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         "fleet": fleet,
     }
     return PlanOutcome(site, result, compiled, sorties, document, code)
+
+
+def _overlap_missed(site: Site, route: Route, sorties: Sequence[Sortie]) -> str | None:
+    """How the planned pictures miss the overlap that is required of the flown ones; none where they keep it."""
+    if site.scenario.requirements.min_overlap_fraction is None:
+        return None
+    routes = [sortie.route.waypoints_m for sortie in sorties] or [route.waypoints_m]
+    return overlap_shortfall(site.scenario, planned_pictures(judging_map(site), routes))
 
 
 def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: ProgressBar) -> Plan:

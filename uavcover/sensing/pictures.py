@@ -33,6 +33,9 @@ WORKERS = 2
 OVERLAP_FRACTION = 0.99
 """Share of the drawn area that has to be in as many pictures as the overlap asks for, for the overlap to hold."""
 
+FLOWN_OVERLAP_FRACTION = 0.97
+"""The same of a flight whose plan keeps it: every picture is triggered a little late, and at the ends of lines one is missing."""
+
 _ROUNDING = 1e-9
 
 
@@ -155,12 +158,28 @@ def drawn_cells(coverage: CoverageMap) -> BoolArray:
     return np.asarray(shapely.contains_xy(area_as_drawn(coverage.site), middles[:, 0], middles[:, 1]))
 
 
+def overlap_fraction(coverage: CoverageMap, counts: PictureCounts, also: BoolArray | None = None) -> float | None:
+    """Fraction of the ground, as drawn, in as many pictures as the overlap asks for; none where none is asked for.
+
+    Args:
+        coverage: the cells.
+        counts: of their pictures.
+        also: (cells,) cells that are taken to be in enough.
+    """
+    drawn, asked = drawn_cells(coverage), pictures_asked(coverage.site.scenario.sensor)
+    if asked is None or not drawn.any():
+        return None
+    weight, enough = coverage.grid.weight_m2, counts.pictures >= asked
+    if also is not None:
+        enough = enough | also
+    return float(weight[drawn & enough].sum() / weight[drawn].sum())
+
+
 def picture_statistics(coverage: CoverageMap, counts: PictureCounts) -> PictureStatistics:
     """Statistics of pictures over the cells of the area as it was drawn; its margin is there to be seen less often."""
     drawn = drawn_cells(coverage)
-    weight, pictures = coverage.grid.weight_m2[drawn], counts.pictures[drawn]
-    asked = pictures_asked(coverage.site.scenario.sensor)
-    enough = None if asked is None or not drawn.any() else float(weight[pictures >= asked].sum() / weight.sum())
+    pictures = counts.pictures[drawn]
+    asked, enough = pictures_asked(coverage.site.scenario.sensor), overlap_fraction(coverage, counts)
     sample_m = counts.ground_sample_m[drawn]
     sample_m = sample_m[np.isfinite(sample_m)]
     return PictureStatistics(
@@ -173,3 +192,31 @@ def picture_statistics(coverage: CoverageMap, counts: PictureCounts) -> PictureS
         ground_sample_median_m=float(np.median(sample_m)) if sample_m.size else None,
         ground_sample_p95_m=float(np.percentile(sample_m, 95.0)) if sample_m.size else None,
     )
+
+
+def overlap_shortfall(scenario: Scenario, pictures: PictureStatistics | None) -> str | None:
+    """How the pictures miss the overlap that the scenario requires, for people; none where they keep it or nothing is required.
+
+    Args:
+        scenario: with its requirements.
+        pictures: in how many the ground is; none where none are known.
+    """
+    wanted = scenario.requirements.min_overlap_fraction
+    if wanted is None:
+        return None
+    found = None if pictures is None else pictures.overlap_fraction
+    if pictures is None or found is None:
+        return "the overlap asked for is required, and no pictures are known"
+    if found >= wanted:
+        return None
+    return (
+        f"the overlap asked for, {pictures.asked} pictures of every point, holds on {100.0 * found:.2f} % of the area as drawn, "
+        f"below the required {100.0 * wanted:.2f} %"
+    )
+
+
+def planned_pictures(coverage: CoverageMap, routes_m: Sequence[FloatArray]) -> PictureStatistics | None:
+    """Statistics of the pictures planned on (n, 3) ENU routes, one for each flight; none for a sensor that takes none."""
+    if not takes_pictures(coverage.site.scenario):
+        return None
+    return picture_statistics(coverage, count_pictures(coverage, planned_poses(coverage, routes_m)))
