@@ -11,6 +11,10 @@ from mission_io.formats import plan as plan_format
 from tests.cli.bad_inputs import dem_at, options, square_parts
 from tests.naive.zones import in_zone
 from tests.scenario.areas import written
+from uavcover.cli.options import Output
+from uavcover.cli.plan import _site as site_of_plan
+from uavcover.cli.survey_options import SurveyOptions
+from uavcover.scenario.scenario_file import dump_scenario, load_scenario, parse_scenario
 from uavcover.scenario.site import load_site
 
 PLACES = ["across 180 degrees"]
@@ -143,3 +147,36 @@ def test_zones_go_with_an_area(cli, tmp_path):
     ended = cli("plan", "jacksboro", "--no-fly", "zones.json", "-o", tmp_path / "run")
     assert ended.code == 2
     assert "--no-fly" in ended.error
+
+
+def test_a_scenario_takes_more_zones_from_a_file(tmp_path):
+    scenario = load_scenario("jacksboro")
+    home = scenario.home
+    ring = [[home.lon_deg + a, home.lat_deg + b] for a, b in ((1e-3, 1e-3), (3e-3, 1e-3), (3e-3, 3e-3), (1e-3, 1e-3))]
+    zones = tmp_path / "zones.geojson"
+    zones.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    site = site_of_plan("jacksboro", SurveyOptions(no_fly=[str(zones)]), Output().console(), autopilot=None)
+    assert [zone.entry.margin_m for zone in site.zones] == [10.0]
+    assert site.zones[0].outline.area == pytest.approx(
+        0.5 * 2e-3**2 * 111_100.0**2 * np.cos(np.radians(home.lat_deg)), rel=0.01
+    )
+    # What the run folder keeps is the same again, without the file.
+    zones.unlink()
+    again = parse_scenario(dump_scenario(site.scenario), source="again", folder=tmp_path)
+    assert again == site.scenario
+    assert len(again.no_fly) == len(scenario.no_fly) + 1
+
+
+def test_what_no_scenario_takes_is_one_line(cli, tmp_path):
+    for arguments, message in (
+        (("jacksboro", "--no-fly", tmp_path / "no.json"), "error: --no-fly: "),
+        (
+            ("paper-planar", "--no-fly", tmp_path / "no.json"),
+            "error: --no-fly: scenario paper-planar has no place on Earth",
+        ),
+        (("jacksboro", "--gsd", "3cm", "--no-fly", "x"), "error: jacksboro: is a scenario; --gsd go with an area"),
+    ):
+        ended = cli("plan", *arguments, "-o", tmp_path / "run")
+        assert ended.code == 2
+        assert ended.error.startswith(message)
+        assert not (tmp_path / "run").exists()

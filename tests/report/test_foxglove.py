@@ -15,9 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from tests.report.conftest import lines_over, resumed, two_sorties, write_run
 from tests.report.test_report_of_pictures import CAMERA
+from uavcover.model.no_fly import NoFly
 from uavcover.report import foxglove
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.foxglove import NOT_SEEN, SCHEMAS, SEEN, Message, messages, orientations, packed
+from uavcover.report.map_data import map_data
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
@@ -201,3 +203,33 @@ def test_it_names_the_schemas_that_it_uses() -> None:
     for name in SCHEMAS:
         assert f"`{name}`" in page, name
     assert foxglove.FRAME in page
+
+
+def test_no_fly_zones_are_drawn_from_floor_to_ceiling(site: Site, tmp_path: Path) -> None:
+    west, south, east, north = site.fence.bounds
+    ring = tuple(
+        (west + a * (east - west), south + b * (north - south)) for a, b in ((0.7, 0.7), (0.9, 0.7), (0.8, 0.9))
+    )
+    lat, lon, _ = (
+        site.frame.geodetic_from_enu([(*corner, 0.0) for corner in ring]) if site.frame is not None else ((), (), ())
+    )
+    zone = NoFly(
+        name="gliders", polygon_lon_lat_deg=tuple(zip(map(float, lon), map(float, lat), strict=True)), floor_agl_m=200.0,
+        ceiling_agl_m=260.0,
+    )  # fmt: skip
+    zoned = load_site(dataclasses.replace(site.scenario, no_fly=(zone,)))
+    content = read_run(planned_only(tmp_path / "run", zoned), logs=())
+    topics = by_topic(content)
+    (scene,) = topics["/planned/scene"]
+    drawn = [entity for entity in scene.content["entities"] if "no-fly zone gliders" in entity["id"]]
+    places = np.array([[p[axis] for axis in "xyz"] for entity in drawn for p in entity["lines"][0]["points"]])
+    heights = zoned.ground.heights_agl_m(places)
+    assert heights.min() == pytest.approx(200.0, abs=0.1)
+    assert heights.max() == pytest.approx(260.0, abs=0.1)
+    assert np.abs(places[:, :2].mean(axis=0) - np.mean(ring, axis=0)).max() < 60.0
+    (features,) = topics["/planned/geojson"]
+    names = [f["properties"]["name"] for f in json.loads(features.content["geojson"])["features"]]
+    assert "no-fly zone gliders, from 200 m above ground to 260 m above ground" in names
+    (shown,) = map_data(content)["noFly"]
+    assert len(shown["lines"]) == len(drawn) >= 5
+    assert max(up for line in shown["lines"] for _, _, up in line) == pytest.approx(places[:, 2].max(), abs=0.1)

@@ -103,12 +103,24 @@ def _site(source: str, survey: SurveyOptions, console: "Console", *, autopilot: 
     from uavcover.scenario.areas.area_file import is_area_file
 
     if not is_area_file(source):
-        if given := survey.given():
+        if given := [option for option in survey.given() if option != "--no-fly"]:
             raise InputError(f"{source}: is a scenario; {', '.join(given)} go with an area, such as area.kml")
-        return source
+        return _with_no_fly(source, survey.no_fly, console) if survey.no_fly else source
     from uavcover.run.new import new_scenario, say_design, say_estimate
 
     new = new_scenario(survey.request(source, autopilot=autopilot), console, folder=Path())
     say_design(new, console)
     say_estimate(new, console)
     return new.site
+
+
+def _with_no_fly(source: str, files: list[str], console: "Console") -> "Site":
+    """The scenario on its ground, with the zones of more files."""
+    from uavcover.intake.scenario_text import NO_FLY_MARGIN_M
+    from uavcover.scenario.scenario_file import load_scenario, with_no_fly
+    from uavcover.scenario.site import load_site
+
+    scenario = load_scenario(source)
+    more = with_no_fly(scenario, files, margin_m=NO_FLY_MARGIN_M)
+    console.say(f"--no-fly: {len(more.no_fly) - len(scenario.no_fly)} zones of {', '.join(files)} count")
+    return load_site(more)

@@ -17,6 +17,8 @@ from uavcover.scenario.terrain_source import TerrainSource
 _COMMENT_AT = 44
 _TRANSIT_CLEARANCE_M = 25.0
 _STEP_M = 5.0
+NO_FLY_MARGIN_M = 10.0
+"""Of zones that are given by ``--no-fly``."""
 _COVERAGE = 0.98
 
 
@@ -328,7 +330,7 @@ def _zone_file(name: str, folder: Path) -> list[str]:
     return [
         "[[no_fly]]",
         _line("file", _relative(Path(name), folder), "zones that no leg enters; relative to this file"),
-        _line("margin_m", 10.0, "planned legs stay this far outside of them"),
+        _line("margin_m", NO_FLY_MARGIN_M, "planned legs stay this far outside of them"),
     ]
 
 

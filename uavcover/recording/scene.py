@@ -15,7 +15,7 @@ from uavcover.kernels.arrays import ByteArray, FloatArray
 from uavcover.model.route import Route
 from uavcover.recording import layout
 from uavcover.recording.layout import log_static, ui_points
-from uavcover.scenario.airspace.zones import Zone
+from uavcover.scenario.airspace.zone_lines import zone_lines_m
 from uavcover.scenario.ground import Ground
 from uavcover.scenario.relief import relief_grid
 from uavcover.scenario.site import Site
@@ -181,44 +181,6 @@ def _log_obstacles(recording: rr.RecordingStream, site: Site) -> None:
     )
     roofs = [_at_height(ring, prism.top_m) for prism in site.prisms for ring in _rings_m(prism.footprint.polygon)]
     _log_map_lines(recording, site, "obstacles", roofs, rgb, width=1.0)
-
-
-def zone_lines_m(site: Site, zone: Zone, bounds_m: tuple[float, float, float, float]) -> list[FloatArray]:
-    """(m, 3) lines of a no-fly zone inside of the displayed bounds: its rings at floor and ceiling, and its corners upright.
-
-    Without a floor it begins at the ground; without a ceiling it is drawn up to the highest height of transits.
-    """
-    west, south, east, north = bounds_m
-    shown = zone.outline.intersection(shapely.box(west, south, east, north))
-    entry, lines = zone.entry, []
-    for part in shapely.get_parts(shown):
-        for ring in _rings_m(part) if isinstance(part, shapely.Polygon) else ():
-            places = np.asarray(
-                shapely.LineString(ring).segmentize(extent_m(bounds_m) / _OUTLINE_PIECES_PER_SIDE).coords
-            )
-            ground = site.ground.heights_m(places)
-            known = np.isfinite(ground)
-            places, ground = places[known], ground[known]
-            if len(places) < 2:
-                continue
-            low = _zone_end_m(site, ground, entry.floor_agl_m, entry.floor_amsl_m, np.minimum, 0.0)
-            top_agl_m = site.scenario.transit_ceiling_agl_m
-            high = _zone_end_m(site, ground, entry.ceiling_agl_m, entry.ceiling_amsl_m, np.maximum, top_agl_m)
-            low, high = np.maximum(low, ground), np.maximum(high, ground)
-            lines += [np.column_stack([places, low]), np.column_stack([places, high])]
-            corners = np.flatnonzero((places[:, None] == ring[:, :2]).all(axis=2).any(axis=1))
-            lines += [np.array([[*places[k], low[k]], [*places[k], high[k]]]) for k in corners]
-    return lines
-
-
-def _zone_end_m(
-    site: Site, ground_m: FloatArray, agl_m: float | None, amsl_m: float | None, of_two: np.ufunc, default_agl_m: float
-) -> FloatArray:
-    """(n,) up coordinate of a floor or a ceiling above ground at these heights."""
-    ends = [] if agl_m is None else [ground_m + agl_m]
-    if amsl_m is not None:
-        ends.append(np.full(len(ground_m), amsl_m - site.alt_amsl_offset_m))
-    return np.asarray(of_two.reduce(np.array(ends or [ground_m + default_agl_m])))
 
 
 def _log_zones(recording: rr.RecordingStream, site: Site, bounds_m: tuple[float, float, float, float]) -> None:

@@ -23,10 +23,12 @@ from uavcover.errors import InputError, OutputError
 from uavcover.judging.verify import Verdict
 from uavcover.kernels.arrays import FloatArray
 from uavcover.report.content import Flight, ReportContent, read_run
+from uavcover.report.map_data import bounds_m
 from uavcover.report.page import standing
 from uavcover.run.file_group import write_file
 from uavcover.run.folder import RunFolder
 from uavcover.run.user import User
+from uavcover.scenario.airspace.zone_lines import zone_lines_m
 from uavcover.scenario.site import Site
 
 FRAME: Final = "enu"
@@ -36,6 +38,7 @@ NOT_SEEN, SEEN = 1, 2
 """Values of a cell in ``/coverage/grid``; 0 is outside the area."""
 
 _TICKS = 60
+_NO_FLY = (0.88, 0.14, 0.37)
 _UINT8 = 1  # foxglove.NumericType
 _LINE_STRIP = 0
 _WARNING, _ERROR = 3, 4  # foxglove.Log
@@ -253,13 +256,16 @@ def _pictures(site: Site, verdict: Verdict, start_s: float) -> Iterator[Message]
 
 
 def _scene(content: ReportContent) -> dict[str, Any]:
-    """Planned route, area and fence as lines; those of area and fence lie on the ground."""
+    """Planned route, area, fence and no-fly zones as lines; those of area and fence lie on the ground."""
     site = content.site
     lines = [("planned route", content.planned.route.waypoints_m, (1.0, 1.0, 1.0))]
     for name, shape, color in (("area", site.area, (0.5, 0.77, 1.0)), ("fence", site.fence, (1.0, 0.48, 0.35))):
         for part in shapely.get_parts(shape):
             for number, ring in enumerate((part.exterior, *part.interiors)):
                 lines.append((f"{name} {number}", _on_ground(site, np.asarray(ring.coords)[:, :2]), color))
+    for zone in site.zones:
+        shown = zone_lines_m(site, zone, bounds_m(site))
+        lines += [(f"no-fly zone {zone.name} {number}", line, _NO_FLY) for number, line in enumerate(shown)]
     stamp, still = _stamp(0), {"sec": 0, "nsec": 0}
     entities = [
         {
@@ -298,6 +304,11 @@ def _geojson(content: ReportContent) -> dict[str, Any]:
         for part in shapely.get_parts(shape):
             for ring in (part.exterior, *part.interiors):
                 features.append((name, "LineString", degrees(np.asarray(ring.coords)[:, :2]), color))
+    for zone in site.zones:
+        for part in shapely.get_parts(zone.outline):
+            for ring in (part.exterior, *part.interiors):
+                title = f"no-fly zone {zone.name}, {zone.heights_in_words()}"
+                features.append((title, "LineString", degrees(np.asarray(ring.coords)[:, :2]), "#e0245e"))
     return {
         "type": "FeatureCollection",
         "features": [

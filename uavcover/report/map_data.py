@@ -12,6 +12,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.report.cell_layers import REASON_WORDS, Bounds, cell_layers, cells_bounds_m, data_uri
 from uavcover.report.content import Flight, ReportContent
 from uavcover.report.plots import flight_style
+from uavcover.scenario.airspace.zone_lines import zone_lines_m
 from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.ground import Ground
 from uavcover.scenario.obstacles import Prism
@@ -46,7 +47,7 @@ def map_data(content: ReportContent) -> dict[str, Any]:
         "drawn": [_rounded(ring) for ring in _rings(area_as_drawn(site))] if site.scenario.area.margin_m > 0.0 else [],
         "fence": [_rounded(ring) for ring in _rings(site.fence)],
         "obstacles": [_obstacle(site, prism) for prism in site.prisms],
-        "noFly": [_zone(zone) for zone in site.zones],
+        "noFly": [_zone(zone) | _zone_lines(site, zone, bounds) for zone in site.zones],
         "home": None if site.home_m is None else _rounded(site.home_m),
         "plan": _rounded(content.planned.route.waypoints_m),
         "planHeights": _rounded(_heights_agl_m(site, content.planned.route.waypoints_m)),
@@ -102,6 +103,11 @@ def _obstacle(site: Site, prism: Prism) -> dict[str, Any]:
 
 def _zone(zone: Zone) -> dict[str, Any]:
     return {"name": zone.name, "heights": zone.heights_in_words(), "rings": [_rounded(r) for r in _rings(zone.outline)]}
+
+
+def _zone_lines(site: Site, zone: Zone, bounds: Bounds) -> dict[str, Any]:
+    """Floor, ceiling and upright edges, for the 3D view."""
+    return {"lines": [_rounded(line) for line in zone_lines_m(site, zone, bounds)]}
 
 
 def _layer(layer: Any) -> dict[str, Any]:

@@ -5,9 +5,10 @@ from typing import Any
 
 import shapely
 
-from uavcover.model.area import Ring
+from uavcover.model.area import Area, Ring
 from uavcover.model.limits import FlightLimits
 from uavcover.model.no_fly import NoFly
+from uavcover.model.scenario import Scenario
 
 
 def across_180(*rings: Ring) -> list[Ring]:
@@ -68,3 +69,23 @@ def no_fly_mistakes(zones: Sequence[NoFly], *, on_earth: bool) -> list[str]:
                 if polygon is not None and hole is not None and not polygon.covers(hole):
                     found.append(f"{where}: hole {hole_number} reaches outside the zone")
     return found
+
+
+def bounds_deg(area: Area, scenario: Scenario) -> tuple[float, float, float, float] | None:
+    """West, south, east, north of area, fence and home, or of the origin; none where there is no place on Earth.
+
+    Args:
+        area: with its rings.
+        scenario: for fence, home and origin.
+    """
+    rings = [rings[0] for rings in area.parts] if area.is_geographic else []
+    rings += scenario.limits.fence_rings_lon_lat_deg
+    places = [place for ring in rings for place in across_180(ring)[0]]
+    for place in (scenario.home, scenario.origin):
+        if place is not None and place.lat_deg is not None and place.lon_deg is not None:
+            beside = places[0][0] if places else place.lon_deg
+            places.append((place.lon_deg + 360.0 * round((beside - place.lon_deg) / 360.0), place.lat_deg))
+    if not places:
+        return None
+    lons, lats = zip(*places, strict=True)
+    return min(lons), min(lats), max(lons), max(lats)

@@ -5,6 +5,7 @@ import difflib
 import json
 import logging
 import tomllib
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -24,7 +25,7 @@ from uavcover.scenario.areas.area_file import SUFFIXES as AREA_SUFFIXES
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.fleet_tables import with_fleet
 from uavcover.scenario.obstacles import polygons_of, read_geojson, read_obstacles
-from uavcover.scenario.ring_checks import across_180, fence_mistakes, no_fly_mistakes, valid_ring
+from uavcover.scenario.ring_checks import across_180, bounds_deg, fence_mistakes, no_fly_mistakes, valid_ring
 from uavcover.scenario.terrain_source import TerrainSource, find_tiles
 
 _BUNDLED = "bundled:"
@@ -307,7 +308,7 @@ def _inline_zones(scenario: Scenario, folder: Path) -> tuple[NoFly, ...]:
             continue
         try:
             zones, notes = read_zones(
-                entry, folder=folder, near=_bounds_deg(_with_rings(scenario.area, folder), scenario)
+                entry, folder=folder, near=bounds_deg(_with_rings(scenario.area, folder), scenario)
             )
         except InputError as error:
             raise ScenarioError(f"no_fly.{number}.file: {error}") from error
@@ -315,6 +316,22 @@ def _inline_zones(scenario: Scenario, folder: Path) -> tuple[NoFly, ...]:
             _LOG.warning("no-fly zones: %s", note)
         found += zones
     return tuple(found)
+
+
+def with_no_fly(scenario: Scenario, files: Sequence[str], *, margin_m: float) -> Scenario:
+    """A loaded scenario with the zones of more files, as ``[[no_fly]]`` entries with a margin would have them.
+
+    Raises:
+        InputError: a file cannot be used, or the scenario has no place on Earth.
+    """
+    if not (scenario.area.is_geographic or scenario.origin is not None):
+        raise InputError(f"--no-fly: scenario {scenario.name} has no place on Earth; give it an [origin]")
+    entries = tuple(NoFly(file=str(Path(file).resolve()), margin_m=margin_m) for file in files)
+    try:
+        zones = _inline_zones(dataclasses.replace(scenario, no_fly=entries), Path())
+    except ScenarioError as error:
+        raise InputError(f"--no-fly: {str(error).partition(': ')[2]}") from error
+    return dataclasses.replace(scenario, no_fly=(*scenario.no_fly, *zones))
 
 
 def _obstacle_mistakes(scenario: Scenario, folder: Path) -> list[str]:
@@ -341,7 +358,7 @@ def _absolute_files(scenario: Scenario, folder: Path) -> Terrain:
     terrain = scenario.terrain
     if not isinstance(terrain, RasterTerrain):
         return terrain
-    around = _bounds_deg(_with_rings(scenario.area, folder), scenario)
+    around = bounds_deg(_with_rings(scenario.area, folder), scenario)
 
     def absolute(file: str | tuple[str, ...], key: str) -> str | tuple[str, ...]:
         names = _names(file)
@@ -352,21 +369,6 @@ def _absolute_files(scenario: Scenario, folder: Path) -> Terrain:
 
     surface = None if terrain.surface_file is None else absolute(terrain.surface_file, "terrain.surface_file")
     return dataclasses.replace(terrain, file=absolute(terrain.file, "terrain.file"), surface_file=surface)
-
-
-def _bounds_deg(area: Area, scenario: Scenario) -> tuple[float, float, float, float] | None:
-    """West, south, east, north of area, fence and home, or of the origin; none where there is no place on Earth."""
-    rings = [rings[0] for rings in area.parts] if area.is_geographic else []
-    rings += scenario.limits.fence_rings_lon_lat_deg
-    places = [place for ring in rings for place in across_180(ring)[0]]
-    for place in (scenario.home, scenario.origin):
-        if place is not None and place.lat_deg is not None and place.lon_deg is not None:
-            beside = places[0][0] if places else place.lon_deg
-            places.append((place.lon_deg + 360.0 * round((beside - place.lon_deg) / 360.0), place.lat_deg))
-    if not places:
-        return None
-    lons, lats = zip(*places, strict=True)
-    return min(lons), min(lats), max(lons), max(lats)
 
 
 def _shape_mistakes(area: Area, folder: Path) -> list[str]:

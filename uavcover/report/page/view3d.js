@@ -30,6 +30,7 @@
     addLine(roof, [["#5b3f8c", 2]]);
     ring.forEach((foot, i) => { if (foot[2] !== null) addLine([foot, roof[i]], [["#5b3f8c", 1.2]]); });
   }
+  for (const zone of data.noFly) for (const line of zone.lines) addLine(line, [["#e0245e", 1.4]]);
   // As on the map: planned is broad, flown is thin and over it.
   for (const part of data.sorties.length ? data.sorties : [{ points: data.plan }]) {
     addLine(part.points, [[part.style ? report.trackLook(part).color : "#22304f", 7.2], [report.plannedColor, 5]]);
