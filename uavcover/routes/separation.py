@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.model.fleet import Fleet
@@ -125,6 +124,8 @@ def find_conflict(a: Pieces, b: Pieces, fleet: Fleet, *, start_s: float) -> Conf
 
 def _near(a: Pieces, b: Pieces, separation_m: float) -> tuple[IntArray, IntArray, FloatArray]:
     """Pairs of pieces that are nearer than the separation: their numbers, (m,) each, and their distances."""
+    from scipy.spatial import cKDTree  # a third of a second to load, and one vehicle needs none
+
     half_a = 0.5 * np.linalg.norm(a.end_m - a.begin_m, axis=1)
     half_b = 0.5 * np.linalg.norm(b.end_m - b.begin_m, axis=1)
     reach_m = separation_m + float(half_a.max() + half_b.max())
