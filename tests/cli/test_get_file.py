@@ -3,6 +3,9 @@ from random import Random
 
 import pytest
 
+from mission_io.formats.files import read_mission
+from mission_io.formats.mission_dat import write_mission_dat
+from mission_io.model.items import Frame, GeoPoint, MissionItem, MissionType
 from tests.cli.conftest import Cli, mock_vehicle
 
 
@@ -40,3 +43,25 @@ def test_bad_input_is_one_line(cli: Cli, tmp_path: Path, path: str, out: str, te
     assert ended.code == 2
     assert telling in ended.error
     assert (tmp_path / "there").read_bytes() == b"kept"
+
+
+def test_the_file_of_a_mission_becomes_waypoints(cli: Cli, tmp_path: Path) -> None:
+    home, far = GeoPoint(36.48, -84.22, 500.0), 36.49
+    items = [
+        MissionItem(command=22, frame=Frame.ABOVE_HOME, alt_m=40.0),
+        MissionItem(command=16, frame=Frame.ABOVE_HOME, lat_deg=far, lon_deg=-84.21, alt_m=60.0),
+    ]  # fmt: skip
+    first = MissionItem(command=16, frame=Frame.AMSL, lat_deg=home.lat_deg, lon_deg=home.lon_deg, alt_m=home.alt_amsl_m)
+    dat = tmp_path / "mission.dat"
+    dat.write_bytes(write_mission_dat([first, *items], MissionType.MISSION))
+    with mock_vehicle("-q") as (port, _):
+        to = ("--to", f"udpout://127.0.0.1:{port}")
+        assert cli("send-file", dat, *to, "--folder", "@MISSION").code == 0
+        ended = cli("get-file", "@MISSION/mission.dat", *to, "-o", tmp_path / "m.waypoints", "--json")
+        assert ended.code == 0, ended.err
+        raw = cli("get-file", "@MISSION/mission.dat", *to, "-o", tmp_path / "raw.dat")
+        assert raw.code == 0, raw.err
+    assert (tmp_path / "raw.dat").read_bytes() == dat.read_bytes()
+    mission = read_mission(tmp_path / "m.waypoints")
+    assert mission.home == home
+    assert [(item.command, item.lat_deg, item.alt_m) for item in mission.items] == [(22, 0.0, 40.0), (16, far, 60.0)]

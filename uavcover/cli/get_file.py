@@ -1,11 +1,17 @@
 """``uavcover get-file``: files from a vehicle's card, and what is in its folders, by MAVLink FTP."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from uavcover.cli import options
+
+if TYPE_CHECKING:
+    from mission_io.model.items import MissionType
+    from uavcover.cli.console import Console
+
+_CONVERTED = (".waypoints", ".plan")
 
 
 def get_file(
@@ -25,7 +31,10 @@ def get_file(
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Get a file from a vehicle by MAVLink FTP and compare its CRC, or list a folder (PATH ends with a slash)."""
+    """Get a file from a vehicle by MAVLink FTP and compare its CRC, or list a folder (PATH ends with a slash).
+
+    ArduPilot's @MISSION/mission.dat, fence.dat and rally.dat become a .waypoints or .plan file where -o names one.
+    """
     from mission_io.client.files import FileDownloads
     from uavcover.errors import InputError, OutputError
     from uavcover.run.file_group import write_file
@@ -54,12 +63,43 @@ def get_file(
         raise OutputError(f"{file}: would be overwritten; use --force, or another name with -o")
     if not file.parent.is_dir():
         raise OutputError(f"{file.parent}: is no folder; make it first")
+    if file.suffix in _CONVERTED and (listed_as := _list_of(path)) is not None:
+        text, items = _converted(vehicle, to, listed_as, file, console)
+        write_file(file, text.encode())
+        console.say(f"written: {file} ({items} items of {path})")
+        console.result({"from": to, "path": path, "file": str(file), "items": items})
+        return 0
     with connect(vehicle.link_to(to)) as connected, console.progress(f"getting {path}") as bar:
         content = FileDownloads(connected.client, window=window).download(path, progress=bar.count)
     write_file(file, content)
     console.say(f"written: {file} ({len(content)} bytes, CRC equal)")
     console.result({"from": to, "path": path, "file": str(file), "bytes": len(content)})
     return 0
+
+
+def _list_of(path: str) -> "MissionType | None":
+    """Which of ArduPilot's lists a path is the file of; none for any other file."""
+    from mission_io.formats.mission_dat import dat_path
+    from mission_io.model.items import MissionType
+
+    return next((kind for kind in MissionType if path.lstrip("/").casefold() == dat_path(kind).casefold()), None)
+
+
+def _converted(
+    vehicle: options.VehicleOptions, to: str, kind: "MissionType", file: Path, console: "Console"
+) -> tuple[str, int]:
+    """A list as the text of a mission file, and how many items it has. Files need the home, which the mission has."""
+    from mission_io.autopilots.autopilot import mission_list_of
+    from mission_io.client.files import FileDownloads
+    from mission_io.model.items import MissionType
+    from uavcover.cli.mission_files import text_of
+    from uavcover.run.session import connect
+
+    with connect(vehicle.link_to(to)) as connected, console.progress("getting the list") as bar:
+        files, autopilot = FileDownloads(connected.client), connected.client.vehicle.autopilot
+        wanted = dict.fromkeys((MissionType.MISSION, kind))
+        lists = {t: mission_list_of(t, files.mission_items(t, progress=bar.count), autopilot) for t in wanted}
+        return text_of(connected.client, lists, file, kind.name.lower())
 
 
 def _printable(name: str) -> str:
