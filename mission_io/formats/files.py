@@ -260,6 +260,19 @@ def _reader_of(suffix: str, text: str) -> tuple[_Reader, tuple[str, ...]]:
     return _READERS.get(suffix, _read_waypoints), ()
 
 
+def _of_mavproxy(lists: plan.PlanFile, mission_type: MissionType) -> str:
+    """A fence or rally points as MAVProxy's ``fence load`` and ``rally load`` want them: without a home row."""
+    if mission_type is MissionType.FENCE:
+        text, count = wpl.write_fence(lists.fence, None), len(items_of(lists.fence, ARDUPILOT))
+    else:
+        text, count = wpl.write_rally(lists.rally, None), len(lists.rally.points)
+    if count == 0:
+        raise FormatError(
+            f"there is no {mission_type.name.lower()} to write", where="plan", advice="write the mission alone"
+        )
+    return text
+
+
 _WRITERS: Final[Mapping[str, Callable[[plan.PlanFile, str], str]]] = MappingProxyType(
     {
         "waypoints": lambda lists, _: wpl.write_mission(lists.mission),
@@ -271,19 +284,21 @@ _WRITERS: Final[Mapping[str, Callable[[plan.PlanFile, str], str]]] = MappingProx
         "mavros": lambda lists, _: mavros.write_mission(
             lists.mission, autopilot=autopilot_for(lists.mav_autopilot, lists.vehicle_type)
         ),
+        "mavproxy-fence": lambda lists, _: _of_mavproxy(lists, MissionType.FENCE),
+        "mavproxy-rally": lambda lists, _: _of_mavproxy(lists, MissionType.RALLY),
     }
 )
 _FORMATS_OF_SUFFIXES: Final[Mapping[str, str]] = MappingProxyType(
     {".plan": "plan", ".kml": "kml", ".geojson": "geojson", ".json": "geojson", ".csv": "csv", ".gpx": "gpx"}
 )
-"""Any other suffix is ``waypoints``; ``mavros`` has no suffix of its own."""
+"""Any other suffix is ``waypoints``; ``mavros`` and MAVProxy's lists have no suffix of their own."""
 
 FORMATS: Final = tuple(_WRITERS)
 """Formats that a mission can be written in, by name."""
 
 
 def mission_text(file_format: str, lists: plan.PlanFile, *, name: str = "mission") -> str:
-    """The text of a mission in one of FORMATS; fence and rally points are in a ``plan`` alone.
+    """The text of a mission in one of FORMATS; fence and rally points are in a ``plan``, and alone in MAVProxy's two formats.
 
     Args:
         file_format: One of FORMATS.

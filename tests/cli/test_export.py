@@ -19,7 +19,7 @@ def test_every_format(cli: Cli, planned: Path, tmp_path: Path, file_format: str)
     assert ended.code == 0
     assert ended.document["format"] == file_format
     assert ended.document["items"] > 10
-    assert out.stat().st_size > 500
+    assert out.stat().st_size > (60 if file_format.startswith("mavproxy") else 500)
 
 
 def test_same_as_the_mission_files(cli: Cli, planned: Path, tmp_path: Path) -> None:

@@ -58,8 +58,8 @@ def export(
         str | None,
         typer.Option(
             "--format",
-            help="waypoints, plan, kml, geojson, csv, gpx, mavros, wpml (DJI), litchi; print: a page for paper; "
-            "mcap: plan and flight for Foxglove.",
+            help="waypoints, plan, kml, geojson, csv, gpx, mavros, mavproxy-fence, mavproxy-rally, wpml (DJI), litchi; "
+            "print: a page for paper; mcap: plan and flight for Foxglove.",
         ),
     ] = None,
     out: Annotated[

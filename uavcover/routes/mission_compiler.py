@@ -58,6 +58,8 @@ from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m
 
+_HEIGHT_DECIMALS = 3
+"""Heights are compiled to the millimetre: degrees reach a vehicle in steps of 1e-7, which are a centimetre."""
 _YAW_LOCK = 16
 """GIMBAL_MANAGER_FLAGS: yaw is a heading, not an angle relative to the vehicle's nose."""
 
@@ -257,7 +259,7 @@ def _compiled(
     items = [*opening, *sensing]
     items += [_item(waypoint, frame, point, home) for point in back[1:]]
     items.append(_item(land, frame, home, home))
-    mission = Mission(_geo_point(frame, home), tuple(items))
+    mission = Mission(_home_point(frame, home), tuple(items))
     path = np.vstack([there_m[:-1], planned, back[1:]])
     # Waypoints that stand twice in the mission stop the vehicle.
     stops = 0 if picture_distance_m is None else 1
@@ -312,7 +314,7 @@ def compile_return(site: Site, *, lat_deg: float, lon_deg: float, alt_amsl_m: fl
         zones=site.flown_zones,
     )
     items = [_item(waypoint, frame, point, home) for point in back[1:]]
-    return Mission(_geo_point(frame, home), (*items, _item(land, frame, home, home)))
+    return Mission(_home_point(frame, home), (*items, _item(land, frame, home, home)))
 
 
 def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, item_limit: int | None) -> None:
@@ -340,13 +342,19 @@ def _item(make: Callable[..., MissionItem], frame: LocalFrame, point_m: FloatArr
     """An item at a position. Heading is NaN, so the nose follows the path; for PX4, 0 would mean north."""
     place = _geo_point(frame, point_m)
     home_alt = _geo_point(frame, home_m).alt_amsl_m
-    item = make(place.lat_deg, place.lon_deg, place.alt_amsl_m - home_alt, frame=Frame.ABOVE_HOME)
+    height_m = round(place.alt_amsl_m - home_alt, _HEIGHT_DECIMALS)
+    item = make(place.lat_deg, place.lon_deg, height_m, frame=Frame.ABOVE_HOME)
     return dataclasses.replace(item, params=(*item.params[:3], math.nan))
 
 
 def _geo_point(frame: LocalFrame, point_m: FloatArray) -> GeoPoint:
     lat, lon, alt = frame.geodetic_from_enu(point_m)
     return GeoPoint(float(lat[0]), float(lon[0]), float(alt[0]))
+
+
+def _home_point(frame: LocalFrame, home_m: FloatArray) -> GeoPoint:
+    home = _geo_point(frame, home_m)
+    return dataclasses.replace(home, alt_amsl_m=round(home.alt_amsl_m, _HEIGHT_DECIMALS))
 
 
 def _rally(frame: LocalFrame, home_m: FloatArray, advice: ReturnAdvice) -> RallyPoints:

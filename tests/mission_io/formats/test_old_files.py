@@ -8,7 +8,7 @@ import pytest
 
 from mission_io.errors import FormatError
 from mission_io.formats import plan, poly, wpl
-from mission_io.formats.files import read_file, read_mission
+from mission_io.formats.files import mission_text, read_file, read_mission
 from mission_io.formats.old_qgc_json import read
 from mission_io.formats.rally_lines import read_rally
 from mission_io.model.areas import Fence, FencePolygon, FramedPoint, RallyPoints
@@ -163,6 +163,16 @@ def test_a_list_of_places_is_a_fence(name: str, tmp_path: Path) -> None:
 def test_a_fence_file_named_fen_needs_no_word(tmp_path: Path) -> None:
     (tmp_path / "a.fen").write_text(poly.write_fence(OLD_FENCE))
     assert (read_file(tmp_path / "a.fen").fence, read_file(tmp_path / "a.fen").repairs) == (OLD_FENCE, ())
+
+
+def test_mavproxys_lists_have_no_home_row_and_are_not_empty() -> None:
+    lists = plan.PlanFile(MISSION, FENCE, RALLY, 3)
+    assert wpl.read(mission_text("mavproxy-fence", lists)).fence() == FENCE
+    assert wpl.read(mission_text("mavproxy-rally", lists)).rally() == RALLY
+    for kind in ("fence", "rally"):
+        assert "\t16\t" not in mission_text(f"mavproxy-{kind}", lists)
+        with pytest.raises(FormatError, match=f"there is no {kind} to write"):
+            mission_text(f"mavproxy-{kind}", plan.PlanFile(MISSION, Fence(), RallyPoints(), 3))
 
 
 def test_fence_and_rally_files_without_a_home_row(tmp_path: Path) -> None:
