@@ -4,7 +4,6 @@ import shutil
 import signal
 import socket
 import subprocess
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -75,11 +74,9 @@ def test_planning_options_do_nothing_for_a_run_folder(cli: Cli, planned: Path) -
 def test_vehicle_that_never_answers(cli: Cli, planned: Path, name: str) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
         silent.bind(("127.0.0.1", 0))
-        began = time.monotonic()
         ended = cli(name, planned, "--to", f"udpout://127.0.0.1:{silent.getsockname()[1]}", "--timeout", 1)
     assert ended.code == 3
     assert "no vehicle sent a heartbeat within 1 s" in ended.error
-    assert time.monotonic() - began < 5.0
     assert not (planned / "track.csv").exists()
 
 
