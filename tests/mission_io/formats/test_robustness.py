@@ -171,4 +171,4 @@ def test_the_fuzzer_reports_what_it_finds(
     monkeypatch.setattr(FUZZ, "run_child", lambda *_: (5, "Traceback"))
     monkeypatch.setattr("sys.argv", ["fuzz", "--target", "poly", "--engine", "mutations", "--keep", str(tmp_path)])
     assert FUZZ.main() == 1
-    assert "| poly | mutations | 0 | 5 |" in capsys.readouterr().out
+    assert "| poly | mutations | 0 | 0 | 5 |" in capsys.readouterr().out
