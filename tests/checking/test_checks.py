@@ -241,3 +241,15 @@ def test_every_finding_says_what_to_do() -> None:
     assert (
         shapely.Point(LON, LAT).distance(shapely.Point(outcome.findings[0].lon_deg, outcome.findings[0].lat_deg)) < 0.1
     )
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        way(300.0, 0.0, 1e9),
+        item(Command.NAV_LOITER_TURNS, 300.0, 0.0, 115.0, params=(1e6, 0.0, 20.0, 0.0)),
+        item(Command.NAV_LOITER_TURNS, 300.0, 0.0, 115.0, params=(1.0, 0.0, -1e9, 0.0)),
+    ],
+)
+def test_numbers_that_nobody_flies_are_told_at_once(made: MissionItem) -> None:
+    assert found(checked(up(), made, home())) == [("number", (2, 2))]

@@ -27,6 +27,8 @@ from uavcover.scenario.ground import Ground
 
 _AROUND_M = 300.0
 _EYE_M = 1.6
+_HIGHEST_M, _WIDEST_M, _MOST_TURNS = 20_000.0, 20_000.0, 1000.0
+_CIRCLES = (Command.NAV_LOITER_UNLIM, Command.NAV_LOITER_TURNS, Command.NAV_LOITER_TIME)
 
 Bounds = tuple[float, float, float, float]
 GroundReader = Callable[[LocalFrame, Bounds], Ground]
@@ -96,7 +98,8 @@ def check_mission(
     mission, aircraft, limits = request.mission, request.aircraft, request.limits
     places = places_of(mission, heights, aircraft.autopilot, home=request.home)
     findings = [*places.findings, *_frame_findings(mission, aircraft)]
-    if places.home is None:
+    findings += _beyond_reason(mission)
+    if places.home is None or any(one.kind == "number" for one in findings):
         return Checked(_sorted(findings), None, None, 0.0)
     world = _world(request, places.home, places.skipped, read_ground)
     path = flown_path(mission, world, aircraft, skipped=places.skipped)
@@ -117,6 +120,30 @@ def check_mission(
 def _sorted(findings: list[CheckFinding]) -> tuple[CheckFinding, ...]:
     order = {"breaks": 0, "unknown": 1, "look": 2}
     return tuple(sorted(findings, key=lambda one: (order[one.weight], one.items or (0, 0))))
+
+
+def _beyond_reason(mission: Mission) -> list[CheckFinding]:
+    """Numbers that no aircraft flies; nothing else of such a mission is judged."""
+    found = []
+    for number, item in enumerate(mission.items, 1):
+        told = []
+        if item.has_position and abs(item.alt_m) > _HIGHEST_M:
+            told.append(f"a height of {item.alt_m:g} m")
+        if item.command in _CIRCLES and abs(item.params[2]) > _WIDEST_M:
+            told.append(f"a circle of {item.params[2]:g} m")
+        if item.command == Command.NAV_LOITER_TURNS and abs(item.params[0]) > _MOST_TURNS:
+            told.append(f"{item.params[0]:g} turns")
+        found += [
+            CheckFinding(
+                kind="number",
+                weight="breaks",
+                items=(number, number),
+                what=what,
+                do="correct it; nothing else was judged",
+            )
+            for what in told
+        ]
+    return found
 
 
 def _frame_findings(mission: Mission, aircraft: Aircraft) -> list[CheckFinding]:

@@ -112,9 +112,13 @@ class AroundOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class RepairOptions:
-    """Whether and where plain repairs are written."""
+class WrittenOptions:
+    """What is written besides the table."""
 
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", help="Write path and findings for map programs.", metavar="FILE.geojson"),
+    ] = None
     fix: Annotated[
         bool,
         typer.Option("--fix", help="Lift what is too low, and put waypoints over what legs hit; needs -o."),
@@ -122,6 +126,7 @@ class RepairOptions:
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="The repaired mission, which is checked again.", metavar="FILE")
     ] = None
+    force: options.Force = False
 
 
 def check(
@@ -134,12 +139,7 @@ def check(
     around: AroundOptions,
     aircraft: AircraftOptions,
     limit: LimitOptions,
-    map_file: Annotated[
-        Path | None,
-        typer.Option("--map", help="Write path and findings for map programs.", metavar="FILE.geojson"),
-    ] = None,
-    repair: RepairOptions,
-    force: options.Force = False,
+    written: WrittenOptions,
     output: options.Output,
 ) -> int:
     """Judge anybody's mission over the terrain, every leg at its full length, before it is flown.
@@ -158,11 +158,11 @@ def check(
         raise InputError("--dem: give elevation data: a raster, a folder or a pattern of tiles")
     if not 0.0 <= aircraft.reserve < 100.0:
         raise InputError(f"--reserve: {aircraft.reserve:g} is not a share of the battery; give 0 to 99 percent")
-    if map_file is not None:
-        refuse_map(map_file, force=force)
-    if repair.out is not None and not repair.fix:
+    if written.map_file is not None:
+        refuse_map(written.map_file, force=written.force)
+    if written.out is not None and not written.fix:
         raise InputError("-o: goes with --fix")
-    fixed = refuse_repair_into(file, repair.out, force=force) if repair.fix else None
+    fixed = refuse_repair_into(file, written.out, force=written.force) if written.fix else None
     height, speed, battery = aircraft.return_height, aircraft.speed, aircraft.battery
     query = CheckQuery(
         file=file, elevation=dem.data(), fence=around.fence, no_fly=tuple(around.no_fly or ()), vehicle=aircraft.vehicle,
@@ -180,8 +180,8 @@ def check(
         query = dataclasses.replace(query, file=fixed)
         checked = check_file(query, console)
         say_findings(checked, console)
-    if map_file is not None:
-        write_map(checked, map_file, force=force)
-        console.say(f"written: {map_file}")
+    if written.map_file is not None:
+        write_map(checked, written.map_file, force=written.force)
+        console.say(f"written: {written.map_file}")
     console.result(document_of(query, checked))
     return 0 if checked.verdict == "passed" else 1
