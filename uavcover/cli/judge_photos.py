@@ -13,7 +13,9 @@ from uavcover.cli.survey_options import SurveyOptions
 def judge_photos(
     photos: Annotated[
         list[Path],
-        typer.Argument(help="Folders of pictures (.jpg, .tif, .dng), or lists: geo.txt, images.json, .MRK, .csv."),
+        typer.Argument(
+            help="Folders of pictures (.jpg, .tif, .dng); geo.txt, images.json, .MRK, .csv; logs: .bin, .tlog, .ulg."
+        ),
     ],
     *,
     area: Annotated[

@@ -74,6 +74,8 @@ def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: Local
         _, _, alt = frame.geodetic_from_enu(place)
         assumed = replace(assumed, takeoff_alt_amsl_m=float(alt[0]))
     sensor = site.scenario.sensor
+    if isinstance(sensor, FrameCamera) and (request.area is None or request.area.mount is not None):
+        assumed = replace(assumed, mounted=sensor)
     pixels = sensor.pixels_across if isinstance(sensor, FrameCamera) else None
     others = {
         p.name: f"{p.pixels[0]} x {p.pixels[1]} pixels: of another camera"

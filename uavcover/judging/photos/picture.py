@@ -32,6 +32,8 @@ class Picture:
         pitch_deg: of the camera above the horizon: -90 looks straight down.
         roll_deg: of the camera, clockwise as it looks.
         vehicle_yaw_deg: of the vehicle's nose.
+        vehicle_roll_deg: of the vehicle, right side down is positive.
+        vehicle_pitch_deg: of the vehicle, nose up is positive.
         horizontal_error_m: of its place, one standard deviation.
         vertical_error_m: of its height.
         speed_m_s: over ground.
@@ -53,6 +55,8 @@ class Picture:
     pitch_deg: float | None = None
     roll_deg: float | None = None
     vehicle_yaw_deg: float | None = None
+    vehicle_roll_deg: float | None = None
+    vehicle_pitch_deg: float | None = None
     horizontal_error_m: float | None = None
     vertical_error_m: float | None = None
     speed_m_s: float | None = None

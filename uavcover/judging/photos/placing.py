@@ -8,8 +8,10 @@ import numpy as np
 from uavcover.errors import TerrainError, TrackError
 from uavcover.judging.photos.picture import HeightDatum, Picture, camera_axes
 from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.model.sensor import FrameCamera
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.vertical import Undulation
+from uavcover.sensing.sensors import camera_turn
 
 _NO_COURSE_M = 0.5
 _ROUGHLY_M = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)
@@ -29,6 +31,8 @@ class Assumptions:
         pitch_deg: of the camera where it is not told.
         takeoff_alt_amsl_m: of the place of take-off: heights above it count, if given.
         geoid_height_m: of the sea level above the ellipsoid; default: by PROJ's grid.
+        mounted: a camera whose mount says how it hangs on the vehicle, for pictures that tell the vehicle's attitude only; none:
+            that is not known.
     """
 
     horizontal_m: float = 3.0
@@ -39,6 +43,7 @@ class Assumptions:
     pitch_deg: float = -90.0
     takeoff_alt_amsl_m: float | None = None
     geoid_height_m: float | None = None
+    mounted: FrameCamera | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,8 +76,8 @@ class PlacedPictures:
 def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assumptions) -> PlacedPictures:
     """Place pictures in the local frame.
 
-    A camera whose angles are not told looks along ``assumed.pitch_deg``, its picture's top along the vehicle's nose, or else
-    along the line on which the pictures lie.
+    A camera whose angles are not told hangs on its vehicle as ``assumed.mounted`` does. Where that is not known either, it looks
+    along ``assumed.pitch_deg``, its picture's top along the vehicle's nose, or else along the line on which the pictures lie.
 
     Raises:
         TrackError: none can be placed, or heights above the ellipsoid cannot be brought to sea level.
@@ -114,14 +119,25 @@ def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assu
     pitch = np.array([assumed.pitch_deg if picture.pitch_deg is None else picture.pitch_deg for picture in placed])
     roll = np.array([picture.roll_deg or 0.0 for picture in placed])
     axes, tops = camera_axes(yaw, np.where(known, pitch, assumed.pitch_deg), np.where(known, roll, 0.0))
+    if assumed.mounted is not None:
+        turn = camera_turn(assumed.mounted, _vehicle_attitudes_deg(placed))
+        hung = ~known & turn.known & np.array([picture.vehicle_yaw_deg is not None for picture in placed])
+        axes[hung], tops[hung] = turn.axes[hung], turn.tops[hung]
+        known = known | hung
     horizontal = [_or(picture.horizontal_error_m, assumed.horizontal_m) for picture in placed]
     vertical = [_vertical_m(picture, assumed) for picture in placed]
-    turn = np.where(known, assumed.attitude_deg, assumed.unknown_attitude_deg)
+    turn_deg = np.where(known, assumed.attitude_deg, assumed.unknown_attitude_deg)
     return PlacedPictures(
         tuple(picture for picture, kept in zip(placed, keep, strict=True) if kept),
         np.ascontiguousarray(eyes[keep]), axes[keep], tops[keep], known[keep],
-        _rounded_up(np.array(horizontal)[keep]), _rounded_up(np.array(vertical)[keep]), turn[keep], left_out,
+        _rounded_up(np.array(horizontal)[keep]), _rounded_up(np.array(vertical)[keep]), turn_deg[keep], left_out,
     )  # fmt: skip
+
+
+def _vehicle_attitudes_deg(pictures: Sequence[Picture]) -> FloatArray:
+    """(n, 3) roll, pitch and yaw of the vehicle; NaN where they are not told."""
+    angles = [(p.vehicle_roll_deg, p.vehicle_pitch_deg, p.vehicle_yaw_deg) for p in pictures]
+    return np.array([[np.nan if angle is None else angle for angle in row] for row in angles])
 
 
 def _none_placed(left_out: dict[str, str]) -> str:

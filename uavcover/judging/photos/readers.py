@@ -7,6 +7,8 @@ from pathlib import Path
 from uavcover.errors import TrackError
 from uavcover.judging.photos.exif import ENDINGS, read_picture
 from uavcover.judging.photos.lists import read_geo_txt, read_images_json, read_mrk, read_table
+from uavcover.judging.photos.logs import ENDINGS as LOGS
+from uavcover.judging.photos.logs import read_log
 from uavcover.judging.photos.picture import Picture
 
 LISTS: dict[str, Callable[[Path], list[Picture]]] = {
@@ -32,7 +34,7 @@ class PictureSet:
 
 
 def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], None] = lambda _d, _t: None) -> PictureSet:
-    """All pictures of folders, picture files and lists.
+    """All pictures of folders, picture files, lists and flight logs.
 
     Where a list names a picture that is there as a file, or a folder holds a ``geo.txt``, the list's place counts, and what the
     list does not tell is taken from the file.
@@ -46,6 +48,7 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
     """
     files: list[Path] = []
     lists: list[Path] = []
+    logs: list[Path] = []
     for source in sources:
         if source.is_dir():
             inside = sorted(path for path in source.rglob("*") if path.is_file())
@@ -57,12 +60,14 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
             files.append(source)
         elif source.suffix.lower() in LISTS:
             lists.append(source)
+        elif source.suffix.lower() in LOGS:
+            logs.append(source)
         else:
-            known = ", ".join((*ENDINGS, *LISTS))
+            known = ", ".join((*ENDINGS, *LISTS, *LOGS))
             raise TrackError(
                 f"{source}: {source.suffix or 'no ending'} is no picture and no list of pictures; use {known}"
             )
-    if not files and not lists:
+    if not files and not lists and not logs:
         raise TrackError(f"{', '.join(map(str, sources))}: no pictures ({', '.join(ENDINGS)}) and no {GEO_TXT} in it")
     notes: list[str] = []
     found: dict[str, Picture] = {}
@@ -77,6 +82,10 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
         notes.append(f"{len(listed)} pictures of {path.name}")
         for row in listed:
             found[row.name] = _joined(row, found.get(row.name))
+    for path in logs:
+        of_log, warnings = read_log(path)
+        notes += [f"{len(of_log)} pictures of {path.name}", *warnings]
+        found |= {picture.name: picture for picture in of_log}
     once = _once(list(found.values()), notes)
     timed = all(picture.time_s is not None for picture in once)
     once.sort(key=lambda picture: (picture.time_s or 0.0, picture.name) if timed else (0.0, picture.name))

@@ -75,7 +75,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
             f"{path}: position {at}, at {positions[at, 0]:.3f} s: {positions[at, 1]}, {positions[at, 2]}, "
             f"{positions[at, 3]} m is not a place on Earth"
         )
-    attitude = _attitudes_at(positions[:, 0], rows.attitudes.reshape(-1, 4))
+    attitude = attitudes_at(positions[:, 0], rows.attitudes.reshape(-1, 4))
     unknown = int(np.isnan(attitude[:, 0]).sum())
     if unknown:
         warnings.append(
@@ -132,7 +132,7 @@ def _pictures_taken(frame: LocalFrame, positions: FloatArray, pictures: FloatArr
     return np.cumsum(taken), doubted
 
 
-def _attitudes_at(time_s: FloatArray, attitudes: FloatArray) -> FloatArray:
+def attitudes_at(time_s: FloatArray, attitudes: FloatArray) -> FloatArray:
     """(n, 3) roll, pitch, yaw at (n,) times; yaw 0..360."""
     out = np.full((len(time_s), 3), np.nan)
     known = attitudes[np.isfinite(attitudes).all(axis=1)]
