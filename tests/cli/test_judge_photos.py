@@ -162,6 +162,15 @@ def test_what_cannot_be_judged_is_one_line(cli, tmp_path, flown, options, words)
     assert not (tmp_path / "out/photos.json").exists()
 
 
+@pytest.mark.parametrize("gsd", [(), ("--gsd", "2.5cm")])
+def test_swapped_axes_are_asked_about(cli, tmp_path, gsd):
+    (tmp_path / "list.csv").write_text("name,lat,lon,alt,yaw,pitch\na,-84.216,36.476,560,0,-90\n")
+    options = ("--area", AREA, "--dem", DEM, "--camera", "dji-m3e", *gsd, "-o", tmp_path / "out")
+    ended = cli("judge-photos", tmp_path / "list.csv", *options)
+    assert ended.code == 2
+    assert "are latitude and longitude swapped" in ended.err.splitlines()[-1]
+
+
 def test_a_verdict_that_is_there_is_not_replaced(cli, tmp_path, flown):
     take(tmp_path / "DCIM", flown[::6])
     arguments = ("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--no-refly")

@@ -101,8 +101,8 @@ def _site(request: PhotoRequest, found: PictureSet, out: RunFolder, user: User) 
         height_m = float(np.nanmedian(first.site.ground.heights_agl_m(placed.eyes_m)))
         if not height_m > 0.0:
             raise InputError(
-                f"half of the pictures lie {-height_m:.0f} m or more under the ground, or outside the elevation data: their "
-                "heights do not fit it; give --takeoff LAT,LON if they tell heights above take-off, or --geoid-height"
+                f"half of the pictures lie {-height_m:.0f} m or more under the ground: their heights do not fit the elevation "
+                "data; give --takeoff LAT,LON if they tell heights above take-off, or --geoid-height"
             )
         area = replace(area, gsd=_gsd_text(height_m / camera.focal_px))
         user.say(

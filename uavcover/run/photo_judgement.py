@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import shapely
 
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.judging.gaps import find_gaps
@@ -89,6 +90,12 @@ def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: Local
             f"no picture is of the camera, which has {pixels} pixels across; {name}: {why}; give another --camera"
         )
     placed = place_pictures(same, frame, assumed)
+    if np.isnan(site.ground.heights_agl_m(placed.eyes_m)).all():
+        away = shapely.distance(site.area, shapely.points(placed.eyes_m[:, :2])) / 1000.0
+        raise InputError(
+            f"all {len(placed.pictures)} pictures were taken outside the elevation data, {float(away.min()):.0f} km or more from "
+            "the area; are latitude and longitude swapped, or is it another area?"
+        )
     return replace(placed, left_out=others | placed.left_out)
 
 

@@ -46,6 +46,8 @@ def test_pictures_without_a_place_or_a_direction_do_not_count_and_say_why():
         picture("zero", lat_deg=0.0, lon_deg=0.0),
         picture("swapped", lat_deg=120.0),
         picture("no height", alt_m=None),
+        picture("in space", alt_m=1e300),
+        picture("turning", yaw_deg=1e9),
         picture("relative", alt_m=None, height_above_takeoff_m=50.0),
         picture("alone", yaw_deg=None, lat_deg=46.01),
     ]
@@ -56,6 +58,8 @@ def test_pictures_without_a_place_or_a_direction_do_not_count_and_say_why():
         "zero": "position 0, 0 is none on Earth",
         "swapped": "position 120, 8 is none on Earth",
         "no height": "no height",
+        "in space": "height 1e+300 m is none that anything flies at",
+        "turning": "angles of more than a turn",
         "relative": "only a height above take-off: give --takeoff",
     }
     with pytest.raises(TrackError, match="none of 1 pictures can be placed; alone: no direction"):

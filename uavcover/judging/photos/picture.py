@@ -8,6 +8,8 @@ import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
 
+_HIGHEST_M = 20_000.0
+
 
 class HeightDatum(StrEnum):
     """What a picture's height refers to."""
@@ -77,8 +79,14 @@ class Picture:
             return "no position"
         if not (abs(self.lat_deg) <= 90.0 and abs(self.lon_deg) <= 180.0) or (self.lat_deg == self.lon_deg == 0.0):
             return f"position {self.lat_deg:g}, {self.lon_deg:g} is none on Earth"
-        if self.alt_m is None and self.height_above_takeoff_m is None:
+        heights = [height for height in (self.alt_m, self.height_above_takeoff_m) if height is not None]
+        if not heights:
             return "no height"
+        if any(abs(height) > _HIGHEST_M for height in heights):
+            return f"height {max(heights, key=abs):g} m is none that anything flies at"
+        angles = (self.yaw_deg, self.pitch_deg, self.roll_deg, self.vehicle_yaw_deg)
+        if any(angle is not None and abs(angle) > 360.0 for angle in angles):
+            return "angles of more than a turn"
         return None
 
 
