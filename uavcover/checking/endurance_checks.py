@@ -11,8 +11,9 @@ from uavcover.checking.flown_path import FlownPath, Segment
 from uavcover.checking.limits import Limits
 from uavcover.checking.world import World
 from uavcover.kernels import flight_time as kernels
-from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace
+from uavcover.kernels.flight_time import Pace
 from uavcover.model.vehicle import MOTIONS
+from uavcover.routes.way_cost import moving_pace
 
 _DIRECTIONS = 12
 _LEAST_SPEED_M_S = 0.5
@@ -91,28 +92,13 @@ def _time_s(path: FlownPath, aircraft: Aircraft, wind_m_s: float, to_rad: float)
 
 
 def _pace(segment: Segment, aircraft: Aircraft, wind: np.ndarray) -> Pace:
-    motion = MOTIONS[aircraft.autopilot]
-    return Pace(
+    return moving_pace(
+        MOTIONS[aircraft.autopilot],
         cruise_m_s=segment.speed_m_s,
         climb_m_s=aircraft.max_climb_m_s,
         descent_m_s=aircraft.max_descent_m_s,
-        airspeed_m_s=math.inf if aircraft.max_airspeed_m_s is None else aircraft.max_airspeed_m_s,
-        wind_east_m_s=float(wind[0]),
-        wind_north_m_s=float(wind[1]),
-        acceleration_m_s2=motion.acceleration_m_s2,
-        vertical_acceleration_m_s2=motion.vertical_acceleration_m_s2,
-        jerk_m_s3=motion.jerk_m_s3,
-        corner=BLENDED if motion.corner == "blended" else BRAKED,
-        corner_radius_m=motion.corner_radius_m,
-        smoothing_s=motion.smoothing_s,
-        settling_s=motion.settling_s,
-        settling_tc_s=motion.settling_tc_s,
-        vertical_change_m_s=math.inf if motion.vertical_change_m_s is None else motion.vertical_change_m_s,
-        takeoff_m_s=math.inf if motion.takeoff_m_s is None else motion.takeoff_m_s,
-        takeoff_slow_m=motion.takeoff_slow_m,
-        land_m_s=motion.land_m_s,
-        land_slow_m=motion.land_slow_m,
-        land_band_m=motion.land_band_m,
+        airspeed_m_s=aircraft.max_airspeed_m_s,
+        wind_m_s=(float(wind[0]), float(wind[1])),
     )
 
 

@@ -5,7 +5,7 @@ import math
 from uavcover.errors import InputError
 from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace
 from uavcover.kernels.way_cost import LENGTH, TIME, WayCost
-from uavcover.model.vehicle import AutopilotName
+from uavcover.model.vehicle import AutopilotMotion, AutopilotName
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import reach_at_height_m, trigger_distance_m
 
@@ -13,15 +13,34 @@ from uavcover.sensing.sensors import reach_at_height_m, trigger_distance_m
 def pace_of(site: Site, autopilot: AutopilotName | None = None) -> Pace:
     """Speeds and motion of a site's vehicle in its wind, flown by an autopilot; by the scenario's own where none is named."""
     vehicle, wind = site.scenario.vehicle, site.scenario.wind
-    motion = vehicle.motion(autopilot)
     to_rad = math.radians(wind.from_deg + 180.0)
-    return Pace(
+    return moving_pace(
+        vehicle.motion(autopilot),
         cruise_m_s=vehicle.cruise_speed_m_s,
         climb_m_s=vehicle.max_climb_m_s,
         descent_m_s=vehicle.max_descent_m_s,
-        airspeed_m_s=math.inf if vehicle.max_airspeed_m_s is None else vehicle.max_airspeed_m_s,
-        wind_east_m_s=wind.speed_m_s * math.sin(to_rad),
-        wind_north_m_s=wind.speed_m_s * math.cos(to_rad),
+        airspeed_m_s=vehicle.max_airspeed_m_s,
+        wind_m_s=(wind.speed_m_s * math.sin(to_rad), wind.speed_m_s * math.cos(to_rad)),
+    )
+
+
+def moving_pace(
+    motion: AutopilotMotion,
+    *,
+    cruise_m_s: float,
+    climb_m_s: float,
+    descent_m_s: float,
+    airspeed_m_s: float | None,
+    wind_m_s: tuple[float, float],
+) -> Pace:
+    """What the flight time depends on: how an autopilot moves, the speeds, and the wind towards east and north."""
+    return Pace(
+        cruise_m_s=cruise_m_s,
+        climb_m_s=climb_m_s,
+        descent_m_s=descent_m_s,
+        airspeed_m_s=math.inf if airspeed_m_s is None else airspeed_m_s,
+        wind_east_m_s=wind_m_s[0],
+        wind_north_m_s=wind_m_s[1],
         acceleration_m_s2=motion.acceleration_m_s2,
         vertical_acceleration_m_s2=motion.vertical_acceleration_m_s2,
         jerk_m_s3=motion.jerk_m_s3,

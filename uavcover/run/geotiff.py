@@ -3,14 +3,17 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import rasterio
+from numpy.typing import NDArray
 from pyproj import CRS, Transformer
 from rasterio.io import MemoryFile
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.frames import LocalFrame
+from uavcover.sensing.coverage_map import CoverageMap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,6 +29,32 @@ class Band:
     name: str
     unit: str
     values: FloatArray
+
+
+def cells_geotiff(coverage: CoverageMap, frame: LocalFrame, layers: Sequence[tuple[str, str, NDArray[Any]]]) -> bytes:
+    """A GeoTIFF of what is known of each cell of a map.
+
+    Args:
+        coverage: the cells.
+        frame: of its site.
+        layers: name, unit and (cells,) values of each band.
+    """
+    cells = coverage.grid.cells
+    inside = cells.lattice >= 0
+
+    def on_lattice(values: NDArray[Any]) -> FloatArray:
+        out = np.full(cells.lattice.shape, np.nan)
+        out[inside] = values[cells.lattice[inside]]
+        return out
+
+    return geotiff(
+        frame,
+        [Band(name, unit, on_lattice(values)) for name, unit, values in layers],
+        east0_m=cells.east0_m,
+        north0_m=cells.north0_m,
+        up_m=float(cells.centre_m[:, 2].mean()),
+        step_m=cells.size_m,
+    )
 
 
 def geotiff(

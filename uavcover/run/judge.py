@@ -5,7 +5,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.errors import InputError
@@ -15,7 +14,6 @@ from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.requirements import requirement_rows
 from uavcover.judging.track_logs.readers import READERS, read_foreign_log
 from uavcover.judging.verify import FlownTrack, Verdict, verify_flight, verify_track
-from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import ReadTrack, Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.run import provenance
@@ -25,7 +23,7 @@ from uavcover.run.documents import (
 )
 from uavcover.run.flights import TRACK
 from uavcover.run.folder import PLAN_FILES, VERDICT_FILES, RunFolder, json_text
-from uavcover.run.geotiff import Band, geotiff
+from uavcover.run.geotiff import cells_geotiff
 from uavcover.run.judged_inputs import (
     JudgedInputs,
     check_accepted,
@@ -156,7 +154,7 @@ def save_verdict(
 
 def coverage_raster(coverage: CoverageMap, flown: FlownCoverage) -> bytes | None:
     """What was seen of each cell as a GeoTIFF; none for a site that has no place on Earth."""
-    site, cells = coverage.site, coverage.grid.cells
+    site = coverage.site
     if site.frame is None:
         return None
     sureness = flown.seen.astype(float) + flown.possibly_seen + flown.surely_seen
@@ -169,21 +167,7 @@ def coverage_raster(coverage: CoverageMap, flown: FlownCoverage) -> bytes | None
         ("sureness", "0 not seen, 1 possibly, 2 seen if measurements are exact, 3 surely", sureness),
         ("reason", LAYER_REASONS, reason_codes(coverage, flown)),
     ]
-    inside = cells.lattice >= 0
-
-    def on_lattice(values: NDArray[Any]) -> FloatArray:
-        out = np.full(cells.lattice.shape, np.nan)
-        out[inside] = values[cells.lattice[inside]]
-        return out
-
-    return geotiff(
-        site.frame,
-        [Band(name, unit, on_lattice(values)) for name, unit, values in layers],
-        east0_m=cells.east0_m,
-        north0_m=cells.north0_m,
-        up_m=float(cells.centre_m[:, 2].mean()),
-        step_m=cells.size_m,
-    )
+    return cells_geotiff(coverage, site.frame, layers)
 
 
 def verify(site: Site, track: Track, planned: PlannedRoute | None = None) -> VerificationReport:

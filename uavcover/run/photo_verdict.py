@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from uavcover.errors import InputError
 from uavcover.judging.gaps import GapRegion, reason_codes
@@ -16,7 +17,7 @@ from uavcover.judging.photos.placing import PlacedPictures
 from uavcover.judging.photos.showing import ShownCells
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.sensor import FrameCamera
-from uavcover.run.geotiff import Band, geotiff
+from uavcover.run.geotiff import cells_geotiff
 from uavcover.run.judge import LAYER_REASONS
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site
@@ -133,11 +134,10 @@ def footprints_geojson(verdict: PhotoVerdict) -> dict[str, Any]:
 def photo_raster(verdict: PhotoVerdict) -> bytes:
     """What the pictures show of each cell as a GeoTIFF."""
     coverage, shown = verdict.coverage, verdict.shown
-    cells = coverage.grid.cells
     flown = shown.coverage
     enough = replace(flown, seen=shown.enough(verdict.needed))
     sureness = flown.seen.astype(float) + flown.possibly_seen + flown.surely_seen
-    layers = [
+    layers: list[tuple[str, str, NDArray[Any]]] = [
         ("pictures", "pictures that show the cell", shown.pictures),
         ("directions", "directions of nine: down, or one of eight points of the compass", shown.directions),
         ("ground_sample_m", "smallest ground sample distance in metres", flown.ground_sample_m),
@@ -145,15 +145,4 @@ def photo_raster(verdict: PhotoVerdict) -> bytes:
         ("sureness", "0 not seen, 1 possibly, 2 seen if measurements are exact, 3 surely", sureness),
         ("reason", LAYER_REASONS, reason_codes(coverage, enough)),
     ]
-    inside = cells.lattice >= 0
-
-    def on_lattice(values: Any) -> FloatArray:
-        out = np.full(cells.lattice.shape, np.nan)
-        out[inside] = values[cells.lattice[inside]]
-        return out
-
-    return geotiff(
-        frame_of(verdict.site),
-        [Band(name, unit, on_lattice(values)) for name, unit, values in layers],
-        east0_m=cells.east0_m, north0_m=cells.north0_m, up_m=float(cells.centre_m[:, 2].mean()), step_m=cells.size_m,
-    )  # fmt: skip
+    return cells_geotiff(coverage, frame_of(verdict.site), layers)
