@@ -1,7 +1,5 @@
 """Routes of drone apps and map programs as missions: GPX, KML lines, DJI's WPML, Litchi's CSV."""
 
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -12,7 +10,7 @@ from mission_io.formats import gpx_route, kml_route, litchi_reader, wpml_reader
 from mission_io.formats.point_route import PointRoute
 from mission_io.formats.text import text_from_bytes
 from uavcover.errors import InputError
-from uavcover.scenario.areas.kmz import kml_of
+from uavcover.scenario.areas.kmz import entry_of, kml_of
 
 ROUTE_SUFFIXES: Final = (".gpx", ".kml", ".kmz", ".wpml")
 MOST_BYTES: Final = 64 * 1024 * 1024
@@ -49,16 +47,7 @@ def read_route_file(path: Path) -> PointRoute | None:
 
 def _read_kmz(path: Path) -> PointRoute:
     """A flight of DJI's, or a KMZ with a line."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            if wpml_reader.DOCUMENT not in archive.namelist():
-                return kml_route.read_route(text_from_bytes(kml_of(path)).text)
-            with archive.open(wpml_reader.DOCUMENT) as stream:
-                data = stream.read(MOST_BYTES + 1)
-    except (zipfile.BadZipFile, NotImplementedError, EOFError, zlib.error, RuntimeError) as error:
-        raise InputError(f"{path}: cannot be opened as KMZ, which is a zip file ({error}); save it again") from error
-    if len(data) > MOST_BYTES:
-        raise InputError(
-            f"{path}: {wpml_reader.DOCUMENT} unpacks to more than {MOST_BYTES:,} bytes; export the flight again"
-        )
-    return wpml_reader.read_route(text_from_bytes(data).text)
+    flight = entry_of(path, wpml_reader.DOCUMENT)
+    if flight is not None:
+        return wpml_reader.read_route(text_from_bytes(flight).text)
+    return kml_route.read_route(text_from_bytes(kml_of(path)).text)

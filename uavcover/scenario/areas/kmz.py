@@ -2,6 +2,8 @@
 
 import zipfile
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from uavcover.errors import InputError
@@ -19,20 +21,40 @@ def kml_of(path: Path) -> bytes:
     Raises:
         InputError: no zip, a damaged or encrypted one, none or several documents, or one beyond the limits.
     """
+    with _opened(path) as archive:
+        return _unpacked(path, archive, _document(path, _files(path, archive)))
+
+
+def entry_of(path: Path, name: str) -> bytes | None:
+    """The entry of a KMZ file that has this name; none where there is none.
+
+    Raises:
+        InputError: no zip, a damaged or encrypted one, or an entry beyond the limits.
+    """
+    with _opened(path) as archive:
+        found = [entry for entry in _files(path, archive) if entry.filename == name]
+        return _unpacked(path, archive, found[0]) if found else None
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
     try:
         with zipfile.ZipFile(path) as archive:
-            return _unpacked(path, archive)
+            yield archive
     except (zipfile.BadZipFile, NotImplementedError, EOFError, zlib.error) as error:
         raise InputError(
             f"{path}: cannot be opened as KMZ, which is a zip file ({error}); save it again, or as KML"
         ) from error
 
 
-def _unpacked(path: Path, archive: zipfile.ZipFile) -> bytes:
+def _files(path: Path, archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
     entries = archive.infolist()
     if len(entries) > MAX_ENTRIES:
-        raise InputError(f"{path}: {len(entries)} entries, more than {MAX_ENTRIES}; save the polygon alone, as KML")
-    entry = _document(path, [one for one in entries if not one.is_dir()])
+        raise InputError(f"{path}: {len(entries)} entries, more than {MAX_ENTRIES}; save the drawing alone, as KML")
+    return [one for one in entries if not one.is_dir()]
+
+
+def _unpacked(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
     if entry.flag_bits & 1:
         raise InputError(f"{path}: {entry.filename} is encrypted; save it without a password")
     # The sizes in the directory may lie, so what comes out is counted too.
@@ -40,13 +62,13 @@ def _unpacked(path: Path, archive: zipfile.ZipFile) -> bytes:
     if entry.file_size > MAX_KML_BYTES or (ratio > MAX_RATIO and entry.file_size > MAX_KML_BYTES // 64):
         raise InputError(
             f"{path}: {entry.filename} unpacks to {entry.file_size:,} bytes, {ratio:.0f} times its packed size; allowed are "
-            f"{MAX_KML_BYTES:,} bytes and {MAX_RATIO:g} times; save the polygon alone, as KML"
+            f"{MAX_KML_BYTES:,} bytes and {MAX_RATIO:g} times; save the drawing alone, as KML"
         )
     with archive.open(entry) as stream:
         data = stream.read(MAX_KML_BYTES + 1)
     if len(data) > MAX_KML_BYTES:
         raise InputError(
-            f"{path}: {entry.filename} unpacks to more than {MAX_KML_BYTES:,} bytes; save the polygon alone, as KML"
+            f"{path}: {entry.filename} unpacks to more than {MAX_KML_BYTES:,} bytes; save the drawing alone, as KML"
         )
     return data
 
