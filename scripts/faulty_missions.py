@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.checking.made_missions import KINDS, Case, Terrain, good_mission, terrains, with_fault
+from tests.checking.made_faults import with_fault
+from tests.checking.made_missions import KINDS, Case, Terrain, good_mission, terrains
 from uavcover.cli.ending import run_app
 from uavcover.cli.main import app
 

@@ -1,4 +1,4 @@
-"""Missions for trying ``uavcover check``: good ones made without the package, and faults of ten kinds put into them."""
+"""Good missions for trying ``uavcover check``, made without the package."""
 
 import dataclasses
 import json
@@ -203,13 +203,15 @@ def good_mission(terrain: Terrain, rng: np.random.Generator) -> Case | None:
         corners += ends if k % 2 == 0 else ends[::-1]
     ground = terrain.ground
     home = plane.back(0.0, 0.0)
-    home_m = _height(ground, plane, np.zeros(2))
+    home_m = ground_height_m(ground, plane, np.zeros(2))
     if not math.isfinite(home_m):
         return None
     target = rng.uniform(42.0, 65.0)
     points = [np.array([0.0, 0.0, home_m + 60.0])]
     for corner in corners[1:]:
-        points += _way(ground, plane, points[-1], np.array([*corner, _height(ground, plane, corner) + target]), target)
+        points += _way(
+            ground, plane, points[-1], np.array([*corner, ground_height_m(ground, plane, corner) + target]), target
+        )
         if len(points) > 90:
             return None
     px4, above_home = bool(rng.random() < 0.4), bool(rng.random() < 0.7)
@@ -233,7 +235,7 @@ def good_mission(terrain: Terrain, rng: np.random.Generator) -> Case | None:
     return case
 
 
-def _height(ground: FileGround, plane: Plane, en: np.ndarray) -> float:
+def ground_height_m(ground: FileGround, plane: Plane, en: np.ndarray) -> float:
     lat, lon = plane.back(en[0], en[1])
     return float(ground.height_m(np.array([lat]), np.array([lon]))[0])
 
@@ -248,7 +250,7 @@ def _way(
     if (above.min() >= 32.0 and above.max() <= 108.0) or depth == 5 or not np.isfinite(above).all():
         return [b]
     middle = (a + b) / 2.0
-    middle[2] = _height(ground, plane, middle) + target
+    middle[2] = ground_height_m(ground, plane, middle) + target
     return [*_way(ground, plane, a, middle, target, depth + 1), *_way(ground, plane, middle, b, target, depth + 1)]
 
 
@@ -257,7 +259,7 @@ def _with_limits(
 ) -> Case | None:
     plane = Plane(*home)
     ground = terrain.ground
-    home_m = _height(ground, plane, np.zeros(2))
+    home_m = ground_height_m(ground, plane, np.zeros(2))
     flown = np.vstack([points for *_, points in path(rows, plane, home_m, 60.0, px4=px4)])
     box = (flown[:, :2].min(axis=0) - 25.0, flown[:, :2].max(axis=0) + 25.0)
     # Whatever is in the box is flown over with 30 m to spare on the way home.
@@ -266,29 +268,29 @@ def _with_limits(
     return_m = float(max(30.0, math.ceil(top_m - home_m + LOW_M + 8.0)))
     if not math.isfinite(return_m):
         return None
-    fence = _ring(
+    fence = ring_of(
         plane, [(box[0][0], box[0][1]), (box[1][0], box[0][1]), (box[1][0], box[1][1]), (box[0][0], box[1][1])]
     )
     # A zone beside the route, or above it.
     if rng.random() < 0.5:
         x = box[1][0] + 30.0
-        zone = (_ring(plane, [(x, -50.0), (x + 80.0, -50.0), (x + 80.0, 60.0), (x, 60.0)]), 0.0, 500.0)
+        zone = (ring_of(plane, [(x, -50.0), (x + 80.0, -50.0), (x + 80.0, 60.0), (x, 60.0)]), 0.0, 500.0)
     else:
         x, y = flown[len(flown) // 2, :2]
         zone = (
-            _ring(plane, [(x - 40.0, y - 40.0), (x + 40.0, y - 40.0), (x + 40.0, y + 40.0), (x - 40.0, y + 40.0)]),
+            ring_of(plane, [(x - 40.0, y - 40.0), (x + 40.0, y - 40.0), (x + 40.0, y + 40.0), (x - 40.0, y + 40.0)]),
             HIGH_M + 2.0,
             500.0,
         )
         if rows[-1][0] == 20:
             zone = (zone[0], 900.0, 1500.0)  # a return is higher than the band
-    least_s = _least_s(rows, home, ground, return_m, px4=px4)
+    least_s = least_time_s(rows, home, ground, return_m, px4=px4)
     battery_s = 1.25 * (1.6 * least_s + 9.0 * len(rows) + 120.0) / 0.8
     case = Case(terrain, home, rows, px4, return_m, round(battery_s), fence, zone).judged()
     return case if case.is_good else None
 
 
-def _least_s(
+def least_time_s(
     rows: tuple[Row, ...], home: tuple[float, float], ground: FileGround, return_m: float, *, px4: bool
 ) -> float:
     climb, descent = (3.0, 1.5) if px4 else (CLIMB_M_S, DESCENT_M_S)
@@ -297,7 +299,7 @@ def _least_s(
     )
 
 
-def _ring(plane: Plane, places: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+def ring_of(plane: Plane, places: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
     return tuple((lon, lat) for lat, lon in (plane.back(x, y) for x, y in places))
 
 
@@ -321,153 +323,3 @@ def _repeats(case: Case, rng: np.random.Generator) -> tuple[Row, ...] | None:
         (177, 2, (float(last - 1), float(rng.integers(1, 3)), 0.0, 0.0), 0.0, 0.0, 0.0),
         *case.rows[last:],
     )
-
-
-def with_fault(case: Case, kind: str, rng: np.random.Generator) -> Case | None:
-    """A copy with one fault; none where this mission, with these random numbers, has no place for it."""
-    return _FAULTS[kind](case, rng)
-
-
-def _ways(case: Case) -> list[int]:
-    return [number for number, row in enumerate(case.rows, 1) if row[0] in (16, 82)]
-
-
-def _changed(
-    case: Case, rows: list[Row], expected: tuple[str, ...], items: tuple[int, int] | None, by_m: float
-) -> Case | None:
-    """The case with other items, if the naive judge says that one of the kinds is broken there by so much."""
-    new = dataclasses.replace(case, rows=tuple(rows), expected=expected, items=items).judged()
-    assert new.truth is not None
-    broken = tuple(kind for kind in expected if new.worst(kind) > by_m)
-    if not broken:
-        return None
-    pair = max(new.truth[broken[0]], key=lambda each: new.truth[broken[0]][each])  # type: ignore[index]
-    return dataclasses.replace(new, expected=broken, items=pair if items is None else items)
-
-
-def _hill(case: Case, rng: np.random.Generator) -> Case | None:
-    if any(row[0] == 177 for row in case.rows):
-        return None
-    ways = _ways(case)
-    first = int(rng.integers(1, len(ways)))
-    count = int(rng.integers(1, 8))
-    gone = set(ways[first : first + count])
-    return _changed(case, [row for n, row in enumerate(case.rows, 1) if n not in gone], ("ground",), None, 2.0)
-
-
-def _no_fly(case: Case, rng: np.random.Generator) -> Case | None:
-    plane = Plane(*case.home)
-    ways = _ways(case)
-    k = int(rng.integers(0, len(ways) - 1))
-    a, b = (plane.to(*case.rows[ways[n] - 1][3:5]) for n in (k, k + 1))
-    length = float(np.hypot(*(b - a)))
-    if length < 12.0 or ways[k + 1] != ways[k] + 1:
-        return None
-    u = (b - a) / length
-    v = np.array([-u[1], u[0]])
-    # Its corner reaches over the leg by 2 to 6 m, between the waypoints.
-    middle, over = a + u * length * rng.uniform(0.35, 0.65), rng.uniform(2.0, 6.0)
-    places = [
-        middle - v * over,
-        middle + (u - v * 0.2) * 4.0 + v * 30.0,
-        middle + v * 60.0,
-        middle - u * 4.0 + v * 30.0,
-    ]
-    zone = (_ring(plane, [tuple(place) for place in places]), float(rng.choice([0.0, 10.0])), 300.0)
-    new = dataclasses.replace(case, zone=zone, expected=("no-fly",)).judged()
-    assert new.truth is not None
-    if new.worst("no-fly") < 0.5:
-        return None
-    return dataclasses.replace(new, items=max(new.truth["no-fly"], key=lambda each: new.truth["no-fly"][each]))  # type: ignore[index]
-
-
-def _spline(case: Case, rng: np.random.Generator) -> Case | None:
-    if case.px4:
-        return None
-    ways = _ways(case)
-    first = int(rng.integers(0, len(ways)))
-    chosen = set(ways[first : first + int(rng.integers(1, 6))])
-    rows = [(82, row[1], NOTHING, *row[3:]) if n in chosen else row for n, row in enumerate(case.rows, 1)]
-    # The fence is drawn 5 m around the straight legs, as people draw it.
-    plane = Plane(*case.home)
-    straight = [(16, *row[1:]) if row[0] == 82 else row for row in case.rows]
-    home_m = _height(case.terrain.ground, plane, np.zeros(2))
-    flown = np.vstack([points for *_, points in path(straight, plane, home_m, case.return_m, px4=False)])
-    low, high = flown[:, :2].min(axis=0) - 5.0, flown[:, :2].max(axis=0) + 5.0
-    fence = _ring(plane, [tuple(low), (high[0], low[1]), tuple(high), (low[0], high[1])])
-    return _changed(dataclasses.replace(case, fence=fence), rows, ("ground", "fence"), None, MARGIN_M)  # type: ignore[arg-type]
-
-
-def _jump(case: Case, rng: np.random.Generator) -> Case | None:
-    if any(row[0] == 177 for row in case.rows):
-        return None
-    ways = _ways(case)
-    at = int(rng.integers(0, len(ways) - 3))
-    over = int(rng.integers(2, 12))
-    if at + over >= len(ways):
-        return None
-    # Behind item ``number`` stands the jump, so that what follows is one number later.
-    number, target = ways[at], ways[at + over] + 1
-    jump: Row = (177, 2, (float(target), 1.0, 0.0, 0.0), 0.0, 0.0, 0.0)
-    rows = [*case.rows[:number], jump, *case.rows[number:]]
-    return _changed(case, rows, ("ground",), (number, target), 2.0)
-
-
-def _frame(case: Case, rng: np.random.Generator) -> Case | None:
-    ways = _ways(case)
-    chosen = set(ways) if rng.random() < 0.4 else {int(rng.choice(ways))}
-    rows = [(row[0], 3 - row[1], *row[2:]) if n in chosen else row for n, row in enumerate(case.rows, 1)]
-    return _changed(case, rows, ("ground", "height"), (min(chosen), max(chosen)), 2.0)  # type: ignore[arg-type]
-
-
-def _feet(case: Case, rng: np.random.Generator) -> Case | None:
-    ways = _ways(case)
-    if any(case.rows[n - 1][1] != 3 for n in ways):
-        return None
-    factor = 0.3048 if rng.random() < 0.5 else 1.0 / 0.3048
-    rows = [(*row[:5], row[5] * factor) if n in ways else row for n, row in enumerate(case.rows, 1)]
-    return _changed(case, rows, ("ground", "height"), (ways[0], ways[-1]), 2.0)  # type: ignore[arg-type]
-
-
-def _swapped(case: Case, rng: np.random.Generator) -> Case | None:
-    ways = _ways(case)
-    how = rng.random()
-    chosen = set(ways) if how < 0.6 else {int(rng.choice(ways))}
-    rows = [(*row[:3], row[4], row[3], row[5]) if n in chosen else row for n, row in enumerate(case.rows, 1)]
-    everything = how < 0.3
-    items = (0, 0) if everything else (min(chosen), max(chosen))
-    return dataclasses.replace(
-        case, rows=tuple(rows), truth=None, expected=("place", "refused"), items=items, swap_home=everything
-    )  # type: ignore[arg-type]
-
-
-def _fence(case: Case, rng: np.random.Generator) -> Case | None:
-    plane = Plane(*case.home)
-    corners = np.array([plane.to(lat, lon) for lon, lat in case.fence])
-    west, south = corners.min(axis=0)
-    east, north = corners.max(axis=0)
-    shrink = rng.uniform(27.0, 60.0)
-    side = int(rng.integers(0, 4))
-    west, south, east, north = (
-        west + shrink * (side == 0), south + shrink * (side == 1), east - shrink * (side == 2), north - shrink * (side == 3),
-    )  # fmt: skip
-    fence = _ring(plane, [(west, south), (east, south), (east, north), (west, north)])
-    return _changed(dataclasses.replace(case, fence=fence), list(case.rows), ("fence",), None, MARGIN_M)
-
-
-def _battery(case: Case, rng: np.random.Generator) -> Case | None:
-    least_s = _least_s(case.rows, case.home, case.terrain.ground, case.return_m, px4=case.px4)
-    return dataclasses.replace(
-        case, battery_s=round(least_s * rng.uniform(0.7, 1.2)), expected=("battery",), items=None
-    )
-
-
-def _return(case: Case, rng: np.random.Generator) -> Case | None:
-    lower = dataclasses.replace(case, return_m=float(rng.uniform(15.0, max(16.0, case.return_m - 5.0))))
-    return _changed(lower, list(case.rows), ("return",), None, 2.0)
-
-
-_FAULTS = {
-    "hill": _hill, "no-fly": _no_fly, "spline": _spline, "jump": _jump, "frame": _frame, "feet": _feet, "swapped": _swapped,
-    "fence": _fence, "battery": _battery, "return": _return,
-}  # fmt: skip

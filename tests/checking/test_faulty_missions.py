@@ -7,7 +7,8 @@ import pytest
 
 from mission_io.formats.files import read_mission
 from scripts.faulty_missions import judged, touches
-from tests.checking.made_missions import KINDS, Case, good_mission, terrains, with_fault
+from tests.checking.made_faults import with_fault
+from tests.checking.made_missions import KINDS, Case, good_mission, terrains
 from tests.naive.mission_check import Plane, path
 from uavcover.checking.aircraft import Aircraft
 from uavcover.checking.flown_path import flown_path
