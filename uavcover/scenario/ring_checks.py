@@ -8,6 +8,7 @@ import shapely
 from uavcover.model.area import Area, Ring
 from uavcover.model.limits import FlightLimits
 from uavcover.model.no_fly import NoFly
+from uavcover.model.obstacles import Obstacle
 from uavcover.model.scenario import Scenario
 
 
@@ -68,6 +69,54 @@ def no_fly_mistakes(zones: Sequence[NoFly], *, on_earth: bool) -> list[str]:
                 hole = valid_ring(ring, f"{where}: hole {hole_number}", found)
                 if polygon is not None and hole is not None and not polygon.covers(hole):
                     found.append(f"{where}: hole {hole_number} reaches outside the zone")
+    return found
+
+
+def prism_mistakes(prisms: Sequence[Obstacle], *, on_earth: bool) -> list[str]:
+    """Mistakes in the footprints of obstacles; see :func:`no_fly_mistakes` for ``on_earth``."""
+    found: list[str] = []
+    for number, prism in enumerate(prisms):
+        where = f"obstacles.prisms.{number} ({prism.name or 'no name'})"
+        if prism.rings_lon_lat_deg and not on_earth:
+            found.append(f"{where}: longitudes and latitudes need an [origin]; give rings_east_north_m")
+        outer, *courts = [
+            valid_ring(ring, where, found) for ring in prism.rings_lon_lat_deg or prism.rings_east_north_m
+        ]
+        if outer is not None and any(court is not None and not outer.covers(court) for court in courts):
+            found.append(f"{where}: a courtyard reaches outside the footprint")
+    return found
+
+
+def area_mistakes(area: Area, file_key: str | None) -> list[str]:
+    """Mistakes in the rings of an area.
+
+    Args:
+        area: with its rings.
+        file_key: the key of the file that they came from; none where the scenario has them.
+    """
+    kind = "lon_lat_deg" if area.is_geographic else "east_north_m"
+    found: list[str] = []
+    for part, (outer_ring, *hole_rings) in enumerate(area.parts):
+        outer_key = f"area.polygon_{kind}"
+        hole_key = f"area.holes_{kind}."
+        if len(area.parts) > 1:
+            outer_key = f"{file_key}: polygon {part}" if file_key else f"area.polygons_{kind}.{part}"
+            hole_key = f"{outer_key}: hole "
+        elif file_key:
+            outer_key, hole_key = file_key, f"{file_key}: hole "
+        if area.is_geographic:
+            outer_ring, *hole_rings = across_180(outer_ring, *hole_rings)
+        left = outer = valid_ring(outer_ring, outer_key, found)
+        holes_end = len(found)
+        for number, ring in enumerate(hole_rings):
+            hole = valid_ring(ring, f"{hole_key}{number}", found)
+            if hole is None or outer is None:
+                continue
+            if not outer.covers(hole):
+                found.append(f"{hole_key}{number}: the hole reaches outside the polygon")
+            left = left.difference(hole)
+        if outer is not None and len(found) == holes_end and not left.area > 0.0:
+            found.append(f"{outer_key}: nothing is left of the area inside its holes")
     return found
 
 

@@ -25,7 +25,7 @@ from uavcover.scenario.areas.area_file import SUFFIXES as AREA_SUFFIXES
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.fleet_tables import with_fleet
 from uavcover.scenario.obstacles import polygons_of, read_geojson, read_obstacles
-from uavcover.scenario.ring_checks import across_180, bounds_deg, fence_mistakes, no_fly_mistakes, valid_ring
+from uavcover.scenario.ring_checks import area_mistakes, bounds_deg, fence_mistakes, no_fly_mistakes, prism_mistakes
 from uavcover.scenario.terrain_source import TerrainSource, find_tiles
 
 _BUNDLED = "bundled:"
@@ -336,21 +336,12 @@ def with_no_fly(scenario: Scenario, files: Sequence[str], *, margin_m: float) ->
 
 def _obstacle_mistakes(scenario: Scenario, folder: Path) -> list[str]:
     """Mistakes in the footprints of the obstacles."""
-    found: list[str] = []
     try:
         prisms = _inline_obstacles(scenario.obstacles, folder).prisms
     except ScenarioError as error:
         return [str(error)]
-    for number, prism in enumerate(prisms):
-        where = f"obstacles.prisms.{number} ({prism.name or 'no name'})"
-        if prism.rings_lon_lat_deg and not scenario.area.is_geographic and scenario.origin is None:
-            found.append(f"{where}: longitudes and latitudes need an [origin]; give rings_east_north_m")
-        outer, *courts = [
-            valid_ring(ring, where, found) for ring in prism.rings_lon_lat_deg or prism.rings_east_north_m
-        ]
-        if outer is not None and any(court is not None and not outer.covers(court) for court in courts):
-            found.append(f"{where}: a courtyard reaches outside the footprint")
-    return found[:_MOST_MISTAKES]
+    on_earth = scenario.area.is_geographic or scenario.origin is not None
+    return prism_mistakes(prisms, on_earth=on_earth)[:_MOST_MISTAKES]
 
 
 def _absolute_files(scenario: Scenario, folder: Path) -> Terrain:
@@ -375,30 +366,6 @@ def _shape_mistakes(area: Area, folder: Path) -> list[str]:
     """Mistakes in the rings of an area."""
     file_key = "area.file" if area.file is not None else "area.geojson" if area.geojson is not None else None
     try:
-        area = _with_rings(area, folder)
+        return area_mistakes(_with_rings(area, folder), file_key)[:_MOST_MISTAKES]
     except ScenarioError as error:
         return [str(error)]
-    kind = "lon_lat_deg" if area.is_geographic else "east_north_m"
-    found: list[str] = []
-    for part, (outer_ring, *hole_rings) in enumerate(area.parts):
-        outer_key = f"area.polygon_{kind}"
-        hole_key = f"area.holes_{kind}."
-        if len(area.parts) > 1:
-            outer_key = f"{file_key}: polygon {part}" if file_key else f"area.polygons_{kind}.{part}"
-            hole_key = f"{outer_key}: hole "
-        elif file_key:
-            outer_key, hole_key = file_key, f"{file_key}: hole "
-        if area.is_geographic:
-            outer_ring, *hole_rings = across_180(outer_ring, *hole_rings)
-        left = outer = valid_ring(outer_ring, outer_key, found)
-        holes_end = len(found)
-        for number, ring in enumerate(hole_rings):
-            hole = valid_ring(ring, f"{hole_key}{number}", found)
-            if hole is None or outer is None:
-                continue
-            if not outer.covers(hole):
-                found.append(f"{hole_key}{number}: the hole reaches outside the polygon")
-            left = left.difference(hole)
-        if outer is not None and len(found) == holes_end and not left.area > 0.0:
-            found.append(f"{outer_key}: nothing is left of the area inside its holes")
-    return found[:_MOST_MISTAKES]
