@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from sitl_tests.simulators.running import RunningVehicle, Start, StartRequest
-from uavcover.mock.behaviour import TerrainData, quick
+from uavcover.mock.behaviour import GroundSource, quick
 from uavcover.mock.server import start_in_background
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.vehicle import AutopilotName
@@ -18,7 +18,7 @@ def starter(autopilot: AutopilotName, *, vehicle_type: int) -> Start:
     @contextmanager
     def start(request: StartRequest) -> Iterator[RunningVehicle]:
         asks = replace(
-            quick(), terrain=TerrainData.GROUND_STATION
+            quick(), terrain=GroundSource.GROUND_STATION
         )  # as ArduPilot does; PX4's ways have no such question
         config = MockConfig(speed=request.speed, vehicle_type=vehicle_type, behaviour=asks)
         vehicle = MockVehicle(AUTOPILOTS[autopilot], request.home, config)

@@ -11,8 +11,7 @@ from mission_io.model.items import Command, Frame, Mission
 from mission_io.protocol.terrain import TerrainAnswers
 from mission_io.wire.messages import TerrainRequest
 from tests.vehicle.scene import HOME, make_scene, mission
-from uavcover.mock.behaviour import TerrainData as TerrainSource
-from uavcover.mock.behaviour import quick
+from uavcover.mock.behaviour import GroundSource, quick
 from uavcover.vehicle.outcome import Ending, FlightFailedError
 
 
@@ -29,7 +28,7 @@ def above_terrain(plain: Mission) -> Mission:
 
 
 def scene_that_asks(**options):
-    behaviour = replace(quick(), terrain=TerrainSource.GROUND_STATION)
+    behaviour = replace(quick(), terrain=GroundSource.GROUND_STATION)
     return make_scene(ARDUPILOT, behaviour=behaviour, **options)
 
 

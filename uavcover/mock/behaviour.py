@@ -73,7 +73,7 @@ class TransferClock(Enum):
     VEHICLE = "vehicle time, as simulated autopilots do"
 
 
-class TerrainData(Enum):
+class GroundSource(Enum):
     """Source of the terrain heights."""
 
     KNOWN = "it has the ground on its memory card"
@@ -116,7 +116,7 @@ class Behaviour:
     start_texts: tuple[StartText, ...]
     streams_s: Mapping[type[m.Message], float]
     transfer_clock: TransferClock
-    terrain: TerrainData
+    terrain: GroundSource
     stale_read_back: float = 0.0
 
 
@@ -148,7 +148,7 @@ def quick(ready_s: float = 2.0) -> Behaviour:
         start_texts=(),
         streams_s=_EVERYTHING,
         transfer_clock=TransferClock.LINK,
-        terrain=TerrainData.KNOWN,
+        terrain=GroundSource.KNOWN,
     )
 
 
@@ -170,7 +170,7 @@ OBSERVED: Mapping[int, Behaviour] = MappingProxyType(
             ),
             streams_s=_ONLY_HEARTBEATS,
             transfer_clock=TransferClock.VEHICLE,
-            terrain=TerrainData.GROUND_STATION,
+            terrain=GroundSource.GROUND_STATION,
         ),
         AutopilotId.PX4: Behaviour(
             fix_s=1.0,
@@ -182,7 +182,7 @@ OBSERVED: Mapping[int, Behaviour] = MappingProxyType(
             ),
             streams_s=_EVERYTHING,
             transfer_clock=TransferClock.VEHICLE,
-            terrain=TerrainData.KNOWN,
+            terrain=GroundSource.KNOWN,
             stale_read_back=1.0 / 60.0,
         ),
     }

@@ -16,7 +16,7 @@ from mission_io.model.items import GeoPoint, MissionItem, MissionType
 from mission_io.protocol.exchange import Address
 from mission_io.protocol.ftp_server import FtpServer
 from mission_io.wire import messages as m
-from uavcover.mock.behaviour import Behaviour, Settings, TerrainData, TransferClock, quick
+from uavcover.mock.behaviour import Behaviour, GroundSource, Settings, TransferClock, quick
 from uavcover.mock.body import STEP_S, Ground, MockBody
 from uavcover.mock.camera import MockCamera
 from uavcover.mock.dynamics import Airframe, BatteryData, Vector, WindModel
@@ -126,7 +126,7 @@ class MockState:
             rng=rng,
         )
         self.fence = FenceWatch(self.missions, self.body, self.parameters, ardupilot=self.is_ardupilot)
-        asks_for_terrain = self.is_ardupilot and self.behaviour.terrain is TerrainData.GROUND_STATION
+        asks_for_terrain = self.is_ardupilot and self.behaviour.terrain is GroundSource.GROUND_STATION
         self.files = FtpServer()
         self.terrain = TerrainFeed() if asks_for_terrain else None
         self.streams = Streams(self.behaviour, ardupilot=self.is_ardupilot)

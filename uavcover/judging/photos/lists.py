@@ -16,6 +16,8 @@ from typing import Any
 from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError
 
+from mission_io.errors import FormatError
+from mission_io.formats.text import text_from_bytes
 from uavcover.errors import TrackError
 from uavcover.judging.photos.picture import HeightDatum, Picture, finite
 
@@ -194,8 +196,7 @@ def read_table(path: Path) -> list[Picture]:
 def _text(path: Path) -> str:
     if path.stat().st_size > _LARGEST:
         raise TrackError(f"{path}: {path.stat().st_size} bytes are too many for a list of pictures")
-    content = path.read_bytes()
     try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise TrackError(f"{path}: is not text (byte {error.start} is no UTF-8)") from error
+        return text_from_bytes(path.read_bytes()).text
+    except FormatError as error:
+        raise TrackError(f"{path}: is not text ({error.what})") from error
