@@ -99,6 +99,15 @@ def test_cards_with_the_same_names_are_kept_apart(tmp_path):
     assert sorted(picture.lon_deg for picture in read_pictures([tmp_path]).pictures) == pytest.approx([20.0, 21.0])
 
 
+def test_lists_that_count_from_one_lose_no_picture(tmp_path):
+    row = "1\t{:.1f}\t[2065]\t 0,N\t 0,E\t 0,V\t43.1,Lat\t{},Lon\t245.1,Ellh\t0.01, 0.01, 0.02\t50,Q\n"
+    for number, card in enumerate(("a", "b")):
+        (tmp_path / f"{card}.MRK").write_text(row.format(10.0 + number, number) + row.format(20.0 + number, number))
+    found = read_pictures([tmp_path / "a.MRK", tmp_path / "b.MRK"])
+    assert [p.name for p in found.pictures] == ["0001", "b.MRK: 0001", "a.MRK: 0001", "b.MRK: 0001 (2)"]
+    assert [p.lon_deg for p in found.pictures] == [0.0, 1.0, 0.0, 1.0]
+
+
 def test_geo_txt_moves_pictures_and_keeps_what_only_they_tell(tmp_path):
     told = dji(AbsoluteAltitude="1", GimbalYawDegree="5", GimbalPitchDegree="-90", GimbalRollDegree="0")
     write_jpeg(tmp_path / "DJI_1.JPG", place=(0.5, 0.5), alt_m=1.0, xmp=told)

@@ -1,6 +1,7 @@
 """Pictures from what people have: folders of pictures, lists of pictures, flight logs."""
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -77,19 +78,32 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
         if picture.name in found:
             picture = replace(picture, name=path.as_posix())
         found[picture.name] = picture
+    files_by_name = dict(found)
     for path in lists:
         listed = LISTS[path.suffix.lower()](path)
         notes.append(f"{len(listed)} pictures of {path.name}")
         for row in listed:
-            found[row.name] = _joined(row, found.get(row.name))
+            file = files_by_name.pop(row.name, None)
+            name = _new_name(row.name, path, found if file is None else {})
+            found[name] = replace(_joined(row, file), name=name)
     for path in logs:
         of_log, warnings = read_log(path)
         notes += [f"{len(of_log)} pictures of {path.name}", *warnings]
-        found |= {picture.name: picture for picture in of_log}
+        for picture in of_log:
+            name = _new_name(picture.name, path, found)
+            found[name] = replace(picture, name=name)
     once = _once(list(found.values()), notes)
     timed = all(picture.time_s is not None for picture in once)
     once.sort(key=lambda picture: (picture.time_s or 0.0, picture.name) if timed else (0.0, picture.name))
     return PictureSet(tuple(once), tuple(notes))
+
+
+def _new_name(name: str, source: Path, taken: Mapping[str, Picture]) -> str:
+    """A name that no other picture has: cards, lists and logs all begin to count at one."""
+    names = itertools.chain(
+        (name, f"{source.name}: {name}"), (f"{source.name}: {name} ({k})" for k in itertools.count(2))
+    )
+    return next(one for one in names if one not in taken)
 
 
 def _joined(row: Picture, file: Picture | None) -> Picture:
