@@ -56,6 +56,14 @@ def test_a_fixed_camera_leans_as_its_vehicle_does(tmp_path, name):
     assert (unknown.turn_deg == 10.0).all()
 
 
+def test_pictures_outside_the_track_are_told(tmp_path):
+    early, *rest = pictures_at(SAMPLES)
+    write_ulog(tmp_path / "x.ulg", pictures=[type(early)(1.0, early.lat_deg, early.lon_deg, early.number), *rest])
+    found = read_pictures([tmp_path / "x.ulg"])
+    assert len(found.pictures) == 4
+    assert any("1 pictures have a time outside its positions" in note for note in found.notes)
+
+
 def test_logs_without_pictures_or_with_pictures_elsewhere_in_time_are_one_line(tmp_path):
     write_tlog(tmp_path / "x.tlog")
     with pytest.raises(TrackError, match="tells of no picture"):

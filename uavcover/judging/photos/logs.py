@@ -27,11 +27,15 @@ def read_log(path: Path) -> tuple[list[Picture], tuple[str, ...]]:
         raise TrackError(
             f"{path}: tells of no picture (CAM, TRIG, CAMERA_FEEDBACK, camera_capture); verify --log judges its track"
         )
-    return _pictures(path, rows), rows.warnings
+    pictures = _pictures(path, rows)
+    outside = len(rows.pictures) - len(pictures)
+    words = (f"{path.name}: {outside} pictures have a time outside its positions, so no height: they do not count",)
+    return pictures, (*rows.warnings, *(words if outside else ()))
 
 
 def _pictures(path: Path, rows: LoggedRows) -> list[Picture]:
-    positions = rows.positions[np.isfinite(rows.positions).all(axis=1)]
+    has_fix = np.isfinite(rows.positions).all(axis=1) & (rows.positions[:, 1:3] != 0.0).any(axis=1)
+    positions = rows.positions[has_fix]
     positions = positions[np.argsort(positions[:, 0], kind="stable")]
     told: FloatArray = np.asarray(rows.pictures).reshape(-1, 3)
     told = told[np.argsort(told[:, 0], kind="stable")]
