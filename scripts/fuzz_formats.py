@@ -1,4 +1,4 @@
-"""Fuzz the file formats of mission_io: nothing but a FormatError, no hang, and what was read survives writing.
+"""Fuzz the readers of files and of the wire: nothing but a FormatError, no hang, and what was read survives writing.
 
 Usage: python scripts/fuzz_formats.py --seconds 60 --seed 1 [--target plan] [--engine atheris|mutations] [--keep DIR]
 
@@ -9,6 +9,7 @@ mutated blindly. A finding is printed with the file that causes it, and the exit
 import argparse
 import importlib.util
 import json
+import os
 import random
 import resource
 import signal
@@ -30,15 +31,30 @@ _ATHERIS = importlib.util.find_spec("atheris") is not None
 if "--child" in sys.argv and "atheris" in sys.argv:
     import atheris
 
-    _watched: Any = atheris.instrument_imports(include=["mission_io"])
+    _watched: Any = atheris.instrument_imports(include=["mission_io", "uavcover.scenario.airspace"])
 else:
     _watched = nullcontext()
 
 with _watched:
     from mission_io.errors import FormatError
-    from mission_io.formats import csv, files, geojson, kml, old_qgc_json, plan, poly, rally_lines, wpl
+    from mission_io.formats import (
+        csv,
+        files,
+        geojson,
+        gpx_route,
+        kml,
+        kml_route,
+        litchi_reader,
+        old_qgc_json,
+        plan,
+        poly,
+        rally_lines,
+        wpl,
+        wpml_reader,
+    )  # fmt: skip
     from mission_io.formats.drawings import DrawnArea, fence_from_areas
     from mission_io.formats.mission_dat import read_mission_dat, write_mission_dat
+    from mission_io.formats.point_route import PointRoute
     from mission_io.formats.text import text_from_bytes
     from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
     from mission_io.model.diff import apply_diff, diff
@@ -55,6 +71,13 @@ with _watched:
         trigger_camera_every,
         waypoint,
     )
+    from mission_io.protocol.ftp import FtpMessage
+    from mission_io.wire import messages as wire
+    from mission_io.wire.codec import Codec
+    from mission_io.wire.framing import LARGEST_FRAME, Framer
+    from mission_io.wire.mission_items import item_from_message, message_from_item
+    from uavcover.errors import InputError
+    from uavcover.scenario.airspace.zone_file import _of_text as read_zone_text
 
 
 def check(condition: bool, what: str) -> None:
@@ -165,6 +188,66 @@ def try_mission_dat(text: str) -> None:
         check(all(map(same_item, items, again)), "every number survives")
 
 
+def try_route(read_route: Callable[[str], PointRoute]) -> Callable[[str], None]:
+    """A route of points."""
+
+    def attempt(text: str) -> None:
+        read = read_route(text)
+        items = read.mission.items
+        check(all(items[number - 1].command == 16 for number in read.numbers), "every point is a waypoint")
+        written = csv.write_mission(Mission(GeoPoint(1.0, 2.0, 3.0), items))
+        check(csv.read_mission(written).mission.items == items, "the route survives as a table")
+
+    return attempt
+
+
+def try_zones(suffix: str) -> Callable[[str], None]:
+    """No-fly zones as authorities and glider pilots publish them."""
+
+    def attempt(text: str) -> None:
+        try:
+            read = read_zone_text(text, suffix)
+        except InputError as error:
+            raise FormatError(str(error)) from None
+        for zone in read.zones if read is not None else ():
+            check(bool(zone.polygons) != (zone.circle is not None), "a zone is an outline or a circle")
+
+    return attempt
+
+
+def try_codec(text: str) -> None:
+    """Bytes off a link, as one datagram and as a stream in pieces; the text is the bytes as Latin-1."""
+    data = text.encode("latin-1")
+    whole, pieces = Framer(), Framer()
+    frames = [*whole.feed(data), *whole.end()]
+    step = 1 + len(data) % 37
+    found = [frame for at in range(0, len(data), step) for frame in pieces.feed(data[at : at + step])]
+    check(pieces.unfinished_bytes < LARGEST_FRAME, "little is kept")
+    check([*found, *pieces.end()] == frames, "the frames do not depend on the pieces")
+    counted = whole.counts.garbage_bytes + sum(len(frame.data) for frame in frames)
+    check(counted == len(data), "every byte is in a frame or garbage")
+    ground, sender = Codec(system_id=255, component_id=190), Codec(system_id=1, component_id=1)
+    for received in ground.decode(data):
+        again = sender.encode(received.message)
+        back = Codec(system_id=255, component_id=190).decode(again)
+        check(len(back) == 1 and repr(back[0].message) == repr(received.message), "a message survives sending")
+        _try_message(received.message)
+
+
+def _try_message(message: wire.Message) -> None:
+    """A message of the wire in the hands of what reads it further."""
+    if isinstance(message, wire.FileTransfer):
+        FtpMessage.answer(message.payload)
+    if isinstance(message, wire.MissionItemInt | wire.MissionItemFloat):
+        try:
+            item = item_from_message(message)
+        except FormatError:
+            return
+        if isinstance(message, wire.MissionItemInt):
+            again = message_from_item(item, 1, mission_type=MissionType.MISSION, target_system=1, target_component=1)
+            check((again.x, again.y) == (message.x, message.y), "a place survives")
+
+
 TARGETS: dict[str, Callable[[str], None]] = {
     "wpl": try_wpl,
     "plan": try_plan,
@@ -177,8 +260,15 @@ TARGETS: dict[str, Callable[[str], None]] = {
     "rally": try_rally,
     "file": try_file,
     "mission_dat": try_mission_dat,
+    "gpx": try_route(gpx_route.read_route),
+    "kml_route": try_route(kml_route.read_route),
+    "wpml": try_route(wpml_reader.read_route),
+    "litchi": try_route(litchi_reader.read_route),
+    "openair": try_zones(".txt"),
+    "zones": try_zones(".json"),
+    "codec": try_codec,
 }
-BINARY = frozenset({"mission_dat"})
+BINARY = frozenset({"mission_dat", "codec"})
 """Targets that are not text."""
 
 
@@ -256,8 +346,69 @@ def seeds(target: str) -> list[bytes]:
         "rally": [rally_text],
         "file": [whole, wpl.write_fence(fence, None), rally_text, poly.write_fence(fence), *old],
         "mission_dat": [dat.decode("latin-1") for dat in dats],
+        **_route_seeds(),
+        **_zone_seeds(),
+        "codec": _wire_seeds(),
     }  # fmt: skip
     return [text.encode("latin-1" if target in BINARY else "utf-8") for text in texts[target]]
+
+
+def _route_seeds() -> dict[str, list[str]]:
+    points = ((33.2, -98.1, 30.5), (33.25, -98.15, 41.0), (33.3, -98.05, 25.0))
+    places = " ".join(f"{lon},{lat},{up}" for lat, lon, up in points)
+    rows = "".join(f'<rtept lat="{lat}" lon="{lon}"><ele>{up}</ele></rtept>' for lat, lon, up in points)
+    line = f"<LineString><altitudeMode>absolute</altitudeMode><coordinates>{places}</coordinates></LineString>"
+    marks = "".join(
+        f"<Placemark><Point><coordinates>{lon},{lat}</coordinates></Point><index>{n}</index>"
+        f"<executeHeight>{up}</executeHeight><waypointSpeed>{n + 3}</waypointSpeed></Placemark>"
+        for n, (lat, lon, up) in enumerate(points)
+    )
+    folder = f"<executeHeightMode>relativeToStartPoint</executeHeightMode><autoFlightSpeed>5</autoFlightSpeed>{marks}"
+    config = "<finishAction>goHome</finishAction><takeOffSecurityHeight>20</takeOffSecurityHeight>"
+    table = "".join(f"{lat},{lon},{up},90,0.2,0,7.5\n" for lat, lon, up in points)
+    return {
+        "gpx": [f"<gpx><rte>{rows}</rte></gpx>", f"<gpx><trk><trkseg>{rows.replace('rtept', 'trkpt')}</trkseg></trk></gpx>"],
+        "kml_route": [f"<kml><Placemark>{line}</Placemark></kml>", f"<kml>{line.replace('absolute', 'relativeToGround')}</kml>"],
+        "wpml": [f"<kml><missionConfig>{config}</missionConfig><Folder>{folder}</Folder></kml>"],
+        "litchi": [f"latitude,longitude,altitude(m),heading(deg),curvesize(m),altitudemode,speed(m/s)\n{table}"],
+    }  # fmt: skip
+
+
+def _zone_seeds() -> dict[str, list[str]]:
+    openair = (
+        "AC R\nAN Range\nAL SFC\nAH 2500ft MSL\nDP 33:10:00 N 098:05:00 W\nDP 33:20:00 N 098:05:00 W\n"
+        "V D=+\nV X=33:15:00 N 098:10:00 W\nDA 2.5,10,200\n\nAC D\nAN Circle\nAL 500ft AGL\nAH FL65\n"
+        "V X=33:15:00 N 098:10:00 W\nDC 3.0\n"
+    )
+    ring = [[-98.2, 33.1], [-98.1, 33.1], [-98.1, 33.2], [-98.2, 33.1]]
+    volume = {"uomDimensions": "M", "lowerLimit": 0, "lowerVerticalReference": "AGL", "upperLimit": 120,
+              "upperVerticalReference": "AMSL", "horizontalProjection": {"type": "Polygon", "coordinates": [ring]}}  # fmt: skip
+    circle = {**volume, "horizontalProjection": {"type": "Circle", "center": [-98.2, 33.1], "radius": 900.0}}
+    old = {"features": [{"identifier": "A1", "name": "One", "restriction": "PROHIBITED", "geometry": [volume, circle],
+                         "applicability": [{"startDateTime": "2026-01-01T00:00:00Z", "endDateTime": "2026-02-01T00:00:00Z",
+                                            "permanent": "NO"}]}]}  # fmt: skip
+    layer = {"upper": 120, "upperReference": "AGL", "lower": 0, "lowerReference": "AGL", "uom": "m"}
+    shapes = [{"type": "Polygon", "coordinates": [ring], "layer": layer},
+              {"type": "Point", "coordinates": [-98.2, 33.1], "extent": {"subType": "Circle", "radius": 90.0}}]  # fmt: skip
+    new = {"type": "FeatureCollection", "features": [
+        {"type": "Feature", "geometry": {"type": "GeometryCollection", "geometries": shapes},
+         "properties": {"identifier": "B2", "type": "PROHIBITED"}}]}  # fmt: skip
+    return {"openair": [openair], "zones": [json.dumps(old), json.dumps(new)]}
+
+
+def _wire_seeds() -> list[str]:
+    ground = Codec(system_id=255, component_id=190)
+    old = Codec(system_id=1, component_id=1)
+    old.version = 1
+    item = wire.MissionItemInt(1, 1, 3, 6, 16, (1.0, 0.0, 0.0, float("nan")), 332191234, -981240001, 60.25)
+    sent = [
+        wire.Heartbeat(3, 2, system_status=4), wire.MissionCount(1, 1, 40), item, wire.MissionRequestInt(255, 190, 3),
+        wire.MissionAck(255, 190, 0), wire.ParamValue("RTL_ALT", 1500.0, 9, 1200, 7), wire.StatusText(6, "a line"),
+        wire.FileTransfer(1, 1, bytes(251)), wire.LogData(1, 90, 90, (7,) * 90), wire.CommandLong(1, 1, 400, (1.0,) * 7),
+    ]  # fmt: skip
+    frames = [ground.encode(message) for message in sent]
+    frames += [old.encode(message) for message in (sent[0], sent[5], sent[9])]
+    return [b"".join(frames).decode("latin-1"), *(frame.decode("latin-1") for frame in frames)]
 
 
 WORDS = [
@@ -333,9 +484,19 @@ def fuzz_by_coverage(target: str, seconds: float, seed: int, finding: Path) -> N
         (corpus / f"seed{number}").write_bytes(data)
     words = corpus.parent / f"{corpus.name}.dict"
     words.write_text("".join('"' + "".join(f"\\x{byte:02x}" for byte in word[:60]) + '"\n' for word in WORDS))
-    options = [f"-max_total_time={round(seconds)}", f"-seed={seed}", f"-timeout={HANG_S}", f"-max_len={_LARGEST}",
-               "-print_final_stats=1", f"-dict={words}", f"-exact_artifact_path={finding}", str(corpus)]  # fmt: skip
-    atheris.Setup([sys.argv[0], *options], lambda data: attempt(target, data))
+    options = [f"-seed={seed}", f"-timeout={HANG_S}", f"-max_len={_LARGEST}", f"-dict={words}",
+               f"-exact_artifact_path={finding}", str(corpus)]  # fmt: skip
+    runs, end = 0, time.process_time() + seconds
+
+    def try_next(data: bytes) -> None:
+        nonlocal runs
+        if time.process_time() >= end:
+            print("executed_units:", runs, flush=True)
+            os._exit(0)
+        runs += 1
+        attempt(target, data)
+
+    atheris.Setup([sys.argv[0], *options], try_next)
     atheris.Fuzz()
 
 
@@ -370,7 +531,7 @@ def _processor_s() -> float:
 def main() -> int:
     """Run every target for the given time each."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=60.0, help="for each target; of processor time for mutations")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of processor time, for each target")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--target", choices=sorted(TARGETS), action="append")
     parser.add_argument("--engine", choices=["atheris", "mutations"], default="atheris" if _ATHERIS else "mutations")

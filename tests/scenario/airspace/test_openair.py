@@ -129,3 +129,9 @@ def test_what_cannot_be_understood(text, message):
     with pytest.raises(FormatError) as error:
         read_openair(text)
     assert message in str(error.value)
+
+
+def test_an_error_with_a_long_name_is_short():
+    with pytest.raises(FormatError) as error:
+        read_openair(f"AC R\nAN {'a ' * 5000}\nDP nowhere\n")
+    assert len(str(error.value)) < 200

@@ -247,3 +247,14 @@ def test_zones_can_be_mended(tmp_path):
     (zone,), _ = zones_of(tmp_path, "z.geojson", text, make_valid=True)
     assert len(zone.parts) == 2
     assert zone.make_valid is False
+
+
+def test_fuzzed_zones_are_one_short_line(tmp_path):
+    layer = {"type": "Polygon", "coordinates": [RING], "layer": [1, 2]}
+    with pytest.raises(InputError, match="layer: an object is expected here"):
+        zones_of(tmp_path, "z.json", geojson(feature(layer, name="a")))
+    long = {"type": "Polygon", "coordinates": [RING], "layer": {"upper": 1, "upperReference": "M" * 5000}}
+    with pytest.raises(InputError) as error:
+        zones_of(tmp_path, "z.json", geojson(feature(long, name="a\nb" * 5000)))
+    assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 500 + len(str(tmp_path))

@@ -11,7 +11,7 @@ from typing import Any
 from mission_io.errors import FormatError
 from mission_io.formats.json_node import Node
 from uavcover.model.area import Ring, Rings
-from uavcover.scenario.airspace.read_zone import METRES, ReadZone, ReadZones, height_key
+from uavcover.scenario.airspace.read_zone import METRES, ReadZone, ReadZones, height_key, shown
 
 _FREE = "NO_RESTRICTION"
 
@@ -57,7 +57,7 @@ def read_ed269(root: Node) -> ReadZones:
         times = _times(feature, "applicability")
         for volume in feature.get("geometry").nodes():
             unit = _text(volume, "uomDimensions") or "M"
-            where = f"{volume.where} ({_name(feature)})"
+            where = f"{volume.where} ({shown(_name(feature))})"
             heights = _ends(
                 volume, ("lowerLimit", "lowerVerticalReference", "upperLimit", "upperVerticalReference"), unit, where
             )
@@ -83,13 +83,13 @@ def read_ed318(root: Node) -> ReadZones:
         times = _times(properties, "limitedApplicability")
         for geometry in _geometries(feature.get("geometry")):
             heights: dict[str, float] = {}
-            if "layer" in geometry.value:
+            if isinstance(geometry.value, dict) and "layer" in geometry.value:
                 layer = geometry.get("layer")
-                where = f"{layer.where} ({_name(properties)})"
+                where = f"{layer.where} ({shown(_name(properties))})"
                 keys = ("lower", "lowerReference", "upper", "upperReference")
                 heights = _ends(layer, keys, _text(layer, "uom") or "M", where)
             for part in _parts(geometry):
-                circle = part.get("extent") if part.value.get("type") == "Point" else part
+                circle = part.get("extent") if _text(part, "type") == "Point" else part
                 found.append(_zone(properties, heights, times, _shape(part, circle, "M")))
     return ReadZones(tuple(found), _left_out(free))
 
@@ -129,7 +129,7 @@ def _ends(node: Node, keys: tuple[str, str, str, str], unit: str, where: str) ->
     """Floor and ceiling; what is missing or null is open."""
     heights: dict[str, float] = {}
     for end, value_key, reference_key in (("floor", keys[0], keys[1]), ("ceiling", keys[2], keys[3])):
-        if node.value.get(value_key) is not None:
+        if node.optional(value_key, lambda one: one, Node(None, "")).value is not None:
             value = node.get(value_key).number()
             heights |= height_key(end, value, unit, _text(node, reference_key) or "AGL", where=where)
     return heights
@@ -163,7 +163,7 @@ def _shape(node: Node, circle: Node, unit: str) -> Rings | tuple[float, float, f
             raise FormatError("a place is longitude and latitude", where=node.where, advice="correct it")
         radius_unit = (_text(circle, "uom") or unit).upper()
         if radius_unit not in METRES:
-            raise FormatError(f"{radius_unit!r} is not a unit of lengths", where=node.where, advice="use m or ft")
+            raise FormatError(f"{radius_unit[:20]!r} is not a unit of lengths", where=node.where, advice="use m or ft")
         radius_m = circle.get("radius").number() * METRES[radius_unit]
         return place[0].number(), place[1].number(), radius_m
     raise FormatError(f"{kind[:30]} is not a shape of zones", where=node.where, advice="use a polygon or a circle")

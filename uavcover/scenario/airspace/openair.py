@@ -13,7 +13,7 @@ import numpy as np
 from pyproj import Geod
 
 from mission_io.errors import FormatError
-from uavcover.scenario.airspace.read_zone import ReadZone, ReadZones, height_key
+from uavcover.scenario.airspace.read_zone import ReadZone, ReadZones, height_key, shown
 
 OPEN_TO_ALL = frozenset({"E", "F", "G"})
 """Classes of airspace that nobody needs a clearance for."""
@@ -46,7 +46,7 @@ class _Zone:
 
     @property
     def where(self) -> str:
-        return f"line {self.line}, zone {self.name or '(no name)'}"
+        return f"line {self.line}, zone {shown(self.name) or '(no name)'}"
 
 
 def looks_like_openair(text: str) -> bool:
@@ -107,7 +107,7 @@ def _zones(text: str) -> Iterator[_Zone]:
                     f"{command} comes before the first AC", where=f"line {number}", advice="begin every zone with AC"
                 )
         else:
-            _take(zone, command, rest, f"line {number}, zone {zone.name or '(no name)'}")
+            _take(zone, command, rest, f"line {number}, zone {shown(zone.name) or '(no name)'}")
     if zone is not None:
         yield zone
 

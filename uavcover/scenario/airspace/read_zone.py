@@ -54,6 +54,11 @@ class ReadZones:
     notes: tuple[str, ...] = field(default=())
 
 
+def shown(name: str) -> str:
+    """A name in short form and on one line, for messages."""
+    return " ".join(name[:200].split())[:60]
+
+
 def height_key(end: str, value: float, unit: str, datum: str, *, where: str) -> dict[str, float]:
     """A floor or a ceiling by the scenario's key; empty where the zone has no such end.
 
@@ -71,7 +76,7 @@ def height_key(end: str, value: float, unit: str, datum: str, *, where: str) -> 
         FormatError: unit or datum are not known.
     """
     if unit.upper() not in METRES:
-        raise FormatError(f"{unit!r} is not a unit of heights", where=where, advice="use m, ft or FL")
+        raise FormatError(f"{unit[:20]!r} is not a unit of heights", where=where, advice="use m, ft or FL")
     height_m = value * METRES[unit.upper()]
     if unit.upper() == "FL" or datum.upper() == "STD":
         if end == "ceiling":
@@ -82,6 +87,6 @@ def height_key(end: str, value: float, unit: str, datum: str, *, where: str) -> 
     if datum.upper() in {"AMSL", "MSL", "ALT"}:
         return {f"{end}_amsl_m": height_m}
     raise FormatError(
-        f"{datum!r} is not a reference of heights that is known", where=where,
+        f"{datum[:20]!r} is not a reference of heights that is known", where=where,
         advice="use AGL or AMSL, or name the zone in ignore",
     )  # fmt: skip

@@ -18,7 +18,7 @@ from uavcover.model.area import Rings
 from uavcover.model.no_fly import NoFly
 from uavcover.scenario.airspace.geographical_zones import is_ed269, is_ed318, read_ed269, read_ed318
 from uavcover.scenario.airspace.openair import looks_like_openair, read_openair
-from uavcover.scenario.airspace.read_zone import ReadZone, ReadZones
+from uavcover.scenario.airspace.read_zone import ReadZone, ReadZones, shown
 from uavcover.scenario.areas.area_file import MAX_BYTES, SUFFIXES, read_document
 from uavcover.scenario.areas.features import WGS84
 from uavcover.scenario.areas.rings import RingReading, joined, read_polygons, rings_of
@@ -62,7 +62,7 @@ def read_zones(
         raise InputError(f"{path}: has no zone; give a file with polygons or circles")
     # Files of whole countries: what is far away is not even checked.
     close = [(number, zone) for number, zone in enumerate(wanted, start=1) if near is None or _is_near(zone, near)]
-    found = [_entry_of(entry, zone, f"{path}, zone {number} ({zone.name})") for number, zone in close]
+    found = [_entry_of(entry, zone, f"{path}, zone {number} ({shown(zone.name)})") for number, zone in close]
     if len(close) < len(wanted):
         notes.append(
             f"{path.name}: {len(wanted) - len(close)} of {len(wanted)} zones left out, more than {NEAR_KM:g} km away"
