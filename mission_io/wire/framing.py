@@ -54,6 +54,8 @@ class Layout:
 
 
 _LATER_EXTENSIONS: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
+    "mission_ack": (("opaque_id", "I"),),
+    "mission_count": (("opaque_id", "I"),),
     "mission_current": (("mission_id", "I"), ("fence_id", "I"), ("rally_points_id", "I")),
 }
 """Extensions of the common message set that pymavlink's tables may lack, each with its format. Checksums do not know them."""

@@ -173,12 +173,13 @@ class ExtendedSysState:
 
 @dataclass(frozen=True, slots=True)
 class MissionCount:
-    """How many items the sender is going to send."""
+    """How many items the sender is going to send; a vehicle adds the id of the list, 0 where it has none."""
 
     target_system: int
     target_component: int
     count: int
     mission_type: int = MissionType.MISSION
+    opaque_id: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,12 +240,13 @@ class MissionItemFloat:
 
 @dataclass(frozen=True, slots=True)
 class MissionAck:
-    """Ends a transfer or a clear; ``result`` is a MissionResult number."""
+    """Ends a transfer or a clear; ``result`` is a MissionResult number, ``opaque_id`` that of the list after an upload."""
 
     target_system: int
     target_component: int
     result: int
     mission_type: int = MissionType.MISSION
+    opaque_id: int = 0
 
 
 @dataclass(frozen=True, slots=True)
