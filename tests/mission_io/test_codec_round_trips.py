@@ -49,6 +49,7 @@ def read(data: bytes) -> Message:
     (received,) = Codec(system_id=200, component_id=1).decode(data)
     return received.message
 
+
 def without_later_ids(message: Message) -> Message:
     """The message without the ids that pymavlink's tables do not have yet."""
     if isinstance(message, MissionCurrent) and "mission_id" not in pymavlink.MAVLink_mission_current_message.fieldnames:
@@ -57,7 +58,6 @@ def without_later_ids(message: Message) -> Message:
     if isinstance(message, MissionCount | MissionAck) and "opaque_id" not in theirs:
         return replace(message, opaque_id=0)
     return message
-
 
 
 @pytest.mark.parametrize("name", sorted(ROWS))
