@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from mission_io.errors import FormatError
 from mission_io.formats.camera_flight import CameraFlight, CameraPoint
+from mission_io.formats.route_cameras import course_deg
 from mission_io.formats.text import degrees_text, plain_decimal
 from mission_io.model.places import earth_centred_m, ground_distance_m
 
@@ -90,9 +91,5 @@ def _course_deg(points: Sequence[CameraPoint], number: int) -> float:
     for first in (*range(number, len(points) - 1), *range(number - 1, -1, -1)):
         a, b = points[first], points[first + 1]
         if ground_distance_m(a.lat_deg, a.lon_deg, b.lat_deg, b.lon_deg) > 0.1:
-            east_deg = math.remainder(b.lon_deg - a.lon_deg, 360.0)
-            lat_a, lat_b, east = math.radians(a.lat_deg), math.radians(b.lat_deg), math.radians(east_deg)
-            x = math.sin(east) * math.cos(lat_b)
-            y = math.cos(lat_a) * math.sin(lat_b) - math.sin(lat_a) * math.cos(lat_b) * math.cos(east)
-            return math.degrees(math.atan2(x, y)) % 360.0
+            return course_deg((a.lat_deg, b.lat_deg), (a.lon_deg, b.lon_deg)) or 0.0
     return 0.0

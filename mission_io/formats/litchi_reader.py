@@ -1,13 +1,18 @@
 """CSV of Litchi's Mission Hub, metric, as a mission (litchiutilities.com/docs/litchiCsv.php)."""
 
 import csv
+import dataclasses
 import io
 
 from mission_io.errors import FormatError
 from mission_io.formats.point_route import PointRoute, RouteStop, number_in, route_from_stops
+from mission_io.formats.route_cameras import StopCamera
 from mission_io.formats.text import clean_text
-from mission_io.model.items import Frame
+from mission_io.model.items import Command, Frame
 
+_STAY_FOR, _TAKE_PHOTO, _ROTATE_AIRCRAFT, _TILT_CAMERA = 0.0, 1.0, 4.0, 5.0
+"""Kinds of actions; the others, video among them, take no picture."""
+_ACTIONS = 15
 _FRAMES = {0: Frame.ABOVE_HOME, 1: Frame.ABOVE_TERRAIN}
 
 
@@ -36,7 +41,7 @@ def read_route(text: str) -> PointRoute:
     if "altitude(m)" not in header and rows:
         raise FormatError("heights are not in metres", where="line 1", advice="export it with metric units")
     repairs = list(clean.repairs)
-    stops, curves = [], 0
+    stops, curves, looks_at_poi = [], 0, 0
     for line, row in enumerate(rows, start=2):
         fields = {str(name).strip().lower(): value if isinstance(value, str) else "" for name, value in row.items()}
         where = f"line {line}"
@@ -48,7 +53,45 @@ def read_route(text: str) -> PointRoute:
             raise FormatError(f"altitude mode {mode:g}", where=where, advice="it has to be 0 (take-off) or 1 (ground)")
         speed = number_in(fields.get("speed(m/s)") or "0", f"{where}, speed")
         curves += number_in(fields.get("curvesize(m)") or "0", f"{where}, curvesize") > 0.0
-        stops.append(RouteStop(lat, lon, alt, _FRAMES[int(mode)], speed if speed > 0.0 else None))
+        camera = _camera(fields, where)
+        stops.append(RouteStop(lat, lon, alt, _FRAMES[int(mode)], speed if speed > 0.0 else None, camera))
+        looks_at_poi += fields.get("gimbalmode", "").strip() == "1"
     if curves:
         repairs.append(f"{curves} corners are curved; they are taken as sharp")
-    return route_from_stops(stops, repairs=repairs)
+    if looks_at_poi:
+        repairs.append(f"{looks_at_poi} points look at a point of interest; their camera's angle is not known here")
+    route = route_from_stops(stops, repairs=repairs)
+    turns = sum(item.command == Command.CONDITION_YAW for item in route.mission.items)
+    told = (
+        [f'{turns} headings differ from their legs; they are held, as Heading Mode "Custom (WD)" does'] if turns else []
+    )
+    return dataclasses.replace(route, repairs=(*route.repairs, *told))
+
+
+def _camera(fields: dict[str, str], where: str) -> StopCamera:
+    """What is done at a row: its actions, its gimbal's angle, and pictures by distance or time from there on.
+
+    Headings are those of Heading Mode "Custom (WD)"; in the others they are the legs' own.
+    """
+
+    def number(name: str, otherwise: str = "-1") -> float:
+        return number_in(fields.get(name) or otherwise, f"{where}, {name}")
+
+    pitch = number("gimbalpitchangle") if fields.get("gimbalmode", "").strip().startswith("2") else None
+    heading: float | None = number("heading(deg)") if fields.get("heading(deg)") else None
+    pictures, hover_s = 0, 0.0
+    for k in range(1, _ACTIONS + 1):
+        kind, value = number(f"actiontype{k}"), number(f"actionparam{k}", "0")
+        if kind == _TAKE_PHOTO:
+            pictures += 1
+        elif kind == _STAY_FOR:
+            hover_s += max(value, 0.0) / 1000.0
+        elif kind == _ROTATE_AIRCRAFT:
+            heading = value
+        elif kind == _TILT_CAMERA:
+            pitch = value
+    distance, interval = number("photo_distinterval"), number("photo_timeinterval")
+    return StopCamera(
+        pitch_deg=pitch, heading_deg=heading, pictures=pictures, distance_m=distance if distance > 0.0 else None,
+        interval_s=interval if interval > 0.0 else None, hover_s=hover_s,
+    )  # fmt: skip

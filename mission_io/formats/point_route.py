@@ -1,5 +1,6 @@
 """Routes of points, as drone apps and map programs have them, made into missions: take-off, waypoints, and what comes then."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,6 +8,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from mission_io.errors import FormatError
+from mission_io.formats.route_cameras import NOTHING, StopCamera, course_deg, items_at_stop
 from mission_io.formats.text import clean_text, place_problem
 from mission_io.model.items import Frame, Mission, MissionItem, change_speed, takeoff, waypoint
 
@@ -15,13 +17,17 @@ _LOWEST_M, _HIGHEST_M = -500.0, 20_000.0
 
 @dataclass(frozen=True, slots=True)
 class RouteStop:
-    """A point of a route: degrees, and metres above the reference of ``frame``; ``speed_m_s`` of the leg after it, if stated."""
+    """A point of a route: degrees, and metres above the reference of ``frame``; ``speed_m_s`` of the leg after it, if stated.
+
+    ``camera`` is what is done there.
+    """
 
     lat_deg: float
     lon_deg: float
     alt_m: float
     frame: Frame
     speed_m_s: float | None = None
+    camera: StopCamera = NOTHING
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +81,15 @@ def route_from_stops(
     numbers = []
     speeds = {stop.speed_m_s for stop in stops if stop.speed_m_s is not None and stop.speed_m_s > 0.0}
     speed_m_s = next(iter(speeds)) if len(speeds) == 1 else None
-    for stop in stops:
+    before = NOTHING
+    for number, stop in enumerate(stops):
         items.append(waypoint(stop.lat_deg, stop.lon_deg, stop.alt_m, frame=stop.frame))
         numbers.append(len(items))
+        after = stops[number + 1] if number + 1 < len(stops) else None
+        way = None if after is None else course_deg((stop.lat_deg, after.lat_deg), (stop.lon_deg, after.lon_deg))
+        items += items_at_stop(before, stop.camera, way)
+        pitch_deg = before.pitch_deg if stop.camera.pitch_deg is None else stop.camera.pitch_deg
+        before = dataclasses.replace(stop.camera, pitch_deg=pitch_deg)
         if len(speeds) > 1 and stop.speed_m_s in speeds and stop.speed_m_s != speed_m_s:
             speed_m_s = float(stop.speed_m_s or 0.0)
             items.append(change_speed(speed_m_s))

@@ -12,6 +12,8 @@ from mission_io.formats.point_route import (
     route_from_stops,
     xml_root,
 )
+from mission_io.formats.route_cameras import StopCamera
+from mission_io.formats.wpml_actions import cameras_of
 from mission_io.model.items import Frame, MissionItem, land, return_to_launch
 
 DOCUMENT = "wpmz/waylines.wpml"
@@ -44,7 +46,11 @@ def read_route(text: str) -> PointRoute:
         )  # fmt: skip
     overall = child_text(folder, "autoFlightSpeed")
     marks = [each for each in folder if local_name(each) == "Placemark"]
-    stops = [_stop(mark, n, _FRAMES[mode], overall) for n, mark in enumerate(marks, start=1)]
+    cameras = cameras_of(marks)
+    stops = [
+        _stop(mark, n, _FRAMES[mode], overall, camera)
+        for n, (mark, camera) in enumerate(zip(marks, cameras, strict=True), start=1)
+    ]
     curved = sum(child_text(mark, "useStraightLine") == "0" for mark in marks)
     told = [*repairs, *([f"{curved} legs are curved; they are taken as straight"] if curved else [])]
     security, back = child_text(config, "takeOffSecurityHeight"), child_text(config, "globalRTHHeight")
@@ -55,7 +61,7 @@ def read_route(text: str) -> PointRoute:
     )  # fmt: skip
 
 
-def _stop(mark: ElementTree.Element, number: int, frame: Frame, overall: str | None) -> RouteStop:
+def _stop(mark: ElementTree.Element, number: int, frame: Frame, overall: str | None, camera: StopCamera) -> RouteStop:
     where = f"point {number}"
     point = next((each for each in mark if local_name(each) == "Point"), None)
     numbers = [] if point is None else (child_text(point, "coordinates") or "").split(",")
@@ -65,7 +71,7 @@ def _stop(mark: ElementTree.Element, number: int, frame: Frame, overall: str | N
     speed = child_text(mark, "waypointSpeed") or overall
     return RouteStop(
         lat, lon, number_in(child_text(mark, "executeHeight"), f"{where}, executeHeight"), frame,
-        None if not speed else number_in(speed, f"{where}, waypointSpeed"),
+        None if not speed else number_in(speed, f"{where}, waypointSpeed"), camera,
     )  # fmt: skip
 
 

@@ -4,8 +4,9 @@ import pytest
 from mission_io.model.items import Command, Frame, MissionItem
 from tests.checking.worlds import COPTER, PLANE, command, home, item, mission, up, way, world
 from uavcover.checking.aircraft import Aircraft, return_height_m
-from uavcover.checking.flown_path import FlownPath, flown_path
+from uavcover.checking.flown_path import flown_path
 from uavcover.checking.item_order import order_of
+from uavcover.checking.segments import FlownPath
 
 PX4 = Aircraft(autopilot="px4", return_height_m=60.0)
 

@@ -7,8 +7,8 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from uavcover.checking.findings import CheckFinding, joined
-from uavcover.checking.flown_path import FlownPath, Segment
 from uavcover.checking.limits import Limits, LocalFence, Surroundings
+from uavcover.checking.segments import FlownPath, Segment
 from uavcover.checking.world import World
 from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.airspace.zones import ZoneCheck

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -13,11 +13,12 @@ from uavcover.checking.boundary_checks import distance_findings, fence_findings,
 from uavcover.checking.endurance_checks import endurance_findings, wing_findings
 from uavcover.checking.fences import FenceSource, local_fence
 from uavcover.checking.findings import CheckFinding
-from uavcover.checking.flown_path import FlownPath, flown_path
+from uavcover.checking.flown_path import flown_path
 from uavcover.checking.ground_checks import height_findings
 from uavcover.checking.hints import with_hints
 from uavcover.checking.limits import Limits, Surroundings
 from uavcover.checking.places import Heights, places_of
+from uavcover.checking.segments import FlownPath
 from uavcover.checking.sight_checks import return_findings, sight_findings
 from uavcover.checking.world import World
 from uavcover.model.no_fly import NoFly
@@ -79,6 +80,10 @@ class Checked:
         """Is it "passed", "failed", or "not proved" where something could not be answered."""
         weights = {one.weight for one in self.findings}
         return "failed" if "breaks" in weights else "not proved" if "unknown" in weights else "passed"
+
+    def with_findings(self, more: Sequence[CheckFinding]) -> "Checked":
+        """The same with more findings."""
+        return replace(self, findings=_sorted([*self.findings, *more]))
 
 
 def check_mission(

@@ -7,8 +7,8 @@ import numpy as np
 
 from uavcover.checking.aircraft import Aircraft
 from uavcover.checking.findings import CheckFinding, joined
-from uavcover.checking.flown_path import FlownPath, Segment
 from uavcover.checking.limits import Limits
+from uavcover.checking.segments import FlownPath, Segment
 from uavcover.checking.world import World
 from uavcover.kernels import flight_time as kernels
 from uavcover.kernels.flight_time import Pace

@@ -16,10 +16,9 @@ from uavcover.checking import curves
 from uavcover.checking.aircraft import Aircraft, return_height_m
 from uavcover.checking.findings import CheckFinding
 from uavcover.checking.item_order import order_of
+from uavcover.checking.segments import Deed, FlownPath, Phase, Segment
 from uavcover.checking.world import World
 from uavcover.kernels.arrays import FloatArray
-
-Phase = Literal["take-off", "route", "return", "landing"]
 
 _LEG_STEP_M = 400.0
 """A leg keeps its height above the sea, which a straight line in space does not: 3 mm in pieces this long."""
@@ -27,51 +26,6 @@ _TERRAIN_STEP_M = 10.0
 _SPLINE_STEP_M = 2.0
 _LAST_NAVIGATION = 95
 """MAV_CMD_NAV_LAST: commands up to here fly somewhere."""
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Segment:
-    """A piece of the path.
-
-    Attributes:
-        items: the item that it begins at, home being 0, and the item that makes it.
-        phase: take-off and landing are near the ground on purpose.
-        enu_m: (n, 3) its places.
-        speed_m_s: wanted horizontal speed.
-        wait_s: time spent at its end.
-        is_straight: whether it is one straight leg.
-        doubt: why the path there is not known from the mission; empty where it is.
-    """
-
-    items: tuple[int, int]
-    phase: Phase
-    enu_m: FloatArray
-    speed_m_s: float
-    wait_s: float = 0.0
-    is_straight: bool = True
-    doubt: str = ""
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class FlownPath:
-    """The whole path.
-
-    Attributes:
-        segments: in flying order, repetitions included.
-        findings: what the items themselves show.
-    """
-
-    segments: tuple[Segment, ...]
-    findings: tuple[CheckFinding, ...]
-
-    @property
-    def distinct(self) -> tuple[Segment, ...]:
-        """Every segment once, however often it is repeated."""
-        seen: dict[tuple[object, ...], Segment] = {}
-        for segment in self.segments:
-            ends = np.round(segment.enu_m[[0, -1]], 3).tobytes()
-            seen.setdefault((segment.items, segment.phase, len(segment.enu_m), ends), segment)
-        return tuple(seen.values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +60,7 @@ def flown_path(
         if not flight.has_ended or flight.begins_again(number):
             flight.fly(number, order[k + 1 :])
     flight.end()
-    return FlownPath(tuple(flight.segments), (*item_order.findings, *flight.findings))
+    return FlownPath(tuple(flight.segments), (*item_order.findings, *flight.findings), tuple(flight.deeds))
 
 
 class _Flight:
@@ -124,6 +78,7 @@ class _Flight:
         self._is_up = False
         self._is_over = False
         self.segments: list[Segment] = []
+        self.deeds: list[Deed] = []
         self.findings: list[CheckFinding] = []
 
     @property
@@ -145,7 +100,9 @@ class _Flight:
         if command is not None:
             self._then = then
             command(self, number, item)
-        elif item.command <= _LAST_NAVIGATION and item.has_position and self._has_place(item):
+        elif item.command > _LAST_NAVIGATION:
+            self.deeds.append(Deed(number, len(self.segments)))
+        elif item.has_position and self._has_place(item):
             self._look(number, "meaning", f"command {item.command} is judged as a straight way to its place",
                        "look at what the autopilot does there", "unknown")  # fmt: skip
             self._go(number, self._target(item), doubt=f"command {item.command}")

@@ -3,8 +3,8 @@
 import numpy as np
 
 from uavcover.checking.findings import CheckFinding, joined
-from uavcover.checking.flown_path import FlownPath, Segment
 from uavcover.checking.limits import Limits
+from uavcover.checking.segments import FlownPath, Segment
 from uavcover.checking.world import World
 from uavcover.kernels.arrays import FloatArray
 

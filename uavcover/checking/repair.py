@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mission_io.model.items import Command, Frame, Mission, MissionItem
-from uavcover.checking.flown_path import FlownPath, Segment
 from uavcover.checking.ground_checks import TOLERANCE_M, place_of
 from uavcover.checking.limits import Limits
+from uavcover.checking.segments import FlownPath, Segment
 from uavcover.checking.world import World
 from uavcover.kernels.arrays import FloatArray
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from uavcover.checking.aircraft import Aircraft, return_height_m
 from uavcover.checking.findings import CheckFinding, joined
-from uavcover.checking.flown_path import FlownPath, Segment
 from uavcover.checking.ground_checks import TOLERANCE_M
 from uavcover.checking.limits import Limits
+from uavcover.checking.segments import FlownPath, Segment
 from uavcover.checking.world import World
 from uavcover.kernels.arrays import FloatArray
 

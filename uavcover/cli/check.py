@@ -12,6 +12,7 @@ from uavcover.cli.terrain_server import DemOptions
 
 if TYPE_CHECKING:
     from uavcover.checking.limits import Limits
+    from uavcover.run.planned_view import ViewQuery
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +113,74 @@ class AroundOptions:
 
 
 @dataclass(frozen=True, slots=True)
+class ViewOptions:
+    """What its pictures should show."""
+
+    area: Annotated[
+        str | None,
+        typer.Option("--area", help="What should be seen, as new takes it: a file, or LAT,LON,RADIUS; needs --camera."),
+    ] = None
+    camera: Annotated[
+        str | None,
+        typer.Option("--camera", help="A camera: a name (new --camera list), or a TOML file.", metavar="NAME"),
+    ] = None
+    gsd: Annotated[
+        str | None, typer.Option("--gsd", help="Largest ground sample distance that counts.", metavar="LENGTH")
+    ] = None
+    overlap: Annotated[
+        str | None, typer.Option("--overlap", help="Forward/side overlap in percent that has to hold.", metavar="F/S")
+    ] = None
+    coverage: Annotated[
+        float | None, typer.Option("--coverage", help="Share of the area that has to be seen, 0 to 1.")
+    ] = None
+    camera_pitch: Annotated[
+        float,
+        typer.Option(
+            "--camera-pitch", help="Where the mission does not say it; -90: straight down.", metavar="DEGREES"
+        ),
+    ] = -90.0
+    picture_every: Annotated[
+        str | None,
+        typer.Option(
+            "--picture-every", help="The camera takes pictures by itself, such as 10m or 2s.", metavar="LENGTH|TIME"
+        ),
+    ] = None
+
+    def query(self) -> "ViewQuery | None":
+        """What was given; none: nobody asks."""
+        from uavcover.checking.planned_pictures import Series
+        from uavcover.errors import InputError
+        from uavcover.intake.quantities import length_m, time_s
+        from uavcover.run.planned_view import ViewQuery
+        from uavcover.scenario.areas.area_file import AreaQuery
+
+        if self.area is None:
+            for name in ("camera", "gsd", "overlap", "coverage", "picture_every"):
+                if getattr(self, name) is not None:
+                    raise InputError(f"--{name.replace('_', '-')}: goes with --area, the ground that should be seen")
+            return None
+        if self.camera is None:
+            raise InputError("--area: needs --camera, whose pictures show it (uavcover new --camera list)")
+        if self.coverage is not None and not 0.0 < self.coverage <= 1.0:
+            raise InputError(f"--coverage: {self.coverage:g} is a share, above 0 and at most 1")
+        if not -90.0 <= self.camera_pitch <= 0.0:
+            raise InputError(f"--camera-pitch: {self.camera_pitch:g} is outside -90 (straight down) to 0 (ahead)")
+        every, always = self.picture_every, None
+        if every is not None:
+            by_time = every.strip().endswith(("s", "min"))
+            always = (
+                Series(interval_s=time_s(every, option="--picture-every", example="2s"))
+                if by_time
+                else Series(distance_m=length_m(every, option="--picture-every", example="10m"))
+            )
+        return ViewQuery(
+            area=AreaQuery(source=self.area), camera=self.camera, overlap=self.overlap, coverage=self.coverage,
+            gsd_m=None if self.gsd is None else length_m(self.gsd, option="--gsd", example="2.5cm"),
+            pitch_deg=self.camera_pitch, always=always,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
 class WrittenOptions:
     """What is written besides the table."""
 
@@ -139,6 +208,7 @@ def check(
     around: AroundOptions,
     aircraft: AircraftOptions,
     limit: LimitOptions,
+    view: ViewOptions,
     written: WrittenOptions,
     output: options.Output,
 ) -> int:
@@ -149,8 +219,9 @@ def check(
     """
     from uavcover.errors import InputError
     from uavcover.intake.quantities import lat_lon, length_m, speed_m_s, time_s
-    from uavcover.run.check import CheckQuery, document_of, refuse_map, say_findings, write_map
+    from uavcover.run.check import CheckQuery
     from uavcover.run.check import check as check_file
+    from uavcover.run.check_report import document_of, refuse_map, say_findings, write_map
     from uavcover.run.repair_mission import refuse_repair_into, repair_mission
 
     console = output.console()
@@ -173,15 +244,16 @@ def check(
         speed_m_s=None if speed is None else speed_m_s(speed, option="--speed", example="8m/s"),
         endurance_s=None if battery is None else time_s(battery, option="--battery", example="25min"),
         reserve_fraction=aircraft.reserve / 100.0, limits=limit.limits(),
+        view=view.query(),
     )  # fmt: skip
-    checked = check_file(query, console)
-    say_findings(checked, console)
-    if fixed is not None and repair_mission(query, checked, fixed, console):
+    outcome = check_file(query, console)
+    say_findings(outcome, console)
+    if fixed is not None and repair_mission(query, outcome.checked, fixed, console):
         query = dataclasses.replace(query, file=fixed)
-        checked = check_file(query, console)
-        say_findings(checked, console)
+        outcome = check_file(query, console)
+        say_findings(outcome, console)
     if written.map_file is not None:
-        write_map(checked, written.map_file, force=written.force)
+        write_map(outcome, written.map_file, force=written.force)
         console.say(f"written: {written.map_file}")
-    console.result(document_of(query, checked))
-    return 0 if checked.verdict == "passed" else 1
+    console.result(document_of(query, outcome))
+    return 0 if outcome.verdict == "passed" else 1

@@ -1,12 +1,9 @@
 """The workflow of ``uavcover check``: somebody's mission file and elevation data in, findings out."""
 
-import hashlib
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,12 +18,12 @@ from uavcover.checking.aircraft import KINDS, Aircraft, Kind, default_aircraft
 from uavcover.checking.check import Bounds, Checked, CheckRequest, check_mission
 from uavcover.checking.fences import FenceSource
 from uavcover.checking.limits import Limits
-from uavcover.errors import InputError, OutputError, TerrainError
+from uavcover.errors import InputError, TerrainError
 from uavcover.intake.vehicles import VehicleType, vehicle_named
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.no_fly import NoFly
 from uavcover.model.vehicle import AutopilotName, autopilot_name
-from uavcover.run.file_group import write_file
+from uavcover.run.planned_view import MissionView, ViewQuery, planned_view
 from uavcover.run.route_file import ROUTE_SUFFIXES, read_route_file
 from uavcover.run.user import User
 from uavcover.run.vehicle_terrain import ElevationData, open_elevation_data
@@ -60,6 +57,7 @@ class CheckQuery:
         endurance_s: none: the vehicle's.
         reserve_fraction: of the endurance.
         limits: of heights, distance and wind.
+        view: what should be seen; none: nobody asks.
     """
 
     file: Path
@@ -76,6 +74,25 @@ class CheckQuery:
     endurance_s: float | None = None
     reserve_fraction: float = 0.2
     limits: Limits = field(default_factory=Limits)
+    view: ViewQuery | None = None
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class CheckOutcome:
+    """What came of it.
+
+    Attributes:
+        checked: the findings, also of what would be seen, and the path.
+        view: what would be seen; none where nobody asked, or nothing is flown.
+    """
+
+    checked: Checked
+    view: MissionView | None = None
+
+    @property
+    def verdict(self) -> str:
+        """The verdict: "passed", "failed" or "not proved"."""
+        return self.checked.verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +120,7 @@ class ReadMission:
     points: tuple[int, ...] = ()
 
 
-def check(query: CheckQuery, user: User) -> Checked:
+def check(query: CheckQuery, user: User) -> CheckOutcome:
     """Read everything, judge the mission, and tell of repairs.
 
     Raises:
@@ -141,7 +158,11 @@ def check(query: CheckQuery, user: User) -> Checked:
                 user.say(note)
         return found
 
-    return check_mission(request, heights, ground, zones)
+    checked = check_mission(request, heights, ground, zones)
+    if query.view is None:
+        return CheckOutcome(checked)
+    view = planned_view(query.view, read.mission, checked, aircraft, ground)
+    return CheckOutcome(checked if view is None else checked.with_findings(view.findings), view)
 
 
 def read_mission_file(path: Path) -> ReadMission:
@@ -268,113 +289,3 @@ def _read_fence(path: Path) -> FenceSource:
             raise InputError(f"--fence: {path}: holds no fence; give a fence, or an area to stay inside")
         return read.fence
     return read_area(AreaQuery(source=str(path))).parts
-
-
-def document_of(query: CheckQuery, checked: Checked) -> dict[str, Any]:
-    """The outcome for programs."""
-    return {
-        "schema_version": 1,
-        "file": str(query.file),
-        "sha256": hashlib.sha256(query.file.read_bytes()).hexdigest(),
-        "verdict": checked.verdict,
-        "findings": [one.document() for one in checked.findings],
-        "figures": figures_of(checked),
-    }
-
-
-def figures_of(checked: Checked) -> dict[str, float | None]:
-    """How long, how far, how high; None where it is not known."""
-    path, world = checked.path, checked.world
-    known: dict[str, float | None] = dict.fromkeys(
-        ("length_m", "time_s", "min_height_agl_m", "max_height_agl_m", "max_above_home_m", "max_distance_m")
-    )
-    if path is None or world is None or not path.segments:
-        return known
-    lines = [segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)] for segment in path.segments]
-    points = np.vstack(lines)
-    ranges = [world.ground.leg_height_ranges_m(s.enu_m) for s in path.distinct if s.phase in ("route", "return")]
-    rows = np.vstack([part for part in ranges if len(part)] or [np.full((1, 4), np.nan)])
-    known["length_m"] = sum(float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in lines)
-    known["time_s"] = checked.time_s if math.isfinite(checked.time_s) else None
-    if np.isfinite(rows).any():
-        known["min_height_agl_m"], known["max_height_agl_m"] = (
-            float(np.nanmin(rows[:, 0])),
-            float(np.nanmax(rows[:, 2])),
-        )
-    if len(points):
-        known["max_above_home_m"] = float(world.alts_amsl_m(points).max()) - world.home_alt_amsl_m
-        known["max_distance_m"] = float(np.hypot(points[:, 0], points[:, 1]).max())
-    return known
-
-
-def say_findings(checked: Checked, user: User) -> None:
-    """Tell the outcome: one row for each finding and what to do about it below, then the figures."""
-    if checked.findings:
-        user.say(f"{'':8}{'what':14}{'items':10}{'latitude, longitude':26}{'by':>9}")
-    for one in checked.findings:
-        items = (
-            ""
-            if one.items is None
-            else f"{one.items[0]}"
-            if one.items[0] == one.items[1]
-            else f"{one.items[0]}-{one.items[1]}"
-        )
-        place = "" if one.lat_deg is None or one.lon_deg is None else f"{one.lat_deg:.6f}, {one.lon_deg:.6f}"
-        by = "" if not one.unit else f"{one.by:.1f} {one.unit}" if one.by < 1000.0 else f"{one.by:.0f} {one.unit}"
-        user.say(f"{one.weight:8}{one.kind:14}{items:10}{place:26}{by:>9}".rstrip())
-        user.say(f"{'':8}{one.what}")
-        user.say(f"{'':8}-> {one.do}")
-    figures = figures_of(checked)
-    words = {
-        "length_m": ("path", "m"), "time_s": ("time", "s"), "min_height_agl_m": ("lowest above ground", "m"),
-        "max_height_agl_m": ("highest above ground", "m"), "max_above_home_m": ("highest above home", "m"),
-        "max_distance_m": ("farthest from home", "m"),
-    }  # fmt: skip
-    told = [f"{name} {figures[key]:.0f} {unit}" for key, (name, unit) in words.items() if figures[key] is not None]
-    if told:
-        user.say("; ".join(told))
-    user.say(f"verdict: {checked.verdict}")
-
-
-def write_map(checked: Checked, path: Path, *, force: bool) -> None:
-    """Write the path as lines and the findings as points, for any map program.
-
-    Raises:
-        OutputError: the file is there already, or cannot be written, or is not named .geojson.
-    """
-    refuse_map(path, force=force)
-    features: list[dict[str, Any]] = []
-    if checked.path is not None and checked.world is not None:
-        for segment in checked.path.distinct:
-            known = segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)]
-            if len(known) < 2:
-                continue
-            lat, lon, alt = checked.world.frame.geodetic_from_enu(known)
-            line = [
-                [round(float(x), 8), round(float(y), 8), round(float(z), 2)]
-                for y, x, z in zip(lat, lon, alt, strict=True)
-            ]
-            features.append(
-                _feature(
-                    "LineString",
-                    line,
-                    {"from_item": segment.items[0], "item": segment.items[1], "phase": segment.phase},
-                )
-            )
-    for one in checked.findings:
-        if one.lat_deg is not None and one.lon_deg is not None:
-            features.append(_feature("Point", [one.lon_deg, one.lat_deg], one.document()))
-    text = json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
-    write_file(path, (text + "\n").encode())
-
-
-def refuse_map(path: Path, *, force: bool) -> None:
-    """Refuse a map that cannot be written, before anything is judged."""
-    if path.suffix.lower() not in (".geojson", ".json"):
-        raise OutputError(f"--map: {path}: name it .geojson")
-    if path.exists() and not force:
-        raise OutputError(f"{path}: is there already; give another name, or --force to replace it")
-
-
-def _feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> dict[str, Any]:
-    return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}

@@ -61,7 +61,8 @@ def test_speeds_that_differ_are_items() -> None:
     text = ROUTES[".csv"](POINTS, 1.0).replace(",0,7.5\n", ",0,4\n", 1)
     route = litchi_reader.read_route(text)
     assert [one.params[1] for one in route.mission.items if one.command == Command.DO_CHANGE_SPEED] == [4.0, 7.5]
-    assert route.numbers == (2, 4, 6)
+    assert route.numbers == (2, 5, 8), "a speed and a heading of its own behind the first two"
+    assert "2 headings" in route.repairs[-1]
 
 
 def test_the_climb_of_dji_is_no_lower_than_its_security_height() -> None:
@@ -130,3 +131,61 @@ def test_damaged_files_end_in_an_error_of_the_package(suffix: str, data: st.Data
     text = text[:at] + data.draw(st.text(max_size=8)) + text[at + cut :]
     with contextlib.suppress(FormatError):
         READERS[suffix](text)
+
+
+def _held(route: PointRoute) -> list[tuple[float | None, int, float | None]]:
+    """Pitch, pictures and distance between pictures at each point, from the items alone."""
+    found: list[tuple[float | None, int, float | None]] = []
+    pitch, distance, pictures = None, None, 0
+    for number, item in enumerate(route.mission.items, 1):
+        if number in route.numbers:
+            if number > route.numbers[0]:
+                found.append((pitch, pictures, distance))
+            pictures = 0
+        elif item.command == Command.DO_GIMBAL_MANAGER_PITCHYAW:
+            pitch = item.params[0]
+        elif item.command == Command.DO_SET_CAM_TRIGG_DIST:
+            assert item.params[2] == 0.0, "the first picture is one of its own"
+            distance = item.params[0] or None
+        elif item.command == Command.IMAGE_START_CAPTURE:
+            pictures += 1
+    return [*found, (pitch, pictures, distance)]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_the_camera_does_reads_back(seed: int) -> None:
+    flight = random_flight(seed)
+    archive = zipfile.ZipFile(io.BytesIO(write_kmz(flight, all_dji_aircraft()["dji-m3e"], return_height_m=80.0)))
+    texts = {".wpml": archive.read(wpml_reader.DOCUMENT).decode()}
+    with contextlib.suppress(FormatError):
+        texts[".csv"] = write_csv(flight)
+    expected, before = [], None
+    for point in flight.points:
+        begins = point.picture_distance_m is not None and point.picture_distance_m != before
+        before = point.picture_distance_m
+        expected.append((point.pitch_deg, point.pictures + begins, before))
+    for suffix, text in texts.items():
+        told = _held(READERS[suffix](text))
+        if suffix == ".wpml":  # its last point has no leg after it
+            told, wanted = told[:-1], expected[:-1]
+        else:
+            wanted = expected
+        assert [row[1:] for row in told] == [
+            (count, None if every is None else pytest.approx(every, abs=1e-3)) for _, count, every in wanted
+        ]
+        assert [row[0] for row in told if row[0] is not None] == [
+            pytest.approx(pitch) for (pitch, *_), row in zip(wanted, told, strict=True) if row[0] is not None
+        ]
+
+
+def test_actions_of_litchi() -> None:
+    lines = ROUTES[".csv"](POINTS, 1.0).splitlines()
+    lines[0] += ",photo_timeinterval,photo_distinterval"
+    lines[1] = lines[1].replace(",-1,0" * 15, ",0,2500,5,-45,1,0,4,30" + ",-1,0" * 11) + ",2,-1"
+    lines[2], lines[3] = f"{lines[2]},-1,-1", f"{lines[3]},-1,-1"
+    items = litchi_reader.read_route("\n".join(lines)).mission.items
+    assert [(int(one.command), *one.params[:3]) for one in items[2:8]] == [
+        (93, 2.5, -1.0, -1.0), (1000, -45.0, pytest.approx(float("nan"), nan_ok=True), pytest.approx(float("nan"), nan_ok=True)),
+        (115, 30.0, 0.0, 0.0), (2000, 0.0, 0.0, 1.0), (2000, 0.0, 2.0, 0.0), (16, 0.0, 0.0, 0.0),
+    ]  # fmt: skip
+    assert items[8].command == Command.CONDITION_YAW or items[8].command == Command.IMAGE_STOP_CAPTURE
