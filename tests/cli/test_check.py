@@ -57,6 +57,20 @@ def test_fence_and_zones_of_files(cli: Cli, tmp_path: Path) -> None:
     assert {(one["kind"], *one["items"]) for one in entered.document["findings"] if one["weight"] == "breaks"} == {
         ("no-fly", 2, 4)
     }
+    timed = {
+        "type": "Feature",
+        "properties": {"active": "SAT,SUN"},
+        "geometry": {"type": "Polygon", "coordinates": [ring]},
+    }
+    (tmp_path / "weekend.geojson").write_text(json.dumps(timed))
+    weekend = ("check", file, "--dem", DEM, "--return-height", "70m", "--no-fly", tmp_path / "weekend.geojson")
+    for more, code, said in (
+        ((), 1, "1 no-fly zones have times and count as in force all the time"),
+        (("--at", "2026-06-06T09:00Z"), 1, ""),
+        (("--at", "2026-06-05T09:00Z/2h"), 0, "1 of 1 no-fly zones are not in force then"),
+    ):
+        ended = cli(*weekend, *more)
+        assert (ended.code, said in ended.out) == (code, True), ended.out
     left = cli("check", file, "--dem", DEM, "--return-height", "70m", "--fence", shape, "--json")
     assert {one["kind"] for one in left.document["findings"] if one["weight"] == "breaks"} == {"fence"}
 

@@ -14,6 +14,8 @@ from tests.scenario.areas import written
 from uavcover.cli.options import Output
 from uavcover.cli.plan import _site as site_of_plan
 from uavcover.cli.survey_options import SurveyOptions
+from uavcover.model.route import RouteMetrics
+from uavcover.run.plan import say_zones
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario, parse_scenario
 from uavcover.scenario.site import load_site
 
@@ -165,6 +167,53 @@ def test_a_scenario_takes_more_zones_from_a_file(tmp_path):
     again = parse_scenario(dump_scenario(site.scenario), source="again", folder=tmp_path)
     assert again == site.scenario
     assert len(again.no_fly) == len(scenario.no_fly) + 1
+
+
+def test_the_time_of_flight_decides_which_zones_count(tmp_path, capsys):
+    home = load_scenario("jacksboro").home
+    ring = [[home.lon_deg + a, home.lat_deg + b] for a, b in ((1e-3, 1e-3), (3e-3, 1e-3), (3e-3, 3e-3), (1e-3, 1e-3))]
+    shape = {"type": "Polygon", "coordinates": [ring]}
+    zones = tmp_path / "zones.geojson"
+    zones.write_text(
+        json.dumps({"type": "Feature", "properties": {"name": "fair", "active": "SAT,SUN"}, "geometry": shape})
+    )
+
+    def site(at):
+        return site_of_plan("jacksboro", SurveyOptions(no_fly=[str(zones)], at=at), Output().console(), autopilot=None)
+
+    for at, counts in ((None, True), ("2026-06-06T09:00Z", True), ("2026-06-05T09:00Z/3h", False)):
+        found = site(at)
+        assert [zone.name for zone in found.zones] == (["fair"] if counts else [])
+        assert [zone.name for zone in found.other_zones] == ([] if counts else ["fair"])
+        say_zones(Output().console(), found, RouteMetrics(1.0, 1.0, 4, 100.0, 10.0, 50.0, 60.0, 10.0))
+        out = capsys.readouterr().out
+        assert ("have times and count as in force all the time; --at says when" in out) == (at is None)
+        assert ("do not count: 'fair'; fly only then" in out) == (not counts)
+        # What the run folder keeps, the judge reads again.
+        again = parse_scenario(dump_scenario(found.scenario), source="again", folder=tmp_path)
+        assert again == found.scenario
+
+
+def test_new_writes_the_time_of_flight(cli, tmp_path):
+    place = PLACES[0]
+    dem = dem_at(tmp_path, place)
+    area = written.geojson(tmp_path / "area.geojson", square_parts(place))
+    ended = cli("new", area, *options(dem), "--at", "2026-07-01T09:00+02:00/90min", "-o", tmp_path / "survey.toml")
+    assert ended.code == 0, ended.err
+    assert load_scenario(tmp_path / "survey.toml").flight_window_utc == ("2026-07-01T07:00:00Z", "2026-07-01T08:30:00Z")
+
+
+@pytest.mark.parametrize(
+    "at",
+    ["noon", "2026-07-01", "2026-07-01T09:00", "2026-07-01T09:00Z/", "2026-07-01T09:00Z/2", "2026-07-01T09:00Z/-2h",
+     "2026-07-01T09:00Z/2026-07-01T08:00Z", "0001-01-01T00:00Z", "9999-12-31T23:59Z", "2026-07-01T09:00Z/99999999h", "/", "",
+     "1e9", "2026-07-01T09:00Z/2026-07-01T10:00Z/2026-07-01T11:00Z"],
+)  # fmt: skip
+def test_a_time_of_flight_that_is_none_is_one_line(cli, tmp_path, at):
+    ended = cli("plan", "jacksboro", "--at", at, "-o", tmp_path / "run")
+    assert ended.code == 2
+    assert ended.error.startswith("error: --at: ")
+    assert not (tmp_path / "run").exists()
 
 
 def test_what_no_scenario_takes_is_one_line(cli, tmp_path):

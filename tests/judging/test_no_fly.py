@@ -90,6 +90,49 @@ def test_ways_and_columns_are_judged_too(where):
     assert ("no-fly-zone", "transit", "x") in {(v.kind, v.phase, v.name) for v in found}
 
 
+WEDNESDAY_NOON = 1_780_488_000.0  # 2026-06-03 12:00 UTC
+
+
+@pytest.mark.parametrize(
+    ("active", "window", "unix_s", "verdict", "said"),
+    [
+        # Planned for a time at which it is not in force, and flown when it was, and the other way round.
+        ("WED 11:00-13:00Z", ("2026-06-03T14:00Z", "2026-06-03T15:00Z"), WEDNESDAY_NOON, "entered", "flown from 2026-06-03 12:0"),
+        ("WED 14:00-15:00Z", ("2026-06-03T14:00Z", "2026-06-03T15:00Z"), WEDNESDAY_NOON, "free", "flown from 2026-06-03 12:0"),
+        ("WED 11:00-13:00Z", None, WEDNESDAY_NOON, "entered", None),
+        ("THU", None, WEDNESDAY_NOON, "free", None),
+        ("THU", None, None, "entered", "judged as in force all the time"),
+        ("THU", ("2026-06-04T14:00Z", "2026-06-04T15:00Z"), None, "entered", "judged as in flight_window_utc"),
+        ("WED", ("2026-06-04T14:00Z", "2026-06-04T15:00Z"), None, "unknown", "judged as in flight_window_utc"),
+    ],
+)  # fmt: skip
+def test_zones_with_times_are_judged_by_the_time_of_day_of_the_track(active, window, unix_s, verdict, said):
+    zone = dataclasses.replace(ZONE, active=(active,))
+    site = make_site(no_fly=(zone,), flight_window_utc=window)
+    track = fly_along(site, ALONG)
+    if unix_s is not None:
+        track = dataclasses.replace(track, unix_time_s=unix_s + track.time_s)
+    report = verify_track(site, CoverageMap(site, cell_size_m=20.0), track, PlannedRoute(ALONG, 0.0))
+    assert bool(report.violations) == (verdict == "entered")
+    told = "no-fly zone prison, not in force in flight_window_utc, was entered; the track does not tell the time of day"
+    assert any(told in doubt for doubt in report.doubts) == (verdict == "unknown")
+    findings = [line for line in report.findings if "no-fly zones" in line]
+    assert findings == [] if said is None else said in findings[0]
+    assert (report.flown_utc is None) == (unix_s is None)
+    rows = {row.name: row.asked for row in requirement_rows(site.scenario, report)}
+    assert rows["Outside of no-fly zones"] == ("1 zone" if verdict == "entered" else "0 zones")
+
+
+def test_a_zone_whose_hours_end_in_the_middle_of_the_flight_counts_until_then():
+    zone = dataclasses.replace(ZONE, active=("WED 11:00-12:01:52Z",))  # entered at 12:01:45, left at 12:01:55
+    site = make_site(no_fly=(zone,))
+    track = fly_along(site, ALONG)
+    track = dataclasses.replace(track, unix_time_s=WEDNESDAY_NOON + track.time_s)
+    report = verify_track(site, CoverageMap(site, cell_size_m=20.0), track, PlannedRoute(ALONG, 0.0))
+    (violation,) = report.violations
+    assert (violation.start_s, violation.end_s) == (pytest.approx(105.0, abs=0.21), pytest.approx(112.0, abs=0.41))
+
+
 def test_zones_that_are_not_in_force_are_not_judged():
     site = make_site(no_fly=(ZONE,))
     without = dataclasses.replace(site, zones=())

@@ -58,6 +58,7 @@ def make_site(
     requirements: dict[str, Any] | None = None,
     obstacles: Obstacles | None = None,
     no_fly: tuple[NoFly, ...] = (),
+    flight_window_utc: tuple[str, str] | None = None,
 ) -> Site:
     scenario = Scenario(
         name="test",
@@ -72,6 +73,7 @@ def make_site(
         requirements=Requirements(**(requirements or {})),
         obstacles=obstacles or Obstacles(),
         no_fly=no_fly,
+        flight_window_utc=flight_window_utc,
     )
     axis = np.arange(LOW_M, HIGH_M + STEP_M / 2, STEP_M)
     east, north = np.meshgrid(axis, axis)
@@ -94,7 +96,9 @@ def make_site(
     ]
     ground, prisms = stand_on(ground, footprints, largest_clearance_m=scenario.obstacles.clearance_beside_m)
     zones = local_zones(no_fly, frame, around if home is None else shapely.union_all([around, shapely.Point(home)]))
-    return Site(scenario, frame, ground, area, around, home_m, prisms, zones)
+    in_force = tuple(zone for zone in zones if zone.entry.in_force(scenario.flight_window))
+    others = tuple(zone for zone in zones if zone not in in_force)
+    return Site(scenario, frame, ground, area, around, home_m, prisms, in_force, others)
 
 
 def tower(

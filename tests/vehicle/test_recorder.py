@@ -54,6 +54,14 @@ def test_without_any_attitude_nothing_is_made_up() -> None:
     assert all(math.isnan(x) for x in (sample.roll_deg, sample.pitch_deg, sample.yaw_deg, sample.attitude_age_s))
 
 
+def test_the_time_of_day_is_the_vehicles() -> None:
+    told = m.SystemTime(1_780_000_000.0, 49.5)
+    assert recorded(None, told).unix_time_s == 1_780_000_000.5  # half a second later
+    for unknown in (m.SystemTime(0.0, 49.5), m.SystemTime(49.5, 49.5)):
+        assert math.isnan(recorded(None, unknown).unix_time_s)
+    assert math.isnan(recorded(None).unix_time_s)
+
+
 def test_pictures_are_counted_as_the_vehicle_counts_them() -> None:
     where = (36.5, -84.2, 480.0, 80.0)
     feedback = m.CameraFeedback(50.0, 12, *where, 0.0, 0.0, 0.0)

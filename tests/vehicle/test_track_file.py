@@ -25,6 +25,7 @@ def sample(n: int, **changes) -> TrackSample:
         n - 1,
         0.05 * n,
         float(n // 2),
+        1_780_000_000.25 + n,
     )
     return replace(first, **changes)
 
@@ -43,7 +44,7 @@ def test_what_was_written_is_read_to_the_last_bit(tmp_path):
     expected = np.array([astuple(s) for s in samples])
     columns = [
         track.time_s, track.geodetic, track.enu_m, track.attitude_deg, track.current_waypoint, track.attitude_age_s,
-        track.pictures_taken,
+        track.pictures_taken, track.unix_time_s,
     ]  # fmt: skip
     assert np.array_equal(np.column_stack(columns), expected)
     assert len(track) == 5
@@ -53,8 +54,8 @@ def test_what_was_written_is_read_to_the_last_bit(tmp_path):
 def test_the_header_is_the_columns(tmp_path):
     write(tmp_path / "track.csv", 1)
     header, row = (tmp_path / "track.csv").read_text().splitlines()
-    assert header == ",".join([*COLUMNS, "attitude_age_s", "pictures_taken"])
-    assert row.endswith(",-1,0.0,0.0")
+    assert header == ",".join([*COLUMNS, "attitude_age_s", "pictures_taken", "unix_time_s"])
+    assert row.endswith(",-1,0.0,0.0,1780000000.25")
 
 
 def test_attitude_that_is_not_known_stands_there_empty(tmp_path):
@@ -63,7 +64,7 @@ def test_attitude_that_is_not_known_stands_there_empty(tmp_path):
     with TrackWriter(path) as writer:
         writer.write(sample(0, **unknown))
         writer.write(sample(1))
-    assert path.read_text().splitlines()[1].endswith(",,,359.99,-1,,0.0")
+    assert path.read_text().splitlines()[1].endswith(",,,359.99,-1,,0.0,1780000000.25")
     track = read_track(path)
     assert np.isnan(track.attitude_deg[0]).tolist() == [True, True, False]
     assert np.isfinite(track.attitude_deg[1]).all()
@@ -73,11 +74,12 @@ def test_attitude_that_is_not_known_stands_there_empty(tmp_path):
 def test_a_track_without_the_last_columns_is_read(tmp_path):
     path = tmp_path / "track.csv"
     write(path)
-    for unknown in (["pictures_taken"], ["pictures_taken", "attitude_age_s"]):
+    names = ("unix_time_s", "pictures_taken", "attitude_age_s")
+    for unknown in (names[:1], names[:2], names):
         path.write_text("".join(line.rpartition(",")[0] + "\n" for line in path.read_text().splitlines()))
         track = read_track(path)
         assert len(track) == 5
-        for name in ("pictures_taken", "attitude_age_s"):
+        for name in names:
             assert np.isnan(getattr(track, name)).all() == (name in unknown)
 
 
@@ -86,8 +88,18 @@ def test_a_count_of_pictures_is_a_whole_number(tmp_path, count):
     path = tmp_path / "track.csv"
     write(path)
     lines = path.read_text().splitlines()
-    path.write_text("\n".join([*lines[:3], lines[3].rpartition(",")[0] + f",{count}", *lines[4:]]) + "\n")
+    path.write_text("\n".join([*lines[:3], lines[3].rsplit(",", 2)[0] + f",{count},", *lines[4:]]) + "\n")
     with pytest.raises(TrackError, match="line 4, pictures_taken"):
+        read_track(path)
+
+
+@pytest.mark.parametrize("unix_s", ["0.0", "12.5", "1e300", "-5", "noon"])
+def test_a_time_since_1970_is_one_of_flights(tmp_path, unix_s):
+    path = tmp_path / "track.csv"
+    write(path)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:3], lines[3].rpartition(",")[0] + f",{unix_s}", *lines[4:]]) + "\n")
+    with pytest.raises(TrackError, match="line 4, unix_time_s"):
         read_track(path)
 
 
@@ -198,7 +210,7 @@ def test_a_short_line_inside_the_file_is_an_error(tmp_path):
     path = tmp_path / "track.csv"
     write(path)
     lines = path.read_text().splitlines()
-    lines[2] = lines[2].rsplit(",", 4)[0]
+    lines[2] = lines[2].rsplit(",", 5)[0]
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(TrackError, match="line 3, yaw_deg: is missing; the line has 9 values"):
         read_track(path)

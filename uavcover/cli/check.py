@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from uavcover.cli import options
+from uavcover.cli.survey_options import At
 from uavcover.cli.terrain_server import DemOptions
 
 if TYPE_CHECKING:
@@ -104,6 +105,7 @@ class AroundOptions:
     no_fly: Annotated[
         list[str] | None, typer.Option("--no-fly", help="No-fly zones, as in new; again for more.", metavar="FILE")
     ] = None
+    at: At = None
     home: Annotated[
         str | None, typer.Option("--home", help="Take-off place; default: the file's.", metavar="LAT,LON")
     ] = None
@@ -218,7 +220,7 @@ def check(
     cannot be read. With --fix findings, --json and the exit code are those of the repaired mission.
     """
     from uavcover.errors import InputError
-    from uavcover.intake.quantities import lat_lon, length_m, speed_m_s, time_s
+    from uavcover.intake.quantities import flight_window, lat_lon, length_m, speed_m_s, time_s
     from uavcover.run.check import CheckQuery
     from uavcover.run.check import check as check_file
     from uavcover.run.check_report import document_of, refuse_map, say_findings, write_map
@@ -237,6 +239,7 @@ def check(
     height, speed, battery = aircraft.return_height, aircraft.speed, aircraft.battery
     query = CheckQuery(
         file=file, elevation=dem.data(), fence=around.fence, no_fly=tuple(around.no_fly or ()), vehicle=aircraft.vehicle,
+        flight_window_utc=None if around.at is None else flight_window(around.at, option="--at"),
         autopilot=aircraft.autopilot, kind=aircraft.flies_as,
         home=None if around.home is None else lat_lon(around.home, option="--home"),
         pilot=None if around.pilot is None else lat_lon(around.pilot, option="--pilot"),

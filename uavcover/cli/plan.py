@@ -103,9 +103,9 @@ def _site(source: str, survey: SurveyOptions, console: "Console", *, autopilot: 
     from uavcover.scenario.areas.area_file import is_area_file
 
     if not is_area_file(source):
-        if given := [option for option in survey.given() if option != "--no-fly"]:
+        if given := [option for option in survey.given() if option not in ("--no-fly", "--at")]:
             raise InputError(f"{source}: is a scenario; {', '.join(given)} go with an area, such as area.kml")
-        return _with_no_fly(source, survey.no_fly, console) if survey.no_fly else source
+        return _with_airspace(source, survey, console) if survey.no_fly or survey.at is not None else source
     from uavcover.run.new import new_scenario, say_design, say_estimate
 
     new = new_scenario(survey.request(source, autopilot=autopilot), console, folder=Path())
@@ -114,13 +114,20 @@ def _site(source: str, survey: SurveyOptions, console: "Console", *, autopilot: 
     return new.site
 
 
-def _with_no_fly(source: str, files: list[str], console: "Console") -> "Site":
-    """The scenario on its ground, with the zones of more files."""
+def _with_airspace(source: str, survey: SurveyOptions, console: "Console") -> "Site":
+    """The scenario on its ground, with the zones of more files and another time of flight."""
+    from dataclasses import replace
+
+    from uavcover.intake.quantities import flight_window
     from uavcover.intake.scenario_text import NO_FLY_MARGIN_M
     from uavcover.scenario.scenario_file import load_scenario, with_no_fly
     from uavcover.scenario.site import load_site
 
     scenario = load_scenario(source)
-    more = with_no_fly(scenario, files, margin_m=NO_FLY_MARGIN_M)
-    console.say(f"--no-fly: {len(more.no_fly) - len(scenario.no_fly)} zones of {', '.join(files)} count")
+    more = scenario
+    if files := survey.no_fly:
+        more = with_no_fly(scenario, files, margin_m=NO_FLY_MARGIN_M)
+        console.say(f"--no-fly: {len(more.no_fly) - len(scenario.no_fly)} zones of {', '.join(files)} nearby")
+    if survey.at is not None:
+        more = replace(more, flight_window_utc=flight_window(survey.at, option="--at"))
     return load_site(more)

@@ -37,6 +37,15 @@ HeightUnit = Annotated[
         "--height-unit", help="Of the elevation data, where it does not say: m, cm, ft, us-ft.", metavar="UNIT"
     ),
 ]
+At = Annotated[
+    str | None,
+    typer.Option(
+        "--at",
+        help="When it is flown, as START/END or START/2h (START alone: 2h), such as 2026-07-01T09:00Z: no-fly zones that are not "
+        "in force then do not count.",
+        metavar="TIME",
+    ),
+]
 Band = Annotated[
     str | None, typer.Option("--band", help="Number or name of the elevation data's band; default: the first.")
 ]
@@ -100,6 +109,7 @@ class SurveyOptions:
             metavar="FILE",
         ),
     ] = None
+    at: At = None
     pattern: Annotated[
         str | None,
         typer.Option(
@@ -141,6 +151,6 @@ class SurveyOptions:
             vehicle=self.vehicle, home=self.home, max_height=self.max_height, speed=self.speed, margin=self.margin,
             mount=self.mount, vertical_datum=self.vertical_datum, autopilot=autopilot,
             dem_crs=self.dem_crs, height_unit=self.height_unit, band=self.band, fill_lakes=self.fill_lakes,
-            no_fly=tuple(self.no_fly or ()), pattern=self.pattern,
+            no_fly=tuple(self.no_fly or ()), at=self.at, pattern=self.pattern,
             dsm=tuple(self.dsm or ()),
         )  # fmt: skip

@@ -2,9 +2,12 @@
 
 import re
 from collections.abc import Mapping
+from datetime import timedelta
 
 from uavcover.errors import InputError
+from uavcover.model.active_times import utc_time, window_of
 
+_USUAL_WINDOW = "2h"
 _NUMBER = re.compile(r"\s*([-+]?\d+(?:\.\d*)?|\.\d+)\s*([a-zA-Z/]*)\s*")
 _LENGTHS = {"mm": 0.001, "cm": 0.01, "m": 1.0, "km": 1000.0, "in": 0.0254, "ft": 0.3048}
 _TIMES = {"s": 1.0, "sec": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0}
@@ -55,6 +58,28 @@ def _quantity(text: str, units: Mapping[str, float], *, option: str, example: st
     if not 0.0 < value < 1e9:
         raise InputError(f"{option}: {text!r} must be above 0; write it as {example}")
     return value
+
+
+def flight_window(text: str, *, option: str) -> tuple[str, str]:
+    """When it is flown, as ``START/END`` or ``START/2h``; ``START`` alone is two hours. Both ends in ISO 8601, UTC.
+
+    Raises:
+        InputError: it is no such time.
+    """
+    start, slash, last = (part.strip() for part in text.partition("/"))
+    try:
+        begin = utc_time(start, option)
+        if not slash or _NUMBER.fullmatch(last) is not None:
+            end = begin + timedelta(
+                seconds=time_s(last if slash else _USUAL_WINDOW, option=option, example="2026-07-01T09:00Z/2h")
+            )
+        else:
+            end = utc_time(last, option)
+        window_of(begin.isoformat(), end.isoformat(), option)
+    except (ValueError, OverflowError) as error:
+        words = str(error) if str(error).startswith(option) else f"{option}: {text[:40]!r} is no time of a flight"
+        raise InputError(f"{words}; write it as 2026-07-01T09:00Z/2h or START/END") from None
+    return f"{begin:%Y-%m-%dT%H:%M:%SZ}", f"{end:%Y-%m-%dT%H:%M:%SZ}"
 
 
 def overlaps(text: str) -> tuple[float, float]:

@@ -42,6 +42,7 @@ class SurveyScenario:
         autopilot: whose conventions mission files follow.
         mount: "stabilised" or "fixed".
         no_fly: files of no-fly zones.
+        flight_window_utc: when it is flown; none: at any time.
         view: what this flight of a pattern looks at.
         surface_files: a surface model: files, folders or patterns.
         surface: what was seen of it; none without one.
@@ -64,6 +65,7 @@ class SurveyScenario:
     autopilot: str
     mount: str
     no_fly: tuple[str, ...] = ()
+    flight_window_utc: tuple[str, str] | None = None
     view: View = SINGLE
     surface_files: tuple[str, ...] = ()
     surface: SurfaceLook | None = None
@@ -115,11 +117,14 @@ def _head(scenario: SurveyScenario) -> list[str]:
         f"{100.0 * wish.gsd_m:g} cm, {100.0 * wish.forward_overlap:g} % forward and "
         f"{100.0 * wish.side_overlap:g} % side overlap, {wish.camera.title}"
     )
+    window = scenario.flight_window_utc
+    reason = "first take-off, last landing: no-fly zones that are not in force then do not count"
     return [
         f"# A survey, written by `uavcover new`: {asked}.",
         "# Change what you like; `uavcover plan` with this file plans it. Every key: docs/reference/scenario.md.",
         _line("name", scenario.name, "in files and reports"),
         _line("select", f"coverage>={_COVERAGE}", "the quickest mission that sees this share of what can be seen"),
+        *([] if window is None else [_line("flight_window_utc", list(window), reason)]),
     ]
 
 

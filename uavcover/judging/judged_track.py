@@ -21,6 +21,7 @@ from uavcover.judging.safety import (
     find_violations,
     ground_speeds_m_s,
     track_heights,
+    zones_at_unknown_time,
 )
 from uavcover.judging.unobserved import place_of, unobserved_stretches
 from uavcover.judging.waypoints_passed import Passing, contradiction, passing, plan_doubt
@@ -135,6 +136,10 @@ def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> Judge
         *_motion_doubts(site, whole, told_m, motion),
         commanded_pace_doubt(track, enu, joined, scenario.vehicle, planned),
         None if passed is None else plan_doubt(passed),
+        *(
+            f"no-fly zone {name}, not in force in flight_window_utc, was entered; the track does not tell the time of day"
+            for name in zones_at_unknown_time(site, track, enu, joined)
+        ),
         None if misnumbered is None else f"{misnumbered}: its numbers are not believed, the places decide",
     ]
     if not contradiction_m <= MAX_CONTRADICTION_M:

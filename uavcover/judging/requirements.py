@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
+from uavcover.model.active_times import window_of
 from uavcover.model.scenario import Scenario
 from uavcover.model.verdict import Unobserved, VerificationReport, ViolationKind
 
@@ -82,7 +83,8 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
         wanted = f"{apart.clearance_beside_m:g} m beside or {apart.clearance_above_m:g} m above"
         rows.append(RequirementRow("Clear of obstacles", wanted, judge.words("obstacle"), judge.none("obstacle")))
     if scenario.no_fly:
-        counting = sum(zone.in_force(scenario.flight_window_utc) for zone in scenario.no_fly)
+        window = scenario.flight_window if report.flown_utc is None else window_of(*report.flown_utc, "flown_utc")
+        counting = sum(zone.in_force(window) for zone in scenario.no_fly)
         wanted = f"{counting} zone{'s' if counting != 1 else ''}"
         rows.append(
             RequirementRow("Outside of no-fly zones", wanted, judge.words("no-fly-zone"), judge.none("no-fly-zone"))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from uavcover.judging.phases import PlannedRoute, observed_stretches
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.route import distances_to_polyline
+from uavcover.model.active_times import flown_window
 from uavcover.model.track import Track
 from uavcover.model.vehicle import Vehicle
 from uavcover.model.verdict import Violation, ViolationKind
@@ -288,7 +289,7 @@ def find_violations(
         *find.above("obstacle", route, lacking, 0.0, phase="route"),
         *find.above("obstacle", ~route, lacking, 0.0, phase="transit"),
     ]  # fmt: skip
-    for zone, inside in _inside_zones(site, enu_m, joined):
+    for zone, inside in _inside_zones(site, track, enu_m, joined):
         breaches = [
             *find.above("no-fly-zone", route, inside, 0.0, phase="route"),
             *find.above("no-fly-zone", ~route, inside, 0.0, phase="transit"),
@@ -314,24 +315,50 @@ def _lacking_clearance(site: Site, enu_m: FloatArray, joined: BoolArray) -> Samp
     return SampleValues(lacking, at)
 
 
-def _inside_zones(site: Site, enu_m: FloatArray, joined: BoolArray) -> Iterator[tuple[Zone, SampleValues]]:
-    """For each no-fly zone that was entered, metres inside of its outline for each sample, there or on an adjacent leg."""
-    check = site.flown_zones
-    numbers = np.arange(len(enu_m), dtype=float)
-    entered: dict[int, SampleValues] = {}
+def _zone_entries(
+    site: Site, track: Track, enu_m: FloatArray, joined: BoolArray
+) -> Iterator[tuple[Zone, ZoneBreach, tuple[int, ...], bool | None]]:
+    """Where a track is in a no-fly zone, at samples and on legs, by which samples, and whether that zone was in force then.
+
+    Where the track does not tell the time of day, zones of the flight window are in force, and of others it is not known (None).
+    """
+    zones = (*site.zones, *site.other_zones)
+    check = replace(site.flown_zones, zones=zones)
     found: list[tuple[ZoneBreach, tuple[int, ...]]]
     found = [(breach, (breach.leg,)) for breach in check.place_breaches(enu_m)]
     if len(enu_m) > 1:
         found += [(breach, (breach.leg, breach.leg + 1)) for breach in check.leg_breaches(enu_m, joined)]
     for breach, samples in found:
-        inside = entered.setdefault(breach.zone, SampleValues(np.zeros(len(enu_m)), numbers.copy()))
+        zone, window = zones[breach.zone], flown_window(track.unix_time_s[list(samples)])
+        unknown = True if breach.zone < len(site.zones) else None
+        yield zone, breach, samples, unknown if window is None else zone.entry.in_force(window)
+
+
+def zones_at_unknown_time(site: Site, track: Track, enu_m: FloatArray, joined: BoolArray) -> list[str]:
+    """Names of zones outside of the flight window that a track enters where it does not tell the time of day."""
+    if not site.other_zones:
+        return []
+    entries = _zone_entries(site, track, enu_m, joined)
+    return sorted({zone.name for zone, _, _, in_force in entries if in_force is None})
+
+
+def _inside_zones(
+    site: Site, track: Track, enu_m: FloatArray, joined: BoolArray
+) -> Iterator[tuple[Zone, SampleValues]]:
+    """For each no-fly zone that was entered, metres inside of its outline for each sample, there or on an adjacent leg."""
+    numbers = np.arange(len(enu_m), dtype=float)
+    entered: dict[int, tuple[Zone, SampleValues]] = {}
+    for zone, breach, samples, in_force in _zone_entries(site, track, enu_m, joined):
+        if not in_force:
+            continue
+        _, inside = entered.setdefault(breach.zone, (zone, SampleValues(np.zeros(len(enu_m)), numbers.copy())))
         # To be in a zone at all is a violation, however little it is.
         depth_m = max(breach.depth_m, 2.0 * TOLERANCE)
         for sample in samples:
             if depth_m > inside.values[sample]:
                 inside.values[sample], inside.at[sample] = depth_m, breach.leg + breach.at
-    for number, inside in sorted(entered.items()):
-        yield site.zones[number], inside
+    for _, found in sorted(entered.items()):
+        yield found
 
 
 def _outside_fence_m(site: Site, enu_m: FloatArray, joined: BoolArray) -> FloatArray:

@@ -20,6 +20,7 @@ from uavcover.judging.observations import Observations
 from uavcover.judging.phases import PlannedRoute
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
+from uavcover.model.active_times import Window, flown_window, window_in_words
 from uavcover.model.outline import svg_map
 from uavcover.model.track import Track
 from uavcover.model.verdict import PictureStatistics, VerificationReport
@@ -255,6 +256,7 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
     pictures = _pictures(coverage, together) if takes_pictures(site.scenario) else None
     statistics = None if pictures is None else picture_statistics(coverage, pictures)
     decision = decide(coverage, flown, judged, pictures, unknown_attitude_looks=int((~together.known).sum()))
+    window = flown_window(np.concatenate([j.track.unix_time_s for j in judged]))
     report = VerificationReport(
         coverage_fraction=coverage.share(flown.seen),
         coverage_of_coverable=coverage.share_of_coverable(flown.seen),
@@ -285,10 +287,33 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
         passed=decision.verdict == "passed",
         reasons=decision.reasons,
         doubts=decision.doubts,
-        findings=(*decision.findings, *map(str, records), *_overlap_findings(site, statistics)),
+        findings=(
+            *decision.findings,
+            *map(str, records),
+            *_overlap_findings(site, statistics),
+            *_time_findings(site, window),
+        ),
         requirements=judged_requirements(site.scenario),
+        flown_utc=None if window is None else (window[0].isoformat(), window[1].isoformat()),
     )
     return Verdict(coverage, report, flown, gaps, pictures, together, shifts_s)
+
+
+def _time_findings(site: Site, window: Window | None) -> list[str]:
+    """What the time of day means for the no-fly zones with times."""
+    timed = sum(zone.entry.has_times for zone in (*site.zones, *site.other_zones))
+    if not timed:
+        return []
+    planned = site.scenario.flight_window
+    if window is None:
+        judged = "as in force all the time" if planned is None else "as in flight_window_utc"
+        return [f"the track does not tell the time of day: {timed} no-fly zones with times are judged {judged}"]
+    if planned is None or (planned[0] <= window[0] and window[1] <= planned[1]):
+        return []
+    return [
+        f"flown from {window_in_words(window)}, planned for {window_in_words(planned)}: the no-fly zones that were in force when "
+        "it was flown are judged"
+    ]
 
 
 def _pictures(coverage: CoverageMap, together: Observations) -> PictureCounts:

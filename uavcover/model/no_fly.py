@@ -1,9 +1,9 @@
 """No-fly zones: parts of the airspace that the vehicle must not enter, with floor, ceiling and times."""
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import ClassVar
 
+from uavcover.model.active_times import Window, active_period, utc_time
 from uavcover.model.area import Ring, Rings
 from uavcover.model.value_checks import STRICT, require, require_lon_lat, require_not_negative, require_positive
 
@@ -11,21 +11,6 @@ OUTLINES = (
     "file", "polygon_lon_lat_deg", "polygon_east_north_m", "polygons_lon_lat_deg", "center_lon_lat_deg",
     "center_east_north_m",
 )  # fmt: skip
-
-
-def utc_time(text: str, key: str) -> datetime:
-    """A time of ISO 8601 with its zone, in UTC.
-
-    Raises:
-        ValueError: it is not one; the message begins with the key.
-    """
-    try:
-        time = datetime.fromisoformat(text.strip())
-    except ValueError:
-        time = None
-    require(time is not None and time.tzinfo is not None, f"{key}: {text!r} is not a time such as 2026-06-01T06:00Z")
-    assert time is not None
-    return time.astimezone(UTC)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +38,9 @@ class NoFly:
         ceiling_amsl_m: upper end above mean sea level.
         from_utc: first moment at which it is in force, such as "2026-06-01T06:00Z"; default: always.
         until_utc: last such moment.
+        active: the periods between these two in which it is in force: "MON-FRI 08:00-17:00Z", "SAT,SUN", "22:00-06:00+02:00",
+            "2026-06-01T06:00Z/2026-06-03T18:00Z", or such an interval with days and hours; ".." is an open end. Default: all
+            the time.
         margin_m: planned legs stay this far outside, horizontally; above and below it limits.height_margin_m. The flown track
             is judged by the zone itself.
         name: for people.
@@ -75,6 +63,7 @@ class NoFly:
     ceiling_amsl_m: float | None = None
     from_utc: str | None = None
     until_utc: str | None = None
+    active: tuple[str, ...] = ()
     margin_m: float = 10.0
     name: str = ""
 
@@ -108,6 +97,8 @@ class NoFly:
             for key, text in (("from_utc", self.from_utc), ("until_utc", self.until_utc))
         )
         require(begin is None or end is None or begin < end, "until_utc: must be after from_utc")
+        for number, text in enumerate(self.active):
+            active_period(text, f"active.{number}")
 
     @property
     def is_geographic(self) -> bool:
@@ -120,12 +111,20 @@ class NoFly:
         ring = self.polygon_lon_lat_deg or self.polygon_east_north_m
         return ((ring,),) if ring is not None else self.polygons_lon_lat_deg or ()
 
-    def in_force(self, window_utc: tuple[str, str] | None) -> bool:
-        """Whether it is in force at some time of a window; without a window it counts as in force."""
-        if window_utc is None:
+    @property
+    def has_times(self) -> bool:
+        """Whether there are times at which it is not in force."""
+        return self.from_utc is not None or self.until_utc is not None or bool(self.active)
+
+    def in_force(self, window: Window | None) -> bool:
+        """Whether it is in force at some time of a window, ends included; without a window it counts as in force."""
+        if window is None:
             return True
-        begin, end = (utc_time(text, "flight_window_utc") for text in window_utc)
-        return not (
-            (self.from_utc is not None and utc_time(self.from_utc, "from_utc") > end)
-            or (self.until_utc is not None and utc_time(self.until_utc, "until_utc") < begin)
-        )
+        begin, end = window
+        if self.from_utc is not None:
+            begin = max(begin, utc_time(self.from_utc, "from_utc"))
+        if self.until_utc is not None:
+            end = min(end, utc_time(self.until_utc, "until_utc"))
+        if begin > end:
+            return False
+        return not self.active or any(active_period(text, "active").meets((begin, end)) for text in self.active)

@@ -3,10 +3,11 @@
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
+from uavcover.model.active_times import Window, window_of
 from uavcover.model.area import Area
 from uavcover.model.fleet import Fleet
 from uavcover.model.limits import FlightLimits
-from uavcover.model.no_fly import NoFly, utc_time
+from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.sensor import Sensor
 from uavcover.model.terrain import Terrain
@@ -332,8 +333,7 @@ class Scenario:
             f"area.cell_size_m: cells of {self.area.cell_size_m} m are larger than the sensor's reach of {reach_m} m",
         )
         if self.flight_window_utc is not None:
-            begin, end = (utc_time(text, "flight_window_utc") for text in self.flight_window_utc)
-            require(begin < end, "flight_window_utc: the latest landing must be after the earliest take-off")
+            window_of(*self.flight_window_utc, "flight_window_utc")
         airspeed = self.vehicle.max_airspeed_m_s
         require(
             self.wind.speed_m_s == 0.0 or (airspeed is not None and airspeed > self.wind.speed_m_s),
@@ -357,6 +357,11 @@ class Scenario:
                 self.home is None or self.home.east_m is not None or self.origin is not None,
                 "home: lat_deg and lon_deg need an origin; give east_m and north_m, or an [origin]",
             )
+
+    @property
+    def flight_window(self) -> Window | None:
+        """From the earliest take-off to the latest landing; none where it may be flown at any time."""
+        return None if self.flight_window_utc is None else window_of(*self.flight_window_utc, "flight_window_utc")
 
     @property
     def objective(self) -> Objective:

@@ -27,7 +27,8 @@ COLUMNS = (
 
 AGE_COLUMN = "attitude_age_s"
 PICTURES_COLUMN = "pictures_taken"
-OPTIONAL_COLUMNS = (AGE_COLUMN, PICTURES_COLUMN)
+UNIX_TIME_COLUMN = "unix_time_s"
+OPTIONAL_COLUMNS = (AGE_COLUMN, PICTURES_COLUMN, UNIX_TIME_COLUMN)
 """Last columns, which a file may lack."""
 
 MAY_BE_EMPTY = ("roll_deg", "pitch_deg", "yaw_deg", *OPTIONAL_COLUMNS)
@@ -53,6 +54,7 @@ class TrackSample:
             for the first one and after it has reached the last.
         attitude_age_s: time from the attitude to the position; NaN when unknown.
         pictures_taken: how many pictures the vehicle's camera has taken so far, by its own count; NaN when it has told of none.
+        unix_time_s: seconds since 1970 in UTC, as the vehicle's receiver tells the time; NaN when it has not told.
     """
 
     time_s: float
@@ -68,6 +70,7 @@ class TrackSample:
     current_waypoint: int
     attitude_age_s: float = math.nan
     pictures_taken: float = math.nan
+    unix_time_s: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +85,7 @@ class Track:
         current_waypoint: (n,) see :class:`TrackSample`.
         attitude_age_s: (n,) time from the attitude of a sample to its position, NaN where unknown; default: unknown everywhere.
         pictures_taken: (n,) see :class:`TrackSample`; default: unknown everywhere.
+        unix_time_s: (n,) likewise.
     """
 
     time_s: FloatArray
@@ -91,6 +95,7 @@ class Track:
     current_waypoint: NDArray[np.int64]
     attitude_age_s: FloatArray = field(default_factory=lambda: np.empty(0))
     pictures_taken: FloatArray = field(default_factory=lambda: np.empty(0))
+    unix_time_s: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         for name in OPTIONAL_COLUMNS:
@@ -119,6 +124,7 @@ class Track:
             current_waypoint=self.current_waypoint[samples].copy(),
             attitude_age_s=self.attitude_age_s[samples].copy(),
             pictures_taken=self.pictures_taken[samples].copy(),
+            unix_time_s=self.unix_time_s[samples].copy(),
         )
 
 

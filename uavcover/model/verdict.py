@@ -242,6 +242,8 @@ class VerificationReport:
         doubts: why it is not proved, one line each.
         findings: other irregularities, one line each.
         requirements: the requirements and limits that were judged, by their names in the scenario.
+        flown_utc: first and last moment of the tracks that tell the time of day, UTC; none where none does. No-fly zones are
+            judged by it.
     """
 
     coverage_fraction: float
@@ -273,3 +275,4 @@ class VerificationReport:
     doubts: tuple[str, ...]
     findings: tuple[str, ...]
     requirements: Mapping[str, Any]
+    flown_utc: tuple[str, str] | None = None

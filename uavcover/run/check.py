@@ -21,6 +21,7 @@ from uavcover.checking.limits import Limits
 from uavcover.errors import InputError, TerrainError
 from uavcover.intake.vehicles import VehicleType, vehicle_named
 from uavcover.kernels.arrays import FloatArray
+from uavcover.model.active_times import window_of
 from uavcover.model.no_fly import NoFly
 from uavcover.model.vehicle import AutopilotName, autopilot_name
 from uavcover.run.planned_view import MissionView, ViewQuery, planned_view
@@ -47,6 +48,7 @@ class CheckQuery:
         elevation: the elevation data.
         fence: file of a fence, or of an area to stay inside; none: the mission file's own.
         no_fly: files of no-fly zones.
+        flight_window_utc: when it is flown; none: at any time.
         vehicle: a vehicle by name; none: the autopilot's defaults.
         autopilot: "ardupilot" or "px4"; none: the file's, or ArduPilot.
         kind: how the aircraft moves; none: the file's, or what its commands suggest.
@@ -64,6 +66,7 @@ class CheckQuery:
     elevation: ElevationData
     fence: Path | None = None
     no_fly: tuple[str, ...] = ()
+    flight_window_utc: tuple[str, str] | None = None
     vehicle: str | None = None
     autopilot: str | None = None
     kind: str | None = None
@@ -156,7 +159,17 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
             found += entries
             for note in notes:
                 user.say(note)
-        return found
+        asked = query.flight_window_utc
+        window = None if asked is None else window_of(*asked, "--at")
+        counting = [zone for zone in found if zone.in_force(window)]
+        timed = sum(zone.has_times for zone in counting)
+        if len(counting) < len(found):
+            user.say(
+                f"{len(found) - len(counting)} of {len(found)} no-fly zones are not in force then and do not count"
+            )
+        elif timed and window is None:
+            user.say(f"{timed} no-fly zones have times and count as in force all the time; --at says when it is flown")
+        return counting
 
     checked = check_mission(request, heights, ground, zones)
     if query.view is None:

@@ -16,6 +16,7 @@ from uavcover.intake.surface_look import SurfaceLook
 from uavcover.intake.survey import SurveyDesign, SurveyWish, design_survey
 from uavcover.intake.terrain_look import TerrainLook, look_at_terrain, place_for_home
 from uavcover.intake.vehicles import vehicle_named
+from uavcover.model.active_times import window_of
 from uavcover.model.no_fly import NoFly
 from uavcover.model.route import Route
 from uavcover.model.vehicle import autopilot_name
@@ -132,7 +133,8 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
         design=design, home=home, home_is_given=request.home is not None,
         return_height_m=return_height_m(highest_m, _home_height_m(dem, datum, home)), slope_deg=look.slope_deg,
         autopilot=autopilot_name(request.autopilot, (vehicle.autopilot if vehicle is not None else None) or "ardupilot"),
-        mount=mount, no_fly=request.no_fly, surface_files=request.dsm, surface=surface,
+        mount=mount, no_fly=request.no_fly, flight_window_utc=_window_asked_for(request),
+        surface_files=request.dsm, surface=surface,
     )  # fmt: skip
     if design.speed_reason:
         user.warn(f"speed {design.speed_m_s:g} m/s: {design.speed_reason}")
@@ -247,18 +249,26 @@ def _estimate(scenario: NewScenario) -> _Estimate:
     )
 
 
+def _window_asked_for(request: NewRequest) -> tuple[str, str] | None:
+    return None if request.at is None else quantities.flight_window(request.at, option="--at")
+
+
 def _closed_to_home(request: NewRequest, look: TerrainLook, user: User) -> shapely.Geometry:
     """Where no take-off place may be: the no-fly zones that begin at the ground, with margins; tells how many zones count."""
     west, south, east, north = look.area.bounds
     lats, lons, _ = look.frame.geodetic_from_enu(np.array([[west, south, 0.0], [east, north, 0.0]]))
     lons[1] += 360.0 if lons[1] < lons[0] else 0.0
+    asked = _window_asked_for(request)
+    window = None if asked is None else window_of(*asked, "--at")
     shapes = []
     for file in request.no_fly:
         try:
-            zones, _ = read_zones(NoFly(file=file), near=(lons[0], lats[0], lons[1], lats[1]))
+            near, _ = read_zones(NoFly(file=file), near=(lons[0], lats[0], lons[1], lats[1]))
         except InputError as error:
             raise InputError(f"--no-fly: {error}") from error
-        user.say(f"--no-fly: {len(zones)} zones of {file} count")
+        zones = [zone for zone in near if zone.in_force(window)]
+        idle = f", {len(near) - len(zones)} are not in force then" if len(zones) < len(near) else ""
+        user.say(f"--no-fly: {len(zones)} zones of {file} count{idle}")
         around = look.area.buffer(_FARTHEST_HOME_M)
         for zone in local_zones(zones, look.frame, around):
             if zone.entry.floor_agl_m is None and zone.entry.floor_amsl_m is None:

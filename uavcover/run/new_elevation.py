@@ -44,6 +44,7 @@ class NewRequest:
         band: its band, number or name.
         fill_lakes: gaps up to this long are interpolated, as "200m".
         no_fly: files of no-fly zones.
+        at: when it is flown, as "2026-07-01T09:00Z/2h".
         pattern: "single", "crosshatch" or "oblique".
         dsm: a surface model: files, folders or patterns of tiles.
     """
@@ -67,6 +68,7 @@ class NewRequest:
     band: str | None = None
     fill_lakes: str | None = None
     no_fly: tuple[str, ...] = ()
+    at: str | None = None
     pattern: str | None = None
     dsm: tuple[str, ...] = ()
 

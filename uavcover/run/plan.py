@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from uavcover.errors import INTERRUPTED, InfeasibleError
+from uavcover.model.active_times import window_in_words
 from uavcover.model.limits import FlightLimits
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
 from uavcover.model.vehicle import autopilot_name
@@ -19,7 +20,7 @@ from uavcover.run.bounds import bounds, least_length_m
 from uavcover.run.documents import (
     bounds_in_words,
 )
-from uavcover.run.fleet import fleet_document, say_fleet
+from uavcover.run.fleet import fleet_document, makespan_s, say_fleet
 from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
 from uavcover.run.mission import compile_flights
 from uavcover.run.plan_files import save_plan
@@ -138,6 +139,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         user.warn(warning)
     say_missions(user, run, compiled, sorties)
     say_fleet(user, fleet)
+    _say_window(user, site, flights)
     interrupted = result.interrupted or stops.any()
     if interrupted and not result.interrupted:
         user.warn(f"interrupted when the search was over: the whole plan has been written to {run}")
@@ -280,15 +282,16 @@ def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, s
 def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
     """Say what no-fly zones keep from the route."""
     scenario, area = site.scenario, flyable_area(site)
-    in_force = [zone for zone in scenario.no_fly if zone.in_force(scenario.flight_window_utc)]
-    timed = sum(zone.from_utc is not None or zone.until_utc is not None for zone in in_force)
-    if len(in_force) < len(scenario.no_fly):
+    window, timed = scenario.flight_window, sum(zone.entry.has_times for zone in site.zones)
+    if window is not None and site.other_zones:
+        names = ", ".join(repr(zone.name) for zone in site.other_zones[:_SHOWN_ZONES])
+        more = f" and {len(site.other_zones) - _SHOWN_ZONES} more" if len(site.other_zones) > _SHOWN_ZONES else ""
         user.say(
-            f"{len(scenario.no_fly) - len(in_force)} no-fly zones are not in force in flight_window_utc and do not count"
+            f"no-fly zones that are not in force from {window_in_words(window)} and do not count: {names}{more}; fly only then"
         )
-    if timed and scenario.flight_window_utc is None:
+    if timed and window is None:
         user.say(
-            f"{timed} no-fly zones have times; without flight_window_utc in the scenario they are in force all the time"
+            f"{timed} of the no-fly zones nearby have times and count as in force all the time; --at says when you fly"
         )
     for zone in area.closed[:_SHOWN_ZONES]:
         partly = (
@@ -305,6 +308,22 @@ def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
         seen = metrics.coverage_fraction / metrics.coverage_of_coverable
         if seen < _NEARLY_ALL:
             user.warn(f"with the no-fly zones {percent(seen)} of the area can be seen")
+
+
+def _say_window(user: User, site: Site, flights: Sequence[Sortie]) -> None:
+    """Warn of flights that do not fit into the time for which the no-fly zones were looked at."""
+    window, fleet = site.scenario.flight_window, site.scenario.fleet
+    if window is None or not flights or not (site.zones or site.other_zones):
+        return
+    times_s = [flight.compiled.flight_time_s for flight in flights]
+    one_after_the_other_s = math.fsum(times_s) + fleet.turnaround_s * (len(flights) - 1)
+    lasts_s = makespan_s(flights) if fleet.vehicles > 1 else one_after_the_other_s
+    has_s = (window[1] - window[0]).total_seconds()
+    if lasts_s > has_s:
+        user.warn(
+            f"from the first take-off to the last landing it takes {lasts_s / 60.0:.0f} min, and the no-fly zones were looked at "
+            f"for {has_s / 60.0:.0f} min, {window_in_words(window)}: plan again with --at START/END"
+        )
 
 
 def say_hidden(user: User, site: Site) -> None:

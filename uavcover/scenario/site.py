@@ -44,7 +44,8 @@ class Site:
         fence: the geofence, (east, north) metres.
         home_m: (3,) take-off position on the ground, ENU metres; none without a home.
         prisms: the obstacles on the ground, by their kernel numbers.
-        zones: the no-fly zones that are in force and come near.
+        zones: the no-fly zones that come near and are in force in the flight window, or may be without one.
+        other_zones: those that come near and are not in force then.
         ground_model: the ground under the surface model; none without one.
         derived: values that later stages compute once for this site, by key; a copy of the site starts without them.
     """
@@ -57,6 +58,7 @@ class Site:
     home_m: FloatArray | None
     prisms: tuple[Prism, ...] = ()
     zones: tuple[Zone, ...] = ()
+    other_zones: tuple[Zone, ...] = ()
     ground_model: Ground | None = None
     derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
@@ -170,10 +172,9 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
     if footprints:
         clearance_m = max(scenario.obstacles.clearance_beside_m, scenario.uncertainty.position_m)
         ground, prisms = stand_on(ground, footprints, largest_clearance_m=clearance_m, foot=bare_ground)
-    zones = local_zones(
-        [zone for zone in scenario.no_fly if zone.in_force(scenario.flight_window_utc)], frame,
-        fence if home_en is None else shapely.union_all([fence, shapely.Point(home_en)]),
-    )  # fmt: skip
+    places = fence if home_en is None else shapely.union_all([fence, shapely.Point(home_en)])
+    near_zones = local_zones(scenario.no_fly, frame, places)
+    zones = tuple(zone for zone in near_zones if zone.entry.in_force(scenario.flight_window))
     if home_en is not None:
         _check_home_is_clear(scenario, home_en, footprints)
     home = None
@@ -188,6 +189,7 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
         _check_home_is_outside(zones, home, 0.0 if frame is None else frame.alt_amsl_m)
     return Site(
         scenario=scenario, frame=frame, ground=ground, area=area, fence=fence, home_m=home, prisms=prisms, zones=zones,
+        other_zones=tuple(zone for zone in near_zones if zone not in zones),
         ground_model=None if with_surface is None else bare_ground,
     )  # fmt: skip
 

@@ -19,7 +19,17 @@ import numpy as np
 
 from mission_io.wire import messages as m
 from uavcover.errors import OutputError, TrackError
-from uavcover.model.track import COLUMNS, MAY_BE_EMPTY, OPTIONAL_COLUMNS, PICTURES_COLUMN, ReadTrack, Track, TrackSample
+from uavcover.model.active_times import is_flight_time
+from uavcover.model.track import (
+    COLUMNS,
+    MAY_BE_EMPTY,
+    OPTIONAL_COLUMNS,
+    PICTURES_COLUMN,
+    UNIX_TIME_COLUMN,
+    ReadTrack,
+    Track,
+    TrackSample,
+)
 from uavcover.scenario.frames import LocalFrame
 
 if TYPE_CHECKING:  # who reads a track needs no vehicle
@@ -127,6 +137,7 @@ class TrackWriter:
         self._write(
             ",".join([_written(float(getattr(sample, name))) for name in COLUMNS[:_WAYPOINT]])
             + f",{sample.current_waypoint},{_written(sample.attitude_age_s)},{_written(sample.pictures_taken)}"
+            f",{_written(sample.unix_time_s)}"
         )
         self.count += 1
 
@@ -172,8 +183,8 @@ def read_track(path: Path) -> Track:
 def read_track_with_warnings(path: Path) -> ReadTrack:
     """The track in a file, and what was left out of it.
 
-    Columns may stand in any order and others may stand beside them. Roll, pitch, yaw, the age of the three and the count of
-    pictures may be empty: not known. A last line that was cut off, as by a crash, is
+    Columns may stand in any order and others may stand beside them. Roll, pitch, yaw, the age of the three, the count of
+    pictures and the time since 1970 may be empty: not known. A last line that was cut off, as by a crash, is
     left out with a warning. Anything else that is wrong is an error, which names line and column.
 
     Raises:
@@ -234,6 +245,9 @@ def _numbers(path: Path, rows: Iterable[list[str]], places: dict[str, int]) -> I
         pictures = dict(zip(places, values, strict=True)).get(PICTURES_COLUMN, 0.0)
         if not (math.isnan(pictures) or (pictures >= 0.0 and pictures.is_integer())):
             raise TrackError(f"{path}: line {line}, {PICTURES_COLUMN}: {pictures!r} is not a number of pictures")
+        unix_s = dict(zip(places, values, strict=True)).get(UNIX_TIME_COLUMN, math.nan)
+        if not (math.isnan(unix_s) or is_flight_time(unix_s)):
+            raise TrackError(f"{path}: line {line}, {UNIX_TIME_COLUMN}: {unix_s!r} is not a time since 1970")
         before_s = time_s
         yield values
 
@@ -326,8 +340,16 @@ class Recorder:
                 current_waypoint=self.waypoint_of(self._monitor.current_seq),
                 attitude_age_s=age_s,
                 pictures_taken=self._pictures_taken(),
+                unix_time_s=self._unix_time_s(position.time_boot_s),
             )
         )
+
+    def _unix_time_s(self, time_boot_s: float) -> float:
+        """UTC at a vehicle time, as the vehicle tells it; NaN before its receiver knows."""
+        told = self._monitor.latest(m.SystemTime)
+        if told is None or not is_flight_time(told.time_unix_s):
+            return math.nan
+        return told.time_unix_s + (time_boot_s - told.time_boot_s)
 
     def _pictures_taken(self) -> float:
         """How many pictures the autopilot has told of, by its own count, of which no message can be lost; NaN: of none."""

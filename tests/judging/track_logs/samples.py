@@ -63,8 +63,9 @@ def _camera_messages(packer: mavlink.MAVLink, pictures: Sequence[Picture]) -> li
 
 
 def write_tlog(
-    path: Path, *, systems: tuple[int, ...] = (1,), component: int = 1, pictures: Sequence[Picture] = ()
-) -> None:
+    path: Path, *, systems: tuple[int, ...] = (1,), component: int = 1, pictures: Sequence[Picture] = (),
+    began_unix_s: float | None = None, speed: float = 1.0,
+) -> None:  # fmt: skip
     """As a ground station writes it: eight bytes of microseconds, then the packet."""
     positions, attitudes = flight()
     with path.open("wb") as file:
@@ -80,12 +81,14 @@ def write_tlog(
                         round(ta * 1e3), *(math.radians(math.remainder(x, 360.0)) for x in (roll, pitch, yaw)), 0, 0, 0
                     ),
                 ]
+                if began_unix_s is not None:
+                    messages.append(packer.system_time_encode(round((began_unix_s + t / speed) * 1e6), round(t * 1e3)))
                 messages += _camera_messages(packer, [each for each in pictures if t - 0.2 < each.time_s <= t])
                 for message in messages:
                     file.write(struct.pack(">Q", int((1.7e9 + t) * 1e6)) + message.pack(packer))
 
 
-_CODES = {"Q": "Q", "L": "i", "f": "f", "c": "h", "C": "H", "B": "B", "N": "16s", "Z": "64s", "n": "4s"}
+_CODES = {"Q": "Q", "L": "i", "I": "I", "f": "f", "c": "h", "C": "H", "B": "B", "N": "16s", "Z": "64s", "n": "4s"}
 
 
 class DataflashWriter:
@@ -110,12 +113,13 @@ class DataflashWriter:
 
 
 def write_dataflash(
-    path: Path, *, estimated: bool = True, attitude: bool = True, pictures: Sequence[Picture] = ()
-) -> None:
+    path: Path, *, estimated: bool = True, attitude: bool = True, pictures: Sequence[Picture] = (),
+    began_unix_s: float | None = None,
+) -> None:  # fmt: skip
     positions, attitudes = flight()
     log = DataflashWriter()
     log.define(1, "POS", "QLLff", "TimeUS,Lat,Lng,Alt,RelHomeAlt")
-    log.define(2, "GPS", "QBBLLf", "TimeUS,I,Status,Lat,Lng,Alt")
+    log.define(2, "GPS", "QBBIHLLf", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt")
     log.define(3, "ATT", "QccC", "TimeUS,Roll,Pitch,Yaw")
     log.define(4, "CAM", "QLL", "TimeUS,Lat,Lng")
     log.define(5, "TRIG", "QLL", "TimeUS,Lat,Lng")
@@ -123,8 +127,9 @@ def write_dataflash(
         place = (round(lat * 1e7), round(lon * 1e7), alt)
         if estimated:
             log.write(1, round(t * 1e6), *place, 0.0)
-        log.write(2, round(t * 1e6), 0, 3, *place)
-        log.write(2, round(t * 1e6), 1, 3, 0, 0, 0.0)  # a second receiver, which is not asked
+        week, seconds = divmod(t + (began_unix_s + 18 - 315_964_800 if began_unix_s is not None else 0.0), 604_800)
+        log.write(2, round(t * 1e6), 0, 3, round(seconds * 1e3), int(week), *place)
+        log.write(2, round(t * 1e6), 1, 3, 0, 0, 0, 0, 0.0)  # a second receiver, which is not asked
         if attitude:
             log.write(3, round(ta * 1e6), round(roll * 100), round(pitch * 100), round(yaw * 100))
     for each in pictures:
@@ -148,7 +153,7 @@ def write_gpx(path: Path, *, point: str = _POINT) -> None:
     )
 
 
-def write_ulog(path: Path, *, pictures: Sequence[Picture] = ()) -> None:
+def write_ulog(path: Path, *, pictures: Sequence[Picture] = (), began_unix_s: float | None = None) -> None:
     """Header, flags, formats, subscriptions and data as the ULog specification says."""
     positions, attitudes = flight()
 
@@ -159,6 +164,8 @@ def write_ulog(path: Path, *, pictures: Sequence[Picture] = ()) -> None:
     content += message(b"B", bytes(40))
     content += message(b"F", b"vehicle_global_position:uint64_t timestamp;double lat;double lon;float alt;")
     content += message(b"F", b"vehicle_attitude:uint64_t timestamp;float[4] q;")
+    if began_unix_s is not None:
+        content += message(b"F", b"sensor_gps:uint64_t timestamp;uint64_t time_utc_usec;")
     kinds = list(dict.fromkeys(each.kind for each in pictures))
     for kind in kinds:
         content += message(b"F", b"".join(_CAMERA_TOPICS[kind]))
@@ -166,6 +173,10 @@ def write_ulog(path: Path, *, pictures: Sequence[Picture] = ()) -> None:
         content += message(b"A", struct.pack("<BH", 0, number) + _CAMERA_TOPICS[kind][0])
     content += message(b"A", struct.pack("<BH", 0, 0) + b"vehicle_global_position")
     content += message(b"A", struct.pack("<BH", 0, 1) + b"vehicle_attitude")
+    if began_unix_s is not None:
+        content += message(b"A", struct.pack("<BH", 0, 9) + b"sensor_gps")
+        for t in positions[:, 0]:
+            content += message(b"D", struct.pack("<HQQ", 9, round(t * 1e6), round((began_unix_s + t) * 1e6)))
     for (t, lat, lon, alt), (ta, roll, pitch, yaw) in zip(positions, attitudes, strict=True):
         content += message(b"D", struct.pack("<HQddf", 0, round(t * 1e6), lat, lon, alt))
         content += message(b"D", struct.pack("<HQ4f", 1, round(ta * 1e6), *quaternion(roll, pitch, yaw)))

@@ -1,3 +1,4 @@
+import datetime
 import sys
 from pathlib import Path
 
@@ -36,6 +37,22 @@ def test_the_flight_comes_back(tmp_path: Path, name: str) -> None:
     np.testing.assert_allclose((track.attitude_deg[1:, 2] - yaw + 180.0) % 360.0, 180.0, atol=0.02)
 
 
+@pytest.mark.parametrize("name", WRITERS)
+def test_the_time_of_day_is_what_the_receiver_told(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    WRITERS[name](path)
+    assert np.isnan(read(path).track.unix_time_s).all()
+    WRITERS[name](path, began_unix_s=1_780_000_000.0)
+    track = read(path).track
+    np.testing.assert_allclose(track.unix_time_s, 1_780_000_000.0 + track.time_s, atol=2e-3)
+
+
+def test_clocks_that_do_not_run_together_tell_no_time_of_day(tmp_path: Path) -> None:
+    path = tmp_path / "simulated.tlog"
+    write_tlog(path, began_unix_s=1_780_000_000.0, speed=20.0)
+    assert np.isnan(read(path).track.unix_time_s).all()
+
+
 def test_gpx_has_places_heights_and_times_but_no_attitude(tmp_path: Path) -> None:
     path = tmp_path / "flight.gpx"
     write_gpx(path)
@@ -43,6 +60,8 @@ def test_gpx_has_places_heights_and_times_but_no_attitude(tmp_path: Path) -> Non
     positions, _ = flight()
     np.testing.assert_allclose(loaded.track.time_s, positions[:, 0] - positions[0, 0], atol=1e-3)
     np.testing.assert_array_equal(loaded.track.geodetic, positions[:, 1:])
+    first = datetime.datetime(2026, 11, 21, 10, 0, tzinfo=datetime.UTC).timestamp() + positions[0, 0]
+    np.testing.assert_allclose(loaded.track.unix_time_s, first + loaded.track.time_s, atol=1e-3)
     assert np.isnan(loaded.track.attitude_deg).all()
     assert any("above sea level" in warning for warning in loaded.warnings)
     assert any("no attitude" in warning for warning in loaded.warnings)

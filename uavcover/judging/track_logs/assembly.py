@@ -1,12 +1,13 @@
 """Assembles one track from the positions and attitudes of a log, each with its own times."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from uavcover.errors import TrackError
 from uavcover.kernels.arrays import FloatArray
+from uavcover.model.active_times import is_flight_time
 from uavcover.model.track import ReadTrack, Track
 from uavcover.scenario.frames import LocalFrame
 
@@ -15,6 +16,9 @@ PICTURE_PLACE_ERROR_M = 10.0
 
 PICTURE_TIME_ERROR_S = 0.5
 """So much earlier or later it may have been there: autopilots note a picture when the camera answers."""
+
+_CLOCK_SPREAD_S = 5.0
+"""Clocks of one flight run together; of a simulator that is faster than real time they do not."""
 
 MAX_ATTITUDE_GAP_S = 1.0
 """Largest time between the two rows around a position from which its attitude is interpolated."""
@@ -30,12 +34,14 @@ class LoggedRows:
         pictures: (p, 3) time in seconds, latitude and longitude in degrees of every picture that was taken, NaN or 0 where its
             place is not told; none in a log that tells nothing of a camera.
         warnings: what was dropped or assumed so far.
+        clock: (c, 2) times in seconds and the same moments in seconds since 1970 (UTC), where the log tells them.
     """
 
     positions: FloatArray
     attitudes: FloatArray
     pictures: FloatArray | None = None
     warnings: tuple[str, ...] = ()
+    clock: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
 
 
 def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack:
@@ -85,6 +91,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
     if rows.pictures is not None:
         pictures_taken, doubted = _pictures_taken(frame, positions, rows.pictures.reshape(-1, 3))
         warnings += [f"{path}: {words}" for words in doubted]
+    unix_offset_s = _unix_offset_s(rows.clock)
     return ReadTrack(
         Track(
             time_s=positions[:, 0].copy(),
@@ -93,9 +100,19 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
             attitude_deg=attitude,
             current_waypoint=np.full(len(positions), -1, dtype=np.int64),
             pictures_taken=pictures_taken,
+            unix_time_s=positions[:, 0] + unix_offset_s,
         ),
         tuple(warnings),
     )
+
+
+def _unix_offset_s(clock: FloatArray) -> float:
+    """What brings the log's times to seconds since 1970; NaN where that is not told, or differs in the course of the log."""
+    told = clock[[is_flight_time(float(unix_s)) for _, unix_s in clock]] if len(clock) else clock
+    offsets = told[:, 1] - told[:, 0]
+    if offsets.size == 0 or np.ptp(np.percentile(offsets, (5.0, 95.0))) > _CLOCK_SPREAD_S:
+        return np.nan
+    return float(np.median(offsets))
 
 
 def _pictures_taken(frame: LocalFrame, positions: FloatArray, pictures: FloatArray) -> tuple[FloatArray, list[str]]:

@@ -14,6 +14,8 @@ from uavcover.judging.track_logs.assembly import LoggedRows
 
 _MAGIC = b"\xa3\x95"
 _FIX_3D = 3
+_GPS_EPOCH_UNIX_S, _WEEK_S, _LEAP_S = 315_964_800.0, 604_800.0, 18.0
+"""GPS time began in 1980 and has no leap seconds; UTC has had 18 of them since, the last one in 2017."""
 
 
 def read_dataflash(path: Path) -> LoggedRows:
@@ -33,6 +35,7 @@ def read_dataflash(path: Path) -> LoggedRows:
     estimated: list[tuple[float, ...]] = []
     measured: list[tuple[float, ...]] = []
     attitudes: list[tuple[float, ...]] = []
+    clock: list[tuple[float, float]] = []
     cameras: dict[str, list[tuple[float, ...]]] = {"CAM": [], "TRIG": []}
     complaints = io.StringIO()
     # The reader prints a line for each damaged byte (its compiled index writes to stderr directly, out of reach here).
@@ -49,6 +52,7 @@ def read_dataflash(path: Path) -> LoggedRows:
                         attitudes.append(_row(message, "Roll", "Pitch", "Yaw"))
                     elif getattr(message, "I", 0) == 0 and message.Status >= _FIX_3D:
                         measured.append(_row(message, "Lat", "Lng", "Alt"))
+                        clock.append(_clock_row(message))
         except (AttributeError, ValueError, IndexError, KeyError, TypeError, struct.error) as error:
             raise TrackError(f"{path}: a damaged dataflash log ({type(error).__name__}: {error})") from error
     warnings = []
@@ -69,6 +73,7 @@ def read_dataflash(path: Path) -> LoggedRows:
         np.array(attitudes).reshape(-1, 4),
         np.array(pictures) if pictures else None,
         tuple(warnings),
+        np.array(clock).reshape(-1, 2),
     )
 
 
@@ -83,6 +88,12 @@ def _opened(kind: Any, path: Path) -> Iterator[Any]:
         for file in (getattr(reader, "data_map", None), getattr(reader, "filehandle", None)):
             if file is not None:
                 file.close()
+
+
+def _clock_row(message: Any) -> tuple[float, float]:
+    """Time of the log and UTC in seconds since 1970, from week and milliseconds of the receiver."""
+    week, millis = getattr(message, "GWk", 0), getattr(message, "GMS", 0)
+    return message.TimeUS * 1e-6, _GPS_EPOCH_UNIX_S + week * _WEEK_S + millis * 1e-3 - _LEAP_S
 
 
 def _row(message: Any, *names: str) -> tuple[float, ...]:

@@ -33,9 +33,10 @@ def read_gpx(path: Path) -> LoggedRows:
     if not points:
         raise TrackError(f"{path}: there are no track points in it")
     positions = np.array(points)
+    clock = np.array([[0.0, positions[0, 0]]])
     positions[:, 0] -= positions[0, 0]
     warning = f"{path}: its heights are taken as above sea level, as GPX says; some loggers write ellipsoid heights"
-    return LoggedRows(positions, np.empty((0, 4)), warnings=(warning,))
+    return LoggedRows(positions, np.empty((0, 4)), warnings=(warning,), clock=clock)
 
 
 def _points(path: Path, root: ElementTree.Element) -> Iterator[tuple[float, float, float, float]]:

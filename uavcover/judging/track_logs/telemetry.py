@@ -10,7 +10,7 @@ from uavcover.errors import TrackError
 from uavcover.judging.track_logs.assembly import LoggedRows
 
 _Source = tuple[int, int]
-_TYPES = ("GLOBAL_POSITION_INT", "ATTITUDE", "HEARTBEAT", "CAMERA_FEEDBACK", "CAMERA_IMAGE_CAPTURED")
+_TYPES = ("GLOBAL_POSITION_INT", "ATTITUDE", "SYSTEM_TIME", "HEARTBEAT", "CAMERA_FEEDBACK", "CAMERA_IMAGE_CAPTURED")
 _Pictures = dict[tuple[int, int, int], tuple[float, ...] | None]
 """Time, latitude and longitude of a picture, none of one that failed; by system, camera and number."""
 _NOT_PICTURES = (1, 2)
@@ -34,6 +34,7 @@ def read_telemetry(path: Path) -> LoggedRows:
 
     positions: _Rows = defaultdict(list)
     attitudes: _Rows = defaultdict(list)
+    clocks: _Rows = defaultdict(list)
     autopilots: set[_Source] = set()
     cameras: dict[str, _Pictures] = {"CAMERA_FEEDBACK": {}, "CAMERA_IMAGE_CAPTURED": {}}
     now_s: dict[int, float] = {}
@@ -51,7 +52,9 @@ def read_telemetry(path: Path) -> LoggedRows:
                     autopilots.add(source)
                 continue
             time_s = message.time_boot_ms * 1e-3
-            if kind == "ATTITUDE":
+            if kind == "SYSTEM_TIME":
+                clocks[source].append((time_s, message.time_unix_usec * 1e-6))
+            elif kind == "ATTITUDE":
                 angles = np.degrees([message.roll, message.pitch, message.yaw])
                 attitudes[source].append((time_s, *map(float, angles)))
             else:
@@ -77,7 +80,10 @@ def read_telemetry(path: Path) -> LoggedRows:
     warnings: tuple[str, ...] = ()
     if failed := sum(row is None for row in told):
         warnings = (f"{path}: the camera failed to take {failed} of {len(told)} pictures",)
-    return LoggedRows(np.array(positions[source]), np.array(attitudes[source]).reshape(-1, 4), pictures, warnings)
+    return LoggedRows(
+        np.array(positions[source]), np.array(attitudes[source]).reshape(-1, 4), pictures, warnings,
+        np.array(clocks[source]).reshape(-1, 2),
+    )  # fmt: skip
 
 
 def _note_picture(found: _Pictures, message: Any, source: _Source, now_s: float) -> None:

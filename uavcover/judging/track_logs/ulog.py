@@ -10,7 +10,8 @@ from uavcover.errors import TrackError
 from uavcover.judging.track_logs.assembly import LoggedRows
 from uavcover.kernels.arrays import FloatArray
 
-_TOPICS = ("vehicle_global_position", "vehicle_attitude", "camera_capture", "camera_trigger")
+_RECEIVERS = ("vehicle_gps_position", "sensor_gps")
+_TOPICS = ("vehicle_global_position", "vehicle_attitude", "camera_capture", "camera_trigger", *_RECEIVERS)
 _FAILED = 0
 """``camera_capture.result`` of a picture that was not taken; -1 is a camera that does not answer."""
 
@@ -47,7 +48,16 @@ def read_ulog(path: Path) -> LoggedRows:
     warnings = [f"{path}: parts of the log are damaged and were left out"] if log.file_corruption else []
     pictures, more = _pictures(path, datasets)
     warnings += more
-    return LoggedRows(positions.astype(float), attitudes, pictures, tuple(warnings))
+    return LoggedRows(positions.astype(float), attitudes, pictures, tuple(warnings), _clock(datasets))
+
+
+def _clock(datasets: dict[str, dict[str, Any]]) -> FloatArray:
+    """(c, 2) time of the log and UTC since 1970, as the receiver tells them."""
+    for name in _RECEIVERS:
+        receiver = datasets.get(name, {})
+        if "time_utc_usec" in receiver and "timestamp" in receiver:
+            return np.column_stack([receiver["timestamp"], receiver["time_utc_usec"]]) * 1e-6
+    return np.empty((0, 2))
 
 
 def _pictures(path: Path, datasets: dict[str, dict[str, Any]]) -> tuple[FloatArray | None, list[str]]:

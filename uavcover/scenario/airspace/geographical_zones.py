@@ -2,7 +2,7 @@
 
 ED-269: ``features``, each with a list ``geometry`` of volumes. ED-318 is GeoJSON: heights in ``layer`` of a geometry, the
 radius of a circle in ``extent`` of a Point. Zones of type NO_RESTRICTION are left out; all others count, also those that may be
-flown with an authorisation or under conditions. Of times the first begin and the last end count, whatever the schedule.
+flown with an authorisation or under conditions. Times and schedules are read by :mod:`uavcover.scenario.airspace.applicability`.
 """
 
 from collections.abc import Iterator
@@ -11,6 +11,7 @@ from typing import Any
 from mission_io.errors import FormatError
 from mission_io.formats.json_node import Node
 from uavcover.model.area import Ring, Rings
+from uavcover.scenario.airspace.applicability import Applicability, read_applicability
 from uavcover.scenario.airspace.read_zone import METRES, ReadZone, ReadZones, height_key, shown
 
 _FREE = "NO_RESTRICTION"
@@ -49,12 +50,13 @@ def read_ed269(root: Node) -> ReadZones:
     """
     features = root if isinstance(root.value, list) else root.get("features")
     found: list[ReadZone] = []
-    free = 0
+    free = by_day = 0
     for feature in features.nodes():
         if _text(feature, "restriction") == _FREE:
             free += 1
             continue
-        times = _times(feature, "applicability")
+        times = read_applicability(feature, "applicability")
+        by_day += times.whole_days
         for volume in feature.get("geometry").nodes():
             unit = _text(volume, "uomDimensions") or "M"
             where = f"{volume.where} ({shown(_name(feature))})"
@@ -63,7 +65,7 @@ def read_ed269(root: Node) -> ReadZones:
             )
             shape = volume.get("horizontalProjection")
             found.append(_zone(feature, heights, times, _shape(shape, shape, unit)))
-    return ReadZones(tuple(found), _left_out(free))
+    return ReadZones(tuple(found), _notes(free, by_day))
 
 
 def read_ed318(root: Node) -> ReadZones:
@@ -74,13 +76,14 @@ def read_ed318(root: Node) -> ReadZones:
     """
     features = root.get("features").nodes() if "features" in root.value else [root]
     found: list[ReadZone] = []
-    free = 0
+    free = by_day = 0
     for feature in features:
         properties = feature.get("properties")
         if _text(properties, "type") == _FREE:
             free += 1
             continue
-        times = _times(properties, "limitedApplicability")
+        times = read_applicability(properties, "limitedApplicability")
+        by_day += times.whole_days
         for geometry in _geometries(feature.get("geometry")):
             heights: dict[str, float] = {}
             if isinstance(geometry.value, dict) and "layer" in geometry.value:
@@ -91,17 +94,20 @@ def read_ed318(root: Node) -> ReadZones:
             for part in _parts(geometry):
                 circle = part.get("extent") if _text(part, "type") == "Point" else part
                 found.append(_zone(properties, heights, times, _shape(part, circle, "M")))
-    return ReadZones(tuple(found), _left_out(free))
+    return ReadZones(tuple(found), _notes(free, by_day))
 
 
-def _left_out(free: int) -> tuple[str, ...]:
-    return (f"{free} of type {_FREE} left out",) if free else ()
+def _notes(free: int, by_day: int) -> tuple[str, ...]:
+    notes = [f"{free} of type {_FREE} left out"] if free else []
+    if by_day:
+        notes.append(f"{by_day} with schedules by the sun, by holidays or without a time zone: they count all day")
+    return tuple(notes)
 
 
 def _zone(
     about: Node,
     heights: dict[str, float],
-    times: tuple[str | None, str | None],
+    times: Applicability,
     shape: Rings | tuple[float, float, float],
 ) -> ReadZone:
     names = frozenset(text for key in ("identifier", "name") if (text := _text(about, key)))
@@ -109,7 +115,7 @@ def _zone(
     rings = () if circle is not None else (shape,)
     return ReadZone(
         _name(about), names, heights, polygons=rings, rings_may_be_open=True, circle=circle,  # type: ignore[arg-type]
-        from_utc=times[0], until_utc=times[1],
+        from_utc=times.from_utc, until_utc=times.until_utc, active=times.active,
     )  # fmt: skip
 
 
@@ -174,17 +180,3 @@ def _ring(ring: Node) -> Ring:
     if any(len(place) < 2 for place in places):
         raise FormatError("a place is longitude and latitude", where=ring.where, advice="correct it")
     return tuple((place[0].number(), place[1].number()) for place in places)
-
-
-def _times(node: Node, key: str) -> tuple[str | None, str | None]:
-    """First begin and last end of the times given, none where they are open."""
-    value = node.value.get(key) if isinstance(node.value, dict) else None
-    tables = [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, dict)]
-    if not tables or any(str(one.get("permanent", "NO")).upper() in ("YES", "TRUE") for one in tables):
-        return None, None
-    begins = [one.get("startDateTime") for one in tables]
-    ends = [one.get("endDateTime") for one in tables]
-    return (
-        min(map(str, begins)) if all(begins) else None,
-        max(map(str, ends)) if all(ends) else None,
-    )

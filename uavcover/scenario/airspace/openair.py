@@ -28,6 +28,8 @@ _PLACE = re.compile(rf"\s*{_HALF.format('NS')}[\s,]*{_HALF.format('EW')}\s*", re
 _HEIGHT = re.compile(r"(-?\d+(?:\.\d+)?)\s*(ft|f|m)?\s*(agl|gnd|sfc|asfc|amsl|msl|alt)?\.?", re.IGNORECASE)
 _LEVEL = re.compile(r"FL\s*(\d+(?:\.\d+)?)", re.IGNORECASE)
 _RECORD = re.compile(r"\s*(A[A-Z]|D[A-Z]|V|S[BP]|T[OC])\b\s*(.*)")
+_MOMENT = r"\d{4}-\d{2}-\d{2}T\d{2}:\d{2}(?::\d{2})?Z"
+_INTERVAL = re.compile(rf"{_MOMENT}/(?:{_MOMENT}|\.\.)|\.\./{_MOMENT}")
 _NOT_GEOMETRY = frozenset({"AT", "AF", "AG", "AI", "AX", "AY", "SB", "SP", "TO", "TC"})
 
 
@@ -43,6 +45,8 @@ class _Zone:
     circle: tuple[float, float, float] | None = None
     center: tuple[float, float] | None = None
     clockwise: bool = True
+    periods: list[str] = field(default_factory=list)
+    always: bool = False
 
     @property
     def where(self) -> str:
@@ -81,6 +85,7 @@ def read_openair(text: str) -> ReadZones:
             ReadZone(
                 zone.name or f"zone of line {zone.line}", frozenset({zone.name}) - {""}, zone.heights,
                 polygons=() if zone.circle else ((tuple(zone.corners),),), rings_may_be_open=True, circle=zone.circle,
+                active=() if zone.always else tuple(zone.periods),
             )
         )  # fmt: skip
     notes = tuple(f"{n} of class {kind} left out: open to all" for kind, n in sorted(left_out.items()))
@@ -116,6 +121,11 @@ def _take(zone: _Zone, command: str, rest: str, where: str) -> None:
     """Add one record to a zone."""
     if command == "AN":
         zone.name = rest
+    elif command == "AA":
+        # The extension's activation times: an interval, whose open ends are NONE; what else is written there is for people.
+        interval = "/".join(".." if part.upper() == "NONE" else part for part in rest.split("/"))
+        zone.periods.append(interval)
+        zone.always |= _INTERVAL.fullmatch(interval) is None
     elif command in ("AL", "AH"):
         zone.heights |= _height("floor" if command == "AL" else "ceiling", rest, where)
     elif command == "V":

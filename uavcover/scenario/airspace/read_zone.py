@@ -33,6 +33,7 @@ class ReadZone:
         circle: longitude, latitude in degrees and radius in metres.
         from_utc: when it begins.
         until_utc: when it ends.
+        active: the periods between these two, as the scenario has them.
     """
 
     name: str
@@ -44,6 +45,7 @@ class ReadZone:
     circle: tuple[float, float, float] | None = None
     from_utc: str | None = None
     until_utc: str | None = None
+    active: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

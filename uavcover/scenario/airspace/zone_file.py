@@ -147,11 +147,12 @@ def _of_features(path: Path) -> ReadZones:
     zones = []
     for number, feature in enumerate(document.features, start=1):
         name = feature.name or f"zone {number}"
-        heights, times = _properties(feature.properties, f"{path}, feature {number} ({name})")
+        where = f"{path}, feature {number} ({name})"
+        heights, times = _properties(feature.properties, where)
         zones.append(
             ReadZone(
                 name, frozenset({feature.name}) - {""}, heights, feature.polygons, document.crs,
-                document.rings_may_be_open, None, *times,
+                document.rings_may_be_open, None, *times, _periods(feature.properties, where),
             )
         )  # fmt: skip
     notes = (f"{document.others} left out: not polygons",) if document.others else ()
@@ -171,6 +172,15 @@ def _properties(properties: Mapping[str, Any], where: str) -> tuple[dict[str, fl
     return {key: float(value) for key, value in heights.items()}, (begin, end)
 
 
+def _periods(properties: Mapping[str, Any], where: str) -> tuple[str, ...]:
+    """The property ``active``: a period, or a list of them."""
+    value = properties.get("active")
+    periods = [] if value is None else value if isinstance(value, list) else [value]
+    if not all(isinstance(period, str) for period in periods):
+        raise InputError(f'{where}: active is no list of periods such as ["MON-FRI 08:00-17:00Z"]; correct it')
+    return tuple(periods)
+
+
 def _entry_of(entry: NoFly, zone: ReadZone, where: str) -> NoFly:
     """A zone of a file as an entry: with its own heights and times, or else those of the entry.
 
@@ -178,8 +188,8 @@ def _entry_of(entry: NoFly, zone: ReadZone, where: str) -> NoFly:
         InputError: one line that begins with ``where``.
     """
     changes: dict[str, Any] = {key: zone.heights.get(key) for key in _HEIGHTS} if zone.heights else {}
-    if zone.from_utc is not None or zone.until_utc is not None:
-        changes |= {"from_utc": zone.from_utc, "until_utc": zone.until_utc}
+    if zone.from_utc is not None or zone.until_utc is not None or zone.active:
+        changes |= {"from_utc": zone.from_utc, "until_utc": zone.until_utc, "active": zone.active}
     changes |= {"file": None, "ignore": (), "make_valid": False, "name": zone.name}
     if zone.circle is not None:
         lon, lat, radius_m = zone.circle
