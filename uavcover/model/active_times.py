@@ -180,9 +180,10 @@ def _days(word: str) -> frozenset[int]:
     """Numbers of weekdays; empty where the word is not one of days."""
     found: set[int] = set()
     for part in word.split(","):
-        first, _, last = part.partition("-")
-        if first not in DAYS or (last or first) not in DAYS:
+        first, dash, last = part.partition("-")
+        last = last if dash else first
+        if first not in DAYS or last not in DAYS:
             return frozenset()
-        begin, end = DAYS.index(first), DAYS.index(last or first)
+        begin, end = DAYS.index(first), DAYS.index(last)
         found |= {(begin + k) % 7 for k in range((end - begin) % 7 + 1)}
     return frozenset(found)

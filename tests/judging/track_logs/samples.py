@@ -88,7 +88,19 @@ def write_tlog(
                     file.write(struct.pack(">Q", int((1.7e9 + t) * 1e6)) + message.pack(packer))
 
 
-_CODES = {"Q": "Q", "L": "i", "I": "I", "f": "f", "c": "h", "C": "H", "B": "B", "N": "16s", "Z": "64s", "n": "4s"}
+_CODES = {
+    "Q": "Q",
+    "L": "i",
+    "I": "I",
+    "H": "H",
+    "f": "f",
+    "c": "h",
+    "C": "H",
+    "B": "B",
+    "N": "16s",
+    "Z": "64s",
+    "n": "4s",
+}
 
 
 class DataflashWriter:

@@ -27,7 +27,8 @@ def read_dataflash(path: Path) -> LoggedRows:
     Raises:
         TrackError: not such a log, or without positions.
     """
-    if path.read_bytes()[:2] != _MAGIC:
+    content = path.read_bytes()
+    if content[:2] != _MAGIC:
         raise TrackError(f"{path}: is not an ArduPilot dataflash log; it does not begin with the bytes a3 95")
     # Importing pymavlink takes a moment; other kinds of logs do not need it.
     from pymavlink import DFReader
@@ -42,6 +43,7 @@ def read_dataflash(path: Path) -> LoggedRows:
     with contextlib.redirect_stderr(complaints), contextlib.redirect_stdout(complaints):
         try:
             with _opened(DFReader.DFReader_binary, path) as reader:
+                left_out = _bytes_left_out(reader, content)
                 while (message := reader.recv_match(type=["POS", "GPS", "ATT", "CAM", "TRIG"])) is not None:
                     kind = message.get_type()
                     if kind == "POS":
@@ -56,7 +58,7 @@ def read_dataflash(path: Path) -> LoggedRows:
         except (AttributeError, ValueError, IndexError, KeyError, TypeError, struct.error) as error:
             raise TrackError(f"{path}: a damaged dataflash log ({type(error).__name__}: {error})") from error
     warnings = []
-    if complaints.getvalue():
+    if complaints.getvalue() or left_out > 0:
         warnings.append(f"{path}: parts of the log are damaged and were left out")
     if not estimated and measured:
         warnings.append(f"{path}: has no POS messages; the positions of its first GPS are taken")
@@ -88,6 +90,12 @@ def _opened(kind: Any, path: Path) -> Iterator[Any]:
         for file in (getattr(reader, "data_map", None), getattr(reader, "filehandle", None)):
             if file is not None:
                 file.close()
+
+
+def _bytes_left_out(reader: Any, content: bytes) -> int:
+    """How many bytes belong to no message that the reader has indexed, without zeros at the end of a file."""
+    indexed = sum(int(reader.counts[number]) * one.len for number, one in reader.formats.items())
+    return len(content.rstrip(b"\0")) - indexed
 
 
 def _clock_row(message: Any) -> tuple[float, float]:
