@@ -95,7 +95,7 @@ def _opened(kind: Any, path: Path) -> Iterator[Any]:
 def _bytes_left_out(reader: Any, content: bytes) -> int:
     """How many bytes belong to no message that the reader has indexed, without zeros at the end of a file."""
     indexed = sum(int(reader.counts[number]) * one.len for number, one in reader.formats.items())
-    return len(content.rstrip(b"\0")) - indexed
+    return len(content.rstrip(b"\0")) - int(indexed)
 
 
 def _clock_row(message: Any) -> tuple[float, float]:
