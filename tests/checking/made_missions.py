@@ -121,9 +121,8 @@ class Case:
     def is_good(self) -> bool:
         """Whether every limit is kept by the margin, and the battery lasts for longer than any flight of this path."""
         assert self.truth is not None
-        return (
-            all(self.worst(kind) < -MARGIN_M for kind in ("ground", "height", "fence", "return"))
-            and self.worst("no-fly") < 0.0
+        return all(self.worst(kind) < -MARGIN_M for kind in ("ground", "height", "fence", "return")) and all(
+            self.worst(kind) < 0.0 for kind in ("no-fly", "return-fence", "return-no-fly")
         )
 
     def write(self, folder: Path) -> list[str]:

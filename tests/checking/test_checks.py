@@ -28,6 +28,7 @@ from uavcover.checking.endurance_checks import flight_time_s
 from uavcover.checking.flown_path import flown_path
 from uavcover.checking.limits import Limits
 from uavcover.model.no_fly import NoFly
+from uavcover.model.obstacles import Obstacle
 
 HIGH = Aircraft(return_height_m=130.0)
 FREE = Limits(max_height_agl_m=None)
@@ -132,6 +133,54 @@ def test_a_return_behind_a_ridge() -> None:
     outcome = checked(*OVER[:3], way(600.0, 100.0, 60.0), item(Command.NAV_LAND, 600.0, 100.0, 0.0), aircraft=COPTER)
     assert found(outcome) == [("return", (3, 4))]
     assert found(checked(*OVER[:3], way(600.0, 100.0, 60.0), item(Command.NAV_LAND, 600.0, 100.0, 0.0))) == []
+
+
+L_SHAPE = [(-50.0, -50.0), (650.0, -50.0), (650.0, 400.0), (560.0, 400.0), (560.0, 50.0), (-50.0, 50.0)]
+
+
+def test_a_return_out_of_the_fence_and_into_a_zone() -> None:
+    """A place in the arm of an L: the legs keep to the fence, the straight return cuts the corner."""
+    legs = (*OVER[:3], way(600.0, 350.0, 115.0), way(600.0, 0.0, 115.0), home())
+    outcome = checked(*legs, fence=fence(L_SHAPE))
+    assert found(outcome) == [("return-fence", (3, 5))]
+    (out,) = [one for one in outcome.findings if one.kind == "return-fence"]
+    # From (600, 350) the line passes the bay's corner (560, 50), which is farthest from the fence at about (400, 233).
+    assert 100.0 < out.by < 250.0
+    assert found(checked(*legs, fence=fence(SQUARE)))[0][0] == "fence"
+
+    def zone_at(north_m: float, **heights: float) -> NoFly:
+        ring = [(240.0, north_m - 20.0), (260.0, north_m - 20.0), (260.0, north_m + 20.0), (240.0, north_m + 20.0)]
+        return NoFly(polygon_lon_lat_deg=tuple(lat_lon(*at)[::-1] for at in ring), name="Z", **heights)
+
+    assert found(checked(*legs, zones=(zone_at(100.0),))) == [("return-no-fly", (3, 5))]
+    assert found(checked(*legs, zones=(zone_at(300.0),))) == []
+    assert found(checked(*legs, zones=(zone_at(100.0, floor_agl_m=140.0),))) == []
+    # Above the leg, below the return altitude: the climb enters it.
+    over_the_leg = zone_at(0.0, floor_agl_m=120.0, ceiling_agl_m=128.0)
+    assert ("return-no-fly", (1, 2)) in found(checked(*OVER, zones=(over_the_leg,)))
+
+
+def test_obstacles() -> None:
+    def tower(height_m: float, east_m: float = 480.0, north_m: float = 0.0) -> Obstacle:
+        ring = [(-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0), (-5.0, -5.0)]
+        corners = tuple(lat_lon(east_m + x, north_m + y)[::-1] for x, y in ring)
+        return Obstacle(height_m=height_m, rings_lon_lat_deg=(corners,), name="mast")
+
+    assert found(checked(*OVER, obstacles=(tower(100.0),))) == []
+    (near, *_) = [one for one in checked(*OVER, obstacles=(tower(108.0),)).findings if one.weight == "breaks"]
+    assert (near.kind, near.items) == ("obstacle", (2, 3))
+    assert near.by == pytest.approx(3.0, abs=0.1), "the leg is 7 m above its top"
+    assert "mast" in near.what
+    place = FRAME.enu_from_geodetic(near.lat_deg, near.lon_deg, near.alt_amsl_m)[0]
+    assert abs(place[0] - 480.0) < 16.0
+    # Beside: 12 m away is room enough, 8 m is not.
+    assert found(checked(*OVER, obstacles=(tower(300.0, north_m=17.0),))) == []
+    assert ("obstacle", (2, 4)) in found(checked(*OVER, obstacles=(tower(300.0, north_m=13.0),)))
+    free = Limits(max_height_agl_m=None, obstacle_clearance_m=7.0)
+    assert found(checked(*OVER, obstacles=(tower(300.0, north_m=13.0),), limits=free)) == []
+    # Only the return, 130 m above home, comes near to a tower that no leg passes.
+    there = (*OVER[:3], way(600.0, 350.0, 115.0), way(600.0, 0.0, 115.0), home())
+    assert found(checked(*there, obstacles=(tower(125.0, 300.0, 175.0),))) == [("return-obstacle", (3, 5))]
 
 
 def test_distance_from_home() -> None:

@@ -55,7 +55,8 @@ def test_fence_and_zones_of_files(cli: Cli, tmp_path: Path) -> None:
     entered = cli("check", file, "--dem", DEM, "--return-height", "70m", "--no-fly", shape, "--json")
     assert entered.code == 1
     assert {(one["kind"], *one["items"]) for one in entered.document["findings"] if one["weight"] == "breaks"} == {
-        ("no-fly", 2, 4)
+        ("no-fly", 2, 4),
+        ("return-no-fly", 2, 3),
     }
     timed = {
         "type": "Feature",
@@ -72,7 +73,7 @@ def test_fence_and_zones_of_files(cli: Cli, tmp_path: Path) -> None:
         ended = cli(*weekend, *more)
         assert (ended.code, said in ended.out) == (code, True), ended.out
     left = cli("check", file, "--dem", DEM, "--return-height", "70m", "--fence", shape, "--json")
-    assert {one["kind"] for one in left.document["findings"] if one["weight"] == "breaks"} == {"fence"}
+    assert {one["kind"] for one in left.document["findings"] if one["weight"] == "breaks"} == {"fence", "return-fence"}
 
 
 def test_a_plan_brings_its_autopilot_and_its_fence(cli: Cli, tmp_path: Path) -> None:
@@ -86,7 +87,41 @@ def test_a_plan_brings_its_autopilot_and_its_fence(cli: Cli, tmp_path: Path) -> 
     file.write_text(plan.write(made))
     ended = cli("check", file, "--dem", DEM, "--json")
     # PX4 returns 60 m above home, ArduCopter 15 m; the circle of 60 m is left.
-    assert {one["kind"] for one in ended.document["findings"] if one["weight"] == "breaks"} == {"fence"}
+    assert {one["kind"] for one in ended.document["findings"] if one["weight"] == "breaks"} == {"fence", "return-fence"}
+
+
+CORNERS = (
+    "-84.21555,36.47695,60 -84.21545,36.47695,60 -84.21545,36.47705,60 -84.21555,36.47705,60 -84.21555,36.47695,60"
+)
+TOWER = (
+    '<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document><Placemark><name>silo</name><Polygon>'
+    "<extrude>1</extrude><altitudeMode>relativeToGround</altitudeMode><outerBoundaryIs><LinearRing><coordinates>"
+    f"{CORNERS}</coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark></Document></kml>"
+)
+
+
+@pytest.mark.parametrize("told", [60.0, 61.0, 20.0])
+def test_obstacles_of_map_programs(cli: Cli, tmp_path: Path, told: float) -> None:
+    """The silo stands on the leg from item 2 to item 3, whose height is 70 m above home."""
+    kml = tmp_path / "silo.kml"
+    kml.write_text(TOWER.replace(",60", f",{told}"))
+    data = f'<ExtendedData><Data name="height_m"><value>{told}</value></Data></ExtendedData><Polygon>'
+    flat = tmp_path / "flat.kml"
+    flat.write_text(TOWER.replace("relativeToGround", "clampToGround").replace("<Polygon>", data))
+    ring = [[float(number) for number in corner.split(",")[:2]] for corner in CORNERS.split()]
+    feature = {"type": "Feature", "properties": {"height_m": told, "name": "silo"}}
+    plain = tmp_path / "silo.geojson"
+    plain.write_text(json.dumps({**feature, "geometry": {"type": "Polygon", "coordinates": [ring]}}))
+    outcomes = []
+    for file in (kml, flat, plain):
+        ended = cli(
+            "check", mission(tmp_path, *GOOD), "--dem", DEM, "--return-height", "90m", "--obstacles", file, "--json"
+        )
+        outcomes.append(
+            [(one["kind"], one["items"], one["what"], round(one["by"], 2)) for one in ended.document["findings"]]
+        )
+    assert outcomes[0] == outcomes[1] == outcomes[2]
+    assert [row[:2] for row in outcomes[0] if row[0] == "obstacle"] == ([] if told == 20.0 else [("obstacle", [2, 3])])
 
 
 @pytest.mark.parametrize(
@@ -108,6 +143,11 @@ def test_a_plan_brings_its_autopilot_and_its_fence(cli: Cli, tmp_path: Path) -> 
         (("m.waypoints", "--dem", DEM, "--fence", "m.waypoints"), "--fence"),
         (("m.waypoints", "--dem", DEM, "--fence", "no.waypoints"), "--fence"),
         (("m.waypoints", "--dem", DEM, "--no-fly", "no.json"), "no.json"),
+        (("m.waypoints", "--dem", DEM, "--obstacles", "no.kml"), "no.kml"),
+        (("m.waypoints", "--dem", DEM, "--obstacles", "flat.kml"), "no height above ground"),
+        (("m.waypoints", "--dem", DEM, "--obstacles", "m.waypoints"), ".geojson"),
+        (("m.waypoints", "--dem", DEM, "--obstacles", "boxes.csv"), "longitudes and latitudes"),
+        (("m.waypoints", "--dem", DEM, "--obstacle-clearance", "ten"), "--obstacle-clearance"),
         (("m.waypoints", "--dem", DEM, "--home", "91,0"), "--home"),
         (("m.waypoints", "--dem", DEM, "--map", "x.png"), ".geojson"),
         (("m.waypoints", "--dem", DEM, "--fix"), "-o"),
@@ -124,6 +164,9 @@ def test_bad_input_is_one_line(
     monkeypatch.chdir(tmp_path)
     mission(tmp_path, *GOOD)
     (tmp_path / "m.docx").write_text("?")
+    (tmp_path / "flat.kml").write_text(TOWER.replace("relativeToGround", "clampToGround"))
+    columns = "name,east_m,north_m,length_m,width_m,heading_deg,height_m"
+    (tmp_path / "boxes.csv").write_text(f"{columns}\na,0,0,5,5,0,10\n")
     mission(tmp_path, "5003 36.4762 -84.216 0", name="fence.waypoints")
     (tmp_path / "fence.waypoints").write_text(f"QGC WPL 110\n{HOME}\n1\t0\t0\t5003\t50\t0\t0\t0\t36.47\t-84.2\t0\t1\n")
     mission(tmp_path, "22 0 0 40", "16 -84.2160 36.4770 70", "20 0 0 0", name="swapped.waypoints")

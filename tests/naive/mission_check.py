@@ -143,7 +143,7 @@ def judge(rows, home, ground, *, return_m, px4, low_m, high_m, fence=None, zone=
     home_m = float(ground.height_m(np.array([home[0]]), np.array([home[1]]))[0])
     local = {name: [tuple(plane.to(lat, lon)) for lon, lat in ring] for name, ring in (("fence", fence or []),)}
     zone_ring = [] if zone is None else [tuple(plane.to(lat, lon)) for lon, lat in zone[0]]
-    out = {kind: {} for kind in ("ground", "height", "fence", "no-fly", "return")}
+    out = {kind: {} for kind in ("ground", "height", "fence", "no-fly", "return", "return-fence", "return-no-fly")}
 
     def note(kind, pair, amount):
         out[kind][pair] = max(out[kind].get(pair, -math.inf), float(amount))
@@ -171,6 +171,23 @@ def judge(rows, home, ground, *, return_m, px4, low_m, high_m, fence=None, zone=
                 t = np.linspace(0.0, 1.0, max(2, math.ceil(math.hypot(place[0], place[1]) / RETURN_STEP_M) + 1))
                 way = height - ground.height_m(*plane.back(place[0] * (1.0 - t), place[1] * (1.0 - t)))
                 note("return", pair, low_m - way.min())
+                back_e, back_n = place[0] * (1.0 - t), place[1] * (1.0 - t)
+                if fence and inside(place[:1], place[1:2], local["fence"])[0]:
+                    away = from_edge(back_e, back_n, local["fence"])
+                    note("return-fence", pair, np.where(inside(back_e, back_n, local["fence"]), -away, away).max())
+                if zone is not None:
+                    over = place[2] - ground.height_m(*plane.back(place[:1], place[1:2]))[0]
+                    if inside(place[:1], place[1:2], zone_ring)[0] and zone[1] < over < zone[2]:
+                        continue
+                    # Straight up, straight home, straight down.
+                    up_m = np.linspace(over, way[0], 40)
+                    down_m = np.linspace(0.0, way[-1], 40)
+                    es = np.concatenate([np.full(40, place[0]), back_e, np.zeros(40)])
+                    ns = np.concatenate([np.full(40, place[1]), back_n, np.zeros(40)])
+                    hs = np.concatenate([up_m, way, down_m])
+                    away = from_edge(es, ns, zone_ring)
+                    hit = inside(es, ns, zone_ring) & (hs > zone[1]) & (hs < zone[2])
+                    note("return-no-fly", pair, np.where(hit, away, -np.maximum(away, 0.1)).max())
     return out
 
 

@@ -124,7 +124,7 @@ def test_polygons_of_geojson_with_a_courtyard(tmp_path):
             '{"type": "Feature", "properties": {"height_m": "9"}, "geometry": {"type": "Polygon", "coordinates": []}}',
             "polygon 0: height_m: '9' is not a number",
         ),
-        ("a.txt", "", "neither .geojson nor .csv"),
+        ("a.txt", "", "none of .geojson, .kml, .kmz, .csv"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_one_line(tmp_path, name, content, words):

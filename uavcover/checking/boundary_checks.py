@@ -24,7 +24,7 @@ def fence_findings(path: FlownPath, world: World, fence: LocalFence) -> list[Che
     for segment in path.distinct:
         if not np.isfinite(segment.enu_m).all():
             continue
-        beyond = _beyond_fence(segment.enu_m[:, :2], fence)
+        beyond = beyond_fence(segment.enu_m[:, :2], fence)
         if beyond is None:
             continue
         depth_m, place = beyond
@@ -38,7 +38,7 @@ def fence_findings(path: FlownPath, world: World, fence: LocalFence) -> list[Che
     return joined(found, lambda one: one.kind)
 
 
-def _beyond_fence(line: FloatArray, fence: LocalFence) -> tuple[float, tuple[float, float]] | None:
+def beyond_fence(line: FloatArray, fence: LocalFence) -> tuple[float, tuple[float, float]] | None:
     """How far a line (n, 2) is beyond a fence at most, and where."""
     worst: list[tuple[float, tuple[float, float]]] = []
     keep_in: list[tuple[float, tuple[float, float]]] = []

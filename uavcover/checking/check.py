@@ -17,14 +17,18 @@ from uavcover.checking.flown_path import flown_path
 from uavcover.checking.ground_checks import height_findings
 from uavcover.checking.hints import with_hints
 from uavcover.checking.limits import Limits, Surroundings
+from uavcover.checking.obstacle_checks import obstacle_findings, with_obstacles
 from uavcover.checking.places import Heights, places_of
+from uavcover.checking.return_checks import return_findings
 from uavcover.checking.segments import FlownPath
-from uavcover.checking.sight_checks import return_findings, sight_findings
+from uavcover.checking.sight_checks import sight_findings
 from uavcover.checking.world import World
 from uavcover.model.no_fly import NoFly
+from uavcover.model.obstacles import Obstacle
 from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground
+from uavcover.scenario.obstacles import Prism
 
 _AROUND_M = 300.0
 _EYE_M = 1.6
@@ -49,6 +53,7 @@ class CheckRequest:
         fence: the fence, none for none.
         home: latitude and longitude of the take-off place; none: the mission's.
         pilot: latitude and longitude of the pilot; none: at home.
+        obstacles: in longitude and latitude.
     """
 
     mission: Mission
@@ -57,6 +62,7 @@ class CheckRequest:
     fence: FenceSource | None = None
     home: tuple[float, float] | None = None
     pilot: tuple[float, float] | None = None
+    obstacles: tuple[Obstacle, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -106,15 +112,16 @@ def check_mission(
     findings += _beyond_reason(mission)
     if places.home is None or any(one.kind == "number" for one in findings):
         return Checked(_sorted(findings), None, None, 0.0)
-    world = _world(request, places.home, places.skipped, read_ground)
+    world, prisms = _world(request, places.home, places.skipped, read_ground)
     path = flown_path(mission, world, aircraft, skipped=places.skipped)
-    surroundings = _surroundings(request, world, path, read_zones)
+    surroundings = replace(_surroundings(request, world, path, read_zones), prisms=prisms)
     findings += path.findings
     findings += with_hints(height_findings(path, world, limits), mission, world, limits)
     findings += fence_findings(path, world, surroundings.fence)
     findings += zone_findings(path, world, surroundings)
+    findings += obstacle_findings(path, world, surroundings)
     findings += distance_findings(path, world, limits)
-    findings += return_findings(path, world, limits, aircraft)
+    findings += return_findings(path, world, limits, aircraft, surroundings)
     if surroundings.pilot_m is not None:
         findings += sight_findings(path, world, surroundings.pilot_m)
     findings += wing_findings(path, world, aircraft)
@@ -172,8 +179,10 @@ def _frame_findings(mission: Mission, aircraft: Aircraft) -> list[CheckFinding]:
     ]  # fmt: skip
 
 
-def _world(request: CheckRequest, home: GeoPoint, skipped: frozenset[int], read_ground: GroundReader) -> World:
-    """The ground wherever the mission may come."""
+def _world(
+    request: CheckRequest, home: GeoPoint, skipped: frozenset[int], read_ground: GroundReader
+) -> tuple[World, tuple[Prism, ...]]:
+    """The ground wherever the mission may come, and the obstacles on it."""
     frame = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m)
     lat_lon = [(home.lat_deg, home.lon_deg), *([] if request.pilot is None else [request.pilot])]
     around_m = _AROUND_M + 2.0 * request.aircraft.loiter_radius_m
@@ -192,7 +201,10 @@ def _world(request: CheckRequest, home: GeoPoint, skipped: frozenset[int], read_
         around_m = max(around_m, 0.6 * float(np.hypot(*np.diff(en, axis=0).T).max()))
     west, south = en.min(axis=0) - around_m
     east, north = en.max(axis=0) + around_m
-    return World(frame, read_ground(frame, (float(west), float(south), float(east), float(north))))
+    bounds = (float(west), float(south), float(east), float(north))
+    clearance_m = request.limits.obstacle_clearance_m
+    ground, prisms = with_obstacles(read_ground(frame, bounds), request.obstacles, frame, bounds, clearance_m)
+    return World(frame, ground), prisms
 
 
 def _surroundings(request: CheckRequest, world: World, path: FlownPath, read_zones: ZoneReader) -> Surroundings:
@@ -207,4 +219,5 @@ def _surroundings(request: CheckRequest, world: World, path: FlownPath, read_zon
         fence=local_fence(request.fence, world, request.aircraft.autopilot),
         zones=local_zones(entries, world.frame, box),
         pilot_m=eye if np.isfinite(eye).all() else None,
+        obstacle_clearance_m=request.limits.obstacle_clearance_m,
     )

@@ -6,6 +6,7 @@ import shapely
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.airspace.zones import Zone
+from uavcover.scenario.obstacles import Prism
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,6 +19,7 @@ class Limits:
         max_above_home_m: largest height above home.
         max_distance_m: largest horizontal distance from home.
         wind_m_s: wind, from whichever side is worst.
+        obstacle_clearance_m: least distance from obstacles, beside and above them.
     """
 
     min_height_agl_m: float = 10.0
@@ -25,6 +27,7 @@ class Limits:
     max_above_home_m: float | None = None
     max_distance_m: float | None = None
     wind_m_s: float = 0.0
+    obstacle_clearance_m: float = 10.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -52,8 +55,12 @@ class Surroundings:
         fence: its fence.
         zones: no-fly zones that come near.
         pilot_m: (3,) ENU eye of the pilot, who has the radio; none: not judged.
+        prisms: obstacles on the ground, by their numbers in it.
+        obstacle_clearance_m: least distance from them, beside and above.
     """
 
     fence: LocalFence = LocalFence()
     zones: tuple[Zone, ...] = ()
     pilot_m: FloatArray | None = None
+    prisms: tuple[Prism, ...] = ()
+    obstacle_clearance_m: float = 10.0

@@ -68,6 +68,9 @@ class LimitOptions:
     max_distance: Annotated[
         str | None, typer.Option("--max-distance", help="Largest distance from home.", metavar="LENGTH")
     ] = None
+    obstacle_clearance: Annotated[
+        str, typer.Option("--obstacle-clearance", help="Least distance from obstacles.", metavar="LENGTH")
+    ] = "10m"
     wind: Annotated[
         str | None, typer.Option("--wind", help="Wind, from the worst side, such as 8m/s.", metavar="SPEED")
     ] = None
@@ -86,6 +89,7 @@ class LimitOptions:
             max_height_agl_m=high,
             max_above_home_m=length(self.max_above_home, "--max-above-home", "120m"),
             max_distance_m=length(self.max_distance, "--max-distance", "500m"),
+            obstacle_clearance_m=length_m(self.obstacle_clearance, option="--obstacle-clearance", example="10m"),
             wind_m_s=0.0 if self.wind is None else speed_m_s(self.wind, option="--wind", example="8m/s"),
         )
 
@@ -106,6 +110,10 @@ class AroundOptions:
         list[str] | None, typer.Option("--no-fly", help="No-fly zones, as in new; again for more.", metavar="FILE")
     ] = None
     at: At = None
+    obstacles: Annotated[
+        Path | None,
+        typer.Option("--obstacles", help="Polygons with height_m (.geojson) or heights (.kml, .kmz).", metavar="FILE"),
+    ] = None
     home: Annotated[
         str | None, typer.Option("--home", help="Take-off place; default: the file's.", metavar="LAT,LON")
     ] = None
@@ -240,6 +248,8 @@ def check(
     query = CheckQuery(
         file=file, elevation=dem.data(), fence=around.fence, no_fly=tuple(around.no_fly or ()), vehicle=aircraft.vehicle,
         flight_window_utc=None if around.at is None else flight_window(around.at, option="--at"),
+        file=file, elevation=dem.data(), fence=around.fence, no_fly=tuple(around.no_fly or ()), obstacles=around.obstacles,
+        vehicle=aircraft.vehicle,
         autopilot=aircraft.autopilot, kind=aircraft.flies_as,
         home=None if around.home is None else lat_lon(around.home, option="--home"),
         pilot=None if around.pilot is None else lat_lon(around.pilot, option="--pilot"),

@@ -40,7 +40,7 @@ class Obstacles:
     """The obstacles of a scenario, and the clearance from them on the whole flight.
 
     Attributes:
-        file: a ``.geojson`` or ``.csv`` file with them, relative to the scenario file, or ``bundled:NAME``.
+        file: a ``.geojson``, ``.kml``, ``.kmz`` or ``.csv`` file with them, relative to the scenario file, or ``bundled:NAME``.
         prisms: obstacles in the scenario itself.
         clearance_beside_m: least horizontal distance from a footprint below the height that ``clearance_above_m`` sets.
         clearance_above_m: height above the top from which the vehicle may pass over.

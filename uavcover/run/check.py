@@ -18,11 +18,13 @@ from uavcover.checking.aircraft import KINDS, Aircraft, Kind, default_aircraft
 from uavcover.checking.check import Bounds, Checked, CheckRequest, check_mission
 from uavcover.checking.fences import FenceSource
 from uavcover.checking.limits import Limits
-from uavcover.errors import InputError, TerrainError
+from uavcover.checking.obstacle_checks import with_obstacles
+from uavcover.errors import InputError, ScenarioError, TerrainError
 from uavcover.intake.vehicles import VehicleType, vehicle_named
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.active_times import window_of
 from uavcover.model.no_fly import NoFly
+from uavcover.model.obstacles import Obstacle
 from uavcover.model.vehicle import AutopilotName, autopilot_name
 from uavcover.run.planned_view import MissionView, ViewQuery, planned_view
 from uavcover.run.route_file import ROUTE_SUFFIXES, read_route_file
@@ -33,6 +35,7 @@ from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.elevation_file import read_ground, read_heights_amsl_m
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground
+from uavcover.scenario.obstacles import read_obstacles
 from uavcover.scenario.terrain_source import TerrainSource
 
 MISSION_SUFFIXES = (".plan", ".waypoints", ".txt", ".mission", ".csv", *ROUTE_SUFFIXES)
@@ -60,6 +63,7 @@ class CheckQuery:
         reserve_fraction: of the endurance.
         limits: of heights, distance and wind.
         view: what should be seen; none: nobody asks.
+        obstacles: file of obstacles with heights.
     """
 
     file: Path
@@ -78,6 +82,7 @@ class CheckQuery:
     reserve_fraction: float = 0.2
     limits: Limits = field(default_factory=Limits)
     view: ViewQuery | None = None
+    obstacles: Path | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -144,6 +149,7 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
     request = CheckRequest(
         mission=read.mission, aircraft=aircraft, limits=query.limits, home=query.home, pilot=query.pilot,
         fence=_read_fence(query.fence) if query.fence is not None else read.fence,
+        obstacles=_read_obstacles(query.obstacles),
     )  # fmt: skip
 
     def heights(lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
@@ -174,7 +180,12 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
     checked = check_mission(request, heights, ground, zones)
     if query.view is None:
         return CheckOutcome(checked)
-    view = planned_view(query.view, read.mission, checked, aircraft, ground)
+    obstacles = request.obstacles, query.limits.obstacle_clearance_m
+
+    def ground_with_obstacles(frame: LocalFrame, bounds_m: Bounds) -> Ground:
+        return with_obstacles(ground(frame, bounds_m), obstacles[0], frame, bounds_m, obstacles[1])[0]
+
+    view = planned_view(query.view, read.mission, checked, aircraft, ground_with_obstacles)
     return CheckOutcome(checked if view is None else checked.with_findings(view.findings), view)
 
 
@@ -291,6 +302,17 @@ def _open_elevation(
         if "none of" not in str(error):
             raise
         return open_elevation_data(data)
+
+
+def _read_obstacles(path: Path | None) -> tuple[Obstacle, ...]:
+    if path is None:
+        return ()
+    if not path.is_file():
+        raise InputError(f"--obstacles: {path}: no such file; give polygons with heights (.geojson, .kml)")
+    try:
+        return read_obstacles(path)
+    except (ScenarioError, InputError) as error:
+        raise InputError(f"--obstacles: {str(error).removeprefix('obstacles.file: ')}") from error
 
 
 def _read_fence(path: Path) -> FenceSource:

@@ -25,6 +25,7 @@ from uavcover.kernels.surface import GRID
 from uavcover.model.area import Ring
 from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.scenario.ground import Ground
+from uavcover.scenario.kml_obstacles import read_kml_obstacles
 from uavcover.scenario.pixel_frame import nodes_inside_m
 
 
@@ -210,6 +211,7 @@ def read_obstacles(path: Path) -> tuple[Obstacle, ...]:
 
     ``.geojson``, ``.json``: every polygon of every feature, with the feature's property ``height_m`` and, if there is one,
     ``name``. ``.csv``: boxes by their centre, length along and width across a heading (clockwise from north).
+    ``.kml``, ``.kmz``: :func:`uavcover.scenario.kml_obstacles.read_kml_obstacles`.
 
     Raises:
         ScenarioError: it cannot be read; the message names the invalid feature or row.
@@ -219,7 +221,9 @@ def read_obstacles(path: Path) -> tuple[Obstacle, ...]:
         return _from_geojson(path)
     if suffix == ".csv":
         return _from_table(path)
-    raise ScenarioError(f"{_KEY}: {path} is neither .geojson nor .csv")
+    if suffix in {".kml", ".kmz"}:
+        return read_kml_obstacles(path, key=_KEY)
+    raise ScenarioError(f"{_KEY}: {path} is none of .geojson, .kml, .kmz, .csv")
 
 
 def _from_geojson(path: Path) -> tuple[Obstacle, ...]:
