@@ -246,7 +246,6 @@ def check(
     fixed = refuse_repair_into(file, written.out, force=written.force) if written.fix else None
     height, speed, battery = aircraft.return_height, aircraft.speed, aircraft.battery
     query = CheckQuery(
-        file=file, elevation=dem.data(), fence=around.fence, no_fly=tuple(around.no_fly or ()), vehicle=aircraft.vehicle,
         flight_window_utc=None if around.at is None else flight_window(around.at, option="--at"),
         file=file, elevation=dem.data(), fence=around.fence, no_fly=tuple(around.no_fly or ()), obstacles=around.obstacles,
         vehicle=aircraft.vehicle,
