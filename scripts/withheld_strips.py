@@ -94,8 +94,8 @@ def _judged(site, rows, kept, run):
                 if kept[number]:
                     writer.writerow([f"p{number:04d}", *map(repr, row), -90.0, 0.0])
         request = PhotoRequest(
-            photos=(path,), area=None, scenario=run, assumed=Assumptions(), takeoff=None, coverage=0.98, refly=False,
-            budget_s=None, force=False,
+            photos=(path,), area=None, scenario=run, assumed=Assumptions(), takeoff=None, coverage=0.98, mount_known=True,
+            refly=False, budget_s=None, force=False,
         )  # fmt: skip
         verdict = judged(request, read_pictures([path]), site, Unattended())
     grid = verdict.coverage.grid

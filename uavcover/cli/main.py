@@ -143,7 +143,10 @@ _GROUPS: dict[str, dict[str, Entry]] = {
         "verify": (
             "uavcover.cli.verify",
             "coverage and safety of what was flown",
-            ("uavcover verify RUN", "uavcover verify RUN --log flight.bin"),
+            (
+                "uavcover verify RUN --log flight.bin",
+                "uavcover verify flight.bin --photos DCIM/ --area area.kml --dem dem.tif",
+            ),
         ),
         "judge-photos": (
             "uavcover.cli.judge_photos",

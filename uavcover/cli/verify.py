@@ -7,27 +7,84 @@ from typing import Annotated
 import typer
 
 from uavcover.cli import options
+from uavcover.cli.photo_options import PhotoOptions
+from uavcover.cli.survey_options import SurveyOptions
 
 
 def verify(
     run: Annotated[
-        Path, typer.Argument(help="Run folder with scenario.toml; plan.json and track.csv where there are.")
-    ],
+        Path | None,
+        typer.Argument(
+            help="Run folder with scenario.toml; plan.json and track.csv where there are. With --area: a log, or pictures."
+        ),
+    ] = None,
     *,
     logs: options.Logs = None,
+    photos: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--photos",
+            help="Pictures of the flight, as judge-photos takes them: they tell its coverage. Again for more.",
+            metavar="FOLDER",
+        ),
+    ] = None,
+    area: Annotated[
+        str | None,
+        typer.Option("--area", help="For a flight without a run folder: what should be seen, as new takes it."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Folder for its verdict; default: verdict.", metavar="FOLDER")
+    ] = None,
+    survey: SurveyOptions,
+    belief: PhotoOptions,
     accept_changed: options.AcceptChanged = None,
+    force: options.Force = False,
     output: options.Output,
 ) -> int:
     """Recompute coverage and safety from the flown track; exit 1 when it does not pass.
 
     Several logs count as one flight: what any of them saw was seen, and each has to keep the limits. What changed since it was
     planned or flown (scenario, terrain, obstacles, plan, mission files, track, version) is named and not judged, unless accepted.
+    Any flight at all: verify FLIGHT.bin --area A --dem DEM --camera C, or --photos FOLDER.
     """
+    from uavcover.errors import InputError
+    from uavcover.run.any_flight import NO_PICTURES, evidence_of, run_of_flight, verify_evidence
     from uavcover.run.folder import RunFolder
     from uavcover.run.judge import verify_run
+    from uavcover.run.judge_photos import judge_photos
+    from uavcover.run.photo_judgement import PhotoRequest
 
     console = output.console()
-    _, report = verify_run(RunFolder(run), console, command=sys.argv, logs=logs or (), accepted=accept_changed or ())
-    console.suggest(f"uavcover report {run}", *([f"uavcover gaps {run}"] if report["gaps"] else []))
+    if area is None:
+        if run is None:
+            raise InputError("verify: give a run folder; or a log or pictures with --area, --dem and --camera")
+        if given := survey.given():
+            raise InputError(f"verify: {given[0]} goes with --area, for a flight without a run folder; {run} says it")
+        if out is not None:
+            raise InputError("verify: -o goes with --area; the verdict on a run is kept in its folder")
+    evidence = evidence_of([*([run] if area and run else []), *(logs or [])], photos or [])
+    request = PhotoRequest(
+        photos=evidence.photos, area=None if area is None else survey.request(area, autopilot=None), scenario=None,
+        assumed=belief.assumed(), takeoff=belief.place(), coverage=None, mount_known=area is None or survey.mount is not None,
+        refly=False, budget_s=None, force=force,
+    )  # fmt: skip
+    folder = RunFolder(run) if area is None and run is not None else RunFolder(out or Path("verdict"))
+    if request.area is not None:
+        if not evidence.logs and not evidence.photos:
+            raise InputError(
+                "verify: --area needs a flight: a log (.bin, .tlog, .ulg, .csv, .gpx), or pictures (--photos)"
+            )
+        if not evidence.logs:
+            _, report = judge_photos(request, folder, console, command=sys.argv)
+            console.result(report)
+            return 0 if report["passed"] else 1
+        evidence = run_of_flight(request.area, evidence, console, out=folder, command=sys.argv, force=force)
+    if evidence.photos:
+        report = verify_evidence(folder, evidence, request, console, command=sys.argv, accepted=accept_changed or ())
+    elif area is not None:
+        _, report = verify_run(folder, console, command=sys.argv, logs=evidence.logs, pictures=NO_PICTURES)
+    else:
+        _, report = verify_run(folder, console, command=sys.argv, logs=evidence.logs, accepted=accept_changed or ())
+        console.suggest(f"uavcover report {run}", *([f"uavcover gaps {run}"] if report["gaps"] else []))
     console.result(report)
     return 0 if report["passed"] else 1

@@ -15,6 +15,7 @@ from uavcover.judging.ends import FlightContinuation, continuations
 from uavcover.judging.flown_coverage import FlownCoverage, possibly_seen
 from uavcover.judging.judged_track import JudgedTrack
 from uavcover.judging.observations import level_observations
+from uavcover.judging.photos.evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.judging.possible_motion import motion_limits
 from uavcover.judging.unobserved import (
     length_of_m,
@@ -110,6 +111,7 @@ def decide(
     pictures: PictureCounts | None,
     *,
     unknown_attitude_looks: int,
+    evidence: PictureEvidence = NOTHING_KNOWN,
 ) -> Decision:
     """Decide on tracks that count as one flight.
 
@@ -119,6 +121,7 @@ def decide(
         judged: each track judged by itself.
         pictures: how many show each cell; none for a sensor that takes none.
         unknown_attitude_looks: number of observations without a known direction.
+        evidence: of real pictures; where they tell the coverage, what nobody observed of the flight cannot add to it.
     """
     site = coverage.site
     requirements = site.scenario.requirements
@@ -160,8 +163,14 @@ def decide(
             found |= possibly_seen(coverage, level_observations(site, way, 0.0))
         return found
 
-    _judge_coverage(coverage, flown, perhaps, reasons, doubts)
-    _judge_overlap(coverage, pictures, perhaps, reasons, doubts)
+    if evidence.shown is None:
+        _judge_coverage(coverage, flown, perhaps, reasons, doubts)
+        _judge_overlap(coverage, pictures, perhaps, reasons, doubts)
+    else:
+        _judge_coverage(coverage, flown, lambda: np.zeros(coverage.grid.count, dtype=bool), reasons, doubts)
+    reasons += evidence.reasons
+    doubts += evidence.doubts
+    findings += evidence.findings
     verdict: VerdictName = "failed" if reasons else "not proved" if doubts else "passed"
     return Decision(verdict, tuple(reasons), tuple(doubts), tuple(findings), tuple(unobserved), fraction)
 

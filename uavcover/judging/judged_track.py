@@ -39,6 +39,8 @@ MAX_IMPOSSIBLE_MOVES = 3
 TOLD_HEIGHT_M = 3.0
 """A vehicle that stands further above or below the scenario's ground is reported."""
 
+_ROLL_M = 5.0
+"""Where no plan divides a flight, its first and last stretches lower than this are take-off and landing."""
 _PLACE_MARGIN_M = 2.0
 """Tolerance for a position (home during climb and landing, a waypoint): two acceptance radii, plus an allowance for wind."""
 
@@ -125,6 +127,8 @@ def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> Judge
     # Beginning, end and "under the ground": a vehicle stands on the bare ground, under what a surface model has there.
     here_m = site.bare_ground.heights_agl_m(enu)
     begin, end = track_ends(scenario, track.time_s, enu, here_m, noise_m=motion.noise_m)
+    if planned is None and not (track.current_waypoint >= 0).any():
+        route = route & ~_take_off_and_landing(site, enu, here_m, begin, end)
     phases = _phases(site, enu, route, planned, end)
     heights = track_heights(site, enu, joined, phases)
     speeds = ground_speeds_m_s(track, enu, joined)
@@ -301,21 +305,33 @@ def _place_radius_m(site: Site) -> float:
     return REACHED_RADII * site.scenario.vehicle.acceptance_radius_m + _PLACE_MARGIN_M
 
 
+def _take_off_and_landing(
+    site: Site, enu_m: FloatArray, height_agl_m: FloatArray, begin: TrackEnd, end: TrackEnd
+) -> BoolArray:
+    """(n,) samples of take-off and landing, straight above them or as low as a roll, of a flight that no plan divides."""
+    found = np.zeros(len(enu_m), dtype=bool)
+    low = height_agl_m < _ROLL_M
+    if begin.on_ground:
+        found |= np.cumsum(~(_at(site, enu_m, begin.enu_m) | low)) == 0
+    if end.on_ground:
+        found |= np.cumsum(~(_at(site, enu_m, end.enu_m) | low)[::-1])[::-1] == 0
+    return found
+
+
+def _at(site: Site, enu_m: FloatArray, place_m: FloatArray) -> BoolArray:
+    """(n,) which positions are at a place, at any height."""
+    return np.asarray(np.hypot(enu_m[:, 0] - place_m[0], enu_m[:, 1] - place_m[1]) <= _place_radius_m(site))
+
+
 def _phases(site: Site, enu_m: FloatArray, route: BoolArray, planned: PlannedRoute | None, end: TrackEnd) -> Phases:
-    radius_m = _place_radius_m(site)
-
-    def at(place_m: FloatArray) -> BoolArray:
-        return np.asarray(np.hypot(enu_m[:, 0] - place_m[0], enu_m[:, 1] - place_m[1]) <= radius_m)
-
     nowhere = np.zeros(len(enu_m), dtype=bool)
-    column = nowhere if site.home_m is None else at(site.home_m)
+    column = nowhere if site.home_m is None else _at(site, enu_m, site.home_m)
     if end.on_ground:
         # Wherever the vehicle lands, the last metres of the flight are a landing.
-        there = at(end.enu_m)
-        column = column | (np.cumsum(~there[::-1])[::-1] == 0)
+        column = column | (np.cumsum(~_at(site, enu_m, end.enu_m)[::-1])[::-1] == 0)
     junction = nowhere
     if planned is not None and len(planned.waypoints_m):
-        junction = at(planned.waypoints_m[0]) | at(planned.waypoints_m[-1])
+        junction = _at(site, enu_m, planned.waypoints_m[0]) | _at(site, enu_m, planned.waypoints_m[-1])
     return Phases(route=route, column=column & ~route, junction=junction & ~route & ~column)
 
 

@@ -18,6 +18,7 @@ from uavcover.judging.gaps import GapRegion, find_gaps
 from uavcover.judging.judged_track import JudgedTrack, judge_track, largest, track_positions_m
 from uavcover.judging.observations import Observations
 from uavcover.judging.phases import PlannedRoute
+from uavcover.judging.photos.evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.active_times import Window, flown_window, window_in_words
@@ -225,7 +226,9 @@ def verify_track(site: Site, coverage: CoverageMap, track: Track, planned: Plann
     return verify_flight(site, coverage, [FlownTrack(track, planned)]).report
 
 
-def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack]) -> Verdict:
+def verify_flight(
+    site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack], *, evidence: PictureEvidence = NOTHING_KNOWN
+) -> Verdict:
     """Verify coverage and safety from the flown tracks alone; plans serve for comparison only.
 
     Several tracks, of several sorties or vehicles, count as one flight: a cell seen by any of them is seen, and each has to
@@ -235,6 +238,7 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
         site: the scenario on its ground.
         coverage: on the cells that results are judged on.
         tracks: at least one, the first with the plan whose coverage was promised.
+        evidence: of real pictures; where they tell no coverage, it follows from the tracks.
 
     Raises:
         TrackError: a track is empty, or has a position that is not on Earth.
@@ -251,12 +255,19 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
         told = has_near(first.times_s[first.known], observations.times_s + record.same.shift_s)
         parts[record.second] = observations.where(~told)
     together = joined_observations(parts, shifts_s)
-    flown = count_observations(coverage, together)
+    flown = count_observations(coverage, together) if evidence.shown is None else evidence.shown
     gaps = tuple(find_gaps(coverage, flown))
-    pictures = _pictures(coverage, together) if takes_pictures(site.scenario) else None
+    unknown_looks = int((~together.known).sum()) if evidence.shown is None else 0
+    pictures = evidence.counts
+    if evidence.shown is None and takes_pictures(site.scenario):
+        pictures = _pictures(coverage, together)
     statistics = None if pictures is None else picture_statistics(coverage, pictures)
+<<<<<<< HEAD
     decision = decide(coverage, flown, judged, pictures, unknown_attitude_looks=int((~together.known).sum()))
     window = flown_window(np.concatenate([j.track.unix_time_s for j in judged]))
+=======
+    decision = decide(coverage, flown, judged, pictures, unknown_attitude_looks=unknown_looks, evidence=evidence)
+>>>>>>> 564b2fd (verify judges any flight by its log, its pictures or both, with or without a run folder)
     report = VerificationReport(
         coverage_fraction=coverage.share(flown.seen),
         coverage_of_coverable=coverage.share_of_coverable(flown.seen),
@@ -276,9 +287,9 @@ def verify_flight(site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack
         gaps=tuple(region.gap for region in gaps),
         cells=cell_statistics(coverage, flown),
         pictures=statistics,
-        coverage_by_time=coverage_by_time(coverage, flown, together.times_s),
+        coverage_by_time=() if evidence.shown is not None else coverage_by_time(coverage, flown, together.times_s),
         samples=sum(len(flown.track) for flown in tracks),
-        unknown_attitude_looks=int((~together.known).sum()),
+        unknown_attitude_looks=unknown_looks,
         unobserved=decision.unobserved,
         unobserved_s=sum(stretch.duration_s for stretch in decision.unobserved if stretch.in_flight),
         unobserved_m=sum(stretch.length_m for stretch in decision.unobserved if stretch.in_flight),

@@ -1,7 +1,7 @@
 """Judging a flight: its logs against its plan, the verdict, and its files in the run folder."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from uavcover.errors import InputError
 from uavcover.judging.flown_coverage import FlownCoverage
 from uavcover.judging.gaps import REASONS, reason_codes
 from uavcover.judging.phases import PlannedRoute
+from uavcover.judging.photos.evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.judging.requirements import requirement_rows
 from uavcover.judging.track_logs.readers import READERS, read_foreign_log
 from uavcover.judging.verify import FlownTrack, Verdict, verify_flight, verify_track
@@ -113,9 +114,12 @@ def planned_for(log: Path, run: RunFolder) -> PlannedRoute | None:
     return planned if whole is None else replace(planned, coverage_fraction=whole.coverage_fraction)
 
 
-def judge_tracks(site: Site, tracks: Sequence[tuple[Track, PlannedRoute | None]]) -> Verdict:
+def judge_tracks(
+    site: Site, tracks: Sequence[tuple[Track, PlannedRoute | None]], *, evidence: PictureEvidence = NOTHING_KNOWN
+) -> Verdict:
     """The verdict on one or several tracks as one flight, each with the plan it followed, on the cells of the area."""
-    return verify_flight(site, judging_map(site), [FlownTrack(track, planned) for track, planned in tracks])
+    flown = [FlownTrack(track, planned) for track, planned in tracks]
+    return verify_flight(site, judging_map(site), flown, evidence=evidence)
 
 
 def save_verdict(
@@ -125,6 +129,7 @@ def save_verdict(
     sources: Sequence[str],
     inputs: JudgedInputs,
     command: Sequence[str],
+    also: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Write ``verification.json`` and, for a site on Earth, ``coverage.tif``, together.
 
@@ -134,6 +139,7 @@ def save_verdict(
         sources: names of the logs.
         inputs: what was judged; its changes were accepted.
         command: how it was asked for.
+        also: what else ``verification.json`` has to say.
 
     Returns:
         what ``verification.json`` says.
@@ -142,6 +148,7 @@ def save_verdict(
         "inputs": inputs.hashes,
         "accepted_changes": [asdict(change) for change in inputs.changes],
         "unsealed_tracks": list(inputs.unsealed),
+        **also,
     }
     files: dict[str, str | bytes] = {"verification.json": json_text(document)}
     raster = coverage_raster(verdict.coverage, verdict.flown)
@@ -180,27 +187,59 @@ _SHOWN_STRETCHES = 3
 _HOLDS = {"yes": "holds", "no": "does NOT hold", "not proved": "not proved"}
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class JudgedPictures:
+    """What was found of a flight's pictures.
+
+    Attributes:
+        evidence: what that means for the flight.
+        document: the verdict on them alone; none where there are no pictures.
+    """
+
+    evidence: PictureEvidence = NOTHING_KNOWN
+    document: Mapping[str, Any] | None = None
+
+
+_NO_PICTURES = JudgedPictures()
+
+
 def verify_run(
-    run: RunFolder, user: User, *, command: Sequence[str], logs: Sequence[Path] = (), accepted: Sequence[str] = ()
+    run: RunFolder,
+    user: User,
+    *,
+    command: Sequence[str],
+    logs: Sequence[Path] = (),
+    accepted: Sequence[str] = (),
+    pictures: JudgedPictures = _NO_PICTURES,
 ) -> tuple[Verdict, dict[str, Any]]:
     """Verify the tracks of a run folder, write its files and say the verdict; returns it, and ``verification.json``.
 
-    The verdict that is there, and what follows from it, is removed first: it would not be one of what is there now.
+    The verdict that is there, and what follows from it, is removed first: it would not be one of what is there now. Where
+    there are ``pictures`` that tell the coverage, it is theirs.
     """
     check_accepted(accepted)
     if not any(run.file(name).exists() for name in (*PLAN_FILES, "verification.json")):
         run.existing("scenario.toml", made_by="uavcover plan")  # no run folder: nothing is written or removed in it
     with run.reserved((), force=True):
         run.remove(VERDICT_FILES)
-        site, verdict, sources, inputs = judge_run(run, user, logs=logs, accepted=accepted)
-        document = save_verdict(run, verdict, sources=sources, inputs=inputs, command=command)
+        site, verdict, sources, inputs = judge_run(run, user, logs=logs, accepted=accepted, evidence=pictures.evidence)
+        also: dict[str, Any] = {}
+        if pictures.document is not None:
+            inputs = replace(inputs, hashes={**inputs.hashes, "photos": pictures.document["inputs"]["pictures"]})
+            also = {"photos": pictures.document}
+        document = save_verdict(run, verdict, sources=sources, inputs=inputs, command=command, also=also)
     say_inputs(user, inputs)
     _say(user, run, site, verdict.report)
     return verdict, document
 
 
 def judge_run(
-    run: RunFolder, user: User, *, logs: Sequence[Path], accepted: Sequence[str]
+    run: RunFolder,
+    user: User,
+    *,
+    logs: Sequence[Path],
+    accepted: Sequence[str],
+    evidence: PictureEvidence = NOTHING_KNOWN,
 ) -> tuple[Site, Verdict, list[str], JudgedInputs]:
     """The verdict on the logs of a run, by default its own track, the logs' names, and what was judged; nothing is written.
 
@@ -223,7 +262,7 @@ def judge_run(
         tracks.append((loaded.track, planned_for(path, run)))
     warn_of_separation(site, len(tracks), user)
     with user.progress("verifying"):
-        verdict = judge_tracks(site, tracks)
+        verdict = judge_tracks(site, tracks, evidence=evidence)
     return site, verdict, [_name(path, run) for path in paths], inputs
 
 

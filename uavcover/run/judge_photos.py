@@ -1,7 +1,5 @@
 """Judging pictures that were taken, and planning the flight for what is missing, as ``judge-photos`` does it."""
 
-import json
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,14 +9,11 @@ import numpy as np
 import shapely
 
 from uavcover.errors import InfeasibleError, InputError
-from uavcover.intake.cameras import CameraBody, camera_named
 from uavcover.judging.gaps import cells_outline, gaps_geojson
-from uavcover.judging.photos.picture import Picture
 from uavcover.judging.photos.readers import PictureSet, read_pictures
 from uavcover.model.area import Area
 from uavcover.model.sensor import FrameCamera
 from uavcover.run.folder import RunFolder, json_text
-from uavcover.run.new import new_scenario
 from uavcover.run.photo_judgement import BLUR_PX, PhotoRequest, judged, placed_in
 from uavcover.run.photo_verdict import (
     PhotoVerdict,
@@ -28,19 +23,15 @@ from uavcover.run.photo_verdict import (
     picture_table,
 )
 from uavcover.run.plan import PlanRequest, plan_into
-from uavcover.run.user import Unattended, User, percent
+from uavcover.run.survey_as_flown import CAMERA_FILE, survey_as_flown
+from uavcover.run.user import User, percent
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.pictures import overlap_rule
 
 FILES = ("scenario.toml", "photos.json", "pictures.csv", "footprints.geojson", "photos.tif", "gaps.geojson")
 REFLY = "refly"
-CAMERA_FILE = "camera.toml"
-_FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
-_LENS_DIFFERS = 0.1
-_FIRST_HEIGHT_M = 80.0
 _SHOWN_NAMES = 3
-_NEVER = Unattended()
 
 
 def judge_photos(
@@ -51,7 +42,7 @@ def judge_photos(
     Raises:
         InputError: an area, a picture, a list or an option cannot be used.
     """
-    if not 0.0 < request.coverage <= 1.0:
+    if request.coverage is not None and not 0.0 < request.coverage <= 1.0:
         raise InputError(f"--coverage: {request.coverage:g} is a share, above 0 and at most 1")
     with user.progress("reading pictures") as bar:
         found = read_pictures(request.photos, progress=bar.count)
@@ -85,80 +76,21 @@ def _site(request: PhotoRequest, found: PictureSet, out: RunFolder, user: User) 
         if not isinstance(site.scenario.sensor, FrameCamera):
             raise InputError(f"{path}: its sensor is a {site.scenario.sensor.kind}; pictures need a frame-camera")
         return site, dump_scenario(site.scenario)
-    area = request.area
-    if area is None:
+    if request.area is None:
         raise InputError("judge-photos: give --area with --dem, or --scenario with the survey's file or run folder")
-    if area.camera is None:
-        body, name = _camera_of(found.pictures, out)
-        area = replace(area, camera=name)
-        user.say(f"{'camera':18}{body}, by what the pictures tell; kept in {name}")
-    camera = camera_named(str(area.camera))
-    _compare_lens(camera, found.pictures, user)
-    if area.gsd is None:
-        # The first scenario only places the pictures; the second is made for the height at which they were taken.
-        first = new_scenario(replace(area, gsd=_gsd_text(_FIRST_HEIGHT_M / camera.focal_px)), _NEVER, folder=out.path)
-        placed = placed_in(request, found, first.site, frame_of(first.site))
-        height_m = float(np.nanmedian(first.site.ground.heights_agl_m(placed.eyes_m)))
+
+    def height_agl_m(site: Site) -> float:
+        placed = placed_in(request, found, site, frame_of(site))
+        height_m = float(np.nanmedian(site.ground.heights_agl_m(placed.eyes_m)))
         if not height_m > 0.0:
             raise InputError(
                 f"half of the pictures lie {-height_m:.0f} m or more under the ground: their heights do not fit the elevation "
                 "data; give --takeoff LAT,LON if they tell heights above take-off, or --geoid-height"
             )
-        area = replace(area, gsd=_gsd_text(height_m / camera.focal_px))
-        user.say(
-            f"{'ground sample':18}no limit given; the flight for what is missing is planned for {area.gsd}, as the pictures "
-            f"were taken from {height_m:.0f} m above ground (median)"
-        )
-    scenario = new_scenario(area, user, folder=out.path)
+        return height_m
+
+    scenario = survey_as_flown(request.area, found.pictures, height_agl_m, user, out=out)
     return scenario.site, scenario.text
-
-
-def _gsd_text(gsd_m: float) -> str:
-    return f"{math.ceil(1000.0 * 100.0 * gsd_m) / 1000.0:g}cm"
-
-
-def _camera_of(pictures: Sequence[Picture], out: RunFolder) -> tuple[str, str]:
-    """A camera file by what the pictures tell; its title, and its path."""
-    telling = [p for p in pictures if p.focal_length_mm and p.focal_length_35mm and p.pixels]
-    if not telling:
-        raise InputError(
-            "the pictures do not tell their camera (focal length, the same for 35 mm film, pixels): give --camera NAME or a "
-            "camera file (uavcover new --camera list)"
-        )
-    kinds = Counter((p.focal_length_mm, p.focal_length_35mm, p.pixels, p.camera) for p in telling)
-    (focal_mm, film_mm, pixels, title), _ = kinds.most_common(1)[0]
-    if focal_mm is None or film_mm is None or pixels is None:
-        raise InputError("the pictures do not tell their camera: give --camera")
-    diagonal_mm = _FILM_DIAGONAL_MM * focal_mm / film_mm
-    pitch_mm = diagonal_mm / math.hypot(*pixels)
-    lines = [
-        f"title = {_quoted(title or 'camera of the pictures')}",
-        f"sensor_mm = [{pitch_mm * pixels[0]:.4f}, {pitch_mm * pixels[1]:.4f}]",
-        f"pixels = [{pixels[0]}, {pixels[1]}]",
-        f"focal_length_mm = {focal_mm:g}",
-        f'source = "the pictures\' own words: {focal_mm:g} mm, as {film_mm:g} mm on 35 mm film"',
-    ]
-    out.write_text(CAMERA_FILE, "\n".join(lines) + "\n")
-    return title or "camera of the pictures", str(out.file(CAMERA_FILE))
-
-
-def _quoted(text: str) -> str:
-    """As TOML and JSON both have it."""
-    return json.dumps("".join(letter for letter in text if letter.isprintable()))
-
-
-def _compare_lens(camera: CameraBody, pictures: Sequence[Picture], user: User) -> None:
-    """Warn of a camera whose field of view is not that which the pictures tell."""
-    films_mm = [p.focal_length_35mm for p in pictures if p.focal_length_35mm]
-    if not films_mm:
-        return
-    film_mm = float(np.median(films_mm))
-    own_mm = _FILM_DIAGONAL_MM * camera.focal_length_mm / math.hypot(camera.sensor_across_mm, camera.sensor_along_mm)
-    if abs(own_mm / film_mm - 1.0) > _LENS_DIFFERS:
-        user.warn(
-            f"--camera: {camera.name} sees as {own_mm:.0f} mm do on 35 mm film, the pictures say {film_mm:.0f} mm: another "
-            "camera or zoom? Without --camera theirs is taken"
-        )
 
 
 def _refly(

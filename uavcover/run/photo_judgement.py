@@ -24,6 +24,7 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import OVERLAP_FRACTION, drawn_cells, pictures_asked
 
+USUAL_COVERAGE = 0.98
 BLUR_PX = 1.0
 """Pictures in which the ground moves farther are told."""
 _FARTHEST_M = 5000.0
@@ -41,7 +42,8 @@ class PhotoRequest:
         scenario: of the survey, instead.
         assumed: what is taken where pictures do not tell it; the height of take-off is filled in from ``takeoff``.
         takeoff: latitude and longitude: heights above it count, not those above the sea.
-        coverage: share of what can be seen that some picture has to show.
+        coverage: share of what can be seen that some picture has to show; none: what the scenario requires, or 0.98.
+        mount_known: whether the camera hangs on its vehicle as the sensor says, where pictures tell only the vehicle's attitude.
         refly: whether to plan the flight for what is missing.
         budget_s: time for its search; none: the scenario's number of evaluations.
         force: whether files may be replaced.
@@ -52,7 +54,8 @@ class PhotoRequest:
     scenario: Path | None
     assumed: Assumptions
     takeoff: tuple[float, float] | None
-    coverage: float
+    coverage: float | None
+    mount_known: bool
     refly: bool
     budget_s: float | None
     force: bool
@@ -75,7 +78,7 @@ def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: Local
         _, _, alt = frame.geodetic_from_enu(place)
         assumed = replace(assumed, takeoff_alt_amsl_m=float(alt[0]))
     sensor = site.scenario.sensor
-    if isinstance(sensor, FrameCamera) and (request.area is None or request.area.mount is not None):
+    if isinstance(sensor, FrameCamera) and request.mount_known:
         assumed = replace(assumed, mounted=sensor)
     pixels = sensor.pixels_across if isinstance(sensor, FrameCamera) else None
     others = {
@@ -153,6 +156,14 @@ def _doubt_heights(heights_m: FloatArray, user: User) -> None:
         user.warn(f"{outside} of {heights_m.size} pictures were taken outside the elevation data")
 
 
+def _required(request: PhotoRequest, site: Site) -> tuple[float, float]:
+    """The share of what can be seen that has to be shown, and that of the area in which the overlap has to hold."""
+    if request.area is not None:
+        return request.coverage or USUAL_COVERAGE, OVERLAP_FRACTION
+    asked = site.scenario.requirements
+    return request.coverage or asked.min_coverage_of_coverable, asked.min_overlap_fraction or OVERLAP_FRACTION
+
+
 def _answer(sure: float, possible: float, wanted: float) -> Answer:
     return "yes" if sure >= wanted else "no" if possible < wanted else "not proved"
 
@@ -171,8 +182,9 @@ def _document(request: PhotoRequest, found: PictureSet, verdict: PhotoVerdict) -
     flown = shown.coverage
     seen, sure, possible = share(flown.seen), share(flown.surely_seen), share(flown.possibly_seen)
     overlap = None if asked is None else float(weight[drawn & (shown.pictures >= asked)].sum() / weight[drawn].sum())
-    holds = None if overlap is None else overlap >= OVERLAP_FRACTION
-    answer = _answer(sure, possible, request.coverage)
+    required, overlap_required = _required(request, verdict.site)
+    holds = None if overlap is None else overlap >= overlap_required
+    answer = _answer(sure, possible, required)
     samples = flown.ground_sample_m[drawn]
     samples = samples[np.isfinite(samples)]
     blur = blur_px(placed, coverage, heights_m)
@@ -180,6 +192,7 @@ def _document(request: PhotoRequest, found: PictureSet, verdict: PhotoVerdict) -
     passed = answer == "yes" and holds is not False
     return {
         "pictures": len(found.pictures),
+        "inputs": {"pictures": found.sha256},
         "counted": len(placed.pictures),
         "left_out": placed.left_out,
         "direction_known": int(placed.direction_known.sum()),
@@ -190,10 +203,11 @@ def _document(request: PhotoRequest, found: PictureSet, verdict: PhotoVerdict) -
         "coverage_of_coverable": seen,
         "surely": sure,
         "possibly": possible,
-        "required": request.coverage,
+        "required": required,
         "coverage_holds": answer,
         "pictures_asked": asked,
         "overlap_fraction": overlap,
+        "overlap_required": None if overlap is None else overlap_required,
         "overlap_holds": holds,
         "pictures_median": float(np.median(shown.pictures[drawn])),
         "directions_median": float(np.median(shown.directions[drawn])),

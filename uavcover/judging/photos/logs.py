@@ -33,6 +33,16 @@ def read_log(path: Path) -> tuple[list[Picture], tuple[str, ...]]:
     return pictures, (*rows.warnings, *(words if outside else ()))
 
 
+def tells_of_pictures(path: Path) -> bool:
+    """Whether a log tells of any picture.
+
+    Raises:
+        TrackError: it cannot be read.
+    """
+    pictures = READERS[path.suffix.lower()](path).pictures
+    return pictures is not None and len(pictures) > 0
+
+
 def _pictures(path: Path, rows: LoggedRows) -> list[Picture]:
     has_fix = np.isfinite(rows.positions).all(axis=1) & (rows.positions[:, 1:3] != 0.0).any(axis=1)
     positions = rows.positions[has_fix]

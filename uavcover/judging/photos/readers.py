@@ -1,5 +1,6 @@
 """Pictures from what people have: folders of pictures, lists of pictures, flight logs."""
 
+import hashlib
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -32,6 +33,11 @@ class PictureSet:
 
     pictures: tuple[Picture, ...]
     notes: tuple[str, ...]
+
+    @property
+    def sha256(self) -> str:
+        """Of all that was read of the pictures: what a verdict on them rests on."""
+        return hashlib.sha256("\n".join(map(repr, self.pictures)).encode()).hexdigest()
 
 
 def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], None] = lambda _d, _t: None) -> PictureSet:

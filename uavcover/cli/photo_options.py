@@ -1,0 +1,64 @@
+"""The options that say how far pictures are believed, for ``judge-photos`` and ``verify``."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from uavcover.judging.photos.placing import Assumptions
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoOptions:
+    """Heights of pictures, and errors of what tells none."""
+
+    takeoff: Annotated[
+        str | None,
+        typer.Option("--takeoff", help="Where the vehicle took off: heights above it count.", metavar="LAT,LON"),
+    ] = None
+    geoid_height: Annotated[
+        float | None,
+        typer.Option(
+            "--geoid-height", help="Of the sea level above the ellipsoid, where PROJ has no grid.", metavar="METRES"
+        ),
+    ] = None
+    position_error: Annotated[
+        float, typer.Option("--position-error", help="Of pictures' places that tell none.", metavar="METRES")
+    ] = 3.0
+    height_error: Annotated[
+        float, typer.Option("--height-error", help="Of pictures' heights that tell none.", metavar="METRES")
+    ] = 10.0
+    angle_error: Annotated[
+        float, typer.Option("--angle-error", help="Of the camera's angles, where they are told.", metavar="DEGREES")
+    ] = 2.0
+
+    def assumed(self) -> "Assumptions":
+        """What is taken where pictures do not tell it.
+
+        Raises:
+            InputError: a number is out of range.
+        """
+        from uavcover.errors import InputError
+        from uavcover.judging.photos.placing import Assumptions
+
+        for option, value in (
+            ("--position-error", self.position_error), ("--height-error", self.height_error),
+            ("--angle-error", self.angle_error),
+        ):  # fmt: skip
+            if not 0.0 <= value < 1000.0:
+                raise InputError(f"{option}: {value:g} is out of range; give 0 or more")
+        if self.geoid_height is not None and not abs(self.geoid_height) <= 200.0:
+            raise InputError(
+                f"--geoid-height: {self.geoid_height:g} is out of range; it is between -110 and 90 m on Earth"
+            )
+        return Assumptions(
+            horizontal_m=self.position_error, vertical_m=self.height_error, attitude_deg=self.angle_error,
+            geoid_height_m=self.geoid_height,
+        )  # fmt: skip
+
+    def place(self) -> tuple[float, float] | None:
+        """Latitude and longitude of take-off."""
+        from uavcover.intake.quantities import lat_lon
+
+        return None if self.takeoff is None else lat_lon(self.takeoff, option="--takeoff")

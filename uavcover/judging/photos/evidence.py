@@ -1,0 +1,28 @@
+"""What real pictures, or that there are none, mean for the verdict on a flight."""
+
+from dataclasses import dataclass
+
+from uavcover.judging.flown_coverage import FlownCoverage
+from uavcover.sensing.pictures import PictureCounts
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PictureEvidence:
+    """What is known of a flight's pictures beside its track.
+
+    Attributes:
+        shown: coverage by cell, on the cells that results are judged on; none where the track alone tells it.
+        counts: how many pictures show each cell; likewise.
+        reasons: why they do not show enough, whatever their errors are.
+        doubts: why it is not proved that they do.
+        findings: what else is to be said of them.
+    """
+
+    shown: FlownCoverage | None = None
+    counts: PictureCounts | None = None
+    reasons: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    findings: tuple[str, ...] = ()
+
+
+NOTHING_KNOWN = PictureEvidence()
