@@ -262,12 +262,8 @@ def verify_flight(
     if evidence.shown is None and takes_pictures(site.scenario):
         pictures = _pictures(coverage, together)
     statistics = None if pictures is None else picture_statistics(coverage, pictures)
-<<<<<<< HEAD
-    decision = decide(coverage, flown, judged, pictures, unknown_attitude_looks=int((~together.known).sum()))
-    window = flown_window(np.concatenate([j.track.unix_time_s for j in judged]))
-=======
     decision = decide(coverage, flown, judged, pictures, unknown_attitude_looks=unknown_looks, evidence=evidence)
->>>>>>> 564b2fd (verify judges any flight by its log, its pictures or both, with or without a run folder)
+    window = flown_window(np.concatenate([j.track.unix_time_s for j in judged]))
     report = VerificationReport(
         coverage_fraction=coverage.share(flown.seen),
         coverage_of_coverable=coverage.share_of_coverable(flown.seen),
