@@ -1,12 +1,18 @@
 """What a mission's file does not say: the aircraft that flies it, and what its autopilot does by default."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Final, Literal
 
 from uavcover.model.vehicle import AutopilotName
 
 Kind = Literal["multirotor", "fixed-wing", "vtol"]
 KINDS: Final[tuple[Kind, ...]] = ("multirotor", "fixed-wing", "vtol")
+BANK_DEG: Final[Mapping[AutopilotName, float]] = MappingProxyType({"ardupilot": 45.0, "px4": 50.0})
+"""LIM_ROLL_CD (ROLL_LIMIT_DEG) and FW_R_LIM."""
+_GRAVITY_M_S2 = 9.80665
 _CONE_SLOPE, _CONE_CLIMB_M = 3.0, 2.0
 """RTL_CONE_SLOPE and RTL_ALT_MIN of ArduCopter: near home it climbs less before it returns."""
 
@@ -24,7 +30,8 @@ class Aircraft:
         max_airspeed_m_s: largest speed through the air; none: wind does not slow a multirotor.
         return_height_m: height above home of the autopilot's own return.
         loiter_radius_m: radius of a circle whose item states none.
-        turn_radius_m: smallest radius of a turn; 0 for a multirotor.
+        turn_radius_m: smallest radius of a turn at cruise speed; 0 for a multirotor.
+        acceptance_m: how far before a waypoint the next leg is taken, where its item does not say.
         endurance_s: time in the air; none: unknown.
         reserve_fraction: share of it that a flight leaves.
     """
@@ -38,6 +45,7 @@ class Aircraft:
     return_height_m: float = 15.0
     loiter_radius_m: float = 10.0
     turn_radius_m: float = 0.0
+    acceptance_m: float = 0.0
     endurance_s: float | None = None
     reserve_fraction: float = 0.2
 
@@ -46,30 +54,41 @@ class Aircraft:
         """Whether it flies between waypoints on wings."""
         return self.kind != "multirotor"
 
+    def turn_radius_at(self, speed_m_s: float) -> float:
+        """Smallest radius of a turn at a speed: with one bank it grows with the square."""
+        return self.turn_radius_m * (speed_m_s / self.cruise_speed_m_s) ** 2
+
 
 def default_aircraft(autopilot: AutopilotName, kind: Kind) -> Aircraft:
     """An aircraft with the parameters that its autopilot comes with.
 
     ArduCopter: WPNAV_SPEED, WPNAV_SPEED_UP, WPNAV_SPEED_DN, RTL_ALT, CIRCLE_RADIUS; ArduPlane: AIRSPEED_CRUISE, TECS_CLMB_MAX,
-    TECS_SINK_MAX, ALT_HOLD_RTL, WP_LOITER_RAD, LIM_ROLL_CD; PX4: MPC_XY_CRUISE, MPC_Z_V_AUTO_UP, MPC_Z_V_AUTO_DN,
-    FW_AIRSPD_TRIM, FW_T_CLMB_R_SP, FW_T_SINK_R_SP, RTL_RETURN_ALT, NAV_LOITER_RAD, FW_R_LIM.
+    TECS_SINK_MAX, ALT_HOLD_RTL, WP_LOITER_RAD, LIM_ROLL_CD, NAVL1_PERIOD; PX4: MPC_XY_CRUISE, MPC_Z_V_AUTO_UP, MPC_Z_V_AUTO_DN,
+    FW_AIRSPD_TRIM, FW_T_CLMB_R_SP, FW_T_SINK_R_SP, RTL_RETURN_ALT, NAV_LOITER_RAD, FW_R_LIM,
+    NPFG_PERIOD, NAV_ACC_RAD.
     """
     if kind == "multirotor":
         if autopilot == "px4":
             return Aircraft(
                 autopilot=autopilot, cruise_speed_m_s=5.0, max_climb_m_s=3.0, max_descent_m_s=1.5, return_height_m=60.0,
-                loiter_radius_m=80.0,
+                loiter_radius_m=80.0, acceptance_m=10.0,
             )  # fmt: skip
         return Aircraft(autopilot=autopilot)
-    if autopilot == "px4":  # FW_R_LIM is 50 degrees: 15^2 / (9.81 tan 50)
+    radius_m = radius_of_bank_m(15.0, BANK_DEG[autopilot])
+    if autopilot == "px4":  # npfg's switch distance: 0.32 * 10 s / pi * 0.7 * 15 m/s
         return Aircraft(
             autopilot=autopilot, kind=kind, cruise_speed_m_s=15.0, max_climb_m_s=3.0, max_descent_m_s=2.0, return_height_m=60.0,
-            loiter_radius_m=80.0, turn_radius_m=19.0,
+            loiter_radius_m=80.0, turn_radius_m=radius_m, acceptance_m=10.7,
         )  # fmt: skip
-    return Aircraft(  # LIM_ROLL_CD is 45 degrees: 15^2 / (9.81 tan 45)
+    return Aircraft(  # the L1 distance: 17 s / pi * 0.75 * 15 m/s; WP_RADIUS, 90 m, is more
         autopilot=autopilot, kind=kind, cruise_speed_m_s=15.0, max_climb_m_s=5.0, max_descent_m_s=5.0, return_height_m=100.0,
-        loiter_radius_m=60.0, turn_radius_m=23.0,
+        loiter_radius_m=60.0, turn_radius_m=radius_m, acceptance_m=61.0,
     )  # fmt: skip
+
+
+def radius_of_bank_m(speed_m_s: float, bank_deg: float) -> float:
+    """Radius of a level turn at a bank: v^2 / (g tan bank)."""
+    return speed_m_s**2 / (_GRAVITY_M_S2 * math.tan(math.radians(bank_deg)))
 
 
 def return_height_m(height_above_home_m: float, distance_m: float, aircraft: Aircraft) -> float:

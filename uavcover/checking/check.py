@@ -10,7 +10,7 @@ import shapely
 from mission_io.model.items import Command, Frame, GeoPoint, Mission
 from uavcover.checking.aircraft import Aircraft
 from uavcover.checking.boundary_checks import distance_findings, fence_findings, zone_findings
-from uavcover.checking.endurance_checks import endurance_findings, wing_findings
+from uavcover.checking.endurance_checks import endurance_findings, speed_findings, wing_findings
 from uavcover.checking.fences import FenceSource, local_fence
 from uavcover.checking.findings import CheckFinding
 from uavcover.checking.flown_path import flown_path
@@ -22,6 +22,7 @@ from uavcover.checking.places import Heights, places_of
 from uavcover.checking.return_checks import return_findings
 from uavcover.checking.segments import FlownPath
 from uavcover.checking.sight_checks import sight_findings
+from uavcover.checking.turns import in_turns, turns_of
 from uavcover.checking.world import World
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle
@@ -117,13 +118,21 @@ def check_mission(
     surroundings = replace(_surroundings(request, world, path, read_zones), prisms=prisms)
     findings += path.findings
     findings += with_hints(height_findings(path, world, limits), mission, world, limits)
-    findings += fence_findings(path, world, surroundings.fence)
-    findings += zone_findings(path, world, surroundings)
-    findings += obstacle_findings(path, world, surroundings)
+    turns = turns_of(path, mission, aircraft)
+    findings += in_turns(lambda each: height_findings(each, world, limits), turns, findings)
+    checks: tuple[Callable[[FlownPath], list[CheckFinding]], ...] = (
+        lambda each: fence_findings(each, world, surroundings.fence),
+        lambda each: zone_findings(each, world, surroundings),
+        lambda each: obstacle_findings(each, world, surroundings),
+    )
+    for judge in checks:
+        of_legs = judge(path)
+        findings += [*of_legs, *in_turns(judge, turns, of_legs)]
     findings += distance_findings(path, world, limits)
     findings += return_findings(path, world, limits, aircraft, surroundings)
     if surroundings.pilot_m is not None:
         findings += sight_findings(path, world, surroundings.pilot_m)
+    findings += speed_findings(path, aircraft)
     findings += wing_findings(path, world, aircraft)
     time_s, tired = endurance_findings(path, aircraft, limits)
     return Checked(_sorted([*findings, *tired]), path, world, time_s)

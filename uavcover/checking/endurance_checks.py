@@ -137,6 +137,22 @@ def _steady_s(points: np.ndarray, segment: Segment, aircraft: Aircraft, wind: np
     return float(np.maximum(forward, rise).sum())
 
 
+def speed_findings(path: FlownPath, aircraft: Aircraft) -> list[CheckFinding]:
+    """Segments whose speed is more than the vehicle makes."""
+    most = aircraft.max_airspeed_m_s
+    if most is None:
+        return []
+    found = [
+        CheckFinding(
+            kind="speed", weight="breaks", items=segment.items, by=segment.speed_m_s - most, unit="m/s",
+            what=f"{segment.speed_m_s:g} m/s are asked for, the vehicle makes {most:g}", do="ask for less",
+        )
+        for segment in path.distinct
+        if segment.speed_m_s > most + 1e-6
+    ]  # fmt: skip
+    return joined(found, lambda one: one.what)
+
+
 def wing_findings(path: FlownPath, world: World, aircraft: Aircraft) -> list[CheckFinding]:
     """Legs that wings cannot follow: too steep, or turns that need more room than the legs have."""
     if not aircraft.has_wings:
@@ -179,8 +195,9 @@ def _tight_turn(one: Segment, two: Segment, world: World, aircraft: Aircraft) ->
     if min(length_a, length_b) < 1e-6:
         return []
     angle = math.acos(min(1.0, max(-1.0, float(a @ b) / (length_a * length_b))))
-    needed_m = aircraft.turn_radius_m * math.tan(min(angle, math.radians(170.0)) / 2.0)
-    aside_m = aircraft.turn_radius_m * (1.0 - math.cos(angle))
+    radius_m = aircraft.turn_radius_at(one.speed_m_s)
+    needed_m = radius_m * math.tan(min(angle, math.radians(170.0)) / 2.0)
+    aside_m = radius_m * (1.0 - math.cos(angle))
     if needed_m <= min(length_a, length_b):
         return []
     lat, lon, alt = world.geodetic(one.enu_m[-1])
@@ -195,7 +212,7 @@ def _tight_turn(one: Segment, two: Segment, world: World, aircraft: Aircraft) ->
             by=aside_m,
             unit="m",
             what=f"a turn of {math.degrees(angle):.0f} degrees with legs shorter than its radius of "
-            f"{aircraft.turn_radius_m:.0f} m takes: up to {aside_m:.0f} m aside of the next leg",
+            f"{radius_m:.0f} m takes: up to {aside_m:.0f} m aside of the next leg",
             do="move the waypoints apart",
         ),
     ]

@@ -35,6 +35,9 @@ class AircraftOptions:
     speed: Annotated[
         str | None, typer.Option("--speed", help="Default: the vehicle's or the autopilot's.", metavar="SPEED")
     ] = None
+    bank: Annotated[
+        float | None, typer.Option("--bank", help="Of wings in turns; default: the autopilot's.", metavar="DEGREES")
+    ] = None
     battery: Annotated[
         str | None, typer.Option("--battery", help="Time in the air, such as 25min.", metavar="TIME")
     ] = None
@@ -239,6 +242,8 @@ def check(
         raise InputError("--dem: give elevation data: a raster, a folder or a pattern of tiles")
     if not 0.0 <= aircraft.reserve < 100.0:
         raise InputError(f"--reserve: {aircraft.reserve:g} is not a share of the battery; give 0 to 99 percent")
+    if aircraft.bank is not None and not 5.0 <= aircraft.bank <= 80.0:
+        raise InputError(f"--bank: {aircraft.bank:g} is outside 5 to 80 degrees")
     if written.map_file is not None:
         refuse_map(written.map_file, force=written.force)
     if written.out is not None and not written.fix:
@@ -254,6 +259,7 @@ def check(
         pilot=None if around.pilot is None else lat_lon(around.pilot, option="--pilot"),
         return_height_m=None if height is None else length_m(height, option="--return-height", example="60m"),
         speed_m_s=None if speed is None else speed_m_s(speed, option="--speed", example="8m/s"),
+        bank_deg=aircraft.bank,
         endurance_s=None if battery is None else time_s(battery, option="--battery", example="25min"),
         reserve_fraction=aircraft.reserve / 100.0, limits=limit.limits(),
         view=view.query(),

@@ -14,7 +14,7 @@ from mission_io.formats.text import text_from_bytes
 from mission_io.model.areas import Fence
 from mission_io.model.enums import AutopilotId
 from mission_io.model.items import Command, Mission
-from uavcover.checking.aircraft import KINDS, Aircraft, Kind, default_aircraft
+from uavcover.checking.aircraft import BANK_DEG, KINDS, Aircraft, Kind, default_aircraft, radius_of_bank_m
 from uavcover.checking.check import Bounds, Checked, CheckRequest, check_mission
 from uavcover.checking.fences import FenceSource
 from uavcover.checking.limits import Limits
@@ -59,6 +59,7 @@ class CheckQuery:
         pilot: where the pilot stands; none: at home.
         return_height_m: the autopilot's return altitude above home; none: its default.
         speed_m_s: none: the vehicle's.
+        bank_deg: of wings in turns; none: the autopilot's default.
         endurance_s: none: the vehicle's.
         reserve_fraction: of the endurance.
         limits: of heights, distance and wind.
@@ -78,6 +79,7 @@ class CheckQuery:
     pilot: tuple[float, float] | None = None
     return_height_m: float | None = None
     speed_m_s: float | None = None
+    bank_deg: float | None = None
     endurance_s: float | None = None
     reserve_fraction: float = 0.2
     limits: Limits = field(default_factory=Limits)
@@ -253,9 +255,13 @@ def aircraft_of(query: CheckQuery, read: ReadMission) -> Aircraft:
     def first(*values: float | None, default: float) -> float:
         return next((value for value in values if value is not None), default)
 
+    cruise_m_s = first(query.speed_m_s, read.speed_m_s, sheet.cruise_speed_m_s, default=own.cruise_speed_m_s)
+    bank_deg = BANK_DEG[autopilot] if query.bank_deg is None else query.bank_deg
     return replace(
         own,
-        cruise_speed_m_s=first(query.speed_m_s, read.speed_m_s, sheet.cruise_speed_m_s, default=own.cruise_speed_m_s),
+        cruise_speed_m_s=cruise_m_s,
+        turn_radius_m=radius_of_bank_m(cruise_m_s, bank_deg) if own.has_wings else 0.0,
+        acceptance_m=own.acceptance_m * (cruise_m_s / own.cruise_speed_m_s if own.has_wings else 1.0),
         max_climb_m_s=first(sheet.max_climb_m_s, default=own.max_climb_m_s),
         max_descent_m_s=first(sheet.max_descent_m_s, default=own.max_descent_m_s),
         max_airspeed_m_s=sheet.max_speed_m_s,
