@@ -1,6 +1,6 @@
 """Put faults into good missions and see whether ``uavcover check`` finds them: docs/results/mission_check.md.
 
-Usage: .venv/bin/python scripts/faulty_missions.py [--missions 100] [--faults 500] [-o docs/results/mission_check.md]
+Usage: .venv/bin/python scripts/faulty_missions.py [--missions 100] [--faults 500] [--seed 1] [-o docs/results/mission_check.md]
 
 Good missions are lines over seven terrains, and faults of ten kinds are put into them. Both are believed only when
 tests/naive/mission_check.py, which shares nothing with the package, says by more than a margin that they are what they are to be.
@@ -62,27 +62,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--missions", type=int, default=100)
     parser.add_argument("--faults", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("-o", "--out", type=Path, default=None)
     given = parser.parse_args()
     began = time.process_time()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         grounds = terrains(folder)
-        good, alarms = _good_missions(grounds, given.missions, folder)
-        rows, extra = _faults(good, given.faults, folder)
-    text = _page(good, alarms, rows, extra, time.process_time() - began)
+        good, alarms = _good_missions(grounds, given.missions, folder, given.seed)
+        rows, extra = _faults(good, given.faults, folder, given.seed)
+    text = _page(good, alarms, rows, extra, time.process_time() - began, given.seed)
     print(text)
     if given.out is not None:
         given.out.write_text(text, encoding="utf-8")
 
 
-def _good_missions(grounds: list[Terrain], count: int, folder: Path) -> tuple[list[Case], list[str]]:
+def _good_missions(grounds: list[Terrain], count: int, folder: Path, seed: int) -> tuple[list[Case], list[str]]:
     good: list[Case] = []
     alarms = []
     number = -1
     while len(good) < count:
         number += 1
-        case = good_mission(grounds[number % len(grounds)], np.random.default_rng([1, number]))
+        case = good_mission(grounds[number % len(grounds)], np.random.default_rng([2 * seed - 1, number]))
         if case is None:
             continue
         good.append(case)
@@ -94,7 +95,7 @@ def _good_missions(grounds: list[Terrain], count: int, folder: Path) -> tuple[li
     return good, alarms
 
 
-def _faults(good: list[Case], count: int, folder: Path) -> tuple[dict[str, Counter], list[str]]:
+def _faults(good: list[Case], count: int, folder: Path, seed: int) -> tuple[dict[str, Counter], list[str]]:
     rows = {kind: Counter() for kind in KINDS}
     extra = []
     each = [count // len(KINDS) + (k < count % len(KINDS)) for k in range(len(KINDS))]
@@ -102,7 +103,9 @@ def _faults(good: list[Case], count: int, folder: Path) -> tuple[dict[str, Count
         for number in itertools.count():
             if rows[kind]["seeded"] == wanted or number > 40 * wanted + 40:
                 break
-            faulty = with_fault(good[number % len(good)], kind, np.random.default_rng([2, KINDS.index(kind), number]))
+            faulty = with_fault(
+                good[number % len(good)], kind, np.random.default_rng([2 * seed, KINDS.index(kind), number])
+            )
             if faulty is None:
                 continue
             code, findings = judged(faulty, folder)
@@ -122,7 +125,9 @@ def _faults(good: list[Case], count: int, folder: Path) -> tuple[dict[str, Count
     return rows, extra
 
 
-def _page(good: list[Case], alarms: list[str], rows: dict[str, Counter], extra: list[str], seconds: float) -> str:
+def _page(
+    good: list[Case], alarms: list[str], rows: dict[str, Counter], extra: list[str], seconds: float, seed: int
+) -> str:
     by_terrain = Counter(case.terrain.name for case in good)
     seeded, found = (sum(row[key] for row in rows.values()) for key in ("seeded", "found"))
     false = sum(line.startswith("false") for line in extra)
@@ -138,6 +143,7 @@ def _page(good: list[Case], alarms: list[str], rows: dict[str, Counter], extra: 
         kinds=kinds,
         where=where,
         seconds=seconds,
+        seed=seed,
     )
     wrong = [f"- {line}" for line in (*alarms, *extra)]
     return text + ("\nWhat went wrong:\n\n" + "\n".join(wrong) + "\n" if wrong else "")
@@ -145,11 +151,11 @@ def _page(good: list[Case], alarms: list[str], rows: dict[str, Counter], extra: 
 
 PAGE = """# Faults in missions
 
-`python scripts/faulty_missions.py --missions {missions} --faults {seeded}` makes good missions, puts one fault into each copy
-and runs `uavcover check` on the files. What a mission is, good or faulty, is decided by `tests/naive/mission_check.py`: a
-place every 2 m along the path, each asked on its own, with another geodesy, another reader of the elevation file and another
-point-in-polygon test. It shares no code with the package. A mission counts as good when it keeps every limit by {leeway:g} m
-or more, and a fault as one when it breaks one by as much.
+`python scripts/faulty_missions.py --missions {missions} --faults {seeded} --seed {seed}` makes good missions, puts one fault
+into each copy and runs `uavcover check` on the files. What a mission is, good or faulty, is decided by
+`tests/naive/mission_check.py`: a place every 2 m along the path, each asked on its own, with another geodesy, another reader
+of the elevation file and another point-in-polygon test. It shares no code with the package. A mission counts as good when it
+keeps every limit by {leeway:g} m or more, and a fault as one when it breaks one by as much.
 
 **{found} of {seeded} faults found; {alarms} false alarms on {missions} good missions.** A fault is found when the command
 ends with 1 (or refuses the file with 2) and a finding of the right kind names its items. On the faulty missions {false}

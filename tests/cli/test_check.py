@@ -246,3 +246,21 @@ def test_routes_of_points_have_a_take_off_and_no_home(cli: Cli, tmp_path: Path, 
         tmp_path / "f.waypoints",
     )
     assert "raised" in fixed.out, fixed
+
+
+def test_a_long_mission_is_split_and_each_part_is_checked(cli: Cli, tmp_path: Path) -> None:
+    ways = [f"16 36.47{70 + k % 2} -84.21{60 - k // 2} 70" for k in range(14)]
+    file = mission(tmp_path, "22 0 0 70", *ways, "20 0 0 0")
+    options = ("--dem", DEM, "--return-height", "90m", "--max-height", "none", "--max-items", "12", "--json")
+    told = cli("check", file, *options)
+    assert told.code == 1
+    assert [one["kind"] for one in told.document["findings"] if one["weight"] == "breaks"] == ["items"]
+    ended = cli("check", file, *options, "--fix", "-o", tmp_path / "part.waypoints")
+    assert ended.code == 0, ended.out
+    names = [one["file"] for one in ended.document["parts"]]
+    assert names == [str(tmp_path / f"part-{k}.waypoints") for k in range(1, len(names) + 1)]
+    assert len(names) > 2
+    assert ended.document["verdict"] == "passed"
+    again = cli("check", file, *options, "--fix", "-o", tmp_path / "part.waypoints")
+    assert (again.code, "--force" in again.err) == (2, True)
+    assert cli("check", file, *options[:-2], "3").code == 2

@@ -4,11 +4,13 @@ Positions are metres east and north of home on a plane with the ellipsoid's radi
 (command, frame, (p1, p2, p3, p4), latitude, longitude, height); the first row is number 1, home is 0.
 """
 
+import itertools
 import math
 
 import numpy as np
 
 from tests.naive.file_ground import A_M, E2
+from tests.naive.turn import early
 
 STEP_M = 2.0
 RETURN_EVERY_M, RETURN_STEP_M = 8.0, 4.0
@@ -148,11 +150,12 @@ def judge(rows, home, ground, *, return_m, px4, low_m, high_m, fence=None, zone=
     def note(kind, pair, amount):
         out[kind][pair] = max(out[kind].get(pair, -math.inf), float(amount))
 
-    for begin, end, phase, points in path(rows, plane, home_m, return_m, px4=px4):
+    parts = path(rows, plane, home_m, return_m, px4=px4)
+    for begin, end, phase, points in [*parts, *(_cut_corners(rows, parts) if px4 else [])]:
         pair = (begin, end)
         east, north, alt = points.T
         above = alt - ground.height_m(*plane.back(east, north))
-        if phase in ("route", "return"):
+        if phase in ("route", "return", "turn"):
             note("ground", pair, low_m - above.min())
         if phase in ("route", "take-off"):
             note("height", pair, above.max() - high_m)
@@ -188,6 +191,26 @@ def judge(rows, home, ground, *, return_m, px4, low_m, high_m, fence=None, zone=
                     away = from_edge(es, ns, zone_ring)
                     hit = inside(es, ns, zone_ring) & (hs > zone[1]) & (hs < zone[2])
                     note("return-no-fly", pair, np.where(hit, away, -np.maximum(away, 0.1)).max())
+    return out
+
+
+def _cut_corners(rows, parts):
+    """PX4 goes on to the next waypoint when it is within 10 m, and at the waypoint's height."""
+    out = []
+    for (first, corner, phase, one), (_, last, next_phase, two) in itertools.pairwise(parts):
+        if (phase, next_phase) != ("route", "route") or rows[corner - 1][0] != 16 or rows[corner - 1][2][0] > 0.0:
+            continue
+        before, after = one[0] - one[-1], two[-1] - two[0]
+        in_m, out_m = np.hypot(*before[:2]), np.hypot(*after[:2])
+        if min(in_m, out_m) < 1.0:
+            continue
+        u, v = -before[:2] / in_m, after[:2] / out_m
+        if float(u @ v) > 0.9985 or float(u @ v) < -0.996:
+            continue
+        flat = early(u, v, min(10.0, in_m, out_m)) + two[0][:2]
+        share = np.linspace(0.0, 1.0, len(flat))
+        up = two[0][2] + share * min(10.0, in_m, out_m) * after[2] / out_m
+        out.append((first, last, "turn", np.column_stack([flat, up])))
     return out
 
 

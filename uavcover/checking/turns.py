@@ -79,7 +79,9 @@ def _turns(one: Segment, two: Segment, mission: Mission, aircraft: Aircraft) -> 
     cut_m = _cut_m(abs(turn_deg), radius_m, one.items[1], mission, aircraft)
     lines = []
     if cut_m > 0.0 and abs(turn_deg) < _ABOUT_DEG:
-        lines.append(_early(corner, u, turn_deg, min(cut_m, in_m, out_m), rises))
+        # PX4's multirotors are at the waypoint's own height before they go on (NAV_MC_ALT_RAD).
+        climbs = rises if aircraft.has_wings else (0.0, rises[1])
+        lines.append(_early(corner, u, turn_deg, min(cut_m, in_m, out_m), climbs))
     if radius_m > 0.0:
         lines.append(_late(corner, u, v, turn_deg, radius_m, out_m, rises[1]))
     items = (one.items[0], two.items[1])

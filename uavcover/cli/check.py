@@ -203,10 +203,14 @@ class WrittenOptions:
     ] = None
     fix: Annotated[
         bool,
-        typer.Option("--fix", help="Lift what is too low, and put waypoints over what legs hit; needs -o."),
+        typer.Option("--fix", help="Lift what is too low, put waypoints over what legs hit, split; needs -o."),
     ] = False
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="The repaired mission, which is checked again.", metavar="FILE")
+    ] = None
+    max_items: Annotated[
+        int | None,
+        typer.Option("--max-items", help="Items that the vehicle takes; --fix splits longer missions.", metavar="N"),
     ] = None
     force: options.Force = False
 
@@ -234,7 +238,7 @@ def check(
     from uavcover.intake.quantities import flight_window, lat_lon, length_m, speed_m_s, time_s
     from uavcover.run.check import CheckQuery
     from uavcover.run.check import check as check_file
-    from uavcover.run.check_report import document_of, refuse_map, say_findings, write_map
+    from uavcover.run.check_report import document_of, refuse_map, say_findings, worst_verdict, write_map
     from uavcover.run.repair_mission import refuse_repair_into, repair_mission
 
     console = output.console()
@@ -242,6 +246,8 @@ def check(
         raise InputError("--dem: give elevation data: a raster, a folder or a pattern of tiles")
     if not 0.0 <= aircraft.reserve < 100.0:
         raise InputError(f"--reserve: {aircraft.reserve:g} is not a share of the battery; give 0 to 99 percent")
+    if written.max_items is not None and written.max_items < 8:
+        raise InputError(f"--max-items: {written.max_items} leaves no room for a flight; give 8 or more")
     if aircraft.bank is not None and not 5.0 <= aircraft.bank <= 80.0:
         raise InputError(f"--bank: {aircraft.bank:g} is outside 5 to 80 degrees")
     if written.map_file is not None:
@@ -263,15 +269,27 @@ def check(
         endurance_s=None if battery is None else time_s(battery, option="--battery", example="25min"),
         reserve_fraction=aircraft.reserve / 100.0, limits=limit.limits(),
         view=view.query(),
+        most_items=written.max_items,
     )  # fmt: skip
     outcome = check_file(query, console)
     say_findings(outcome, console)
-    if fixed is not None and repair_mission(query, outcome.checked, fixed, console):
-        query = dataclasses.replace(query, file=fixed)
-        outcome = check_file(query, console)
-        say_findings(outcome, console)
+    outcomes = [(query, outcome)]
+    if fixed is not None:
+        for part in repair_mission(query, outcome.checked, fixed, console, force=written.force):
+            outcomes = [each for each in outcomes if each[0] is not query]
+            console.say(f"{part}:")
+            again = dataclasses.replace(query, file=part)
+            outcomes.append((again, check_file(again, console)))
+            say_findings(outcomes[-1][1], console)
+    query, outcome = outcomes[0]
     if written.map_file is not None:
         write_map(outcome, written.map_file, force=written.force)
         console.say(f"written: {written.map_file}")
-    console.result(document_of(query, outcome))
-    return 0 if outcome.verdict == "passed" else 1
+    document = document_of(query, outcome)
+    if len(outcomes) > 1:
+        document = {
+            "verdict": worst_verdict([each for _, each in outcomes]),
+            "parts": [document_of(*each) for each in outcomes],
+        }
+    console.result(document)
+    return 0 if document["verdict"] == "passed" else 1

@@ -9,7 +9,7 @@ import numpy as np
 
 from mission_io.autopilots.vehicle_types import VehicleKind, kind_of
 from mission_io.errors import FormatError
-from mission_io.formats import files, plan
+from mission_io.formats import files, litchi, plan, wpml
 from mission_io.formats.text import text_from_bytes
 from mission_io.model.areas import Fence
 from mission_io.model.enums import AutopilotId
@@ -17,6 +17,7 @@ from mission_io.model.items import Command, Mission
 from uavcover.checking.aircraft import BANK_DEG, KINDS, Aircraft, Kind, default_aircraft, radius_of_bank_m
 from uavcover.checking.check import Bounds, Checked, CheckRequest, check_mission
 from uavcover.checking.fences import FenceSource
+from uavcover.checking.findings import CheckFinding
 from uavcover.checking.limits import Limits
 from uavcover.checking.obstacle_checks import with_obstacles
 from uavcover.errors import InputError, ScenarioError, TerrainError
@@ -39,6 +40,11 @@ from uavcover.scenario.obstacles import read_obstacles
 from uavcover.scenario.terrain_source import TerrainSource
 
 MISSION_SUFFIXES = (".plan", ".waypoints", ".txt", ".mission", ".csv", *ROUTE_SUFFIXES)
+_MOST_POINTS = {
+    ".csv": (litchi.MOST_WAYPOINTS, "Litchi"),
+    ".kmz": (wpml.MOST_POINTS, "WPML"),
+    ".wpml": (wpml.MOST_POINTS, "WPML"),
+}
 _FENCE_FILES = (".plan", ".waypoints", ".txt", ".fen")
 
 
@@ -65,6 +71,7 @@ class CheckQuery:
         limits: of heights, distance and wind.
         view: what should be seen; none: nobody asks.
         obstacles: file of obstacles with heights.
+        most_items: that the vehicle or its controller takes; none: not judged.
     """
 
     file: Path
@@ -85,6 +92,7 @@ class CheckQuery:
     limits: Limits = field(default_factory=Limits)
     view: ViewQuery | None = None
     obstacles: Path | None = None
+    most_items: int | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -180,6 +188,7 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         return counting
 
     checked = check_mission(request, heights, ground, zones)
+    checked = checked.with_findings(_too_many(query, read))
     if query.view is None:
         return CheckOutcome(checked)
     obstacles = request.obstacles, query.limits.obstacle_clearance_m
@@ -189,6 +198,24 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
 
     view = planned_view(query.view, read.mission, checked, aircraft, ground_with_obstacles)
     return CheckOutcome(checked if view is None else checked.with_findings(view.findings), view)
+
+
+def _too_many(query: CheckQuery, read: ReadMission) -> list[CheckFinding]:
+    """Whether the vehicle, or the controller that the file is for, takes so many items or points."""
+    found = []
+    controller = _MOST_POINTS.get(query.file.suffix.lower())
+    if read.points and controller is not None and len(read.points) > controller[0]:
+        most, name = controller
+        found.append((f"{len(read.points)} points, {name} takes {most}", len(read.points) - most))
+    count = len(read.mission.items)
+    if query.most_items is not None and count > query.most_items:
+        found.append((f"{count} items, {query.most_items} are taken", count - query.most_items))
+    return [
+        CheckFinding(
+            kind="items", weight="breaks", by=float(over), what=what, do="split it: --fix --max-items N -o FILE"
+        )
+        for what, over in found
+    ]
 
 
 def read_mission_file(path: Path) -> ReadMission:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,12 @@ def document_of(query: CheckQuery, outcome: CheckOutcome) -> dict[str, Any]:
         "figures": figures_of(checked),
         "view": None if outcome.view is None else outcome.view.document,
     }
+
+
+def worst_verdict(outcomes: Sequence[CheckOutcome]) -> str:
+    """The verdict of several missions: "passed" when all are."""
+    verdicts = {each.verdict for each in outcomes}
+    return next(word for word in ("failed", "not proved", "passed") if word in verdicts)
 
 
 def figures_of(checked: Checked) -> dict[str, float | None]:

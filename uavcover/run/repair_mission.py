@@ -9,8 +9,10 @@ from mission_io.model.items import GeoPoint, Mission
 from uavcover.checking.check import Checked
 from uavcover.checking.flown_path import flown_path
 from uavcover.checking.repair import repaired
+from uavcover.checking.split import parts_of
 from uavcover.errors import InputError, OutputError
 from uavcover.run.check import CheckQuery, aircraft_of, read_mission_file
+from uavcover.run.export import numbered
 from uavcover.run.file_group import write_file
 from uavcover.run.user import User
 
@@ -36,12 +38,16 @@ def refuse_repair_into(file: Path, out: Path | None, *, force: bool) -> Path:
     return out
 
 
-def repair_mission(query: CheckQuery, checked: Checked, out: Path, user: User) -> bool:
-    """Write the mission with plain repairs, and tell what was changed; False where there is nothing to repair.
+def repair_mission(
+    query: CheckQuery, checked: Checked, out: Path, user: User, *, force: bool = False
+) -> tuple[Path, ...]:
+    """Write the mission with plain repairs, and tell what was changed; no file where there is nothing to repair.
+
+    With more items than ``query.most_items`` it is written in parts, ``OUT-1`` and so on.
 
     Raises:
-        InputError: places are wrong, which nobody but the user can repair.
-        OutputError: the file cannot be written.
+        InputError: places are wrong, which nobody but the user can repair, or it is to be split and is not plain.
+        OutputError: a file cannot be written.
         FormatError: the format cannot hold the mission.
     """
     wrong = next((one for one in checked.findings if one.kind == "place" and one.weight == "breaks"), None)
@@ -52,15 +58,28 @@ def repair_mission(query: CheckQuery, checked: Checked, out: Path, user: User) -
     read = read_mission_file(query.file)
     aircraft = aircraft_of(query, read)
     fixed = repaired(read.mission, world, query.limits, lambda mission: flown_path(mission, world, aircraft))
-    if not fixed.raised and not fixed.inserted:
-        user.say("nothing that plain repairs would change; no file was written")
-        return False
     mission = fixed.mission
+    most = query.most_items
+    is_long = most is not None and len(mission.items) > most
+    if not fixed.raised and not fixed.inserted and not is_long:
+        user.say("nothing that plain repairs would change; no file was written")
+        return ()
     if mission.home is None:
         mission = dataclasses.replace(mission, home=GeoPoint(*world.geodetic([0.0, 0.0, 0.0])))
-    _write(query.file, out, mission)
-    user.say(f"written: {out}: {_numbers(fixed.raised)} raised, {_numbers(fixed.inserted)} put in")
-    return True
+    parts: tuple[Mission, ...] = (mission,)
+    names = [out]
+    if is_long and most is not None:
+        parts = parts_of(mission, world, query.limits, aircraft, most_items=most)
+        names = [out.with_name(numbered(out, number)) for number in range(1, len(parts) + 1)]
+        there = next((name for name in names if name.exists()), None)
+        if there is not None and not force:
+            raise OutputError(f"{there}: is there already; give another name, or --force to replace it")
+    for name, part in zip(names, parts, strict=True):
+        _write(query.file, name, part)
+    changes = f"{_numbers(fixed.raised)} raised, {_numbers(fixed.inserted)} put in"
+    split = f"; {len(parts)} flights of {max(len(part.items) for part in parts)} items at most" if is_long else ""
+    user.say(f"written: {', '.join(map(str, names))}: {changes}{split}")
+    return tuple(names)
 
 
 def _write(file: Path, out: Path, mission: Mission) -> None:
