@@ -42,6 +42,10 @@ def judge_photos(
     budget: Annotated[
         str | None, typer.Option("--budget", help="Time for planning that flight, such as 30s.", metavar="TIME")
     ] = "20s",
+    page: Annotated[
+        Path | None,
+        typer.Option("--report", help="Also write a page with map and tables, opens offline.", metavar="FILE.html"),
+    ] = None,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
@@ -64,6 +68,13 @@ def judge_photos(
         assumed=belief.assumed(), takeoff=belief.place(), coverage=coverage, mount_known=area is None or survey.mount is not None,
         refly=refly, budget_s=options.seconds(budget), force=force,
     )  # fmt: skip
+    if page is not None:
+        from uavcover.report.photo_page import refuse_to_replace, save_photo_report
+
+        refuse_to_replace(page, force=force)
     verdict, document = judge_photos(request, RunFolder(out), console, command=sys.argv)
+    if page is not None:
+        save_photo_report(verdict, page, console, force=force)
+        document["report"] = str(page)
     console.result(document)
     return 0 if verdict.document["passed"] else 1

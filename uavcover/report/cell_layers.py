@@ -13,10 +13,12 @@ from matplotlib import colormaps
 from numpy.typing import NDArray
 from PIL import Image
 
+from uavcover.judging.flown_coverage import FlownCoverage
 from uavcover.judging.gaps import REASONS, reason_codes
 from uavcover.judging.verify import Verdict
 from uavcover.kernels.arrays import BoolArray, ByteArray, FloatArray
 from uavcover.report.content import PlannedView, ReportContent
+from uavcover.run.photo_verdict import PhotoVerdict
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, pictures_asked
 
@@ -88,15 +90,30 @@ def cells_bounds_m(coverage: CoverageMap) -> Bounds:
 def cell_layers(content: ReportContent) -> list[CellLayer]:
     """The cell layers of a run, of the flight before those of the plan; layers without any known value are omitted."""
     coverage, verdict, planned = content.coverage, content.verdict, content.planned_view
+    asked = pictures_asked(coverage.site.scenario.sensor)
     layers: list[CellLayer | None] = []
     if verdict is None:
         layers.append(_planned_coverage_layer(coverage, planned))
     else:
-        layers += [_coverage_layer(coverage, verdict), _gap_layer(coverage, verdict)]
-        layers += _picture_layers(coverage, verdict.pictures, "flown")
-    layers += _picture_layers(coverage, planned.pictures, "planned")
+        layers += [_coverage_layer(coverage, verdict.flown), _gap_layer(coverage, verdict.flown)]
+        layers += _picture_layers(coverage, verdict.pictures, "flown", asked)
+    layers += _picture_layers(coverage, planned.pictures, "planned", asked)
     if verdict is not None:
         layers += _flown_layers(coverage, verdict)
+    return [layer for layer in layers if layer is not None]
+
+
+def photo_layers(verdict: PhotoVerdict) -> list[CellLayer]:
+    """The cell layers of a verdict on pictures; layers without any known value are omitted."""
+    coverage, flown = verdict.coverage, verdict.shown.coverage
+    counts = PictureCounts(verdict.shown.pictures, flown.ground_sample_m, len(verdict.placed.pictures))
+    per_point, sample = _picture_layers(coverage, counts, "flown", verdict.asked)
+    directions = np.where(verdict.shown.directions > 0, verdict.shown.directions.astype(float), np.nan)
+    layers = [
+        per_point, sample, _coverage_layer(coverage, flown), _gap_layer(coverage, verdict.asked_coverage),
+        _ramp_layer(coverage, "directions", "Directions of the cameras", directions, "viridis", _label("{:.0f}")),
+        _ramp_layer(coverage, "incidence", "Incidence angle", flown.incidence_deg, "magma_r", _label("{:.0f}°")),
+    ]  # fmt: skip
     return [layer for layer in layers if layer is not None]
 
 
@@ -125,11 +142,13 @@ def _planned_coverage_layer(coverage: CoverageMap, planned: PlannedView) -> Cell
     )  # fmt: skip
 
 
-def _picture_layers(coverage: CoverageMap, counts: PictureCounts | None, which: str) -> list[CellLayer | None]:
+def _picture_layers(
+    coverage: CoverageMap, counts: PictureCounts | None, which: str, asked: int | None
+) -> list[CellLayer | None]:
     """Pictures per point against the overlap asked for, and the best ground sample distance."""
     if counts is None:
         return []
-    asked, pictures = pictures_asked(coverage.site.scenario.sensor), counts.pictures
+    pictures = counts.pictures
     title = f"Pictures per point, {which}"
     if asked is None:
         shown = np.where(pictures > 0, pictures.astype(float), np.nan)
@@ -176,8 +195,7 @@ def _label(template: str) -> Callable[[float], str]:
     return template.format
 
 
-def _coverage_layer(coverage: CoverageMap, verdict: Verdict) -> CellLayer:
-    flown = verdict.flown
+def _coverage_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
     exact = bool((flown.surely_seen == flown.seen).all() and (flown.possibly_seen == flown.seen).all())
     kinds: list[tuple[Rgb, str, NDArray[np.bool_]]] = [
         (UNSEEN_RGB, "not seen", np.ones(coverage.grid.count, dtype=bool)),
@@ -192,8 +210,8 @@ def _coverage_layer(coverage: CoverageMap, verdict: Verdict) -> CellLayer:
     return _classes_layer(coverage, "coverage", "Coverage", kinds)
 
 
-def _gap_layer(coverage: CoverageMap, verdict: Verdict) -> CellLayer:
-    codes = reason_codes(coverage, verdict.flown)
+def _gap_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
+    codes = reason_codes(coverage, flown)
     colors = np.zeros((coverage.grid.count, 4), dtype=np.uint8)
     legend = []
     for number, reason in enumerate(REASONS):

@@ -1,7 +1,7 @@
 """Data for the map and the 3D view of a report, as JSON in local metres, east before north."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,9 +9,11 @@ import shapely
 
 from uavcover.judging.verify import Verdict
 from uavcover.kernels.arrays import FloatArray
-from uavcover.report.cell_layers import REASON_WORDS, Bounds, cell_layers, cells_bounds_m, data_uri
+from uavcover.model.verdict import Gap
+from uavcover.report.cell_layers import REASON_WORDS, Bounds, cell_layers, cells_bounds_m, data_uri, photo_layers
 from uavcover.report.content import Flight, ReportContent
 from uavcover.report.plots import flight_style
+from uavcover.run.photo_verdict import PhotoVerdict, footprints_m
 from uavcover.scenario.airspace.zone_lines import zone_lines_m
 from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.ground import Ground
@@ -31,6 +33,9 @@ MAX_SAMPLES = 4000
 """Of the flown line; a longer track is drawn through every second, third... sample."""
 
 _PAD_M = 30.0
+MAX_FOOTPRINTS = 400
+_NEAR_M = 500.0
+"""Pictures farther from the area do not widen the map."""
 
 
 def map_data(content: ReportContent) -> dict[str, Any]:
@@ -59,10 +64,44 @@ def map_data(content: ReportContent) -> dict[str, Any]:
         "cells": [_layer(layer) for layer in cell_layers(content)],
         "pictures": _pictures(content),
         "tracks": [_track(flight, number) for number, flight in enumerate(content.flights)],
-        "gaps": [] if verdict is None else _gaps(verdict),
+        "gaps": [] if verdict is None else _gaps(verdict.report.gaps),
         "violations": [] if verdict is None else _violations(verdict, content.flights),
         "surface": _surface(site, bounds),
     }
+
+
+def photo_map_data(verdict: PhotoVerdict) -> dict[str, Any]:
+    """The drawing data of a verdict on pictures: the area, cells, where pictures were taken, footprints of some, and gaps."""
+    site = verdict.site
+    west, south, east, north = site.area.bounds
+    eyes = verdict.placed.eyes_m
+    near = eyes[shapely.dwithin(shapely.points(eyes[:, :2]), site.area, _NEAR_M)]
+    if len(near):
+        west, south = min(west, near[:, 0].min()), min(south, near[:, 1].min())
+        east, north = max(east, near[:, 0].max()), max(north, near[:, 1].max())
+    bounds = (float(west) - _PAD_M, float(south) - _PAD_M, float(east) + _PAD_M, float(north) + _PAD_M)
+    return {
+        "bounds": _rounded(np.array(bounds)),
+        "relief": relief_image(site.ground, bounds),
+        "geodetic": _geodetic_fit(site, bounds),
+        "area": [_rounded(ring) for ring in _rings(site.area)],
+        "drawn": [_rounded(ring) for ring in _rings(area_as_drawn(site))] if site.scenario.area.margin_m > 0.0 else [],
+        "fence": [], "obstacles": [], "noFly": [], "home": None, "plan": [], "planHeights": [], "sorties": [], "tracks": [],
+        "violations": [], "background": None,
+        "cellBounds": _rounded(np.array(cells_bounds_m(verdict.coverage))),
+        "cells": [_layer(layer) for layer in photo_layers(verdict)],
+        "pictures": {"planned": [], "flown": _rounded(eyes), "unknown": 0},
+        "footprints": [
+            {"name": verdict.placed.pictures[number].name, "ring": _rounded(edge[:, :2])}
+            for number, edge in footprints_m(verdict, every=footprints_drawn_every(verdict))
+        ],
+        "gaps": _gaps([region.gap for region in verdict.gaps]),
+    }  # fmt: skip
+
+
+def footprints_drawn_every(verdict: PhotoVerdict) -> int:
+    """Every how many pictures a footprint is drawn."""
+    return max(1, math.ceil(len(verdict.placed.pictures) / MAX_FOOTPRINTS))
 
 
 def drawn_every(samples: int) -> int:
@@ -142,7 +181,7 @@ def _pictures(content: ReportContent) -> dict[str, Any]:
     }
 
 
-def _gaps(verdict: Verdict) -> list[dict[str, Any]]:
+def _gaps(gaps: Iterable[Gap]) -> list[dict[str, Any]]:
     return [
         {
             "east": gap.east_m,
@@ -152,7 +191,7 @@ def _gaps(verdict: Verdict) -> list[dict[str, Any]]:
             "reason": REASON_WORDS[gap.reason],
             "coverable": gap.coverable,
         }
-        for gap in verdict.report.gaps
+        for gap in gaps
     ]
 
 

@@ -48,9 +48,30 @@ BOUND_WORDS = {
 
 
 def render_report(content: ReportContent, background: Background | None = None) -> str:
-    """Render the page, with a map of the user's own behind its map where there is one.
+    """Render the page, with a map of the user's own behind its map where there is one."""
+    return rendered_page(
+        "report.html",
+        own_script="\n".join(_read(_PAGE / name) for name in ("map.js", "view3d.js", "charts.js")),
+        data=map_data(content) | {"background": None if background is None else background.image},
+        facts={"background": background, **_facts(content)},
+    )
+
+
+def map_script() -> str:
+    """The script of a page that has the map alone."""
+    return _read(_PAGE / "map.js") + "\nreport.start();\n"
+
+
+def rendered_page(template: str, *, own_script: str, data: dict[str, Any], facts: dict[str, Any]) -> str:
+    """A page with a map, one file that needs no network.
 
     Content from files is escaped; only our own scripts may run, by their hashes.
+
+    Args:
+        template: its file among the pages.
+        own_script: runs after Leaflet's.
+        data: for the script, as JSON.
+        facts: for the template.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_PAGE),
@@ -60,13 +81,9 @@ def render_report(content: ReportContent, background: Background | None = None) 
         lstrip_blocks=True,
     )
     environment.filters |= {"percent": _percent, "metres": _metres, "duration": _duration}
-    leaflet, ours = (
-        _read(_LEAFLET / "leaflet.js"),
-        "\n".join(_read(_PAGE / n) for n in ("map.js", "view3d.js", "charts.js")),
-    )
-    scripts = [_without_source_map(leaflet), ours]
+    scripts = [_without_source_map(_read(_LEAFLET / "leaflet.js")), own_script]
     style = _without_urls(_read(_LEAFLET / "leaflet.css")) + _read(_PAGE / "report.css")
-    return environment.get_template("report.html").render(
+    return environment.get_template(template).render(
         scripts=[Markup(script) for script in scripts],
         style=Markup(style),
         policy="; ".join(
@@ -80,9 +97,9 @@ def render_report(content: ReportContent, background: Background | None = None) 
             ]
         ),
         leaflet_licence=_read(_LEAFLET / "LICENSE"),
-        data=map_data(content) | {"background": None if background is None else background.image},
-        background=background,
-        **_facts(content),
+        data=data,
+        version=metadata.version("uavcover"),
+        **facts,
     )
 
 
@@ -126,7 +143,6 @@ def _facts(content: ReportContent) -> dict[str, Any]:
         "drawn_every": max((drawn_every(len(flight.track)) for flight in content.flights), default=1),
         "duration_s": sum(flight.duration_s for flight in content.flights),
         "max_rows": _MAX_TABLE_ROWS,
-        "version": metadata.version("uavcover"),
     }
 
 

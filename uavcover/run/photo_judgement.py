@@ -122,8 +122,8 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
         shown = shown_cells(coverage, placed)
     drawn = drawn_cells(coverage)
     asked = pictures_asked(sensor) if _asks_overlap(request) else None
-    enough = replace(shown.coverage, seen=shown.enough(asked or 1) | ~drawn)
-    verdict = PhotoVerdict(site, coverage, placed, shown, drawn, asked, find_gaps(coverage, enough), {})
+    verdict = PhotoVerdict(site, coverage, placed, shown, drawn, asked, [], {})
+    verdict = replace(verdict, gaps=find_gaps(coverage, verdict.asked_coverage))
     return replace(verdict, document=_document(request, found, verdict))
 
 

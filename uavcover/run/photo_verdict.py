@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,6 +12,7 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.errors import InputError
+from uavcover.judging.flown_coverage import FlownCoverage
 from uavcover.judging.gaps import GapRegion, reason_codes
 from uavcover.judging.photos.footprints import footprint_m
 from uavcover.judging.photos.placing import PlacedPictures
@@ -55,6 +57,11 @@ class PhotoVerdict:
     def needed(self) -> int:
         """Pictures in which each cell has to be."""
         return self.asked or 1
+
+    @property
+    def asked_coverage(self) -> FlownCoverage:
+        """The coverage, with those cells as seen that are in as many pictures as they have to be, and the margin."""
+        return replace(self.shown.coverage, seen=self.shown.enough(self.needed) | ~self.drawn)
 
     @property
     def lacking(self) -> BoolArray:
@@ -113,21 +120,35 @@ def picture_table(verdict: PhotoVerdict, site: Site) -> str:
     return text.getvalue()
 
 
+def footprints_m(verdict: PhotoVerdict, *, every: int = 1) -> Iterator[tuple[int, FloatArray]]:
+    """The number of each picture that counts, or of one in ``every``, and (k, 3) ENU, the places of its edge on the ground."""
+    sensor = verdict.coverage.site.scenario.sensor
+    if not isinstance(sensor, FrameCamera):
+        return
+    for number in range(0, len(verdict.placed.pictures), every):
+        edge = footprint_m(verdict.placed, number, sensor, verdict.site.ground, reach_m=sensor.range_m)
+        if len(edge) >= 3:
+            yield number, edge
+
+
+def footprint_polygons(verdict: PhotoVerdict) -> Iterator[tuple[int, shapely.Polygon]]:
+    """The number of each picture that counts, and its footprint in longitude and latitude."""
+    frame = frame_of(verdict.site)
+    for number, edge in footprints_m(verdict):
+        lat, lon, _ = frame.geodetic_from_enu(np.vstack([edge, edge[:1]]))
+        yield number, shapely.orient_polygons(shapely.Polygon(np.column_stack([lon, lat]).round(8)))
+
+
 def footprints_geojson(verdict: PhotoVerdict) -> dict[str, Any]:
     """A polygon on the ground for each picture that counts (RFC 7946)."""
-    frame, sensor = frame_of(verdict.site), verdict.coverage.site.scenario.sensor
-    features = []
-    for number, picture in enumerate(verdict.placed.pictures):
-        if not isinstance(sensor, FrameCamera):
-            break
-        edge = footprint_m(verdict.placed, number, sensor, verdict.site.ground, reach_m=sensor.range_m)
-        if len(edge) < 3:
-            continue
-        lat, lon, _ = frame.geodetic_from_enu(np.vstack([edge, edge[:1]]))
-        shape = shapely.orient_polygons(shapely.Polygon(np.column_stack([lon, lat]).round(8)))
-        features.append(
-            {"type": "Feature", "geometry": shapely.geometry.mapping(shape), "properties": {"name": picture.name}}
-        )
+    features = [
+        {
+            "type": "Feature",
+            "geometry": shapely.geometry.mapping(shape),
+            "properties": {"name": verdict.placed.pictures[number].name},
+        }
+        for number, shape in footprint_polygons(verdict)
+    ]
     return {"type": "FeatureCollection", "features": features}
 
 

@@ -82,8 +82,8 @@ report.trackLook = ({ style }) => {
     overlays["Area"] = outline(data.area, "#7fc4ff");
     key("area", { stroke: "#7fc4ff", "stroke-width": 2 });
   }
-  overlays["Fence"] = outline(data.fence, "#ff7a59", "6 5");
-  key("fence", { stroke: "#ff7a59", "stroke-width": 2, "stroke-dasharray": "5 3" });
+  if (data.fence.length) overlays["Fence"] = outline(data.fence, "#ff7a59", "6 5");
+  if (data.fence.length) key("fence", { stroke: "#ff7a59", "stroke-width": 2, "stroke-dasharray": "5 3" });
   if (data.noFly.length) {
     overlays[`No-fly zones (${data.noFly.length})`] = L.layerGroup(data.noFly.map((zone) =>
       L.polygon(zone.rings.map((ring) => ring.map(at)), { color: "#e0245e", weight: 2, fillColor: "#e0245e", fillOpacity: 0.22 })
@@ -126,16 +126,16 @@ report.trackLook = ({ style }) => {
   const edge = (part) => part.name ? report.trackLook(part).color : dark;
   const lines = parts.flatMap((part) => [[edge(part), 7.5], [report.plannedColor, 5]].map(([color, weight]) =>
     L.polyline(part.points.map(at), { color, weight, interactive: false, className: "planned" })));
-  for (const part of parts) {
+  for (const part of data.plan.length ? parts : []) {
     key(part.name ? `planned, ${part.name}` : "planned route", { stroke: edge(part), "stroke-width": 7.5 }, { stroke: report.plannedColor, "stroke-width": 5 });
   }
-  overlays["Planned route"] = L.layerGroup([...lines, thinnedLayer(data.plan, endsFirst(data.plan), 9, (i) =>
+  if (data.plan.length) overlays["Planned route"] = L.layerGroup([...lines, thinnedLayer(data.plan, endsFirst(data.plan), 9, (i) =>
     L.circleMarker(at(data.plan[i]), { radius: 3.5, color: dark, weight: 1.5, fillColor: "#ffffff", fillOpacity: 1, className: "waypoint" })
       .bindPopup(() => popup(`waypoint ${i}`, [
         ["above ground", `${data.planHeights[i] === null ? "?" : data.planHeights[i].toFixed(1)} m`],
         ["place", placeWords(data.plan[i][0], data.plan[i][1])],
       ])))]);
-  overlays["Waypoint numbers"] = thinnedLayer(data.plan, endsFirst(data.plan), 26, (i) => {
+  if (data.plan.length) overlays["Waypoint numbers"] = thinnedLayer(data.plan, endsFirst(data.plan), 26, (i) => {
     const text = document.createElement("span");
     text.textContent = String(i);
     return L.marker(at(data.plan[i]), { interactive: false, keyboard: false, icon: L.divIcon({ className: "number", html: text, iconSize: null, iconAnchor: [-5, 16] }) });
@@ -169,6 +169,12 @@ report.trackLook = ({ style }) => {
       L.circleMarker(at(places[i]), { ...look, className: `picture ${name}` })
         .bindPopup(() => popup(`picture ${i + 1}, ${name}`, [["place", placeWords(places[i][0], places[i][1])]])));
     key(`picture, ${name}`, { r: look.radius + 1, fill: look.fillColor, stroke: look.color, "stroke-width": look.weight });
+  }
+  if (data.footprints && data.footprints.length) {
+    overlays[`Footprints (${data.footprints.length})`] = L.layerGroup(data.footprints.map((print) =>
+      L.polygon(print.ring.map(at), { color: "#ffd400", weight: 0.8, opacity: 0.7, fillOpacity: 0, className: "footprint" })
+        .bindPopup(() => popup(print.name, [["what", "what the picture shows of the ground"]]))));
+    key("edge of a picture on the ground", { stroke: "#ffd400", "stroke-width": 1.2 });
   }
   if (data.home) {
     const home = L.circleMarker(at(data.home), { pane: "above", radius: 6, color: "#fff", weight: 2, fillColor: "#d6248f", fillOpacity: 1 });
