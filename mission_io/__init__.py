@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from mission_io.client.async_client import AsyncClient
     from mission_io.client.client import Client
     from mission_io.client.connection import VehicleInfo
+    from mission_io.client.parameters import VehicleParameters
     from mission_io.client.read_back import ReadBack
     from mission_io.errors import (
         AmbiguousVehicleError,
@@ -69,6 +70,8 @@ if TYPE_CHECKING:
         waypoint,
     )
     from mission_io.protocol.exchange import Address
+    from mission_io.protocol.mission_control import ItemProgress
+    from mission_io.protocol.parameter_values import Parameter
     from mission_io.protocol.server import ListChanged, MissionServer
     from mission_io.protocol.timing import Timing
     from mission_io.wire.codec import LinkStatistics
@@ -96,6 +99,7 @@ __all__ = [
     "Frame",
     "FramedPoint",
     "GeoPoint",
+    "ItemProgress",
     "LatLon",
     "Link",
     "LinkError",
@@ -111,6 +115,7 @@ __all__ = [
     "MissionServer",
     "MissionType",
     "MisuseError",
+    "Parameter",
     "Problem",
     "RallyPoints",
     "ReadBack",
@@ -123,6 +128,7 @@ __all__ = [
     "TransferSilentError",
     "UdpLink",
     "VehicleInfo",
+    "VehicleParameters",
     "VehicleSilentError",
     "WaitCancelledError",
     "action_of",
@@ -164,6 +170,7 @@ _PLACES = {
     "mission_io.client.async_client": ("AsyncClient",),
     "mission_io.client.client": ("Client",),
     "mission_io.client.connection": ("VehicleInfo",),
+    "mission_io.client.parameters": ("VehicleParameters",),
     "mission_io.client.read_back": ("ReadBack",),
     "mission_io.errors": (
         "AmbiguousVehicleError", "CommandRefusedError", "FormatError", "LinkError", "MissionIoError", "MisuseError",
@@ -181,6 +188,8 @@ _PLACES = {
         "land", "look_ahead", "look_at", "return_to_launch", "takeoff", "trigger_camera_every", "waypoint",
     ),
     "mission_io.protocol.exchange": ("Address",),
+    "mission_io.protocol.mission_control": ("ItemProgress",),
+    "mission_io.protocol.parameter_values": ("Parameter",),
     "mission_io.protocol.server": ("ListChanged", "MissionServer"),
     "mission_io.protocol.timing": ("Timing",),
     "mission_io.wire.codec": ("LinkStatistics",),

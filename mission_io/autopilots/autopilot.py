@@ -93,6 +93,7 @@ class Autopilot:
         idle_item_result: What an item is answered when no upload is going on; None for nothing.
         download_blocks_s: For how long a download that was not acknowledged keeps uploads out; 0 for not at all.
         boot_refusal_s: For how long after boot an upload is answered NO_SPACE.
+        has_list_ids: Whether it tells an id of each list, in transfers and in MISSION_CURRENT, that changes with its content.
     """
 
     name: str
@@ -124,6 +125,7 @@ class Autopilot:
     idle_item_result: MissionResult | None
     download_blocks_s: float
     boot_refusal_s: float
+    has_list_ids: bool
 
     def rule_for(self, item: MissionItem, field_name: str) -> StorageRule | None:
         """The storage rule for a field of an item, if any."""
@@ -166,6 +168,7 @@ ARDUPILOT = Autopilot(
     idle_item_result=MissionResult.ERROR,
     download_blocks_s=0.0,
     boot_refusal_s=2.0,
+    has_list_ids=False,
 )
 """ArduPilot on multicopters and helicopters (ArduCopter)."""
 
@@ -214,6 +217,7 @@ PX4 = Autopilot(
     idle_item_result=MissionResult.ERROR,
     download_blocks_s=5.3,
     boot_refusal_s=0.0,
+    has_list_ids=True,
 )
 """PX4."""
 

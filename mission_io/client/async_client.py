@@ -9,11 +9,14 @@ from types import TracebackType
 from typing import Concatenate, ParamSpec, Self, TypeVar
 
 from mission_io.autopilots.autopilot import Autopilot, MissionList
-from mission_io.client.client import Client, Progress, Stop
+from mission_io.client.client import Client
 from mission_io.client.connection import VehicleInfo
+from mission_io.client.mission_control import wait_for_mission
 from mission_io.client.read_back import ReadBack
+from mission_io.client.running import Progress, Stop
 from mission_io.model.items import MissionType
-from mission_io.wire.messages import CommandAck, Received
+from mission_io.protocol.mission_control import ItemProgress
+from mission_io.wire.messages import CommandAck, MissionCurrent, Received
 
 ResultT = TypeVar("ResultT")
 ArgsP = ParamSpec("ArgsP")
@@ -96,6 +99,38 @@ class AsyncClient:
     async def command(self, command: int, *params: float, timeout_s: float = 10.0) -> CommandAck:
         """As ``Client.command``."""
         return await self.call(Client.command, command, *params, timeout_s=timeout_s)
+
+    async def set_current(self, seq: int, *, timeout_s: float = 5.0) -> MissionCurrent:
+        """As ``Client.set_current``."""
+        return await self.call(Client.set_current, seq, timeout_s=timeout_s)
+
+    async def start_mission(self, *, timeout_s: float = 10.0) -> None:
+        """As ``Client.start_mission``."""
+        await self.call(Client.start_mission, timeout_s=timeout_s)
+
+    async def pause_mission(self, *, timeout_s: float = 10.0) -> None:
+        """As ``Client.pause_mission``."""
+        await self.call(Client.pause_mission, timeout_s=timeout_s)
+
+    async def resume_mission(self, *, timeout_s: float = 10.0) -> None:
+        """As ``Client.resume_mission``."""
+        await self.call(Client.resume_mission, timeout_s=timeout_s)
+
+    async def follow_mission(
+        self,
+        progress: Callable[[ItemProgress], None] | None = None,
+        *,
+        until: Callable[[ItemProgress], bool] | None = None,
+        silent_s: float = 15.0,
+    ) -> ItemProgress:
+        """Follow the mission to its end and return its last progress; ``progress`` is called with each in the event loop."""
+        loop = asyncio.get_running_loop()
+
+        def told(latest: ItemProgress) -> None:
+            if progress is not None:
+                loop.call_soon_threadsafe(progress, latest)
+
+        return await self.call(wait_for_mission, progress=told, until=until, silent_s=silent_s)
 
     async def poll(self, timeout_s: float) -> list[Received]:
         """As ``Client.poll``."""

@@ -1,17 +1,19 @@
 """A ground station with blocking calls: find the vehicle, upload, download, compare, clear, command. Every call ends."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TypedDict, TypeVar
 
 from mission_io.autopilots.autopilot import Autopilot, MissionList, items_of, mission_list_of, mission_type_of
 from mission_io.autopilots.checks import check_for_autopilot
-from mission_io.client import commands, transfer_outcome
+from mission_io.client import commands, mission_control, transfer_outcome
 from mission_io.client.connection import Connection
 from mission_io.client.peers import two_in_one
 from mission_io.client.read_back import ReadBack, read_back
+from mission_io.client.running import Progress, Stop, run
 from mission_io.client.transfer_outcome import (
     PROVEN_BY_READING,
+    TransferredList,
     description,
     failure,
     held_as_read,
@@ -33,19 +35,15 @@ from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.clear import Clear, ClearState
 from mission_io.protocol.download import Download, DownloadState
 from mission_io.protocol.exchange import Address
+from mission_io.protocol.mission_control import ItemProgress
 from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.timing import CLEAR_TRIES, Timing
 from mission_io.protocol.upload import Upload
-from mission_io.wire.messages import CommandAck, Message, ParamValue, Received
+from mission_io.wire.messages import CommandAck, Message, MissionCurrent, ParamValue, Received
 
 MessageT = TypeVar("MessageT", bound=Message)
 _log = logging.getLogger(__name__)
-
-Progress = Callable[[int, int], None]
-"""Called with the number of items transferred and the total, whenever the first changes."""
-Stop = Callable[[], bool]
-"""Polled during a transfer; True cancels it."""
 
 _ANSWER_S = 10.0
 _ITEM_LIMIT_S = 3.0
@@ -74,6 +72,8 @@ class Client(Connection):
 
     Attributes:
         patience: What transfers have learnt about the link so far, such as its round-trip time.
+        transferred: Of each list that was transferred whole, the number of its items and the vehicle's id of it; see
+            ``mission_io.client.list_ids``.
     """
 
     def __init__(
@@ -89,6 +89,7 @@ class Client(Connection):
         super().__init__(link, clock, system_id=system_id, component_id=component_id, listener=listener)
         self.timing = timing if timing is not None else Timing()
         self.patience = Patience()
+        self.transferred: dict[MissionType, TransferredList] = {}
 
     # Transfers.
 
@@ -115,9 +116,11 @@ class Client(Connection):
             TransferInterrupted: Ctrl-C; a KeyboardInterrupt that knows what the vehicle holds now.
         """
         self._refuse_armed("upload", in_flight=in_flight)
+        self.transferred.pop(mission_type, None)
         upload = Upload(items, mission_type=mission_type, **self._terms())
         interrupted = self._run(upload, lambda: (upload.across_count, len(items)), progress, stop)
         if upload.state is UploadState.ACCEPTED:
+            self.transferred[mission_type] = TransferredList(len(items), upload.list_id)
             return
         error = self._upload_failure(upload, items)
         if interrupted:
@@ -139,9 +142,11 @@ class Client(Connection):
         # A vehicle that keeps no state about a download serves items in any order.
         autopilot = self.known_autopilot
         any_order = autopilot is not None and autopilot.download_blocks_s == 0.0
-        download = Download(mission_type=mission_type, any_order=any_order, **self._terms())
+        in_order = autopilot is not None and not any_order
+        download = Download(mission_type=mission_type, any_order=any_order, in_order=in_order, **self._terms())
         interrupted = self._run(download, lambda: (download.received_count, download.count), progress, stop)
         if download.state is DownloadState.DONE:
+            self.transferred[mission_type] = TransferredList(download.received_count, download.list_id)
             return download.items()
         got = f"after {download.received_count} of {download.count} items" if download.count is not None else ""
         doing = f"download of the {list_name(mission_type)}"
@@ -262,6 +267,30 @@ class Client(Connection):
         """Set a parameter and verify its new value."""
         return commands.set_parameter(self, name, value, param_type=param_type, timeout_s=timeout_s)
 
+    # Flying what the vehicle holds: see mission_io.client.mission_control.
+
+    def set_current(self, seq: int, *, timeout_s: float = 5.0) -> MissionCurrent:
+        """Make another item the current one, and wait until the vehicle reports it; see ``mission_control.set_current``."""
+        return mission_control.set_current(self, seq, timeout_s=timeout_s)
+
+    def start_mission(self, *, timeout_s: float = _ANSWER_S) -> None:
+        """Fly the mission of an armed vehicle; see ``mission_control.start_mission``."""
+        mission_control.start_mission(self, timeout_s=timeout_s)
+
+    def pause_mission(self, *, timeout_s: float = _ANSWER_S) -> None:
+        """Stop in the air and keep the place in the mission; see ``mission_control.pause_mission``."""
+        mission_control.pause_mission(self, timeout_s=timeout_s)
+
+    def resume_mission(self, *, timeout_s: float = _ANSWER_S) -> None:
+        """Go on after ``pause_mission``."""
+        mission_control.resume_mission(self, timeout_s=timeout_s)
+
+    def follow_mission(
+        self, *, until: Callable[[ItemProgress], bool] | None = None, silent_s: float = 15.0
+    ) -> Iterator[ItemProgress]:
+        """Yield the progress of the mission whenever it changes; see ``mission_control.follow_mission``."""
+        return mission_control.follow_mission(self, until=until, silent_s=silent_s)
+
     # Running transfers, and the meaning of their outcomes.
 
     def _terms(self) -> _Terms:
@@ -292,7 +321,7 @@ class Client(Connection):
         interrupted = False
         while True:
             try:
-                self._run_on(exchange, counts, progress, stop)
+                run(self, exchange, counts, progress=progress, stop=stop)
                 return interrupted
             except KeyboardInterrupt:
                 if interrupted or isinstance(exchange, Clear):
@@ -301,33 +330,6 @@ class Client(Connection):
                 exchange.cancel(self.clock.now())
             finally:
                 self.patience = exchange.patience
-
-    def _run_on(
-        self,
-        exchange: Upload | Download | Clear,
-        counts: Callable[[], tuple[int, int | None]],
-        progress: Progress | None,
-        stop: Stop | None,
-    ) -> None:
-        reported = -1
-        while True:
-            now = self.clock.now()
-            for message in exchange.messages_to_send(now):
-                self.send(message)
-            count, total = counts()
-            if count != reported and total is not None:
-                reported = count
-                if progress is not None:
-                    progress(count, total)
-            wake = exchange.next_timer()
-            if exchange.finished or wake is None:
-                return
-            if stop is not None and stop() and not isinstance(exchange, Clear):
-                exchange.cancel(now)
-                stop = None
-                continue
-            for received in self._next_messages(wake):
-                exchange.receive(received, self.clock.now())
 
     def _clear_once(self, mission_type: MissionType) -> None:
         clear = Clear(mission_type=mission_type, **self._terms())

@@ -138,12 +138,9 @@ def request_message(connection: Connection, kind: type[MessageT], *, timeout_s: 
         VehicleSilentError: none came within ``timeout_s`` seconds.
     """
     to = connection.vehicle
-    params = (float(message_id(kind)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
     def ask(attempt: int) -> None:
-        connection.send(
-            CommandLong(to.system_id, to.component_id, Command.REQUEST_MESSAGE, params, confirmation=min(attempt, 255))
-        )
+        connection.send(message_question(to, kind, attempt))
 
     found: list[MessageT] = []
 
@@ -154,6 +151,12 @@ def request_message(connection: Connection, kind: type[MessageT], *, timeout_s: 
 
     connection.wait_until(is_it, timeout_s=timeout_s, what=f"a {kind.__name__}", again=ask, again_s=_RESEND_S)
     return found[0]
+
+
+def message_question(to: VehicleInfo, kind: type[MessageT], attempt: int = 0) -> CommandLong:
+    """The command that requests a message of a kind once."""
+    params = (float(message_id(kind)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return CommandLong(to.system_id, to.component_id, Command.REQUEST_MESSAGE, params, confirmation=min(attempt, 255))
 
 
 def read_parameter(connection: Connection, name: str, *, timeout_s: float) -> ParamValue:

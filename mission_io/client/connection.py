@@ -179,7 +179,7 @@ class Connection:
         command or a transfer are not returned again: see ``listener``.
         """
         deadline = self.clock.now() + timeout_s
-        messages = self._next_messages(deadline)
+        messages = self.next_messages(deadline)
         until = self.clock.now() + _CATCH_UP_S
         while messages and self.clock.now() < until and (more := self._receive(0.0)):
             messages.extend(more)
@@ -215,7 +215,7 @@ class Connection:
         latest: dict[Address, Received] = {}
         decide_at = deadline
         while self.clock.now() < decide_at:
-            for received in self._next_messages(decide_at):
+            for received in self.next_messages(decide_at):
                 found = vehicle_of(received)
                 if found is not None:
                     choice.take(found, self.clock.now())
@@ -238,7 +238,7 @@ class Connection:
         self._agree_on_version(received)
         settled = received.mavlink_version >= 2 or self.codec.version == 1
         while not settled and self.clock.now() < deadline:
-            for received in self._next_messages(deadline):
+            for received in self.next_messages(deadline):
                 if _sender(received) == chosen.address:
                     settled = settled or received.mavlink_version >= 2 or self.codec.version == 1
         if not settled:
@@ -292,7 +292,7 @@ class Connection:
             if again is not None and self.clock.now() >= ask_at:
                 again(attempt)
                 attempt, ask_at = attempt + 1, self.clock.now() + again_s
-            for received in self._next_messages(min(deadline, ask_at) if again is not None else deadline):
+            for received in self.next_messages(min(deadline, ask_at) if again is not None else deadline):
                 if _sender(received) == vehicle.address and done(received):
                     return received
         raise VehicleSilentError(
@@ -306,8 +306,8 @@ class Connection:
             return ""
         return f"; the vehicle signs what it sends ({signed} frames) and this side has no key: give --signing-key"
 
-    def _next_messages(self, deadline: float) -> list[Received]:
-        """Wait until a datagram brings messages; an empty list at the deadline."""
+    def next_messages(self, deadline: float) -> list[Received]:
+        """Wait until a datagram brings messages for us; an empty list at ``deadline``, a time of ``clock``."""
         while True:
             if self.give_up is not None and self.give_up():
                 raise WaitCancelledError("the call was cancelled; the vehicle may have received it all the same")
@@ -334,7 +334,7 @@ class Connection:
         """Let time pass while messages are processed as usual."""
         deadline = self.clock.now() + seconds
         while self.clock.now() < deadline:
-            self._next_messages(deadline)
+            self.next_messages(deadline)
 
     def _send_heartbeat(self) -> None:
         beat = Heartbeat(AutopilotId.INVALID, VehicleClass.GROUND_STATION, system_status=4)

@@ -10,7 +10,7 @@ the board, and neither it nor PX4 states it; a list that is too long is answered
 import math
 from collections.abc import Sequence
 from enum import Enum
-from typing import Final
+from typing import Final, NamedTuple
 
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.autopilots.comparison import compare_items
@@ -28,6 +28,14 @@ from mission_io.protocol.clear import Clear, ClearState
 from mission_io.protocol.download import Download, DownloadState
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.upload import Upload
+
+
+class TransferredList(NamedTuple):
+    """The number of items of a list that was transferred, and the vehicle's id of it, 0 where it has none."""
+
+    item_count: int
+    list_id: int
+
 
 _KILOBYTE = 1024
 _HEADER_BYTES = 4

@@ -103,6 +103,9 @@ class Clear(Exchange[ClearState, ClearEvent]):
         """Whether the clear is over; ``state`` says how."""
         return self.state in CLEAR_ENDS
 
+    def cancel(self, now: float) -> None:
+        """No effect: the vehicle may have emptied the list already."""
+
     def _event_of(self, message: Message, now: float) -> ClearEvent | None:
         del now
         if isinstance(message, MissionAck):

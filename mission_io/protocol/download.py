@@ -1,7 +1,8 @@
 """Downloading a list from a vehicle, as a state machine: request the list, then each item, then acknowledge.
 
 Where the vehicle serves items in any order, the next one is requested before the last one has arrived. PX4 aborts a
-download whose requests come out of order, so there they go one after the other.
+download whose requests skip one, so a lost datagram would begin it anew: there the next one is requested early only while
+nothing was lost, and on a link so short that beginning anew costs less than a second.
 """
 
 from collections.abc import Callable, Mapping
@@ -106,6 +107,9 @@ DOWNLOAD_ENDS = frozenset({_S.DONE, _S.REFUSED, _S.VEHICLE_CANCELLED, _S.CANCELL
 
 _THANKS_ON_A_BAD_LINK = 3
 _COUNT_CHANGES = 8
+_PROVEN_ITEMS = 8
+"""After so many items without a silence a link is taken to lose nothing, until it does."""
+_CHEAP_RESTART_S = 1.0
 _ERRORS_AT_AN_ITEM = 3
 """Number of consecutive errors in place of the same item that end a download.
 
@@ -126,7 +130,8 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     """One download of the list ``mission_type``.
 
     Args:
-        any_order: Whether the vehicle serves items in any order; only then is one requested ahead of its turn.
+        any_order: Whether the vehicle serves items in any order; then one is requested ahead of its turn.
+        in_order: Whether it serves requests that wait for their turn, and aborts when one of them is missing.
     """
 
     table: ClassVar = DOWNLOAD_TABLE
@@ -141,6 +146,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         timing: Timing | None = None,
         patience: Patience | None = None,
         any_order: bool = False,
+        in_order: bool = False,
     ) -> None:
         super().__init__(
             DownloadState.LISTING,
@@ -151,7 +157,8 @@ class Download(Exchange[DownloadState, DownloadEvent]):
             patience=patience,
             now=now,
         )
-        self._any_order = any_order
+        self._any_order, self._in_order = any_order, in_order
+        self._retry_s = self.timing.busy_retry_s
         self._count: int | None = None
         self._announced = 0
         self._arrived: dict[int, MissionItemInt | MissionItemFloat] = {}
@@ -195,6 +202,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     def _event_of(self, message: Message, now: float) -> DownloadEvent | None:
         del now
         if isinstance(message, MissionCount):
+            self.list_id = message.opaque_id
             return self._count_event(message.count)
         if isinstance(message, MissionItemInt | MissionItemFloat):
             fetching = self.state is DownloadState.FETCHING
@@ -225,7 +233,6 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         return self._errors_there >= _ERRORS_AT_AN_ITEM or self.restarts >= RESTARTS
 
     def _deadlines(self) -> list[tuple[float, DownloadEvent]]:
-        timing = self.timing
         stuck = (self._stuck_at(), DownloadEvent.NO_PROGRESS)
         if self.state is DownloadState.LISTING:
             return [
@@ -241,10 +248,12 @@ class Download(Exchange[DownloadState, DownloadEvent]):
             ]
         return [
             (self._busy_until(), DownloadEvent.EXHAUSTED),
-            (self._waiting_since + timing.busy_retry_s, DownloadEvent.RETRY),
+            (self._waiting_since + self._retry_s, DownloadEvent.RETRY),
         ]
 
     def _event_when_due(self, event: DownloadEvent) -> DownloadEvent:
+        if event is DownloadEvent.RESEND and self.state is DownloadState.FETCHING and self._asked_early():
+            event = DownloadEvent.STALL  # whatever was lost, the vehicle aborts at the next request
         too_often = event is DownloadEvent.STALL and self.restarts >= RESTARTS
         return DownloadEvent.NO_PROGRESS if too_often else event
 
@@ -282,9 +291,12 @@ class Download(Exchange[DownloadState, DownloadEvent]):
 
     def _ask_anew(self, now: float) -> None:
         self._departures.clear()
+        self._retry_s = self.timing.busy_retry_s
         self._send_list(now)
 
     def _note_broken_off(self, now: float) -> None:
+        if self._asked_early():
+            self._retry_s = self.timing.resend_shortest_s  # not busy: something was lost while one was asked for early
         self._note_restart(now)
         self._note_busy(now)
 
@@ -314,8 +326,19 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         self._send_thanks(now)
 
     def _window_end(self) -> int:
-        ahead = self._ahead if self._any_order else 0
+        ahead = self._ahead if self._any_order or (self._in_order and self._loses_nothing()) else 0
         return min(self._missing + 1 + ahead, self._count or 0)
+
+    def _asked_early(self) -> bool:
+        """Whether a request is on its way that the vehicle takes only after the one before it."""
+        return self._in_order and self._asked_to > self._missing + 1
+
+    def _loses_nothing(self) -> bool:
+        """Whether nothing was lost so far, and beginning anew would be cheap."""
+        round_trip = self.patience.round_trip
+        if self.silences or self.restarts or self._missing < _PROVEN_ITEMS or round_trip is None:
+            return False
+        return (self._count or 0) * round_trip.smoothed_s <= _CHEAP_RESTART_S
 
     def _ask_ahead(self, now: float) -> None:
         """Request the first missing item and those ahead of their turn, unless requested already."""

@@ -49,6 +49,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
         last_result: The last MissionResult of the vehicle; None before the first.
         silences: Number of repetitions after a silence.
         restarts: Number of restarts of the exchange.
+        list_id: The vehicle's id of the list that was transferred; 0 before the end, and from a vehicle without ids.
     """
 
     table: ClassVar[Table]  # type: ignore[type-arg]
@@ -71,7 +72,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
         self.last_result: MissionResult | int | None = None
         self._outbox: list[Message] = []
         self._last_heard = self._last_sent = now
-        self.silences = self.restarts = 0
+        self.silences = self.restarts = self.list_id = 0
         self._began_at = self._progress_at = now  # start of this attempt, and time of the last progress
         self._reached = -1  # furthest progress so far: items held, or the item requested
         self._regain_s = self._slowest_s = 0.0

@@ -10,6 +10,7 @@ from mission_io.model.enums import MissionResult
 from mission_io.model.items import ALL_MISSION_TYPES, GeoPoint, MissionItem, MissionType
 from mission_io.protocol.admission import list_is_whole, refusal_of
 from mission_io.protocol.exchange import Address
+from mission_io.protocol.list_ids import id_of_items
 from mission_io.protocol.tables import SERVER_TABLE, MissingRowError, ServerEvent, ServerState
 from mission_io.wire.messages import (
     Message,
@@ -312,7 +313,8 @@ class MissionServer:
         self._served, self._served_at, self._serve_next = (self._sender, self._about), now, 0
         self._partner = self._sender
         to, held = self._sender, self.items(MissionType(self._about))
-        self._outbox.append(MissionCount(to.system_id, to.component_id, len(held), self._about))
+        list_id = self._list_id(MissionType(self._about))
+        self._outbox.append(MissionCount(to.system_id, to.component_id, len(held), self._about, list_id))
 
     def _send_item(self, now: float) -> None:
         self._served_at = now
@@ -378,7 +380,12 @@ class MissionServer:
         self._send_ack(self._sender, result, self._about)
 
     def _send_ack(self, to: Address, result: MissionResult, mission_type: int) -> None:
-        self._outbox.append(MissionAck(to.system_id, to.component_id, result, mission_type))
+        accepted = result is MissionResult.ACCEPTED and mission_type in self._lists
+        list_id = self._list_id(MissionType(mission_type)) if accepted else 0
+        self._outbox.append(MissionAck(to.system_id, to.component_id, result, mission_type, list_id))
+
+    def _list_id(self, mission_type: MissionType) -> int:
+        return id_of_items(self.items(mission_type)) if self.autopilot.has_list_ids else 0
 
     def _changed(self, mission_type: MissionType, reason: Literal["uploaded", "upload failed", "cleared"]) -> None:
         self._events.append(ListChanged(mission_type, self.items(mission_type), reason))

@@ -113,6 +113,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
             return self._request_event(message.seq, now)
         if isinstance(message, MissionAck):
             if message.result == MissionResult.ACCEPTED:
+                self.list_id = message.opaque_id
                 return self._accepted_event(now)
             event = _ACK_EVENTS.get(message.result, UploadEvent.ACK_REFUSED)
             begun = self.state in _BEGUN and self._fresh_starts < _FRESH_STARTS

@@ -126,6 +126,7 @@ _FIRST_EXTENSION: Final = {
     "mission_request": "mission_type",
     "mission_request_int": "mission_type",
     "mission_request_list": "mission_type",
+    "mission_write_partial_list": "mission_type",
     "statustext": "id",
     "sys_status": "onboard_control_sensors_present_extended",
 }
@@ -200,7 +201,7 @@ ROWS: Final[tuple[MessageRow, ...]] = (
     ),
     _row(
         m.MissionCurrent, "mission_current", "seq", _known("total", "total", 65535), _same("state", "mission_state"),
-        "mission_id",
+        "mission_id", "fence_id", "rally_points_id",
     ),
     _row(m.MissionItemReached, "mission_item_reached", "seq"),
     _row(
@@ -256,6 +257,10 @@ ROWS: Final[tuple[MessageRow, ...]] = (
     _row(m.MissionAck, "mission_ack", *_TO, _same("result", "type"), "mission_type", "opaque_id"),
     _row(m.MissionRequestList, "mission_request_list", *_TO, "mission_type"),
     _row(m.MissionClearAll, "mission_clear_all", *_TO, "mission_type"),
+    _row(
+        m.MissionWritePartialList, "mission_write_partial_list", *_TO, _same("first", "start_index"),
+        _same("last", "end_index"), "mission_type",
+    ),
     _row(m.MissionSetCurrent, "mission_set_current", *_TO, "seq"),
     _row(
         m.AutopilotVersion, "autopilot_version", "capabilities", "flight_sw_version", "uid",
@@ -272,6 +277,23 @@ ROWS: Final[tuple[MessageRow, ...]] = (
         _same("count", "param_count"), _same("index", "param_index"),
     ),
     _row(m.ParamRequestList, "param_request_list", *_TO),
+    _row(m.ParamError, "param_error", *_TO, _text("name", "param_id", 16), _same("index", "param_index"), "error"),
+    _row(
+        m.ParamExtRequestRead, "param_ext_request_read", *_TO, _text("name", "param_id", 16),
+        _same("index", "param_index"),
+    ),
+    _row(m.ParamExtRequestList, "param_ext_request_list", *_TO),
+    _row(
+        m.ParamExtValue, "param_ext_value", _text("name", "param_id", 16), _same("value", "param_value"), "param_type",
+        _same("count", "param_count"), _same("index", "param_index"),
+    ),
+    _row(
+        m.ParamExtSet, "param_ext_set", *_TO, _text("name", "param_id", 16), _same("value", "param_value"), "param_type"
+    ),
+    _row(
+        m.ParamExtAck, "param_ext_ack", _text("name", "param_id", 16), _same("value", "param_value"), "param_type",
+        _same("result", "param_result"),
+    ),
     _row(
         m.RequestDataStream, "request_data_stream", *_TO, _same("stream", "req_stream_id"),
         _same("rate_hz", "req_message_rate"), _same("start", "start_stop"),

@@ -10,6 +10,16 @@ from typing import TypeAlias
 
 from mission_io.model.enums import MissionState, ModeFlag
 from mission_io.model.items import MissionType
+from mission_io.wire.parameter_messages import ParamError as ParamError
+from mission_io.wire.parameter_messages import ParamExtAck as ParamExtAck
+from mission_io.wire.parameter_messages import ParamExtRequestList as ParamExtRequestList
+from mission_io.wire.parameter_messages import ParamExtRequestRead as ParamExtRequestRead
+from mission_io.wire.parameter_messages import ParamExtSet as ParamExtSet
+from mission_io.wire.parameter_messages import ParamExtValue as ParamExtValue
+from mission_io.wire.parameter_messages import ParamRequestList as ParamRequestList
+from mission_io.wire.parameter_messages import ParamRequestRead as ParamRequestRead
+from mission_io.wire.parameter_messages import ParamSet as ParamSet
+from mission_io.wire.parameter_messages import ParamValue as ParamValue
 from mission_io.wire.telemetry_messages import PREARM_CHECK_BIT as PREARM_CHECK_BIT
 from mission_io.wire.telemetry_messages import BatteryStatus as BatteryStatus
 from mission_io.wire.telemetry_messages import CameraFeedback as CameraFeedback
@@ -22,16 +32,14 @@ from mission_io.wire.telemetry_messages import LogEntry as LogEntry
 from mission_io.wire.telemetry_messages import LogRequestData as LogRequestData
 from mission_io.wire.telemetry_messages import LogRequestEnd as LogRequestEnd
 from mission_io.wire.telemetry_messages import LogRequestList as LogRequestList
-from mission_io.wire.telemetry_messages import ParamRequestList as ParamRequestList
-from mission_io.wire.telemetry_messages import ParamRequestRead as ParamRequestRead
-from mission_io.wire.telemetry_messages import ParamSet as ParamSet
-from mission_io.wire.telemetry_messages import ParamValue as ParamValue
 from mission_io.wire.telemetry_messages import RadioStatus as RadioStatus
 from mission_io.wire.telemetry_messages import RequestDataStream as RequestDataStream
 from mission_io.wire.telemetry_messages import SysStatus as SysStatus
+from mission_io.wire.telemetry_messages import SystemTime as SystemTime
 from mission_io.wire.telemetry_messages import TerrainData as TerrainData
 from mission_io.wire.telemetry_messages import TerrainReport as TerrainReport
 from mission_io.wire.telemetry_messages import TerrainRequest as TerrainRequest
+from mission_io.wire.telemetry_messages import TimeSync as TimeSync
 from mission_io.wire.telemetry_messages import VfrHud as VfrHud
 
 
@@ -93,13 +101,15 @@ class MissionCurrent:
     """The item the vehicle flies to.
 
     ``total`` is None when the vehicle does not say (65535). ``mission_id`` is another number for each mission that the vehicle
-    holds; 0 where it has none.
+    holds; 0 where it has none. ``fence_id`` and ``rally_points_id`` are the same for the other lists.
     """
 
     seq: int
     total: int | None = None
     state: int = MissionState.UNKNOWN
     mission_id: int = 0
+    fence_id: int = 0
+    rally_points_id: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,6 +278,17 @@ class MissionClearAll:
 
 
 @dataclass(frozen=True, slots=True)
+class MissionWritePartialList:
+    """Announces items ``first`` to ``last`` of a list that the vehicle holds; it asks for them as in an upload."""
+
+    target_system: int
+    target_component: int
+    first: int
+    last: int
+    mission_type: int = MissionType.MISSION
+
+
+@dataclass(frozen=True, slots=True)
 class MissionSetCurrent:
     """Asks to go on with another item."""
 
@@ -292,25 +313,6 @@ class SetMode:
     target_system: int
     base_mode: int
     custom_mode: int
-
-
-@dataclass(frozen=True, slots=True)
-class SystemTime:
-    """Time since 1970 in UTC, 0 when unknown, and since boot; seconds."""
-
-    time_unix_s: float
-    time_boot_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class TimeSync:
-    """A question for the other side's time, or the answer to one.
-
-    ``asked_ns`` is the time of who asks, which the answer repeats; ``answered_ns`` is the time of who answers, 0 in a question.
-    """
-
-    answered_ns: int
-    asked_ns: int
 
 
 Message: TypeAlias = (
@@ -338,12 +340,19 @@ Message: TypeAlias = (
     | MissionAck
     | MissionRequestList
     | MissionClearAll
+    | MissionWritePartialList
     | MissionSetCurrent
     | AutopilotVersion
     | SetMode
     | ParamRequestRead
     | ParamSet
     | ParamValue
+    | ParamError
+    | ParamExtRequestRead
+    | ParamExtRequestList
+    | ParamExtValue
+    | ParamExtSet
+    | ParamExtAck
     | SystemTime
     | TimeSync
     | RadioStatus

@@ -1,4 +1,4 @@
-"""MAVLink messages about the vehicle's condition, parameters, message streams, terrain and logs.
+"""MAVLink messages about the vehicle's condition, message streams, terrain and logs.
 
 Condition: sensors, satellites, position filter, battery, radio. Terrain: the vehicle requests ground heights, and a ground
 station answers. Heights come in blocks of 7 times 8 parts; a part is 4 times 4 heights, ``spacing_m`` apart, the first at
@@ -144,46 +144,6 @@ class VfrHud:
 
 
 @dataclass(frozen=True, slots=True)
-class ParamRequestRead:
-    """Asks for a parameter by name (``index`` -1) or by index."""
-
-    target_system: int
-    target_component: int
-    name: str
-    index: int = -1
-
-
-@dataclass(frozen=True, slots=True)
-class ParamSet:
-    """Asks to set a parameter; ``param_type`` is a MAV_PARAM_TYPE number (9: 32-bit float)."""
-
-    target_system: int
-    target_component: int
-    name: str
-    value: float
-    param_type: int = 9
-
-
-@dataclass(frozen=True, slots=True)
-class ParamValue:
-    """A parameter as the vehicle has it."""
-
-    name: str
-    value: float
-    param_type: int = 9
-    count: int = 0
-    index: int = 65535
-
-
-@dataclass(frozen=True, slots=True)
-class ParamRequestList:
-    """Asks for all parameters, one PARAM_VALUE each."""
-
-    target_system: int
-    target_component: int
-
-
-@dataclass(frozen=True, slots=True)
 class RequestDataStream:
     """Asks ArduPilot for a group of messages (a MAV_DATA_STREAM number, 0: all) at a rate; ``start`` 0 ends it."""
 
@@ -317,3 +277,22 @@ class LogRequestEnd:
 
     target_system: int
     target_component: int
+
+
+@dataclass(frozen=True, slots=True)
+class SystemTime:
+    """Time since 1970 in UTC, 0 when unknown, and since boot; seconds."""
+
+    time_unix_s: float
+    time_boot_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class TimeSync:
+    """A question for the other side's time, or the answer to one.
+
+    ``asked_ns`` is the time of who asks, which the answer repeats; ``answered_ns`` is the time of who answers, 0 in a question.
+    """
+
+    answered_ns: int
+    asked_ns: int

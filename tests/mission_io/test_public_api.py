@@ -11,6 +11,7 @@ NAMES = """
     LinkStatistics ListChanged Mission MissionDiff MissionFile MissionIoError MissionItem MissionList MissionServer
     MissionType MisuseError Problem RallyPoints ReadBack SigningKey SpeedType Timing TransferCancelledError TransferError
     TransferInterrupted TransferSilentError UdpLink VehicleInfo VehicleSilentError WaitCancelledError
+    ItemProgress Parameter VehicleParameters
     action_of apply_diff autopilot_for change_speed check_for_autopilot compare_items delay diff item_of items_of land
     link_preset look_ahead look_at mission_from_wire mission_list_of mission_type_of open_link read_file read_mission
     register_endpoint return_to_launch takeoff trigger_camera_every waypoint wire_items write_mission

@@ -19,8 +19,10 @@ class VehiclePeer:
         self, autopilot: Autopilot = ARDUPILOT, *, capacity: int | None = None, booted_at: float = -100.0
     ) -> None:
         self.autopilot = autopilot
+        self.autopilot_number = int(autopilot.mav_autopilot)
         self.codec = Codec(system_id=1, component_id=1)
         self.server = MissionServer(autopilot, local=Address(1, 1), capacity=capacity, booted_at=booted_at)
+        self.vehicle_type = 2
         self.base_mode = 0
         self.custom_mode = 0
         self.silent = False
@@ -43,7 +45,7 @@ class VehiclePeer:
         self.outbox = []
         if now >= self._beat_at:
             self._beat_at = now + 1.0
-            messages.append(Heartbeat(self.autopilot.mav_autopilot, 2, self.base_mode, self.custom_mode, 3))
+            messages.append(Heartbeat(self.autopilot_number, self.vehicle_type, self.base_mode, self.custom_mode, 3))
         return [] if self.silent else [self.codec.encode(message) for message in messages]
 
     def next_timer(self) -> float | None:

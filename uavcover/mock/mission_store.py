@@ -1,6 +1,5 @@
 """The mission, fence and rally points that the mock vehicle holds, behind the vehicle's side of the mission protocol."""
 
-import zlib
 from collections.abc import Iterable
 
 import numpy as np
@@ -9,6 +8,7 @@ from mission_io.autopilots.autopilot import Autopilot
 from mission_io.model.enums import AutopilotId, MissionResult
 from mission_io.model.items import GeoPoint, MissionItem, MissionType
 from mission_io.protocol.exchange import Address
+from mission_io.protocol.list_ids import id_of_items
 from mission_io.protocol.server import ListChanged, MissionServer
 from mission_io.protocol.tables import ServerState
 from mission_io.wire import messages as m
@@ -42,8 +42,7 @@ class MissionStore:
         self._server = self._booted(0.0)
         self._held_back: list[tuple[float, MissionType, tuple[MissionItem, ...]]] = []
         self._before: dict[MissionType, tuple[MissionItem, ...]] = {}
-        self._numbered: tuple[MissionItem, ...] = ()
-        self._mission_id = 0
+        self._ids: dict[MissionType, tuple[tuple[MissionItem, ...], int]] = {}
 
     def _booted(self, vehicle_s: float) -> MissionServer:
         # Booting takes vehicle time, whatever clock the transfer timeouts use.
@@ -58,15 +57,15 @@ class MissionStore:
                 return items
         return self._server.items(mission_type)
 
-    @property
-    def mission_id(self) -> int:
-        """PX4's id of the mission, which changes with its content; 0 without a mission and on ArduPilot."""
-        items = self.items(MissionType.MISSION)
-        if self._autopilot.home_in_item_0 or not items:
+    def list_id(self, mission_type: MissionType) -> int:
+        """PX4's id of a list, which changes with its content; 0 for an empty one and on ArduPilot."""
+        items = self.items(mission_type)
+        if not self._autopilot.has_list_ids or not items:
             return 0
-        if items != self._numbered:
-            self._numbered, self._mission_id = items, zlib.crc32(repr(items).encode())
-        return self._mission_id
+        known = self._ids.get(mission_type)
+        if known is None or known[0] != items:
+            known = self._ids[mission_type] = (items, id_of_items(items))
+        return known[1]
 
     def replace(self, mission_type: MissionType, items: Iterable[MissionItem]) -> None:
         """Replace a list from the vehicle's own side, without a transfer."""

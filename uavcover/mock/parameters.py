@@ -15,7 +15,7 @@ _REAL, _INT = 9, 6
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class MockParameter:
     """One parameter.
 
     Attributes:
@@ -31,36 +31,36 @@ class Parameter:
     whole: bool = False
 
 
-def _bound(attribute: str, per_unit: float = 1.0) -> Parameter:
-    return Parameter(0.0, attribute, per_unit)
+def _bound(attribute: str, per_unit: float = 1.0) -> MockParameter:
+    return MockParameter(0.0, attribute, per_unit)
 
 
-def _whole(default: float) -> Parameter:
-    return Parameter(default, whole=True)
+def _whole(default: float) -> MockParameter:
+    return MockParameter(default, whole=True)
 
 
-PARAMETERS: Mapping[int, Mapping[str, Parameter]] = MappingProxyType(
+PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
     {
         AutopilotId.ARDUPILOT: {
             "WPNAV_SPEED": _bound("cruise_m_s", 100.0),
             "WPNAV_SPEED_UP": _bound("climb_m_s", 100.0),
             "WPNAV_SPEED_DN": _bound("descent_m_s", 100.0),
-            "WPNAV_ACCEL": Parameter(250.0),
-            "WPNAV_JERK": Parameter(1.0),
+            "WPNAV_ACCEL": MockParameter(250.0),
+            "WPNAV_JERK": MockParameter(1.0),
             "LAND_SPEED": _bound("land_m_s", 100.0),
             "WPNAV_RADIUS": _bound("acceptance_radius_m", 100.0),
             "RTL_ALT": _bound("return_height_m", 100.0),
             "BATT_FS_LOW_ACT": _whole(0),  # 0 none, 1 land, 2 return
             "BATT_FS_CRT_ACT": _whole(0),
-            "BATT_LOW_MAH": Parameter(0.0),  # 0: no threshold
-            "BATT_CRT_MAH": Parameter(0.0),
+            "BATT_LOW_MAH": MockParameter(0.0),  # 0: no threshold
+            "BATT_CRT_MAH": MockParameter(0.0),
             "FENCE_ENABLE": _whole(0),
             "FENCE_ACTION": _whole(1),  # 0 report, 1 return, 2 land, 4 brake
-            "FENCE_ALT_MAX": Parameter(100.0),
-            "FENCE_RADIUS": Parameter(300.0),
+            "FENCE_ALT_MAX": MockParameter(100.0),
+            "FENCE_RADIUS": MockParameter(300.0),
             "FENCE_TYPE": _whole(7),  # 1 height, 2 circle around home, 4 polygons and circles
             "FS_GCS_ENABLE": _whole(0),  # 0 none, 1 return, 5 land
-            "FS_GCS_TIMEOUT": Parameter(5.0),
+            "FS_GCS_TIMEOUT": MockParameter(5.0),
             "FRAME_CLASS": _whole(1),
             "FRAME_TYPE": _whole(1),
             "SYSID_THISMAV": _whole(1),
@@ -71,21 +71,21 @@ PARAMETERS: Mapping[int, Mapping[str, Parameter]] = MappingProxyType(
             "MPC_XY_CRUISE": _bound("cruise_m_s"),
             "MPC_Z_V_AUTO_UP": _bound("climb_m_s"),
             "MPC_Z_V_AUTO_DN": _bound("descent_m_s"),
-            "MPC_ACC_HOR": Parameter(3.0),
-            "MPC_JERK_AUTO": Parameter(4.0),
+            "MPC_ACC_HOR": MockParameter(3.0),
+            "MPC_JERK_AUTO": MockParameter(4.0),
             "MPC_LAND_SPEED": _bound("land_m_s"),
             "NAV_ACC_RAD": _bound("acceptance_radius_m"),
             "RTL_RETURN_ALT": _bound("return_height_m"),
-            "BAT_CRIT_THR": Parameter(0.07),
-            "BAT_EMERGEN_THR": Parameter(0.05),
-            "BAT_LOW_THR": Parameter(0.15),
+            "BAT_CRIT_THR": MockParameter(0.07),
+            "BAT_EMERGEN_THR": MockParameter(0.05),
+            "BAT_LOW_THR": MockParameter(0.15),
             "COM_DL_LOSS_T": _whole(10),
             "COM_LOW_BAT_ACT": _whole(0),  # 0 warn, 2 land, 3 return, land when nearly empty
             "GF_ACTION": _whole(2),  # 0 none, 1 warn, 2 hold, 3 return, 5 land
-            "GF_MAX_HOR_DIST": Parameter(0.0),  # 0: no limit
-            "GF_MAX_VER_DIST": Parameter(0.0),
+            "GF_MAX_HOR_DIST": MockParameter(0.0),  # 0: no limit
+            "GF_MAX_VER_DIST": MockParameter(0.0),
             "MAV_SYS_ID": _whole(1),
-            "MIS_TAKEOFF_ALT": Parameter(2.5),
+            "MIS_TAKEOFF_ALT": MockParameter(2.5),
             "NAV_DLL_ACT": _whole(0),  # 0 none, 1 hold, 2 return, 3 land
             "SYS_AUTOSTART": _whole(10040),
         },
@@ -96,7 +96,7 @@ ground stations look for when they connect."""
 
 
 class Parameters:
-    """Parameter values of one vehicle.
+    """MockParameter values of one vehicle.
 
     Attributes:
         settings: the settings that some parameters expose.

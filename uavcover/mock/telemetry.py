@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 
 from mission_io.model.enums import EkfFlag, MissionState, ModeFlag
+from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
 from uavcover.mock.positioning import TruthSample
@@ -86,7 +87,8 @@ def _mission_current(vehicle: MockState) -> m.Message:
     count = len(vehicle.mission_items)
     total = max(0, count - 1) if vehicle.autopilot.home_in_item_0 else count
     state = vehicle.mission_state if count else MissionState.NO_MISSION
-    return m.MissionCurrent(vehicle.current_seq, total, state, vehicle.missions.mission_id)
+    ids = (vehicle.missions.list_id(mission_type) for mission_type in MissionType)
+    return m.MissionCurrent(vehicle.current_seq, total, state, *ids)
 
 
 def _sys_status(vehicle: MockState) -> m.Message:

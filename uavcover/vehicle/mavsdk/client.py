@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Final, NoReturn, TypeVar
 
 from mission_io.client import commands
-from mission_io.client.client import Client, Progress, Stop
+from mission_io.client.client import Client
 from mission_io.client.peers import VehicleInfo
+from mission_io.client.running import Progress, Stop
 from mission_io.errors import (
     CommandRefusedError,
     MisuseError,
@@ -111,7 +112,7 @@ class MavsdkClient(Client):
                 raise VehicleSilentError(
                     f"MAVSDK did not find vehicle {self.vehicle.system_id} within {timeout_s:g} s; does it send heartbeats?"
                 )
-            self._next_messages(min(deadline, self.clock.now() + 0.1))
+            self.next_messages(min(deadline, self.clock.now() + 0.1))
         return self.vehicle
 
     # Transfers.
@@ -312,7 +313,7 @@ class MavsdkClient(Client):
     def _listen(self, hear: Heard, is_over: Callable[[], bool], deadline: float) -> None:
         """Let MAVSDK and ``hear`` have what arrives, until something is over or the deadline comes."""
         while not is_over() and (now := self.clock.now()) < deadline:
-            for received in self._next_messages(min(deadline, now + _LISTEN_S)):
+            for received in self.next_messages(min(deadline, now + _LISTEN_S)):
                 if Address(received.system_id, received.component_id) == self.vehicle.address:
                     hear(received)
 

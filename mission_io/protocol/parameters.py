@@ -1,0 +1,317 @@
+"""Reading and setting parameters as state machines: all of them, some by name, and setting with confirmation.
+
+The same machines serve the parameters of autopilots (PARAM_*) and the extended ones of other components (PARAM_EXT_*); what the
+messages of each look like is in ``ParameterMessages``. What was lost is asked for again by name or index, at most ``window``
+at once, so that neither a long list nor a flood of answers makes this side flood the link.
+"""
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Generic, TypeVar
+
+from mission_io.protocol.parameter_messages import ParameterMessages
+from mission_io.protocol.parameter_values import Parameter, same_value
+from mission_io.wire import messages as m
+
+KeyT = TypeVar("KeyT", int, str)
+
+_REFUSALS = 3
+"""So many answers with another value end a setting: the first may have been on its way before it."""
+
+
+class _Asking(Generic[KeyT]):
+    """What is asked for: each again after a silence, at most ``window`` at once."""
+
+    def __init__(self, keys: Iterable[KeyT], *, window: int, again_s: float) -> None:
+        self.left: dict[KeyT, None] = dict.fromkeys(keys)
+        self._window, self._again_s = window, again_s
+        self._asked_at: dict[KeyT, float] = {}
+
+    def due(self, now: float) -> list[KeyT]:
+        """What is to be asked now."""
+        found: list[KeyT] = []
+        waiting = 0
+        for key in self.left:
+            asked_at = self._asked_at.get(key)
+            if asked_at is not None and now < asked_at + self._again_s:
+                waiting += 1
+            elif waiting + len(found) < self._window:
+                found.append(key)
+            if waiting + len(found) >= self._window:
+                break
+        self._asked_at.update(dict.fromkeys(found, now))
+        return found
+
+    def next_timer(self) -> float | None:
+        """When the next is due; None while nothing is asked."""
+        return min(self._asked_at.values()) + self._again_s if self._asked_at else None
+
+    def answered(self, key: KeyT) -> bool:
+        """Whether this was asked for; it is not any more."""
+        self._asked_at.pop(key, None)
+        if key not in self.left:
+            return False
+        del self.left[key]
+        return True
+
+    def wait_longer(self, key: KeyT, now: float) -> None:
+        """Ask for this again only after another silence from now on."""
+        if key in self._asked_at:
+            self._asked_at[key] = now
+
+
+class ParameterDownload:
+    """All parameters of a component.
+
+    The list is asked for, and asked for again until the first one comes. When it runs dry, the missing ones are asked for by
+    their index.
+
+    Args:
+        messages: The component's messages.
+        now: The present time in seconds.
+        quiet_s: After so long without a new one the list has run dry.
+        silent_s: After so long it is given up.
+        window: Requests on the way at once.
+
+    Attributes:
+        found: Those that have come, by name.
+        count: How many there are, as far as the component has told.
+    """
+
+    def __init__(
+        self, messages: ParameterMessages, *, now: float, quiet_s: float = 1.0, silent_s: float = 10.0, window: int = 10
+    ) -> None:
+        self.found: dict[str, Parameter] = {}
+        self.count: int | None = None
+        self.silent = self.cancelled = False
+        self._messages, self._quiet_s, self._silent_s, self._window = messages, quiet_s, silent_s, window
+        self._indices: set[int] = set()
+        self._asking: _Asking[int] | None = None
+        self._new_at = now
+        self._listed_at: float | None = None
+
+    @property
+    def finished(self) -> bool:
+        """Whether it is over: all are here, nothing new came for long, or it was cancelled."""
+        return self.silent or self.cancelled or (self.count is not None and len(self._indices) >= self.count)
+
+    @property
+    def missing(self) -> list[int]:
+        """The indices that have not come."""
+        return [index for index in range(self.count or 0) if index not in self._indices]
+
+    def counts(self) -> tuple[int, int | None]:
+        """How many are here, and of how many."""
+        return len(self._indices), self.count
+
+    def cancel(self, now: float) -> None:
+        """Stop; the component need not know."""
+        del now
+        self.cancelled = True
+
+    def receive(self, received: m.Received, now: float) -> None:
+        """Take a message; those about anything else have no effect."""
+        heard = self._messages.heard(received)
+        if heard is None or heard.parameter is None or heard.count == 0:
+            return
+        if self.count is not None and heard.count < self.count:
+            self._indices = {index for index in self._indices if index < heard.count}
+            self.found = {name: one for name, one in self.found.items() if (one.index or 0) < heard.count}
+        self.count = heard.count
+        index = heard.parameter.index
+        if index is None or index >= heard.count:
+            return
+        self.found[heard.name] = heard.parameter
+        if index not in self._indices:
+            self._indices.add(index)
+            self._new_at = now
+        if self._asking is not None:
+            self._asking.answered(index)
+
+    def messages_to_send(self, now: float) -> list[m.Message]:
+        """What is due at ``now``."""
+        if not self.finished and now >= self._new_at + self._silent_s:
+            self.silent = True
+        if self.finished:
+            return []
+        if not self._indices:
+            if self._listed_at is not None and now < self._listed_at + self._quiet_s:
+                return []
+            self._listed_at = now
+            return [self._messages.list_request()]
+        if self._asking is None or not self._asking.left:
+            if now < self._new_at + self._quiet_s:
+                return []
+            self._asking = _Asking(self.missing, window=self._window, again_s=self._quiet_s)
+        return [self._messages.read_request("", index) for index in self._asking.due(now)]
+
+    def next_timer(self) -> float | None:
+        """When it wants to be asked again; None when it is over."""
+        if self.finished:
+            return None
+        give_up_at = self._new_at + self._silent_s
+        if not self._indices:
+            return min(give_up_at, (self._listed_at or self._new_at) + self._quiet_s)
+        if self._asking is None or not self._asking.left:
+            return min(give_up_at, self._new_at + self._quiet_s)
+        again_at = self._asking.next_timer()
+        return give_up_at if again_at is None else min(give_up_at, again_at)
+
+
+class ParameterReads:
+    """Some parameters by name. A component may be silent about what it does not have, so this ends after ``timeout_s`` at most.
+
+    Attributes:
+        found: Those that have come, by name.
+        refused: Those that the component does not give, each with its reason.
+    """
+
+    def __init__(
+        self,
+        messages: ParameterMessages,
+        names: Collection[str],
+        *,
+        now: float,
+        timeout_s: float = 3.0,
+        again_s: float = 0.5,
+        window: int = 20,
+    ) -> None:
+        self.found: dict[str, Parameter] = {}
+        self.refused: dict[str, str] = {}
+        self.cancelled = False
+        self._messages, self._until = messages, now + timeout_s
+        self._asking = _Asking(names, window=window, again_s=again_s)
+        self._over = False
+
+    @property
+    def finished(self) -> bool:
+        """Whether every name is answered, or the time is up."""
+        return self._over or self.cancelled or not self._asking.left
+
+    @property
+    def missing(self) -> list[str]:
+        """Names without an answer."""
+        return list(self._asking.left)
+
+    def counts(self) -> tuple[int, int | None]:
+        """How many are answered, and of how many."""
+        answered = len(self.found) + len(self.refused)
+        return answered, answered + len(self._asking.left)
+
+    def cancel(self, now: float) -> None:
+        """Stop."""
+        del now
+        self.cancelled = True
+
+    def receive(self, received: m.Received, now: float) -> None:
+        """Take a message; those about anything else have no effect."""
+        del now
+        heard = self._messages.heard(received)
+        if heard is None or heard.in_progress or not self._asking.answered(heard.name):
+            return
+        if heard.parameter is None:
+            self.refused[heard.name] = heard.refused
+        else:
+            self.found[heard.name] = heard.parameter
+
+    def messages_to_send(self, now: float) -> list[m.Message]:
+        """What is due at ``now``."""
+        self._over = self._over or now >= self._until
+        return [] if self.finished else [self._messages.read_request(name) for name in self._asking.due(now)]
+
+    def next_timer(self) -> float | None:
+        """When it wants to be asked again; None when it is over."""
+        if self.finished:
+            return None
+        again_at = self._asking.next_timer()
+        return self._until if again_at is None else min(self._until, again_at)
+
+
+class ParameterWrites:
+    """Some parameters set, each until the component reports the new value, or another one three times.
+
+    Args:
+        messages: The component's messages.
+        wanted: Each with its value and type; a MisuseError if one does not fit.
+        now: The present time in seconds.
+        timeout_s: At most so long for all of them.
+        again_s: A silence after which one is sent again.
+        window: Requests on the way at once.
+
+    Attributes:
+        confirmed: Those that the component reports with their new values.
+        refused: Those that it refuses, or reports with another value, each with its reason.
+    """
+
+    def __init__(
+        self,
+        messages: ParameterMessages,
+        wanted: Sequence[Parameter],
+        *,
+        now: float,
+        timeout_s: float = 10.0,
+        again_s: float = 0.5,
+        window: int = 5,
+    ) -> None:
+        self.confirmed: dict[str, Parameter] = {}
+        self.refused: dict[str, str] = {}
+        self.cancelled = False
+        self._messages, self._until = messages, now + timeout_s
+        self._wanted: Mapping[str, Parameter] = {one.name: one for one in wanted}
+        self._requests = {
+            one.name: messages.set_request(one.name, one.value, one.param_type) for one in self._wanted.values()
+        }
+        self._asking = _Asking(self._wanted, window=window, again_s=again_s)
+        self._differing: Counter[str] = Counter()
+        self._over = False
+
+    @property
+    def finished(self) -> bool:
+        """Whether each is settled, or the time is up."""
+        return self._over or self.cancelled or not self._asking.left
+
+    @property
+    def missing(self) -> list[str]:
+        """Names without an answer."""
+        return list(self._asking.left)
+
+    def counts(self) -> tuple[int, int | None]:
+        """How many are settled, and of how many."""
+        return len(self._wanted) - len(self._asking.left), len(self._wanted)
+
+    def cancel(self, now: float) -> None:
+        """Stop; what was sent may be set all the same."""
+        del now
+        self.cancelled = True
+
+    def receive(self, received: m.Received, now: float) -> None:
+        """Take a message; those about anything else have no effect."""
+        heard = self._messages.heard(received)
+        if heard is None or heard.name not in self._asking.left:
+            return
+        if heard.in_progress:
+            self._asking.wait_longer(heard.name, now)
+            return
+        wanted = self._wanted[heard.name]
+        if heard.parameter is None:
+            self.refused[heard.name] = heard.refused
+        elif same_value(heard.parameter.value, wanted.value, wanted.param_type):
+            self.confirmed[heard.name] = heard.parameter
+        else:
+            self._differing[heard.name] += 1
+            if self._differing[heard.name] < _REFUSALS:
+                return
+            self.refused[heard.name] = f"stays {heard.parameter.value!r}"
+        self._asking.answered(heard.name)
+
+    def messages_to_send(self, now: float) -> list[m.Message]:
+        """What is due at ``now``."""
+        self._over = self._over or now >= self._until
+        return [] if self.finished else [self._requests[name] for name in self._asking.due(now)]
+
+    def next_timer(self) -> float | None:
+        """When it wants to be asked again; None when it is over."""
+        if self.finished:
+            return None
+        again_at = self._asking.next_timer()
+        return self._until if again_at is None else min(self._until, again_at)
