@@ -17,7 +17,6 @@ from uavcover.routes.objectives import judge
 from uavcover.run.documents import read_plan_document
 from uavcover.run.fleet import fleet_document, say_fleet
 from uavcover.run.folder import RunFolder
-from uavcover.run.judge import warn_of_separation
 from uavcover.run.mission import compile_flights
 from uavcover.run.plan_files import save_plan
 from uavcover.run.user import Unattended
@@ -93,13 +92,6 @@ def test_what_is_said_of_the_vehicles() -> None:
     assert [row.split()[:2] for row in rows] == [["vehicle", "1"], ["vehicle", "2"]]
     assert total.startswith("2 vehicles: done after ")
     assert "one vehicle with the same sorties: " in total
-
-
-def test_verify_tells_that_it_does_not_judge_the_separation() -> None:
-    for vehicles, tracks, told in ((2, 2, True), (2, 1, False), (1, 2, False)):
-        user = Listener()
-        warn_of_separation(fleet_site(vehicles), tracks, user)
-        assert ("the separation of the vehicles is not judged" in " ".join(user.lines)) == told
 
 
 def test_one_vehicle_has_nothing_to_say() -> None:

@@ -14,6 +14,7 @@ from uavcover.cli import options
 
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
+    from uavcover.run.fleet_jobs import OnLoss
     from uavcover.run.folder import RunFolder
     from uavcover.vehicle.precautions import OnBreach, Precautions
 
@@ -68,30 +69,46 @@ class OlderFlight:
 
 def fly(
     run: Annotated[Path, typer.Argument(help="Run folder whose mission the vehicle holds.")],
-    to: options.To,
+    to: options.ToEach,
     *,
     sortie: options.Sortie = None,
+    on_loss: Annotated[
+        str,
+        typer.Option(
+            "--on-loss",
+            help="With several --to: what a lost vehicle leaves is flown by the others (share), or planned apart (gaps).",
+            metavar="share|gaps",
+        ),
+    ] = "share",
     yes: Annotated[bool, typer.Option("--yes", help="Arm a vehicle that is not simulated.")] = False,
     vehicle: FlyingVehicle,
     watch: FlightWatch,
     older: OlderFlight,
     output: options.Output,
 ) -> int:
-    """Wait until ready, arm, start, follow, record, land.
+    """Wait until ready, arm, start, follow, record, land. With --to several times all vehicles of the plan fly at once.
 
     Ctrl-C: hold, then home along checked legs, and land; twice: hold, and leave it there; both end with 130. The key p (without
     a terminal: SIGUSR1) pauses: the vehicle holds; p again, and it goes on. --resume goes on with a flight that ended early,
     whatever ended it, in a folder of its own inside RUN; verify counts both.
     """
-    from uavcover.errors import INTERRUPTED
+    from uavcover.errors import INTERRUPTED, InputError
     from uavcover.run.fly import ENDED_BY_USER, FlightOptions, fly_run, resume_run
     from uavcover.run.folder import RunFolder
     from uavcover.run.planned import read_planned
     from uavcover.vehicle.flight_plan import FlightTimeouts
 
-    link = replace(vehicle.link_to(to, client=vehicle.client), mock_speed=vehicle.mock_speed)
+    links = [replace(vehicle.link_to(url, client=vehicle.client), mock_speed=vehicle.mock_speed) for url in to]
+    link = links[0]
     console = output.console()
-    folder = RunFolder(run).flight(sortie)
+    if len(links) > 1 and (sortie is not None or older.resume):
+        raise InputError(
+            f"{'--resume' if older.resume else '--sortie'}: is for one vehicle; give --to once, or leave it out"
+        )
+    if len(links) > 1 and watch.apply_limits:
+        raise InputError("--apply-limits: is for one vehicle; set the parameters of each one before they fly together")
+    loss = _on_loss(on_loss)
+    folder = RunFolder(run) if len(links) > 1 else RunFolder(run).flight(sortie)
     precautions = precautions_for(
         folder, console, on_breach=options.on_breach(watch.on_breach), apply_limits=watch.apply_limits, agreed=yes
     )
@@ -103,8 +120,15 @@ def fly(
         viewer_url = open_live_viewer()
     asked = FlightOptions(
         confirmed=yes, force=older.force, viewer_url=viewer_url, timeouts=timeouts, precautions=precautions,
-        upload_first=to.startswith("mock:"),  # a vehicle that begins with this process holds nothing yet
+        upload_first=link.url.startswith("mock:"),  # a vehicle that begins with this process holds nothing yet
     )  # fmt: skip
+    if len(links) > 1:
+        from uavcover.run.fly_fleet import FleetOptions, fly_fleet
+
+        ended, document = fly_fleet(folder, links, console, FleetOptions(flight=asked, on_loss=loss), command=sys.argv)
+        console.suggest(f"uavcover verify {run}")
+        console.result(document)
+        return INTERRUPTED if ended else 0
     if older.resume:
         resumed, document = resume_run(folder, link, console, asked, command=sys.argv)
         if resumed is not None:
@@ -116,6 +140,16 @@ def fly(
     console.suggest(f"uavcover verify {folder}")
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0
+
+
+def _on_loss(text: str) -> "OnLoss":
+    from uavcover.errors import InputError
+    from uavcover.run.fleet_jobs import OnLoss
+
+    try:
+        return OnLoss(text)
+    except ValueError:
+        raise InputError(f"--on-loss: {text!r} is neither share nor gaps") from None
 
 
 def precautions_for(

@@ -17,6 +17,7 @@ from uavcover.judging.judged_track import JudgedTrack
 from uavcover.judging.observations import level_observations
 from uavcover.judging.photos.evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.judging.possible_motion import motion_limits
+from uavcover.judging.separation import NOT_ASKED, Separation
 from uavcover.judging.unobserved import (
     length_of_m,
     place_of,
@@ -112,6 +113,7 @@ def decide(
     *,
     unknown_attitude_looks: int,
     evidence: PictureEvidence = NOTHING_KNOWN,
+    separation: Separation = NOT_ASKED,
 ) -> Decision:
     """Decide on tracks that count as one flight.
 
@@ -122,6 +124,7 @@ def decide(
         pictures: how many show each cell; none for a sensor that takes none.
         unknown_attitude_looks: number of observations without a known direction.
         evidence: of real pictures; where they tell the coverage, what nobody observed of the flight cannot add to it.
+        separation: of the vehicles.
     """
     site = coverage.site
     requirements = site.scenario.requirements
@@ -171,6 +174,8 @@ def decide(
     reasons += evidence.reasons
     doubts += evidence.doubts
     findings += evidence.findings
+    reasons += separation.reasons
+    doubts += separation.doubts
     verdict: VerdictName = "failed" if reasons else "not proved" if doubts else "passed"
     return Decision(verdict, tuple(reasons), tuple(doubts), tuple(findings), tuple(unobserved), fraction)
 

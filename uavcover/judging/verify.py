@@ -19,6 +19,7 @@ from uavcover.judging.judged_track import JudgedTrack, judge_track, largest, tra
 from uavcover.judging.observations import Observations
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.photos.evidence import NOTHING_KNOWN, PictureEvidence
+from uavcover.judging.separation import judge_separation
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.active_times import Window, flown_window, window_in_words
@@ -262,8 +263,14 @@ def verify_flight(
     if evidence.shown is None and takes_pictures(site.scenario):
         pictures = _pictures(coverage, together)
     statistics = None if pictures is None else picture_statistics(coverage, pictures)
-    decision = decide(coverage, flown, judged, pictures, unknown_attitude_looks=unknown_looks, evidence=evidence)
     window = flown_window(np.concatenate([j.track.unix_time_s for j in judged]))
+    separation = judge_separation(
+        site, [track.track for track in judged], same_flight={(record.first, record.second) for record in records}
+    )
+    decision = decide(
+        coverage, flown, judged, pictures,
+        unknown_attitude_looks=unknown_looks, evidence=evidence, separation=separation,
+    )  # fmt: skip
     report = VerificationReport(
         coverage_fraction=coverage.share(flown.seen),
         coverage_of_coverable=coverage.share_of_coverable(flown.seen),
@@ -277,7 +284,8 @@ def verify_flight(
         max_transit_height_agl_m=_largest([j.heights.highest.values[~j.phases.route] for j in judged]),
         violations=tuple(
             replace(violation, track=number) for number, j in enumerate(judged) for violation in j.violations
-        ),
+        )
+        + separation.violations,
         max_deviation_m=_largest([j.deviations_m for j in judged if j.deviations_m is not None]),
         max_ground_speed_m_s=_largest([j.speeds_m_s[j.phases.route] for j in judged]),
         gaps=tuple(region.gap for region in gaps),
@@ -302,6 +310,7 @@ def verify_flight(
         ),
         requirements=judged_requirements(site.scenario),
         flown_utc=None if window is None else (window[0].isoformat(), window[1].isoformat()),
+        separation=separation.pairs,
     )
     return Verdict(coverage, report, flown, gaps, pictures, together, shifts_s)
 

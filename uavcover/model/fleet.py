@@ -13,9 +13,12 @@ class Fleet:
     Attributes:
         vehicles: how many fly at the same time.
         turnaround_s: from a vehicle's landing to its next take-off, with a new battery.
-        separation_m: least distance in space between two vehicles in flight, along their planned paths.
+        separation_m: least distance in space between two vehicles in flight.
+        path_error_m: how far a vehicle may be beside its planned path; planned paths are kept apart by twice that more.
         timing_error_fraction: share of the time since its take-off by which a vehicle may be early or late.
         start_error_s: by how much its take-off may be early or late.
+        clock_error_s: by how much the times at which positions of two vehicles arrived may be wrong against each other, in the
+            judgement of flown tracks: different delays of their links, and clocks of two ground stations.
         pad_s: how long a vehicle stands at home before its take-off and after its landing; no other one may be near then.
     """
 
@@ -24,15 +27,28 @@ class Fleet:
     vehicles: int = 1
     turnaround_s: float = 300.0
     separation_m: float = 20.0
+    path_error_m: float = 3.0
     timing_error_fraction: float = 0.05
     start_error_s: float = 5.0
+    clock_error_s: float = 0.5
     pad_s: float = 30.0
 
     def __post_init__(self) -> None:
         require(1 <= self.vehicles <= 50, f"vehicles: {self.vehicles} is outside 1..50")
         require_not_negative(turnaround_s=self.turnaround_s, start_error_s=self.start_error_s, pad_s=self.pad_s)
+        require_not_negative(path_error_m=self.path_error_m, clock_error_s=self.clock_error_s)
         require_positive(separation_m=self.separation_m)
         require(
             0.0 <= self.timing_error_fraction <= 0.5,
             f"timing_error_fraction: {self.timing_error_fraction} is outside 0..0.5",
         )
+
+    @property
+    def planned_separation_m(self) -> float:
+        """Least distance between planned paths: each vehicle may be beside its own."""
+        return self.separation_m + 2.0 * self.path_error_m
+
+    @property
+    def held_apart_m(self) -> float:
+        """Distance below which one of two vehicles holds its place: where they are is known, and only one of them moves."""
+        return self.separation_m + self.path_error_m

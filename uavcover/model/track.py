@@ -28,7 +28,8 @@ COLUMNS = (
 AGE_COLUMN = "attitude_age_s"
 PICTURES_COLUMN = "pictures_taken"
 UNIX_TIME_COLUMN = "unix_time_s"
-OPTIONAL_COLUMNS = (AGE_COLUMN, PICTURES_COLUMN, UNIX_TIME_COLUMN)
+RECEIVED_COLUMN = "received_utc_s"
+OPTIONAL_COLUMNS = (AGE_COLUMN, PICTURES_COLUMN, UNIX_TIME_COLUMN, RECEIVED_COLUMN)
 """Last columns, which a file may lack."""
 
 MAY_BE_EMPTY = ("roll_deg", "pitch_deg", "yaw_deg", *OPTIONAL_COLUMNS)
@@ -55,6 +56,7 @@ class TrackSample:
         attitude_age_s: time from the attitude to the position; NaN when unknown.
         pictures_taken: how many pictures the vehicle's camera has taken so far, by its own count; NaN when it has told of none.
         unix_time_s: seconds since 1970 in UTC, as the vehicle's receiver tells the time; NaN when it has not told.
+        received_utc_s: when the position arrived, seconds since 1970 on the ground station's clock; NaN when unknown.
     """
 
     time_s: float
@@ -71,6 +73,7 @@ class TrackSample:
     attitude_age_s: float = math.nan
     pictures_taken: float = math.nan
     unix_time_s: float = math.nan
+    received_utc_s: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +89,7 @@ class Track:
         attitude_age_s: (n,) time from the attitude of a sample to its position, NaN where unknown; default: unknown everywhere.
         pictures_taken: (n,) see :class:`TrackSample`; default: unknown everywhere.
         unix_time_s: (n,) likewise.
+        received_utc_s: (n,) likewise.
     """
 
     time_s: FloatArray
@@ -96,6 +100,7 @@ class Track:
     attitude_age_s: FloatArray = field(default_factory=lambda: np.empty(0))
     pictures_taken: FloatArray = field(default_factory=lambda: np.empty(0))
     unix_time_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    received_utc_s: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         for name in OPTIONAL_COLUMNS:
@@ -125,6 +130,7 @@ class Track:
             attitude_age_s=self.attitude_age_s[samples].copy(),
             pictures_taken=self.pictures_taken[samples].copy(),
             unix_time_s=self.unix_time_s[samples].copy(),
+            received_utc_s=self.received_utc_s[samples].copy(),
         )
 
 

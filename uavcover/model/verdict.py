@@ -20,6 +20,7 @@ ViolationKind = Literal[
     "no-fly-zone",
     "ground-speed",
     "deviation",
+    "separation",
 ]
 
 GapReason = Literal[
@@ -59,6 +60,8 @@ class Violation:
         phase: "route" between the first and the last planned waypoint, "transit" elsewhere.
         track: number of the track, counted from 0.
         name: of the no-fly zone.
+        other_track: number of the other vehicle's track, for the separation; its place is the first vehicle's.
+        worst_utc_s: when it was worst on the ground station's clock, for the separation.
     """
 
     kind: ViolationKind
@@ -76,6 +79,33 @@ class Violation:
     phase: Literal["route", "transit"]
     track: int = 0
     name: str = ""
+    other_track: int | None = None
+    worst_utc_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PairSeparation:
+    """How near two vehicles came to each other.
+
+    Attributes:
+        first: number of the first track, counted from 0.
+        second: number of the second one.
+        least_m: least distance, while one of them was in the air at least.
+        possibly_m: least distance that the errors of clocks and positions, and unobserved stretches, leave possible.
+        utc_s: when they were nearest, on the ground station's clock.
+        first_s: the same in the first vehicle's time.
+        second_s: in the second one's.
+        together_s: for how long both were recorded, vehicle time.
+    """
+
+    first: int
+    second: int
+    least_m: float
+    possibly_m: float
+    utc_s: float
+    first_s: float
+    second_s: float
+    together_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,6 +274,7 @@ class VerificationReport:
         requirements: the requirements and limits that were judged, by their names in the scenario.
         flown_utc: first and last moment of the tracks that tell the time of day, UTC; none where none does. No-fly zones are
             judged by it.
+        separation: of each two tracks that overlap in time; none where no separation is asked for.
     """
 
     coverage_fraction: float
@@ -276,3 +307,4 @@ class VerificationReport:
     findings: tuple[str, ...]
     requirements: Mapping[str, Any]
     flown_utc: tuple[str, str] | None = None
+    separation: tuple[PairSeparation, ...] = ()

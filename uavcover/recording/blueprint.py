@@ -2,7 +2,7 @@
 
 import math
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import rerun as rr
@@ -41,13 +41,16 @@ LEGEND_TEXT = """
 """
 
 
-def make_blueprint(site: Site, *, span_s: tuple[float, float] | None) -> rrb.Blueprint:
+def make_blueprint(
+    site: Site, *, span_s: tuple[float, float] | None, paths: Sequence[str] = (layout.FLOWN,)
+) -> rrb.Blueprint:
     """The default blueprint of a recording.
 
     Args:
         site: determines the camera, and whether there is a map.
         span_s: vehicle time at the start and at the end of the flight; none for an ongoing flight, whose latest moment is
             shown.
+        paths: entities of flown paths, which are drawn as far as they are flown.
     """
     words: list[rrb.ContainerLike] = [
         _events_view(),
@@ -61,7 +64,7 @@ def make_blueprint(site: Site, *, span_s: tuple[float, float] | None) -> rrb.Blu
         start, end = (rrb.TimeRangeBoundary.absolute(seconds=at_s) for at_s in span_s)
         whole = rr.TimeRange(start=start, end=end)
     root = rrb.Horizontal(
-        _scene_view(site),
+        _scene_view(site, paths),
         rrb.Vertical(
             _series_view("height", "Height above ground", whole),
             _series_view("coverage", "Seen, percent", whole, (0.0, 102.0)),
@@ -109,7 +112,7 @@ def _so_far() -> rrb.VisibleTimeRanges:
     )
 
 
-def _scene_view(site: Site) -> rrb.Spatial3DView:
+def _scene_view(site: Site, paths: Sequence[str]) -> rrb.Spatial3DView:
     west, south, east, north = bounds = scene_bounds_m(site)
     rim = np.array([[e, n] for e in np.linspace(west, east, 9) for n in np.linspace(south, north, 9)])
     up = site.ground.heights_m(rim)
@@ -126,7 +129,7 @@ def _scene_view(site: Site) -> rrb.Spatial3DView:
             look_target=middle,
             eye_up=(0.0, 0.0, 1.0),
         ),
-        overrides={layout.FLOWN: _so_far()},
+        overrides={path: _so_far() for path in paths},
     )
 
 

@@ -71,10 +71,12 @@ def log_track(recording: rr.RecordingStream, track: Track) -> None:
     recording.send_columns(layout.TRACK, [time_column(track.time_s)], any_value_columns(track_columns(track)))
 
 
-def log_coverage(recording: rr.RecordingStream, coverage: CoverageMap, track: Track, first_seen_s: FloatArray) -> None:
-    """Log the cells and the coverage."""
-    start_s = float(track.time_s[0])
-    ticks_s = tick_times_s(start_s, float(track.time_s[-1]))
+def log_coverage(
+    recording: rr.RecordingStream, coverage: CoverageMap, span_s: tuple[float, float], first_seen_s: FloatArray
+) -> None:
+    """Log the cells and the coverage, from the start of the flight to its end."""
+    start_s = span_s[0]
+    ticks_s = tick_times_s(*span_s)
     shown_s = shown_from_s(first_seen_s, ticks_s)
     for number, tile in enumerate(coverage_tiles(coverage, shown_s, start_s)):
         entity = f"{layout.COVERAGE}/tile_{number:04d}"

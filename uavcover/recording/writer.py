@@ -61,7 +61,8 @@ def write_recording(
     _check(coverage, track, first_seen_s)
     site = coverage.site
     name = name or site.scenario.name
-    blueprint = make_blueprint(site, span_s=(float(track.time_s[0]), float(track.time_s[-1])))
+    span_s = (float(track.time_s[0]), float(track.time_s[-1]))
+    blueprint = make_blueprint(site, span_s=span_s)
     with strict_mode():
         recording = rr.RecordingStream(
             application_id(site), recording_id=_recording_id(name, track), send_properties=False
@@ -71,7 +72,7 @@ def write_recording(
         recording.send_recording_name(name)
         log_static(recording, layout.LEGEND, rr.TextDocument(LEGEND_TEXT, media_type="text/markdown"))
         log_scene(recording, site, planned, lift_m=2.0 * lift_m(coverage))
-        flight.log_coverage(recording, coverage, track, first_seen_s)
+        flight.log_coverage(recording, coverage, span_s, first_seen_s)
         flight.log_series(recording, coverage, track)
         draw_vehicle(recording, coverage)
         send_vehicle(recording, coverage, track)
@@ -79,7 +80,7 @@ def write_recording(
         flight.log_events(recording, events)
         flight.log_track(recording, track)
         data = memory.drain_as_bytes()
-    _write_whole(Path(path), data)
+    write_whole(Path(path), data)
 
 
 def _check(coverage: CoverageMap, track: Track, first_seen_s: NDArray[np.float64]) -> None:
@@ -109,7 +110,7 @@ def _recording_id(name: str, track: Track) -> str:
     return str(uuid.uuid5(_NAMESPACE, digest.hexdigest()))
 
 
-def _write_whole(path: Path, data: bytes) -> None:
+def write_whole(path: Path, data: bytes) -> None:
     """Write beside ``path``, then rename.
 
     Rerun's own file sink only logs a line when the disk is full, and its next flush blocks forever.

@@ -87,7 +87,7 @@ def unsafe_starts(a: Pieces, b: Pieces, fleet: Fleet) -> FloatArray:
     Returns:
         (k, 2) open intervals of b's start less a's in seconds, sorted, without overlaps.
     """
-    first, second, _ = _near(a, b, fleet.separation_m)
+    first, second, _ = _near(a, b, fleet.planned_separation_m)
     return merged(np.column_stack([a.earliest_s[first] - b.latest_s[second], a.latest_s[first] - b.earliest_s[second]]))
 
 
@@ -112,7 +112,7 @@ def safe_start_s(intervals: FloatArray, wanted_s: float) -> float:
 
 def find_conflict(a: Pieces, b: Pieces, fleet: Fleet, *, start_s: float) -> Conflict | None:
     """The worst place where a and b may come too near to each other when b starts so long after a; none when they do not."""
-    first, second, distance_m = _near(a, b, fleet.separation_m)
+    first, second, distance_m = _near(a, b, fleet.planned_separation_m)
     meets = (b.earliest_s[second] + start_s < a.latest_s[first]) & (b.latest_s[second] + start_s > a.earliest_s[first])
     if not meets.any():
         return None

@@ -31,6 +31,23 @@ class Timeline:
         """From take-off to landing."""
         return float(self.time_s[-1])
 
+    def places_m(self, times_s: FloatArray) -> FloatArray:
+        """(k, 3) ENU, where the flight is at (k,) times since take-off; at its ends before and after it."""
+        return np.column_stack([np.interp(times_s, self.time_s, axis) for axis in self.place_m.T])
+
+    def nearest_time_s(self, place_m: FloatArray, *, from_s: float, to_s: float) -> float:
+        """The planned time at which the flight is nearest to a (3,) place, between two times since take-off."""
+        inside = self.time_s[(self.time_s > from_s) & (self.time_s < to_s)]
+        times = np.clip(np.concatenate([[from_s], inside, [to_s]]), 0.0, self.duration_s)
+        points = self.places_m(times)
+        along = np.diff(points, axis=0)
+        squared = np.einsum("ij,ij->i", along, along)
+        reach = np.einsum("ij,ij->i", place_m - points[:-1], along)
+        share = np.clip(reach / np.where(squared > 0.0, squared, np.inf), 0.0, 1.0)
+        off = np.linalg.norm(points[:-1] + share[:, None] * along - place_m, axis=1)
+        k = int(np.argmin(off))
+        return float(times[k] + share[k] * (times[k + 1] - times[k]))
+
 
 def timeline_of(site: Site, sortie: Sortie, *, autopilot: AutopilotName) -> Timeline:
     """The planned times of a sortie; the last one is its flight time.

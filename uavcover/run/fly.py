@@ -1,15 +1,18 @@
 """Flying a run's mission, or what is left of it, and keeping the record."""
 
+import math
 import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from mission_io.clock import MonotonicClock, SystemClock
 from uavcover.errors import InputError, OutputError, UavcoverError
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.verify import flown_coverage
 from uavcover.model.route import Route
+from uavcover.model.track import TrackSample
 from uavcover.recording.writer import write_recording
 from uavcover.run import provenance
 from uavcover.run.flight_log import FlightLog, live_recording
@@ -34,6 +37,7 @@ from uavcover.run.upload import upload, upload_document
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map
+from uavcover.vehicle.clearance import ALONE, Clearance
 from uavcover.vehicle.flight_plan import FlightTimeouts
 from uavcover.vehicle.fly import Ending, FlightOutcome, Orders
 from uavcover.vehicle.outcome import FlightFailedError
@@ -56,6 +60,9 @@ class FlightOptions:
         viewer_url: of a rerun viewer that shows the flight while it goes on.
         timeouts: how long to wait for the vehicle; None takes the defaults.
         precautions: against breaches and wrong limits.
+        clearance: when the vehicle may start, and fly home, beside others.
+        on_sample: told where the vehicle is, beside the record.
+        utc_offset_s: from the link's clock to UTC; None: by the clock of this computer.
     """
 
     confirmed: bool = False
@@ -64,6 +71,9 @@ class FlightOptions:
     viewer_url: str | None = None
     timeouts: FlightTimeouts | None = None
     precautions: Precautions = USUAL
+    clearance: Clearance = ALONE
+    on_sample: Callable[[TrackSample], None] = lambda _: None
+    utc_offset_s: float | None = None
 
 
 USUAL_FLIGHT = FlightOptions()
@@ -129,9 +139,16 @@ def record_flight(
             run, overwrite=options.force, user=user, bar=bar, waypoint_count=len(route), reserve=reserve,
             vehicle=vehicle, live=live_recording(run, site, route, viewer_url=options.viewer_url),
         )  # fmt: skip
+
+        def take_sample(sample: TrackSample) -> None:
+            log.take_sample(sample)
+            options.on_sample(sample)
+
         orders = Orders(
-            on_sample=log.take_sample, on_event=log.take_event, on_begin=log.begin, stop=lambda: interrupts.count,
+            on_sample=take_sample, on_event=log.take_event, on_begin=log.begin, stop=lambda: interrupts.count,
             pause=keys.paused, confirmed=options.confirmed, timeouts=options.timeouts, precautions=options.precautions,
+            clearance=options.clearance,
+            utc_offset_s=_utc_offset_s(vehicle) if options.utc_offset_s is None else options.utc_offset_s,
         )  # fmt: skip
         try:
             outcome = begin(orders)
@@ -163,6 +180,12 @@ def record_flight(
     }
     user.say(f"{outcome.ending.value}: {outcome.sample_count} samples over {outcome.duration_s:.0f} s of flight")
     return outcome, document
+
+
+def _utc_offset_s(vehicle: Connected) -> float:
+    """From the link's clock to UTC; NaN for a clock that is simulated."""
+    clock = vehicle.client.clock
+    return SystemClock().unix_s() - clock.now() if isinstance(clock, MonotonicClock) else math.nan
 
 
 def _seal(run: RunFolder, log: FlightLog, user: User) -> None:

@@ -260,19 +260,9 @@ def judge_run(
         for warning in loaded.warnings:
             user.warn(warning)
         tracks.append((loaded.track, planned_for(path, run)))
-    warn_of_separation(site, len(tracks), user)
     with user.progress("verifying"):
         verdict = judge_tracks(site, tracks, evidence=evidence)
     return site, verdict, [_name(path, run) for path in paths], inputs
-
-
-def warn_of_separation(site: Site, tracks: int, user: User) -> None:
-    """Tell that tracks of several vehicles do not say how near these were to each other: each has its own vehicle's time."""
-    if site.scenario.fleet.vehicles > 1 and tracks > 1:
-        user.warn(
-            "the separation of the vehicles is not judged: each track has its own vehicle's time, and nothing tells how these "
-            "belong together"
-        )
 
 
 def say_inputs(user: User, inputs: JudgedInputs) -> None:
@@ -310,6 +300,12 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
     _say_unobserved(user, report)
     if report.max_deviation_m is not None:
         user.say(f"deviation         at most {metres(report.max_deviation_m)} from the planned route")
+    if report.separation:
+        nearest = min(report.separation, key=lambda pair: pair.least_m)
+        user.say(
+            f"separation        at least {metres(nearest.least_m)} of {metres(site.scenario.fleet.separation_m)}, of "
+            f"{len(report.separation)} pairs of flights at the same time"
+        )
     missed = sum(gap.area_m2 for gap in report.gaps)
     user.say(f"gaps              {len(report.gaps)}, {missed:.0f} square metres in all")
     for violation in report.violations[:_SHOWN_VIOLATIONS]:

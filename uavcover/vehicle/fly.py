@@ -1,5 +1,6 @@
 """Flies a mission: get ready, check, arm, start, follow, record, land; or return along checked legs when the user stops it."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ from uavcover.vehicle.arming import (
     start_mission,
     wire_seq,
 )
+from uavcover.vehicle.clearance import ALONE, Clearance
 from uavcover.vehicle.client import VehicleClient
 from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts
 from uavcover.vehicle.follow import follow_mission
@@ -76,6 +78,8 @@ class Orders:
         confirmed: whether the user confirmed that a vehicle that may be real may be flown.
         timeouts: how long to wait for what; None takes the defaults.
         precautions: what to do before the flight, and when something goes wrong.
+        clearance: when it may start, and fly home, beside other vehicles.
+        utc_offset_s: from the link's clock to UTC, for the times of arrival in the track; NaN where there is no such clock.
     """
 
     on_sample: Callable[[TrackSample], None]
@@ -86,6 +90,8 @@ class Orders:
     confirmed: bool = False
     timeouts: FlightTimeouts | None = None
     precautions: Precautions = USUAL
+    clearance: Clearance = ALONE
+    utc_offset_s: float = math.nan
 
 
 def fly(
@@ -198,6 +204,7 @@ class _Flight:
             plan.frame,
             waypoint_of=waypoint_of,
             on_sample=self._on_sample,
+            utc_offset_s=self.orders.utc_offset_s,
         )
         self.progress = MissionProgress(session, plan)
         session.monitor.reached = -1
@@ -217,9 +224,11 @@ class _Flight:
         if self.recorder is not None:
             self.recorder.waypoint_of = lambda _: -1  # the items of the way home are no planned waypoints
         if cause is None:
-            landed = return_home(self.session, plan_return)
+            landed = return_home(self.session, plan_return, clear=self.orders.clearance.may_go_home)
         else:
-            landed = return_home(self.session, plan_return, stops=self.session.stop())
+            landed = return_home(
+                self.session, plan_return, stops=self.session.stop(), clear=self.orders.clearance.may_go_home
+            )
             how = "it was flown home along checked legs, and landed" if landed else "it was left holding"
             raise FlightFaultError(cause, f"{self.session.watch.text_of(cause)}; {how}")
         return self.outcome(Ending.RETURNED if landed else Ending.LEFT_HOLDING)
@@ -286,6 +295,7 @@ def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn)
         check_mission(session, plan)
         flight.limits.put_back_older()
         flight.limits.check(plan)
+        _wait_for_clearance(session, flight.orders.clearance)
         _refuse_armed(session)
         flight.orders.on_begin()
         progress = flight.record(plan)
@@ -295,6 +305,19 @@ def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn)
     except Stopped as stop:
         return flight.home(plan_return, stop.cause)
     return flight.outcome(Ending.LANDED)
+
+
+def _wait_for_clearance(session: Session, clearance: Clearance) -> None:
+    """Listen until the vehicle may start beside the others.
+
+    Raises:
+        Stopped: the user asked to stop meanwhile.
+        FlightFaultError: the vehicle is gone.
+    """
+    while not clearance.may_start():
+        if session.stop():
+            raise Stopped
+        session.pump()
 
 
 def _from_the_air(flight: _Flight, plan_continuation: PlanContinuation, plan_return: PlanReturn) -> FlightOutcome:

@@ -36,8 +36,17 @@ def hold(session: Session, text: str = "stop: the vehicle is told to hold") -> N
     session.tell(EventKind.STOP, "the vehicle holds its place")
 
 
-def return_home(session: Session, plan_return: PlanReturn, *, stops: int = 1, longest_wait_s: float = 0.0) -> bool:
+def return_home(
+    session: Session,
+    plan_return: PlanReturn,
+    *,
+    stops: int = 1,
+    longest_wait_s: float = 0.0,
+    clear: Callable[[Mission], bool] = lambda _: True,
+) -> bool:
     """Hold, fly home along checked legs, land; one more stop of the user than ``stops`` leaves the vehicle holding.
+
+    Beside other vehicles it holds until ``clear`` says that the way home is free.
 
     Returns:
         Whether the vehicle landed; False when it was left holding, which was told.
@@ -54,8 +63,19 @@ def return_home(session: Session, plan_return: PlanReturn, *, stops: int = 1, lo
         raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not tell where it is; it was left holding")
     try:
         mission = plan_return(here.lat_deg, here.lon_deg, here.alt_amsl_m)
+        is_clear = clear(mission)
     except (UavcoverError, MissionIoError) as error:
         return _leave(session, f"no checked way home from here: {error}")
+    if not is_clear:
+        session.tell(EventKind.STOP, "the vehicle holds until the way home is free of the others")
+    while not is_clear:
+        if session.stop() > stops:
+            return _leave(session, _ASKED)
+        session.pump()
+        try:
+            is_clear = clear(mission)
+        except UavcoverError as error:
+            return _leave(session, f"no way home apart from the others: {error}")
     session.tell(EventKind.STOP, "the way home is being sent")
     try:
         checked = session.insist(lambda: session.client.upload_and_verify(mission, in_flight=True))

@@ -137,7 +137,7 @@ class TrackWriter:
         self._write(
             ",".join([_written(float(getattr(sample, name))) for name in COLUMNS[:_WAYPOINT]])
             + f",{sample.current_waypoint},{_written(sample.attitude_age_s)},{_written(sample.pictures_taken)}"
-            f",{_written(sample.unix_time_s)}"
+            f",{_written(sample.unix_time_s)},{_written(sample.received_utc_s)}"
         )
         self.count += 1
 
@@ -185,6 +185,7 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
 
     Columns may stand in any order and others may stand beside them. Roll, pitch, yaw, the age of the three, the count of
     pictures and the time since 1970 may be empty: not known. A last line that was cut off, as by a crash, is
+    pictures and the time of arrival may be empty: not known. A last line that was cut off, as by a crash, is
     left out with a warning. Anything else that is wrong is an error, which names line and column.
 
     Raises:
@@ -286,6 +287,7 @@ class Recorder:
         frame: the scenario's local frame.
         waypoint_of: number of the planned waypoint that a mission item is, -1 for the others.
         on_sample: takes the samples.
+        utc_offset_s: from the link's clock to UTC; NaN: when a position arrived is not recorded.
     """
 
     def __init__(
@@ -295,8 +297,10 @@ class Recorder:
         *,
         waypoint_of: Callable[[int], int],
         on_sample: Callable[[TrackSample], None],
+        utc_offset_s: float = math.nan,
     ) -> None:
         self._monitor, self._frame, self._on_sample = monitor, frame, on_sample
+        self._utc_offset_s = utc_offset_s
         self.waypoint_of = waypoint_of
         self.count = 0
         self.first_s = self.last_s = -math.inf
@@ -341,6 +345,7 @@ class Recorder:
                 attitude_age_s=age_s,
                 pictures_taken=self._pictures_taken(),
                 unix_time_s=self._unix_time_s(position.time_boot_s),
+                received_utc_s=self._utc_offset_s + (self._monitor.position_at_s or 0.0),
             )
         )
 

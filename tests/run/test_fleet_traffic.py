@@ -1,0 +1,153 @@
+"""Who may start, who holds its place and who may fly home, on paths that are easy to see through."""
+
+import numpy as np
+import pytest
+
+from uavcover.errors import InfeasibleError
+from uavcover.model.fleet import Fleet
+from uavcover.routes.timeline import Timeline
+from uavcover.run.fleet_traffic import Phase, Traffic
+
+FLEET = Fleet(vehicles=3, separation_m=20.0, path_error_m=2.0, timing_error_fraction=0.0, start_error_s=1.0, pad_s=10.0)
+HOME = (0.0, 0.0, 0.0)
+
+
+def out_and_back(north_m: float, *, home: tuple[float, float, float] = HOME, speed_m_s: float = 10.0) -> Timeline:
+    """Up to 50 m, 300 m east beside home, back, and down."""
+    e, n, u = home
+    place = np.array([home, (e, n, u + 50.0), (e, n + north_m, u + 50.0), (e + 300.0, n + north_m, u + 50.0)])
+    place = np.vstack([place, place[2::-1]])
+    legs = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    return Timeline(np.concatenate([[0.0], np.cumsum(np.maximum(legs / speed_m_s, 1.0))]), place)
+
+
+def traffic(**flights: tuple[Timeline, float]) -> Traffic:
+    made = Traffic(FLEET)
+    for name, (timeline, planned_s) in flights.items():
+        made.add(name, timeline, planned_s=planned_s, pace_m_s=(10.0, 3.0))
+    return made
+
+
+def test_in_the_order_and_at_the_times_of_the_plan() -> None:
+    flights = traffic(a=(out_and_back(0.0), 0.0), b=(out_and_back(200.0, home=(0.0, 400.0, 0.0)), 30.0))
+    assert not flights.begun
+    assert not flights.start("b", 50.0)
+    assert flights.start("a", 100.0)
+    assert flights.phase("a") is Phase.FLYING
+    assert not flights.start("b", 129.0)
+    assert flights.start("b", 130.0)
+    assert flights.since_first_s(140.0) == 40.0
+
+
+def test_one_that_is_dropped_is_not_waited_for() -> None:
+    flights = traffic(a=(out_and_back(0.0), 0.0), b=(out_and_back(200.0, home=(0.0, 400.0, 0.0)), 0.0))
+    flights.drop("a")
+    assert flights.start("b", 5.0)
+
+
+def test_a_start_waits_for_where_the_other_really_is() -> None:
+    """Planned 12 s after the first, which hangs in the column above home for 40 s."""
+    flights = traffic(a=(out_and_back(0.0), 0.0), b=(out_and_back(150.0), 16.0))
+    assert flights.start("a", 0.0)
+    for now in range(1, 41):
+        flights.moved("a", float(now), np.array([0.0, 0.0, 10.0]))
+        assert not flights.start("b", float(now))
+    began = None
+    for now in range(41, 70):
+        flights.moved("a", float(now), out_and_back(0.0).places_m(np.array([now - 39.0]))[0])
+        if flights.start("b", float(now)):
+            began = now
+            break
+    assert began is not None
+    assert began - 39.0 >= 5.0  # it is out of the column, and far enough
+    assert flights.late_s("a") == pytest.approx(39.0, abs=1.0)
+
+
+def test_who_comes_to_the_pad_holds_until_it_is_free() -> None:
+    line = out_and_back(0.0)
+    flights = traffic(a=(out_and_back(100.0), 0.0), b=(line, 60.0))
+    assert flights.start("a", 0.0)
+    flights.moved("a", 1.0, np.array([300.0, 100.0, 50.0]))
+    flights._flights["a"].progress_s = 50.0
+    assert flights.start("b", 60.0) or flights.phase("b") is Phase.WAITING
+    flights.landed("a", 100.0)
+    flights._flights["b"].phase = Phase.FLYING
+    flights._flights["b"].progress_s = line.duration_s - 8.0
+    flights._flights["b"].seen_s = 101.0
+    assert flights.must_hold("b", 101.0)
+    assert not flights.must_hold("b", 111.0)
+
+
+def test_the_later_one_lets_the_earlier_one_pass() -> None:
+    """Two lines that cross in the middle, both there at the same time."""
+    one = Timeline(np.array([0.0, 10.0, 50.0]), np.array([(-200.0, 0.0, 0.0), (-200.0, 0.0, 50.0), (200.0, 0.0, 50.0)]))
+    two = Timeline(np.array([0.0, 10.0, 50.0]), np.array([(0.0, -200.0, 0.0), (0.0, -200.0, 50.0), (0.0, 200.0, 50.0)]))
+    flights = traffic(a=(one, 0.0), b=(two, 1.0))
+    assert flights.start("a", 0.0)
+    flights._flights["b"].phase = Phase.FLYING  # as if the first had been late
+    at = {"a": 12.0, "b": 12.0}
+    least = np.inf
+    held = 0
+    for step in range(120):
+        now = 12.0 + 0.5 * step
+        for name, line in (("a", one), ("b", two)):
+            place = line.places_m(np.array([at[name]]))[0]
+            flights.moved(name, now, place)
+            if not flights.must_hold(name, now):
+                at[name] = min(at[name] + 0.5, 50.0)
+            elif name == "b":
+                held += 1
+            else:
+                pytest.fail("the earlier one need not hold")
+        apart = np.linalg.norm(one.places_m(np.array([at["a"]])) - two.places_m(np.array([at["b"]])))
+        least = min(least, float(apart))
+    assert at == {"a": 50.0, "b": 50.0}
+    assert held > 0
+    assert least >= FLEET.separation_m
+
+
+def test_home_one_after_the_other_the_nearest_first() -> None:
+    flights = traffic(a=(out_and_back(0.0), 0.0), b=(out_and_back(60.0), 0.0), c=(out_and_back(-60.0), 0.0))
+    places = {"a": (100.0, 0.0, 50.0), "b": (200.0, 60.0, 50.0), "c": (250.0, -60.0, 50.0)}
+    ways = {name: np.array([place, (0.0, 0.0, 50.0), HOME]) for name, place in places.items()}
+    for name, place in places.items():
+        flights._flights[name].phase = Phase.FLYING
+        flights.moved(name, 10.0, np.array(place))
+    assert not flights.may_go_home("b", 10.0, ways["b"], all_return=True)  # the others do not hold yet
+    assert not flights.may_go_home("c", 10.0, ways["c"], all_return=True)
+    assert flights.may_go_home("a", 11.0, ways["a"], all_return=True)
+    assert not flights.may_go_home("b", 12.0, ways["b"], all_return=True)
+    flights.landed("a", 50.0)
+    assert not flights.may_go_home("c", 51.0, ways["c"], all_return=True)  # b is nearer
+    assert flights.may_go_home("b", 51.0, ways["b"], all_return=True)
+    flights.landed("b", 90.0)
+    assert flights.may_go_home("c", 91.0, ways["c"], all_return=True)
+
+
+def test_two_in_each_others_way_are_told() -> None:
+    flights = traffic(a=(out_and_back(0.0), 0.0), b=(out_and_back(0.0, home=(300.0, 0.0, 0.0)), 0.0))
+    flights._flights["a"].phase = flights._flights["b"].phase = Phase.FLYING
+    flights.moved("a", 10.0, np.array([200.0, 0.0, 50.0]))
+    flights.moved("b", 10.0, np.array([100.0, 0.0, 50.0]))
+    way_a = np.array([(200.0, 0.0, 50.0), (0.0, 0.0, 50.0), HOME])
+    way_b = np.array([(100.0, 0.0, 50.0), (300.0, 0.0, 50.0), (300.0, 0.0, 0.0)])
+    assert not flights.may_go_home("a", 10.0, way_a, all_return=True)
+    with pytest.raises(InfeasibleError, match="in each other's way home"):
+        flights.may_go_home("b", 10.0, way_b, all_return=True)
+
+
+def test_nobody_starts_while_a_lost_one_may_be_anywhere() -> None:
+    flights = traffic(a=(out_and_back(0.0), 0.0), b=(out_and_back(0.0, home=(0.0, 900.0, 0.0)), 0.0))
+    assert flights.start("a", 0.0)
+    flights.lost("a", down_by_s=300.0)
+    assert not flights.start("b", 299.0)
+    assert flights.start("b", 300.0)
+
+
+def test_where_a_flight_is_in_its_plan() -> None:
+    line = out_and_back(30.0)
+    for time_s in np.linspace(0.0, line.duration_s, 40):
+        place = line.places_m(np.array([time_s]))[0] + [0.0, 1.0, 0.5]
+        found = line.nearest_time_s(place, from_s=time_s - 4.0, to_s=time_s + 6.0)
+        assert found == pytest.approx(time_s, abs=4.0)  # at a turn the same place comes twice
+        assert np.linalg.norm(line.places_m(np.array([found]))[0] - place) < 1.2

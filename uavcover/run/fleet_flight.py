@@ -1,0 +1,375 @@
+"""The flight of a fleet: each vehicle flies its sorties in a thread of its own, and takes over those of lost ones."""
+
+import math
+import sys
+import threading
+from collections.abc import Callable, Container, Iterable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from mission_io.autopilots.autopilot import wire_items
+from mission_io.autopilots.comparison import compare_items, fault_text
+from mission_io.errors import MissionIoError
+from mission_io.model.items import Mission, MissionType
+from uavcover.errors import UavcoverError, VehicleError
+from uavcover.model.track import TrackSample
+from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission
+from uavcover.run.fleet_board import Board, VehicleUser
+from uavcover.run.fleet_clock import FleetClock
+from uavcover.run.fleet_jobs import Job, OnLoss, Queues, rest_of
+from uavcover.run.fleet_sortie import FlownSortie, is_down, lacking_battery, pace_home_m_s, places_m
+from uavcover.run.fleet_traffic import Phase, Traffic
+from uavcover.run.flights import TRACK
+from uavcover.run.fly import FlightOptions, record_flight
+from uavcover.run.folder import FLIGHT_FILES, RunFolder
+from uavcover.run.mission import compile_plan
+from uavcover.run.provenance import note_files
+from uavcover.run.session import Connected, VehicleLink, check_home, fly
+from uavcover.run.upload import UPLOAD_FILE, upload, upload_document
+from uavcover.scenario.site import Site
+from uavcover.vehicle.clearance import Clearance
+from uavcover.vehicle.outcome import Ending, FlightFailedError, FlightOutcome
+
+_READY_BEFORE_S = 60.0
+"""So long before its take-off a vehicle is looked for and gets its next sortie."""
+_LOOK_EVERY_S, _PLACE_EVERY_S = 1.0, 0.5
+
+Opening = Callable[[VehicleLink, Site], AbstractContextManager[Connected]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetOrders:
+    """What the user wants of the fleet.
+
+    Attributes:
+        links: where each vehicle is, vehicle 1 first.
+        flight: what is asked of each flight.
+        on_loss: what becomes of what a lost vehicle was to see.
+        opening: opens the link to a vehicle.
+        clocks: of each vehicle.
+        stops: how often the user has asked to stop.
+        paused: whether the user wants all to hold their places.
+    """
+
+    links: Sequence[VehicleLink]
+    flight: FlightOptions
+    on_loss: OnLoss
+    opening: Opening
+    clocks: Sequence[FleetClock]
+    stops: Callable[[], int]
+    paused: Callable[[], bool]
+
+
+class FleetFlight:
+    """The flight of a fleet; ``follow`` runs in a thread of its own for each vehicle.
+
+    Args:
+        jobs: the sorties.
+        board: the table.
+        orders: what the user wants.
+
+    Attributes:
+        traffic: keeps the vehicles apart.
+        flown: the sorties that have ended.
+        left: names of sorties, or of their rests, that nobody flies.
+        faults: errors that are no vehicle's.
+        called_off: whether nobody started because one vehicle was not ready.
+        aborted: whether all are left as they are, at once.
+    """
+
+    def __init__(self, jobs: Sequence[Job], board: Board, orders: FleetOrders) -> None:
+        self.board, self.orders = board, orders
+        self.traffic = Traffic(jobs[0].site.scenario.fleet)
+        self.flown: list[FlownSortie] = []
+        self.left: list[str] = []
+        self.faults: list[BaseException] = []
+        self.called_off = self.aborted = False
+        self._queues = Queues(set(range(1, len(orders.links) + 1)))
+        self._current: dict[int, Job] = {}
+        self._found: dict[int, int] = {}
+        self._given: set[int] = set()
+        self._ready: set[int] = set()
+        self._free_s: dict[int, float] = {}
+        self._next_look_s: dict[int, float] = {}
+        self._holds: dict[int, bool] = {}
+        self._lock = threading.RLock()
+        for job in jobs:
+            self._enqueue(job)
+
+    def follow(self, vehicle: int) -> None:
+        """Fly all sorties of a vehicle, and those that it takes over."""
+        clock, row = self.orders.clocks[vehicle - 1], self.board.rows[vehicle]
+        with clock.taking_part():
+            try:
+                while not self._stopped and vehicle in self._queues.vehicles:
+                    job = self._queues.take(vehicle)
+                    if job is None and not self._queues.work_may_come(vehicle):
+                        break
+                    if job is None:
+                        row.does = "stands ready"
+                        clock.wait(_LOOK_EVERY_S)
+                        continue
+                    self._current[vehicle] = job
+                    try:
+                        self._fly_when_due(job, vehicle, clock)
+                    finally:
+                        del self._current[vehicle]
+                        self._queues.done(vehicle)
+            except BaseException as error:
+                self.faults.append(error)
+                self.aborted = self.aborted or not isinstance(error, Exception)
+                self.called_off = True
+
+    @property
+    def _stopped(self) -> bool:
+        return self.called_off or self.aborted or self.orders.stops() > 0
+
+    def _stops(self) -> int:
+        if self.aborted:
+            raise KeyboardInterrupt
+        return max(self.orders.stops(), 1 if self.called_off else 0)
+
+    def _enqueue(self, job: Job) -> None:
+        self.traffic.add(job.name, job.timeline, planned_s=job.planned_s, pace_m_s=pace_home_m_s(job.site))
+        self._queues.add(job)
+
+    def _fly_when_due(self, job: Job, vehicle: int, clock: FleetClock) -> None:
+        row = self.board.rows[vehicle]
+        row.sortie, row.does = str(job.sortie), "waits"
+        due_s = self._free_s.get(vehicle)
+        while due_s is not None:
+            now = clock.now()
+            due_s = max(due_s, now + job.planned_s - self.traffic.since_first_s(now) - _READY_BEFORE_S)
+            if now >= due_s:
+                break
+            if self._stopped:
+                return
+            clock.wait(_LOOK_EVERY_S)
+        record = FlownSortie(job, vehicle)
+        user = VehicleUser(self.board, vehicle, stops=self._stops, pauses=partial(self._pauses, job, vehicle, clock))
+        try:
+            with (
+                job.folder.reserved(FLIGHT_FILES, force=self._may_replace(job)),
+                self.orders.opening(self.orders.links[vehicle - 1], job.site) as connected,
+            ):
+                self._fly(job, connected, user, record, clock)
+        except (UavcoverError, MissionIoError) as error:
+            record.error = str(error) or type(error).__name__
+            user.warn(record.error)
+        finally:
+            self._take_end(record, clock.now())
+
+    def _fly(self, job: Job, connected: Connected, user: VehicleUser, record: FlownSortie, clock: FleetClock) -> None:
+        compiled = compile_plan(job.site, job.route, autopilot=connected.autopilot)
+        check_home(connected, job.site, compiled)
+        first = record.vehicle not in self._free_s
+        others = range(1, len(self.orders.links) + 1)
+        self._found[record.vehicle] = connected.client.vehicle.system_id
+        # One after the other: were two of them one vehicle, their uploads would disturb each other.
+        if first and not (
+            self._meet(connected, self._found, others) and self._meet(connected, self._given, range(1, record.vehicle))
+        ):
+            return
+        results = upload(connected.client, compiled)
+        job.folder.write_json(UPLOAD_FILE, upload_document(job.site, compiled, connected.url, results))
+        note_files(job.folder, "upload", [UPLOAD_FILE], command=sys.argv)
+        self._given.add(record.vehicle)
+        if first:
+            if not self._meet(connected, self._given, others):
+                return
+            self._check_alone(record.vehicle, connected, compiled)
+        record.outcome, _ = record_flight(
+            job.folder, job.site, job.route, user, connected,
+            lambda orders: self._followed(record, connected, clock, partial(fly, connected, job.site, compiled, orders)),
+            options=self._flight_options(job, connected, record, clock),
+        )  # fmt: skip
+
+    def _followed(
+        self, record: FlownSortie, connected: Connected, clock: FleetClock, begin: Callable[[], FlightOutcome]
+    ) -> FlightOutcome:
+        """Fly, and let the others know at once how it ended: to write the record takes a while."""
+        try:
+            record.outcome = begin()
+            return record.outcome
+        except FlightFailedError as error:
+            record.outcome = error.outcome
+            raise
+        finally:
+            record.down = is_down(connected)
+            self._tell_traffic(record, clock.now())
+
+    def _tell_traffic(self, record: FlownSortie, now: float) -> None:
+        job = record.job
+        if self.traffic.phase(job.name) not in (Phase.FLYING, Phase.HOLDING, Phase.HOMEWARD):
+            return
+        self._free_s[record.vehicle] = now + job.site.scenario.fleet.turnaround_s
+        if record.down:
+            self.traffic.landed(job.name, now)
+            return
+        left_there = record.outcome is not None and record.outcome.ending is Ending.LEFT_HOLDING
+        endurance_s = job.site.scenario.vehicle.endurance_s or 2.0 * job.timeline.duration_s
+        self.traffic.lost(job.name, down_by_s=now + endurance_s, stays=left_there)
+
+    def _meet(self, connected: Connected, there: Container[int], vehicles: Iterable[int]) -> bool:
+        """Wait until all of these vehicles are as far; False when the flight was called off meanwhile."""
+        while not all(k in there for k in vehicles):
+            if self._stopped:
+                return False
+            connected.client.poll(0.1)
+        return True
+
+    def _check_alone(self, vehicle: int, connected: Connected, compiled: CompiledMission) -> None:
+        """Refuse a vehicle that two links lead to: it holds the sortie that it was given last.
+
+        Raises:
+            VehicleError: it does not hold its own.
+        """
+        urls = [link.url for link in self.orders.links]
+        same = [k for k, system in self._found.items() if k != vehicle and system == self._found[vehicle]]
+        if not same or urls[vehicle - 1].startswith("mock:"):
+            return
+        autopilot = AUTOPILOTS[connected.autopilot]
+        held = connected.client.download(MissionType.MISSION)
+        fault = fault_text(compare_items(wire_items(compiled.mission, autopilot), held, autopilot))
+        if fault is not None:
+            raise VehicleError(
+                f"system {self._found[vehicle]} at {urls[vehicle - 1]} holds another sortie than it was given ({fault}): "
+                f"--to {', '.join(urls[k - 1] for k in sorted(same))} may lead to the same vehicle; nothing was armed"
+            )
+
+    def _flight_options(self, job: Job, connected: Connected, record: FlownSortie, clock: FleetClock) -> FlightOptions:
+        vehicle = record.vehicle
+        row = self.board.rows[vehicle]
+
+        def may_start() -> bool:
+            with self._lock:
+                self._ready.add(vehicle)
+                row.does = "ready to start"
+                if not self._ready >= self._queues.vehicles:
+                    return False
+            if (lacks := lacking_battery(job, connected)) is not None:
+                row.does = lacks
+                return False
+            if not self.traffic.start(job.name, clock.now()):
+                return False
+            record.began_s = self.traffic.since_first_s(clock.now())
+            row.does = "flies"
+            return True
+
+        def may_go_home(mission: Mission) -> bool:
+            row.does = "holds"
+            way_m = places_m(mission, job.site)
+            may = self.traffic.may_go_home(job.name, clock.now(), way_m, all_return=self.orders.stops() > 0)
+            row.does = "flies home" if may else "holds"
+            return may
+
+        next_s = -math.inf
+
+        def take(sample: TrackSample) -> None:
+            nonlocal next_s
+            now = clock.now()
+            if now < next_s:
+                return
+            next_s = now + _PLACE_EVERY_S
+            self.traffic.moved(job.name, now, np.array([sample.east_m, sample.north_m, sample.up_m]))
+            row.late_s = self.traffic.late_s(job.name)
+            row.nearest = self.traffic.nearest_m(job.name)
+
+        return replace(
+            self.orders.flight,
+            clearance=Clearance(may_start=may_start, may_go_home=may_go_home),
+            on_sample=take,
+            force=self._may_replace(job),
+        )
+
+    def _may_replace(self, job: Job) -> bool:
+        return self.orders.flight.force or job.is_rest
+
+    def _pauses(self, job: Job, vehicle: int, clock: FleetClock) -> bool:
+        """Whether a vehicle is to hold its place: the user wants it, or another one passes."""
+        now = clock.now()
+        if now >= self._next_look_s.get(vehicle, now):
+            self._next_look_s[vehicle] = now + _LOOK_EVERY_S
+            before, holds = self._holds.get(vehicle, False), self.traffic.must_hold(job.name, now)
+            self._holds[vehicle] = holds
+            if holds is not before:
+                self.board.rows[vehicle].does = "lets another pass" if holds else "flies"
+        return self.orders.paused() or self._holds.get(vehicle, False)
+
+    def _take_end(self, record: FlownSortie, now: float) -> None:
+        """What a sortie that is over means for the others."""
+        job, vehicle = record.job, record.vehicle
+        row = self.board.rows[vehicle]
+        row.late_s, row.nearest = None, None
+        self.flown.append(record)
+        if self.traffic.phase(job.name) is Phase.WAITING:
+            self.traffic.drop(job.name)
+            self._free_s[vehicle] = now + job.site.scenario.fleet.turnaround_s
+        else:
+            self._tell_traffic(record, now)
+        if (
+            job.is_rest and job.folder.file(TRACK).exists()
+        ):  # the sortie knows its flights: one that is taken away is missed
+            parent = RunFolder(job.folder.path.parent)
+            note_files(parent, "fly", [f"{job.folder.path.name}/{TRACK}"], command=sys.argv)
+        if record.outcome is not None and record.outcome.ending is Ending.LANDED:
+            row.does = "landed"
+            for following in self._queues.of(vehicle)[:1]:
+                self.board.say(
+                    f"vehicle {vehicle}: change the battery; sortie {following.sortie} at {following.planned_s:.0f} s"
+                )
+            return
+        row.does = "out"
+        if self._stopped:
+            return
+        with self._lock:
+            left = self._queues.give_up(vehicle)
+            if record.began_s is None and not self.traffic.begun:
+                self.board.warn("one vehicle is not ready, so none starts")
+                self.called_off = True
+                return
+            self._hand_over(job, left, now)
+
+    def _hand_over(self, job: Job, left: Sequence[Job], now: float) -> None:
+        """Give the others what a lost vehicle leaves, each part checked; or leave it as gaps."""
+        for part in left:
+            self.traffic.drop(part.name)
+        parts = list(left)
+        if self.orders.on_loss is OnLoss.GAPS or not self._queues.vehicles:
+            self.left += [part.name for part in (job, *parts)]
+            return
+        try:
+            rest = rest_of(job, sys.argv)
+        except (UavcoverError, MissionIoError) as error:
+            self.board.warn(f"the rest of sortie {job.sortie} is left as a gap: {error}")
+            self.left.append(job.name)
+            rest = None
+        for part in ([] if rest is None else [rest]) + parts:
+            ready_s = {k: self._ready_s(k, now) for k in sorted(self._queues.vehicles)}
+            vehicle = min(ready_s, key=lambda k: ready_s[k])
+            since_s = self.traffic.since_first_s(now) + ready_s[vehicle] - now
+            taken = replace(part, vehicle=vehicle, planned_s=max(part.planned_s, since_s))
+            self._enqueue(taken)
+            what = "the rest of sortie" if part.is_rest else "sortie"
+            self.board.say(
+                f"vehicle {vehicle} takes over {what} {part.sortie}: {len(part.route)} waypoints, "
+                f"at about {taken.planned_s:.0f} s"
+            )
+
+    def _ready_s(self, vehicle: int, now: float) -> float:
+        """When a vehicle has flown what it has to fly already, and has a new battery."""
+        ready_s = max(now, self._free_s.get(vehicle, now))
+        flies = self._current.get(vehicle)
+        waiting = self._queues.of(vehicle)
+        if flies is not None:
+            begun = self.traffic.phase(flies.name) is Phase.FLYING
+            begins_s = max(now, now + flies.planned_s - self.traffic.since_first_s(now))
+            lands_s = self.traffic.lands_s(flies.name) if begun else begins_s + flies.timeline.duration_s
+            ready_s = max(now, lands_s) + flies.site.scenario.fleet.turnaround_s
+        for job in waiting:
+            ready_s = max(ready_s, now + job.planned_s - self.traffic.since_first_s(now))
+            ready_s += job.timeline.duration_s + job.site.scenario.fleet.turnaround_s
+        return ready_s

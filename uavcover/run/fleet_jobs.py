@@ -1,0 +1,170 @@
+"""The sorties of a fleet while it flies: who flies which when, and who takes over what a lost vehicle leaves."""
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+from uavcover.errors import InputError
+from uavcover.model.route import Route
+from uavcover.routes.sorties import Sortie
+from uavcover.routes.timeline import Timeline, timeline_of
+from uavcover.run.flights import TRACK
+from uavcover.run.folder import RunFolder
+from uavcover.run.mission import compile_plan
+from uavcover.run.planned import read_planned
+from uavcover.run.resume import find_unfinished, save_rest
+from uavcover.run.session import require_home
+from uavcover.scenario.site import Site
+
+
+class OnLoss(StrEnum):
+    """What becomes of what a lost vehicle was to see."""
+
+    SHARE = "share"
+    GAPS = "gaps"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """A sortie to fly.
+
+    Attributes:
+        name: its number, with a mark behind it where it is the rest of a sortie that another vehicle began.
+        sortie: the number of the planned sortie.
+        vehicle: who flies it, from 1.
+        planned_s: take-off, since the first take-off of all.
+        folder: where its record goes.
+        site: the scenario on its ground.
+        route: its waypoints.
+        timeline: as planned.
+        is_rest: whether it is the rest of a sortie that another vehicle began.
+    """
+
+    name: str
+    sortie: int
+    vehicle: int
+    planned_s: float
+    folder: RunFolder
+    site: Site
+    route: Route
+    timeline: Timeline
+    is_rest: bool = False
+
+
+def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
+    """All sorties of a plan, in the order of their take-offs; every leg is checked.
+
+    Raises:
+        InputError: the plan is not for so many vehicles, or cannot be read.
+        InfeasibleError: a leg breaks a limit.
+    """
+    document = run.read_json("plan.json", made_by="uavcover plan")
+    fleet, rows = document.get("fleet"), document.get("sorties")
+    flying = len(fleet.get("by_vehicle", [])) if isinstance(fleet, dict) else 1
+    if flying != vehicles or not isinstance(rows, list) or not rows:
+        raise InputError(
+            f"{run}: is flown by {flying} vehicle{'' if flying == 1 else 's'}, and --to names {vehicles}; give --to {flying} "
+            f"times, or plan it with: uavcover plan SCENARIO --vehicles {vehicles}"
+        )
+    try:
+        asked = [(int(row["number"]), int(row["vehicle"]), float(row["takeoff_s"])) for row in rows]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{run.file('plan.json')}: sorties is none ({type(error).__name__}: {error}); make it again with: uavcover plan"
+        ) from error
+    jobs = [_planned_job(run, number, vehicle, takeoff_s) for number, vehicle, takeoff_s in asked]
+    if {job.vehicle for job in jobs} != set(range(1, vehicles + 1)):
+        raise InputError(f"{run.file('plan.json')}: sorties name other vehicles than 1 to {vehicles}; plan again")
+    return sorted(jobs, key=lambda job: (job.planned_s, job.sortie))
+
+
+def _planned_job(run: RunFolder, number: int, vehicle: int, takeoff_s: float) -> Job:
+    folder = run.flight(number)
+    site, planned = read_planned(folder)
+    require_home(site)
+    timeline = job_timeline(site, planned.route)
+    return Job(f"{number:03d}", number, vehicle, takeoff_s, folder, site, planned.route, timeline)
+
+
+def job_timeline(site: Site, route: Route) -> Timeline:
+    """The planned times of a sortie.
+
+    Raises:
+        InfeasibleError: a leg breaks a limit, or the flight takes too long.
+    """
+    autopilot = site.scenario.vehicle.autopilot
+    return timeline_of(site, Sortie(0, len(route) - 1, route, compile_plan(site, route)), autopilot=autopilot)
+
+
+def rest_of(job: Job, command: Sequence[str]) -> Job | None:
+    """What a flight that ended early has left, as a job for another vehicle; none when nothing is left.
+
+    Its plan is written into a folder inside that of the flight, as ``fly --resume`` does.
+
+    Raises:
+        InfeasibleError: there is no checked way to it, or it takes too long for one flight.
+    """
+    if not job.folder.file(TRACK).exists():
+        return replace(job, name=f"{job.name}+")
+    unfinished = find_unfinished(job.folder, job.site)
+    if unfinished.complete:
+        return None
+    timeline = job_timeline(job.site, unfinished.route)
+    unfinished.folder.path.mkdir(exist_ok=True)
+    save_rest(unfinished, job.site, command=command)
+    return replace(
+        job, name=f"{job.name}+", folder=unfinished.folder, route=unfinished.route, timeline=timeline, is_rest=True
+    )
+
+
+@dataclass(slots=True)
+class Queues:
+    """The sorties that nobody has begun; its methods may be called from several threads.
+
+    Attributes:
+        vehicles: those that can fly.
+    """
+
+    vehicles: set[int]
+    _waiting: list[Job] = field(default_factory=list)
+    _busy: set[int] = field(default_factory=set)
+    _lock: threading.RLock = field(default_factory=threading.RLock)
+
+    def add(self, job: Job) -> None:
+        """A sortie that waits."""
+        with self._lock:
+            self._waiting.append(job)
+            self._waiting.sort(key=lambda each: (each.planned_s, each.name))
+
+    def take(self, vehicle: int) -> Job | None:
+        """The next sortie of a vehicle, which is busy from here on; none when it has none now."""
+        with self._lock:
+            job = next((job for job in self._waiting if job.vehicle == vehicle), None)
+            if job is not None:
+                self._waiting.remove(job)
+                self._busy.add(vehicle)
+            return job
+
+    def done(self, vehicle: int) -> None:
+        """A vehicle's sortie is over."""
+        with self._lock:
+            self._busy.discard(vehicle)
+
+    def give_up(self, vehicle: int) -> list[Job]:
+        """A vehicle that flies no more; returns the sorties that it would have flown."""
+        with self._lock:
+            self.vehicles.discard(vehicle)
+            left = [job for job in self._waiting if job.vehicle == vehicle]
+            self._waiting = [job for job in self._waiting if job.vehicle != vehicle]
+            return left
+
+    def of(self, vehicle: int) -> list[Job]:
+        """The sorties that wait for a vehicle."""
+        with self._lock:
+            return [job for job in self._waiting if job.vehicle == vehicle]
+
+    def work_may_come(self, vehicle: int) -> bool:
+        """Whether a vehicle without a sortie may get one: another one may still be lost."""
+        with self._lock:
+            return vehicle in self.vehicles and bool((self._busy - {vehicle}) or self._waiting)

@@ -1,0 +1,96 @@
+"""A sortie of a fleet: how it ended, whether its vehicle is down, what its battery lacks, and its way home."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mission_io.errors import MissionIoError
+from mission_io.model.items import Frame, Mission
+from mission_io.wire.messages import SysStatus
+from uavcover.errors import InputError
+from uavcover.kernels.arrays import FloatArray
+from uavcover.run.fleet_jobs import Job
+from uavcover.run.session import Connected
+from uavcover.scenario.site import Site
+from uavcover.vehicle.outcome import FlightOutcome
+
+_BATTERY_ROUNDING = 2.0
+"""Percent by which a battery may tell less than it is asked for: whole numbers, and a while of standing on the ground."""
+_LATELY_S = 5.0
+
+
+@dataclass(slots=True)
+class FlownSortie:
+    """How a sortie ended.
+
+    Attributes:
+        job: the sortie.
+        vehicle: who flew it.
+        began_s: its take-off, since the first take-off of all; none when it never began.
+        outcome: how it ended; none when it failed before.
+        error: why it failed, as text.
+        down: whether the vehicle is known to be on the ground.
+    """
+
+    job: Job
+    vehicle: int
+    began_s: float | None = None
+    outcome: FlightOutcome | None = None
+    error: str = ""
+    down: bool = True
+
+    @property
+    def planned_s(self) -> float:
+        """Its planned take-off, since the first take-off of all."""
+        return self.job.planned_s
+
+    def as_json(self) -> dict[str, Any]:
+        """For ``--json``."""
+        ended: dict[str, Any] = {"ending": None} if self.outcome is None else self.outcome.as_json()
+        return {
+            "sortie": self.job.sortie, "run": str(self.job.folder), "vehicle": self.vehicle, "began_s": self.began_s,
+            "planned_s": self.job.planned_s, "error": self.error or None, **ended,
+        }  # fmt: skip
+
+
+def is_down(connected: Connected) -> bool:
+    """Whether a vehicle is known to be on the ground, by what was heard of it last, if that was lately."""
+    client, monitor = connected.client, connected.monitor
+    try:
+        fresh = client.heartbeat_age_s < _LATELY_S and monitor.silence_s(client.clock.now()) < _LATELY_S
+        return fresh and (not client.vehicle.armed or monitor.on_ground is True)
+    except MissionIoError:
+        return False
+
+
+def lacking_battery(job: Job, connected: Connected) -> str | None:
+    """What a battery lacks that is to fly a sortie and keep the reserve; none where it is enough, or nothing is told of it."""
+    vehicle, status = job.site.scenario.vehicle, connected.monitor.latest(SysStatus)
+    percent = None if status is None else status.battery_remaining_percent
+    if vehicle.endurance_s is None or percent is None:
+        return None
+    needed = 100.0 * (job.timeline.duration_s / vehicle.endurance_s + vehicle.reserve_fraction)
+    return None if percent + _BATTERY_ROUNDING >= min(needed, 100.0) else f"battery {percent:.0f} of {needed:.0f} %"
+
+
+def pace_home_m_s(site: Site) -> tuple[float, float]:
+    """How fast a vehicle flies home, over ground and vertically, with the slow last metres in it."""
+    vehicle = site.scenario.vehicle
+    return vehicle.cruise_speed_m_s, 0.5 * min(vehicle.max_climb_m_s, vehicle.max_descent_m_s)
+
+
+def places_m(mission: Mission, site: Site) -> FloatArray:
+    """(k, 3) ENU, the places of a mission home; at least two."""
+    if site.frame is None or mission.home is None:
+        raise InputError(f"scenario {site.scenario.name}: has no place on Earth")
+    places = [
+        site.frame.enu_from_geodetic(
+            item.lat_deg,
+            item.lon_deg,
+            item.alt_m + (mission.home.alt_amsl_m if item.frame is Frame.ABOVE_HOME else 0.0),
+        )[0]
+        for item in mission.items
+        if item.has_position
+    ]
+    return np.array([places[0], *places])

@@ -1,0 +1,24 @@
+"""When a vehicle may start, and fly home, beside others in the air."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mission_io.model.items import Mission
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clearance:
+    """Asked again and again while the vehicle waits, on the ground ready to arm or holding its place.
+
+    Attributes:
+        may_start: whether it may arm and take off now.
+        may_go_home: whether it may fly these checked legs home now; raises InfeasibleError when it never may, and the vehicle is
+            left holding then.
+    """
+
+    may_start: Callable[[], bool] = lambda: True
+    may_go_home: Callable[[Mission], bool] = lambda _: True
+
+
+ALONE = Clearance()
+"""No other vehicle is near."""
