@@ -18,9 +18,15 @@ def recorded(
 ) -> TrackSample:
     samples: list[TrackSample] = []
     monitor = SimpleNamespace(
-        latest={type(each): each for each in (attitude, *more)}.get, current_seq=3, on_position=None
+        latest={type(each): each for each in (attitude, *more)}.get,
+        current_seq=3,
+        on_position=None,
+        position_at_s=7.5,
     )
-    recorder = Recorder(monitor, FRAME, waypoint_of=lambda seq: seq - 1, on_sample=samples.append)  # type: ignore[arg-type]
+    recorder = Recorder(
+        monitor,  # type: ignore[arg-type]
+        FRAME, waypoint_of=lambda seq: seq - 1, on_sample=samples.append, utc_offset_s=1.7e9,
+    )  # fmt: skip
     recorder.start()
     monitor.on_position(m.GlobalPositionInt(at_s, 36.5, -84.2, 480.0, 80.0, 0.0, 0.0, 0.0, heading_deg))
     return samples[0]
@@ -70,3 +76,7 @@ def test_pictures_are_counted_as_the_vehicle_counts_them() -> None:
     assert recorded(None, feedback).pictures_taken == recorded(None, captured).pictures_taken == 12.0
     failed = m.CameraImageCaptured(50.0, *where, (1.0, 0.0, 0.0, 0.0), 12, 0)
     assert math.isnan(recorded(None, failed).pictures_taken)
+
+
+def test_when_a_position_arrived_is_on_the_clock_of_the_ground_station():
+    assert recorded(None).received_utc_s == 1.7e9 + 7.5

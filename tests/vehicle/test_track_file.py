@@ -211,7 +211,7 @@ def test_a_short_line_inside_the_file_is_an_error(tmp_path):
     path = tmp_path / "track.csv"
     write(path)
     lines = path.read_text().splitlines()
-    lines[2] = lines[2].rsplit(",", 5)[0]
+    lines[2] = lines[2].rsplit(",", 6)[0]
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(TrackError, match="line 3, yaw_deg: is missing; the line has 9 values"):
         read_track(path)
