@@ -110,7 +110,7 @@ def test_obstacles_with_their_names_heights_and_grounds() -> None:
 def test_no_fly_zones_are_drawn_where_they_are() -> None:
     zone = NoFly(center_east_north_m=(40.0, 70.0), radius_m=25.0, floor_agl_m=60.0, name="helipad")
     site = make_site(flat, no_fly=(zone,))
-    drawn = drawing._zone(site.zones[0])
+    drawn = drawing.zone_data(site.zones[0])
     assert (drawn["name"], drawn["heights"]) == ("helipad", "from 60 m above ground up")
     (ring,) = drawn["rings"]
     away = np.hypot(*(np.array(ring) - (40.0, 70.0)).T)

@@ -75,12 +75,14 @@ class Checked:
         path: as it would be flown; none where home is unknown.
         world: where it is; likewise.
         time_s: of the whole flight; infinite where the wind stops it.
+        around: fence, zones and obstacles; none where home is unknown.
     """
 
     findings: tuple[CheckFinding, ...]
     path: FlownPath | None
     world: World | None
     time_s: float
+    around: Surroundings | None = None
 
     @property
     def verdict(self) -> str:
@@ -135,7 +137,7 @@ def check_mission(
     findings += speed_findings(path, aircraft)
     findings += wing_findings(path, world, aircraft)
     time_s, tired = endurance_findings(path, aircraft, limits)
-    return Checked(_sorted([*findings, *tired]), path, world, time_s)
+    return Checked(_sorted([*findings, *tired]), path, world, time_s, surroundings)
 
 
 def _sorted(findings: list[CheckFinding]) -> tuple[CheckFinding, ...]:

@@ -199,7 +199,9 @@ class WrittenOptions:
 
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", help="Write path and findings for map programs.", metavar="FILE.geojson"),
+        typer.Option(
+            "--map", help="Path and findings: a page (.html), or for map programs (.geojson).", metavar="FILE"
+        ),
     ] = None
     fix: Annotated[
         bool,
@@ -283,7 +285,12 @@ def check(
             say_findings(outcomes[-1][1], console)
     query, outcome = outcomes[0]
     if written.map_file is not None:
-        write_map(outcome, written.map_file, force=written.force)
+        if written.map_file.suffix.lower() == ".html":
+            from uavcover.report.check_page import write_check_page
+
+            write_check_page(query, outcome, written.map_file)
+        else:
+            write_map(outcome, written.map_file, force=written.force)
         console.say(f"written: {written.map_file}")
     document = document_of(query, outcome)
     if len(outcomes) > 1:

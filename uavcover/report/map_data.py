@@ -16,6 +16,7 @@ from uavcover.report.plots import flight_style
 from uavcover.run.photo_verdict import PhotoVerdict, footprints_m
 from uavcover.scenario.airspace.zone_lines import zone_lines_m
 from uavcover.scenario.airspace.zones import Zone
+from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground
 from uavcover.scenario.obstacles import Prism
 from uavcover.scenario.relief import relief_grid
@@ -45,22 +46,22 @@ def map_data(content: ReportContent) -> dict[str, Any]:
     west, south, east, north = cells_bounds_m(content.coverage)
     verdict = content.verdict
     return {
-        "bounds": _rounded(np.array(bounds)),
+        "bounds": rounded(np.array(bounds)),
         "relief": relief_image(site.ground, bounds),
-        "geodetic": _geodetic_fit(site, bounds),
-        "area": [_rounded(ring) for ring in _rings(site.area)],
-        "drawn": [_rounded(ring) for ring in _rings(area_as_drawn(site))] if site.scenario.area.margin_m > 0.0 else [],
-        "fence": [_rounded(ring) for ring in _rings(site.fence)],
+        "geodetic": geodetic_fit(site.frame, bounds),
+        "area": [rounded(ring) for ring in rings_of(site.area)],
+        "drawn": [rounded(ring) for ring in rings_of(area_as_drawn(site))] if site.scenario.area.margin_m > 0.0 else [],
+        "fence": [rounded(ring) for ring in rings_of(site.fence)],
         "obstacles": [_obstacle(site, prism) for prism in site.prisms],
-        "noFly": [_zone(zone) | _zone_lines(site, zone, bounds) for zone in site.zones],
-        "home": None if site.home_m is None else _rounded(site.home_m),
-        "plan": _rounded(content.planned.route.waypoints_m),
-        "planHeights": _rounded(_heights_agl_m(site, content.planned.route.waypoints_m)),
+        "noFly": [zone_data(zone) | _zone_lines(site, zone, bounds) for zone in site.zones],
+        "home": None if site.home_m is None else rounded(site.home_m),
+        "plan": rounded(content.planned.route.waypoints_m),
+        "planHeights": rounded(_heights_agl_m(site, content.planned.route.waypoints_m)),
         "sorties": [
-            {"name": f"sortie {number + 1}", "style": flight_style(number), "points": _rounded(route_m)}
+            {"name": f"sortie {number + 1}", "style": flight_style(number), "points": rounded(route_m)}
             for number, route_m in enumerate(content.sorties_m)
         ],
-        "cellBounds": _rounded(np.array([west, south, east, north])),
+        "cellBounds": rounded(np.array([west, south, east, north])),
         "cells": [_layer(layer) for layer in cell_layers(content)],
         "pictures": _pictures(content),
         "tracks": [_track(flight, number) for number, flight in enumerate(content.flights)],
@@ -81,18 +82,18 @@ def photo_map_data(verdict: PhotoVerdict) -> dict[str, Any]:
         east, north = max(east, near[:, 0].max()), max(north, near[:, 1].max())
     bounds = (float(west) - _PAD_M, float(south) - _PAD_M, float(east) + _PAD_M, float(north) + _PAD_M)
     return {
-        "bounds": _rounded(np.array(bounds)),
+        "bounds": rounded(np.array(bounds)),
         "relief": relief_image(site.ground, bounds),
-        "geodetic": _geodetic_fit(site, bounds),
-        "area": [_rounded(ring) for ring in _rings(site.area)],
-        "drawn": [_rounded(ring) for ring in _rings(area_as_drawn(site))] if site.scenario.area.margin_m > 0.0 else [],
+        "geodetic": geodetic_fit(site.frame, bounds),
+        "area": [rounded(ring) for ring in rings_of(site.area)],
+        "drawn": [rounded(ring) for ring in rings_of(area_as_drawn(site))] if site.scenario.area.margin_m > 0.0 else [],
         "fence": [], "obstacles": [], "noFly": [], "home": None, "plan": [], "planHeights": [], "sorties": [], "tracks": [],
         "violations": [], "background": None,
-        "cellBounds": _rounded(np.array(cells_bounds_m(verdict.coverage))),
+        "cellBounds": rounded(np.array(cells_bounds_m(verdict.coverage))),
         "cells": [_layer(layer) for layer in photo_layers(verdict)],
-        "pictures": {"planned": [], "flown": _rounded(eyes), "unknown": 0},
+        "pictures": {"planned": [], "flown": rounded(eyes), "unknown": 0},
         "footprints": [
-            {"name": verdict.placed.pictures[number].name, "ring": _rounded(edge[:, :2])}
+            {"name": verdict.placed.pictures[number].name, "ring": rounded(edge[:, :2])}
             for number, edge in footprints_m(verdict, every=footprints_drawn_every(verdict))
         ],
         "gaps": _gaps([region.gap for region in verdict.gaps]),
@@ -121,7 +122,8 @@ def relief_image(ground: Ground, bounds_m: Bounds) -> str:
     return data_uri(grid.rgb[::-1], "JPEG", quality=_JPEG_QUALITY)
 
 
-def _rings(polygons: shapely.Polygon | shapely.MultiPolygon) -> list[FloatArray]:
+def rings_of(polygons: shapely.Polygon | shapely.MultiPolygon) -> list[FloatArray]:
+    """(k, 2) corners of the outlines and holes of some polygons."""
     return [
         np.asarray(ring.coords)[:, :2]
         for polygon in shapely.get_parts(polygons)
@@ -131,22 +133,27 @@ def _rings(polygons: shapely.Polygon | shapely.MultiPolygon) -> list[FloatArray]
 
 def _obstacle(site: Site, prism: Prism) -> dict[str, Any]:
     """Outline and courtyards with the up coordinates of the ground and of the flat top."""
-    rings = _rings(prism.footprint.polygon)
+    rings = rings_of(prism.footprint.polygon)
     return {
         "name": prism.footprint.name,
         "height": round(prism.footprint.height_m, 1),
-        "rings": [_rounded(np.column_stack([ring, site.ground.heights_m(ring)])) for ring in rings],
-        "top": _rounded(np.array([prism.top_m]))[0],
+        "rings": [rounded(np.column_stack([ring, site.ground.heights_m(ring)])) for ring in rings],
+        "top": rounded(np.array([prism.top_m]))[0],
     }
 
 
-def _zone(zone: Zone) -> dict[str, Any]:
-    return {"name": zone.name, "heights": zone.heights_in_words(), "rings": [_rounded(r) for r in _rings(zone.outline)]}
+def zone_data(zone: Zone) -> dict[str, Any]:
+    """A no-fly zone for the map."""
+    return {
+        "name": zone.name,
+        "heights": zone.heights_in_words(),
+        "rings": [rounded(r) for r in rings_of(zone.outline)],
+    }
 
 
 def _zone_lines(site: Site, zone: Zone, bounds: Bounds) -> dict[str, Any]:
     """Floor, ceiling and upright edges, for the 3D view."""
-    return {"lines": [_rounded(line) for line in zone_lines_m(site, zone, bounds)]}
+    return {"lines": [rounded(line) for line in zone_lines_m(site, zone, bounds)]}
 
 
 def _layer(layer: Any) -> dict[str, Any]:
@@ -164,9 +171,9 @@ def _track(flight: Flight, number: int) -> dict[str, Any]:
     return {
         "name": flight.name,
         "style": flight_style(number),
-        "points": _rounded(flight.enu_m[keep]),
-        "times": _rounded(flight.clock_s[keep]),
-        "heights": _rounded(flight.height_agl_m[keep]),
+        "points": rounded(flight.enu_m[keep]),
+        "times": rounded(flight.clock_s[keep]),
+        "heights": rounded(flight.height_agl_m[keep]),
     }
 
 
@@ -175,8 +182,8 @@ def _pictures(content: ReportContent) -> dict[str, Any]:
     planned, verdict = content.planned_view, content.verdict
     flown = None if verdict is None or verdict.pictures is None else verdict.observations
     return {
-        "planned": [] if planned.pictures is None else _rounded(planned.poses.eyes),
-        "flown": [] if flown is None else _rounded(flown.places_m[flown.known]),
+        "planned": [] if planned.pictures is None else rounded(planned.poses.eyes),
+        "flown": [] if flown is None else rounded(flown.places_m[flown.known]),
         "unknown": 0 if flown is None else int((~flown.known).sum()),
     }
 
@@ -219,17 +226,17 @@ def _surface(site: Site, bounds: Bounds) -> dict[str, Any]:
     rows = max(2, math.ceil((north - south) / step) + 1)
     grid_e, grid_n = np.meshgrid(np.linspace(west, east, columns), np.linspace(north, south, rows))
     up = site.ground.heights_m(np.column_stack([grid_e.ravel(), grid_n.ravel()]))
-    return {"columns": columns, "rows": rows, "up": _rounded(up)}
+    return {"columns": columns, "rows": rows, "up": rounded(up)}
 
 
-def _geodetic_fit(site: Site, bounds: Bounds) -> dict[str, list[float]] | None:
+def geodetic_fit(frame: LocalFrame | None, bounds: Bounds) -> dict[str, list[float]] | None:
     """Coefficients of latitude and longitude in 1, e, n, e e, e n, n n (kilometres), to show the pointer's position."""
-    if site.frame is None:
+    if frame is None:
         return None
     west, south, east, north = bounds
     grid_e, grid_n = np.meshgrid(np.linspace(west, east, 9), np.linspace(south, north, 9))
     places = np.column_stack([grid_e.ravel(), grid_n.ravel(), np.zeros(grid_e.size)])
-    lat, lon, _ = site.frame.geodetic_from_enu(places)
+    lat, lon, _ = frame.geodetic_from_enu(places)
     e, n = places[:, 0] / 1000.0, places[:, 1] / 1000.0
     basis = np.column_stack([np.ones(e.size), e, n, e * e, e * n, n * n])
     return {
@@ -241,7 +248,7 @@ def _heights_agl_m(site: Site, points_m: FloatArray) -> FloatArray:
     return site.ground.heights_agl_m(points_m)
 
 
-def _rounded(values: FloatArray) -> Any:
+def rounded(values: FloatArray) -> Any:
     """Nested lists of numbers, NaN as null: to a tenth, and in a scenario of a few metres to a ten-thousandth."""
     finite = values[np.isfinite(values)]
     digits = 1 if finite.size and np.abs(finite).max() > 50.0 else 4

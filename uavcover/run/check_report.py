@@ -140,8 +140,8 @@ def write_map(outcome: CheckOutcome, path: Path, *, force: bool) -> None:
 
 def refuse_map(path: Path, *, force: bool) -> None:
     """Refuse a map that cannot be written, before anything is judged."""
-    if path.suffix.lower() not in (".geojson", ".json"):
-        raise OutputError(f"--map: {path}: name it .geojson")
+    if path.suffix.lower() not in (".geojson", ".json", ".html"):
+        raise OutputError(f"--map: {path}: name it .geojson, or .html for a page")
     if path.exists() and not force:
         raise OutputError(f"{path}: is there already; give another name, or --force to replace it")
 

@@ -1,0 +1,74 @@
+"""The map of a checked mission: one file, what is broken in red, nothing from files as markup."""
+
+import base64
+import hashlib
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.cli.test_check import DEM, GOOD, mission
+from uavcover.checking.limits import Limits
+from uavcover.errors import InputError
+from uavcover.report.check_page import render_check_page
+from uavcover.run.check import CheckQuery, check
+from uavcover.run.user import Unattended
+from uavcover.run.vehicle_terrain import ElevationData
+
+
+def page(folder: Path, *rows: str, name: str = "m.waypoints", north_deg: int = 36, **more) -> tuple[str, dict]:
+    file = mission(folder, *rows, name=name)
+    file.write_text(file.read_text().replace("\t36.", f"\t{north_deg}."))
+    query = CheckQuery(
+        file=file,
+        elevation=ElevationData(names=(str(DEM),)),
+        return_height_m=70.0,
+        limits=Limits(min_height_agl_m=10.0),
+        **more,
+    )
+    text = render_check_page(query, check(query, Unattended()))
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
+    assert found is not None
+    return text, json.loads(found[1])
+
+
+def zone(folder: Path, name: str) -> str:
+    ring = [[-84.2155, 36.4765], [-84.2153, 36.4765], [-84.2153, 36.4775], [-84.2155, 36.4775], [-84.2155, 36.4765]]
+    feature = {"type": "Feature", "properties": {"name": name}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+    (folder / "zone.geojson").write_text(json.dumps(feature))
+    return str(folder / "zone.geojson")
+
+
+def test_broken_legs_zones_and_clearance(tmp_path: Path) -> None:
+    text, data = page(tmp_path, *GOOD, no_fly=(zone(tmp_path, "Z"),))
+    broken = {(leg["from"], leg["to"]) for leg in data["legs"] if leg["broken"]}
+    assert (2, 3) in broken
+    assert (0, 1) not in broken
+    assert len(data["noFly"]) == 1
+    assert data["fence"] == []
+    assert {one["kind"] for one in data["findings"] if one["weight"] == "breaks"} == {"no-fly", "return-no-fly"}
+    for leg in data["legs"]:
+        above = [up - ground for up, ground in zip(leg["path"], leg["ground"], strict=True)]
+        assert min(above) == pytest.approx(leg["clearance"], abs=1.0)
+    assert text.count('class="no">broken') == sum(leg["broken"] for leg in data["legs"])
+    good, clear = page(tmp_path, *GOOD)
+    assert not any(leg["broken"] for leg in clear["legs"])
+    assert "Passed" in good
+
+
+def test_it_opens_offline_and_takes_nothing_from_files_as_markup(tmp_path: Path) -> None:
+    text, _ = page(tmp_path, *GOOD, name="<b>m.waypoints", no_fly=(zone(tmp_path, "</script><script>alert(1)"),))
+    assert "<b>m" not in text
+    assert "<script>alert" not in text
+    assert "http://" not in re.sub(r"https?://(www\.w3\.org|leafletjs|github)[^\s\"'<]*", "", text).split("<style>")[0]
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
+    assert policy is not None
+    scripts = re.findall(r"<script>(.*?)</script>", text, re.S)
+    for body in scripts:
+        assert base64.b64encode(hashlib.sha256(body.encode()).digest()).decode() in policy[1].replace("&#39;", "'")
+
+
+def test_a_mission_without_a_path_has_no_page(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no path"):
+        page(tmp_path, *GOOD, north_deg=46)
