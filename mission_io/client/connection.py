@@ -14,6 +14,7 @@ from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledErro
 from mission_io.links.opening import Link, PeerLink, StreamLink
 from mission_io.model.enums import AutopilotId, VehicleClass
 from mission_io.protocol.exchange import Address
+from mission_io.protocol.rate_limit import RateLimit
 from mission_io.wire.codec import Codec, LinkStatistics
 from mission_io.wire.messages import Heartbeat, Message, Received, TimeSync, is_for
 from mission_io.wire.signing import Signing, SigningKey, TimestampFile, TimestampStore, UnsavedTimestamps
@@ -24,6 +25,8 @@ _log = logging.getLogger(__name__)
 
 _HEARTBEAT_S = 1.0
 
+_TIME_ANSWERS_PER_S = 500.0
+"""A simulated vehicle at a hundred times real time asks 200 times a second."""
 _CATCH_UP_S = 0.1
 """How long ``poll`` reads what has arrived already; otherwise a vehicle that sends faster than we read would never let it end."""
 
@@ -84,6 +87,7 @@ class Connection:
         self._listener = listener
         self._vehicle: VehicleInfo | None = None
         self.impostor: VehicleInfo | None = None
+        self._time_answers = RateLimit(per_s=_TIME_ANSWERS_PER_S)
         self._heartbeat_at = -math.inf
         self._heard_at = -math.inf
 
@@ -373,8 +377,9 @@ class Connection:
         return ours
 
     def _answer_time(self, question: TimeSync) -> None:
-        """Answer a vehicle's question for our time."""
-        self.send(TimeSync(answered_ns=round(self.clock.now() * 1e9) or 1, asked_ns=question.asked_ns))
+        """Answer a vehicle's question for our time, unless it asks too often."""
+        if self._time_answers.allows(self.clock.now()):
+            self.send(TimeSync(answered_ns=round(self.clock.now() * 1e9) or 1, asked_ns=question.asked_ns))
 
     def _agree_on_version(self, received: Received) -> None:
         """Use the newest MAVLink version the vehicle speaks."""

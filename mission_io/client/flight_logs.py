@@ -1,43 +1,90 @@
-"""The flight logs that a vehicle keeps: listed and downloaded over the same link; lost pieces are requested again."""
+"""The flight logs that a vehicle keeps: listed and downloaded over the same link; only what got lost is requested again."""
 
 from collections.abc import Callable
 
 from mission_io.client.connection import Connection
-from mission_io.errors import TransferSilentError, VehicleSilentError
-from mission_io.wire.messages import LogData, LogEntry, LogRequestData, LogRequestEnd, LogRequestList, Received
+from mission_io.client.running import Progress, Stop, run
+from mission_io.errors import TransferCancelledError, TransferSilentError
+from mission_io.protocol.log_download import LogDownload
+from mission_io.wire.messages import LogEntry, LogRequestList, Received
 
 _LIST_AGAIN_S = 1.0
-_QUIET_S = 0.5
-"""After this long without new bytes, missing ones are requested again."""
-_PIECE_BYTES = 90 * 256
 
 
 def list_flight_logs(connection: Connection, *, timeout_s: float = 10.0) -> tuple[LogEntry, ...]:
-    """List the vehicle's logs in the order of their numbers.
+    """List the vehicle's logs in the order of their numbers. Those that got lost are asked for again.
 
     Raises:
         VehicleSilentError: the list was not complete within ``timeout_s`` seconds.
     """
     to = connection.vehicle
     found: dict[int, LogEntry] = {}
+    none = LogEntry(0, 0, 0, 0, 0)
+    latest = none
 
     def is_whole(received: Received) -> bool:
+        nonlocal latest
         entry = received.message
         if isinstance(entry, LogEntry):
+            latest = entry
             if entry.log_count == 0:
                 return True
             found[entry.log_id] = entry
             return len(found) >= entry.log_count
         return False
 
-    connection.wait_until(
-        is_whole,
-        timeout_s=timeout_s,
-        what="its list of logs",
-        again=lambda _: connection.send(LogRequestList(to.system_id, to.component_id)),
-        again_s=_LIST_AGAIN_S,
-    )
+    def ask(_: int) -> None:
+        numbers = range(latest.last_log_id - latest.log_count + 1, latest.last_log_id + 1)
+        missing = [number for number in numbers if number not in found] if found else []
+        first, last = (missing[0], missing[-1]) if missing and missing[0] >= 0 else (0, 65535)
+        connection.send(LogRequestList(to.system_id, to.component_id, first, last))
+
+    connection.wait_until(is_whole, timeout_s=timeout_s, what="its list of logs", again=ask, again_s=_LIST_AGAIN_S)
     return tuple(found[number] for number in sorted(found))
+
+
+class FlightLogDownloads:
+    """Downloads logs of a connection's vehicle; one that the link interrupted goes on where it was.
+
+    Args:
+        connection: With the vehicle.
+        silent_s: Without new bytes for so long, a download is given up.
+    """
+
+    def __init__(self, connection: Connection, *, silent_s: float = 30.0) -> None:
+        self._connection, self._silent_s = connection, silent_s
+        self._unfinished: dict[int, LogDownload] = {}
+
+    def download(self, entry: LogEntry, *, progress: Progress | None = None, stop: Stop | None = None) -> bytes:
+        """Download the bytes of a log; after an error, the same call goes on where it was.
+
+        Args:
+            entry: One of ``list_flight_logs``.
+            progress: Called with the bytes received and the total.
+            stop: Polled; True ends it.
+
+        Raises:
+            TransferSilentError: no new bytes for ``silent_s`` seconds; the message says how much had arrived.
+            TransferCancelledError: ``stop`` returned True.
+        """
+        connection = self._connection
+        download = LogDownload(
+            entry, vehicle=connection.vehicle.address, now=connection.clock.now(), silent_s=self._silent_s,
+            resume=self._unfinished.pop(entry.log_id, None),
+        )  # fmt: skip
+        if not download.whole:
+            self._unfinished[entry.log_id] = download
+        run(connection, download, download.counts, progress=progress, stop=stop)
+        if download.whole:
+            self._unfinished.pop(entry.log_id, None)
+            return download.content
+        here, total = download.counts()
+        who = f"log {entry.log_id}: vehicle {connection.vehicle.system_id}"
+        if download.cancelled:
+            raise TransferCancelledError(
+                f"log {entry.log_id}: stopped after {here} of {total} bytes", vehicle_holds="unchanged"
+            )
+        raise TransferSilentError(f"{who} fell silent after {here} of {total} bytes", vehicle_holds="unchanged")
 
 
 def download_flight_log(
@@ -47,68 +94,15 @@ def download_flight_log(
     progress: Callable[[int, int], None] | None = None,
     timeout_s: float = 30.0,
 ) -> bytes:
-    """Download the bytes of a log.
+    """Download the bytes of a log once; see ``FlightLogDownloads`` for one that goes on after an error.
 
     Args:
         connection: With the vehicle.
         entry: One of ``list_flight_logs``.
         progress: Called with the bytes received and the total.
-        timeout_s: Longest time for a piece of 23,040 bytes, which takes 4 s at 57,600 baud.
+        timeout_s: Without new bytes for so long, it is given up.
 
     Raises:
-        TransferSilentError: a piece took longer; the message says how much had arrived.
+        TransferSilentError: the vehicle fell silent; the message says how much had arrived.
     """
-    content = bytearray()
-    try:
-        while len(content) < entry.size_bytes:
-            content += _piece(connection, entry, len(content), timeout_s)
-            if progress is not None:
-                progress(len(content), entry.size_bytes)
-    except VehicleSilentError:
-        raise TransferSilentError(
-            f"log {entry.log_id}: vehicle {connection.vehicle.system_id} fell silent after {len(content)} of "
-            f"{entry.size_bytes} bytes",
-            vehicle_holds="unchanged",
-        ) from None
-    finally:
-        to = connection.vehicle
-        connection.send(LogRequestEnd(to.system_id, to.component_id))
-    return bytes(content)
-
-
-def _piece(connection: Connection, entry: LogEntry, start: int, timeout_s: float) -> bytes:
-    """Some bytes from ``start`` on, without gaps."""
-    size = min(_PIECE_BYTES, entry.size_bytes - start)
-    parts: dict[int, bytes] = {}
-    whole_to = start
-    heard_at = connection.clock.now()
-
-    def ask() -> None:
-        nonlocal heard_at
-        heard_at = connection.clock.now()
-        to = connection.vehicle
-        wanted = start + size - whole_to
-        connection.send(LogRequestData(to.system_id, to.component_id, entry.log_id, whole_to, wanted))
-
-    def is_new(data: LogData) -> bool:
-        return bool(data.content) and start <= data.offset_bytes < start + size and data.offset_bytes not in parts
-
-    def is_whole(received: Received) -> bool:
-        nonlocal heard_at, whole_to
-        data = received.message
-        if isinstance(data, LogData) and data.log_id == entry.log_id and is_new(data):
-            parts[data.offset_bytes] = data.content
-            heard_at = connection.clock.now()
-            while whole_to in parts:
-                whole_to += len(parts[whole_to])
-            return whole_to >= start + size
-        if connection.clock.now() - heard_at > _QUIET_S:
-            ask()
-        return False
-
-    ask()
-    connection.wait_until(is_whole, timeout_s=timeout_s, what=f"log {entry.log_id}")
-    whole = bytearray()
-    while len(whole) < size:
-        whole += parts[start + len(whole)]
-    return bytes(whole[:size])
+    return FlightLogDownloads(connection, silent_s=timeout_s).download(entry, progress=progress)

@@ -2,7 +2,7 @@
 
 Where the vehicle serves items in any order, the next one is requested before the last one has arrived. PX4 aborts a
 download whose requests skip one, so a lost datagram would begin it anew: there the next one is requested early only while
-nothing was lost, and on a link so short that beginning anew costs less than a second.
+nothing was lost, and on a link so short that beginning anew costs little.
 """
 
 from collections.abc import Callable, Mapping
@@ -109,7 +109,7 @@ _THANKS_ON_A_BAD_LINK = 3
 _COUNT_CHANGES = 8
 _PROVEN_ITEMS = 8
 """After so many items without a silence a link is taken to lose nothing, until it does."""
-_CHEAP_RESTART_S = 1.0
+_CHEAP_RESTART_S = 2.0
 _ERRORS_AT_AN_ITEM = 3
 """Number of consecutive errors in place of the same item that end a download.
 

@@ -20,6 +20,7 @@ from mission_io.wire.parameter_messages import ParamRequestList as ParamRequestL
 from mission_io.wire.parameter_messages import ParamRequestRead as ParamRequestRead
 from mission_io.wire.parameter_messages import ParamSet as ParamSet
 from mission_io.wire.parameter_messages import ParamValue as ParamValue
+from mission_io.wire.telemetry_messages import LOG_DATA_BYTES as LOG_DATA_BYTES
 from mission_io.wire.telemetry_messages import PREARM_CHECK_BIT as PREARM_CHECK_BIT
 from mission_io.wire.telemetry_messages import BatteryStatus as BatteryStatus
 from mission_io.wire.telemetry_messages import CameraFeedback as CameraFeedback

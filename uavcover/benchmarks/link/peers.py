@@ -72,7 +72,7 @@ class MissionVehicle:
 
 def vehicle_for(trial: Trial, *, now: float) -> MissionVehicle:
     """A trial's vehicle: empty for an upload, with the mission for a download."""
-    items = items_on(trial.vehicle) if trial.direction == "download" else ()
+    items = items_on(trial.vehicle, trial.items) if trial.direction == "download" else ()
     return MissionVehicle(AUTOPILOTS[trial.vehicle], items, now=now)
 
 
@@ -186,7 +186,7 @@ def run_native(trial: Trial, port: int) -> Transferred:
 def _with_our_client(link: Link, trial: Trial, timing: Timing | None) -> Transferred:
     with Client(link, timing=timing) as client:
         client.wait_for_vehicle(_CONNECT_S)
-        items = mission_items()
+        items = mission_items(trial.items)
         start = client.clock.now()
         received: tuple[MissionItem, ...] = ()
         try:
@@ -206,7 +206,7 @@ def run_mavsdk(trial: Trial, port: int) -> Transferred:
     from uavcover.vehicle.mavsdk.session import items_from_raw, raw_items
 
     with _mission_raw(port) as raw:
-        items = raw_items(mission_items(), MissionType.MISSION)
+        items = raw_items(mission_items(trial.items), MissionType.MISSION)
         call: Callable[[], Any] = raw.download_mission
         if trial.direction == "upload":
             call = lambda: raw.upload_mission(items)  # noqa: E731
@@ -226,7 +226,7 @@ def outcome_of(trial: Trial, transferred: Transferred, held: tuple[MissionItem, 
     return TransferOutcome(
         trial,
         transferred.claimed,
-        there == items_on(trial.vehicle),
+        there == items_on(trial.vehicle, trial.items),
         transferred.time_s,
         transferred.error,
     )

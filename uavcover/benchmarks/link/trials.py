@@ -23,7 +23,7 @@ ITEMS: Final = 100
 
 @dataclass(frozen=True, slots=True, order=True)
 class Trial:
-    """One transfer of 100 items to or from a new vehicle, with that share of the datagrams lost each way.
+    """One transfer of a list to or from a new vehicle, with that share of the datagrams lost each way.
 
     Attributes:
         client: One of ``CLIENTS``.
@@ -32,6 +32,7 @@ class Trial:
         delay_s: How long each datagram is under way, in seconds.
         loss: Share of the datagrams lost, each way.
         seed: Of the losses.
+        items: How many there are in the list.
     """
 
     client: str
@@ -40,6 +41,7 @@ class Trial:
     delay_s: float
     loss: float
     seed: int
+    items: int = ITEMS
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +75,7 @@ class TransferOutcome:
             KeyError: a column is missing.
             ValueError: a number is none.
         """
-        numbers = float(row["delay_s"]), float(row["loss"]), int(row["seed"])
+        numbers = float(row["delay_s"]), float(row["loss"]), int(row["seed"]), int(row.get("items") or ITEMS)
         trial = Trial(row["client"], row["vehicle"], row["direction"], *numbers)
         return cls(
             trial,
