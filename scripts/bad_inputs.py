@@ -47,7 +47,8 @@ def page() -> str:
             line = _error_of([str(argument) for argument in arguments], own)
 
             def plain(text: str, own: Path = own) -> str:
-                return text.replace(f"{own}/", "").replace(f"{prepared}/", "").replace("|", "\\|")
+                shown = "".join(c if c.isprintable() else "?" for c in text)
+                return shown.replace(f"{own}/", "").replace(f"{prepared}/", "").replace("|", "\\|")
 
             command = " ".join(plain(str(argument)) for argument in arguments)
             rows.append(f"| {what} | `{_short(command)}` | {plain(line)} |")

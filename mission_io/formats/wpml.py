@@ -3,8 +3,8 @@
 Elements and their values are those of the tables that DJI publishes (github.com/dji-sdk/Cloud-API-Doc, v1.11.3, DJI WPML).
 What keeps to the checked legs, and why:
 
-- Heights are above the place of take-off (``relativeToStartPoint``): heights above the ellipsoid, the other choice, would
-  need a geoid model.
+- Heights are above the place of take-off (``relativeToStartPoint``), or above the ellipsoid of WGS 84 (``WGS84``) where the
+  caller knows these. The climb and the return are above the take-off in both.
 - The first point is straight above home, at the height that the aircraft climbs to first (``takeOffSecurityHeight``), and the
   last one is straight above the landing, where it lands on the spot (``autoLand``): nothing is flown but legs of the file.
 - It flies straight lines and stops at each point (``toPointAndStopWithDiscontinuityCurvature``): other turns cut corners.
@@ -14,7 +14,7 @@ What keeps to the checked legs, and why:
 import io
 import math
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from mission_io.errors import FormatError
@@ -34,6 +34,7 @@ _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <Document>
 """
 _TAIL = "</Folder>\n</Document>\n</kml>\n"
+_RELATIVE = "relativeToStartPoint"
 _TURN_MODE = "toPointAndStopWithDiscontinuityCurvature"
 
 
@@ -60,35 +61,56 @@ class DjiAircraft:
     max_speed_m_s: float
 
 
-def write_kmz(flight: CameraFlight, aircraft: DjiAircraft, *, return_height_m: float) -> bytes:
+@dataclass(frozen=True, slots=True)
+class AbsoluteHeights:
+    """Heights of the points of a flight, one each.
+
+    Attributes:
+        amsl_m: Above the sea level of EGM96.
+        ellipsoid_m: Above the ellipsoid of WGS 84.
+    """
+
+    amsl_m: Sequence[float]
+    ellipsoid_m: Sequence[float]
+
+
+def write_kmz(
+    flight: CameraFlight,
+    aircraft: DjiAircraft,
+    *,
+    return_height_m: float,
+    absolute: AbsoluteHeights | None = None,
+) -> bytes:
     """Write a flight as a KMZ archive.
 
     Args:
         flight: What to fly.
         aircraft: What flies it.
         return_height_m: Height above home that the aircraft climbs to before it returns by itself.
+        absolute: Heights of the points that do not depend on where it takes off; None: they are flown above the take-off.
 
     Raises:
         FormatError: the aircraft or the format cannot do it, with the point.
     """
     _check(flight, aircraft, return_height_m)
     speed = plain_decimal(flight.points[0].speed_m_s, "point 1, speed")
+    heights = _heights(flight, absolute)
     waylines = _document(_mission_config(flight, aircraft, return_height_m), [
         _element("wpml:templateId", 0),
-        _element("wpml:executeHeightMode", "relativeToStartPoint"),
+        _element("wpml:executeHeightMode", _RELATIVE if absolute is None else "WGS84"),
         _element("wpml:waylineId", 0),
         _element("wpml:autoFlightSpeed", speed),
-        *_placemarks(flight, aircraft, template=False),
+        *_placemarks(flight, aircraft, heights, template=False),
     ])  # fmt: skip
     template = _document(_mission_config(flight, aircraft, None), [
         _element("wpml:templateType", "waypoint"),
         _element("wpml:templateId", 0),
         _group("wpml:waylineCoordinateSysParam", [
             _element("wpml:coordinateMode", "WGS84"),
-            _element("wpml:heightMode", "relativeToStartPoint"),
+            _element("wpml:heightMode", _RELATIVE if absolute is None else "EGM96"),
         ]),
         _element("wpml:autoFlightSpeed", speed),
-        _element("wpml:globalHeight", plain_decimal(flight.points[0].height_above_home_m, "point 1")),
+        _element("wpml:globalHeight", plain_decimal(heights[0][0], "point 1")),
         # The actions of the points turn the gimbal; "manual" keeps its angle between them.
         _element("wpml:gimbalPitchMode", "manual"),
         _heading(None, "wpml:globalWaypointHeadingParam"),
@@ -98,7 +120,7 @@ def write_kmz(flight: CameraFlight, aircraft: DjiAircraft, *, return_height_m: f
             _element("wpml:payloadPositionIndex", aircraft.payload_position),
             _element("wpml:imageFormat", aircraft.image_format),
         ]),
-        *_placemarks(flight, aircraft, template=True),
+        *_placemarks(flight, aircraft, heights, template=True),
     ])  # fmt: skip
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as kmz:
@@ -152,15 +174,29 @@ def _mission_config(flight: CameraFlight, aircraft: DjiAircraft, return_height_m
     ])  # fmt: skip
 
 
-def _placemarks(flight: CameraFlight, aircraft: DjiAircraft, *, template: bool) -> list[str]:
+def _heights(flight: CameraFlight, absolute: AbsoluteHeights | None) -> list[tuple[float, float]]:
+    """Of each point its height in the template, and the one that is flown; the same where heights are above the take-off."""
+    if absolute is None:
+        return [(point.height_above_home_m, point.height_above_home_m) for point in flight.points]
+    return list(zip(absolute.amsl_m, absolute.ellipsoid_m, strict=True))
+
+
+def _placemarks(
+    flight: CameraFlight, aircraft: DjiAircraft, heights_m: Sequence[tuple[float, float]], *, template: bool
+) -> list[str]:
     groups = _action_groups(flight, aircraft)
-    return [_placemark(index, point, groups[index], template=template) for index, point in enumerate(flight.points)]
+    return [
+        _placemark(index, point, heights_m[index], groups[index], template=template)
+        for index, point in enumerate(flight.points)
+    ]
 
 
-def _placemark(index: int, point: CameraPoint, groups: list[str], *, template: bool) -> str:
+def _placemark(
+    index: int, point: CameraPoint, heights_m: tuple[float, float], groups: list[str], *, template: bool
+) -> str:
     where = f"point {index + 1}"
     place = f"{degrees_text(point.lon_deg, where)},{degrees_text(point.lat_deg, where)}"
-    height = plain_decimal(point.height_above_home_m, where)
+    height, executed = (plain_decimal(height_m, where) for height_m in heights_m)
     speed = _element("wpml:waypointSpeed", plain_decimal(point.speed_m_s, where))
     turn = _group("wpml:waypointTurnParam", [
         _element("wpml:waypointTurnMode", _TURN_MODE),
@@ -169,8 +205,8 @@ def _placemark(index: int, point: CameraPoint, groups: list[str], *, template: b
     content = [_group("Point", [_element("coordinates", place)]), _element("wpml:index", index)]
     if template:
         content += [
-            # Where heights are relative, apps read "height"; both elements are required, and both say the same.
-            _element("wpml:ellipsoidHeight", height),
+            # Apps read "height" in the template's mode; both elements are required, and where that is relative both are equal.
+            _element("wpml:ellipsoidHeight", executed),
             _element("wpml:height", height),
             _element("wpml:useGlobalHeight", 0),
             _element("wpml:useGlobalSpeed", 0),
@@ -181,7 +217,7 @@ def _placemark(index: int, point: CameraPoint, groups: list[str], *, template: b
         ]
     else:
         content += [
-            _element("wpml:executeHeight", height),
+            _element("wpml:executeHeight", executed),
             speed,
             _heading(point.heading_deg, "wpml:waypointHeadingParam"),
         ]

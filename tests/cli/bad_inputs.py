@@ -125,6 +125,48 @@ BAD = {
     "unknown option": (("AREA", "OPTIONS", "--gds", "3"), "No such option"),
 }
 
+LONG = "x" * 5000
+DEEP = "[" * 3000
+DOOR = {
+    "an empty layer": (("AREA", "OPTIONS", "--layer", ""), "--layer: is empty; give a value"),
+    "an empty battery": (("AREA", "OPTIONS", "--battery", " "), "--battery: is empty; give a value"),
+    "an empty surface model": (("AREA", "OPTIONS", "--dsm", ""), "--dsm: is empty; give a value"),
+    "an empty area": (("", "OPTIONS"), "the area: is empty; give a file"),
+    "gsd of Arabic digits and a unit": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "٣furlong"), "is not understood"),
+    "gsd with a comma": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "2,5cm"), "write it as 2.5cm"),
+    "gsd that is no number": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "nan"), "write it as 2.5cm"),
+    "gsd of a kilometre": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "1e9m"), "write it as 2.5cm"),
+    "a long option": (("AREA", "OPTIONS", "--autopilot", LONG), "neither ardupilot nor px4"),
+    "control characters": (("\x1b[2J\x07.kml", "OPTIONS"), "?[2J?.kml: no such file"),
+    "an overlap of three": (("AREA", "OPTIONS", "--overlap", "75/70/60"), "write it as 75/70"),
+    "an overlap that is no number": (("AREA", "OPTIONS", "--overlap", "nan/nan"), "write it as 75/70"),
+    "home at the pole's far side": (("AREA", "OPTIONS", "--home", "91,0"), "--home: "),
+    "home that is no number": (("AREA", "OPTIONS", "--home", "nan,nan"), "--home: "),
+    "home of three numbers": (("AREA", "OPTIONS", "--home", "36.4,-84.2,300"), "--home: "),
+    "a code that is none": (("AREA", "OPTIONS", "--crs", "EPSG:99999999"), "write it as EPSG:32632"),
+    "a code of the model that is none": (("AREA", "OPTIONS", "--dem-crs", "EPSG:99999999"), "EPSG:99999999"),
+    "feature number 0": (("AREA", "OPTIONS", "--feature", "0"), "has no feature"),
+    "feature number 99": (("AREA", "OPTIONS", "--feature", "99"), "has no feature"),
+    "a time of flight": (("AREA", "OPTIONS", "--at", "tomorrow"), "write it as 2026-07-01T09:00Z/2h"),
+    "a time of flight without a zone": (("AREA", "OPTIONS", "--at", "2026-07-01T09:00"), "write it as 2026-07-01T09:00Z/2h"),
+    "a flight that lands before it begins": (
+        ("AREA", "OPTIONS", "--at", "2026-07-01T09:00Z/2026-07-01T08:00Z"), "the latest landing must be after",
+    ),
+    "zones of no file": (("AREA", "OPTIONS", "--no-fly", "nowhere.json"), "nowhere.json: no such file"),
+    "zones of nothing": (("AREA", "OPTIONS", "--no-fly", "   "), "--no-fly: is empty; give a value"),
+    "zones in a model": (("AREA", "OPTIONS", "--no-fly", "DEM"), "is not a format of zones"),
+    "zones in a folder": (("AREA", "OPTIONS", "--no-fly", "FOLDER"), "is a folder"),
+    "an area in a folder": (("FOLDER", "OPTIONS"), "is a folder; give one of"),
+    "a model in an empty folder": (("AREA", "--dem", "FOLDER", "--camera", "m3e", "--gsd", "3cm"), "has no tile"),
+    "a camera in a folder": (("AREA", "--dem", "DEM", "--camera", "FOLDER", "--gsd", "3cm"), "--camera: "),
+    "a box that is inside out": (("-84.21,36.49,-84.23,36.47", "OPTIONS"), "-84.21,36.49"),
+    "a circle of nothing": (("36.48,-84.22,0", "OPTIONS"), "36.48,-84.22,0"),
+    "a polygon of nothing": (("POLYGON EMPTY", "OPTIONS"), "has no polygon (it has 1 empty shape)"),
+    "a polygon that is cut off": (("POLYGON ((-84.2 36.4, -84.1", "OPTIONS"), "not well-known text"),
+    "an option without a value": (("AREA", "OPTIONS", "--at"), "requires an argument"),
+}  # fmt: skip
+"""Options, files and areas of the kinds that fuzzing gave to `new` and `plan AREA`."""
+
 _MODEL = ("AREA", "--dem", "MODEL", "--camera", "m3e", "--gsd", "3cm")
 MODELS = {
     "a model without a system": ({"crs": None}, "give it with terrain.crs (--dem-crs), such as EPSG:32632"),
@@ -177,7 +219,7 @@ def arguments_of(what: str, prepared: Path, folder: Path) -> tuple[list[object],
         (folder / name).write_text(text, encoding="utf-8")
         arguments = (name, "OPTIONS")
     else:
-        arguments, words = BAD[what]
+        arguments, words = (BAD | DOOR)[what]
     swapped = [shapely.transform(part, lambda p: p[:, ::-1]) for part in square_parts(AT)]
     if what == "swapped":
         # 36 degrees east of Greenwich and 84 degrees south is a place too: only the elevation model knows better.
@@ -192,12 +234,18 @@ def arguments_of(what: str, prepared: Path, folder: Path) -> tuple[list[object],
     names = {
         "AREA": (prepared / "area.kml",), "DEM": (prepared / "dem.tif",), "OPTIONS": options(prepared / "dem.tif"),
         "SWAPPED": (folder / "swapped.geojson",), "PICTURE": (folder / "photo.tif",), "MODEL": (folder / "model.tif",),
+        "FOLDER": (_empty_folder(folder),),
         "SURFACE": ("surface.tif",) if what == "no such surface model" else (folder / "surface.tif",),
     }  # fmt: skip
     return [each for argument in arguments for each in names.get(str(argument), (argument,))], words
 
 
-ALL = (*BAD, *MODELS, *SURFACES, *(what for what in TEXTS if what not in BAD))
+ALL = (*BAD, *DOOR, *MODELS, *SURFACES, *(what for what in TEXTS if what not in BAD))
+
+
+def _empty_folder(folder):
+    (folder / "empty").mkdir(exist_ok=True)
+    return folder / "empty"
 
 
 def _write_model(source, path, *, crs=..., unit=None, hole=None, kept_bytes=None):

@@ -14,7 +14,7 @@ from mission_io.errors import FormatError
 from tests.mission_io.formats.wpml_tables import ReadPoint, check_kmz
 from tests.planning.sites import flat, hills, make_site, ridge
 from tests.routes.test_sorties import there_and_back
-from uavcover.errors import InfeasibleError, InputError, OutputError
+from uavcover.errors import InfeasibleError, InputError, OutputError, TerrainError
 from uavcover.intake.dji_aircraft import dji_aircraft_named
 from uavcover.model.no_fly import NoFly
 from uavcover.model.scenario import Origin
@@ -22,7 +22,8 @@ from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, Sensor, 
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import compile_mission
-from uavcover.run.export import ExportRequest, FlightFile, flight_files, write_exported
+from uavcover.run.export import ExportRequest, FlightFile, export_mission, flight_files, write_exported
+from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
 
 M3E = dji_aircraft_named("m3e")
@@ -152,6 +153,52 @@ def test_each_file_of_a_split_is_a_checked_flight(name: str, most: int, file_for
     distances = np.linalg.norm(seen[:, None] - route.waypoints_m[None], axis=2)
     assert distances.min(axis=0).max() < 0.01
     assert (distances < 0.01).sum() == len(route) + (len(flights) - 1 if name == "nadir, fixed" else 0)
+
+
+def test_heights_above_the_ellipsoid_are_those_above_sea_level_and_the_geoid(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Geoid:
+        """A slope, so that each point has its own."""
+
+        def heights_m(self, lat_deg: np.ndarray, lon_deg: np.ndarray) -> np.ndarray:
+            return -31.0 + 1000.0 * (lat_deg - 36.5) + 500.0 * (lon_deg + 84.2)
+
+    site, (relative,) = make_site(hills), flight_files(make_site(hills), there_and_back(make_site(hills)), request())
+    monkeypatch.setattr("uavcover.run.export.Undulation", Geoid)
+    (flight,) = flight_files(site, there_and_back(site), request(heights="ellipsoid"))
+    read, above_home = check_kmz(flight.content), check_kmz(relative.content).points
+    assert read.mode == "WGS84"
+    assert site.home_m is not None
+    home_m = float(site.alts_amsl_m(site.home_m)[0])
+    for point, same, amsl_m in zip(read.points, above_home, read.template_heights_m, strict=True):
+        assert (point.lat_deg, point.lon_deg) == (same.lat_deg, same.lon_deg)
+        assert amsl_m == pytest.approx(home_m + same.height_m, abs=2e-3)
+        geoid_m = Geoid().heights_m(np.array(point.lat_deg), np.array(point.lon_deg))
+        assert point.height_m == pytest.approx(amsl_m + float(geoid_m), abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"heights": "wgs84"}, "--heights: 'wgs84' is not known; give takeoff or ellipsoid"),
+        (
+            {"file_format": "litchi", "heights": "ellipsoid"},
+            "--heights ellipsoid: goes with --format wpml, not with litchi",
+        ),
+    ],
+)
+def test_heights_that_no_file_has(tmp_path: Path, options: dict[str, str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        export_mission(RunFolder(tmp_path), request(**options))
+
+
+def test_without_a_geoid_grid_the_error_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none() -> None:
+        raise TerrainError("terrain.vertical_datum: needs the geoid grid us_nga_egm96_15.tif")
+
+    monkeypatch.setattr("uavcover.run.export.Undulation", none)
+    site = make_site(hills)
+    with pytest.raises(InputError, match=r"^--heights ellipsoid: needs the geoid grid us_nga_egm96_15\.tif"):
+        flight_files(site, there_and_back(site), request(heights="ellipsoid"))
 
 
 def test_heights_below_home_are_negative() -> None:

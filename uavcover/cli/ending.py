@@ -20,6 +20,9 @@ FAULT = 70
 """A fault of uavcover itself; 70 is what sysexits.h calls it, so that no script takes it for an answer."""
 
 
+_LONGEST_WORD = 400
+
+
 def ending_well(command: Callable[..., int]) -> Callable[..., None]:
     """A command that returns its exit code, as typer wants it: ending in ``typer.Exit``, and told its context.
 
@@ -90,11 +93,20 @@ def _code(call: Callable[[], int], *, as_json: bool, traces: bool) -> int:
 
 
 def _fail(text: str, code: int, *, as_json: bool, details: Mapping[str, Any] = MappingProxyType({})) -> int:
-    line = " ".join(text.split())
+    line = _one_line(text)
     sys.stderr.write(f"error: {line}\n" if code != INTERRUPTED else f"{line}\n")
     if as_json:
         sys.stdout.write(json_line({"error": line, "exit_code": code, **details}) + "\n")
     return code
+
+
+def _one_line(text: str) -> str:
+    """Text as one line that a terminal shows as it is: no control characters, and of very long words their ends."""
+    words = ["".join(c if c.isprintable() else "?" for c in word) for word in text.split()]
+    return " ".join(
+        word if len(word) <= _LONGEST_WORD else f"{word[: _LONGEST_WORD // 2]}...{word[-_LONGEST_WORD // 4 :]}"
+        for word in words
+    )
 
 
 def stop_signals() -> list[signal.Signals]:

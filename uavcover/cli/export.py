@@ -22,6 +22,14 @@ class ControllerOptions:
         str | None,
         typer.Option("--drone", help="Aircraft of wpml: list, a name, or a TOML file of your own.", metavar="NAME"),
     ] = None
+    heights: Annotated[
+        str,
+        typer.Option(
+            "--heights",
+            help="Of wpml: takeoff (above the place of take-off) or ellipsoid (WGS 84, for RTK; needs a geoid grid).",
+            metavar="WHAT",
+        ),
+    ] = "takeoff"
     most_points: Annotated[
         int | None,
         typer.Option(
@@ -34,7 +42,8 @@ class ControllerOptions:
     @property
     def given(self) -> dict[str, object]:
         """The options by their names."""
-        return {"--drone": self.drone, "--max-waypoints-per-file": self.most_points}
+        heights = None if self.heights == "takeoff" else self.heights
+        return {"--drone": self.drone, "--heights": heights, "--max-waypoints-per-file": self.most_points}
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +105,7 @@ def export(
     request = ExportRequest(
         file_format=file_format, out=out, sortie=sortie,
         autopilot=None if autopilot is None else autopilot_name(autopilot, "ardupilot"),
-        most_points=controller.most_points,
+        most_points=controller.most_points, heights=controller.heights,
         aircraft=None if controller.drone is None else dji_aircraft_named(controller.drone), force=force,
     )  # fmt: skip
     if file_format == "print":

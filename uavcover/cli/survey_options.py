@@ -138,10 +138,23 @@ class SurveyOptions:
         return [f"--{field.name.replace('_', '-')}" for field in fields(self) if getattr(self, field.name)]
 
     def request(self, area: str, *, autopilot: str | None) -> "NewRequest":
-        """What is asked for."""
+        """What is asked for.
+
+        Raises:
+            InputError: an option was given without a value, as by a script whose variable is empty.
+        """
+        from uavcover.errors import InputError
         from uavcover.run.new_elevation import NewRequest
         from uavcover.scenario.areas.area_file import AreaQuery
 
+        if not area.strip():
+            raise InputError("the area: is empty; give a file, WEST,SOUTH,EAST,NORTH or LAT,LON,RADIUS")
+        for option in fields(self):
+            value = getattr(self, option.name)
+            if any(
+                isinstance(text, str) and not text.strip() for text in (value if isinstance(value, list) else [value])
+            ):
+                raise InputError(f"--{option.name.replace('_', '-')}: is empty; give a value, or leave the option out")
         query = AreaQuery(
             source=area, layer=self.layer, feature=self.feature, crs=self.crs, make_valid=self.make_valid,
             swap_axes=self.swap_axes,

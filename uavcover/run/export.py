@@ -6,14 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, assert_never
 
-from mission_io.formats.camera_flight import camera_flight
+import numpy as np
+
+from mission_io.formats.camera_flight import CameraFlight, camera_flight
 from mission_io.formats.files import FORMATS
 from mission_io.formats.litchi import MOST_WAYPOINTS, write_csv
-from mission_io.formats.wpml import DjiAircraft, write_kmz
-from uavcover.errors import InfeasibleError, InputError, OutputError
+from mission_io.formats.wpml import AbsoluteHeights, DjiAircraft, write_kmz
+from uavcover.errors import InfeasibleError, InputError, OutputError, TerrainError
 from uavcover.kernels.flight_time import landing_time, leg_times, takeoff_time
 from uavcover.model.route import Route
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, SphereSensor
+from uavcover.model.terrain import RasterTerrain
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.mission_compiler import CompiledMission, longest_flight_in_words
 from uavcover.routes.sorties import Sortie, compile_sorties
@@ -24,6 +27,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan, export_text
 from uavcover.run.planned import read_planned
 from uavcover.scenario.site import Site
+from uavcover.scenario.vertical import Undulation
 
 CONTROLLER_POINTS: Final[Mapping[str, int]] = {"wpml": 200, "litchi": MOST_WAYPOINTS}
 """Formats of controllers that fly points, stopping at each, and how many points they are given unless the user says.
@@ -34,6 +38,10 @@ MISSION_FORMATS: Final = (*FORMATS, *CONTROLLER_POINTS)
 _FEWEST_POINTS = 4
 """Above home, a leg, above home again."""
 _TIGHTER_SPLITS = 8
+
+
+TAKEOFF_HEIGHTS: Final = "takeoff"
+ELLIPSOID_HEIGHTS: Final = "ellipsoid"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +55,7 @@ class ExportRequest:
         autopilot: for whom; default: the scenario's.
         most_points: how many points a file may have; none: as many as the format's controller takes.
         aircraft: for ``wpml``: what flies it.
+        heights: for ``wpml``: "takeoff", above the place of take-off, or "ellipsoid", above the ellipsoid of WGS 84.
         force: whether files are replaced.
     """
 
@@ -56,6 +65,7 @@ class ExportRequest:
     autopilot: AutopilotName | None = None
     most_points: int | None = None
     aircraft: DjiAircraft | None = None
+    heights: str = TAKEOFF_HEIGHTS
     force: bool = False
 
 
@@ -179,6 +189,10 @@ def _check(request: ExportRequest) -> None:
         )
     if request.file_format != "wpml" and request.aircraft is not None:
         raise InputError(f"--drone: goes with --format wpml, not with {request.file_format}")
+    if request.heights not in (TAKEOFF_HEIGHTS, ELLIPSOID_HEIGHTS):
+        raise InputError(f"--heights: {request.heights!r} is not known; give takeoff or ellipsoid")
+    if request.heights == ELLIPSOID_HEIGHTS and request.file_format != "wpml":
+        raise InputError(f"--heights ellipsoid: goes with --format wpml, not with {request.file_format}")
     if request.file_format == "wpml" and request.out.suffix.lower() != ".kmz":
         raise InputError(f"-o: {request.out} is not a .kmz file, as DJI's apps want it; name it mission.kmz")
     most = request.most_points
@@ -203,7 +217,8 @@ def _flight_file(
     if request.aircraft is None:
         content = write_csv(flight).encode()
     else:
-        content = write_kmz(flight, request.aircraft, return_height_m=height_m)
+        absolute = _absolute_heights(site, flight) if request.heights == ELLIPSOID_HEIGHTS else None
+        content = write_kmz(flight, request.aircraft, return_height_m=height_m, absolute=absolute)
     return FlightFile(
         content,
         len(flight.points),
@@ -213,6 +228,39 @@ def _flight_file(
         warnings=_warnings_of_return(advice, height_m),
         return_height_m=height_m,
     )
+
+
+def _absolute_heights(site: Site, flight: CameraFlight) -> AbsoluteHeights:
+    """Heights of a flight's points above sea level (EGM96) and above the ellipsoid.
+
+    Raises:
+        InputError: PROJ has no geoid grid, or the plan's sea level is another one.
+    """
+    terrain = site.scenario.terrain
+    if isinstance(terrain, RasterTerrain) and terrain.vertical_datum == "EGM2008":
+        raise InputError(
+            "--heights ellipsoid: the plan's heights are above EGM2008, and DJI's file has them above EGM96 and the ellipsoid; "
+            "export with --heights takeoff, or plan on a model in EGM96"
+        )
+    try:
+        undulation = Undulation()
+        home_m = site.ground_alt_amsl_m(*_home_lat_lon(site))
+        lats, lons = (np.array([getattr(point, axis) for point in flight.points]) for axis in ("lat_deg", "lon_deg"))
+        above_m = undulation.heights_m(lats, lons)
+    except TerrainError as error:
+        raise InputError(f"--heights ellipsoid: {str(error).removeprefix('terrain.vertical_datum: ')}") from error
+    if home_m is None:
+        raise InputError("--heights ellipsoid: the plan has no place on Earth; export with --heights takeoff")
+    amsl_m = [home_m + point.height_above_home_m for point in flight.points]
+    ellipsoid_m = [height_m + float(more_m) for height_m, more_m in zip(amsl_m, above_m, strict=True)]
+    return AbsoluteHeights([round(m, 3) for m in amsl_m], [round(m, 3) for m in ellipsoid_m])
+
+
+def _home_lat_lon(site: Site) -> tuple[float, float]:
+    if site.frame is None or site.home_m is None:
+        raise InputError("--heights ellipsoid: the plan has no place on Earth; export with --heights takeoff")
+    lat, lon, _ = site.frame.geodetic_from_enu(site.home_m)
+    return float(lat[0]), float(lon[0])
 
 
 def _warnings_of_return(advice: ReturnAdvice, height_m: float) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ import pytest
 
 from mission_io.errors import FormatError
 from mission_io.formats.camera_flight import CameraFlight
-from mission_io.formats.wpml import DjiAircraft, write_kmz
+from mission_io.formats.wpml import AbsoluteHeights, DjiAircraft, write_kmz
 from tests.mission_io.formats.flights import pictures_at_once, random_flight
 from tests.mission_io.formats.wpml_tables import check_kmz
 from uavcover.intake.dji_aircraft import all_dji_aircraft
@@ -54,6 +54,19 @@ def test_it_begins_above_home_and_lands_where_it_ends() -> None:
     assert float(config["takeOffSecurityHeight"]) == flight.points[0].height_above_home_m
     assert config["finishAction"] == "autoLand"
     assert config["globalRTHHeight"] == "95"
+
+
+def test_absolute_heights_are_flown_above_the_ellipsoid() -> None:
+    flight = random_flight(7)
+    above = [point.height_above_home_m for point in flight.points]
+    absolute = AbsoluteHeights([412.5 + m for m in above], [380.25 + m for m in above])
+    read = check_kmz(write_kmz(flight, M3E, return_height_m=95.0, absolute=absolute))
+    assert read.mode == "WGS84"
+    assert [point.height_m for point in read.points] == pytest.approx(absolute.ellipsoid_m, abs=1e-9)
+    assert read.template_heights_m == pytest.approx(absolute.amsl_m, abs=1e-9)
+    # The climb and the return are above the place of take-off all the same.
+    assert float(read.config["takeOffSecurityHeight"]) == above[0]
+    assert read.config["globalRTHHeight"] == "95"
 
 
 def test_equal_flights_are_equal_files() -> None:

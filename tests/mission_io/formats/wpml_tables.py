@@ -271,10 +271,12 @@ def read_points(root: ET.Element, height: str) -> list[ReadPoint]:
 
 @dataclass(frozen=True)
 class ReadKmz:
-    """A KMZ file that keeps the tables: the settings of the flight, and the points that are flown."""
+    """A KMZ file that keeps the tables: settings, the points that are flown, their heights' mode, and those of the template."""
 
     config: Mapping[str, str]
     points: list[ReadPoint]
+    mode: str
+    template_heights_m: list[float]
 
 
 def check_kmz(content: bytes) -> ReadKmz:
@@ -288,7 +290,12 @@ def check_kmz(content: bytes) -> ReadKmz:
         assert archive.namelist() == ["wpmz/template.kml", "wpmz/waylines.wpml"]
         template, waylines = (ET.fromstring(archive.read(name)) for name in archive.namelist())
     found = []
-    for root, tables, height in ((template, TEMPLATE, "height"), (waylines, WAYLINES, "executeHeight")):
+    modes = waylines.findtext(f".//{WPML}executeHeightMode"), template.findtext(f".//{WPML}heightMode")
+    assert modes in {("relativeToStartPoint", "relativeToStartPoint"), ("WGS84", "EGM96")}
+    relative = modes[0] == "relativeToStartPoint"
+    for root, tables, height in (
+        (template, TEMPLATE, "height" if relative else "ellipsoidHeight"), (waylines, WAYLINES, "executeHeight"),
+    ):  # fmt: skip
         assert root.tag == f"{KML}kml"
         (document,) = root
         assert document.tag == f"{KML}Document"
@@ -297,6 +304,8 @@ def check_kmz(content: bytes) -> ReadKmz:
         found.append(read_points(root, height))
     assert found[0] == found[1]
     config = next(waylines.iter(f"{WPML}missionConfig"))
-    modes = waylines.findtext(f".//{WPML}executeHeightMode"), template.findtext(f".//{WPML}heightMode")
-    assert modes[0] == modes[1] == "relativeToStartPoint"
-    return ReadKmz({element.tag.removeprefix(WPML): element.text or "" for element in config.iter()}, found[1])
+    amsl_m = [float(each.text or "") for each in template.iter(f"{WPML}height")]
+    if relative:
+        assert amsl_m == [point.height_m for point in found[1]]
+    settings = {element.tag.removeprefix(WPML): element.text or "" for element in config.iter()}
+    return ReadKmz(settings, found[1], modes[0] or "", amsl_m)
