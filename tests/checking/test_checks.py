@@ -13,6 +13,7 @@ from tests.checking.worlds import (
     LAT,
     LON,
     PLANE,
+    command,
     home,
     item,
     lat_lon,
@@ -298,7 +299,29 @@ def test_every_finding_says_what_to_do() -> None:
         way(300.0, 0.0, 1e9),
         item(Command.NAV_LOITER_TURNS, 300.0, 0.0, 115.0, params=(1e6, 0.0, 20.0, 0.0)),
         item(Command.NAV_LOITER_TURNS, 300.0, 0.0, 115.0, params=(1.0, 0.0, -1e9, 0.0)),
+        command(Command.DO_CHANGE_SPEED, 1.0, 1e9),
     ],
 )
 def test_numbers_that_nobody_flies_are_told_at_once(made: MissionItem) -> None:
     assert found(checked(up(), made, home())) == [("number", (2, 2))]
+
+
+def test_what_a_stranger_would_write() -> None:
+    import dataclasses
+
+    battery = dataclasses.replace(HIGH, endurance_s=1200.0)
+    assert ("jump", (3, 3)) in found(checked(*OVER[:2], command(Command.DO_JUMP, 2.0, math.nan), home()))
+    at_two = command(Command.NAV_DELAY, -1.0, 14.0, 0.0, 0.0)
+    assert checked(*OVER[:2], at_two, home(), aircraft=battery).verdict == "not proved"
+    assert ("battery", None) in found(checked(*OVER[:2], command(Command.NAV_DELAY, 1e9), home(), aircraft=battery))
+    reversed_hole = fence([(440.0, -5.0), (440.0, 5.0), (460.0, 5.0), (460.0, -5.0)], inclusion=False)
+    assert ("fence", (2, 4)) in found(checked(*OVER, fence=reversed_hole))
+    assert found(checked(*OVER, fence=fence(SQUARE[::-1]))) == []
+    aside = Fence(circles=(FenceCircle(LatLon(*lat_lon(450.0, 31.0)), 30.0, False),))
+    assert found(checked(*OVER, fence=aside)) == []
+    deep = checked(up(), way(300.0, 0.0, -400.0), home())
+    assert ("ground", (1, 2)) in found(deep)
+    mixed = (up(), way(300.0, 0.0, 115.0), way(500.0, 0.0, HOME_M + 40.0, Frame.AMSL), home())
+    assert ("ground", (2, 3)) in found(checked(*mixed))
+    splines = (up(115.0), *(item(Command.NAV_SPLINE_WAYPOINT, east, 0.0, 115.0) for east in (300.0, 600.0)))
+    assert found(checked(*splines)) == []

@@ -34,6 +34,7 @@ from uavcover.scenario.obstacles import Prism
 _AROUND_M = 300.0
 _EYE_M = 1.6
 _HIGHEST_M, _WIDEST_M, _MOST_TURNS = 20_000.0, 20_000.0, 1000.0
+_FASTEST_M_S, _CLIMB_SPEED = 150.0, 2.0
 _CIRCLES = (Command.NAV_LOITER_UNLIM, Command.NAV_LOITER_TURNS, Command.NAV_LOITER_TIME)
 
 Bounds = tuple[float, float, float, float]
@@ -156,6 +157,8 @@ def _beyond_reason(mission: Mission) -> list[CheckFinding]:
             told.append(f"a circle of {item.params[2]:g} m")
         if item.command == Command.NAV_LOITER_TURNS and abs(item.params[0]) > _MOST_TURNS:
             told.append(f"{item.params[0]:g} turns")
+        if item.command == Command.DO_CHANGE_SPEED and item.params[0] < _CLIMB_SPEED and item.params[1] > _FASTEST_M_S:
+            told.append(f"a speed of {item.params[1]:g} m/s")
         found += [
             CheckFinding(
                 kind="number",

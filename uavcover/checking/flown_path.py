@@ -224,7 +224,11 @@ class _Flight:
             self._go(number, target, phase="landing")
         self._is_over = True
 
-    def _delay(self, _: int, item: MissionItem) -> None:
+    def _delay(self, number: int, item: MissionItem) -> None:
+        if any(part >= 0.0 for part in item.params[1:]) and _number(item.params[0]) <= 0.0:
+            limited = self._aircraft.endurance_s is not None
+            self._look(number, "endless", "waits until a time of day; how long that is depends on the take-off",
+                       "give seconds, or watch the battery", "unknown" if limited else "look")  # fmt: skip
         self._wait(max(_number(item.params[0]), 0.0))
         self._vector_m = None
 

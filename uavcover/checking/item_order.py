@@ -1,5 +1,6 @@
 """The order in which items are flown: jumps are followed, as often as they say."""
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -49,11 +50,12 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
                 target = next(
                     (n for n, one in enumerate(items, 1) if one.command == _JUMP_TAG and one.params[0] == target), 0
                 )
-            if not (1 <= target <= len(items) and target == int(target)):
+            if not (1 <= target <= len(items) and target == int(target) and math.isfinite(times)):
+                leads = f"a jump to item {target:g}, {times:g} times"
                 findings.append(
                     CheckFinding(
                         kind="jump", weight="breaks", items=(at, at),
-                        what=f"a jump to item {target:g}, the mission has items 1 to {len(items)}",
+                        what=f"{leads}; the mission has items 1 to {len(items)}",
                         do="jump to an item of the mission",
                     )
                 )  # fmt: skip
