@@ -20,6 +20,7 @@ from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.run.mission import compile_flights
 from uavcover.run.vehicle_terrain import heights_of_site
+from uavcover.scenario.elevation_file import read_heights_amsl_m
 from uavcover.scenario.scenario_file import dump_scenario, parse_scenario
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
@@ -205,3 +206,9 @@ def test_a_surface_that_ends_in_the_area_is_refused(tmp_path):
 def test_an_area_of_trees_alone_says_what_to_do(models):
     with pytest.raises(ScenarioError, match=r"cannot be seen from the air.*as terrain\.file"):
         judging_map(site_of(models, area=(270.0, 400.0, 170.0, 380.0)))
+
+
+def test_places_that_the_files_system_cannot_express_have_no_height(models):
+    """Where swapped axes are tried PROJ may say inf, and nothing warns of it."""
+    lat, lon = np.array([46.96, 96.0]), np.array([8.32, 8.0])
+    assert np.isnan(read_heights_amsl_m(models / "dtm.tif", "EGM96", lat, lon)[1])

@@ -57,7 +57,8 @@ class _Raster:
     def pixels_at(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
         """(n, 2) column and row, integers at pixel centres, of geodetic positions less than half the Earth apart."""
         x, y = self.to_source.transform(lon_deg, lat_deg)
-        x, y = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
+        # Where a place is outside of what the file's system can express PROJ gives inf, which is no number to reckon with.
+        x, y = (np.where(np.isfinite(axis), axis, np.nan) for axis in (np.atleast_1d(x), np.atleast_1d(y)))
         if self.full_turn > 0.0 and x.size:
             # Longitudes are unwrapped from the first position, which is inside the file if possible.
             x = x[0] + np.mod(x - x[0] + 0.5 * self.full_turn, self.full_turn) - 0.5 * self.full_turn
