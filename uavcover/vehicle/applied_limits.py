@@ -4,11 +4,11 @@ Parameters are set only if the user wants that. They are read and written as pla
 bits of its integers as if they were floats.
 """
 
-import struct
 from collections.abc import Collection, Iterable, Mapping
 
 from mission_io.errors import MissionIoError, VehicleSilentError
 from mission_io.model.enums import AutopilotId
+from mission_io.protocol.parameter_values import float_of_value, is_whole, value_of_float
 from mission_io.wire import messages as m
 from mission_io.wire.messages import ParamRequestRead, ParamValue
 from uavcover.vehicle.flight_plan import FlightPlan
@@ -19,8 +19,6 @@ from uavcover.vehicle.session import Session
 
 _ANSWER_S = 3.0
 _AGAIN_S = 0.7
-_WHOLE_TYPES = range(1, 9)
-"""MAV_PARAM_TYPE: integers of 8 to 64 bits."""
 
 
 def read_parameters(session: Session, groups: Iterable[Collection[str]]) -> dict[str, ParamValue]:
@@ -49,7 +47,7 @@ def read_parameters(session: Session, groups: Iterable[Collection[str]]) -> dict
 
 def numbers(values: Mapping[str, ParamValue], *, px4: bool) -> dict[str, float]:
     """What the values are, in their own units."""
-    return {name: _decoded(value, px4=px4) for name, value in values.items()}
+    return {name: float(value_of_float(value.value, value.param_type, bytewise=px4)) for name, value in values.items()}
 
 
 def set_parameter(session: Session, name: str, number: float) -> None:
@@ -63,18 +61,9 @@ def set_parameter(session: Session, name: str, number: float) -> None:
     known = read_parameters(session, [[name]]).get(name)
     if known is None:
         raise VehicleSilentError(f"no answer about {name}")
-    wire = number
-    if known.param_type in _WHOLE_TYPES:
-        wire = float(round(number))
-        if _is_px4(session):
-            wire = float(struct.unpack("<f", struct.pack("<i", round(number)))[0])
+    value = round(number) if is_whole(known.param_type) else number
+    wire = float_of_value(value, known.param_type, bytewise=_is_px4(session), name=name)
     client.set_parameter(name, wire, param_type=known.param_type, timeout_s=_ANSWER_S)
-
-
-def _decoded(value: ParamValue, *, px4: bool) -> float:
-    if px4 and value.param_type in _WHOLE_TYPES:
-        return float(struct.unpack("<i", struct.pack("<f", value.value))[0])
-    return value.value
 
 
 def _is_px4(session: Session) -> bool:
