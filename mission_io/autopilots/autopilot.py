@@ -94,6 +94,7 @@ class Autopilot:
         download_blocks_s: For how long a download that was not acknowledged keeps uploads out; 0 for not at all.
         boot_refusal_s: For how long after boot an upload is answered NO_SPACE.
         has_list_ids: Whether it tells an id of each list, in transfers and in MISSION_CURRENT, that changes with its content.
+        lists_as_files: Whether its lists are files too, as ``mission_io.formats.mission_dat`` has them.
     """
 
     name: str
@@ -126,6 +127,7 @@ class Autopilot:
     download_blocks_s: float
     boot_refusal_s: float
     has_list_ids: bool
+    lists_as_files: bool
 
     def rule_for(self, item: MissionItem, field_name: str) -> StorageRule | None:
         """The storage rule for a field of an item, if any."""
@@ -169,6 +171,7 @@ ARDUPILOT = Autopilot(
     download_blocks_s=0.0,
     boot_refusal_s=2.0,
     has_list_ids=False,
+    lists_as_files=True,
 )
 """ArduPilot on multicopters and helicopters (ArduCopter)."""
 
@@ -218,6 +221,7 @@ PX4 = Autopilot(
     download_blocks_s=5.3,
     boot_refusal_s=0.0,
     has_list_ids=True,
+    lists_as_files=False,
 )
 """PX4."""
 

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import TypedDict, TypeVar
 
 from mission_io.autopilots.autopilot import Autopilot, MissionList, items_of, mission_list_of, mission_type_of
@@ -10,7 +11,7 @@ from mission_io.client import commands, mission_control, transfer_outcome
 from mission_io.client.connection import Connection
 from mission_io.client.peers import two_in_one
 from mission_io.client.read_back import ReadBack, read_back
-from mission_io.client.running import Progress, Stop, run
+from mission_io.client.running import Carry, Progress, Stop, run
 from mission_io.client.transfer_outcome import (
     PROVEN_BY_READING,
     TransferredList,
@@ -193,6 +194,7 @@ class Client(Connection):
         stop: Stop | None = None,
         in_flight: bool = False,
         autopilot: Autopilot | None = None,
+        carry: Carry | None = None,
     ) -> ReadBack:
         """Check, upload, read back and compare a mission, a fence or rally points.
 
@@ -204,6 +206,7 @@ class Client(Connection):
             stop: Polled; True cancels.
             in_flight: Allow an upload to an armed vehicle.
             autopilot: The autopilot whose behaviour to expect; None uses the vehicle's own.
+            carry: Brings the items to the vehicle; ``upload`` by default.
 
         Raises:
             MisuseError: the autopilot would refuse or misunderstand an item (nothing was sent), or the vehicle is armed.
@@ -218,7 +221,8 @@ class Client(Connection):
         if problems:
             more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
             raise MisuseError(f"the {list_name(mission_type)} was not sent: {problems[0]}{more}")
-        self.upload(mission_type, items, progress=progress, stop=stop, in_flight=in_flight)
+        self._refuse_armed("upload", in_flight=in_flight)
+        (carry or partial(self.upload, progress=progress, stop=stop, in_flight=in_flight))(mission_type, items)
         try:
             return self._read_back(mission_type, items, autopilot, stop)
         except TransferCancelledError as error:

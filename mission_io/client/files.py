@@ -1,11 +1,13 @@
 """Files of a vehicle over MAVLink FTP: sent and read with a window, resumed, and compared by their CRC."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
+from mission_io.autopilots.autopilot import MissionList
 from mission_io.client.client import Client
+from mission_io.client.read_back import ReadBack
 from mission_io.errors import FormatError, MisuseError, TransferCancelledError, TransferError, TransferSilentError
-from mission_io.formats.mission_dat import dat_path, read_mission_dat
+from mission_io.formats.mission_dat import dat_path, read_mission_dat, write_mission_dat
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.ftp import FtpMessage
 from mission_io.protocol.ftp_download import FtpDownload, FtpDownloadState
@@ -59,18 +61,58 @@ class FileUploads:
             resume=self._unfinished.get(path),
         )  # fmt: skip
         self._unfinished[path] = upload
+        self._run(upload, progress, stop)
+        del self._unfinished[path]
 
-        def done() -> tuple[int, int]:
-            return upload.across_bytes, len(content)
+    def upload_list(
+        self,
+        content: MissionList,
+        *,
+        progress: Callable[[int, int], None] | None = None,
+        stop: Callable[[], bool] | None = None,
+        in_flight: bool = False,
+    ) -> ReadBack:
+        """Upload one of ArduPilot's lists as one file, read it back item by item and compare.
 
-        _carry(client, upload, f"upload of {path}", done, progress=progress, stop=stop)
+        ArduPilot takes the list when the file is closed and never says that it refused an item: a mission ends there then,
+        with the old one gone. Only reading back shows it, and ``Client.upload_and_verify`` says which item and why.
+
+        Args:
+            content: The list that the vehicle should hold.
+            progress: Called with the bytes that are across, and the total.
+            stop: Polled; True leaves the upload as it is.
+            in_flight: Allow an upload to an armed vehicle.
+
+        Raises:
+            MisuseError: the autopilot has no lists as files, or as for ``Client.upload_and_verify``; nothing was sent.
+            TransferError: as for ``upload`` and ``Client.download``.
+        """
+        client = self._client
+        if not client.vehicle.autopilot.lists_as_files:
+            raise MisuseError(f"{client.vehicle.autopilot.name} has no lists as files; nothing was sent")
+
+        def carry(mission_type: MissionType, items: Sequence[MissionItem]) -> None:
+            upload = FtpUpload(
+                dat_path(mission_type), write_mission_dat(items, mission_type), now=client.clock.now(),
+                window=self._window, silent_s=self._silent_s, readable=False,
+            )  # fmt: skip
+            self._run(upload, progress, stop)
+
+        return client.upload_and_verify(content, stop=stop, in_flight=in_flight, carry=carry)
+
+    def _run(
+        self, upload: FtpUpload, progress: Callable[[int, int], None] | None, stop: Callable[[], bool] | None
+    ) -> None:
+        path, size = upload.path, len(upload.content)
+        _carry(
+            self._client, upload, f"upload of {path}", lambda: (upload.across_bytes, size), progress=progress, stop=stop
+        )
         if upload.state is FtpUploadState.DONE:
-            del self._unfinished[path]
             return
         kind = TransferSilentError if upload.state is FtpUploadState.SILENT else TransferError
         raise kind(
-            f"upload of {path}: {upload.state.value} ({upload.why}) after {upload.across_bytes} of {len(content)} bytes"
-            f"{client.signing_advice()}",
+            f"upload of {path}: {upload.state.value} ({upload.why}) after {upload.across_bytes} of {size} bytes"
+            f"{self._client.signing_advice()}",
             vehicle_holds="unknown",
         )
 

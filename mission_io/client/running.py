@@ -4,12 +4,15 @@ from collections.abc import Callable, Sequence
 from typing import Protocol, TypeAlias
 
 from mission_io.client.connection import Connection
+from mission_io.model.items import MissionItem, MissionType
 from mission_io.wire.messages import Message, Received
 
 Progress: TypeAlias = Callable[[int, int], None]
 """Called with the number of items transferred and the total, whenever the first changes."""
 Stop: TypeAlias = Callable[[], bool]
 """Polled during a transfer; True cancels it."""
+Carry: TypeAlias = Callable[[MissionType, Sequence[MissionItem]], None]
+"""Brings a list to the vehicle; raises a TransferError when it could not."""
 
 
 class Machine(Protocol):

@@ -3,6 +3,11 @@
 Little-endian: magic number 0x763d, type of the list, options, number of the first item, number of items (16 bits each), then for
 each item the payload of its MISSION_ITEM_INT, 38 bytes. The numbers, targets and types in these are not filled in: the place in
 the file counts.
+
+It takes a list back when a file that was written is closed (AP_Filesystem_Mission.cpp): the size has to agree with the number
+of items, and none may be all zero. Whether it took it is never said, a refused item ends a mission there with the old one gone,
+and what is read afterwards differs from what was written (home, zeros in fields that a command does not have), so that a CRC
+never agrees. Hence ``mission_io.client.files.FileUploads.upload_list`` reads back item by item.
 """
 
 import struct

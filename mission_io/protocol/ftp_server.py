@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import MutableMapping
+from typing import Protocol
 
 from mission_io.errors import FormatError
 from mission_io.protocol.ftp import DATA_BYTES, FtpError, FtpMessage, FtpOperation, crc32
@@ -11,15 +12,31 @@ BURST = 64
 """Answers in a burst before the reader has to ask again. ArduPilot sends 500, at the line's rate; these are sent at once."""
 
 
+class MadeFiles(Protocol):
+    """Files that a vehicle makes when they are opened, and takes apart when they are closed."""
+
+    def read(self, path: str) -> bytes | None:
+        """What is in a file now; None for one that is on the card."""
+        ...
+
+    def written(self, path: str, content: bytes) -> None:
+        """Take a file that was written and closed."""
+        ...
+
+
 class FtpServer:
     """Answers requests; lost answers are given again for a repeated sequence number.
 
     Args:
         files: Content by path; paths begin as the reader writes them.
         burst: Answers in a burst.
+        made: Files that are made when they are opened.
     """
 
-    def __init__(self, files: MutableMapping[str, bytearray] | None = None, *, burst: int = BURST) -> None:
+    def __init__(
+        self, files: MutableMapping[str, bytearray] | None = None, *, burst: int = BURST, made: MadeFiles | None = None
+    ) -> None:
+        self._made = made
         self._burst_length = burst
         self.files: MutableMapping[str, bytearray] = {} if files is None else files
         self._open: str | None = None
@@ -49,7 +66,7 @@ class FtpServer:
         path = request.data.split(b"\0", 1)[0].decode("utf-8", errors="replace")
         match request.operation:
             case FtpOperation.TERMINATE_SESSION | FtpOperation.RESET_SESSIONS:
-                self._open = None
+                self._close()
                 return [self._ack(request)]
             case FtpOperation.OPEN_FILE_RO | FtpOperation.OPEN_FILE_WO | FtpOperation.CREATE_FILE:
                 return [self._opened(request, path)]
@@ -64,6 +81,7 @@ class FtpServer:
                     return [self._nak(request, FtpError.FILE_NOT_FOUND)]
                 return [self._ack(request)]
             case FtpOperation.CALC_FILE_CRC32:
+                self._make(path)
                 if path not in self.files:
                     return [self._nak(request, FtpError.FILE_NOT_FOUND)]
                 return [self._ack(request, struct.pack("<I", crc32(bytes(self.files[path]))))]
@@ -78,6 +96,7 @@ class FtpServer:
             return self._nak(request, FtpError.FAIL)
         if not path:
             return self._nak(request, FtpError.INVALID_DATA_SIZE)
+        self._make(path)
         if request.operation == FtpOperation.CREATE_FILE:
             self.files[path] = bytearray()
         elif path not in self.files:
@@ -85,6 +104,16 @@ class FtpServer:
         self._open, self._session = path, request.session
         self._writes = request.operation != FtpOperation.OPEN_FILE_RO
         return self._ack(request, struct.pack("<I", len(self.files[path])))
+
+    def _make(self, path: str) -> None:
+        content = None if self._made is None else self._made.read(path)
+        if content is not None:
+            self.files[path] = bytearray(content)
+
+    def _close(self) -> None:
+        path, self._open = self._open, None
+        if path is not None and self._writes and self._made is not None and path in self.files:
+            self._made.written(path, bytes(self.files[path]))
 
     def _read(self, request: FtpMessage) -> FtpMessage:
         content = self._content(request, writing=False)

@@ -44,15 +44,18 @@ class FtpUpload:
         window: Requests on the way at once. ArduPilot queues five, and drops what comes beyond.
         silent_s: Without any answer for so long, it gives up; a new upload with ``resume`` goes on.
         resume: An upload of the same content that gave up: what it got across is not sent again.
+        readable: Whether what is written can be read, for questions and the CRC. ArduPilot's lists cannot: they are made of
+            the file when it is closed. What was not answered is sent again then, and the caller has to compare.
     """
 
     def __init__(
         self, path: str, content: bytes, *, now: float, window: int = 5, silent_s: float = 30.0,
-        resume: "FtpUpload | None" = None,
+        resume: "FtpUpload | None" = None, readable: bool = True,
     ) -> None:  # fmt: skip
         self.path, self.content, self.window, self.silent_s = path, content, max(1, window), silent_s
         self.state = FtpUploadState.OPENING
         self.why = ""
+        self._readable = readable
         self._count = math.ceil(len(content) / DATA_BYTES)
         goes_on = resume is not None and (resume.path, resume.content) == (path, content)
         self._across: set[int] = set(resume._across) if goes_on and resume is not None else set()
@@ -76,6 +79,10 @@ class FtpUpload:
         return self.state in (
             FtpUploadState.DONE, FtpUploadState.REFUSED, FtpUploadState.DIFFERS, FtpUploadState.SILENT,
         )  # fmt: skip
+
+    @property
+    def _end(self) -> FtpUploadState:
+        return FtpUploadState.CHECKING if self._readable else FtpUploadState.DONE
 
     @property
     def across_bytes(self) -> int:
@@ -159,6 +166,8 @@ class FtpUpload:
         match then:
             case FtpUploadState.PROBING:
                 self._ask(FtpMessage(self._next_seq(), FtpOperation.OPEN_FILE_RO, data=self._path), then)
+            case FtpUploadState.DONE:
+                pass
             case FtpUploadState.CHECKING:
                 self._ask(FtpMessage(self._next_seq(), FtpOperation.CALC_FILE_CRC32, data=self._path), then)
             case _:
@@ -226,6 +235,9 @@ class FtpUpload:
         elif error == FtpError.END_OF_FILE and not writing:
             self._unsure.add(piece)
         elif error in (FtpError.FILE_NOT_FOUND, FtpError.INVALID_SESSION):  # the vehicle was restarted
+            if not self._readable:  # nothing is kept of a list that was not closed
+                self._across.clear()
+                self._begun = False
             self._todo = deque(other for other in range(self._count) if other not in self._across)
             self._unsure.clear()
             self._close(FtpUploadState.WRITING)
@@ -245,13 +257,13 @@ class FtpUpload:
         if not unsure:
             done = len(self._across) == self._count
             self._todo = deque(piece for piece in range(self._count) if piece not in self._across)
-            self._close(FtpUploadState.CHECKING if done else FtpUploadState.WRITING)
+            self._close(self._end if done else FtpUploadState.WRITING)
         elif self.state is FtpUploadState.PROBING:  # these are missing for certain
             self._todo = deque(piece for piece in range(self._count) if piece not in self._across)
             self._close(FtpUploadState.WRITING)
         else:
             provable = [piece for piece in unsure if any(self._proof_of(piece))]
-            if len(provable) <= max(_FEW, _SMALL_SHARE * self._count):
+            if not self._readable or len(provable) <= max(_FEW, _SMALL_SHARE * self._count):
                 self._todo = deque(unsure)
             else:
                 self._todo = deque(provable)

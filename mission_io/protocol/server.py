@@ -116,6 +116,15 @@ class MissionServer:
             raise MisuseError(f"{len(items)} items, this vehicle has room for {self.capacity}")
         self._lists[mission_type] = items
 
+    def load(self, mission_type: MissionType, items: Iterable[MissionItem]) -> None:
+        """Take a list that came another way than by the protocol, for instance as a file.
+
+        Raises:
+            MisuseError: more items than it can hold.
+        """
+        self.set_items(mission_type, items)
+        self._changed(mission_type, "uploaded")
+
     def events(self) -> list[ListChanged]:
         """The changes since the last call."""
         events, self._events = self._events, []

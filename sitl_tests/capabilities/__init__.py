@@ -14,6 +14,7 @@ ALL: Mapping[str, Callable[[Case], Finding | Judge]] = MappingProxyType(
         "fence-round-trip": transfers.fence_round_trip,
         "rally-round-trip": transfers.rally_round_trip,
         "upload-under-loss": transfers.upload_under_loss,
+        "mission-as-file": transfers.mission_as_file,
         "refused-mission": refusals.refused_mission,
         "failed-upload": refusals.failed_upload,
         "terrain-frames": refusals.terrain_frames,

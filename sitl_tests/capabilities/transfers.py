@@ -2,6 +2,8 @@
 
 from mission_io.autopilots.autopilot import MissionList, items_of, mission_type_of
 from mission_io.autopilots.comparison import compare_items
+from mission_io.client.files import FileUploads
+from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions
 from mission_io.wire import messages as m
 from sitl_tests.case import Case, Finding, Station, Stopwatch
@@ -69,6 +71,20 @@ def upload_under_loss(case: Case) -> Finding:
     require(checked.passed, "what was read back over the bad link is not what was sent")
     _require_held(case, mission)
     return Finding(WORKS, f"{_MISSION_ITEMS} items and read-back in {took_s:.1f} s at {100 * _LOSS:g} % loss each way")
+
+
+def mission_as_file(case: Case) -> Finding:
+    """A mission and a fence come as one file each, are read back, and are what another station finds."""
+    mission, fence = long_mission(case.vehicle.home, _MISSION_ITEMS), fence_with_hole(case.vehicle.home)
+    with case.station() as station:
+        try:
+            whole = [FileUploads(station.client).upload_list(content).passed for content in (mission, fence)]
+        except MisuseError as error:  # our own check knows who has no lists as files
+            return Finding("refused", str(error))
+        require(all(whole), f"read back changed: mission and fence are {whole}")
+    for content in (mission, fence):
+        _require_held(case, content)
+    return Finding(WORKS, f"{_MISSION_ITEMS} items and a fence, as another station finds them")
 
 
 def _round_trip(case: Case, content: MissionList) -> Finding:

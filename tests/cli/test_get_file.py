@@ -4,8 +4,9 @@ from random import Random
 import pytest
 
 from mission_io.formats.files import read_mission
-from mission_io.formats.mission_dat import write_mission_dat
-from mission_io.model.items import Frame, GeoPoint, MissionItem, MissionType
+from mission_io.formats.mission_dat import read_mission_dat, write_mission_dat
+from mission_io.formats.wpl import write_mission
+from mission_io.model.items import Frame, GeoPoint, Mission, MissionItem, MissionType
 from tests.cli.conftest import Cli, mock_vehicle
 
 
@@ -56,12 +57,27 @@ def test_the_file_of_a_mission_becomes_waypoints(cli: Cli, tmp_path: Path) -> No
     dat.write_bytes(write_mission_dat([first, *items], MissionType.MISSION))
     with mock_vehicle("-q") as (port, _):
         to = ("--to", f"udpout://127.0.0.1:{port}")
-        assert cli("send-file", dat, *to, "--folder", "@MISSION").code == 0
+        sent = cli("send-file", dat, *to, "--folder", "@MISSION")
         ended = cli("get-file", "@MISSION/mission.dat", *to, "-o", tmp_path / "m.waypoints", "--json")
         assert ended.code == 0, ended.err
         raw = cli("get-file", "@MISSION/mission.dat", *to, "-o", tmp_path / "raw.dat")
         assert raw.code == 0, raw.err
-    assert (tmp_path / "raw.dat").read_bytes() == dat.read_bytes()
+    assert sent.code == 3  # ArduPilot makes a list of it: what is read afterwards has the vehicle's own home
+    assert "arrived with another CRC" in sent.error
+    assert read_mission_dat((tmp_path / "raw.dat").read_bytes(), MissionType.MISSION)[1:] == items
     mission = read_mission(tmp_path / "m.waypoints")
-    assert mission.home == home
     assert [(item.command, item.lat_deg, item.alt_m) for item in mission.items] == [(22, 0.0, 40.0), (16, far, 60.0)]
+
+
+@pytest.mark.parametrize(("autopilot", "telling"), [("ardupilot", ""), ("px4", "PX4 has no lists as files")])
+def test_the_command_says_which_way_it_went(cli: Cli, tmp_path: Path, autopilot: str, telling: str) -> None:
+    file = tmp_path / "m.waypoints"
+    home, above = GeoPoint(36.48, -84.22, 500.0), Frame.ABOVE_HOME
+    items = [MissionItem(16, above, (0.0, 0.0, 0.0, 0.0), 36.48 + 1e-4 * k, -84.22, 40.0) for k in range(12)]
+    file.write_text(write_mission(Mission(home, tuple(items))))
+    with mock_vehicle("-q", "--autopilot", autopilot) as (port, _):
+        ended = cli("upload", file, "--as-file", "--to", f"udpout://127.0.0.1:{port}", "--json")
+    assert ended.code == 0, ended.err
+    assert ended.document["passed"]
+    assert telling in ended.err
+    assert ("item by item" in ended.err) == bool(telling)

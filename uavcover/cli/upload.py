@@ -1,11 +1,19 @@
 """``uavcover upload``: any mission file to a vehicle."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from uavcover.cli import options
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mission_io.autopilots.autopilot import MissionList
+    from mission_io.client.client import Client
+    from mission_io.client.read_back import ReadBack
+    from uavcover.cli.console import Console
 
 
 def upload(
@@ -17,6 +25,9 @@ def upload(
     ] = None,
     vehicle: options.TransferOptions,
     in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload to a vehicle that is armed.")] = False,
+    as_file: Annotated[
+        bool, typer.Option("--as-file", help="As one file by MAVLink FTP (ArduPilot); item by item where that fails.")
+    ] = False,
     output: options.Output,
 ) -> int:
     """Upload a mission, fence or rally file, read it back and compare; the terrain is not checked."""
@@ -38,7 +49,8 @@ def upload(
         warn_of_home(client, home, console)
         for content in contents:
             with telling_what_is_held(console), console.progress("uploading") as bar:
-                results.append(client.upload_and_verify(content, progress=bar.count, in_flight=in_flight))
+                result = _sent_as_file(client, content, bar.count, in_flight, console) if as_file else None
+                results.append(result or client.upload_and_verify(content, progress=bar.count, in_flight=in_flight))
             say_comparison(console, results[-1])
     passed = all(result.passed for result in results)
     if passed:
@@ -47,3 +59,27 @@ def upload(
         {"file": str(file), "terrain_checked": False, "passed": passed, "lists": [r.as_json() for r in results]}
     )
     return 0 if passed else 1
+
+
+def _sent_as_file(
+    client: "Client",
+    content: "MissionList",
+    progress: "Callable[[int, int], None]",
+    in_flight: bool,
+    console: "Console",
+) -> "ReadBack | None":
+    """A list sent as one file, if the vehicle holds it afterwards."""
+    from mission_io.client.files import FileUploads
+    from mission_io.errors import TransferError
+
+    if not client.vehicle.autopilot.lists_as_files:
+        console.warn(f"{client.vehicle.autopilot.name} has no lists as files; sent item by item")
+        return None
+    try:
+        result = FileUploads(client).upload_list(content, progress=progress, in_flight=in_flight)
+    except TransferError as error:
+        console.warn(f"{error}; sent item by item")
+        return None
+    if not result.passed:
+        console.warn("the vehicle made another list of the file than was sent; sent item by item")
+    return result if result.passed else None

@@ -212,7 +212,9 @@ def handle(control: FlightControl, failsafes: Failsafes, received: m.Received) -
                 vehicle.terrain.take(message)
         case m.FileTransfer():
             back = received.system_id, received.component_id
-            return [m.FileTransfer(*back, payload) for payload in vehicle.files.answer(message.payload)]
+            answers = vehicle.files.answer(message.payload)
+            control.apply_mission_changes()  # one of its lists may have come as a file
+            return [m.FileTransfer(*back, payload) for payload in answers]
         case m.LogRequestList():
             return [m.LogEntry(log_id=0, log_count=0, last_log_id=0, time_unix_s=0, size_bytes=0)]  # it keeps no logs
         case _:

@@ -71,6 +71,10 @@ class MissionStore:
         """Replace a list from the vehicle's own side, without a transfer."""
         self._server.set_items(mission_type, items)
 
+    def load(self, mission_type: MissionType, items: Iterable[MissionItem]) -> None:
+        """Replace a list by one that came as a file: to the vehicle it is an upload."""
+        self._server.load(mission_type, items)
+
     def set_home(self, home: GeoPoint) -> None:
         """Set home, for an autopilot that keeps it in item 0."""
         self._server.home = home

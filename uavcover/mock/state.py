@@ -23,6 +23,7 @@ from uavcover.mock.dynamics import Airframe, BatteryData, Vector, WindModel
 from uavcover.mock.faults import Fault, FaultKind, FaultSchedule
 from uavcover.mock.fence import FenceWatch
 from uavcover.mock.itinerary import Step
+from uavcover.mock.list_files import ListFiles
 from uavcover.mock.mission_store import MissionStore
 from uavcover.mock.parameters import Parameters
 from uavcover.mock.positioning import GpsError
@@ -127,7 +128,7 @@ class MockState:
         )
         self.fence = FenceWatch(self.missions, self.body, self.parameters, ardupilot=self.is_ardupilot)
         asks_for_terrain = self.is_ardupilot and self.behaviour.terrain is GroundSource.GROUND_STATION
-        self.files = FtpServer()
+        self.files = FtpServer(made=ListFiles(self.missions, self.autopilot) if self.autopilot.lists_as_files else None)
         self.terrain = TerrainFeed() if asks_for_terrain else None
         self.streams = Streams(self.behaviour, ardupilot=self.is_ardupilot)
         self.took_off_at_s: float | None = None
