@@ -105,8 +105,8 @@ class MissionServer:
             return (home_item(self.home), *held[1:])
         return held
 
-    def set_items(self, mission_type: MissionType, items: Iterable[MissionItem]) -> None:
-        """Set a list from the vehicle's side, for instance home in item 0.
+    def set_items(self, mission_type: MissionType, items: Iterable[MissionItem], *, uploaded: bool = False) -> None:
+        """Set a list from the vehicle's side, for instance home in item 0; ``uploaded``: it came as a file, and is told of.
 
         Raises:
             MisuseError: more items than it can hold.
@@ -115,15 +115,8 @@ class MissionServer:
         if len(items) > self.capacity:
             raise MisuseError(f"{len(items)} items, this vehicle has room for {self.capacity}")
         self._lists[mission_type] = items
-
-    def load(self, mission_type: MissionType, items: Iterable[MissionItem]) -> None:
-        """Take a list that came another way than by the protocol, for instance as a file.
-
-        Raises:
-            MisuseError: more items than it can hold.
-        """
-        self.set_items(mission_type, items)
-        self._changed(mission_type, "uploaded")
+        if uploaded:
+            self._changed(mission_type, "uploaded")
 
     def events(self) -> list[ListChanged]:
         """The changes since the last call."""

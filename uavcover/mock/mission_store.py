@@ -73,7 +73,7 @@ class MissionStore:
 
     def load(self, mission_type: MissionType, items: Iterable[MissionItem]) -> None:
         """Replace a list by one that came as a file: to the vehicle it is an upload."""
-        self._server.load(mission_type, items)
+        self._server.set_items(mission_type, items, uploaded=True)
 
     def set_home(self, home: GeoPoint) -> None:
         """Set home, for an autopilot that keeps it in item 0."""
