@@ -137,9 +137,8 @@ def test_a_vehicle_that_is_restarted_gets_all_of_it_again() -> None:
     assert writes > 10
 
 
-def test_a_vehicle_without_ftp_is_silent() -> None:
-    client = connected(mock_vehicle(ARDUPILOT))
-    pump = client.send
-    client.send = lambda message: None if isinstance(message, FileTransfer) else pump(message)
+def test_a_vehicle_without_ftp_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    vehicle = mock_vehicle(ARDUPILOT)
+    monkeypatch.setattr(vehicle.files, "answer", lambda _: [])
     with pytest.raises(TransferSilentError, match="no answer for 5 s"):
-        FileUploads(client, silent_s=5.0).upload_list(mission(3))
+        FileUploads(connected(vehicle), silent_s=5.0).upload_list(mission(3))
