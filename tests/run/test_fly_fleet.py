@@ -17,7 +17,7 @@ from tests.cli.conftest import corner_of_the_demo
 from tests.run.lockstep import Hangar, Seat
 from tests.run.test_fleet import Listener
 from uavcover.errors import InputError
-from uavcover.mock.behaviour import Settings
+from uavcover.mock.behaviour import Settings, quick
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
 from uavcover.mock.vehicle import MockConfig, MockVehicle
@@ -125,7 +125,9 @@ def lost_at(wire_item: int, *, number: int) -> Callable[[int, int, Site], MockVe
 
     def make(vehicle: int, sortie: int, site: Site) -> MockVehicle:
         fault = Fault(FaultKind.FORCE_DISARM, FaultTrigger(Since.ITEM, wire_item))
-        return mock(vehicle, sortie, site, faults=[fault] if (vehicle, sortie) == (number, 0) else [])
+        faults = [fault] if (vehicle, sortie) == (number, 0) else []
+        # With a new battery it takes a while until it knows where it is.
+        return mock(vehicle, sortie, site, faults=faults, behaviour=quick(30.0 if sortie else 2.0))
 
     return make
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
-from mission_io.errors import MissionIoError
+from mission_io.errors import MissionIoError, VehicleSilentError
 from mission_io.model.items import Mission, MissionType
 from uavcover.errors import UavcoverError, VehicleError
 from uavcover.model.track import TrackSample
@@ -35,6 +35,8 @@ from uavcover.vehicle.outcome import Ending, FlightFailedError, FlightOutcome
 
 _READY_BEFORE_S = 60.0
 """So long before its take-off a vehicle is looked for and gets its next sortie."""
+_KNOWS_HOME_S = 120.0
+"""So long a vehicle that was switched on may take until it knows where it is."""
 _LOOK_EVERY_S, _PLACE_EVERY_S = 1.0, 0.5
 
 Opening = Callable[[VehicleLink, Site], AbstractContextManager[Connected]]
@@ -164,7 +166,7 @@ class FleetFlight:
 
     def _fly(self, job: Job, connected: Connected, user: VehicleUser, record: FlownSortie, clock: FleetClock) -> None:
         compiled = compile_plan(job.site, job.route, autopilot=connected.autopilot)
-        check_home(connected, job.site, compiled)
+        self._wait_for_home(connected, job.site, compiled, clock)
         first = record.vehicle not in self._free_s
         others = range(1, len(self.orders.links) + 1)
         self._found[record.vehicle] = connected.client.vehicle.system_id
@@ -186,6 +188,16 @@ class FleetFlight:
             lambda orders: self._followed(record, connected, clock, partial(fly, connected, job.site, compiled, orders)),
             options=self._flight_options(job, connected, record, clock),
         )  # fmt: skip
+
+    def _wait_for_home(self, connected: Connected, site: Site, compiled: CompiledMission, clock: FleetClock) -> None:
+        """Check the vehicle's home as soon as it knows it: with a new battery that takes a while."""
+        until_s = clock.now() + _KNOWS_HOME_S
+        while True:
+            try:
+                return check_home(connected, site, compiled)
+            except VehicleSilentError:
+                if self._stopped or clock.now() > until_s:
+                    raise
 
     def _followed(
         self, record: FlownSortie, connected: Connected, clock: FleetClock, begin: Callable[[], FlightOutcome]
