@@ -1,0 +1,181 @@
+"""Seeded flights of four mock vehicles with wind, delays and one lost vehicle: separation, coverage and reserve of each.
+
+Separation is measured on the mocks' true positions, which nothing else here sees, beside what ``verify`` says of the tracks.
+
+Usage: .venv/bin/python scripts/fly_fleets.py OUT.csv [--flights 100] [--first 1]
+"""
+
+import argparse
+import csv
+import dataclasses
+import itertools
+import json
+import math
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+import uavcover.run.fly
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from tests.cli.conftest import corner_of_the_demo
+from tests.run.lockstep import Hangar
+from uavcover.mock.behaviour import Settings, quick
+from uavcover.mock.dynamics import BatteryData, WindModel
+from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
+from uavcover.mock.positioning import TruthSample
+from uavcover.mock.vehicle import MockConfig, MockVehicle
+from uavcover.model.fleet import Fleet
+from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.planning.terrain_following import lay_over_terrain
+from uavcover.routes.objectives import judge
+from uavcover.run.fleet import fleet_document
+from uavcover.run.fleet_jobs import planned_jobs
+from uavcover.run.fly import FlightOptions
+from uavcover.run.fly_fleet import FleetFailedError, FleetOptions, fly_fleet
+from uavcover.run.folder import RunFolder
+from uavcover.run.judge import verify_run
+from uavcover.run.mission import compile_flights
+from uavcover.run.plan_files import save_plan
+from uavcover.run.session import home_of
+from uavcover.run.user import Unattended
+from uavcover.scenario.scenario_file import load_scenario
+from uavcover.scenario.site import Site, load_site
+from uavcover.sensing.coverage_map import judging_map
+
+VEHICLES = 4
+COLUMNS = (
+    "seed", "lost", "wind_m_s", "sorties", "truly_apart_m", "told_apart_m", "coverage", "planned_coverage", "least_battery",
+    "held_s", "took_s",
+)  # fmt: skip
+_LOOK_S = 0.2
+
+
+def main() -> None:
+    """Fly, and add one row for each flight as soon as it is over."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--flights", type=int, default=100)
+    parser.add_argument("--first", type=int, default=1)
+    arguments = parser.parse_args()
+    uavcover.run.fly.live_recording = lambda *_, **__: None  # the recordings of single flights are not looked at here
+    uavcover.run.fly._keep_recording = lambda *_: None
+    with arguments.out.open("a", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS)
+        if file.tell() == 0:
+            writer.writeheader()
+        for seed in range(arguments.first, arguments.first + arguments.flights):
+            with tempfile.TemporaryDirectory() as folder:
+                row = fly_one(seed, Path(folder))
+            writer.writerow(row)
+            file.flush()
+            print(row, flush=True)
+
+
+def planned(folder: Path) -> RunFolder:
+    """A corner of the demo in lines over its ground, for four vehicles."""
+    scenario = load_scenario(corner_of_the_demo(folder))
+    site = load_site(
+        dataclasses.replace(
+            scenario,
+            vehicle=dataclasses.replace(scenario.vehicle, endurance_s=320.0),
+            fleet=Fleet(vehicles=VEHICLES, turnaround_s=60.0, start_error_s=1.0, timing_error_fraction=0.02, pad_s=5.0),
+            area=dataclasses.replace(scenario.area, cell_size_m=10.0),
+        )
+    )
+    west, south, east, north = site.area.bounds
+    rows = np.linspace(south + 20.0, north - 20.0, 14)
+    corners = [(e, n) for k, n in enumerate(rows) for e in ((east, west), (west, east))[k % 2]]
+    route = Route(lay_over_terrain(site, np.array(corners), np.full(len(corners), 60.0), tolerance_m=8.0))
+    flights = compile_flights(site, route)
+    member = RouteMember(route, judge(judging_map(site), route), 0.0, "test")
+    run = RunFolder(folder / "run")
+    save_plan(
+        run, site, Plan(member, (member,), (), "knee", True, "lines", 1, 0.0), compiled=None, autopilot="ardupilot",
+        seed=1, command=["fly_fleets"], sorties=flights, fleet=fleet_document(site, flights),
+    )  # fmt: skip
+    return run
+
+
+def fly_one(seed: int, folder: Path) -> dict[str, object]:
+    """One flight of all vehicles."""
+    started = time.perf_counter()
+    run = planned(folder)
+    rng = np.random.default_rng(seed)
+    jobs = planned_jobs(run, len({row["vehicle"] for row in json.loads(run.file("plan.json").read_text())["sorties"]}))
+    vehicles = max(job.vehicle for job in jobs)
+    lost = int(rng.integers(1, vehicles + 1))
+    first = next(job for job in jobs if job.vehicle == lost)
+    kind = FaultKind.FORCE_DISARM if seed % 2 else FaultKind.LINK_OUTAGE
+    fault = Fault(kind, FaultTrigger(Since.TAKE_OFF, 0.5 * first.timeline.duration_s))
+    wind = WindModel(speed_m_s=rng.uniform(0.0, 7.0), from_deg=rng.uniform(0.0, 360.0), gust_m_s=rng.uniform(0.2, 1.0))
+    truth: list[tuple[list[float], list[tuple[float, float, float]]]] = []
+
+    def make(number: int, sortie: int, site: Site) -> MockVehicle:
+        times: list[float] = []
+        places: list[tuple[float, float, float]] = []
+        truth.append((times, places))
+        begin_s = hangar.clocks[number - 1].now()
+
+        def keep(sample: TruthSample) -> None:
+            times.append(begin_s + sample.time_s)
+            assert site.frame is not None
+            e, n, u = site.frame.enu_from_geodetic(sample.lat_deg, sample.lon_deg, sample.alt_amsl_m)[0]
+            places.append((float(e), float(n), float(u)))
+
+        settings = Settings.for_vehicle(site.scenario.vehicle)
+        config = MockConfig(
+            settings=settings, battery=BatteryData.for_vehicle(site.scenario.vehicle), system_id=number, wind=wind,
+            behaviour=quick(float(rng_of(seed, number, sortie).uniform(1.0, 40.0))),
+            faults=[fault] if (number, sortie) == (lost, 0) else [],
+        )  # fmt: skip
+        autopilot = PX4 if site.scenario.vehicle.autopilot == "px4" else ARDUPILOT
+        return MockVehicle(autopilot, home_of(site), config, rng=rng_of(seed, number, sortie), on_truth=keep)
+
+    hangar = Hangar(vehicles, make, seed=seed, delay_s=float(rng.uniform(0.01, 0.3)))
+    options = FleetOptions(flight=FlightOptions(utc_offset_s=0.0), opening=hangar.open, clocks=hangar.clocks)
+    rows = []
+    try:
+        rows = fly_fleet(run, hangar.links(), Unattended(), options, command=["fly_fleets"])[1]["sorties"]
+    except FleetFailedError as error:
+        rows = error.details()["sorties"]
+    document = verify_run(run, Unattended(), command=["fly_fleets"])[1]
+    left = [v.body.battery.remaining for flown in hangar.flown.values() for v in flown if v.took_off_at_s is not None]
+    lost_one = hangar.flown[lost][0]
+    kept = [b for b, v in zip(left, flown_ones(hangar), strict=True) if v is not lost_one]
+    late_s = max((row["began_s"] - row["planned_s"] for row in rows if row["began_s"] is not None), default=0.0)
+    return {
+        "seed": seed, "lost": f"vehicle {lost}, {kind.value}", "wind_m_s": round(wind.speed_m_s, 1),
+        "sorties": len([row for row in rows if row["began_s"] is not None]), "truly_apart_m": round(truly_apart_m(truth), 1),
+        "told_apart_m": round(min((pair["least_m"] for pair in document["separation"]), default=math.inf), 1),
+        "coverage": document["coverage_fraction"], "planned_coverage": document["planned_coverage_fraction"],
+        "least_battery": min(kept, default=1.0), "held_s": round(late_s, 1), "took_s": round(time.perf_counter() - started, 1),
+    }  # fmt: skip
+
+
+def flown_ones(hangar: Hangar) -> list[MockVehicle]:
+    """The vehicles that took off."""
+    return [v for flown in hangar.flown.values() for v in flown if v.took_off_at_s is not None]
+
+
+def rng_of(seed: int, number: int, sortie: int) -> np.random.Generator:
+    """Of one vehicle on one sortie."""
+    return np.random.default_rng([seed, number, sortie])
+
+
+def truly_apart_m(truth: list[tuple[list[float], list[tuple[float, float, float]]]]) -> float:
+    """Least true distance of two vehicles that are both more than 2 m above where they stood."""
+    best = math.inf
+    for one, other in itertools.combinations([(np.array(t), np.array(p)) for t, p in truth if len(t) > 1], 2):
+        moments = np.arange(max(one[0][0], other[0][0]), min(one[0][-1], other[0][-1]), _LOOK_S)
+        a, b = (
+            np.column_stack([np.interp(moments, times, axis) for axis in places.T]) for times, places in (one, other)
+        )
+        aloft = (a[:, 2] > one[1][0, 2] + 2.0) & (b[:, 2] > other[1][0, 2] + 2.0)
+        best = min(best, float(np.linalg.norm(a - b, axis=1)[aloft].min(initial=math.inf)))
+    return best
+
+
+if __name__ == "__main__":
+    main()
