@@ -171,6 +171,47 @@ def test_swapped_axes_are_asked_about(cli, tmp_path, gsd):
     assert "are latitude and longitude swapped" in ended.err.splitlines()[-1]
 
 
+FAULTS = {
+    "another lens": ({"film_mm": 162, "focal_mm": 29.9}, "sees as 162 mm do on 35 mm film"),
+    "a crop": ({"pixels": (5280, 1500)}, "5280 x 1500 pixels: cropped"),
+    "another camera": ({"pixels": (4000, 3000)}, "4000 x 3000 pixels: of another camera"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_pictures_of_another_view_do_not_count(cli, tmp_path, flown, fault):
+    changes, words = FAULTS[fault]
+    take(tmp_path / "DCIM", flown)
+    for number in range(0, len(flown), 2):
+        lat, lon, alt, yaw, _ = flown[number]
+        told = dji(AbsoluteAltitude=alt, GimbalYawDegree=yaw, GimbalPitchDegree="-90", GimbalRollDegree="0")
+        write_jpeg(tmp_path / f"DCIM/DJI_{number:04d}.JPG", place=(lat, lon), alt_m=alt, xmp=told, **changes)
+    ended = cli("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--no-refly", "--json")
+    assert ended.code == 1
+    assert ended.document["counted"] == len(flown) // 2
+    assert all(why.startswith(words) for why in ended.document["left_out"].values())
+
+
+def test_cameras_that_look_up_or_lie_across_their_line_are_doubted(cli, tmp_path, flown):
+    def doubts(pitch, turn_deg):
+        with (tmp_path / "list.csv").open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(["name", "lat", "lon", "alt", "yaw", "pitch"])
+            writer.writerows(
+                [f"{k:04d}", lat, lon, alt, yaw + turn_deg, pitch] for k, (lat, lon, alt, yaw, _) in enumerate(flown)
+            )
+        ended = cli(
+            "judge-photos", tmp_path / "list.csv", *ASKED, "-o", tmp_path / "out", "--no-refly", "--force", "--json"
+        )
+        assert all(doubt in ended.err for doubt in ended.document["doubts"])
+        return ended.document["doubts"]
+
+    assert doubts(-90.0, 0.0) == []
+    assert doubts(-90.0, 180.0) == []
+    assert "degrees (median) off the line" in doubts(-90.0, 90.0)[0]
+    assert f"{len(flown)} of {len(flown)} cameras look at the horizon or above it, first 0000" in doubts(90.0, 0.0)[0]
+
+
 def test_a_verdict_that_is_there_is_not_replaced(cli, tmp_path, flown):
     take(tmp_path / "DCIM", flown[::6])
     arguments = ("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--no-refly")

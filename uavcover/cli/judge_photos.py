@@ -46,6 +46,10 @@ def judge_photos(
         Path | None,
         typer.Option("--report", help="Also write a page with map and tables, opens offline.", metavar="FILE.html"),
     ] = None,
+    gpkg: Annotated[
+        Path | None,
+        typer.Option("--gpkg", help="Also write footprints, places and gaps as a GeoPackage.", metavar="FILE.gpkg"),
+    ] = None,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
@@ -68,6 +72,10 @@ def judge_photos(
         assumed=belief.assumed(), takeoff=belief.place(), coverage=coverage, mount_known=area is None or survey.mount is not None,
         refly=refly, budget_s=options.seconds(budget), force=force,
     )  # fmt: skip
+    if gpkg is not None:
+        from uavcover.run.photo_geopackage import check_geopackage, write_geopackage
+
+        check_geopackage(gpkg, force=force)
     if page is not None:
         from uavcover.report.photo_page import refuse_to_replace, save_photo_report
 
@@ -76,5 +84,8 @@ def judge_photos(
     if page is not None:
         save_photo_report(verdict, page, console, force=force)
         document["report"] = str(page)
+    if gpkg is not None:
+        write_geopackage(verdict, gpkg, console, force=force)
+        document["geopackage"] = str(gpkg)
     console.result(document)
     return 0 if verdict.document["passed"] else 1

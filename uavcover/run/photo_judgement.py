@@ -11,13 +11,15 @@ import shapely
 
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.judging.gaps import find_gaps
-from uavcover.judging.photos.placing import Assumptions, PlacedPictures, place_pictures
+from uavcover.judging.photos.picture import Picture
+from uavcover.judging.photos.placing import Assumptions, PlacedPictures, courses_deg, place_pictures
 from uavcover.judging.photos.readers import PictureSet
 from uavcover.judging.photos.showing import shown_cells
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.model.sensor import FrameCamera
+from uavcover.model.sensor import FrameCamera, Sensor
 from uavcover.run.new_elevation import NewRequest
 from uavcover.run.photo_verdict import PhotoVerdict, blur_px, frame_of
+from uavcover.run.survey_as_flown import FILM_DIAGONAL_MM, LENS_DIFFERS
 from uavcover.run.user import User
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site
@@ -25,9 +27,13 @@ from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import OVERLAP_FRACTION, drawn_cells, pictures_asked
 
 USUAL_COVERAGE = 0.98
+_SAME_SHAPE = 0.03
 BLUR_PX = 1.0
 """Pictures in which the ground moves farther are told."""
 _FARTHEST_M = 5000.0
+_DOWN_WITHIN_DEG = 20.0
+_TURNED_DEG = 20.0
+_FEW = 10
 
 Answer = Literal["yes", "no", "not proved"]
 
@@ -80,17 +86,12 @@ def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: Local
     sensor = site.scenario.sensor
     if isinstance(sensor, FrameCamera) and request.mount_known:
         assumed = replace(assumed, mounted=sensor)
-    pixels = sensor.pixels_across if isinstance(sensor, FrameCamera) else None
-    others = {
-        p.name: f"{p.pixels[0]} x {p.pixels[1]} pixels: of another camera"
-        for p in found.pictures
-        if pixels is not None and p.pixels is not None and p.pixels[0] != pixels
-    }
+    others = _of_other_cameras(found.pictures, sensor)
     same = [p for p in found.pictures if p.name not in others]
     if not same:
         name, why = next(iter(others.items()))
         raise InputError(
-            f"no picture is of the camera, which has {pixels} pixels across; {name}: {why}; give another --camera"
+            f"no picture is of the camera; {name}: {why}; give another --camera, or none to take the pictures' own"
         )
     placed = place_pictures(same, frame, assumed)
     if np.isnan(site.ground.heights_agl_m(placed.eyes_m)).all():
@@ -100,6 +101,32 @@ def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: Local
             "the area; are latitude and longitude swapped, or is it another area?"
         )
     return replace(placed, left_out=others | placed.left_out)
+
+
+def _of_other_cameras(pictures: Sequence[Picture], sensor: Sensor) -> dict[str, str]:
+    """Why pictures are not of a camera, by their names: other pixels, another shape, another lens or zoom."""
+    if not isinstance(sensor, FrameCamera):
+        return {}
+    across, along = (math.tan(math.radians(0.5 * fov)) for fov in (sensor.fov_across_deg, sensor.fov_along_deg))
+    film_mm = 0.5 * FILM_DIAGONAL_MM / math.hypot(across, along)
+    shape = max(across, along) / min(across, along)
+    found: dict[str, str] = {}
+    for picture in pictures:
+        if picture.pixels is not None:
+            long, short = picture.pixels
+            if sensor.pixels_across is not None and long != sensor.pixels_across:
+                found[picture.name] = (
+                    f"{long} x {short} pixels: of another camera, which has {sensor.pixels_across} across"
+                )
+            elif not abs(long / max(short, 1) / shape - 1.0) <= _SAME_SHAPE:
+                found[picture.name] = f"{long} x {short} pixels: cropped; the camera's sides are as {shape:.2f} to 1"
+        lens_mm = picture.focal_length_35mm
+        if lens_mm is not None and not abs(lens_mm / film_mm - 1.0) <= LENS_DIFFERS:
+            found.setdefault(
+                picture.name,
+                f"sees as {lens_mm:.0f} mm do on 35 mm film, the camera as {film_mm:.0f} mm: another lens or zoom",
+            )
+    return found
 
 
 def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> PhotoVerdict:
@@ -112,7 +139,9 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
     frame = frame_of(site)
     placed = placed_in(request, found, site, frame)
     heights_m = site.ground.heights_agl_m(placed.eyes_m)
-    _doubt_heights(heights_m, user)
+    doubts = [*_doubted_heights(heights_m), *_doubted_directions(placed)]
+    for doubt in doubts:
+        user.warn(doubt)
     sensor = site.scenario.sensor
     if not isinstance(sensor, FrameCamera):
         raise InputError(f"scenario {site.scenario.name}: its sensor is a {sensor.kind}; pictures need a frame-camera")
@@ -124,7 +153,7 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
     asked = pictures_asked(sensor) if _asks_overlap(request) else None
     verdict = PhotoVerdict(site, coverage, placed, shown, drawn, asked, [], {})
     verdict = replace(verdict, gaps=find_gaps(coverage, verdict.asked_coverage))
-    return replace(verdict, document=_document(request, found, verdict))
+    return replace(verdict, document=_document(request, found, verdict) | {"doubts": doubts})
 
 
 def _asks_overlap(request: PhotoRequest) -> bool:
@@ -144,16 +173,43 @@ def _whole(request: PhotoRequest, site: Site, sensor: FrameCamera, placed: Place
     )
 
 
-def _doubt_heights(heights_m: FloatArray, user: User) -> None:
+def _doubted_heights(heights_m: FloatArray) -> list[str]:
+    doubts = []
     under = int((heights_m <= 0.0).sum())
     if under:
-        user.warn(
+        doubts.append(
             f"{under} of {heights_m.size} pictures lie under the ground (lowest {np.nanmin(heights_m):.0f} m): their heights do "
             "not fit the elevation data; heights above take-off are taken with --takeoff LAT,LON"
         )
     outside = int(np.isnan(heights_m).sum())
     if outside:
-        user.warn(f"{outside} of {heights_m.size} pictures were taken outside the elevation data")
+        doubts.append(f"{outside} of {heights_m.size} pictures were taken outside the elevation data")
+    return doubts
+
+
+def _doubted_directions(placed: PlacedPictures) -> list[str]:
+    """What the user should ask of the angles that pictures tell."""
+    doubts = []
+    up = placed.axes[:, 2] >= 0.0
+    if up.any():
+        names = [picture.name for picture, looks in zip(placed.pictures, up, strict=True) if looks]
+        doubts.append(
+            f"{len(names)} of {len(up)} cameras look at the horizon or above it, first {names[0]}: their angles refer to "
+            "something else, or the gimbal was not turned down"
+        )
+    course = courses_deg(placed.eyes_m)
+    yaw = np.degrees(np.arctan2(placed.tops[:, 0], placed.tops[:, 1]))
+    told = (
+        placed.direction_known & np.isfinite(course) & (-placed.axes[:, 2] >= math.cos(math.radians(_DOWN_WITHIN_DEG)))
+    )
+    # A landscape sensor lies across the line, whichever way the vehicle flies along it.
+    off = np.abs((yaw - course + 90.0) % 180.0 - 90.0)[told]
+    if off.size >= _FEW and np.median(off) > _TURNED_DEG:
+        doubts.append(
+            f"the tops of the pictures lie {np.median(off):.0f} degrees (median) off the line on which they were taken: the "
+            "camera was turned, or their yaw is not the camera's"
+        )
+    return doubts
 
 
 def _required(request: PhotoRequest, site: Site) -> tuple[float, float]:

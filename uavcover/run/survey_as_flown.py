@@ -19,8 +19,9 @@ from uavcover.run.user import Unattended, User
 from uavcover.scenario.site import Site
 
 CAMERA_FILE = "camera.toml"
-_FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
-_LENS_DIFFERS = 0.1
+FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
+LENS_DIFFERS = 0.1
+"""Share by which the focal lengths of one lens may differ, as pictures round them."""
 _FIRST_HEIGHT_M = 80.0
 _LOWEST_M = 1.02 * LOWEST_TOP_M
 """A flight for what is missing is planned no lower."""
@@ -87,7 +88,7 @@ def _camera_of(pictures: Sequence[Picture], out: RunFolder) -> tuple[str, str]:
     (focal_mm, film_mm, pixels, title), _ = kinds.most_common(1)[0]
     if focal_mm is None or film_mm is None or pixels is None:
         raise InputError("the pictures do not tell their camera: give --camera")
-    diagonal_mm = _FILM_DIAGONAL_MM * focal_mm / film_mm
+    diagonal_mm = FILM_DIAGONAL_MM * focal_mm / film_mm
     pitch_mm = diagonal_mm / math.hypot(*pixels)
     lines = [
         f"title = {_quoted(title or 'camera of the pictures')}",
@@ -111,8 +112,8 @@ def _compare_lens(camera: CameraBody, pictures: Sequence[Picture], user: User) -
     if not films_mm:
         return
     film_mm = float(np.median(films_mm))
-    own_mm = _FILM_DIAGONAL_MM * camera.focal_length_mm / math.hypot(camera.sensor_across_mm, camera.sensor_along_mm)
-    if abs(own_mm / film_mm - 1.0) > _LENS_DIFFERS:
+    own_mm = FILM_DIAGONAL_MM * camera.focal_length_mm / math.hypot(camera.sensor_across_mm, camera.sensor_along_mm)
+    if abs(own_mm / film_mm - 1.0) > LENS_DIFFERS:
         user.warn(
             f"--camera: {camera.name} sees as {own_mm:.0f} mm do on 35 mm film, the pictures say {film_mm:.0f} mm: another "
             "camera or zoom? Without --camera theirs is taken"

@@ -9,7 +9,7 @@ import pytest
 from tests.judging.photos.camera_files import XMP, dji, write_jpeg
 from tests.naive.pictures import _rotation as rotation
 from uavcover.errors import TrackError
-from uavcover.judging.photos.picture import HeightDatum, camera_axes, finite
+from uavcover.judging.photos.picture import HeightDatum, Picture, camera_axes, finite
 from uavcover.judging.photos.readers import read_pictures
 
 PLACE = (-36.47625431, -84.21604127)
@@ -86,7 +86,7 @@ def test_xmp_that_is_damaged_or_dangerous_is_left_out(tmp_path, xmp):
 def test_bands_of_one_moment_are_one_picture(tmp_path):
     for band in range(5):
         write_jpeg(tmp_path / f"IMG_0001_{band}.jpg", place=PLACE, alt_m=99.0)
-    write_jpeg(tmp_path / "IMG_0002_1.jpg", place=PLACE, alt_m=99.0, time="2026:05:04 10:11:14")
+    write_jpeg(tmp_path / "IMG_0002_1.jpg", place=PLACE, alt_m=99.5, time="2026:05:04 10:11:14")
     found = read_pictures([tmp_path])
     assert [picture.name for picture in found.pictures] == ["IMG_0001_0.jpg", "IMG_0002_1.jpg"]
     assert "4 of 6 files" in found.notes[0]
@@ -102,10 +102,10 @@ def test_cards_with_the_same_names_are_kept_apart(tmp_path):
 def test_lists_that_count_from_one_lose_no_picture(tmp_path):
     row = "1\t{:.1f}\t[2065]\t 0,N\t 0,E\t 0,V\t43.1,Lat\t{},Lon\t245.1,Ellh\t0.01, 0.01, 0.02\t50,Q\n"
     for number, card in enumerate(("a", "b")):
-        (tmp_path / f"{card}.MRK").write_text(row.format(10.0 + number, number) + row.format(20.0 + number, number))
+        (tmp_path / f"{card}.MRK").write_text(row.format(10.0 + number, number) + row.format(20.0 + number, 5 + number))
     found = read_pictures([tmp_path / "a.MRK", tmp_path / "b.MRK"])
     assert [p.name for p in found.pictures] == ["0001", "b.MRK: 0001", "a.MRK: 0001", "b.MRK: 0001 (2)"]
-    assert [p.lon_deg for p in found.pictures] == [0.0, 1.0, 0.0, 1.0]
+    assert [p.lon_deg for p in found.pictures] == [0.0, 1.0, 5.0, 6.0]
 
 
 def test_geo_txt_moves_pictures_and_keeps_what_only_they_tell(tmp_path):
@@ -188,3 +188,41 @@ def test_numbers_as_files_hold_them():
     assert [finite(v) for v in ("+1.5", "3/2", 2, "1/0", "nan", "x", None, "1/2/3")] == [
         1.5, 1.5, 2.0, None, None, None, None, None,
     ]  # fmt: skip
+
+
+def test_copies_and_views_from_one_place_count_once_whatever_their_times(tmp_path):
+    for number, pitch in enumerate(("-90", "-90", "-90", "-45")):
+        told = dji(AbsoluteAltitude="500", GimbalYawDegree="5", GimbalPitchDegree=pitch, GimbalRollDegree="0")
+        write_jpeg(tmp_path / f"a{number}.jpg", place=(1.0, 2.0), time=f"2026:05:04 10:11:{10 + number}", xmp=told)
+    write_jpeg(tmp_path / "b1.jpg", place=(1.0, 3.0), alt_m=5.0, time="")
+    write_jpeg(tmp_path / "b2.jpg", place=(1.0, 3.0), alt_m=5.0, time="")
+    found = read_pictures([tmp_path])
+    assert [picture.name for picture in found.pictures] == ["a0.jpg", "a3.jpg", "b1.jpg"]
+    assert any("3 of 6 pictures tell the same place and direction" in note for note in found.notes)
+
+
+def test_broken_files_in_a_folder_do_not_count_and_say_why(tmp_path):
+    for number in range(4):
+        write_jpeg(tmp_path / f"{number}.jpg", place=(1.0 + number, 2.0), alt_m=5.0, pixels=(40_000, 30_000))
+    whole = (tmp_path / "1.jpg").read_bytes()
+    (tmp_path / "1.jpg").write_bytes(whole[:-20])
+    (tmp_path / "2.jpg").write_bytes(b"")
+    (tmp_path / "._3.jpg").write_bytes(b"of another operating system")
+    (tmp_path / "padded.jpg").write_bytes(whole.replace(b"2026:05", b"2026:06") + bytes(100_000))
+    why = {picture.name: picture.lacks() for picture in read_pictures([tmp_path]).pictures}
+    assert set(why) == {"0.jpg", "1.jpg", "2.jpg", "3.jpg", "padded.jpg"}
+    assert (why["0.jpg"], why["3.jpg"], why["padded.jpg"]) == (None, None, None)
+    assert why["1.jpg"] == "its file is cut off; copy it from the card again"
+    assert why["2.jpg"].startswith("is not a picture that can be read")
+    with pytest.raises(TrackError, match="is not a picture"):
+        read_pictures([tmp_path / "2.jpg"])
+    for name in ("0.jpg", "1.jpg", "3.jpg", "padded.jpg"):
+        (tmp_path / name).unlink()
+    with pytest.raises(TrackError, match=r"2\.jpg: is not a picture"):
+        read_pictures([tmp_path])
+
+
+def test_a_digital_zoom_does_not_count():
+    assert Picture(name="a", lat_deg=1.0, lon_deg=1.0, alt_m=1.0, digital_zoom=1.0).lacks() is None
+    zoomed = Picture(name="a", lat_deg=1.0, lon_deg=1.0, alt_m=1.0, digital_zoom=2.0)
+    assert zoomed.lacks() == "digital zoom 2: how much it shows is not known; take pictures without it"

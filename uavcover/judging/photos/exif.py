@@ -23,6 +23,9 @@ ENDINGS = (".jpg", ".jpeg", ".tif", ".tiff", ".dng")
 _LARGEST_XMP = 1_000_000
 _RTK_FIXED = 50.0
 _SAME_SHAPE = 0.02
+_JPEG = (".jpg", ".jpeg")
+_TAIL, _LONG_TAIL = 65_536, 16_000_000
+_CUT_OFF = "its file is cut off; copy it from the card again"
 _OFF_NADIR_NAMES = {"Camera:Pitch", "Camera:Roll", "Camera:Yaw"}
 """Of Pix4D, senseFly and MicaSense: their pitch is 0 straight down."""
 
@@ -70,7 +73,22 @@ def read_picture(path: Path) -> Picture:
         pixels=sides,
         focal_length_mm=finite(details.get(ExifTags.Base.FocalLength)) or None,
         focal_length_35mm=finite(details.get(ExifTags.Base.FocalLengthIn35mmFilm)) or None,
+        digital_zoom=finite(details.get(ExifTags.Base.DigitalZoomRatio)) or None,
+        fault=_CUT_OFF if path.suffix.lower() in _JPEG and not _ends(path) else None,
     )
+
+
+def _ends(path: Path) -> bool:
+    """Whether a JPEG has its end, which entropy-coded data cannot hold: a copy that broke off has none."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        for tail in (_TAIL, _LONG_TAIL):
+            file.seek(max(0, size - tail))
+            # Some cameras fill files up with zeros.
+            end = file.read().rstrip(b"\x00")
+            if end:
+                return b"\xff\xd9" in end[-_TAIL:]
+    return False
 
 
 def _xmp(packet: object) -> dict[str, str]:

@@ -9,6 +9,7 @@ import numpy as np
 from uavcover.kernels.arrays import FloatArray
 
 _HIGHEST_M = 20_000.0
+_NO_ZOOM = 1.001
 
 
 class HeightDatum(StrEnum):
@@ -44,6 +45,8 @@ class Picture:
         pixels: longer and shorter side.
         focal_length_mm: of the lens.
         focal_length_35mm: of the lens with the same diagonal field of view on film of 36 x 24 mm.
+        digital_zoom: how many times a digital zoom enlarged it.
+        fault: why its file cannot be read.
     """
 
     name: str
@@ -67,6 +70,8 @@ class Picture:
     pixels: tuple[int, int] | None = None
     focal_length_mm: float | None = None
     focal_length_35mm: float | None = None
+    digital_zoom: float | None = None
+    fault: str | None = None
 
     @property
     def has_direction(self) -> bool:
@@ -74,7 +79,11 @@ class Picture:
         return self.pitch_deg is not None and self.yaw_deg is not None
 
     def lacks(self) -> str | None:
-        """Why it has no place; none where it has one."""
+        """Why it shows nothing that is known; none where it does."""
+        if self.fault is not None:
+            return self.fault
+        if self.digital_zoom is not None and self.digital_zoom > _NO_ZOOM:
+            return f"digital zoom {self.digital_zoom:g}: how much it shows is not known; take pictures without it"
         if self.lat_deg is None or self.lon_deg is None:
             return "no position"
         if not (abs(self.lat_deg) <= 90.0 and abs(self.lon_deg) <= 180.0) or (self.lat_deg == self.lon_deg == 0.0):

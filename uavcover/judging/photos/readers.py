@@ -54,12 +54,14 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
         TrackError: nothing is there, or it cannot be read; names the file.
     """
     files: list[Path] = []
+    of_folders: set[Path] = set()
     lists: list[Path] = []
     logs: list[Path] = []
     for source in sources:
         if source.is_dir():
             inside = sorted(path for path in source.rglob("*") if path.is_file())
-            files += [path for path in inside if path.suffix.lower() in ENDINGS]
+            files += [path for path in inside if path.suffix.lower() in ENDINGS and not path.name.startswith("._")]
+            of_folders.update(files)
             lists += [path for path in inside if path.name.lower() == GEO_TXT]
         elif not source.is_file():
             raise TrackError(f"{source}: no such file or folder; give a folder of pictures, or a list of them")
@@ -79,11 +81,13 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
     notes: list[str] = []
     found: dict[str, Picture] = {}
     for number, path in enumerate(files, start=1):
-        picture = read_picture(path)
+        picture = _read(path) if path in of_folders else read_picture(path)
         progress(number, len(files))
         if picture.name in found:
             picture = replace(picture, name=path.as_posix())
         found[picture.name] = picture
+    if files and not lists and not logs and all(picture.fault is not None for picture in found.values()):
+        read_picture(files[0])  # says what is wrong with it
     files_by_name = dict(found)
     for path in lists:
         listed = LISTS[path.suffix.lower()](path)
@@ -102,6 +106,14 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
     timed = all(picture.time_s is not None for picture in once)
     once.sort(key=lambda picture: (picture.time_s or 0.0, picture.name) if timed else (0.0, picture.name))
     return PictureSet(tuple(once), tuple(notes))
+
+
+def _read(path: Path) -> Picture:
+    """A picture of a folder, which may hold broken ones: these do not count, and are told."""
+    try:
+        return read_picture(path)
+    except TrackError as error:
+        return Picture(name=path.name, fault=str(error).removeprefix(f"{path}: "))
 
 
 def _new_name(name: str, source: Path, taken: Mapping[str, Picture]) -> str:
@@ -129,18 +141,35 @@ def _joined(row: Picture, file: Picture | None) -> Picture:
 
 
 def _once(pictures: list[Picture], notes: list[str]) -> list[Picture]:
-    """Without further files of the same moment: the bands of a multispectral camera are one picture."""
-    seen: dict[tuple[object, ...], str] = {}
-    kept = []
+    """Without further files of one moment, the bands of a multispectral camera, and further ones of one view from one place.
+
+    Copies of a picture, and what a vehicle takes that hangs in one place or whose receiver stands still, show no more than the
+    first one of them.
+    """
+    moments: set[tuple[object, ...]] = set()
+    views: set[tuple[object, ...]] = set()
+    kept, bands, copies = [], 0, 0
     for picture in pictures:
-        key = (picture.lat_deg, picture.lon_deg, picture.alt_m, picture.time_s)
-        if None not in key and key in seen:
-            continue
-        seen[key] = picture.name
-        kept.append(picture)
-    if len(kept) < len(pictures):
+        place = (picture.lat_deg, picture.lon_deg, picture.alt_m)
+        moment, view = (*place, picture.time_s), (*place, picture.yaw_deg, picture.pitch_deg, picture.roll_deg)
+        if None in place or picture.lacks() is not None:
+            kept.append(picture)
+        elif picture.time_s is not None and moment in moments:
+            bands += 1
+        elif view in views:
+            copies += 1
+        else:
+            moments.add(moment)
+            views.add(view)
+            kept.append(picture)
+    if bands:
         notes.append(
-            f"{len(pictures) - len(kept)} of {len(pictures)} files tell the same place and time as another one (bands of one "
-            "picture): they count once"
+            f"{bands} of {len(pictures)} files tell the same place and time as another one (bands of one picture): they count "
+            "once"
+        )
+    if copies:
+        notes.append(
+            f"{copies} of {len(pictures)} pictures tell the same place and direction as another one (copies, or a receiver that "
+            "stood still): they count once"
         )
     return kept
