@@ -86,6 +86,10 @@ class Autopilot:
         busy_request_result: What a list or an item that is asked for is answered while a transfer is going on that keeps
             it out; None for nothing.
         busy_clear_results: What an emptying is answered meanwhile: ArduPilot says no twice, in two words.
+        stopped_by: The results with which a ground station ends its upload; others are ignored. ArduPilot 4.7 and PX4 1.17
+            say so in their sources.
+        answers_in_floats: Whether it answers the deprecated MISSION_REQUEST with the deprecated MISSION_ITEM.
+        clears_all_at_once: Whether it empties all lists for mission_type 255; if not, it says UNSUPPORTED.
         answers_strangers: Whether an item is answered that comes from a station which began no transfer, or not the last.
         count_restarts: Whether a COUNT in the middle of an upload starts it over; if not, it is answered ERROR.
         wrong_sequence_result: What an item that was not asked for is answered; None for nothing.
@@ -119,6 +123,9 @@ class Autopilot:
     busy_result: MissionResult
     busy_request_result: MissionResult | None
     busy_clear_results: tuple[MissionResult, ...]
+    stopped_by: frozenset[MissionResult]
+    answers_in_floats: bool
+    clears_all_at_once: bool
     answers_strangers: bool
     count_restarts: bool
     wrong_sequence_result: MissionResult | None
@@ -163,6 +170,9 @@ ARDUPILOT = Autopilot(
     busy_result=MissionResult.DENIED,
     busy_request_result=MissionResult.DENIED,
     busy_clear_results=(MissionResult.DENIED, MissionResult.ERROR),
+    stopped_by=frozenset(),
+    answers_in_floats=True,
+    clears_all_at_once=False,
     answers_strangers=True,
     count_restarts=True,
     wrong_sequence_result=MissionResult.INVALID_SEQUENCE,
@@ -213,6 +223,9 @@ PX4 = Autopilot(
     busy_result=MissionResult.ERROR,
     busy_request_result=None,
     busy_clear_results=(),
+    stopped_by=frozenset({MissionResult.OPERATION_CANCELLED}),
+    answers_in_floats=True,
+    clears_all_at_once=True,
     answers_strangers=False,
     count_restarts=False,
     wrong_sequence_result=None,

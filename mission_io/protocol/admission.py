@@ -1,12 +1,14 @@
-"""Whether a vehicle accepts an item during an upload, decided as each autopilot decides it."""
+"""An upload that comes in, and whether a vehicle accepts its items, decided as each autopilot decides it."""
 
 import math
+from dataclasses import dataclass, field
 
 from mission_io.autopilots.autopilot import WITHOUT_POSITION, Autopilot
 from mission_io.errors import FormatError
 from mission_io.model.areas import fence_from_items, rally_from_items
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import Frame, MissionItem, MissionType
+from mission_io.protocol.exchange import Address
 from mission_io.wire.messages import MissionItemFloat, MissionItemInt
 from mission_io.wire.mission_items import item_from_message
 
@@ -16,6 +18,18 @@ _INVALID_PARAMS = (
     MissionResult.INVALID_PARAM3,
     MissionResult.INVALID_PARAM4,
 )
+
+
+@dataclass(slots=True)
+class Incoming:
+    """An upload in progress."""
+
+    station: Address
+    mission_type: MissionType
+    count: int
+    heard_at: float
+    asked_at: float
+    items: list[MissionItem] = field(default_factory=list)
 
 
 def refusal_of(message: MissionItemInt | MissionItemFloat, autopilot: Autopilot) -> MissionResult | None:

@@ -46,7 +46,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
 
     Attributes:
         patience: What was learnt about the link; pass it to the next exchange with the same vehicle.
-        last_result: The last MissionResult of the vehicle; None before the first.
+        last_result: The last MissionResult of the vehicle that had an effect; None before the first.
         silences: Number of repetitions after a silence.
         restarts: Number of restarts of the exchange.
         list_id: The vehicle's id of the list that was transferred; 0 before the end, and from a vehicle without ids.
@@ -121,10 +121,15 @@ class Exchange(ABC, Generic[StateT, EventT]):
         event = self._event_of(message, now)
         if event is None:
             return
-        if isinstance(message, MissionAck):
+        if isinstance(message, MissionAck) and self._means_something(event):
             self.last_result = _named(message.result)
         self._last_heard = now
         self._step(event, now)
+
+    def _means_something(self, event: EventT) -> bool:
+        """Whether an event has an effect now; an answer to a late duplicate is no reason for what follows."""
+        row = self.table.row(self.state, event)
+        return row.state is not row.next_state or bool(row.action)
 
     def messages_to_send(self, now: float) -> list[Message]:
         """The messages due by ``now``."""

@@ -1,14 +1,14 @@
 """The vehicle's side of the mission protocol: accepts uploads, serves downloads, clears; behaves as one autopilot does."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from mission_io.autopilots.autopilot import Autopilot, home_item, stored_item
 from mission_io.errors import MisuseError
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import ALL_MISSION_TYPES, GeoPoint, MissionItem, MissionType
-from mission_io.protocol.admission import list_is_whole, refusal_of
+from mission_io.protocol.admission import Incoming, list_is_whole, refusal_of
 from mission_io.protocol.exchange import Address
 from mission_io.protocol.list_ids import id_of_items
 from mission_io.protocol.tables import SERVER_TABLE, MissingRowError, ServerEvent, ServerState
@@ -25,7 +25,7 @@ from mission_io.wire.messages import (
     Received,
     is_for,
 )
-from mission_io.wire.mission_items import item_from_message, message_from_item
+from mission_io.wire.mission_items import float_message, item_from_message, message_from_item
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,18 +41,6 @@ class ListChanged:
     mission_type: MissionType
     items: tuple[MissionItem, ...]
     reason: Literal["uploaded", "upload failed", "cleared"]
-
-
-@dataclass(slots=True)
-class _Incoming:
-    """An upload in progress."""
-
-    station: Address
-    mission_type: MissionType
-    count: int
-    heard_at: float
-    asked_at: float
-    items: list[MissionItem] = field(default_factory=list)
 
 
 class MissionServer:
@@ -84,7 +72,7 @@ class MissionServer:
         limit = autopilot.item_limit if capacity is None else capacity
         self.capacity = limit if limit is not None else 65535
         self._lists: dict[MissionType, tuple[MissionItem, ...]] = dict.fromkeys(MissionType, ())
-        self._incoming: _Incoming | None = None
+        self._incoming: Incoming | None = None
         self._ended: tuple[Address, MissionType, int] | None = None
         self._partner: Address | None = None  # who began the last transfer
         self._served: tuple[Address, int] | None = None  # whose download of which list is going on
@@ -95,6 +83,7 @@ class MissionServer:
         # About the message at hand: who sent it, which list and which item or count it speaks of, and why it is refused.
         self._sender, self._about, self._number = local, 0, 0
         self._item: MissionItem | None = None
+        self._in_floats = False
         self._refusal = MissionResult.ERROR
         self._actions = {name: getattr(self, f"_{name}") for name in {row.action for row in SERVER_TABLE.rows} if name}
 
@@ -176,18 +165,30 @@ class MissionServer:
             case MissionRequestList():
                 if self._about not in self._lists:
                     return ServerEvent.REQUEST_UNKNOWN
-                return ServerEvent.LIST_HELD if self.autopilot.download_blocks_s else ServerEvent.LIST
+                if not self.autopilot.download_blocks_s:
+                    return ServerEvent.LIST
+                return ServerEvent.LIST_OTHER if self._serves_another() else ServerEvent.LIST_HELD
             case MissionRequest() | MissionRequestInt():
+                self._in_floats = self.autopilot.answers_in_floats and isinstance(message, MissionRequest)
                 return self._request_event(message.seq)
             case MissionClearAll():
+                if self._about == ALL_MISSION_TYPES and not self.autopilot.clears_all_at_once:
+                    self._refusal = MissionResult.UNSUPPORTED
+                    return ServerEvent.COUNT_REFUSED
                 known = self._about in (*self._lists, ALL_MISSION_TYPES)
                 return ServerEvent.CLEAR if known else ServerEvent.REQUEST_UNKNOWN
             case MissionAck():
-                cancelled = message.result == MissionResult.OPERATION_CANCELLED
+                stops = message.result in self.autopilot.stopped_by
                 concerned = self._incoming is None or self._is_incoming()
-                return ServerEvent.ACK_CANCEL if cancelled and concerned else ServerEvent.ACK
+                return ServerEvent.ACK_CANCEL if stops and concerned else ServerEvent.ACK
             case _:
                 return None
+
+    def _serves_another(self) -> bool:
+        """Whether a download is going on that is not the message's, and not at its last item."""
+        if self.state is not ServerState.SENDING or self._served is None or self._served == (self._sender, self._about):
+            return False
+        return self._serve_next < len(self.items(MissionType(self._served[1])))
 
     def _request_event(self, seq: int) -> ServerEvent:
         self._number = seq
@@ -243,7 +244,7 @@ class MissionServer:
     def _begin(self, now: float) -> None:
         mission_type = MissionType(self._about)
         self._ended, self._partner = None, self._sender
-        self._incoming = _Incoming(self._sender, mission_type, self._number, now, now)
+        self._incoming = Incoming(self._sender, mission_type, self._number, now, now)
         if mission_type not in self.autopilot.atomic:
             self._lists[mission_type] = self._lists[mission_type][: self._number]
         self._ask(now)
@@ -315,24 +316,20 @@ class MissionServer:
         self._served, self._served_at, self._serve_next = (self._sender, self._about), now, 0
         self._partner = self._sender
         to, held = self._sender, self.items(MissionType(self._about))
-        list_id = self._list_id(MissionType(self._about))
+        list_id = self.list_id(MissionType(self._about))
         self._outbox.append(MissionCount(to.system_id, to.component_id, len(held), self._about, list_id))
 
     def _send_item(self, now: float) -> None:
         self._served_at = now
         self._serve_next = max(self._serve_next, self._number + 1)
-        to, mission_type = self._sender, MissionType(self._about)
-        item = self.items(mission_type)[self._number]
+        to, about, seq = self._sender, MissionType(self._about), self._number
+        item = self.items(about)[seq]
         message = message_from_item(
-            item,
-            self._number,
-            mission_type=mission_type,
-            target_system=to.system_id,
-            target_component=to.component_id,
+            item, seq, mission_type=about, target_system=to.system_id, target_component=to.component_id
         )
         if not self.autopilot.returns_int_frames:
             message = replace(message, frame=int(item.frame))
-        self._outbox.append(message)
+        self._outbox.append(float_message(message) if self._in_floats else message)
 
     def _accept_again(self, now: float) -> None:
         del now
@@ -383,16 +380,17 @@ class MissionServer:
 
     def _send_ack(self, to: Address, result: MissionResult, mission_type: int) -> None:
         accepted = result is MissionResult.ACCEPTED and mission_type in self._lists
-        list_id = self._list_id(MissionType(mission_type)) if accepted else 0
+        list_id = self.list_id(MissionType(mission_type)) if accepted else 0
         self._outbox.append(MissionAck(to.system_id, to.component_id, result, mission_type, list_id))
 
-    def _list_id(self, mission_type: MissionType) -> int:
+    def list_id(self, mission_type: MissionType) -> int:
+        """The id of a list, which changes with its content; 0 for an empty one, and where lists have none."""
         return id_of_items(self.items(mission_type)) if self.autopilot.has_list_ids else 0
 
     def _changed(self, mission_type: MissionType, reason: Literal["uploaded", "upload failed", "cleared"]) -> None:
         self._events.append(ListChanged(mission_type, self.items(mission_type), reason))
 
-    def _upload(self) -> _Incoming:
+    def _upload(self) -> Incoming:
         if self._incoming is None:
             raise MissingRowError("an upload's action while none is going on")
         return self._incoming

@@ -82,7 +82,9 @@ class ServerEvent(Enum):
 
     COUNT = "an upload is announced"
     COUNT_ZERO = "an empty list is announced"
-    COUNT_REFUSED = "an upload is announced that cannot be taken: too long, too early, unknown list"
+    COUNT_REFUSED = (
+        "what cannot be taken: an upload too long, too early or of an unknown list; all lists emptied at once"
+    )
     COUNT_LATE = "the upload that is going on is announced again, and this autopilot does not start over"
     COUNT_OTHER = "another ground station, or another list, during an upload"
     ITEM = "the item that was asked for"
@@ -93,6 +95,7 @@ class ServerEvent(Enum):
     ITEM_OTHER = "an item from another ground station, or for another list"
     LIST = "a list is asked for"
     LIST_HELD = "a list is asked for, and this autopilot takes no upload until it is acknowledged"
+    LIST_OTHER = "the same, by another ground station or for another list while one is being fetched"
     REQUEST = "an item of a list is asked for"
     REQUEST_UNKNOWN = "an item that does not exist is asked for, or one that is not the next of the download"
     REQUEST_UNHEARD = "an item is asked for outside of a download, and this autopilot wants one to be begun"
@@ -152,7 +155,7 @@ SERVER_TABLE: Table[ServerState, ServerEvent] = Table(
         Row(_VehicleState.SENDING, _VehicleEvent.ACK, _VehicleState.IDLE),
         Row(_VehicleState.SENDING, _VehicleEvent.ACK_CANCEL, _VehicleState.IDLE),
         Row(_VehicleState.SENDING, _VehicleEvent.DOWNLOAD_OVER, _VehicleState.IDLE),
-        *staying([_VehicleState.SENDING], [_VehicleEvent.REQUEST_UNHEARD]),
+        *staying([_VehicleState.SENDING], [_VehicleEvent.REQUEST_UNHEARD, _VehicleEvent.LIST_OTHER]),
     ]
 )
 """Every transition of the vehicle's side."""

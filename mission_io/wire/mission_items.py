@@ -63,6 +63,15 @@ def item_from_message(message: MissionItemInt | MissionItemFloat) -> MissionItem
     )
 
 
+def float_message(message: MissionItemInt) -> MissionItemFloat:
+    """The same item in the deprecated form, with 32-bit degrees."""
+    scale = 1.0 if message.frame == Frame.COMMAND else DEGREES_SCALE
+    return MissionItemFloat(
+        message.target_system, message.target_component, message.seq, message.frame, message.command, message.params,
+        message.x / scale, message.y / scale, message.z, message.current, message.autocontinue, message.mission_type,
+    )  # fmt: skip
+
+
 def degrees_on_wire(value_deg: float) -> float:
     """The coordinate that arrives when ``value_deg`` is sent."""
     return round(value_deg * DEGREES_SCALE) / DEGREES_SCALE

@@ -109,6 +109,8 @@ class FlightControl:
     def set_current(self, seq: int) -> CommandResult:
         """Continue with another mission item."""
         if not self.mission.go_to(seq):
+            if not self.state.is_ardupilot:
+                self.state.say(_CRITICAL, f"There is no mission item {seq}")
             return CommandResult.DENIED
         self._fly_on()
         tell(self.state, m.MissionCurrent)

@@ -1,0 +1,127 @@
+"""A case as data: what is asked, what the guide says about it, and what came of it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from functools import partial
+from typing import Any, Generic, TypeVar
+
+from mission_io.conformance.guide import Section
+from mission_io.conformance.samples import LIST_NAMES
+from mission_io.errors import MissionIoError
+from mission_io.model.items import MissionType
+
+SubjectT = TypeVar("SubjectT")
+
+
+class Outcome(Enum):
+    """How a case ended."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    REFUSED = "refused"
+    """The other side said no, which it may, so the question stayed open."""
+    NOT_SUPPORTED = "not supported"
+    """The other side has no such thing, or does not let it be seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class CaseResult:
+    """The answer to one case.
+
+    Attributes:
+        case: Its name.
+        outcome: How it ended.
+        seen: What the other side did, one line.
+        took_s: Seconds from the first message to the verdict.
+    """
+
+    case: str
+    outcome: Outcome
+    seen: str
+    took_s: float = 0.0
+
+
+class EndedError(MissionIoError):
+    """Ends a case with another verdict than a pass; the message is what was seen."""
+
+    verdict = Outcome.FAIL
+
+
+class FailedError(EndedError):
+    """The other side does not do what the guide says."""
+
+
+class RefusedError(EndedError):
+    """The other side refused what the case needs."""
+
+    verdict = Outcome.REFUSED
+
+
+class LackingError(EndedError):
+    """The other side does not have what the case is about."""
+
+    verdict = Outcome.NOT_SUPPORTED
+
+
+@dataclass(frozen=True, slots=True)
+class ProtocolCase(Generic[SubjectT]):
+    """One question.
+
+    Attributes:
+        name: For ``--case`` and tables.
+        says: What the guide says, in short.
+        section: Where it says so.
+        ask: Asks it; returns what was seen, or raises an ``EndedError``.
+        like: The tests of MAVSDK's transfer suites that ask the same.
+    """
+
+    name: str
+    says: str
+    section: Section
+    ask: Callable[[SubjectT], str]
+    like: tuple[str, ...] = ()
+
+    def answered_by(self, subject: SubjectT) -> tuple[Outcome, str]:
+        """Ask it; the verdict and what was seen."""
+        try:
+            return Outcome.PASS, self.ask(subject)
+        except EndedError as ended:
+            return ended.verdict, str(ended)
+
+
+def for_each_list(
+    name: str,
+    says: str,
+    section: Section,
+    ask: Callable[[MissionType, SubjectT], str],
+    like: tuple[str, ...] = (),
+) -> tuple[ProtocolCase[SubjectT], ...]:
+    """The case once for each of the three lists; ``ask`` is told which."""
+    return tuple(
+        ProtocolCase(f"{name}-{LIST_NAMES[t].split()[0]}", says, section, partial(ask, t), like) for t in MissionType
+    )
+
+
+def check(condition: object, seen: str) -> None:
+    """Go on only if a condition holds.
+
+    Raises:
+        FailedError: it does not; ``seen`` is what was seen.
+    """
+    if not condition:
+        raise FailedError(seen)
+
+
+def as_json(result: CaseResult, case: ProtocolCase[Any]) -> dict[str, Any]:
+    """A result as plain JSON values."""
+    return {
+        "case": result.case,
+        "result": result.outcome.value,
+        "says": case.says,
+        "section": case.section.value,
+        "url": case.section.url,
+        "seen": result.seen,
+        "took_s": round(result.took_s, 3),
+        "like": list(case.like),
+    }

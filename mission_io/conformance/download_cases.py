@@ -1,0 +1,297 @@
+"""Cases for a vehicle that serves a download."""
+
+from dataclasses import replace
+from typing import Final
+
+from mission_io.conformance.case import FailedError, ProtocolCase, RefusedError, check, for_each_list
+from mission_io.conformance.guide import Section
+from mission_io.conformance.probe import ANSWER_S, ITEMS, NOBODY, REQUESTS, Probe, described, seq_of
+from mission_io.conformance.samples import difference, sample
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import MissionItem, MissionType
+from mission_io.wire.messages import (
+    Heartbeat,
+    MissionAck,
+    MissionCount,
+    MissionItemFloat,
+    MissionItemInt,
+    MissionRequest,
+    MissionRequestInt,
+    MissionRequestList,
+)
+from mission_io.wire.mission_items import item_from_message
+
+_MISSION: Final = MissionType.MISSION
+_COUNT: Final = 4
+_FREE_S: Final = 15.0
+_SLOW_S: Final = 1.2
+_INT_FRAMES: Final = (5, 6, 11, 2)
+_STRANGE_TYPE: Final = 7
+
+
+def _listed(p: Probe, t: MissionType) -> int:
+    """Begin a download; the number of items."""
+    p.forget()
+    answer = p.ask(MissionRequestList(*p.to, t), t, (MissionCount, MissionAck))
+    if isinstance(answer, MissionAck):
+        raise RefusedError(f"the list was refused: {described(answer)}")
+    if not isinstance(answer, MissionCount):
+        raise FailedError("the list was asked for and did not come")
+    return answer.count
+
+
+def _item(p: Probe, t: MissionType, seq: int) -> MissionItemInt | MissionItemFloat:
+    """Ask for an item; it."""
+    answer = p.ask(MissionRequestInt(*p.to, seq, t), t, (*ITEMS, MissionAck))
+    if not isinstance(answer, ITEMS):
+        raise FailedError(f"item {seq} was asked for: {described(answer)}")
+    check(answer.seq == seq, f"item {seq} was asked for, item {answer.seq} came")
+    return answer
+
+
+def _rest_of(p: Probe, t: MissionType, count: int, first: int = 0) -> list[MissionItemInt | MissionItemFloat]:
+    items = [_item(p, t, seq) for seq in range(first, count)]
+    p.send(p.ack(MissionResult.ACCEPTED, t))
+    return items
+
+
+def _check_items(
+    p: Probe, t: MissionType, sent: tuple[MissionItem, ...], got: list[MissionItemInt | MissionItemFloat]
+) -> None:
+    wrong = difference(sent, [item_from_message(m) for m in got], home_first=p.home_first and t is _MISSION)
+    check(not wrong, wrong)
+
+
+def in_order(t: MissionType, p: Probe) -> str:
+    """Count, items, each with its number and list, and for this station."""
+    held = sample(t, _COUNT)
+    p.hold(t, held)
+    count = _listed(p, t)
+    check(count == _COUNT, f"COUNT {count} for {_COUNT} items")
+    got = _rest_of(p, t, count)
+    local = p.client.local
+    for message in got:
+        check(message.target_system == local.system_id, f"item {message.seq} is for system {message.target_system}")
+    _check_items(p, t, held, got)
+    return f"COUNT {count}, items 0 to {count - 1}"
+
+
+def no_items(t: MissionType, p: Probe) -> str:
+    """An empty list has count 0."""
+    p.hold(t, ())
+    count = _listed(p, t)
+    home = int(p.home_first and t is _MISSION)
+    check(count <= home, f"COUNT {count} for an empty list")
+    p.send(p.ack(MissionResult.ACCEPTED, t))
+    return f"COUNT {count}"
+
+
+def int_items(p: Probe) -> str:
+    """MISSION_REQUEST_INT is answered with MISSION_ITEM_INT."""
+    p.hold(_MISSION, sample(_MISSION, _COUNT))
+    got = _rest_of(p, _MISSION, _listed(p, _MISSION))
+    floats = [m.seq for m in got if isinstance(m, MissionItemFloat)]
+    check(not floats, f"items {floats} came as MISSION_ITEM")
+    return "all as MISSION_ITEM_INT"
+
+
+def int_frames(p: Probe) -> str:
+    """MISSION_ITEM_INT goes with the frames whose names end in INT."""
+    p.hold(_MISSION, sample(_MISSION, _COUNT))
+    frames = {m.frame for m in _rest_of(p, _MISSION, _listed(p, _MISSION)) if isinstance(m, MissionItemInt)}
+    check(frames <= set(_INT_FRAMES), f"frames {sorted(frames)}: not those of integers")
+    return f"frames {sorted(frames)}"
+
+
+def old_request(p: Probe) -> str:
+    """MISSION_REQUEST is answered as MISSION_REQUEST_INT is."""
+    p.hold(_MISSION, sample(_MISSION, _COUNT))
+    _listed(p, _MISSION)
+    answer = p.ask(MissionRequest(*p.to, 0, _MISSION), _MISSION, (*ITEMS, MissionAck))
+    p.send(p.ack(MissionResult.OPERATION_CANCELLED))
+    if isinstance(answer, MissionAck):
+        raise RefusedError(f"MISSION_REQUEST was answered {described(answer)}")
+    check(isinstance(answer, MissionItemInt), f"MISSION_REQUEST was answered with {described(answer)}")
+    return "answered with MISSION_ITEM_INT"
+
+
+def list_twice(p: Probe) -> str:
+    """The list is asked for again when its count was lost."""
+    held = sample(_MISSION, _COUNT)
+    p.hold(_MISSION, held)
+    _listed(p, _MISSION)
+    count = _listed(p, _MISSION)
+    check(count == _COUNT, f"COUNT {count} at the second time")
+    _check_items(p, _MISSION, held, _rest_of(p, _MISSION, count))
+    return "the same count again, and every item"
+
+
+def item_twice(p: Probe) -> str:
+    """An item is asked for again when it was lost."""
+    held = sample(_MISSION, _COUNT)
+    p.hold(_MISSION, held)
+    count = _listed(p, _MISSION)
+    got = []
+    for seq in range(count):
+        first, second = _item(p, _MISSION, seq), _item(p, _MISSION, seq)
+        check(first == second, f"item {seq} was another one at the second time")
+        got.append(second)
+    p.send(p.ack(MissionResult.ACCEPTED))
+    _check_items(p, _MISSION, held, got)
+    return "every item twice, and the same"
+
+
+def beyond(p: Probe) -> str:
+    """An item that does not exist: an error, or nothing; and the vehicle serves on."""
+    held = sample(_MISSION, _COUNT)
+    p.hold(_MISSION, held)
+    count = _listed(p, _MISSION)
+    p.send(MissionRequestInt(*p.to, count + 3, _MISSION))
+    answer = p.answer(_MISSION, ANSWER_S / 2.0, (*ITEMS, MissionAck))
+    check(not isinstance(answer, ITEMS), f"item {count + 3} of {count} came")
+    if isinstance(answer, MissionAck):
+        check(answer.result != MissionResult.ACCEPTED, f"item {count + 3} of {count}: ACK ACCEPTED")
+    p.rest()
+    _check_items(p, _MISSION, held, _rest_of(p, _MISSION, _listed(p, _MISSION)))
+    return f"answered with {described(answer)}; a new download was served"
+
+
+def skipping(p: Probe) -> str:
+    """Item 2 before item 0; whatever it answers, a new download is served."""
+    held = sample(_MISSION, _COUNT)
+    p.hold(_MISSION, held)
+    _listed(p, _MISSION)
+    p.send(MissionRequestInt(*p.to, 2, _MISSION))
+    answer = p.answer(_MISSION, ANSWER_S / 2.0, (*ITEMS, MissionAck))
+    check(not isinstance(answer, ITEMS) or seq_of(answer) == 2, f"item 2 was asked for, item {seq_of(answer)} came")
+    p.rest()
+    _check_items(p, _MISSION, held, _rest_of(p, _MISSION, _listed(p, _MISSION)))
+    return f"answered with {described(answer)}; a new download was served"
+
+
+def _upload_taken(p: Probe) -> float:
+    """Seconds until an upload is taken."""
+    new = sample(_MISSION, 3, first=50)
+    began = p.now()
+    while p.now() - began < _FREE_S:
+        p.forget()
+        p.send(p.count(3))
+        answer = p.answer(_MISSION, 0.5, (*REQUESTS, MissionAck))
+        if isinstance(answer, REQUESTS) and seq_of(answer) == 0:
+            waited_s = p.now() - began
+            ack = p.finish_upload(new, _MISSION)
+            check(ack.result == MissionResult.ACCEPTED, f"the upload after it ended with {described(ack)}")
+            return waited_s
+    raise FailedError(f"no upload was taken for {_FREE_S:g} s")
+
+
+def abandoned(p: Probe) -> str:
+    """A station that asked for the list and went away does not keep others out for ever."""
+    p.hold(_MISSION, sample(_MISSION, _COUNT))
+    _listed(p, _MISSION)
+    return f"an upload was taken {_upload_taken(p):.1f} s later"
+
+
+def cancelled(p: Probe) -> str:
+    """A cancelled download leaves the vehicle idle."""
+    p.hold(_MISSION, sample(_MISSION, _COUNT))
+    _listed(p, _MISSION)
+    _item(p, _MISSION, 0)
+    p.send(p.ack(MissionResult.OPERATION_CANCELLED))
+    waited_s = _upload_taken(p)
+    check(waited_s < 2.0, f"an upload was taken {waited_s:.1f} s after ACK OPERATION_CANCELLED")
+    return "an upload was taken at once"
+
+
+def slow(p: Probe) -> str:
+    """A station that takes more than a second for each request."""
+    held = sample(_MISSION, _COUNT)
+    p.hold(_MISSION, held)
+    count = _listed(p, _MISSION)
+    got = []
+    for seq in range(count):
+        p.quiet(_SLOW_S)
+        got.append(_item(p, _MISSION, seq))
+    p.send(p.ack(MissionResult.ACCEPTED))
+    _check_items(p, _MISSION, held, got)
+    return f"served with {_SLOW_S:g} s between requests"
+
+
+def second_station(p: Probe) -> str:
+    """Another station asks for the list in the middle of a download."""
+    held = sample(_MISSION, _COUNT)
+    p.hold(_MISSION, held)
+    p.send(Heartbeat(autopilot=8, vehicle_type=6, system_status=4), as_other=True)
+    count = _listed(p, _MISSION)
+    got = [_item(p, _MISSION, 0)]
+    p.send(MissionRequestList(*p.to, _MISSION), as_other=True)
+    p.quiet(0.3)
+    got += _rest_of(p, _MISSION, count, first=1)
+    _check_items(p, _MISSION, held, got)
+    return "the first station got every item"
+
+
+def other_target(p: Probe) -> str:
+    """What is addressed to another system is not answered."""
+    p.hold(_MISSION, sample(_MISSION, _COUNT))
+    p.forget()
+    p.send(MissionRequestList(NOBODY, p.to[1], _MISSION))
+    p.send(replace(MissionRequestInt(*p.to, 0, _MISSION), target_system=NOBODY))
+    said = p.quiet(2.0)
+    check(not said, f"a request for system {NOBODY} was answered with {described(said[0]) if said else ''}")
+    return "no answer"
+
+
+def strange_type(p: Probe) -> str:
+    """A list that does not exist is not served."""
+    p.hold(_MISSION, sample(_MISSION, _COUNT))
+    p.forget()
+    p.send(MissionRequestList(*p.to, _STRANGE_TYPE))
+    said = p.quiet(2.0)
+    counts = [m for m in said if isinstance(m, MissionCount) and m.count]
+    check(not counts, f"the list of mission_type {_STRANGE_TYPE} has {counts[0].count if counts else 0} items")
+    return f"answered with {described(said[0] if said else None)}"
+
+
+DOWNLOAD_CASES: Final[tuple[ProtocolCase[Probe], ...]] = (
+    *for_each_list(
+        "download-in-order", "count, then each item that is asked for", Section.DOWNLOAD, in_order,
+        ("SendOutgoingMissionSendsCount", "SendOutgoingMissionSendsMissionItems",
+         "DownloadMissionSendsAllMissionRequestsAndAck"),
+    ),
+    *for_each_list(
+        "download-empty", "the count of an empty list is 0", Section.DOWNLOAD, no_items,
+        ("SendOutgoingMissionEmptyMission", "DownloadMissionEmptyList"),
+    ),
+    ProtocolCase("download-int-items", "items are packed in MISSION_ITEM_INT", Section.DOWNLOAD, int_items),
+    ProtocolCase("download-int-frames", "with frames whose names end in INT", Section.FRAMES, int_frames),
+    ProtocolCase(
+        "download-old-request", "MISSION_REQUEST is answered with MISSION_ITEM_INT", Section.DEPRECATED, old_request,
+        ("SendOutgoingMissionNacksNonIntCase",),
+    ),
+    ProtocolCase(
+        "download-list-twice", "a request without an answer is sent again", Section.TIMEOUTS, list_twice,
+        ("DownloadMissionResendsRequestList", "SendOutgoingMissionResendsCount"),
+    ),
+    ProtocolCase(
+        "download-item-twice", "the same for an item", Section.TIMEOUTS, item_twice,
+        ("SendOutgoingMissionResendsMissionItems", "DownloadMissionResendsRequestItemAgainForSecondItem"),
+    ),
+    ProtocolCase("download-beyond-count", "an error can answer any request", Section.ERRORS, beyond),
+    ProtocolCase("download-skipping", "out-of-sequence messages are recoverable", Section.ERRORS, skipping),
+    ProtocolCase(
+        "download-abandoned", "back to idle when the other side falls silent", Section.TIMEOUTS, abandoned,
+        ("SendOutgoingMissionTimeoutAfterSendCount",),
+    ),
+    ProtocolCase(
+        "download-cancelled", "OPERATION_CANCELLED: both sides go idle", Section.CANCEL, cancelled,
+        ("SendOutgoingMissionCanBeCancelled", "DownloadMissionCanBeCancelled"),
+    ),
+    ProtocolCase(
+        "download-slow", "time-outs are no errors", Section.ERRORS, slow,
+        ("SendOutgoingMissionTimeoutNotTriggeredDuringTransfer", "DownloadMissionTimeoutNotTriggeredDuringTransfer"),
+    ),
+    ProtocolCase("download-second-station", "each station's operation is its own", Section.DOWNLOAD, second_station),
+    ProtocolCase("download-other-target", "a message is for the system that it names", Section.ROUTING, other_target),
+    ProtocolCase("download-strange-type", "mission_type is mission, fence or rally", Section.TYPES, strange_type),
+)  # fmt: skip

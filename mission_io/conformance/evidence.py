@@ -1,0 +1,97 @@
+"""What is kept of a ground station in one case, and the case itself."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Final
+
+from mission_io.conformance.case import ProtocolCase
+from mission_io.conformance.tricks import Trick
+from mission_io.model.items import MissionItem, MissionType
+from mission_io.protocol.exchange import Address
+from mission_io.wire.messages import Message
+
+
+class Operation(Enum):
+    """What a ground station begins."""
+
+    UPLOAD = "upload a list"
+    EMPTY = "upload an empty list"
+    CANCEL_UPLOAD = "upload a list and cancel it"
+    DOWNLOAD = "download a list"
+    CANCEL_DOWNLOAD = "download a list and cancel it"
+    CLEAR = "clear a list"
+    SET_CURRENT = "set the current item"
+
+
+ON_REQUEST: Final = (Operation.CANCEL_UPLOAD, Operation.CANCEL_DOWNLOAD)
+"""Only asked when the case is named: a ground station cannot know when to cancel."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeardMessage:
+    """A message of the ground station."""
+
+    at_s: float
+    message: Message
+
+
+@dataclass(slots=True)
+class StationEvidence:
+    """What happened in one case.
+
+    Attributes:
+        operation: What the station began.
+        mission_type: About which list.
+        station: Who it is.
+        vehicle: Whom it should talk to.
+        heard: What it said in the mission protocol.
+        said: What the vehicle said.
+        old: The list that the vehicle held before.
+        held: The list that it holds now.
+        told: What the station told its user: success or failure; None when that is not known.
+        unending: Whether the station was still at it when the time was up.
+    """
+
+    operation: Operation
+    mission_type: MissionType
+    station: Address
+    vehicle: Address
+    began_s: float
+    old: tuple[MissionItem, ...]
+    heard: list[HeardMessage] = field(default_factory=list)
+    said: list[HeardMessage] = field(default_factory=list)
+    held: tuple[MissionItem, ...] = ()
+    told: bool | None = None
+    unending: bool = False
+
+    def of(self, *kinds: type[Message]) -> list[HeardMessage]:
+        """What the station said of some kinds, about the list."""
+        return [h for h in self.heard if isinstance(h.message, kinds) and self._is_about(h.message)]
+
+    def answered(self, *kinds: type[Message]) -> list[HeardMessage]:
+        """What the vehicle said of some kinds, about the list and to the station."""
+        return [h for h in self.said if isinstance(h.message, kinds) and self._is_about(h.message)]
+
+    def _is_about(self, message: Message) -> bool:
+        return getattr(message, "mission_type", self.mission_type) == self.mission_type
+
+    @property
+    def lasted_s(self) -> float:
+        """Seconds from the first to the last message of the station."""
+        return self.heard[-1].at_s - self.began_s if self.heard else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class ClientCase(ProtocolCase[StationEvidence]):
+    """A case for a ground station.
+
+    Attributes:
+        operation: What it has to begin.
+        trick: Makes what the vehicle does wrong.
+        mission_type: The list that it has to be about; None for any.
+    """
+
+    operation: Operation = Operation.UPLOAD
+    trick: Callable[[], Trick] = Trick
+    mission_type: MissionType | None = None

@@ -1,0 +1,352 @@
+"""A vehicle that misbehaves case by case, and keeps what the ground station does. No socket, no clock of its own.
+
+It waits until a ground station begins something, takes the next open case about that, plays its trick, and judges when the
+station has been silent for a while. What the station does besides, such as reading back, is served as it should be.
+"""
+
+import heapq
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final
+
+from mission_io.autopilots.autopilot import PX4
+from mission_io.conformance.case import CaseResult
+from mission_io.conformance.evidence import ClientCase, HeardMessage, Operation, StationEvidence
+from mission_io.conformance.guide import ITEM_RESEND_S
+from mission_io.conformance.samples import sample
+from mission_io.conformance.tricks import Said, Trick
+from mission_io.model.enums import AutopilotId, CommandResult, MissionResult
+from mission_io.model.items import Command, Frame, MissionType
+from mission_io.protocol.exchange import Address
+from mission_io.protocol.server import MissionServer
+from mission_io.wire.codec import Codec, message_id
+from mission_io.wire.messages import (
+    AutopilotVersion,
+    CommandAck,
+    CommandLong,
+    Heartbeat,
+    Message,
+    MissionAck,
+    MissionClearAll,
+    MissionCount,
+    MissionCurrent,
+    MissionItemFloat,
+    MissionItemInt,
+    MissionRequest,
+    MissionRequestInt,
+    MissionRequestList,
+    MissionSetCurrent,
+    Received,
+    StatusText,
+    is_for,
+)
+
+BY_THE_GUIDE: Final = replace(
+    PX4,
+    name="the guide",
+    frames=frozenset(Frame),
+    position_free_frames=frozenset(Frame),
+    storage={},
+    rerequest_s=ITEM_RESEND_S,
+    give_up_s=12.0,
+    count_restarts=True,
+    acks_repeated_last_item=False,
+    download_blocks_s=0.0,
+    answers_in_floats=False,
+    stopped_by=frozenset(MissionResult) - {MissionResult.ACCEPTED},
+)
+"""The vehicle as the guide describes it, where no trick is played."""
+
+QUIET_S: Final = 5.0
+"""A ground station that has been silent for so long is done."""
+LONGEST_S: Final = 120.0
+"""One that has not come to an end after this time never does."""
+
+CAPABILITIES: Final = (1 << 2) | (1 << 13) | (1 << 14) | (1 << 15)
+"""It takes integers, MAVLink 2, fences and rally points."""
+
+_CLIENT_KINDS: Final = (
+    MissionCount,
+    MissionItemInt,
+    MissionItemFloat,
+    MissionRequest,
+    MissionRequestInt,
+    MissionRequestList,
+    MissionAck,
+    MissionClearAll,
+    MissionSetCurrent,
+)
+
+
+class FakeVehicle:
+    """The vehicle, as a peer of a link: it takes datagrams and gives datagrams.
+
+    Args:
+        cases: To be judged, each once.
+        autopilot: The autopilot that its heartbeats name.
+        judged: Called with each result.
+        quiet_s: A ground station that has been silent for so long is done.
+        system_id: Its MAVLink system.
+
+    Attributes:
+        results: Of the cases that were judged.
+    """
+
+    def __init__(
+        self,
+        cases: Sequence[ClientCase],
+        *,
+        autopilot: AutopilotId = AutopilotId.PX4,
+        judged: Callable[[CaseResult], None] | None = None,
+        quiet_s: float = QUIET_S,
+        system_id: int = 1,
+    ) -> None:
+        self.address = Address(system_id, 1)
+        self.server = MissionServer(BY_THE_GUIDE, local=self.address)
+        self.open = list(cases)
+        self.results: list[CaseResult] = []
+        self._autopilot, self._judged, self._quiet_s = autopilot, judged, quiet_s
+        self._codecs: dict[Address, Codec] = {}
+        self._waiting: list[tuple[float, int, Address, Message]] = []
+        self._order = itertools.count()
+        self._case: ClientCase | None = None
+        self._trick = Trick()
+        self._evidence: StationEvidence | None = None
+        self._current = 0
+        self._beat_at = 0.0
+        for mission_type in MissionType:
+            self.server.set_items(mission_type, sample(mission_type, 4))
+
+    # The peer of a link.
+
+    def receive_datagram(self, data: bytes, now: float) -> None:
+        """Take a datagram that arrived at ``now``."""
+        self._judge_if_over(now)
+        for received in self._codec(self.address).decode(data):
+            self._receive(received, now)
+        self._collect(now)
+
+    def datagrams_to_send(self, now: float) -> list[bytes]:
+        """What it wants to send at ``now``."""
+        self._judge_if_over(now)
+        self._collect(now)
+        if now >= self._beat_at:
+            self._beat_at = now + 1.0
+            self._say(Said(Heartbeat(self._autopilot, 2, 0, 0, 3)), now)
+            self._say(Said(self._mission_current()), now)
+        sent = []
+        while self._waiting and self._waiting[0][0] <= now:
+            _, _, sender, message = heapq.heappop(self._waiting)
+            sent.append(self._codec(sender).encode(message))
+        return sent
+
+    def next_timer(self) -> float:
+        """When it wants to be asked again although nothing arrives."""
+        times = [self._beat_at]
+        timer = self.server.next_timer()
+        if timer is not None:
+            times.append(timer)
+        if self._waiting:
+            times.append(self._waiting[0][0])
+        if self._evidence is not None:
+            times.append(self._over_at(self._evidence))
+        return min(times)
+
+    # Cases.
+
+    @property
+    def busy(self) -> bool:
+        """Whether a case is going on."""
+        return self._case is not None
+
+    def told(self, succeeded: bool) -> None:
+        """What the ground station told its user about the case that is going on."""
+        if self._evidence is not None:
+            self._evidence.told = succeeded
+
+    def _over_at(self, evidence: StationEvidence) -> float:
+        last_s = evidence.heard[-1].at_s
+        return min(last_s + self._quiet_s, evidence.began_s + LONGEST_S)
+
+    def _judge_if_over(self, now: float) -> None:
+        evidence, case = self._evidence, self._case
+        if evidence is None or case is None or now < self._over_at(evidence):
+            return
+        evidence.held = self.server.items(evidence.mission_type)
+        evidence.unending = now >= evidence.began_s + LONGEST_S
+        verdict, seen = case.answered_by(evidence)
+        result = CaseResult(case.name, verdict, seen, evidence.lasted_s)
+        self.results.append(result)
+        self.open.remove(case)
+        self._case, self._evidence, self._trick = None, None, Trick()
+        self._waiting.clear()
+        self._announce(now)
+        if self._judged is not None:
+            self._judged(result)
+
+    def _announce(self, now: float) -> None:
+        """Tell whoever looks at the ground station what is wanted next."""
+        text = f"{len(self.open)} cases left; {self.open[0].operation.value}" if self.open else "all cases are judged"
+        self._say(Said(StatusText(6, text[:50])), now)
+
+    def _begin(self, message: Message, station: Address, now: float) -> None:
+        mission_type = getattr(message, "mission_type", 0)
+        operations = _begun_by(message)
+        if mission_type not in MissionType._value2member_map_:
+            return
+        for case in self.open:
+            wanted = case.mission_type in (None, mission_type)
+            if wanted and case.operation in operations:
+                t = MissionType(mission_type)
+                if case.operation is not Operation.EMPTY or not self.server.items(t):
+                    self.server.set_items(t, sample(t, 4))
+                self._case, self._trick = case, case.trick()
+                self._evidence = StationEvidence(case.operation, t, station, self.address, now, self.server.items(t))
+                return
+
+    # Messages.
+
+    def _receive(self, received: Received, now: float) -> None:
+        message = received.message
+        sender = Address(received.system_id, received.component_id)
+        seq = _sets_current(message)
+        asked = message  # a command that sets the current item is as good as the message
+        if isinstance(message, CommandLong) and seq is not None:
+            asked = MissionSetCurrent(message.target_system, message.target_component, seq)
+        ours = is_for(message, system_id=self.address.system_id, component_id=self.address.component_id)
+        if isinstance(asked, _CLIENT_KINDS):
+            if self._case is None and ours:
+                self._begin(message, sender, now)
+            if self._evidence is not None and sender == self._evidence.station:
+                self._evidence.heard.append(HeardMessage(now, asked))
+        if not ours:
+            return
+        heard = not self._is_about_the_case(asked) or self._trick.hears(asked, now)
+        if self._trick.forgets():
+            self._forget_upload(now)
+        if not heard:
+            return
+        self._set_current_or_command(message, sender, now)
+        self.server.receive(received, now)
+
+    def _set_current_or_command(self, message: Message, sender: Address, now: float) -> None:
+        seq = _sets_current(message)
+        if seq is not None and seq >= len(self.server.items(MissionType.MISSION)):
+            self._say(Said(StatusText(3, f"there is no item {seq}")), now)
+        elif seq is not None:
+            self._current = seq
+            self._say_all(self._trick.says(self._mission_current(), now), now)
+        if not isinstance(message, CommandLong):
+            return
+        version = message.command == Command.REQUEST_AUTOPILOT_CAPABILITIES or (
+            message.command == Command.REQUEST_MESSAGE and message.params[0] == message_id(AutopilotVersion)
+        )
+        result = CommandResult.ACCEPTED if version or seq is not None else CommandResult.UNSUPPORTED
+        self._say(Said(CommandAck(message.command, result, 0, 0, sender.system_id, sender.component_id)), now)
+        if version:
+            self._say(Said(AutopilotVersion(CAPABILITIES, 0x01110000, 1)), now)
+
+    def _mission_current(self) -> MissionCurrent:
+        mission = MissionType.MISSION
+        return MissionCurrent(self._current, len(self.server.items(mission)), mission_id=self.server.list_id(mission))
+
+    def _is_about_the_case(self, message: Message) -> bool:
+        evidence = self._evidence
+        if evidence is None:
+            return False
+        if _sets_current(message) is not None:
+            return evidence.operation is Operation.SET_CURRENT
+        return isinstance(message, _KINDS_OF[evidence.operation])
+
+    def _collect(self, now: float) -> None:
+        for message in self.server.messages_to_send(now):
+            self._say_all(self._tricked(message, now), now)
+        self.server.events()
+
+    def _tricked(self, message: Message, now: float) -> Sequence[Said]:
+        """What goes out for a message of the server; where that is an error, the vehicle does what goes with it."""
+        evidence = self._evidence
+        if evidence is None or not isinstance(message, _SAID_IN[evidence.operation]):
+            return [Said(message)]
+        said = self._trick.says(message, now)
+        own = [one.message for one in said if one.sender is None and isinstance(one.message, MissionAck)]
+        about = [
+            m for m in own if (m.target_system, m.mission_type) == (evidence.station.system_id, evidence.mission_type)
+        ]
+        if about and not isinstance(message, MissionAck):
+            self._forget_upload(now)
+        elif about and getattr(message, "result", 0) == MissionResult.ACCEPTED and about[-1].result:
+            self.server.set_items(evidence.mission_type, evidence.old)
+        return said
+
+    def _forget_upload(self, now: float) -> None:
+        """Be idle, with the list that was there before."""
+        if self._evidence is not None:
+            station, to = self._evidence.station, self.address
+            end = MissionAck(
+                to.system_id, to.component_id, MissionResult.OPERATION_CANCELLED, self._evidence.mission_type
+            )
+            self.server.receive(Received(end, station.system_id, station.component_id), now)
+
+    def _say_all(self, said: Sequence[Said], now: float) -> None:
+        for one in said:
+            self._say(one, now)
+
+    def _say(self, said: Said, now: float) -> None:
+        sender = said.sender if said.sender is not None else self.address
+        heapq.heappush(self._waiting, (now + said.after_s, next(self._order), sender, said.message))
+        if self._evidence is not None and sender == self.address and isinstance(said.message, _PROTOCOL_SAID):
+            self._evidence.said.append(HeardMessage(now + said.after_s, said.message))
+
+    def _codec(self, sender: Address) -> Codec:
+        if sender not in self._codecs:
+            self._codecs[sender] = Codec(system_id=sender.system_id, component_id=sender.component_id)
+        return self._codecs[sender]
+
+
+_ITEMS: Final = (MissionItemInt, MissionItemFloat)
+_REQUESTS: Final = (MissionRequest, MissionRequestInt)
+_PROTOCOL_SAID: Final = (MissionCount, *_REQUESTS, *_ITEMS, MissionAck)
+_UPLOADING: Final = (MissionCount, *_ITEMS, MissionAck)
+_DOWNLOADING: Final = (MissionRequestList, *_REQUESTS, MissionAck)
+_KINDS_OF: Final[dict[Operation, tuple[type[Message], ...]]] = {
+    Operation.UPLOAD: _UPLOADING,
+    Operation.EMPTY: _UPLOADING,
+    Operation.CANCEL_UPLOAD: _UPLOADING,
+    Operation.DOWNLOAD: _DOWNLOADING,
+    Operation.CANCEL_DOWNLOAD: _DOWNLOADING,
+    Operation.CLEAR: (MissionClearAll,),
+    Operation.SET_CURRENT: (MissionSetCurrent,),
+}
+"""What a trick of a case may not hear."""
+_SAID_IN: Final[dict[Operation, tuple[type[Message], ...]]] = {
+    Operation.UPLOAD: (*_REQUESTS, MissionAck),
+    Operation.EMPTY: (MissionAck,),
+    Operation.CANCEL_UPLOAD: (*_REQUESTS, MissionAck),
+    Operation.DOWNLOAD: (MissionCount, *_ITEMS, MissionAck),
+    Operation.CANCEL_DOWNLOAD: (MissionCount, *_ITEMS, MissionAck),
+    Operation.CLEAR: (MissionAck,),
+    Operation.SET_CURRENT: (MissionCurrent,),
+}
+"""What a trick of a case may change."""
+
+
+def _begun_by(message: Message) -> tuple[Operation, ...]:
+    """The operations that a message can begin."""
+    if isinstance(message, MissionCount):
+        return (Operation.UPLOAD, Operation.CANCEL_UPLOAD) if message.count else (Operation.EMPTY,)
+    if isinstance(message, MissionRequestList):
+        return (Operation.DOWNLOAD, Operation.CANCEL_DOWNLOAD)
+    if isinstance(message, MissionClearAll):
+        return (Operation.CLEAR,)
+    return (Operation.SET_CURRENT,) if _sets_current(message) is not None else ()
+
+
+def _sets_current(message: Message) -> int | None:
+    """The item that a message makes the current one; None for other messages."""
+    if isinstance(message, MissionSetCurrent):
+        return message.seq
+    if isinstance(message, CommandLong) and message.command == Command.DO_SET_MISSION_CURRENT:
+        return int(message.params[0]) if 0.0 <= message.params[0] <= 65535.0 else None
+    return None

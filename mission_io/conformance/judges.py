@@ -1,0 +1,250 @@
+"""What a ground station is judged by: its messages, in their order and times, and what it told its user."""
+
+from collections.abc import Callable
+from typing import Final
+
+from mission_io.conformance.case import FailedError, LackingError, check
+from mission_io.conformance.evidence import HeardMessage, Operation, StationEvidence
+from mission_io.conformance.probe import result_name
+from mission_io.conformance.samples import difference
+from mission_io.model.enums import MissionResult
+from mission_io.wire.messages import (
+    Message,
+    MissionAck,
+    MissionClearAll,
+    MissionCount,
+    MissionItemFloat,
+    MissionItemInt,
+    MissionRequest,
+    MissionRequestInt,
+    MissionRequestList,
+)
+from mission_io.wire.mission_items import item_from_message
+
+Judge = Callable[[StationEvidence], str]
+
+_ITEMS: Final = (MissionItemInt, MissionItemFloat)
+_REQUESTS: Final = (MissionRequest, MissionRequestInt)
+_CROSSING_S: Final = 1.0
+"""What was sent so shortly after a message may have crossed it."""
+
+
+def judged_by(*judges: Judge) -> Judge:
+    """Several judges after the ones that every case has; what was seen, joined."""
+
+    def judge(e: StationEvidence) -> str:
+        _addressed(e)
+        _came_to_an_end(e)
+        return "; ".join(filter(None, (one(e) for one in judges)))
+
+    return judge
+
+
+def _addressed(e: StationEvidence) -> None:
+    """Everything is for the vehicle, and about the list that it was begun with."""
+    for h in e.heard:
+        target = getattr(h.message, "target_system", e.vehicle.system_id)
+        check(
+            target in (0, e.vehicle.system_id),
+            f"{type(h.message).__name__} for system {target}, the vehicle is {e.vehicle.system_id}",
+        )
+    for h in e.of(MissionItemInt, MissionItemFloat):
+        check(getattr(h.message, "mission_type", 0) == e.mission_type, "items of another list than the COUNT")
+
+
+def _came_to_an_end(e: StationEvidence) -> None:
+    check(not e.unending, f"still sending after {e.lasted_s:.0f} s")
+
+
+def _seq(message: Message) -> int:
+    seq: int = getattr(message, "seq", -1)
+    return seq
+
+
+def _steps(e: StationEvidence) -> tuple[type[Message], ...]:
+    """What the station goes on with: items of an upload, requests of a download."""
+    return _REQUESTS if e.operation in (Operation.DOWNLOAD, Operation.CANCEL_DOWNLOAD) else _ITEMS
+
+
+def _acks(e: StationEvidence, *results: MissionResult) -> list[HeardMessage]:
+    return [h for h in e.of(MissionAck) if getattr(h.message, "result", None) in results]
+
+
+def completes(e: StationEvidence) -> str:
+    """It gets to its end although something was lost, late, twice or strange, and says so."""
+    if e.operation in (Operation.DOWNLOAD, Operation.CANCEL_DOWNLOAD):
+        return _download_completes(e)
+    wrong = _unlike_what_was_sent(e)
+    good = [h for h in e.answered(MissionAck) if getattr(h.message, "result", None) == MissionResult.ACCEPTED]
+    check(not wrong, f"the vehicle never had every item: {wrong}")
+    check(e.told is not False, "the vehicle took the list, and the ground station said that it failed")
+    late = [h for h in e.of(*_ITEMS) if good and h.at_s > good[-1].at_s + _CROSSING_S]
+    check(not late, f"item {_seq(late[0].message) if late else 0} came after the ACK")
+    return f"{len(e.held)} items in {e.lasted_s:.1f} s"
+
+
+def _unlike_what_was_sent(e: StationEvidence) -> str:
+    """The difference between what the station sent and what the vehicle holds; empty when there is none."""
+    sent = {_seq(h.message): h.message for h in e.of(*_ITEMS)}
+    return difference([item_from_message(m) for _, m in sorted(sent.items()) if isinstance(m, _ITEMS)], e.held)
+
+
+def _download_completes(e: StationEvidence) -> str:
+    asked = {_seq(h.message) for h in e.of(*_REQUESTS)}
+    missing = set(range(len(e.old))) - asked
+    check(not missing, f"items {sorted(missing)} were never asked for")
+    check(_acks(e, MissionResult.ACCEPTED), "no ACK ACCEPTED at the end")
+    check(e.told is not False, "every item was there, and the ground station said that it failed")
+    return f"{len(e.old)} items in {e.lasted_s:.1f} s"
+
+
+def thanks(e: StationEvidence) -> str:
+    """An empty list is acknowledged, too."""
+    check(_acks(e, MissionResult.ACCEPTED), "no ACK ACCEPTED")
+    check(not e.of(*_REQUESTS), "asked for an item of an empty list")
+    check(e.told is not False, "the ground station said that it failed")
+    return "ACK ACCEPTED"
+
+
+def gives_up(e: StationEvidence) -> str:
+    """It comes to an end although there is no answer, and tells its user that it failed."""
+    check(e.told is not True, "the ground station said that it succeeded")
+    return f"{len(e.heard)} messages in {e.lasted_s:.1f} s, then it stopped"
+
+
+def ends(e: StationEvidence) -> str:
+    """It comes to an end, whichever; and a success that it tells of is one."""
+    if e.told and e.operation is Operation.UPLOAD:
+        wrong = _unlike_what_was_sent(e)
+        check(not wrong, f"the ground station said that it succeeded; the vehicle's list is another one: {wrong}")
+    return f"ended after {e.lasted_s:.1f} s" + {None: "", True: ", said success", False: ", said failure"}[e.told]
+
+
+def not_a_success(e: StationEvidence) -> str:
+    """It ends, and does not call it a success."""
+    check(e.told is not True, "the ground station said that it succeeded")
+    return ends(e)
+
+
+def again(*kinds: type[Message], times: int = 2, seq: int | None = None) -> Judge:
+    """It sends something again when no answer comes."""
+
+    def judge(e: StationEvidence) -> str:
+        sent = [h for h in e.of(*kinds) if seq in (None, _seq(h.message))]
+        what = kinds[0].__name__
+        check(len(sent) >= times, f"{what} was sent {len(sent)} times")
+        return f"{what} again after {sent[1].at_s - sent[0].at_s:.2f} s"
+
+    return judge
+
+
+def int_items(e: StationEvidence) -> str:
+    """Items go out as MISSION_ITEM_INT, with the frames of integers."""
+    floats = [_seq(h.message) for h in e.of(MissionItemFloat)]
+    check(not floats, f"items {sorted(set(floats))} were sent as MISSION_ITEM")
+    if not e.of(MissionItemInt):
+        raise FailedError("no item was sent")
+    return ""
+
+
+def int_frames(e: StationEvidence) -> str:
+    """The frames are those whose names end in INT, or that of no position."""
+    frames = {h.message.frame for h in e.of(MissionItemInt) if isinstance(h.message, MissionItemInt)}
+    check(frames <= {2, 5, 6, 11}, f"frames {sorted(frames)}: not those of integers")
+    return f"frames {sorted(frames)}"
+
+
+def int_requests(e: StationEvidence) -> str:
+    """Items are asked for with MISSION_REQUEST_INT."""
+    check(not e.of(MissionRequest), "asked with the deprecated MISSION_REQUEST")
+    return "asked with MISSION_REQUEST_INT"
+
+
+def only_what_is_asked(e: StationEvidence) -> str:
+    """Each item answers a request."""
+    for h in e.of(*_ITEMS):
+        seq = _seq(h.message)
+        asked = any(_seq(q.message) == seq and q.at_s <= h.at_s for q in e.answered(*_REQUESTS))
+        check(asked, f"item {seq} was sent before it was asked for")
+    return "each item after its request"
+
+
+def in_order(e: StationEvidence) -> str:
+    """Items are asked for from 0 on."""
+    order = list(dict.fromkeys(_seq(h.message) for h in e.of(*_REQUESTS)))
+    check(order == sorted(order), f"asked for {order}")
+    return ""
+
+
+def stops_at(result: MissionResult) -> Judge:
+    """An error ends the operation: no more items, and its user hears of it; a new operation is its own affair."""
+
+    def judge(e: StationEvidence) -> str:
+        check(e.told is not True, "the ground station said that it succeeded")
+        errors = [h.at_s for h in e.answered(MissionAck) if getattr(h.message, "result", None) == result]
+        if not errors:
+            raise LackingError("it did not come so far")
+        counts = [h.at_s for h in e.of(MissionCount if e.operation is Operation.UPLOAD else MissionRequestList)]
+        for h in e.of(*_steps(e)):
+            error = max((at for at in errors if at + _CROSSING_S < h.at_s), default=None)
+            begun_anew = error is not None and any(error < at <= h.at_s for at in counts)
+            check(
+                error is None or begun_anew,
+                f"{type(h.message).__name__} {_seq(h.message)} {h.at_s - (error or 0.0):.1f} s after ACK {result_name(result)}",
+            )
+        anew = len([at for at in counts if at > errors[0]])
+        return f"stopped after {e.lasted_s:.1f} s" + (f", began anew {anew} times" if anew else "")
+
+    return judge
+
+
+def no_item_for(*, of_list: bool = False) -> Judge:
+    """What was asked for another station or another list got no item."""
+
+    def judge(e: StationEvidence) -> str:
+        strange = [
+            h
+            for h in e.heard
+            if isinstance(h.message, _ITEMS) and getattr(h.message, "mission_type", 0) != e.mission_type
+        ]
+        check(not (of_list and strange), "a request about another list was answered with an item")
+        return ""
+
+    return judge
+
+
+def never_beyond(e: StationEvidence) -> str:
+    """No item is sent that was not announced."""
+    counts = [h.message.count for h in e.of(MissionCount) if isinstance(h.message, MissionCount)]
+    beyond = [_seq(h.message) for h in e.of(*_ITEMS) if counts and _seq(h.message) >= max(counts)]
+    check(not beyond, f"item {beyond[0] if beyond else 0} was sent, which does not exist")
+    return ""
+
+
+def cancels(e: StationEvidence) -> str:
+    """ACK OPERATION_CANCELLED, and then nothing."""
+    said = _acks(e, MissionResult.OPERATION_CANCELLED)
+    if not said:
+        done = [h for h in e.answered(MissionAck) if getattr(h.message, "result", None) == MissionResult.ACCEPTED]
+        if done or (e.operation is Operation.CANCEL_DOWNLOAD and _acks(e, MissionResult.ACCEPTED)):
+            raise LackingError("it was not cancelled")
+        raise FailedError("it stopped without ACK OPERATION_CANCELLED")
+    late = [h for h in e.of(*_steps(e)) if h.at_s > said[0].at_s + _CROSSING_S]
+    check(not late, "it went on after its ACK OPERATION_CANCELLED")
+    check(e.told is not True, "the ground station said that it succeeded")
+    return "ACK OPERATION_CANCELLED, then nothing"
+
+
+def cleared(e: StationEvidence) -> str:
+    """CLEAR_ALL, and the vehicle's list is empty."""
+    check(e.of(MissionClearAll), "no CLEAR_ALL")
+    check(not e.held, f"the vehicle holds {len(e.held)} items")
+    check(e.told is not False, "the list is empty, and the ground station said that it failed")
+    return f"{len(e.of(MissionClearAll))} CLEAR_ALL"
+
+
+def holds_nothing(e: StationEvidence) -> str:
+    """An empty list was uploaded."""
+    check(not e.held, f"the vehicle holds {len(e.held)} items")
+    check(e.told is not False, "the list is empty, and the ground station said that it failed")
+    return "COUNT 0"

@@ -1,0 +1,317 @@
+"""A ground station that asks a vehicle one message at a time, as its link's clock runs; what the cases are made of."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from mission_io.client.client import Client
+from mission_io.client.connection import VehicleInfo
+from mission_io.conformance.case import FailedError, LackingError, RefusedError, check
+from mission_io.conformance.samples import LIST_NAMES, difference
+from mission_io.errors import FormatError, TransferError, TransferSilentError
+from mission_io.links.opening import Link
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import MissionItem, MissionType
+from mission_io.protocol.exchange import Address
+from mission_io.protocol.tables import UploadState
+from mission_io.protocol.timing import Timing
+from mission_io.wire.codec import Codec
+from mission_io.wire.messages import (
+    Message,
+    MissionAck,
+    MissionCount,
+    MissionItemFloat,
+    MissionItemInt,
+    MissionRequest,
+    MissionRequestInt,
+    MissionRequestList,
+    Received,
+)
+from mission_io.wire.mission_items import message_from_item
+
+REQUESTS: Final = (MissionRequest, MissionRequestInt)
+ITEMS: Final = (MissionItemInt, MissionItemFloat)
+PROTOCOL: Final = (MissionCount, *REQUESTS, *ITEMS, MissionAck)
+"""What a vehicle says in the mission protocol."""
+
+OTHER_SYSTEM: Final = 254
+NOBODY: Final = 77
+"""A system that is not there."""
+
+ANSWER_S: Final = 3.0
+"""How long an answer may take: twice the guide's time-out."""
+_TRIES = 5
+_IDLE_S: Final = 1.5
+_LONGEST_REST_S: Final = 30.0
+
+
+class Probe:
+    """Speaks to one vehicle as a ground station, and where a case wants it as a second one.
+
+    Args:
+        link: To the vehicle; its clock is the time.
+        system_id: This side's system.
+
+    Attributes:
+        client: The whole client, for what a case needs and does not judge.
+    """
+
+    def __init__(self, link: Link, *, system_id: int = 255) -> None:
+        self.client = Client(link, system_id=system_id, listener=self._note, timing=Timing(items_ahead=0))
+        self._other = Codec(system_id=OTHER_SYSTEM if system_id != OTHER_SYSTEM else 253, component_id=190)
+        self._inbox: deque[Received] = deque()
+
+    @property
+    def vehicle(self) -> VehicleInfo:
+        """The vehicle as of its latest heartbeat."""
+        return self.client.vehicle
+
+    @property
+    def other(self) -> Address:
+        """The second ground station."""
+        return Address(self._other.system_id, self._other.component_id)
+
+    @property
+    def home_first(self) -> bool:
+        """Whether item 0 of a mission is the vehicle's own home."""
+        autopilot = self.client.known_autopilot
+        return autopilot is not None and autopilot.home_in_item_0
+
+    def now(self) -> float:
+        """The time of the link's clock, in seconds."""
+        return self.client.clock.now()
+
+    def _note(self, received: Received, now: float) -> None:
+        del now
+        self._inbox.append(received)
+
+    # One message at a time.
+
+    @property
+    def to(self) -> tuple[int, int]:
+        """The vehicle's address, as the first two fields of a message."""
+        return self.vehicle.system_id, self.vehicle.component_id
+
+    def send(self, message: Message, *, as_other: bool = False) -> None:
+        """Send one message, as this station or as the second one."""
+        if as_other:
+            self.client.link.send(self._other.encode(message))
+        else:
+            self.client.send(message)
+
+    def count(self, count: int, mission_type: int = MissionType.MISSION) -> MissionCount:
+        """Announces an upload."""
+        return MissionCount(*self.to, count, mission_type)
+
+    def item(
+        self, items: Sequence[MissionItem], seq: int, mission_type: MissionType = MissionType.MISSION
+    ) -> MissionItemInt:
+        """Item ``seq`` of a list."""
+        system, component = self.to
+        return message_from_item(
+            items[seq], seq, mission_type=mission_type, target_system=system, target_component=component
+        )
+
+    def ack(self, result: MissionResult, mission_type: int = MissionType.MISSION) -> MissionAck:
+        """Ends something."""
+        return MissionAck(*self.to, result, mission_type)
+
+    def forget(self) -> None:
+        """Drop what was heard so far."""
+        self.client.poll(0.0)
+        self._inbox.clear()
+
+    def hear(
+        self, accept: Callable[[Message], bool], within_s: float = ANSWER_S, *, any_target: bool = False
+    ) -> Message | None:
+        """The vehicle's next message that ``accept`` takes; None when there is none within ``within_s`` seconds.
+
+        Messages to others are skipped unless ``any_target``.
+        """
+        deadline = self.now() + within_s
+        while True:
+            while self._inbox:
+                received = self._inbox.popleft()
+                if Address(received.system_id, received.component_id) != self.vehicle.address:
+                    continue
+                if (any_target or self._is_ours(received.message)) and accept(received.message):
+                    return received.message
+            if self.now() >= deadline:
+                return None
+            self.client.poll(min(0.05, max(0.0, deadline - self.now())))
+
+    def _is_ours(self, message: Message) -> bool:
+        target = (getattr(message, "target_system", 0), getattr(message, "target_component", 0))
+        local = self.client.local
+        return target[0] in (0, local.system_id) and target[1] in (0, local.component_id)
+
+    def answer(
+        self, mission_type: int, within_s: float = ANSWER_S, kinds: tuple[type[Message], ...] = PROTOCOL
+    ) -> Message | None:
+        """The next message of the mission protocol to this station about a list."""
+        return self.hear(lambda m: isinstance(m, kinds) and getattr(m, "mission_type", None) == mission_type, within_s)
+
+    def ask(
+        self, message: Message, mission_type: int, kinds: tuple[type[Message], ...] = PROTOCOL, tries: int = _TRIES
+    ) -> Message | None:
+        """Send, again after each silence, and return the answer; None after the last try."""
+        for _ in range(tries):
+            self.send(message)
+            answer = self.answer(mission_type, ANSWER_S / 2.0, kinds)
+            if answer is not None:
+                return answer
+        return None
+
+    def begin_upload(self, count: int, mission_type: MissionType) -> None:
+        """Announce an upload and wait for the request of item 0.
+
+        Raises:
+            RefusedError: the vehicle answers with an error.
+            FailedError: it answers with something else, or not at all.
+        """
+        self.forget()
+        answer = self.ask(self.count(count, mission_type), mission_type, (*REQUESTS, MissionAck))
+        if isinstance(answer, MissionAck):
+            check(answer.result != MissionResult.ACCEPTED, f"COUNT {count} was answered ACK ACCEPTED")
+            raise RefusedError(f"COUNT {count} was answered {result_name(answer.result)}")
+        check(answer is not None, f"COUNT {count} was not answered")
+        check(seq_of(answer) == 0, f"asked for item {seq_of(answer)} first")
+
+    def finish_upload(
+        self, items: Sequence[MissionItem], mission_type: MissionType, *, first: int = 0, wait_s: float = ANSWER_S
+    ) -> MissionAck:
+        """Serve what the vehicle asks for, from item ``first`` which it has just asked for, until it acknowledges.
+
+        Raises:
+            FailedError: it falls silent, or asks for what does not exist.
+        """
+        self.send(self.item(items, first, mission_type))
+        for _ in range(20 * len(items) + 40):
+            answer = self.answer(mission_type, wait_s, (*REQUESTS, MissionAck))
+            if isinstance(answer, MissionAck) and answer.result == MissionResult.INVALID_SEQUENCE:
+                continue  # about an item that it asked for twice; another case judges that
+            if isinstance(answer, MissionAck):
+                return answer
+            check(answer is not None, f"nothing came within {wait_s:g} s of an item")
+            seq = seq_of(answer)
+            check(seq < len(items), f"asked for item {seq} of {len(items)}")
+            self.send(self.item(items, seq, mission_type))
+        raise FailedError("asked over and over and never acknowledged")
+
+    # Whole lists, which the case does not judge.
+
+    def hold(self, mission_type: MissionType, items: Sequence[MissionItem]) -> None:
+        """Make the vehicle hold a list, by every means of the client.
+
+        Raises:
+            RefusedError: it does not take it.
+            FailedError: it takes it and does not hold it, or gets nowhere.
+            LackingError: it does not answer.
+        """
+        try:
+            if items:
+                self.client.upload(mission_type, items)
+            else:
+                self.client.clear(mission_type)
+        except TransferSilentError as error:
+            raise LackingError(f"no answer about {LIST_NAMES[mission_type]}: {error}") from None
+        except TransferError as error:
+            refused = UploadState.REFUSED.value in str(error) and "acknowledged" not in str(error)
+            raise (RefusedError if refused else FailedError)(str(error)) from None
+        self.forget()
+
+    def held(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
+        """The list that the vehicle holds.
+
+        Raises:
+            FailedError: it cannot be read.
+        """
+        try:
+            items = self.client.download(mission_type)
+        except (TransferError, FormatError) as error:
+            raise FailedError(f"its {LIST_NAMES[mission_type]} cannot be read: {error}") from None
+        self.forget()
+        return items
+
+    def check_held(self, mission_type: MissionType, items: Sequence[MissionItem], what: str) -> None:
+        """Go on only if the vehicle holds a list; ``what`` names it.
+
+        Raises:
+            FailedError: it holds something else.
+        """
+        held = self.held(mission_type)
+        home_first = self.home_first and mission_type is MissionType.MISSION
+        if home_first and not items:
+            held = held[1:]
+        difference_seen = difference(items, held, home_first=home_first)
+        if difference_seen:  # what was read back at once may be of before: see Client.upload_and_verify
+            self.quiet(0.3)
+            held = self.held(mission_type)
+            held = held[1:] if home_first and not items else held
+            difference_seen = difference(items, held, home_first=home_first)
+        check(not difference_seen, f"{what}: {difference_seen}")
+
+    def quiet(self, seconds: float) -> list[Message]:
+        """Let time pass; what the vehicle said in the mission protocol meanwhile, to whomever."""
+        said: list[Message] = []
+        deadline = self.now() + seconds
+        while (left := deadline - self.now()) > 0.0:
+            message = self.hear(lambda m: isinstance(m, PROTOCOL), left, any_target=True)
+            if message is not None:
+                said.append(message)
+        return said
+
+    def rest(self) -> float:
+        """Bring the vehicle back to idle: end what it still does, and wait until it says nothing. Seconds that took."""
+        began = self.now()
+        while self.now() - began < _LONGEST_REST_S:
+            said = self.quiet(_IDLE_S)
+            asked = [message for message in said if isinstance(message, REQUESTS)]
+            if not asked:
+                break
+            last = asked[-1]
+            self.send(
+                self.ack(MissionResult.OPERATION_CANCELLED, last.mission_type),
+                as_other=last.target_system == self.other.system_id,
+            )
+        self.forget()
+        return self.now() - began
+
+    def reads_list(self, mission_type: MissionType) -> bool:
+        """Whether the vehicle answers when this list is asked for."""
+        request = MissionRequestList(*self.to, mission_type)
+        answer = self.ask(request, mission_type, (MissionCount, MissionAck))
+        if isinstance(answer, MissionCount):
+            self.send(self.ack(MissionResult.ACCEPTED, mission_type))
+        return isinstance(answer, MissionCount)
+
+
+def seq_of(message: Message | None) -> int:
+    """The item that a message is about; -1 for none."""
+    seq: int = getattr(message, "seq", -1)
+    return seq
+
+
+def result_name(result: int) -> str:
+    """The name of a MAV_MISSION_RESULT, or its number."""
+    return MissionResult(result).name if result in MissionResult._value2member_map_ else str(result)
+
+
+def described(message: Message | None) -> str:
+    """A message of the protocol in a few words."""
+    match message:
+        case None:
+            return "nothing"
+        case MissionAck():
+            return f"ACK {result_name(message.result)}"
+        case MissionCount():
+            return f"COUNT {message.count}"
+        case MissionRequest():
+            return f"MISSION_REQUEST {message.seq}"
+        case MissionRequestInt():
+            return f"MISSION_REQUEST_INT {message.seq}"
+        case MissionItemInt():
+            return f"MISSION_ITEM_INT {message.seq}"
+        case MissionItemFloat():
+            return f"MISSION_ITEM {message.seq}"
+    return type(message).__name__

@@ -1,0 +1,238 @@
+"""What the fake vehicle does wrong: each trick swallows what is heard, or changes what is said."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from random import Random
+from typing import Any, Final, TypeAlias
+
+from mission_io.model.enums import MissionResult
+from mission_io.protocol.exchange import Address
+from mission_io.wire.messages import (
+    Message,
+    MissionAck,
+    MissionCount,
+    MissionItemFloat,
+    MissionItemInt,
+    MissionRequest,
+    MissionRequestInt,
+)
+from mission_io.wire.mission_items import float_message
+
+REQUESTS: Final = (MissionRequest, MissionRequestInt)
+ITEMS: Final = (MissionItemInt, MissionItemFloat)
+OTHER_STATION: Final = Address(254, 190)
+OTHER_VEHICLE: Final = Address(2, 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A message that goes out, after a delay, perhaps in the name of another vehicle."""
+
+    message: Message
+    after_s: float = 0.0
+    sender: Address | None = None
+
+
+Kinds: TypeAlias = tuple[type[Message], ...]
+
+
+class Trick:
+    """Does nothing; the base of the others. Each case gets a new one."""
+
+    def hears(self, message: Message, now: float) -> bool:
+        """Whether the vehicle hears a message."""
+        del message, now
+        return True
+
+    def forgets(self) -> bool:
+        """Whether the vehicle drops the upload now that goes on."""
+        return False
+
+    def says(self, message: Message, now: float) -> list[Said]:
+        """What goes out for a message of the vehicle."""
+        del now
+        return [Said(message)]
+
+
+class Deaf(Trick):
+    """Does not hear the first ``times`` messages of some kinds."""
+
+    def __init__(self, kinds: Kinds, times: float = float("inf"), seq: int | None = None) -> None:
+        self._kinds, self._left, self._seq = kinds, times, seq
+
+    def hears(self, message: Message, now: float) -> bool:
+        """Swallow it, or not."""
+        wanted = isinstance(message, self._kinds) and self._seq in (None, getattr(message, "seq", None))
+        if wanted and self._left > 0:
+            self._left -= 1
+            return False
+        return True
+
+
+class EachOnceDeaf(Trick):
+    """Hears each item, or each request of one, only the second time."""
+
+    def __init__(self, kinds: Kinds) -> None:
+        self._kinds = kinds
+        self._heard: Counter[int] = Counter()
+
+    def hears(self, message: Message, now: float) -> bool:
+        """Swallow the first one of each number."""
+        if isinstance(message, self._kinds):
+            seq = getattr(message, "seq", 0)
+            self._heard[seq] += 1
+            return self._heard[seq] > 1
+        return True
+
+
+class Mute(Trick):
+    """Does not say the first ``times`` messages of some kinds."""
+
+    def __init__(self, kinds: Kinds, times: float = float("inf"), seq: int | None = None) -> None:
+        self._deaf = Deaf(kinds, times, seq)
+
+    def says(self, message: Message, now: float) -> list[Said]:
+        """Say it, or not."""
+        return [Said(message)] if self._deaf.hears(message, now) else []
+
+
+class Late(Trick):
+    """Says some kinds of messages late."""
+
+    def __init__(self, kinds: Kinds, delay_s: float) -> None:
+        self._kinds, self._delay_s = kinds, delay_s
+
+    def says(self, message: Message, now: float) -> list[Said]:
+        """Say it later."""
+        return [Said(message, self._delay_s if isinstance(message, self._kinds) else 0.0)]
+
+
+class Again(Trick):
+    """Says some kinds of messages several times."""
+
+    def __init__(self, kinds: Kinds, times: int) -> None:
+        self._kinds, self._times = kinds, times
+
+    def says(self, message: Message, now: float) -> list[Said]:
+        """Say it that often."""
+        return [Said(message)] * (self._times if isinstance(message, self._kinds) else 1)
+
+
+class Instead(Trick):
+    """Says something else in place of some messages, the first ``times`` times for each of them."""
+
+    def __init__(
+        self,
+        applies: Callable[[Any], bool],
+        other: Callable[[Any], Sequence[Said]],
+        times: float = float("inf"),
+    ) -> None:
+        self._applies, self._other, self._left = applies, other, times
+
+    def says(self, message: Message, now: float) -> list[Said]:
+        """Say the other thing, or this one."""
+        if self._left > 0 and self._applies(message):
+            self._left -= 1
+            return list(self._other(message))
+        return [Said(message)]
+
+
+class Loses(Trick):
+    """Loses a share of everything, both ways, by a fixed seed."""
+
+    def __init__(self, share: float) -> None:
+        self._share, self._rng = share, Random(7)
+
+    def hears(self, message: Message, now: float) -> bool:
+        """Swallow it, or not."""
+        return self._rng.random() >= self._share
+
+    def says(self, message: Message, now: float) -> list[Said]:
+        """Say it, or not."""
+        return [] if self._rng.random() < self._share else [Said(message)]
+
+
+class FallsSilent(Trick):
+    """From item ``seq`` on it hears and says nothing; after ``for_s`` seconds it is back, and knows nothing of the upload."""
+
+    def __init__(self, seq: int, for_s: float = float("inf")) -> None:
+        self._seq, self._for_s = seq, for_s
+        self._since: float | None = None
+        self._drops = False
+
+    def _silent(self, now: float) -> bool:
+        return self._since is not None and now - self._since < self._for_s
+
+    def hears(self, message: Message, now: float) -> bool:
+        """Nothing while it is silent."""
+        if self._since is None and isinstance(message, ITEMS) and message.seq == self._seq:
+            self._since, self._drops = now, True
+        return not self._silent(now)
+
+    def forgets(self) -> bool:
+        """Once, when it falls silent."""
+        drops, self._drops = self._drops, False
+        return drops
+
+    def says(self, message: Message, now: float) -> list[Said]:
+        """Nothing while it is silent."""
+        return [] if self._silent(now) else [Said(message)]
+
+
+def refusal(message: Any, result: MissionResult) -> MissionAck:
+    """An acknowledgement with a result, to whom a message goes."""
+    return MissionAck(
+        message.target_system,
+        message.target_component,
+        result,
+        message.mission_type,
+    )
+
+
+def refuses(result: MissionResult, *, at: int = 1) -> Trick:
+    """Answers with an error where it would ask for item ``at``, each time."""
+    return Instead(
+        lambda m: isinstance(m, REQUESTS) and m.seq == at,
+        lambda m: [Said(refusal(m, result))],
+    )
+
+
+def before(applies: Callable[[Any], bool], extra: Callable[[Any], Said], times: float = float("inf")) -> Trick:
+    """Says something else first."""
+    return Instead(applies, lambda m: [extra(m), Said(m, 0.3)], times)
+
+
+def is_request(seq: int) -> Callable[[Any], bool]:
+    """Whether a message asks for an item."""
+    return lambda m: isinstance(m, REQUESTS) and m.seq == seq
+
+
+def is_item(seq: int) -> Callable[[Any], bool]:
+    """Whether a message is an item."""
+    return lambda m: isinstance(m, ITEMS) and m.seq == seq
+
+
+def to_other_station(message: Any) -> Message:
+    """The same message, to the second ground station."""
+    other: Message = replace(
+        message, target_system=OTHER_STATION.system_id, target_component=OTHER_STATION.component_id
+    )
+    return other
+
+
+def of_other_list(message: Any) -> Message:
+    """The same message, about the next list."""
+    mission_type = (message.mission_type + 1) % 3
+    other: Message = replace(message, mission_type=mission_type)
+    return other
+
+
+def as_float(message: Message) -> Message:
+    """An item in the deprecated form; other messages as they are."""
+    return float_message(message) if isinstance(message, MissionItemInt) else message
+
+
+def with_count(by: int) -> Callable[[Any], Sequence[Said]]:
+    """A count that is wrong by so many items."""
+    return lambda m: [Said(replace(m, count=m.count + by) if isinstance(m, MissionCount) else m)]

@@ -1,0 +1,122 @@
+"""Every case for vehicles passes on one that keeps to the guide, and fails on one that has just that fault."""
+
+import random
+
+import pytest
+
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.conformance.case import CaseResult, Outcome
+from mission_io.conformance.fake_vehicle import FakeVehicle
+from mission_io.conformance.probe import Probe
+from mission_io.conformance.run import ask_one, ask_vehicle
+from mission_io.conformance.samples import sample
+from mission_io.conformance.vehicle_cases import VEHICLE_CASES
+from mission_io.errors import MisuseError
+from mission_io.links.simulated import Conditions, Peer, SimulatedLink
+from mission_io.model.items import GeoPoint, MissionType
+from tests.mission_io.conformance.mutants import MUTANTS
+from tests.mission_io.vehicle import VehiclePeer
+from uavcover.mock.peer import InMemoryPeer
+from uavcover.mock.vehicle import MockVehicle
+
+BY_NAME = {case.name: case for case in VEHICLE_CASES}
+
+
+def probe_of(peer: Peer, *, loss: float = 0.0) -> Probe:
+    probe = Probe(SimulatedLink(peer, rng=random.Random(1), conditions=Conditions(loss=loss)))
+    probe.client.wait_for_vehicle(60.0)
+    return probe
+
+
+def asked(peer: Peer) -> dict[str, CaseResult]:
+    results = ask_vehicle(probe_of(peer), VEHICLE_CASES, tell=lambda _: None)
+    return {result.case: result for result in results}
+
+
+def failures(results: dict[str, CaseResult]) -> set[str]:
+    return {name for name, result in results.items() if result.outcome is not Outcome.PASS}
+
+
+def test_names_are_unique_and_every_case_has_a_mutant() -> None:
+    assert len(BY_NAME) == len(VEHICLE_CASES)
+    assert set(MUTANTS) == set(BY_NAME)
+
+
+def test_a_vehicle_by_the_guide_passes_all() -> None:
+    vehicle = FakeVehicle([])
+    results = asked(vehicle)
+    assert {name: results[name].seen for name in failures(results)} == {}
+    assert vehicle.server.items(MissionType.FENCE) == sample(MissionType.FENCE, 4)  # put back
+
+
+@pytest.mark.parametrize("name", sorted(MUTANTS))
+def test_a_vehicle_with_that_fault_does_not_pass(name: str) -> None:
+    result = ask_one(probe_of(MUTANTS[name]()), BY_NAME[name])
+    assert result.outcome is Outcome.FAIL, result.seen
+
+
+def mock(autopilot: Autopilot) -> InMemoryPeer:
+    return InMemoryPeer(MockVehicle(autopilot, GeoPoint(47.0, -8.0, 400.0)))
+
+
+STOPPED_BY = {f"upload-stopped-by-{name}" for name in ("ERROR", "UNSUPPORTED", "INVALID", "DENIED")}
+
+
+def test_the_px4_mock() -> None:
+    assert failures(asked(mock(PX4))) == STOPPED_BY | {"download-old-request"}
+
+
+def test_the_ardupilot_mock() -> None:
+    """As ArduCopter 4.7.0-dev, simulated: docs/results/conformance.md."""
+    assert failures(asked(mock(ARDUPILOT))) == STOPPED_BY | {
+        "upload-silence-mission", "upload-silence-rally", "upload-first-item", "upload-int-requests",
+        "upload-out-of-order", "upload-cancelled-mission", "upload-cancelled-fence", "upload-cancelled-rally",
+        "upload-bad-item", "download-int-frames", "download-old-request", "clear-all", "current-beyond",
+        "ids-agree", "ids-differ",
+    }  # fmt: skip
+
+
+def test_what_the_vehicle_held_is_put_back_after_a_crash_too() -> None:
+    peer = VehiclePeer(PX4)
+    before = {t: sample(t, 5, first=7) for t in MissionType}
+    for t, items in before.items():
+        peer.server.set_items(t, items)
+
+    def stop(result: CaseResult) -> None:
+        raise KeyboardInterrupt
+
+    said: list[str] = []
+    with pytest.raises(KeyboardInterrupt):
+        ask_vehicle(probe_of(peer), VEHICLE_CASES, tell=said.append, answered=stop)
+    assert {t: peer.server.items(t) for t in MissionType} == before
+    assert "holds again" in said[-1]
+
+
+def test_an_armed_vehicle_is_left_alone() -> None:
+    peer = VehiclePeer(PX4)
+    peer.base_mode = 128
+    with pytest.raises(MisuseError, match="armed"):
+        ask_vehicle(probe_of(peer), VEHICLE_CASES, tell=lambda _: None)
+    assert not peer.server.items(MissionType.MISSION)
+
+
+def test_a_mission_that_cannot_be_read_is_not_overwritten() -> None:
+    peer = MUTANTS["download-list-twice"]()
+    probe = probe_of(peer)
+    peer.server.receive = lambda *_: None  # type: ignore[method-assign]
+    with pytest.raises(MisuseError, match="not overwritten"):
+        ask_vehicle(probe, VEHICLE_CASES, tell=lambda _: None)
+
+
+def test_a_vehicle_without_rally_points_is_asked_for_the_rest() -> None:
+    peer = VehiclePeer(PX4)
+    receive = peer.server.receive
+
+    def without_rally(received: object, now: float) -> None:
+        if getattr(received.message, "mission_type", 0) != MissionType.RALLY:  # type: ignore[attr-defined]
+            receive(received, now)  # type: ignore[arg-type]
+
+    peer.server.receive = without_rally  # type: ignore[method-assign]
+    cases = [BY_NAME["upload-in-order-rally"], BY_NAME["upload-in-order-fence"]]
+    results = ask_vehicle(probe_of(peer), cases, tell=lambda _: None)
+    assert [result.outcome for result in results] == [Outcome.NOT_SUPPORTED, Outcome.PASS]
