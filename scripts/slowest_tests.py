@@ -3,6 +3,9 @@
 As a plugin of pytest (`-p scripts.slowest_tests`, in every worker) it adds a line for each test to the file named by
 `TEST_TIMES`: processor seconds of the process and of those that it started and waited for, and seconds by the clock.
 `scripts/test.sh` leaves `.test_times.jsonl`. Shared fixtures count for the test that comes first.
+
+`--long` writes `tests/long_tests.txt`: what takes a second or more of the processor without its fixtures. Tests that the given
+runs did not have stay as they are there.
 """
 
 import argparse
@@ -21,6 +24,8 @@ import numba
 import pytest
 
 SHOWN = 50
+LONG_S = 1.0
+LONG_TESTS = Path(__file__).parents[1] / "tests" / "long_tests.txt"
 PLAIN, TRACED, INTERPRETED = "", "traced", "without the JIT"
 
 REASONS = {
@@ -100,12 +105,14 @@ class Timed:
         how: whether its lines were traced, and whether its kernels were interpreted.
         processor_s: of its process and of ended ones that it started.
         wall_s: by the clock.
+        alone_s: of the processor, without fixtures.
     """
 
     test: str
     how: str
     processor_s: float
     wall_s: float
+    alone_s: float
 
     @property
     def reason(self) -> str:
@@ -120,6 +127,17 @@ def _processor_s() -> float:
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
+_ALONE = pytest.StashKey[float]()
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Take the time of one test without its fixtures."""
+    processor_s = _processor_s()
+    yield
+    item.stash[_ALONE] = _processor_s() - processor_s
+
+
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Take the times of one test with its fixtures."""
@@ -129,6 +147,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     timed = (
         item.nodeid, INTERPRETED if numba.config.DISABLE_JIT else traced,
         round(_processor_s() - processor_s, 3), round(time.monotonic() - wall_s, 3),
+        round(item.stash.get(_ALONE, 0.0), 3),
     )  # fmt: skip
     if "TEST_TIMES" in os.environ:
         with Path(os.environ["TEST_TIMES"]).open("a", encoding="utf-8") as file:
@@ -139,6 +158,20 @@ def read(paths: list[Path]) -> list[Timed]:
     """The slowest first, by the processor's time."""
     rows = [Timed(*json.loads(line)) for path in paths for line in path.read_text(encoding="utf-8").splitlines()]
     return sorted(rows, key=lambda row: (-row.processor_s, row.test, row.how))
+
+
+def long_tests(rows: list[Timed], before: frozenset[str]) -> list[str]:
+    """Names of the tests of a second or more, in order.
+
+    Args:
+        rows: as measured; those without the JIT say nothing of the others.
+        before: names that stay where they were not measured.
+    """
+    alone_s: dict[str, float] = defaultdict(float)
+    for row in rows:
+        if row.how != INTERPRETED:
+            alone_s[row.test] = max(alone_s[row.test], row.alone_s)
+    return sorted({*(before - alone_s.keys()), *(test for test, s in alone_s.items() if s >= LONG_S)})
 
 
 def table(rows: list[Timed]) -> Iterator[str]:
@@ -168,8 +201,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("times", nargs="+", type=Path)
     parser.add_argument("-o", "--output", type=Path, help="a page with the marks <!-- totals --> and <!-- slowest -->")
+    parser.add_argument("--long", action="store_true", help=f"write {LONG_TESTS.name} and nothing else")
     arguments = parser.parse_args()
     rows = read(arguments.times)
+    if arguments.long:
+        before = frozenset(LONG_TESTS.read_text(encoding="utf-8").splitlines())
+        LONG_TESTS.write_text("".join(f"{name}\n" for name in long_tests(rows, before)), encoding="utf-8")
+        return
     parts = {"<!-- totals -->": "\n".join(totals(rows)), "<!-- slowest -->": "\n".join(table(rows))}
     if arguments.output is None:
         print("\n\n".join(parts.values()))

@@ -20,4 +20,4 @@ def test_a_slow_test_and_what_stands_for_it_exist(name: str) -> None:
 
 
 def test_the_quick_run_leaves_them_out(pytestconfig: pytest.Config) -> None:
-    assert pytestconfig.getini("addopts")[-1] == "not slow"
+    assert pytestconfig.getini("addopts")[-1] == "not slow and not long"
