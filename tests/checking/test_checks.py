@@ -161,6 +161,11 @@ def test_a_return_out_of_the_fence_and_into_a_zone() -> None:
     assert ("return-no-fly", (1, 2)) in found(checked(*OVER, zones=(over_the_leg,)))
 
 
+def test_a_leg_out_of_a_convex_fence_is_told_once() -> None:
+    """Found by scripts/faulty_missions.py --seed 7: a return from outside the fence counted as one that leaves it."""
+    assert found(checked(*OVER, fence=fence(SHORT))) == [("fence", (2, 4))]
+
+
 def test_obstacles() -> None:
     def tower(height_m: float, east_m: float = 480.0, north_m: float = 0.0) -> Obstacle:
         ring = [(-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0), (-5.0, -5.0)]

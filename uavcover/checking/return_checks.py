@@ -18,6 +18,9 @@ from uavcover.checking.segments import FlownPath, Segment
 from uavcover.checking.world import World
 from uavcover.scenario.airspace.zones import ZoneCheck
 
+_HAIR_M = np.array([[0.0, 0.0], [1e-3, 0.0]])
+"""A place as a line of a millimetre: a line without length is nowhere."""
+
 
 def return_findings(
     path: FlownPath, world: World, limits: Limits, aircraft: Aircraft, around: Surroundings
@@ -70,7 +73,7 @@ def _out_of_fence(segment: Segment, ways: list[ReturnWay], world: World, fence: 
         return []
     worst = None
     for line in lines:
-        begins_beyond = beyond_fence(line[:1].repeat(2, axis=0), fence)
+        begins_beyond = beyond_fence(line[0] + _HAIR_M, fence)
         beyond = (
             beyond_fence(line, fence) if begins_beyond is None else None
         )  # what lies outside itself is told as such
