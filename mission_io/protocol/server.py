@@ -327,7 +327,7 @@ class MissionServer:
         message = message_from_item(
             item, seq, mission_type=about, target_system=to.system_id, target_component=to.component_id
         )
-        if not self.autopilot.returns_int_frames:
+        if self._in_floats or not self.autopilot.returns_int_frames:
             message = replace(message, frame=int(item.frame))
         self._outbox.append(float_message(message) if self._in_floats else message)
 

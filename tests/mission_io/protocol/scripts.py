@@ -15,6 +15,7 @@ from mission_io.wire.messages import (
     MissionAck,
     MissionClearAll,
     MissionCount,
+    MissionItemFloat,
     MissionItemInt,
     MissionRequest,
     MissionRequestInt,
@@ -89,6 +90,8 @@ def text(sent: Message) -> str:
             return f"req {sent.seq}"
         case MissionItemInt():
             return f"item {sent.seq}"
+        case MissionItemFloat():
+            return f"olditem {sent.seq}"
         case MissionAck():
             return f"ack {MissionResult(sent.result).name}"
         case MissionRequestList():

@@ -249,7 +249,7 @@ def test_client_legacy_request() -> None:
 
 
 def test_vehicle_legacy_request() -> None:
-    assert vehicle_script("list, oldreq 0", vehicle(held=3)) == ["item 0"]
+    assert vehicle_script("list, oldreq 0", vehicle(held=3)) == ["olditem 0"]
 
 
 # Cancelling, other stations, other lists.
