@@ -3,10 +3,13 @@
 mkdocs loads this file as a hook (``mkdocs.yml``). ``python scripts/docs_site.py`` prints the pages.
 """
 
+import ast
 import dataclasses
 import inspect
 import re
 import sys
+import textwrap
+import tomllib
 import types
 import typing
 from collections.abc import Iterator
@@ -28,6 +31,81 @@ _VALUE_NAMES: dict[Any, str] = {
     list[Path]: "PATH",
     list[str]: "TEXT",
 }
+_ROOT = Path(__file__).parents[1]
+_RANGES = {
+    "fov_deg": "above 0, below 180 degrees",
+    "fov_across_deg": "above 0, below 180 degrees",
+    "fov_along_deg": "above 0, below 180 degrees",
+    "max_incidence_deg": "above 0, up to 90 degrees",
+    "pixels_across": "above 0",
+    "max_ground_sample_m": "above 0",
+    "trigger_distance_m": "above 0",
+    "forward_overlap": "0 to below 1",
+    "side_overlap": "0 to below 1",
+    "max_height_agl_m": "above `min_height_agl_m` by more than twice `height_margin_m`",
+    "max_transit_height_agl_m": "above `transit_clearance_m` + `height_margin_m`",
+    "max_alt_amsl_m": "above `min_alt_amsl_m`",
+    "max_airspeed_m_s": "at least `cruise_speed_m_s`",
+    "max_mission_items": "at least 8",
+    "evaluations": "at least `population_size`",
+    "look_distance_m": "above 0",
+    "ceiling_agl_m": "above `floor_agl_m`",
+    "ceiling_amsl_m": "above `floor_amsl_m`",
+}
+"""Of keys whose check is not in one plain line of their class."""
+_EXAMPLES = {
+    "flight_window_utc": '["2026-06-01T06:00Z", "2026-06-01T18:00Z"]',
+    "area.geojson": '"valley.geojson"',
+    "area.crs": '"EPSG:32632"',
+    "area.feature": '"north meadow"',
+    "area.layer": '"parcels"',
+    "area.margin_m": "30.0",
+    "area.make_valid": "true",
+    "area.swap_axes": "true",
+    "area.holes_lon_lat_deg": "[[[8.02, 46.51], [8.03, 46.51], [8.03, 46.52]]]",
+    "area.holes_east_north_m": "[[[10.0, 10.0], [60.0, 10.0], [60.0, 40.0]]]",
+    "area.polygon_lon_lat_deg": "[[8.0, 46.5], [8.1, 46.5], [8.1, 46.6]]",
+    "area.polygons_lon_lat_deg": "[[[[8.0, 46.5], [8.1, 46.5], [8.1, 46.6]]]]",
+    "area.polygons_east_north_m": "[[[[0.0, 0.0], [900.0, 0.0], [900.0, 500.0]]]]",
+    "limits.min_alt_amsl_m": "450.0",
+    "limits.max_alt_amsl_m": "900.0",
+    "limits.fence_lon_lat_deg": "[[7.99, 46.49], [8.11, 46.49], [8.11, 46.61]]",
+    "limits.fence_polygons_lon_lat_deg": "[[[7.99, 46.49], [8.11, 46.49], [8.11, 46.61]]]",
+    "limits.fence_polygons_east_north_m": "[[[-99.0, -99.0], [999.0, -99.0], [999.0, 599.0]]]",
+    "no_fly.ceiling_agl_m": "120.0",
+    "no_fly.floor_amsl_m": "850.0",
+    "no_fly.make_valid": "true",
+    "no_fly.center_east_north_m": "[120.0, -40.0]",
+    "no_fly.polygon_east_north_m": "[[0.0, 0.0], [90.0, 0.0], [90.0, 50.0]]",
+    "no_fly.polygon_lon_lat_deg": "[[8.0, 46.5], [8.1, 46.5], [8.1, 46.6]]",
+    "no_fly.polygons_lon_lat_deg": "[[[[8.0, 46.5], [8.1, 46.5], [8.1, 46.6]]]]",
+    "obstacles.prisms": "[{ height_m = 12.0, rings_east_north_m = [[[0.0, 0.0], [9.0, 0.0], [9.0, 5.0]]] }]",
+    "obstacles.prisms.rings_lon_lat_deg": "[[[8.01, 46.51], [8.011, 46.51], [8.011, 46.511]]]",
+    "planner.cell_size_m": "10.0",
+    "sensor.trigger_distance_m": "25.0",
+    "terrain.band": "1",
+    "terrain.crs": '"EPSG:32632"',
+    "terrain.fill_no_data_m": "300.0",
+    "terrain.grid_step_m": "5.0",
+    "terrain.height_unit": '"ft"',
+    "terrain.scale_m": "100.0",
+    "terrain.surface_band": "1",
+    "terrain.surface_crs": '"EPSG:32632"',
+    "terrain.surface_height_unit": '"ft"',
+    "terrain.surface_hides_m": "3.0",
+    "terrain.surface_vertical_datum": '"EGM2008"',
+}
+"""Of keys that no bundled scenario and no page gives, or only for the paper's small world."""
+_PHRASES = (
+    (r"is outside (.+?)\.\.(.+)", r"\1 to \2"),
+    (r"must be (above 0|below [\d.]+.*|at most [\d.]+.*)", r"\1"),
+    (r"is below (\d+).*", r"at least \1"),
+    (r"is outside (\d+) to below (\d+).*", r"\1 to below \2"),
+    (r"is a share, 0\.\.1", "0 to 1"),
+    (r"is no share (above 0, up to 1)", r"\1"),
+    (r"must not be negative", "at least 0"),
+)
+"""What an error says of a value, and the range that it means."""
 _NOTE = "*Generated from the code: every value on this page is the one that the program uses.*"
 
 
@@ -47,7 +125,7 @@ def command_reference() -> str:
 
 
 def scenario_reference() -> str:
-    """Markdown: each section of a scenario file with its keys, types, defaults and meanings."""
+    """Markdown: each section of a scenario file with its keys, types, ranges, defaults, examples and meanings."""
     lines = ["# Scenario keys", "", _NOTE, ""]
     lines += ["What the sections are for, with examples: [the scenario file](scenario.md).", ""]
     hints = typing.get_type_hints(Scenario)
@@ -60,11 +138,12 @@ def scenario_reference() -> str:
             named = f"[[{section}]]" if typing.get_origin(hints[section]) is tuple else f"[{section}]"
             title = f"## `{named}`" + (f" with `kind = {_toml(kind)}`" if kind else "")
             needed = "Required." if _is_required(Scenario, section) else "Optional."
-            lines += [title, "", f"{needed} {_prose(_summary(cls))}", "", *_keys(cls, dataclasses.fields(cls))]
+            lines += [title, "", f"{needed} {_prose(_summary(cls))}", ""]
+            lines += _keys(cls, dataclasses.fields(cls), section)
             for field in dataclasses.fields(cls):
                 for inner in _dataclasses_in(typing.get_type_hints(cls)[field.name]):
                     lines += [f"### `[[{section}.{field.name}]]`", "", _prose(_summary(inner)), ""]
-                    lines += _keys(inner, dataclasses.fields(inner))
+                    lines += _keys(inner, dataclasses.fields(inner), f"{section}.{field.name}")
     return "\n".join(lines)
 
 
@@ -164,17 +243,67 @@ def _default(parameter: Any) -> str:
     return "" if getattr(parameter, "count", False) else f"`{_cell(str(value))}`"
 
 
-def _keys(cls: type, fields: Any) -> list[str]:
-    hints, meanings = typing.get_type_hints(cls), _attributes(cls)
+def _keys(cls: type, fields: Any, section: str = "") -> list[str]:
+    hints, meanings, ranges, examples = typing.get_type_hints(cls), _attributes(cls), _ranges(cls), _examples()
     rows = []
     for field in fields:
-        if _dataclasses_in(hints[field.name]) and cls is Scenario:
+        if cls is Scenario and _dataclasses_in(hints[field.name]):
             continue
-        rows.append(
-            f"| `{field.name}` | {_cell(_type_name(hints[field.name]))} | {_field_default(field)} "
-            f"| {_sentence(_cell(_prose(meanings.get(field.name, ''))))} |"
+        default, key = _field_default(field), f"{section}.{field.name}".strip(".")
+        example = (
+            f"`{_toml(_kind(cls))}`" if field.name == "kind" else f"`{examples[key]}`" if key in examples else default
         )
-    return ["| key | type | default | meaning |", "|---|---|---|---|", *rows, ""]
+        rows.append(
+            f"| `{field.name}` | {_cell(_type_name(hints[field.name]))} | {ranges.get(field.name, '')} | {default} "
+            f"| {_cell(example)} | {_sentence(_cell(_prose(meanings.get(field.name, ''))))} |"
+        )
+    return ["| key | type | range | default | example | meaning |", "|---|---|---|---|---|---|", *rows, ""]
+
+
+def _ranges(cls: type) -> dict[str, str]:
+    """What values each key may have: as the checks of its class say in their errors, or as in _RANGES."""
+    said: dict[str, list[str]] = {}
+    check = getattr(cls, "__post_init__", None)
+    calls = ast.walk(ast.parse(textwrap.dedent(inspect.getsource(check)))) if check is not None else ()
+    for call in calls:
+        match call:
+            case ast.Call(func=ast.Name(id="require_positive" | "require_not_negative" as name), keywords=keywords):
+                for keyword in keywords:
+                    said.setdefault(str(keyword.arg), []).append("above 0" if "positive" in name else "at least 0")
+            case ast.Call(func=ast.Name(id="require"), args=[_, ast.JoinedStr() | ast.Constant() as message]):
+                parts = message.values if isinstance(message, ast.JoinedStr) else [message]
+                # "key: {value} is outside 0..1": the value's place stays empty.
+                text = "".join(str(part.value) if isinstance(part, ast.Constant) else "" for part in parts)
+                key, _, rest = text.partition(": ")
+                words = re.sub(r"^\s*(m/s |m )?", "", rest)
+                said.setdefault(key, []).extend(
+                    re.sub(pattern, meant, words) for pattern, meant in _PHRASES if re.fullmatch(pattern, words)
+                )
+    return {**_RANGES, **{key: ", ".join(words) for key, words in said.items() if words}}
+
+
+def _is_toml(line: str) -> bool:
+    """Whether a line, commented out or not, is whole: its value does not go on in the next one, nor stands for another."""
+    try:
+        return "..." not in str(tomllib.loads(line.removeprefix("# ")))
+    except tomllib.TOMLDecodeError:
+        return False
+
+
+def _examples() -> dict[str, str]:
+    """Values by "section.key", the first that a bundled scenario, a page or _EXAMPLES gives."""
+    found: dict[str, str] = {}
+    texts = [path.read_text(encoding="utf-8") for path in sorted((_ROOT / "uavcover" / "scenarios").glob("*.toml"))]
+    for page in sorted((_ROOT / "docs").rglob("*.md")):
+        texts += re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    for text in texts:
+        section = ""
+        for line in text.splitlines():
+            if header := re.match(r"(?:# )?\[\[?([\w.]+)\]\]?(?:\s+#.*)?$", line):
+                section = header[1]
+            elif (pair := re.match(r"(?:# )?(\w+) = (.+?)(?:\s+#.*)?$", line)) and _is_toml(pair[0]):
+                found.setdefault(f"{section}.{pair[1]}".strip("."), pair[2])
+    return {**found, **_EXAMPLES}
 
 
 def _field_default(field: Any) -> str:

@@ -159,8 +159,46 @@ def test_reference_has_every_key_of_a_scenario_with_its_default() -> None:
         for key in dataclasses.fields(value) if dataclasses.is_dataclass(value) else []:
             assert f"| `{key.name}` |" in page
     assert "| `select` | text | " in page
-    assert "| `max_home_error_m` | number | `10.0` | Largest" in page
+    assert "| `max_home_error_m` | number | above 0 | `10.0` | `10.0` | Largest" in page
     assert re.findall(r"^\|.*\|\s*\|$", page, re.MULTILINE) == []
+    assert re.findall(r"^.*\| (?:none|required|`\[\]`) \| [^|]* \|$", page, re.MULTILINE) == []  # each has an example
+
+
+def test_examples_of_the_reference_are_toml_of_their_type() -> None:
+    rows = re.findall(
+        r"^\| `(\w+)` \| (.*?) \| .*? \| .*? \| `(.*?)` \| .* \|$", site_hook().scenario_reference(), re.MULTILINE
+    )
+    assert len(rows) > 150
+    kinds: dict[str, type | tuple[type, ...]] = {
+        "number": (int, float),
+        "integer": int,
+        "text": str,
+        "true or false": bool,
+    }
+    for key, kind, example in rows:
+        value = tomllib.loads(f"value = {example}")["value"]
+        if kind in kinds:
+            assert isinstance(value, kinds[kind]), key
+        elif kind.startswith(("list", "[")):
+            assert isinstance(value, list), key
+
+
+def test_ranges_of_the_reference_are_those_that_are_checked() -> None:
+    """A value just outside is refused, one at the end of the range where it belongs to it is not."""
+    scenario, tried = load_scenario("jacksboro"), 0
+    for section in ("area", "sensor", "limits", "vehicle", "planner", "requirements", "uncertainty", "fleet"):
+        part = getattr(scenario, section)
+        for key, said in site_hook()._ranges(type(part)).items():
+            if not hasattr(part, key):
+                continue
+            number = re.match(r"(above|at least)? ?(-?[\d.]+)", said)
+            if number is None or key in ("max_mission_items",):
+                continue
+            low = float(number[2]) if isinstance(getattr(part, key), float) else int(float(number[2]))
+            tried += 1
+            with pytest.raises(ValueError, match=rf"^{key}"):
+                dataclasses.replace(part, **{key: low if number[1] == "above" else low - 1})
+    assert tried > 25
 
 
 def test_every_page_is_in_the_navigation_once() -> None:
