@@ -86,12 +86,13 @@ class LogDownload:
             return
         if Address(received.system_id, received.component_id) != self._vehicle:
             return
-        content = data.content
         piece, odd = divmod(data.offset_bytes, LOG_DATA_BYTES)
         expected = min(LOG_DATA_BYTES, self.entry.size_bytes - data.offset_bytes)
-        if odd or piece >= len(self._here) or self._here[piece] or len(content) < expected:
+        if odd or piece >= len(self._here) or self._here[piece]:
             return
-        self._bytes[data.offset_bytes : data.offset_bytes + expected] = content[:expected]
+        if not expected <= data.count <= LOG_DATA_BYTES:  # no piece has more
+            return
+        self._bytes[data.offset_bytes : data.offset_bytes + expected] = data.content[:expected]
         self._here[piece] = 1
         self._here_bytes += expected
         self._new_at = now

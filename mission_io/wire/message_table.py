@@ -126,7 +126,6 @@ _FIRST_EXTENSION: Final = {
     "mission_request": "mission_type",
     "mission_request_int": "mission_type",
     "mission_request_list": "mission_type",
-    "mission_write_partial_list": "mission_type",
     "statustext": "id",
     "sys_status": "onboard_control_sensors_present_extended",
 }
@@ -257,10 +256,6 @@ ROWS: Final[tuple[MessageRow, ...]] = (
     _row(m.MissionAck, "mission_ack", *_TO, _same("result", "type"), "mission_type", "opaque_id"),
     _row(m.MissionRequestList, "mission_request_list", *_TO, "mission_type"),
     _row(m.MissionClearAll, "mission_clear_all", *_TO, "mission_type"),
-    _row(
-        m.MissionWritePartialList, "mission_write_partial_list", *_TO, _same("first", "start_index"),
-        _same("last", "end_index"), "mission_type",
-    ),
     _row(m.MissionSetCurrent, "mission_set_current", *_TO, "seq"),
     _row(
         m.AutopilotVersion, "autopilot_version", "capabilities", "flight_sw_version", "uid",

@@ -279,17 +279,6 @@ class MissionClearAll:
 
 
 @dataclass(frozen=True, slots=True)
-class MissionWritePartialList:
-    """Announces items ``first`` to ``last`` of a list that the vehicle holds; it asks for them as in an upload."""
-
-    target_system: int
-    target_component: int
-    first: int
-    last: int
-    mission_type: int = MissionType.MISSION
-
-
-@dataclass(frozen=True, slots=True)
 class MissionSetCurrent:
     """Asks to go on with another item."""
 
@@ -341,7 +330,6 @@ Message: TypeAlias = (
     | MissionAck
     | MissionRequestList
     | MissionClearAll
-    | MissionWritePartialList
     | MissionSetCurrent
     | AutopilotVersion
     | SetMode

@@ -44,7 +44,6 @@ SAMPLES: list[m.Message] = [
     m.MissionAck(255, 190, 0, 1, 2**32 - 5),
     m.MissionCount(1, 1, 650, 1, 2**32 - 7),
     m.MissionCurrent(4, 20, MissionState.ACTIVE, 1, 2, 2**32 - 1),
-    m.MissionWritePartialList(1, 1, 3, 300, 1),
     m.MissionRequestList(1, 1, 2),
     m.MissionClearAll(1, 1, 255),
     m.MissionSetCurrent(1, 1, 9),
