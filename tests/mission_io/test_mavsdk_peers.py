@@ -116,6 +116,8 @@ def test_our_client_uploads_to_its_vehicle_and_reads_back(their_vehicle: tuple[T
     vehicle, client = their_vehicle
     client.upload(MissionType.MISSION, items(60))
     result, plan = vehicle.plans.get(timeout=60.0)
+    while result == mission_raw_server.MissionRawServerResult.BUSY:  # a COUNT that came twice, on a slow machine
+        result, plan = vehicle.plans.get(timeout=60.0)
     assert result == mission_raw_server.MissionRawServerResult.SUCCESS
     assert [numbers(item) for item in plan.mission_items] == [
         numbers(item) for item in raw_items(items(60), MissionType.MISSION)

@@ -54,15 +54,15 @@ def test_unsafe_starts_are_those_that_bring_two_vehicles_too_near(seed: int) -> 
         edge_s = float(np.abs(excluded - start_s).min())
         distance_m = naive_distance_m(a, b, start_s, FLEET)
         if not inside:
-            assert distance_m >= FLEET.separation_m - 1e-6
+            assert distance_m >= FLEET.planned_separation_m - 1e-6
         elif edge_s > 4.0:
             # Pieces of ten metres take a little more time than their nearest points.
-            assert distance_m < FLEET.separation_m + 2.5
+            assert distance_m < FLEET.planned_separation_m + 2.5
         conflict = find_conflict(pieces_of(a, FLEET), pieces_of(b, FLEET), FLEET, start_s=start_s)
         assert (conflict is not None) == inside
         if conflict is not None:
             assert conflict.distance_m <= distance_m + 1e-6
-            assert conflict.distance_m < FLEET.separation_m
+            assert conflict.distance_m < FLEET.planned_separation_m
 
 
 def test_the_next_safe_start() -> None:

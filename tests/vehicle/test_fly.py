@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -87,8 +88,12 @@ def test_wind_changes_the_track_and_the_mission_is_still_flown():
     calm, windy, again = ready_scene(), ready_scene(wind=wind), ready_scene(wind=wind)
     for scene in (calm, windy, again):
         assert scene.fly().ending is Ending.LANDED
-    assert windy.samples == again.samples
-    assert windy.samples != calm.samples
+    # Not as objects: where a time is unknown it is NaN, which equals nothing.
+    np.testing.assert_array_equal(
+        [dataclasses.astuple(sample) for sample in windy.samples],
+        [dataclasses.astuple(sample) for sample in again.samples],
+    )
+    assert windy.track().shape != calm.track().shape or (windy.track() != calm.track()).any()
     assert np.mean([abs(s.roll_deg) for s in windy.samples]) > np.mean([abs(s.roll_deg) for s in calm.samples])
 
 
@@ -97,7 +102,7 @@ def test_another_seed_is_another_track():
     one, two = ready_scene(wind=wind, seed=1), ready_scene(wind=wind, seed=2)
     one.fly()
     two.fly()
-    assert one.samples != two.samples
+    assert one.track().shape != two.track().shape or (one.track() != two.track()).any()
 
 
 def test_a_fast_vehicle_flies_the_same_way():

@@ -19,7 +19,7 @@ from uavcover.judging.photos.readers import LISTS, read_pictures
 from uavcover.judging.verify import track_positions_m
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.sensor import FrameCamera
-from uavcover.run.folder import SCHEMA_VERSION, RunFolder
+from uavcover.run.folder import SCHEMA_VERSION, VERDICT_FILES, RunFolder
 from uavcover.run.judge import LOG_ENDINGS, JudgedPictures, read_log, verify_run
 from uavcover.run.judge_photos import judge_photos
 from uavcover.run.judged_inputs import inspect_inputs, was_flown
@@ -65,7 +65,17 @@ def _is_of_pictures(path: Path) -> bool:
     ending = path.suffix.lower()
     if path.is_dir() or ending in PICTURE_ENDINGS:
         return True
+    if ending == ".json":
+        return _is_list(path)
     return ending in LISTS and (ending != ".csv" or not _is_track(path))
+
+
+def _is_list(path: Path) -> bool:
+    """Whether a JSON file is a list, as ODM's images.json is; plans and missions are objects."""
+    if not path.is_file():
+        return False
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        return file.read(1000).lstrip().startswith("[")
 
 
 def _is_track(path: Path) -> bool:
@@ -103,6 +113,8 @@ def verify_evidence(
         InputError: something cannot be read or used.
     """
     run.existing("scenario.toml", made_by="uavcover plan")
+    with run.reserved((), force=True):
+        run.remove(VERDICT_FILES)  # if the pictures cannot be read, no older verdict stands for them
     asked = replace(request, photos=evidence.photos, area=None, scenario=run.path, refly=False, force=True)
     verdict, document = judge_photos(asked, RunFolder(run.file(PHOTOS)), user, command=command)
     if not evidence.logs and not was_flown(run):
