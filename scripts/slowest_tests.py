@@ -4,8 +4,8 @@ As a plugin of pytest (`-p scripts.slowest_tests`, in every worker) it adds a li
 `TEST_TIMES`: processor seconds of the process and of those that it started and waited for, and seconds by the clock.
 `scripts/test.sh` leaves `.test_times.jsonl`. Shared fixtures count for the test that comes first.
 
-`--long` writes `tests/long_tests.txt`: what takes a second or more of the processor without its fixtures. Tests that the given
-runs did not have stay as they are there.
+`--long` writes `tests/long_tests.txt`: what takes half a second or more of the processor without its fixtures. Tests that the
+given runs did not have stay as they are there.
 """
 
 import argparse
@@ -24,7 +24,7 @@ import numba
 import pytest
 
 SHOWN = 50
-LONG_S = 1.0
+LONG_S = 0.5
 LONG_TESTS = Path(__file__).parents[1] / "tests" / "long_tests.txt"
 PLAIN, TRACED, INTERPRETED = "", "traced", "without the JIT"
 
@@ -161,7 +161,7 @@ def read(paths: list[Path]) -> list[Timed]:
 
 
 def long_tests(rows: list[Timed], before: frozenset[str]) -> list[str]:
-    """Names of the tests of a second or more, in order.
+    """Names of the tests of half a second or more, in order.
 
     Args:
         rows: as measured; those without the JIT say nothing of the others.

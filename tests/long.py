@@ -1,4 +1,4 @@
-"""Tests of a second or more: not in the quick run, but in ``sh scripts/test.sh -m long``, which goes with every change too.
+"""Tests of half a second or more: not in the quick run, but in ``sh scripts/test.sh -m long``, which goes with every change too.
 
 ``long_tests.txt`` is measured, not chosen: ``python scripts/slowest_tests.py TIMES... --long`` writes it.
 """
