@@ -138,10 +138,15 @@ def bound_in_words(question: str, entry: dict[str, Any]) -> str:
             what = f"{name} for {_percent(entry['for_coverage_of_coverable'])}: at least {entry['at_least']:.0f}{unit}"
             found_text = None if found is None else f"{found:.0f}{unit}"
         text = f"{what}, found {found_text or 'none'}"
-        gap_text = "" if gap is None else f", gap {_percent(gap)}"
+        gap_text = "" if gap is None else f", {_gap_in_words(gap)}"
         return f"{text}{gap_text}; proved for {entry['proved_on']}, by {entry['method']}"
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"plan.json: bounds.{question} is not a bound ({type(error).__name__}: {error})") from error
+
+
+def _gap_in_words(gap: float) -> str:
+    """As a share of the bound, or how many times it what was found is."""
+    return f"gap {_percent(gap)}" if gap <= 1.0 else f"{1.0 + gap:.1f} times that"
 
 
 def bounds_in_words(bounds: dict[str, Any]) -> list[str]:
