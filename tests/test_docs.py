@@ -14,6 +14,7 @@ import pytest
 import typer
 
 from uavcover.cli.main import app
+from uavcover.intake.detection import curve_named
 from uavcover.scenario.scenario_file import load_scenario, parse_scenario
 
 ROOT = Path(__file__).parents[1]
@@ -115,7 +116,14 @@ def merged(block: dict[str, Any]) -> str:
     return "\n".join(top)
 
 
-SCENARIOS = [page for page in GUIDES if blocks(page, "toml")]
+CURVES = ROOT / "docs" / "reference" / "detection.md"
+SCENARIOS = [page for page in GUIDES if blocks(page, "toml") and page != CURVES]
+
+
+def test_the_curve_of_detection_is_understood(tmp_path: Path) -> None:
+    (piece,) = blocks(CURVES, "toml")
+    (tmp_path / "curve.toml").write_text(piece, encoding="utf-8")
+    assert curve_named(str(tmp_path / "curve.toml")).table.probability.shape == (3, 3)
 
 
 @pytest.mark.parametrize("page", SCENARIOS, ids=named)

@@ -127,6 +127,45 @@ def test_without_camera_and_sample_distance_the_pictures_tell_both(cli, tmp_path
     assert again.document["counted"] == len(flown)
 
 
+def table_of(folder, flown):
+    """The same pictures as a table, which is quicker to write."""
+    path = folder / "list.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["name", "lat", "lon", "alt", "yaw", "pitch"])
+        writer.writerows([f"{k:04d}", lat, lon, alt, yaw, -90.0] for k, (lat, lon, alt, yaw, _) in enumerate(flown))
+    return path
+
+
+@pytest.mark.parametrize(("asked", "code"), [("0.3", 0), ("0.999", 1)])
+def test_a_search_is_judged_by_its_probability_of_detection(cli, tmp_path, flown, asked, code):
+    (tmp_path / "ball.toml").write_text("target_m = 0.04\npixels_for_half = 2\nhidden_from_above = 0.2")
+    options = (*ASKED, "-o", tmp_path / "out", "--no-refly", "--report", tmp_path / "out.html")
+    search = ("--detection", tmp_path / "ball.toml", "--pod", asked)
+    ended = cli("judge-photos", table_of(tmp_path, flown), *options, *search, "--json")
+    assert ended.code == code, ended.err
+    told = ended.document["detection"]
+    assert told["holds"] is (code == 0)
+    assert ended.document["verdict"] == ("passed" if code == 0 else "failed")
+    assert told["pod_best_look"] == told["pod"] < told["pod_every_picture"]  # all from above
+    assert 0.35 < told["pod_best_look"] < 0.5  # 2 cm a pixel: half of 0.8
+    with rasterio.open(tmp_path / "out/photos.tif") as raster:
+        assert raster.descriptions[-1] == "pod"
+        pod = raster.read(raster.count)
+    assert np.nanpercentile(pod, 50) == pytest.approx(told["pod_percentiles"]["50"], abs=0.02)
+    assert np.nanmean(pod) == pytest.approx(told["pod"], abs=0.02)
+    assert ("DOES NOT HOLD" in ended.err) is (code == 1)
+    page = (tmp_path / "out.html").read_text()
+    assert "Probability of detection, mean of the area (ball)" in page
+    assert '"Probability of detection"' in page
+
+
+def test_the_curves_of_the_package_are_listed(cli):
+    ended = cli("judge-photos", "--detection", "list", "--json")
+    assert ended.code == 0
+    assert ended.document["curves"] == ["person", "person-recognised"]
+
+
 def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
     take(
         tmp_path / "DCIM", [(lat, lon, alt - 60.0 * (k % 2), yaw, t) for k, (lat, lon, alt, yaw, t) in enumerate(flown)]
@@ -151,6 +190,11 @@ def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
         (("--area", AREA, "--dem", DEM, "--takeoff", "0,0"), "--takeoff: 0, 0 is outside"),
         (("--area", AREA, "--dem", DEM, "--camera", "dji-m3m-multispectral"), "no picture is of the camera"),
         (("--area", "46.0,8.0,60", "--dem", DEM), "46"),
+        (("--area", AREA, "--dem", DEM, "--pod", "0.8"), "--pod: needs --detection"),
+        (("--area", AREA, "--dem", DEM, "--pod", "80", "--detection", "person"), "--pod: 80 is a probability"),
+        (("--area", AREA, "--dem", DEM, "--pod", "nan", "--detection", "person"), "--pod: nan is a probability"),
+        (("--area", AREA, "--dem", DEM, "--detection", "dog"), "--detection: 'dog' is not known"),
+        (("--area", AREA, "--dem", DEM, "--detection", "no.toml"), "no.toml cannot be read"),
     ],
 )
 def test_what_cannot_be_judged_is_one_line(cli, tmp_path, flown, options, words):

@@ -37,7 +37,21 @@ def _rotation(roll_deg, pitch_deg, yaw_deg):
 
 
 def count(sensor, heights_m, eyes, yaws_deg, centres, normals):
-    """Pictures that show each cell, the best ground sample distance, and which cells are in doubt.
+    """Pictures that show each cell, the best ground sample distance, and which cells are in doubt; see :func:`looks`.
+
+    Returns:
+        (n,) pictures, (n,) metres a pixel (infinite: none), and (n,) whether any ray or angle is too close to call.
+    """
+    pictures, best, doubtful = np.zeros(len(centres), int), np.full(len(centres), np.inf), np.zeros(len(centres), bool)
+    for _, shown, samples, unclear in looks(sensor, heights_m, eyes, yaws_deg, centres, normals):
+        pictures[shown] += 1
+        best[shown] = np.minimum(best[shown], samples)
+        doubtful |= unclear
+    return pictures, best, doubtful
+
+
+def looks(sensor, heights_m, eyes, yaws_deg, centres, normals):
+    """Of each picture: its number, the cells that it shows, metres a pixel there, and (n,) cells that are too close to call.
 
     Args:
         sensor: a frame camera on a level vehicle.
@@ -46,16 +60,12 @@ def count(sensor, heights_m, eyes, yaws_deg, centres, normals):
         yaws_deg: (p,) of the vehicle.
         centres: (n, 3) of the cells.
         normals: (n, 3) of the ground there.
-
-    Returns:
-        (n,) pictures, (n,) metres a pixel (infinite: none), and (n,) whether any ray or angle is too close to call.
     """
     shares = (np.arange(RAY_SAMPLES) + 0.5) / RAY_SAMPLES
-    pictures, best, doubtful = np.zeros(len(centres), int), np.full(len(centres), np.inf), np.zeros(len(centres), bool)
     tilt = math.radians(90.0 + sensor.pitch_deg)
     half_across, half_along = math.radians(sensor.fov_across_deg / 2.0), math.radians(sensor.fov_along_deg / 2.0)
     pixel_rad_at_axis = 2.0 * math.tan(half_across) / sensor.pixels_across
-    for eye, yaw_deg in zip(eyes, yaws_deg, strict=True):
+    for number, (eye, yaw_deg) in enumerate(zip(eyes, yaws_deg, strict=True)):
         forward, right, down = _rotation(0.0, 0.0, yaw_deg if sensor.heading_deg is None else sensor.heading_deg)
         axis = math.sin(tilt) * forward + math.cos(tilt) * down
         top = math.cos(tilt) * forward - math.sin(tilt) * down
@@ -75,12 +85,10 @@ def count(sensor, heights_m, eyes, yaws_deg, centres, normals):
         inside = spare >= 0.0
         line = eye + shares[None, :, None] * ray[inside][:, None, :]
         clear_m = (line[..., 2] - heights_m(line[..., :2].reshape(-1, 2)).reshape(line.shape[:2]))[:, :-8].min(axis=1)
-        doubtful |= np.abs(spare) < 1e-9
+        doubtful = np.abs(spare) < 1e-9
         doubtful[np.flatnonzero(inside)[np.abs(clear_m) < GRAZING_M]] = True
         shown = np.flatnonzero(inside)[clear_m >= 0.0]
-        pictures[shown] += 1
         # A pixel covers depth times its angle across the ray, and more where the ground is oblique to it.
         facing = -(ray[shown] * normals[shown]).sum(axis=1)
         sample = depth[shown] * pixel_rad_at_axis * np.sqrt(depth[shown] / facing)
-        best[shown] = np.minimum(best[shown], sample)
-    return pictures, best, doubtful
+        yield number, shown, sample, doubtful

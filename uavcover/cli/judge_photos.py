@@ -7,17 +7,17 @@ from typing import Annotated
 import typer
 
 from uavcover.cli import options
-from uavcover.cli.photo_options import PhotoOptions
+from uavcover.cli.photo_options import PhotoOptions, SearchOptions, list_curves
 from uavcover.cli.survey_options import SurveyOptions
 
 
 def judge_photos(
     photos: Annotated[
-        list[Path],
+        list[Path] | None,
         typer.Argument(
             help="Folders of pictures (.jpg, .tif, .dng); geo.txt, images.json, .MRK, .csv; logs: .bin, .tlog, .ulg."
         ),
-    ],
+    ] = None,
     *,
     area: Annotated[
         str | None, typer.Option("--area", help="What should be seen, as new takes it: a file, or LAT,LON,RADIUS.")
@@ -31,6 +31,7 @@ def judge_photos(
     ),
     survey: SurveyOptions,
     belief: PhotoOptions,
+    search: SearchOptions,
     coverage: Annotated[
         float | None,
         typer.Option(
@@ -62,15 +63,19 @@ def judge_photos(
     from uavcover.run.judge_photos import judge_photos
     from uavcover.run.photo_judgement import PhotoRequest
 
+    console = output.console()
+    if search.detection == "list":
+        return list_curves(console)
+    if not photos:
+        raise InputError("judge-photos: give folders of pictures, lists of them or logs, such as DCIM/")
     if (area is None) == (scenario is None):
         raise InputError("judge-photos: give either --area (with --dem), or --scenario")
     if scenario is not None and survey.given():
         raise InputError(f"judge-photos: {survey.given()[0]} belongs to --area; the scenario says it already")
-    console = output.console()
     request = PhotoRequest(
         photos=photos, area=None if area is None else survey.request(area, autopilot=None), scenario=scenario,
         assumed=belief.assumed(), takeoff=belief.place(), coverage=coverage, mount_known=area is None or survey.mount is not None,
-        refly=refly, budget_s=options.seconds(budget), force=force,
+        refly=refly, budget_s=options.seconds(budget), force=force, detection=search.curve(), pod=search.pod,
     )  # fmt: skip
     if gpkg is not None:
         from uavcover.run.photo_geopackage import check_geopackage, write_geopackage

@@ -1,4 +1,4 @@
-"""The options that say how far pictures are believed, for ``judge-photos`` and ``verify``."""
+"""The options that say how far pictures are believed, and what is searched for, for ``judge-photos`` and ``verify``."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from uavcover.cli.console import Console
     from uavcover.judging.photos.placing import Assumptions
+    from uavcover.model.detection import DetectionCurve
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,3 +64,50 @@ class PhotoOptions:
         from uavcover.intake.quantities import lat_lon
 
         return None if self.takeoff is None else lat_lon(self.takeoff, option="--takeoff")
+
+
+@dataclass(frozen=True, slots=True)
+class SearchOptions:
+    """What is searched for, and how probably it has to be found."""
+
+    detection: Annotated[
+        str | None,
+        typer.Option(
+            "--detection",
+            help="How probably one picture finds what is searched for: list, a name, or a TOML file of your own.",
+            metavar="NAME|FILE.toml",
+        ),
+    ] = None
+    pod: Annotated[
+        float | None,
+        typer.Option("--pod", help="Probability of detection that is asked for, mean of the area, such as 0.8."),
+    ] = None
+
+    def curve(self) -> "DetectionCurve | None":
+        """How probably one look finds the target; none where nobody searches.
+
+        Raises:
+            InputError: it is not known, or the probability asked for is none.
+        """
+        from uavcover.errors import InputError
+        from uavcover.intake.detection import curve_named
+
+        if self.pod is not None and not 0.0 < self.pod <= 1.0:
+            raise InputError(f"--pod: {self.pod:g} is a probability, above 0 and at most 1")
+        if self.detection is None:
+            if self.pod is not None:
+                raise InputError("--pod: needs --detection: how probably one picture finds what is searched for")
+            return None
+        return curve_named(self.detection)
+
+
+def list_curves(console: "Console") -> int:
+    """Say which curves of detection come with the package."""
+    from uavcover.intake.detection import all_curves
+
+    curves = all_curves()
+    console.say(f"{'curve':20}{'half of the looks find it at':>30}  title")
+    for one in curves:
+        console.say(f"{one.name:20}{f'{100.0 * one.half_at_m:.3g} cm a pixel':>30}  {one.title}")
+    console.result({"curves": [one.name for one in curves]})
+    return 0

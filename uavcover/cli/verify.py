@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from uavcover.cli import options
-from uavcover.cli.photo_options import PhotoOptions
+from uavcover.cli.photo_options import PhotoOptions, SearchOptions
 from uavcover.cli.survey_options import SurveyOptions
 
 
@@ -37,6 +37,7 @@ def verify(
     ] = None,
     survey: SurveyOptions,
     belief: PhotoOptions,
+    search: SearchOptions,
     accept_changed: options.AcceptChanged = None,
     force: options.Force = False,
     output: options.Output,
@@ -66,7 +67,7 @@ def verify(
     request = PhotoRequest(
         photos=evidence.photos, area=None if area is None else survey.request(area, autopilot=None), scenario=None,
         assumed=belief.assumed(), takeoff=belief.place(), coverage=None, mount_known=area is None or survey.mount is not None,
-        refly=False, budget_s=None, force=force,
+        refly=False, budget_s=None, force=force, detection=search.curve(), pod=search.pod,
     )  # fmt: skip
     folder = RunFolder(run) if area is None and run is not None else RunFolder(out or Path("verdict"))
     if request.area is not None:
@@ -79,6 +80,8 @@ def verify(
             console.result(report)
             return 0 if report["passed"] else 1
         evidence = run_of_flight(request.area, evidence, console, out=folder, command=sys.argv, force=force)
+    if request.detection is not None and not evidence.photos:
+        raise InputError("--detection: pictures find something, a track does not; give --photos")
     if evidence.photos:
         report = verify_evidence(folder, evidence, request, console, command=sys.argv, accepted=accept_changed or ())
     elif area is not None:

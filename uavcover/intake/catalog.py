@@ -32,9 +32,7 @@ def read_own_row(path: Path, *, option: str) -> dict[str, Any]:
             f"{option}: {path} cannot be read ({type(error).__name__}); give a name or a TOML file"
         ) from error
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(
-            f"{option}: {path}: not valid TOML: {error}; uavcover new {option} list shows the keys"
-        ) from error
+        raise InputError(f"{option}: {path}: not valid TOML: {error}; {option} list shows what is known") from error
     tables = [key for key, value in row.items() if isinstance(value, dict)]
     if len(tables) == 1 == len(row):
         return {"title": tables[0], **row[tables[0]]}

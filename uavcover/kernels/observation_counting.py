@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import Point
 from uavcover.kernels.coverage import GRAZING_M, Cells, near_another
+from uavcover.kernels.detection import NO_DETECTION, DetectionTable, Looks, no_looks, note_look
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.obstacles import keeps_clear
 from uavcover.kernels.sight import (
@@ -44,6 +45,7 @@ class Camera(NamedTuple):
         needed: a cell counts when so many observations have seen it that are ``apart_m`` from each other.
         apart_m: 0 when every pass is an observation of its own.
         turn_rad: the camera may be turned anyhow within this angle of how it was measured.
+        detection: how probably a look finds a target, where ``ObservationCounts.looks`` asks for it.
     """
 
     focal_px: float
@@ -54,6 +56,7 @@ class Camera(NamedTuple):
     turn_rad: float
     needed: int = 1
     apart_m: float = 0.0
+    detection: DetectionTable = NO_DETECTION
 
 
 class SensorPoses(NamedTuple):
@@ -86,6 +89,7 @@ class ObservationCounts(NamedTuple):
         sure: int32, how many observations that count saw it whatever the errors were, no more than it has to be.
         possible: int32, how many may have seen it, the errors being as they may, no more than it has to be.
         places: (3, n, needed, 3) from where the observations were made that count: as measured, surely, possibly.
+        looks: how probably they found a target; of no cell where nobody asks.
     """
 
     passes: NDArray[np.int32]
@@ -98,10 +102,11 @@ class ObservationCounts(NamedTuple):
     sure: NDArray[np.int32]
     possible: NDArray[np.int32]
     places: NDArray[np.float64]
+    looks: Looks
 
 
-def no_observations(count: int, needed: int = 1) -> ObservationCounts:
-    """Of ``count`` cells that nothing has observed yet, and that have to be seen by so many observations."""
+def no_observations(count: int, needed: int = 1, *, searched: bool = False) -> ObservationCounts:
+    """Of ``count`` cells that nothing has observed yet, and that have to be seen by so many observations, or are searched."""
     return ObservationCounts(
         passes=np.zeros(count, dtype=np.int32),
         first=np.full(count, -1, dtype=np.int64),
@@ -113,6 +118,7 @@ def no_observations(count: int, needed: int = 1) -> ObservationCounts:
         sure=np.zeros(count, dtype=np.int32),
         possible=np.zeros(count, dtype=np.int32),
         places=np.zeros((3, count if needed > 1 else 0, needed, 3)),
+        looks=no_looks(count if searched else 0),
     )
 
 
@@ -182,6 +188,9 @@ def count_rows(
                 ):
                     outcome = SEEN
                     _note(sight, camera, k, times_s[k], cell, (ee, en, eu), math.sqrt(distance2), depth, facing, counts)
+                    if counts.looks.missed.size > 0 and facing > 0.0:
+                        sample_m = ground_sample_m(camera.focal_px, depth, facing)
+                        note_look(camera.detection, counts.looks, cell, sample_m, de, dn, du)
                 if outcome > counts.outcome[cell]:
                     counts.outcome[cell] = outcome
                 if exact:

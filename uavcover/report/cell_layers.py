@@ -114,6 +114,9 @@ def photo_layers(verdict: PhotoVerdict) -> list[CellLayer]:
         _ramp_layer(coverage, "directions", "Directions of the cameras", directions, "viridis", _label("{:.0f}")),
         _ramp_layer(coverage, "incidence", "Incidence angle", flown.incidence_deg, "magma_r", _label("{:.0f}°")),
     ]  # fmt: skip
+    if verdict.shown.detection is not None:
+        pod = 100.0 * verdict.shown.detection.pod
+        layers.append(_ramp_layer(coverage, "pod", "Probability of detection", pod, "viridis", _label("{:.0f} %")))
     return [layer for layer in layers if layer is not None]
 
 

@@ -58,6 +58,17 @@ def _requirements(verdict: PhotoVerdict) -> list[dict[str, Any]]:
                 "holds": "yes" if told["overlap_holds"] else "NO",
             }
         )
+    searched = told["detection"]
+    if searched is not None:
+        rows.append(
+            {
+                "name": f"Probability of detection, mean of the area ({searched['title']})",
+                "asked": "" if searched["asked"] is None else f"at least {percent(searched['asked'])}",
+                "found": f"{percent(searched['pod'])}; best picture alone {percent(searched['pod_best_look'])}, every picture a "
+                f"chance of its own {percent(searched['pod_every_picture'])}",
+                "holds": {None: "not asked", True: "yes", False: "NO"}[searched["holds"]],
+            }
+        )
     return rows
 
 

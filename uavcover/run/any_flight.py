@@ -153,6 +153,12 @@ def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:
             f"the overlap asked for, {told['pictures_asked']} pictures of every point, holds on "
             f"{percent(told['overlap_fraction'])} of the area as drawn, below the required {percent(told['overlap_required'])}"
         )
+    searched = told["detection"]
+    if searched is not None and searched["holds"] is False:
+        reasons.append(
+            f"the probability of detection is {percent(searched['pod'])} over the area, below the required "
+            f"{percent(searched['asked'])}"
+        )
     counts = PictureCounts(shown.pictures, shown.coverage.ground_sample_m, told["counted"])
     finding = f"coverage is that of {told['counted']} pictures, not what the track lets one expect"
     return PictureEvidence(shown.coverage, counts, tuple(reasons), tuple(doubts), (finding,))

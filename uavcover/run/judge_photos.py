@@ -162,6 +162,9 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
         f"{'a point':18}is in {told['pictures_median']:g} pictures from {told['directions_median']:g} "
         f"direction{'' if told['directions_median'] == 1 else 's'} (median)"
     )
+    if told["detection"] is not None:
+        for line in _detection_lines(told["detection"]):
+            user.say(line)
     if told["ground_sample_median_m"] is not None:
         user.say(
             f"{'ground sample':18}{100.0 * told['ground_sample_median_m']:.2f} cm (median), 95 % below "
@@ -179,3 +182,19 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
     for reason, area_m2 in areas.most_common():
         user.say(f"{'':18}{reason}: {area_m2:.0f} square metres")
     user.say(f"{'verdict':18}{told['verdict'].upper() if not told['passed'] else told['verdict']}")
+
+
+def _detection_lines(told: dict[str, Any]) -> list[str]:
+    shares = told["pod_percentiles"]
+    asked, words = told["asked"], ""
+    if asked is not None:
+        words = f"; asked {percent(asked)}: {'holds' if told['holds'] else 'DOES NOT HOLD'}"
+    lines = [
+        f"{'detection':18}{percent(told['pod'])} over the area ({told['title']}){words}",
+        f"{'':18}best picture alone {percent(told['pod_best_look'])}, every picture a chance of its own "
+        f"{percent(told['pod_every_picture'])}",
+        f"{'':18}on 5 % of the area {percent(shares['5'])} or less, on half of it {percent(shares['50'])} or less",
+    ]
+    if asked is not None:
+        lines.append(f"{'':18}{told['area_below_m2']:.0f} square metres below {percent(asked)}")
+    return lines

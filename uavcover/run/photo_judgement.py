@@ -11,11 +11,13 @@ import shapely
 
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.judging.gaps import find_gaps
+from uavcover.judging.photos.detecting import detection_document, detection_doubts
 from uavcover.judging.photos.picture import Picture
 from uavcover.judging.photos.placing import Assumptions, PlacedPictures, courses_deg, place_pictures
 from uavcover.judging.photos.readers import PictureSet
 from uavcover.judging.photos.showing import shown_cells
 from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.model.detection import DetectionCurve
 from uavcover.model.sensor import FrameCamera, Sensor
 from uavcover.run.new_elevation import NewRequest
 from uavcover.run.photo_verdict import PhotoVerdict, blur_px, frame_of
@@ -49,6 +51,8 @@ class PhotoRequest:
         assumed: what is taken where pictures do not tell it; the height of take-off is filled in from ``takeoff``.
         takeoff: latitude and longitude: heights above it count, not those above the sea.
         coverage: share of what can be seen that some picture has to show; none: what the scenario requires, or 0.98.
+        detection: how probably one look finds what is searched for; none: nobody searches.
+        pod: least mean probability, over the area, that the pictures find it; none: it is only told.
         mount_known: whether the camera hangs on its vehicle as the sensor says, where pictures tell only the vehicle's attitude.
         refly: whether to plan the flight for what is missing.
         budget_s: time for its search; none: the scenario's number of evaluations.
@@ -65,6 +69,8 @@ class PhotoRequest:
     refly: bool
     budget_s: float | None
     force: bool
+    detection: DetectionCurve | None = None
+    pod: float | None = None
 
 
 def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: LocalFrame) -> PlacedPictures:
@@ -139,21 +145,31 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
     frame = frame_of(site)
     placed = placed_in(request, found, site, frame)
     heights_m = site.ground.heights_agl_m(placed.eyes_m)
-    doubts = [*_doubted_heights(heights_m), *_doubted_directions(placed)]
-    for doubt in doubts:
-        user.warn(doubt)
+    doubts = _told([*_doubted_heights(heights_m), *_doubted_directions(placed)], user)
     sensor = site.scenario.sensor
     if not isinstance(sensor, FrameCamera):
         raise InputError(f"scenario {site.scenario.name}: its sensor is a {sensor.kind}; pictures need a frame-camera")
+    if request.detection is not None and sensor.pixels_across is None:
+        raise InputError(
+            "--detection: how fine pictures are is not known: the camera has no pixels_across; give --camera NAME"
+        )
     seeing = _whole(request, site, sensor, placed)
     coverage = judging_map(replace(site, scenario=replace(site.scenario, sensor=seeing)))
     with user.progress("counting what the pictures show"):
-        shown = shown_cells(coverage, placed)
+        shown = shown_cells(coverage, placed, request.detection)
+    if shown.detection is not None:
+        doubts += _told(detection_doubts(shown.detection, shown.coverage.ground_sample_m), user)
     drawn = drawn_cells(coverage)
     asked = pictures_asked(sensor) if _asks_overlap(request) else None
     verdict = PhotoVerdict(site, coverage, placed, shown, drawn, asked, [], {})
     verdict = replace(verdict, gaps=find_gaps(coverage, verdict.asked_coverage))
     return replace(verdict, document=_document(request, found, verdict) | {"doubts": doubts})
+
+
+def _told(doubts: list[str], user: User) -> list[str]:
+    for doubt in doubts:
+        user.warn(doubt)
+    return doubts
 
 
 def _asks_overlap(request: PhotoRequest) -> bool:
@@ -245,7 +261,11 @@ def _document(request: PhotoRequest, found: PictureSet, verdict: PhotoVerdict) -
     samples = samples[np.isfinite(samples)]
     blur = blur_px(placed, coverage, heights_m)
     sharp = blur[np.isfinite(blur)]
-    passed = answer == "yes" and holds is not False
+    found_by = None
+    if shown.detection is not None:
+        found_by = detection_document(shown.detection, drawn, weight, request.pod)
+    failed = holds is False or (found_by is not None and found_by["holds"] is False)
+    passed = answer == "yes" and not failed
     return {
         "pictures": len(found.pictures),
         "inputs": {"pictures": found.sha256},
@@ -265,6 +285,7 @@ def _document(request: PhotoRequest, found: PictureSet, verdict: PhotoVerdict) -
         "overlap_fraction": overlap,
         "overlap_required": None if overlap is None else overlap_required,
         "overlap_holds": holds,
+        "detection": found_by,
         "pictures_median": float(np.median(shown.pictures[drawn])),
         "directions_median": float(np.median(shown.directions[drawn])),
         "ground_sample_median_m": float(np.median(samples)) if samples.size else None,
@@ -274,5 +295,5 @@ def _document(request: PhotoRequest, found: PictureSet, verdict: PhotoVerdict) -
         "blurred": [p.name for p, b in zip(placed.pictures, blur, strict=True) if b > BLUR_PX],
         "gaps": [asdict(region.gap) for region in verdict.gaps],
         "passed": passed,
-        "verdict": "passed" if passed else "not proved" if answer == "not proved" and holds is not False else "failed",
+        "verdict": "passed" if passed else "not proved" if answer == "not proved" and not failed else "failed",
     }  # fmt: skip

@@ -166,4 +166,7 @@ def photo_raster(verdict: PhotoVerdict) -> bytes:
         ("sureness", "0 not seen, 1 possibly, 2 seen if measurements are exact, 3 surely", sureness),
         ("reason", LAYER_REASONS, reason_codes(coverage, enough)),
     ]
+    if shown.detection is not None:
+        words = f"probability of detection, 0 to 1: {shown.detection.curve.title}"
+        layers.append(("pod", words, shown.detection.pod))
     return cells_geotiff(coverage, frame_of(verdict.site), layers)

@@ -7,11 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.judging.flown_coverage import WORKERS, FlownCoverage
+from uavcover.judging.photos.detecting import Detection, detection_of
 from uavcover.judging.photos.placing import PlacedPictures
 from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.observation_counting import Camera, ObservationCounts, SensorPoses
 from uavcover.kernels.sight import SEEN, TOO_COARSE, LocalSlopes, Sight, local_slopes
+from uavcover.model.detection import DetectionCurve
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import focal_px
 
@@ -31,27 +33,30 @@ class ShownCells:
         directions: (n,) into how many of ``DIRECTIONS`` their cameras looked.
         coverage: (n,) each: seen by a picture as finely as the sensor has to, surely, possibly, how closely, and the best
             outcome of any picture.
+        detection: how probably they find what is searched for, by the pictures that are as fine as the sensor has to be; none
+            where nobody searches.
     """
 
     pictures: NDArray[np.int32]
     directions: NDArray[np.int32]
     coverage: FlownCoverage
+    detection: Detection | None = None
 
     def enough(self, needed: int) -> BoolArray:
         """(n,) which cells are seen, and shown by so many pictures."""
         return self.coverage.seen & (self.pictures >= needed)
 
 
-def shown_cells(coverage: CoverageMap, placed: PlacedPictures) -> ShownCells:
-    """Count pictures by cell.
+def shown_cells(coverage: CoverageMap, placed: PlacedPictures, curve: DetectionCurve | None = None) -> ShownCells:
+    """Count pictures by cell, and with a curve how probably they find what is searched for.
 
     A cell is surely seen when some picture shows it wherever within its errors the camera was and however within them it looked.
-    How finely it is shown is taken as measured.
+    How finely it is shown, and what looks find, is taken as measured.
     """
     slopes = local_slopes(coverage.site.ground.surface)
     steepest = float(slopes.steepest[np.isfinite(slopes.steepest)].max(initial=0.0))
     count = coverage.grid.count
-    finely: ObservationCounts = kernels.no_observations(count)
+    finely: ObservationCounts = kernels.no_observations(count, searched=curve is not None)
     anyhow: ObservationCounts = kernels.no_observations(count)
     however_coarse = coverage.sight._replace(sample_focal_m=np.inf)
     by_direction = np.zeros(count, dtype=np.int32)
@@ -66,6 +71,7 @@ def shown_cells(coverage: CoverageMap, placed: PlacedPictures) -> ShownCells:
         lift_m=0.0,
         turn_rad=0.0,
     )
+    searching = exact if curve is None else exact._replace(detection=curve.table)
     for towards in np.unique(direction):
         before = anyhow.passes.copy()
         for row in np.unique(errors[direction == towards], axis=0):
@@ -80,10 +86,11 @@ def shown_cells(coverage: CoverageMap, placed: PlacedPictures) -> ShownCells:
             numbers = taken + np.arange(int(chosen.sum()), dtype=float)
             taken += numbers.size
             poses = _poses(placed, chosen, numbers)
-            _add(coverage, slopes, coverage.sight, exact, poses, finely)
+            _add(coverage, slopes, coverage.sight, searching, poses, finely)
             _add(coverage, slopes, however_coarse, uncertain, poses, anyhow)
         by_direction += anyhow.passes > before
-    return ShownCells(anyhow.passes, by_direction, _coverage(finely, anyhow))
+    detection = None if curve is None else detection_of(curve, finely.looks)
+    return ShownCells(anyhow.passes, by_direction, _coverage(finely, anyhow), detection)
 
 
 def looking_towards(axes: FloatArray) -> IntArray:
