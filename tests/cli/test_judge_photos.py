@@ -8,12 +8,17 @@ import pytest
 import rasterio
 
 from tests.judging.photos.camera_files import dji, write_jpeg
+from uavcover.judging.photos.picture import Picture
+from uavcover.judging.photos.placing import Assumptions
+from uavcover.judging.photos.readers import PictureSet
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import read_planned_route
 from uavcover.run.new import new_scenario
 from uavcover.run.new_elevation import NewRequest
+from uavcover.run.photo_judgement import PhotoRequest, judged
+from uavcover.run.photo_verdict import photo_raster, picture_table
 from uavcover.run.user import Unattended
 from uavcover.scenario.areas.area_file import AreaQuery
 from uavcover.scenario.site import area_as_drawn, load_site
@@ -166,6 +171,44 @@ def test_the_curves_of_the_package_are_listed(cli):
     assert ended.document["curves"] == ["person", "person-recognised"]
 
 
+@pytest.mark.parametrize(
+    ("blurred", "told", "verdict"),
+    [
+        ({}, {0, 1, 2}, "passed"),
+        ({0, 1, 2}, {0, 1, 2}, "failed"),
+        ({1, 2}, {0, 1, 2}, "failed"),
+        ({}, {0}, "not proved"),
+        ({1, 2}, {1, 2}, "failed"),
+        ({}, {}, "not proved"),
+    ],
+    ids=["sharp", "all", "two of three", "unknown", "unknown does not help", "all unknown"],
+)
+def test_pictures_that_are_blurred_or_may_be_do_not_count(flown, tmp_path, blurred, told, verdict):
+    """Which of three pictures in turn are blurred, and which tell their exposure."""
+    request = NewRequest(area=AreaQuery(source=AREA), dem=(DEM,), camera="dji-m3e", gsd="2.5cm", overlap="75/70")
+    site = new_scenario(request, Unattended(), folder=tmp_path).site
+    pictures = tuple(
+        Picture(
+            name=f"p{k}", lat_deg=lat, lon_deg=lon, alt_m=alt, yaw_deg=yaw, pitch_deg=-90.0,
+            speed_m_s=8.0, exposure_s=(0.01 if k % 3 in blurred else 0.001) if k % 3 in told else None,
+        )
+        for k, (lat, lon, alt, yaw, _) in enumerate(flown)
+    )  # fmt: skip
+    asked = PhotoRequest(
+        photos=(), area=request, scenario=None, assumed=Assumptions(), takeoff=None, coverage=0.98, mount_known=True,
+        refly=False, budget_s=None, force=False, max_blur_px=1.0,
+    )  # fmt: skip
+    found = judged(asked, PictureSet(pictures, ()), site, Unattended())
+    assert found.document["verdict"] == verdict
+    assert found.document["passed"] is (verdict == "passed")
+    counting = [k for k in range(len(flown)) if k % 3 in told and k % 3 not in blurred]
+    assert [picture.name for picture in found.placed.pictures] == [f"p{k}" for k in counting]
+    # 1.9 cm a pixel at 80 m and 8 m/s: 4 pixels in 10 ms.
+    assert all(why.startswith(("blurred by 4.", "blurred by 3.", "its blur")) for why in found.placed.left_out.values())
+    photo_raster(found)
+    assert len(picture_table(found, site).splitlines()) == 1 + len(flown)
+
+
 def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
     take(
         tmp_path / "DCIM", [(lat, lon, alt - 60.0 * (k % 2), yaw, t) for k, (lat, lon, alt, yaw, t) in enumerate(flown)]
@@ -190,6 +233,7 @@ def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
         (("--area", AREA, "--dem", DEM, "--takeoff", "0,0"), "--takeoff: 0, 0 is outside"),
         (("--area", AREA, "--dem", DEM, "--camera", "dji-m3m-multispectral"), "no picture is of the camera"),
         (("--area", "46.0,8.0,60", "--dem", DEM), "46"),
+        (("--area", AREA, "--dem", DEM, "--max-blur", "0"), "--max-blur: 0 is out of range"),
         (("--area", AREA, "--dem", DEM, "--pod", "0.8"), "--pod: needs --detection"),
         (("--area", AREA, "--dem", DEM, "--pod", "80", "--detection", "person"), "--pod: 80 is a probability"),
         (("--area", AREA, "--dem", DEM, "--pod", "nan", "--detection", "person"), "--pod: nan is a probability"),

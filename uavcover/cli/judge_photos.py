@@ -76,6 +76,7 @@ def judge_photos(
         photos=photos, area=None if area is None else survey.request(area, autopilot=None), scenario=scenario,
         assumed=belief.assumed(), takeoff=belief.place(), coverage=coverage, mount_known=area is None or survey.mount is not None,
         refly=refly, budget_s=options.seconds(budget), force=force, detection=search.curve(), pod=search.pod,
+        max_blur_px=belief.max_blur,
     )  # fmt: skip
     if gpkg is not None:
         from uavcover.run.photo_geopackage import check_geopackage, write_geopackage

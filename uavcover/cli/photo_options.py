@@ -35,6 +35,15 @@ class PhotoOptions:
         float, typer.Option("--angle-error", help="Of the camera's angles, where they are told.", metavar="DEGREES")
     ] = 2.0
 
+    max_blur: Annotated[
+        float | None,
+        typer.Option(
+            "--max-blur",
+            help="Pictures in which the ground moves farther while the shutter is open do not count.",
+            metavar="PIXELS",
+        ),
+    ] = None
+
     def assumed(self) -> "Assumptions":
         """What is taken where pictures do not tell it.
 
@@ -50,6 +59,8 @@ class PhotoOptions:
         ):  # fmt: skip
             if not 0.0 <= value < 1000.0:
                 raise InputError(f"{option}: {value:g} is out of range; give 0 or more")
+        if self.max_blur is not None and not 0.0 < self.max_blur < 1000.0:
+            raise InputError(f"--max-blur: {self.max_blur:g} is out of range; give pixels, such as 1")
         if self.geoid_height is not None and not abs(self.geoid_height) <= 200.0:
             raise InputError(
                 f"--geoid-height: {self.geoid_height:g} is out of range; it is between -110 and 90 m on Earth"

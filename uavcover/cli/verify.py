@@ -68,6 +68,7 @@ def verify(
         photos=evidence.photos, area=None if area is None else survey.request(area, autopilot=None), scenario=None,
         assumed=belief.assumed(), takeoff=belief.place(), coverage=None, mount_known=area is None or survey.mount is not None,
         refly=False, budget_s=None, force=force, detection=search.curve(), pod=search.pod,
+        max_blur_px=belief.max_blur,
     )  # fmt: skip
     folder = RunFolder(run) if area is None and run is not None else RunFolder(out or Path("verdict"))
     if request.area is not None:
@@ -80,8 +81,10 @@ def verify(
             console.result(report)
             return 0 if report["passed"] else 1
         evidence = run_of_flight(request.area, evidence, console, out=folder, command=sys.argv, force=force)
-    if request.detection is not None and not evidence.photos:
-        raise InputError("--detection: pictures find something, a track does not; give --photos")
+    if not evidence.photos:
+        for option, asked in (("--detection", search.detection), ("--max-blur", belief.max_blur)):
+            if asked is not None:
+                raise InputError(f"{option}: is asked of pictures, and a track has none; give --photos")
     if evidence.photos:
         report = verify_evidence(folder, evidence, request, console, command=sys.argv, accepted=accept_changed or ())
     elif area is not None:

@@ -175,6 +175,12 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
             f"{'blur':18}{told['blur_median_px']:.2f} pixels (median), {told['blur_largest_px']:.2f} at most; "
             f"{len(told['blurred'])} pictures above {BLUR_PX:g}"
         )
+    if told["max_blur_px"] is not None:
+        too_blurred = sum(why.startswith("blurred by") for why in verdict.placed.left_out.values())
+        user.say(
+            f"{'blur limit':18}{told['max_blur_px']:g} pixels: {too_blurred} pictures are above it, "
+            f"{told['blur_not_known']} do not tell theirs"
+        )
     areas: Counter[str] = Counter()
     for gap in told["gaps"]:
         areas[gap["reason"]] += gap["area_m2"]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from uavcover.errors import InputError, OutputError
 from uavcover.judging.gaps import gaps_geojson
-from uavcover.run.photo_verdict import PhotoVerdict, blur_px, footprint_polygons, frame_of
+from uavcover.run.photo_verdict import PhotoVerdict, footprint_polygons, frame_of
 from uavcover.run.user import User
 
 LAYERS = ("footprints", "pictures", "gaps")
@@ -96,7 +96,7 @@ def _pictures(verdict: PhotoVerdict) -> Layer:
         "direction_known": placed.direction_known,
         "horizontal_error_m": placed.horizontal_m,
         "vertical_error_m": placed.vertical_m,
-        "blur_px": blur_px(placed, verdict.coverage, heights_m),
+        "blur_px": verdict.blur_px,
     }
 
 

@@ -1,7 +1,7 @@
 """The verdict on pictures: where they were taken, what they show, whether it is enough."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -25,7 +25,7 @@ from uavcover.run.survey_as_flown import FILM_DIAGONAL_MM, LENS_DIFFERS
 from uavcover.run.user import User
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.coverage_map import CoverageMap, judging_map
 from uavcover.sensing.pictures import OVERLAP_FRACTION, drawn_cells, pictures_asked
 
 USUAL_COVERAGE = 0.98
@@ -53,6 +53,7 @@ class PhotoRequest:
         coverage: share of what can be seen that some picture has to show; none: what the scenario requires, or 0.98.
         detection: how probably one look finds what is searched for; none: nobody searches.
         pod: least mean probability, over the area, that the pictures find it; none: it is only told.
+        max_blur_px: pictures in which the ground moves farther do not count, and none whose blur is not known; none: any count.
         mount_known: whether the camera hangs on its vehicle as the sensor says, where pictures tell only the vehicle's attitude.
         refly: whether to plan the flight for what is missing.
         budget_s: time for its search; none: the scenario's number of evaluations.
@@ -71,6 +72,7 @@ class PhotoRequest:
     force: bool
     detection: DetectionCurve | None = None
     pod: float | None = None
+    max_blur_px: float | None = None
 
 
 def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: LocalFrame) -> PlacedPictures:
@@ -155,15 +157,54 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
         )
     seeing = _whole(request, site, sensor, placed)
     coverage = judging_map(replace(site, scenario=replace(site.scenario, sensor=seeing)))
+    blur = blur_px(placed, sensor, heights_m)
+    blurred, unknown = _too_blurred(request, placed, blur)
     with user.progress("counting what the pictures show"):
-        shown = shown_cells(coverage, placed, request.detection)
-    if shown.detection is not None:
-        doubts += _told(detection_doubts(shown.detection, shown.coverage.ground_sample_m), user)
-    drawn = drawn_cells(coverage)
-    asked = pictures_asked(sensor) if _asks_overlap(request) else None
-    verdict = PhotoVerdict(site, coverage, placed, shown, drawn, asked, [], {})
-    verdict = replace(verdict, gaps=find_gaps(coverage, verdict.asked_coverage))
-    return replace(verdict, document=_document(request, found, verdict) | {"doubts": doubts})
+        verdict = _counted(request, coverage, site, placed, blur, blurred | unknown)
+    document = _document(request, found, verdict, heights_m, len(unknown))
+    if unknown and document["verdict"] == "failed":
+        # Pictures whose blur nobody tells may be sharp enough.
+        with_them = _counted(request, coverage, site, placed, blur, blurred)
+        if _document(request, found, with_them, heights_m, len(unknown))["verdict"] != "failed":
+            document["verdict"] = "not proved"
+    if verdict.shown.detection is not None:
+        doubts += _told(detection_doubts(verdict.shown.detection, verdict.shown.coverage.ground_sample_m), user)
+    return replace(verdict, document=document | {"doubts": doubts})
+
+
+def _too_blurred(
+    request: PhotoRequest, placed: PlacedPictures, blur: FloatArray
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Why pictures do not count that are too blurred, and those whose blur is not known, by their names."""
+    limit = request.max_blur_px
+    if limit is None:
+        return {}, {}
+    unknown = f"its blur is not known (no exposure, or no speed), and --max-blur asks for {limit:g} pixels"
+    return (
+        {
+            p.name: f"blurred by {b:.2f} pixels, above {limit:g}"
+            for p, b in zip(placed.pictures, blur, strict=True)
+            if b > limit
+        },
+        {p.name: unknown for p, b in zip(placed.pictures, blur, strict=True) if math.isnan(b)},
+    )
+
+
+def _counted(
+    request: PhotoRequest,
+    coverage: CoverageMap,
+    site: Site,
+    placed: PlacedPictures,
+    blur: FloatArray,
+    left_out: Mapping[str, str],
+) -> PhotoVerdict:
+    """What pictures show, some of them left out; the document is still to be written."""
+    kept = np.array([picture.name not in left_out for picture in placed.pictures])
+    placed = placed.without(left_out)
+    shown = shown_cells(coverage, placed, request.detection)
+    asked = pictures_asked(site.scenario.sensor) if _asks_overlap(request) else None
+    verdict = PhotoVerdict(site, coverage, placed, shown, drawn_cells(coverage), asked, blur[kept], [], {})
+    return replace(verdict, gaps=find_gaps(coverage, verdict.asked_coverage))
 
 
 def _told(doubts: list[str], user: User) -> list[str]:
@@ -240,9 +281,11 @@ def _answer(sure: float, possible: float, wanted: float) -> Answer:
     return "yes" if sure >= wanted else "no" if possible < wanted else "not proved"
 
 
-def _document(request: PhotoRequest, found: PictureSet, verdict: PhotoVerdict) -> dict[str, Any]:
+def _document(
+    request: PhotoRequest, found: PictureSet, verdict: PhotoVerdict, heights_m: FloatArray, blur_unknown: int
+) -> dict[str, Any]:
     placed, shown, coverage, drawn = verdict.placed, verdict.shown, verdict.coverage, verdict.drawn
-    asked, heights_m = verdict.asked, verdict.site.ground.heights_agl_m(verdict.placed.eyes_m)
+    asked = verdict.asked
     weight = coverage.grid.weight_m2
     can_be = drawn & (coverage.coverable | shown.coverage.seen)
     if not can_be.any():
@@ -259,7 +302,7 @@ def _document(request: PhotoRequest, found: PictureSet, verdict: PhotoVerdict) -
     answer = _answer(sure, possible, required)
     samples = flown.ground_sample_m[drawn]
     samples = samples[np.isfinite(samples)]
-    blur = blur_px(placed, coverage, heights_m)
+    blur = verdict.blur_px
     sharp = blur[np.isfinite(blur)]
     found_by = None
     if shown.detection is not None:
@@ -290,6 +333,8 @@ def _document(request: PhotoRequest, found: PictureSet, verdict: PhotoVerdict) -
         "directions_median": float(np.median(shown.directions[drawn])),
         "ground_sample_median_m": float(np.median(samples)) if samples.size else None,
         "ground_sample_p95_m": float(np.percentile(samples, 95.0)) if samples.size else None,
+        "max_blur_px": request.max_blur_px,
+        "blur_not_known": blur_unknown,
         "blur_median_px": float(np.median(sharp)) if sharp.size else None,
         "blur_largest_px": float(sharp.max()) if sharp.size else None,
         "blurred": [p.name for p, b in zip(placed.pictures, blur, strict=True) if b > BLUR_PX],

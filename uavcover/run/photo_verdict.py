@@ -18,7 +18,7 @@ from uavcover.judging.photos.footprints import footprint_m
 from uavcover.judging.photos.placing import PlacedPictures
 from uavcover.judging.photos.showing import ShownCells
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.model.sensor import FrameCamera
+from uavcover.model.sensor import FrameCamera, Sensor
 from uavcover.run.geotiff import cells_geotiff
 from uavcover.run.judge import LAYER_REASONS
 from uavcover.scenario.frames import LocalFrame
@@ -40,6 +40,7 @@ class PhotoVerdict:
         shown: what they show.
         drawn: (cells,) of the area without its margin.
         asked: pictures in which the overlap asked for puts each point; none where none is.
+        blur_px: (n,) of each picture that counts, NaN where it is not known.
         gaps: where too few show it.
         document: what ``photos.json`` says.
     """
@@ -50,6 +51,7 @@ class PhotoVerdict:
     shown: ShownCells
     drawn: BoolArray
     asked: int | None
+    blur_px: FloatArray
     gaps: list[GapRegion]
     document: dict[str, Any]
 
@@ -80,9 +82,9 @@ def frame_of(site: Site) -> LocalFrame:
     return site.frame
 
 
-def blur_px(placed: PlacedPictures, coverage: CoverageMap, heights_m: FloatArray) -> FloatArray:
+def blur_px(placed: PlacedPictures, sensor: Sensor, heights_m: FloatArray) -> FloatArray:
     """(n,) how many pixels the ground below moves while the shutter is open; NaN where it is not told."""
-    focal = focal_px(coverage.site.scenario.sensor)
+    focal = focal_px(sensor)
     speeds = _speeds_m_s(placed)
     exposures = np.array([np.nan if p.exposure_s is None else p.exposure_s for p in placed.pictures])
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -104,7 +106,7 @@ def _speeds_m_s(placed: PlacedPictures) -> FloatArray:
 def picture_table(verdict: PhotoVerdict, site: Site) -> str:
     """A row for each picture that counts, then those that do not."""
     heights_m = site.ground.heights_agl_m(verdict.placed.eyes_m)
-    blur = blur_px(verdict.placed, verdict.coverage, heights_m)
+    blur = verdict.blur_px
     lat, lon, alt = frame_of(site).geodetic_from_enu(verdict.placed.eyes_m)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

@@ -1,6 +1,6 @@
 """Where pictures were taken and how their cameras were turned, in the local frame, and how well that is known."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,6 +71,15 @@ class PlacedPictures:
     vertical_m: FloatArray
     turn_deg: FloatArray
     left_out: dict[str, str]
+
+    def without(self, why: Mapping[str, str]) -> "PlacedPictures":
+        """Those that are not named; the others do not count any more, with the reason."""
+        kept = np.array([picture.name not in why for picture in self.pictures], dtype=bool)
+        return PlacedPictures(
+            tuple(picture for picture, keep in zip(self.pictures, kept, strict=True) if keep),
+            np.ascontiguousarray(self.eyes_m[kept]), self.axes[kept], self.tops[kept], self.direction_known[kept],
+            self.horizontal_m[kept], self.vertical_m[kept], self.turn_deg[kept], self.left_out | dict(why),
+        )  # fmt: skip
 
 
 def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assumptions) -> PlacedPictures:
