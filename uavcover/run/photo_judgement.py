@@ -12,15 +12,16 @@ import shapely
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.judging.gaps import find_gaps
 from uavcover.judging.photos.detecting import detection_document, detection_doubts
+from uavcover.judging.photos.doubts import direction_doubts, height_doubts
 from uavcover.judging.photos.picture import Picture
-from uavcover.judging.photos.placing import Assumptions, PlacedPictures, courses_deg, place_pictures
+from uavcover.judging.photos.placing import Assumptions, PlacedPictures, place_pictures
 from uavcover.judging.photos.readers import PictureSet
 from uavcover.judging.photos.showing import shown_cells
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.detection import DetectionCurve
 from uavcover.model.sensor import FrameCamera, Sensor
 from uavcover.run.new_elevation import NewRequest
-from uavcover.run.photo_verdict import PhotoVerdict, blur_px, frame_of
+from uavcover.run.photo_verdict import PhotoVerdict, blur_px, clocks_of, frame_of
 from uavcover.run.survey_as_flown import FILM_DIAGONAL_MM, LENS_DIFFERS
 from uavcover.run.user import User
 from uavcover.scenario.frames import LocalFrame
@@ -33,9 +34,6 @@ _SAME_SHAPE = 0.03
 BLUR_PX = 1.0
 """Pictures in which the ground moves farther are told."""
 _FARTHEST_M = 5000.0
-_DOWN_WITHIN_DEG = 20.0
-_TURNED_DEG = 20.0
-_FEW = 10
 
 Answer = Literal["yes", "no", "not proved"]
 
@@ -147,7 +145,10 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
     frame = frame_of(site)
     placed = placed_in(request, found, site, frame)
     heights_m = site.ground.heights_agl_m(placed.eyes_m)
-    doubts = _told([*_doubted_heights(heights_m), *_doubted_directions(placed)], user)
+    of_heights = height_doubts(
+        placed, frame, site.ground, by_takeoff=request.takeoff is not None, error_m=request.assumed.vertical_m
+    )
+    doubts = _told([*of_heights, *direction_doubts(placed)], user)
     sensor = site.scenario.sensor
     if not isinstance(sensor, FrameCamera):
         raise InputError(f"scenario {site.scenario.name}: its sensor is a {sensor.kind}; pictures need a frame-camera")
@@ -230,45 +231,6 @@ def _whole(request: PhotoRequest, site: Site, sensor: FrameCamera, placed: Place
     )
 
 
-def _doubted_heights(heights_m: FloatArray) -> list[str]:
-    doubts = []
-    under = int((heights_m <= 0.0).sum())
-    if under:
-        doubts.append(
-            f"{under} of {heights_m.size} pictures lie under the ground (lowest {np.nanmin(heights_m):.0f} m): their heights do "
-            "not fit the elevation data; heights above take-off are taken with --takeoff LAT,LON"
-        )
-    outside = int(np.isnan(heights_m).sum())
-    if outside:
-        doubts.append(f"{outside} of {heights_m.size} pictures were taken outside the elevation data")
-    return doubts
-
-
-def _doubted_directions(placed: PlacedPictures) -> list[str]:
-    """What the user should ask of the angles that pictures tell."""
-    doubts = []
-    up = placed.axes[:, 2] >= 0.0
-    if up.any():
-        names = [picture.name for picture, looks in zip(placed.pictures, up, strict=True) if looks]
-        doubts.append(
-            f"{len(names)} of {len(up)} cameras look at the horizon or above it, first {names[0]}: their angles refer to "
-            "something else, or the gimbal was not turned down"
-        )
-    course = courses_deg(placed.eyes_m)
-    yaw = np.degrees(np.arctan2(placed.tops[:, 0], placed.tops[:, 1]))
-    told = (
-        placed.direction_known & np.isfinite(course) & (-placed.axes[:, 2] >= math.cos(math.radians(_DOWN_WITHIN_DEG)))
-    )
-    # A landscape sensor lies across the line, whichever way the vehicle flies along it.
-    off = np.abs((yaw - course + 90.0) % 180.0 - 90.0)[told]
-    if off.size >= _FEW and np.median(off) > _TURNED_DEG:
-        doubts.append(
-            f"the tops of the pictures lie {np.median(off):.0f} degrees (median) off the line on which they were taken: the "
-            "camera was turned, or their yaw is not the camera's"
-        )
-    return doubts
-
-
 def _required(request: PhotoRequest, site: Site) -> tuple[float, float]:
     """The share of what can be seen that has to be shown, and that of the area in which the overlap has to hold."""
     if request.area is not None:
@@ -312,6 +274,7 @@ def _document(
     return {
         "pictures": len(found.pictures),
         "inputs": {"pictures": found.sha256},
+        "clocks": clocks_of(found.pictures),
         "counted": len(placed.pictures),
         "left_out": placed.left_out,
         "direction_known": int(placed.direction_known.sum()),

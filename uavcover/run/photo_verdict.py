@@ -2,8 +2,9 @@
 
 import csv
 import io
+import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,6 +16,7 @@ from uavcover.errors import InputError
 from uavcover.judging.flown_coverage import FlownCoverage
 from uavcover.judging.gaps import GapRegion, reason_codes
 from uavcover.judging.photos.footprints import footprint_m
+from uavcover.judging.photos.picture import Picture
 from uavcover.judging.photos.placing import PlacedPictures
 from uavcover.judging.photos.showing import ShownCells
 from uavcover.kernels.arrays import BoolArray, FloatArray
@@ -97,10 +99,35 @@ def _speeds_m_s(placed: PlacedPictures) -> FloatArray:
     if len(told) < 2:
         return told
     step_s, step_m = np.diff(times), np.linalg.norm(np.diff(placed.eyes_m, axis=0), axis=1)
+    clocks = [p.clock for p in placed.pictures]
+    same = np.array([one == other for one, other in itertools.pairwise(clocks)])
     with np.errstate(divide="ignore", invalid="ignore"):
-        speed = np.where((step_s > 0.0) & (step_s <= _LONGEST_STEP_S), step_m / step_s, np.nan)
-    derived = np.append(speed, speed[-1])
-    return np.where(np.isfinite(told), told, derived)
+        speed = np.where(same & (step_s > 0.0) & (step_s <= _LONGEST_STEP_S), step_m / step_s, np.nan)
+    onwards, before = np.append(speed, np.nan), np.append(np.nan, speed)
+    return np.where(np.isfinite(told), told, np.where(np.isfinite(onwards), onwards, before))
+
+
+def clocks_of(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
+    """Each clock of some pictures: how many, from when to when, and how far it is from UTC where that is told.
+
+    A camera's clock without a zone shows local time, or what somebody set: its times are written without one.
+    """
+    told = []
+    for clock in sorted({p.clock for p in pictures if p.clock is not None}):
+        times = [p.time_s for p in pictures if p.clock == clock and p.time_s is not None]
+        ahead = [
+            p.utc_s - p.time_s for p in pictures if p.clock == clock and p.utc_s is not None and p.time_s is not None
+        ]
+        told.append(
+            {
+                "clock": clock,
+                "pictures": len(times),
+                "first_s": min(times),
+                "last_s": max(times),
+                "utc_minus_clock_s": float(np.median(ahead)) if ahead else None,
+            }
+        )
+    return told
 
 
 def picture_table(verdict: PhotoVerdict, site: Site) -> str:

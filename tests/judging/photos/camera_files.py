@@ -36,12 +36,16 @@ def write_jpeg(
     film_mm=24,
     exposure_s=0.001,
     model=("DJI", "M3E"),
+    zone=None,
+    satellites=None,
 ):
     """A small picture whose metadata tells of a large one."""
     exif = Image.Exif()
     exif[ExifTags.Base.Make], exif[ExifTags.Base.Model] = model
     details = exif.get_ifd(ExifTags.IFD.Exif)
     details[ExifTags.Base.DateTimeOriginal] = time
+    if zone is not None:
+        details[ExifTags.Base.OffsetTimeOriginal] = zone
     details[ExifTags.Base.ExposureTime] = IFDRational(round(exposure_s * 1_000_000), 1_000_000)
     details[ExifTags.Base.FocalLength] = IFDRational(round(focal_mm * 1000), 1000)
     if film_mm:
@@ -52,6 +56,9 @@ def write_jpeg(
         lat, lon = place
         gps[1], gps[2] = "S" if lat < 0 else "N", _sexagesimal(lat)
         gps[3], gps[4] = "W" if lon < 0 else "E", _sexagesimal(lon)
+    if satellites is not None:
+        day, clock = satellites
+        gps[29], gps[7] = day, tuple(IFDRational(part) for part in clock)
     if alt_m is not None:
         gps[5], gps[6] = bytes([below]), IFDRational(round(abs(alt_m) * 1000), 1000)
     size = (pixels[0] // 40, pixels[1] // 40)

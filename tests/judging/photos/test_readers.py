@@ -9,8 +9,10 @@ import pytest
 from tests.judging.photos.camera_files import XMP, dji, write_jpeg
 from tests.naive.pictures import _rotation as rotation
 from uavcover.errors import TrackError
+from uavcover.judging.photos.exif import read_picture
 from uavcover.judging.photos.picture import HeightDatum, Picture, camera_axes, finite
 from uavcover.judging.photos.readers import read_pictures
+from uavcover.run.photo_verdict import clocks_of
 
 PLACE = (-36.47625431, -84.21604127)
 PIX4D = 'xmlns:Camera="http://pix4d.com/camera/1.0"'
@@ -226,3 +228,43 @@ def test_a_digital_zoom_does_not_count():
     assert Picture(name="a", lat_deg=1.0, lon_deg=1.0, alt_m=1.0, digital_zoom=1.0).lacks() is None
     zoomed = Picture(name="a", lat_deg=1.0, lon_deg=1.0, alt_m=1.0, digital_zoom=2.0)
     assert zoomed.lacks() == "digital zoom 2: how much it shows is not known; take pictures without it"
+
+
+def test_the_time_of_a_camera_without_a_zone_is_its_clocks_and_no_ones_else(tmp_path):
+    written = {
+        "local": {},
+        "zone": {"zone": "+02:00"},
+        "west": {"zone": "-03:30"},
+        "odd zone": {"zone": "CEST"},
+        "satellites": {"satellites": ("2026:05:04", (8, 11, 11.5))},
+        "odd satellites": {"satellites": ("2026:05:04", (25, 11, 11))},
+    }
+    read = {}
+    for number, (name, told) in enumerate(written.items()):
+        write_jpeg(tmp_path / f"{number}.jpg", place=(1.0, 2.0), alt_m=5.0, **told)
+        read[name] = read_picture(tmp_path / f"{number}.jpg")
+    local_s = read["local"].time_s
+    assert (read["local"].clock, read["local"].utc_s) == ("the clock of DJI M3E", None)
+    assert (read["zone"].clock, read["zone"].utc_s) == ("UTC", local_s - 7200.0)
+    assert read["zone"].time_s == read["zone"].utc_s
+    assert read["west"].utc_s == local_s + 12600.0
+    assert (read["odd zone"].clock, read["odd zone"].utc_s) == ("the clock of DJI M3E", None)
+    assert read["satellites"].utc_s == local_s - 7200.5
+    assert read["satellites"].time_s == local_s
+    assert read["odd satellites"].utc_s is None
+
+
+def test_pictures_of_two_clocks_are_in_order_within_each(tmp_path):
+    for number, (model, second, told) in enumerate(
+        [("M3E", 15, {"satellites": ("2026:05:04", (8, 11, 14))}), ("P1", 12, {}), ("M3E", 11, {}), ("P1", 13, {})]
+    ):
+        moment = f"2026:05:04 10:11:{second}"
+        write_jpeg(
+            tmp_path / f"{number}.jpg", place=(1.0, 2.0 + number), alt_m=5.0, model=("DJI", model), time=moment, **told
+        )
+    found = read_pictures([tmp_path])
+    assert [picture.name for picture in found.pictures] == ["2.jpg", "0.jpg", "1.jpg", "3.jpg"]
+    assert "times are of 2 clocks (the clock of DJI M3E, the clock of DJI P1)" in found.notes[0]
+    first, second = clocks_of(found.pictures)
+    assert (first["pictures"], first["last_s"] - first["first_s"], first["utc_minus_clock_s"]) == (2, 4.0, -7201.0)
+    assert second["utc_minus_clock_s"] is None

@@ -53,6 +53,8 @@ def read_picture(path: Path) -> Picture:
     yaw, pitch, roll = _angles(told)
     alt_m, datum = _height(gps, told)
     sides = _sides(size, details)
+    model = _model(exif)
+    time_s, zone_known = _time_s(exif.get(ExifTags.Base.DateTime), details)
     return Picture(
         name=path.name,
         lat_deg=_place(_first(told, "GpsLatitude"), _degrees(gps, 2, 1, "S")),
@@ -60,7 +62,9 @@ def read_picture(path: Path) -> Picture:
         alt_m=alt_m,
         datum=datum,
         height_above_takeoff_m=_first(told, "RelativeAltitude"),
-        time_s=_time_s(exif.get(ExifTags.Base.DateTime), details),
+        time_s=time_s,
+        clock=None if time_s is None else "UTC" if zone_known else f"the clock of {model or 'a camera'}",
+        utc_s=time_s if zone_known else _satellites_time_s(gps),
         yaw_deg=yaw,
         pitch_deg=pitch,
         roll_deg=roll,
@@ -69,7 +73,7 @@ def read_picture(path: Path) -> Picture:
         vertical_error_m=_first(told, "RtkStdHgt", "GPSZAccuracy") if _is_fixed(told) else _first(told, "GPSZAccuracy"),
         speed_m_s=_speed_m_s(told),
         exposure_s=finite(details.get(ExifTags.Base.ExposureTime)),
-        camera=_model(exif),
+        camera=model,
         pixels=sides,
         focal_length_mm=finite(details.get(ExifTags.Base.FocalLength)) or None,
         focal_length_35mm=finite(details.get(ExifTags.Base.FocalLengthIn35mmFilm)) or None,
@@ -189,15 +193,40 @@ def _degrees(gps: Mapping[int, Any], value: int, reference: int, negative: str) 
     return -degrees if str(gps.get(reference, "")).strip("\x00 ").upper().startswith(negative) else degrees
 
 
-def _time_s(modified: object, details: Mapping[int, Any]) -> float | None:
-    text = details.get(ExifTags.Base.DateTimeOriginal) or modified
-    try:
-        moment = datetime.datetime.strptime(str(text).strip("\x00 "), "%Y:%m:%d %H:%M:%S")
-    except ValueError:
-        return None
+def _time_s(modified: object, details: Mapping[int, Any]) -> tuple[float | None, bool]:
+    """When it was taken by the camera's clock, and whether that is Unix time: EXIF 2.31 has a zone (OffsetTimeOriginal)."""
+    original = details.get(ExifTags.Base.DateTimeOriginal)
+    zone = details.get(ExifTags.Base.OffsetTimeOriginal if original else ExifTags.Base.OffsetTime)
+    moment = _moment(str(original or modified).strip("\x00 "))
+    if moment is None:
+        return None, False
     fraction = str(details.get(ExifTags.Base.SubsecTimeOriginal, "")).strip("\x00 ")
     part = float(f"0.{fraction}") if fraction.isdecimal() and fraction.isascii() else 0.0
-    return moment.replace(tzinfo=datetime.UTC).timestamp() + part
+    ahead = re.fullmatch(r"([+-])(\d\d):(\d\d)", str(zone or "").strip("\x00 "))
+    ahead_s = 0.0
+    if ahead is not None:
+        ahead_s = (-1.0 if ahead[1] == "-" else 1.0) * (3600.0 * int(ahead[2]) + 60.0 * int(ahead[3]))
+    return moment + part - ahead_s, ahead is not None
+
+
+def _satellites_time_s(gps: Mapping[int, Any]) -> float | None:
+    """Unix time of the receiver's place (GPSDateStamp, GPSTimeStamp: UTC), whole seconds with many cameras."""
+    day = _moment(str(gps.get(29, "")).strip("\x00 ").replace("-", ":") + " 00:00:00")
+    parts = gps.get(7)
+    if day is None or not isinstance(parts, tuple | list) or len(parts) != 3:
+        return None
+    hours, minutes, seconds = (finite(part) for part in parts)
+    if hours is None or minutes is None or seconds is None or not 0.0 <= hours < 24.0:
+        return None
+    return day + 3600.0 * hours + 60.0 * minutes + seconds
+
+
+def _moment(text: str) -> float | None:
+    """Seconds of a date and time as EXIF writes them, as if it were UTC."""
+    try:
+        return datetime.datetime.strptime(text, "%Y:%m:%d %H:%M:%S").replace(tzinfo=datetime.UTC).timestamp()
+    except ValueError:
+        return None
 
 
 def _sides(size: tuple[int, int], details: Mapping[int, Any]) -> tuple[int, int]:

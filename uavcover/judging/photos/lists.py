@@ -87,6 +87,7 @@ def read_images_json(path: Path) -> list[Picture]:
             Picture(
                 name=str(row["filename"]), lat_deg=finite(row.get("latitude")), lon_deg=finite(row.get("longitude")),
                 alt_m=finite(row.get("altitude")), time_s=None if time_ms is None else 1e-3 * time_ms,
+                clock=None if time_ms is None else path.name,
                 # ODM turns every maker's pitch so that 0 looks straight down.
                 yaw_deg=finite(row.get("yaw")) if known else None,
                 pitch_deg=off_nadir - 90.0 if known and off_nadir is not None else None,
@@ -128,7 +129,7 @@ def read_mrk(path: Path) -> list[Picture]:
         pictures.append(
             Picture(
                 name=f"{int(row[1]):04d}", lat_deg=lat, lon_deg=lon, alt_m=height, datum=HeightDatum.ELLIPSOID,
-                time_s=_SECONDS_A_WEEK * week + seconds, horizontal_error_m=max(north, east), vertical_error_m=up,
+                time_s=_SECONDS_A_WEEK * week + seconds, clock="GPS", horizontal_error_m=max(north, east), vertical_error_m=up,
             )
         )  # fmt: skip
     return pictures
@@ -189,7 +190,8 @@ def read_table(path: Path) -> list[Picture]:
         if by_ellipsoid:
             numbers["alt_m"] = above_ellipsoid
         datum = HeightDatum.ELLIPSOID if by_ellipsoid else HeightDatum.SEA_LEVEL
-        pictures.append(Picture(name=cells["name"] or f"row {number}", datum=datum, **numbers))  # type: ignore[arg-type]
+        clock = None if numbers["time_s"] is None else path.name
+        pictures.append(Picture(name=cells["name"] or f"row {number}", datum=datum, clock=clock, **numbers))  # type: ignore[arg-type]
     return pictures
 
 

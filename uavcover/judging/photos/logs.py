@@ -64,8 +64,8 @@ def _pictures(path: Path, rows: LoggedRows) -> list[Picture]:
     return [
         Picture(
             name=f"{path.stem}-{k + 1:04d}", lat_deg=float(lat[k]), lon_deg=float(lon[k]), alt_m=float(alt[k]),
-            time_s=float(told[k, 0]), vehicle_roll_deg=finite(attitude[k, 0]), vehicle_pitch_deg=finite(attitude[k, 1]),
-            vehicle_yaw_deg=finite(attitude[k, 2]),
+            time_s=float(told[k, 0]), clock=path.name, vehicle_roll_deg=finite(attitude[k, 0]),
+            vehicle_pitch_deg=finite(attitude[k, 1]), vehicle_yaw_deg=finite(attitude[k, 2]),
         )
         for k in range(len(told))
     ]  # fmt: skip

@@ -30,7 +30,9 @@ class Picture:
         alt_m: height of the camera above ``datum``.
         datum: what that refers to.
         height_above_takeoff_m: the same above the place of take-off, as barometers tell it.
-        time_s: when it was taken, in seconds on any one clock; the same clock for all pictures of a source.
+        time_s: when it was taken, in seconds on ``clock``.
+        clock: whose time that is; seconds of two clocks have nothing in common. ``UTC`` only where the zone is told.
+        utc_s: when it was taken in Unix time, where the zone or the satellites' time is told.
         yaw_deg: of the camera, clockwise from north; the direction of the picture's top when it looks straight down.
         pitch_deg: of the camera above the horizon: -90 looks straight down.
         roll_deg: of the camera, clockwise as it looks.
@@ -56,6 +58,8 @@ class Picture:
     datum: HeightDatum = HeightDatum.SEA_LEVEL
     height_above_takeoff_m: float | None = None
     time_s: float | None = None
+    clock: str | None = None
+    utc_s: float | None = None
     yaw_deg: float | None = None
     pitch_deg: float | None = None
     roll_deg: float | None = None

@@ -20,6 +20,7 @@ LISTS: dict[str, Callable[[Path], list[Picture]]] = {
     ".csv": read_table,
 }
 GEO_TXT = "geo.txt"
+_SHOWN_CLOCKS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +28,7 @@ class PictureSet:
     """All pictures of a flight.
 
     Attributes:
-        pictures: in order of time where all tell it, otherwise of name.
+        pictures: in order of time, clock by clock, where all tell it, otherwise of name.
         notes: what the user should know of how they were read.
     """
 
@@ -104,7 +105,12 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
             found[name] = replace(picture, name=name)
     once = _once(list(found.values()), notes)
     timed = all(picture.time_s is not None for picture in once)
-    once.sort(key=lambda picture: (picture.time_s or 0.0, picture.name) if timed else (0.0, picture.name))
+    once.sort(key=lambda one: (one.clock or "", one.time_s or 0.0, one.name) if timed else ("", 0.0, one.name))
+    clocks = sorted({picture.clock for picture in once if picture.clock is not None})
+    if len(clocks) > 1:
+        notes.append(
+            f"times are of {len(clocks)} clocks ({', '.join(clocks[:_SHOWN_CLOCKS])}): order and speed are taken within each"
+        )
     return PictureSet(tuple(once), tuple(notes))
 
 

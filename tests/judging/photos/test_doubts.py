@@ -1,0 +1,81 @@
+"""Heights of pictures that do not fit the ground, or each other."""
+
+import numpy as np
+import pytest
+
+from tests.judging.photos.test_placing import FRAME, picture
+from uavcover.judging.photos.doubts import height_doubts
+from uavcover.judging.photos.picture import HeightDatum
+from uavcover.judging.photos.placing import Assumptions, place_pictures
+from uavcover.scenario.ground import grid_ground
+
+
+def doubts(pictures, *, takeoff_m=None, ground_m=0.0, slope=0.0):
+    """Of pictures over level or sloping ground, which is ``ground_m`` above the frame's origin at 1000 m."""
+    east = np.arange(-1500.0, 1501.0, 50.0)
+    up = np.tile(ground_m + slope * east, (east.size, 1))
+    ground = grid_ground(up, east0_m=-1500.0, north0_m=-1500.0, step_m=50.0, source="test", vertical_datum="local")
+    placed = place_pictures(pictures, FRAME, Assumptions(takeoff_alt_amsl_m=takeoff_m, geoid_height_m=48.0))
+    return height_doubts(placed, FRAME, ground, by_takeoff=takeoff_m is not None, error_m=10.0)
+
+
+def line(*, off_m=0.0, drift_m=0.0, **told):
+    """Twenty pictures along a line 80 m above level ground at 1000 m, with heights by satellites that are off."""
+    shares = np.linspace(0.0, 1.0, 20)
+    return [
+        picture(
+            f"p{k}", lat_deg=46.0 + 0.0005 * share, height_above_takeoff_m=80.0 + (-1.0) ** k,
+            **{"alt_m": 1080.0 + off_m + drift_m * share, **told},
+        )
+        for k, share in enumerate(shares)
+    ]  # fmt: skip
+
+
+def test_heights_that_fit_are_not_doubted():
+    assert doubts(line()) == []
+    assert doubts(line(off_m=8.0)) == []
+    assert doubts(line(), takeoff_m=1000.0) == []
+
+
+@pytest.mark.parametrize(("off_m", "words"), [(60.0, "at least 60 m too high"), (-40.0, "at least 40 m too low")])
+def test_a_constant_error_is_told_with_its_size(off_m, words):
+    told = doubts(line(off_m=off_m))
+    assert len(told) == 1
+    assert words in told[0]
+    assert f"put the take-off at {1000 + off_m:.0f} m" in told[0]
+    assert "--takeoff" in told[0]
+
+
+def test_on_a_slope_only_what_no_ground_near_explains_is_told():
+    # Within 500 m the ground rises to 1150 m: the take-off may have been there.
+    assert doubts(line(off_m=100.0), slope=0.3) == []
+    assert "m too high" in doubts(line(off_m=180.0), slope=0.3)[0]
+
+
+def test_with_the_place_of_take_off_the_error_is_known():
+    told = doubts(line(off_m=-25.0), takeoff_m=1000.0)
+    assert len(told) == 1
+    assert "put the take-off 25 m below the ground at --takeoff" in told[0]
+
+
+def test_heights_above_the_ellipsoid_are_brought_to_sea_level_first():
+    assert doubts(line(off_m=48.0, datum=HeightDatum.ELLIPSOID)) == []
+    assert "at least 48 m too low" in doubts(line(datum=HeightDatum.ELLIPSOID))[0]
+    # Beside --takeoff they are not compared: the geoid may not be known.
+    assert doubts(line(off_m=48.0, datum=HeightDatum.ELLIPSOID), takeoff_m=1000.0) == []
+
+
+def test_heights_that_drift_are_told_and_several_take_offs_are_named():
+    told = doubts(line(drift_m=30.0))
+    assert len(told) == 1
+    assert "drift apart by 2" in told[0]
+    assert "several take-offs" in told[0]
+
+
+def test_one_height_alone_tells_nothing_of_the_other():
+    assert doubts([picture(f"p{k}", lat_deg=46.0 + 1e-4 * k, alt_m=1200.0) for k in range(9)]) == []
+    assert doubts(line(off_m=60.0)[:2]) == []
+
+
+def test_pictures_under_the_ground_are_told():
+    assert "20 of 20 pictures lie under the ground" in doubts(line(), ground_m=90.0)[0]

@@ -1,0 +1,132 @@
+"""What the user should ask of the heights and angles that pictures tell: nothing here is corrected."""
+
+import math
+
+import numpy as np
+
+from uavcover.judging.photos.picture import HeightDatum
+from uavcover.judging.photos.placing import PlacedPictures, courses_deg
+from uavcover.kernels.arrays import FloatArray
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.ground import Ground
+
+_DOWN_WITHIN_DEG = 20.0
+_TURNED_DEG = 20.0
+_FEW = 10
+_FEW_HEIGHTS = 3
+_AROUND_M = 500.0
+_AROUND_NODES = 60
+
+
+def height_doubts(
+    placed: PlacedPictures, frame: LocalFrame, ground: Ground, *, by_takeoff: bool, error_m: float
+) -> list[str]:
+    """What heights do not fit: the elevation data, or each other.
+
+    Many aircraft tell two heights: above sea level by satellites, and above the place of take-off by pressure. Their
+    difference is the height of that place, the same in the whole flight, and somewhere near has to be ground at that height.
+
+    Args:
+        placed: the pictures.
+        frame: of their places.
+        ground: of the elevation data.
+        by_takeoff: whether heights above take-off count, from the ground there, or those above sea level.
+        error_m: what a height may be wrong by before anything is said.
+    """
+    above_m = ground.heights_agl_m(placed.eyes_m)
+    doubts = []
+    under = int((above_m <= 0.0).sum())
+    if under:
+        doubts.append(
+            f"{under} of {above_m.size} pictures lie under the ground (lowest {np.nanmin(above_m):.0f} m): their heights do "
+            "not fit the elevation data; heights above take-off are taken with --takeoff LAT,LON"
+        )
+    outside = int(np.isnan(above_m).sum())
+    if outside:
+        doubts.append(f"{outside} of {above_m.size} pictures were taken outside the elevation data")
+    takeoff_m, ground_m = _takeoff_heights_m(placed, frame, by_takeoff=by_takeoff)
+    if takeoff_m.size < _FEW_HEIGHTS:
+        return doubts
+    low_m, middle_m, high_m = (float(value) for value in np.percentile(takeoff_m, (5.0, 50.0, 95.0)))
+    if high_m - low_m > error_m:
+        doubts.append(
+            f"heights above sea level and those above take-off drift apart by {high_m - low_m:.0f} m during the flight: one of "
+            "both is wrong by that, or the pictures are of several take-offs"
+        )
+    elif ground_m is not None:
+        off_m = middle_m - ground_m
+        if abs(off_m) > error_m:
+            doubts.append(
+                f"heights above sea level put the take-off {abs(off_m):.0f} m {'above' if off_m > 0.0 else 'below'} the ground "
+                "at --takeoff: they are wrong by that (a receiver's error, or another datum), or the place is; heights above "
+                "take-off are taken"
+            )
+    else:
+        doubts += _no_ground_there(middle_m, placed.eyes_m, ground, frame, error_m=error_m)
+    return doubts
+
+
+def _takeoff_heights_m(
+    placed: PlacedPictures, frame: LocalFrame, *, by_takeoff: bool
+) -> tuple[FloatArray, float | None]:
+    """Height above sea level of the place of take-off by each picture with two heights; and of its ground, where it is known."""
+    _, _, alt_amsl_m = frame.geodetic_from_enu(placed.eyes_m)
+    by_pictures, grounds = [], []
+    for picture, alt in zip(placed.pictures, alt_amsl_m, strict=True):
+        above = picture.height_above_takeoff_m
+        if above is None or picture.alt_m is None:
+            continue
+        if not by_takeoff:
+            by_pictures.append(float(alt) - above)
+        elif picture.datum is HeightDatum.SEA_LEVEL:
+            by_pictures.append(picture.alt_m - above)
+            grounds.append(float(alt) - above)
+    return np.array(by_pictures), float(np.median(grounds)) if grounds else None
+
+
+def _no_ground_there(
+    takeoff_m: float, eyes_m: FloatArray, ground: Ground, frame: LocalFrame, *, error_m: float
+) -> list[str]:
+    (west, south), (east, north) = eyes_m[:, :2].min(axis=0) - _AROUND_M, eyes_m[:, :2].max(axis=0) + _AROUND_M
+    grid_e, grid_n = np.meshgrid(np.linspace(west, east, _AROUND_NODES), np.linspace(south, north, _AROUND_NODES))
+    places = np.column_stack([grid_e.ravel(), grid_n.ravel()])
+    up_m = ground.heights_m(places)
+    known = np.isfinite(up_m)
+    if not known.any():
+        return []
+    _, _, alt_amsl_m = frame.geodetic_from_enu(np.column_stack([places, up_m])[known])
+    lowest_m, highest_m = float(alt_amsl_m.min()), float(alt_amsl_m.max())
+    off_m = max(takeoff_m - highest_m, lowest_m - takeoff_m)
+    if off_m <= error_m:
+        return []
+    return [
+        f"heights above sea level put the take-off at {takeoff_m:.0f} m, and the ground within {_AROUND_M:g} m of the pictures "
+        f"lies between {lowest_m:.0f} and {highest_m:.0f} m: they are at least {off_m:.0f} m too "
+        f"{'high' if takeoff_m > highest_m else 'low'} (a receiver's error, or another datum); --takeoff LAT,LON takes the "
+        "heights above take-off instead"
+    ]
+
+
+def direction_doubts(placed: PlacedPictures) -> list[str]:
+    """What the user should ask of the angles that pictures tell."""
+    doubts = []
+    up = placed.axes[:, 2] >= 0.0
+    if up.any():
+        names = [picture.name for picture, looks in zip(placed.pictures, up, strict=True) if looks]
+        doubts.append(
+            f"{len(names)} of {len(up)} cameras look at the horizon or above it, first {names[0]}: their angles refer to "
+            "something else, or the gimbal was not turned down"
+        )
+    course = courses_deg(placed.eyes_m)
+    yaw = np.degrees(np.arctan2(placed.tops[:, 0], placed.tops[:, 1]))
+    told = (
+        placed.direction_known & np.isfinite(course) & (-placed.axes[:, 2] >= math.cos(math.radians(_DOWN_WITHIN_DEG)))
+    )
+    # A landscape sensor lies across the line, whichever way the vehicle flies along it.
+    off = np.abs((yaw - course + 90.0) % 180.0 - 90.0)[told]
+    if off.size >= _FEW and np.median(off) > _TURNED_DEG:
+        doubts.append(
+            f"the tops of the pictures lie {np.median(off):.0f} degrees (median) off the line on which they were taken: the "
+            "camera was turned, or their yaw is not the camera's"
+        )
+    return doubts
