@@ -212,6 +212,10 @@ def test_a_battery_and_the_wind() -> None:
     assert found(checked(*OVER, aircraft=slow, limits=windy)) == [("battery", None)]
     storm = Limits(max_height_agl_m=None, wind_m_s=12.0)
     assert found(checked(*OVER, aircraft=slow, limits=storm)) == [("wind", None)]
+    # Of an aircraft whose largest speed nobody knows the question stays open, and the battery is judged without wind.
+    unknown = checked(*OVER, aircraft=tired, limits=storm)
+    assert (found(unknown), found(unknown, "unknown")) == ([("battery", None)], [("wind", None)])
+    assert checked(*OVER, aircraft=fresh, limits=storm).verdict == "not proved"
 
 
 def test_time_of_wings_in_wind() -> None:

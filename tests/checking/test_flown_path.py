@@ -163,3 +163,5 @@ def test_a_jump_that_repeats_for_ever_is_cut_off() -> None:
 def test_jumps_to_tags() -> None:
     items = [command(600, 7.0), way(1.0, 0.0, 50.0), command(601, 7.0, 1.0)]
     assert list(order_of(items).numbers) == [1, 2, 1, 2]
+    (lost,) = order_of([way(1.0, 0.0, 50.0), command(601, 8.0, 2.0)]).findings
+    assert lost.what == "a jump to tag 8, 2 times; no item of the mission has this tag"

@@ -47,6 +47,33 @@ def test_a_hill_in_the_way(cli: Cli, tmp_path: Path) -> None:
     assert "--force" in again.error
 
 
+def test_a_home_without_a_height_is_on_the_ground_there(cli: Cli, tmp_path: Path) -> None:
+    def item(command: int, *place: float) -> dict[str, object]:
+        return {
+            "type": "SimpleItem", "command": command, "frame": 3, "autoContinue": True, "doJumpId": 1,
+            "params": [0, 0, 0, None, *place],
+        }  # fmt: skip
+
+    items = [item(22, 0, 0, 40), item(16, 36.4770, -84.2160, 70), item(16, 36.4770, -84.2150, 70), item(20, 0, 0, 0)]
+    verdicts = []
+    for height in (None, 485.0):
+        mission = {
+            "version": 2, "firmwareType": 3, "vehicleType": 2, "cruiseSpeed": 15, "hoverSpeed": 5, "items": items,
+            "plannedHomePosition": [36.4755, -84.2160, height],
+        }  # fmt: skip
+        part = {"version": 2}
+        document = {
+            "fileType": "Plan", "version": 1, "groundStation": "QGroundControl", "mission": mission,
+            "geoFence": {**part, "circles": [], "polygons": []}, "rallyPoints": {**part, "points": []},
+        }  # fmt: skip
+        (tmp_path / "m.plan").write_text(json.dumps(document))
+        ended = cli("check", tmp_path / "m.plan", "--dem", DEM, "--return-height", "70m", "--json")
+        # The only difference is that a height can be compared with the ground.
+        findings = [one for one in ended.document["findings"] if one["kind"] != "home"]
+        verdicts.append((findings, ended.document["figures"]))
+    assert verdicts[0] == verdicts[1]
+
+
 def test_fence_and_zones_of_files(cli: Cli, tmp_path: Path) -> None:
     file = mission(tmp_path, *GOOD)
     ring = [[-84.2155, 36.4765], [-84.2153, 36.4765], [-84.2153, 36.4775], [-84.2155, 36.4775], [-84.2155, 36.4765]]

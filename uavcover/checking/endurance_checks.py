@@ -39,12 +39,26 @@ def endurance_findings(path: FlownPath, aircraft: Aircraft, limits: Limits) -> t
                 do="wait for less wind",
             ),
         ]
+    if limits.wind_m_s > 0.0 and not aircraft.has_wings and aircraft.max_airspeed_m_s is None:
+        return seconds, [
+            CheckFinding(
+                kind="wind",
+                weight="unknown",
+                what=f"how it flies in {limits.wind_m_s:g} m/s of wind: its largest speed through the air is not known",
+                do="give --vehicle NAME, or a TOML file with max_speed_m_s",
+            ),
+            *_battery_findings(seconds, aircraft, ", without wind"),
+        ]
+    return seconds, _battery_findings(seconds, aircraft, wind)
+
+
+def _battery_findings(seconds: float, aircraft: Aircraft, wind: str) -> list[CheckFinding]:
     if aircraft.endurance_s is None:
-        return seconds, []
+        return []
     usable_s = aircraft.endurance_s * (1.0 - aircraft.reserve_fraction)
     if seconds <= usable_s:
-        return seconds, []
-    return seconds, [
+        return []
+    return [
         CheckFinding(
             kind="battery",
             weight="breaks",

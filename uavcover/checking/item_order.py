@@ -46,16 +46,19 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
             at += 1
         else:
             target, times = item.params[:2]
+            leads = f"a jump to {'tag' if item.command == _DO_JUMP_TAG else 'item'} {target:g}, {times:g} times"
             if item.command == _DO_JUMP_TAG:
                 target = next(
                     (n for n, one in enumerate(items, 1) if one.command == _JUMP_TAG and one.params[0] == target), 0
                 )
             if not (1 <= target <= len(items) and target == int(target) and math.isfinite(times)):
-                leads = f"a jump to item {target:g}, {times:g} times"
+                there = f"the mission has items 1 to {len(items)}"
+                if item.command == _DO_JUMP_TAG:
+                    there = "no item of the mission has this tag"
                 findings.append(
                     CheckFinding(
                         kind="jump", weight="breaks", items=(at, at),
-                        what=f"{leads}; the mission has items 1 to {len(items)}",
+                        what=f"{leads}; {there}",
                         do="jump to an item of the mission",
                     )
                 )  # fmt: skip

@@ -41,8 +41,14 @@ def read_own_row(path: Path, *, option: str) -> dict[str, Any]:
     return {"title": path.stem, **row}
 
 
-def find_name(wanted: str, rows: Mapping[str, Mapping[str, Any]], *, option: str) -> str:
+def find_name(wanted: str, rows: Mapping[str, Mapping[str, Any]], *, option: str, command: str = "new") -> str:
     """The row that a name means, whatever its case, spaces and hyphens; also by title and alias.
+
+    Args:
+        wanted: what the user wrote.
+        rows: the table.
+        option: that takes the name.
+        command: whose ``list`` shows the table.
 
     Raises:
         InputError: there is none; says what is near.
@@ -59,7 +65,7 @@ def find_name(wanted: str, rows: Mapping[str, Mapping[str, Any]], *, option: str
     near += [name for key, name in known.items() if len(plain) >= 3 and plain in key]
     shown = list(dict.fromkeys(near))[:_MOST_NAMES]
     advice = f"did you mean {' or '.join(shown)}?" if shown else "is it a TOML file of your own? then end it in .toml"
-    raise InputError(f"{option}: {wanted!r} is not known; {advice} ({option} list shows all)")
+    raise InputError(f"{option}: {wanted!r} is not known; {advice} (uavcover {command} {option} list shows all)")
 
 
 def _plain(name: str) -> str:

@@ -35,7 +35,7 @@ def curve_named(name: str) -> DetectionCurve:
     if name.lower().endswith(".toml"):
         return _curve(Path(name).stem, read_own_row(Path(name), option="--detection"), where=f"--detection: {name}")
     rows = read_catalog("detection.toml")
-    found = find_name(name, rows, option="--detection")
+    found = find_name(name, rows, option="--detection", command="judge-photos")
     return _curve(found, rows[found], where=f"detection.toml: {found}")
 
 

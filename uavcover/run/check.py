@@ -126,6 +126,7 @@ class ReadMission:
         return_height_m: above home, where the file states it.
         speed_m_s: likewise.
         points: of a route, the item that each of its points became.
+        home: latitude and longitude of a home without a height, which is none to ``mission``.
     """
 
     mission: Mission
@@ -136,6 +137,7 @@ class ReadMission:
     return_height_m: float | None = None
     speed_m_s: float | None = None
     points: tuple[int, ...] = ()
+    home: tuple[float, float] | None = None
 
 
 def check(query: CheckQuery, user: User) -> CheckOutcome:
@@ -155,9 +157,10 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
     if not read.mission.items:
         raise InputError(f"{query.file}: the mission has no items; give a file that flies somewhere")
     aircraft = aircraft_of(query, read)
-    source, datum = _open_elevation(query.elevation, read.mission, query.home)
+    home = read.home if query.home is None else query.home
+    source, datum = _open_elevation(query.elevation, read.mission, home)
     request = CheckRequest(
-        mission=read.mission, aircraft=aircraft, limits=query.limits, home=query.home, pilot=query.pilot,
+        mission=read.mission, aircraft=aircraft, limits=query.limits, home=home, pilot=query.pilot,
         fence=_read_fence(query.fence) if query.fence is not None else read.fence,
         obstacles=_read_obstacles(query.obstacles),
     )  # fmt: skip
@@ -253,12 +256,18 @@ def read_mission_file(path: Path) -> ReadMission:
         fence = document.fence if document.fence != Fence() else None
         return ReadMission(
             document.mission, fence, _autopilot_of(document.mav_autopilot), _kind_of(document.vehicle_type, document.mission),
-            (*decoded.repairs, *document.repairs),
+            (*decoded.repairs, *document.repairs), home=_home_without_height(document),
         )  # fmt: skip
     read = files.read_file(path)
     if read.mission is None:
         raise InputError(f"{path}: holds a fence or rally points and no mission; give it with --fence")
     return ReadMission(read.mission, None, None, _kind_of(None, read.mission), read.repairs)
+
+
+def _home_without_height(document: plan.PlanFile) -> tuple[float, float] | None:
+    """Where a plan starts whose home has no height, as QGroundControl saves it without terrain data: the ground there counts."""
+    home = document.extras.get("mission", {}).get("plannedHomePosition")
+    return (float(home[0]), float(home[1])) if document.mission.home is None and isinstance(home, list) else None
 
 
 def aircraft_of(query: CheckQuery, read: ReadMission) -> Aircraft:
