@@ -81,12 +81,15 @@ class LimitOptions:
     def limits(self) -> "Limits":
         """What was given."""
         from uavcover.checking.limits import Limits
+        from uavcover.errors import InputError
         from uavcover.intake.quantities import length_m, speed_m_s
 
         def length(text: str | None, option: str, example: str) -> float | None:
             return None if text is None or text == "none" else length_m(text, option=option, example=example)
 
         low, high = length(self.min_height, "--min-height", "10m"), length(self.max_height, "--max-height", "120m")
+        if low is not None and high is not None and low > high:
+            raise InputError(f"--min-height: {low:g} m is above --max-height, {high:g} m; leave room between them")
         return Limits(
             min_height_agl_m=0.0 if low is None else low,
             max_height_agl_m=high,

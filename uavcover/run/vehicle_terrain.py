@@ -81,7 +81,11 @@ def open_elevation_data(data: ElevationData, *, around: Bounds | None = None) ->
     if unit not in (None, *get_args(HeightUnit)):
         raise InputError(f"--height-unit: {data.height_unit!r} is not known; give m, dm, cm, ft or us-ft")
     source = TerrainSource(
-        find_tiles(data.names, folder=Path(), around=around), crs=data.crs, band=data.band, height_unit=unit
+        find_tiles(data.names, folder=Path(), around=around),
+        crs=data.crs,
+        band=data.band,
+        height_unit=unit,
+        key="--dem",
     )
     fitting = possible_datums(source)
     if data.vertical_datum is None:

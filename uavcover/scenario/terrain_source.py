@@ -42,7 +42,7 @@ class TerrainSource:
         band: number or name of the band with the heights; none: the first.
         height_unit: unit of the heights, where the files do not say.
         fill_no_data_m: gaps without data up to this long are closed by interpolation.
-        key: of the scenario, for errors.
+        key: of the scenario, or the option, for errors.
     """
 
     files: tuple[Path, ...]
@@ -71,7 +71,10 @@ class TerrainSource:
         """
         for file in self.files:
             if not file.is_file():
-                raise TerrainError(f"{file}: no such file ({self.key} is relative to the scenario file)")
+                relative = "" if self.key.startswith("--") else f" ({self.key} is relative to the scenario file)"
+                raise TerrainError(
+                    f"{file}: no such file{relative or f'; give {self.key} a raster, a folder or a pattern'}"
+                )
             if file.stat().st_size == 0:
                 raise TerrainError(f"{file}: the file is empty; fetch it again")
         name = _mosaic(self.files, self.band, self.crs) if self._is_virtual else _gdal_name(self.files[0])
@@ -144,7 +147,7 @@ def find_tiles(
         names: as the scenario has them.
         folder: base of relative paths.
         around: west, south, east, north in degrees of what is needed; of several files only those near it are taken.
-        key: of the scenario, for errors.
+        key: of the scenario, or the option, for errors.
 
     Raises:
         TerrainError: a folder or a pattern has no tile, has too many, or none of the tiles is near.
