@@ -133,6 +133,27 @@ def test_what_items_themselves_show() -> None:
 
 
 @pytest.mark.parametrize(
+    ("number", "first", "told"),
+    [
+        (92, 1.0, "something else"),
+        (92, 0.0, None),
+        (42702, 1.0, "something else"),
+        (94, 0.0, "no place"),
+        (80, 0.0, None),
+    ],
+)
+def test_items_that_let_others_fly_or_have_no_place_are_told(number: int, first: float, told: str | None) -> None:
+    path = flown(up(), MissionItem(number, Frame.ABOVE_HOME, (first, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0), home())
+    assert [one.weight for one in path.findings] == ([] if told is None else ["unknown"])
+    assert all(told is not None and told in one.what for one in path.findings)
+
+
+def test_a_region_of_interest_is_looked_at_and_not_flown_to() -> None:
+    place = MissionItem(80, Frame.ABOVE_HOME, (0.0,) * 4, *_place(500.0, 500.0), 60.0)
+    assert len(flown(up(), place, home()).segments) == len(flown(up(), home()).segments)
+
+
+@pytest.mark.parametrize(
     ("jump", "numbers", "kind"),
     [
         ((2.0, 2.0), [1, 2, 3, 2, 3, 2, 3, 5], None),

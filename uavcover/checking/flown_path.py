@@ -26,6 +26,9 @@ _TERRAIN_STEP_M = 10.0
 _SPLINE_STEP_M = 2.0
 _LAST_NAVIGATION = 95
 """MAV_CMD_NAV_LAST: commands up to here fly somewhere."""
+_REGION_OF_INTEREST, _GUIDED_ENABLE = 80, 92
+_FREE_FLIGHT: Final = frozenset({42702, 42703})
+"""ArduPilot's NAV_SCRIPT_TIME and NAV_ATTITUDE_TIME: a script, or angles, fly in place of the mission."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,12 +103,18 @@ class _Flight:
         if command is not None:
             self._then = then
             command(self, number, item)
-        elif item.command > _LAST_NAVIGATION:
+        elif item.command in _FREE_FLIGHT or (item.command == _GUIDED_ENABLE and item.params[0] != 0.0):
+            self._look(number, "meaning", f"command {item.command} lets something else than the mission fly, nobody knows where",
+                       "judge that part by itself", "unknown")  # fmt: skip
+        elif item.command > _LAST_NAVIGATION or item.command in (_REGION_OF_INTEREST, _GUIDED_ENABLE):
             self.deeds.append(Deed(number, len(self.segments)))
         elif item.has_position and self._has_place(item):
             self._look(number, "meaning", f"command {item.command} is judged as a straight way to its place",
                        "look at what the autopilot does there", "unknown")  # fmt: skip
             self._go(number, self._target(item), doubt=f"command {item.command}")
+        else:
+            self._look(number, "meaning", f"command {item.command} has no place: where it flies is not known",
+                       "look at what the autopilot does there", "unknown")  # fmt: skip
 
     def end(self) -> None:
         """Note what a whole flight has and this one has not."""
