@@ -122,7 +122,13 @@ def test_bounds_in_words():
         "coverable_fraction": 1.0,
         "fewest_waypoints": {"for_coverage_of_coverable": 1.0, "at_least": 44.0, "found": 45, "gap": 1 / 44, **common},
         "most_coverage": {"with_waypoints": 40, "at_most": 0.98, "found": None, "gap": None, **common},
-        "shortest_path_m": {"for_coverage_of_coverable": 0.9, "at_least": 100.0, "found": 624.6, "gap": 5.246, **common},
+        "shortest_path_m": {
+            "for_coverage_of_coverable": 0.9,
+            "at_least": 100.0,
+            "found": 624.6,
+            "gap": 5.246,
+            **common,
+        },
     }
     assert bounds_in_words(bounds) == [
         "fewest waypoints for 100.00 %: at least 44, found 45, gap 2.27 %; proved for a lattice, by branch and bound",
