@@ -98,6 +98,8 @@ class Autopilot:
         download_blocks_s: For how long a download that was not acknowledged keeps uploads out; 0 for not at all.
         boot_refusal_s: For how long after boot an upload is answered NO_SPACE.
         has_list_ids: Whether it tells an id of each list, in transfers and in MISSION_CURRENT, that changes with its content.
+        takes_parts: Whether items of a list can be written over, the others being left as they are
+            (MISSION_WRITE_PARTIAL_LIST).
         lists_as_files: Whether its lists are files too, as ``mission_io.formats.mission_dat`` has them.
     """
 
@@ -134,6 +136,7 @@ class Autopilot:
     download_blocks_s: float
     boot_refusal_s: float
     has_list_ids: bool
+    takes_parts: bool
     lists_as_files: bool
 
     def rule_for(self, item: MissionItem, field_name: str) -> StorageRule | None:
@@ -181,6 +184,7 @@ ARDUPILOT = Autopilot(
     download_blocks_s=0.0,
     boot_refusal_s=2.0,
     has_list_ids=False,
+    takes_parts=True,
     lists_as_files=True,
 )
 """ArduPilot on multicopters and helicopters (ArduCopter)."""
@@ -234,6 +238,7 @@ PX4 = Autopilot(
     download_blocks_s=5.3,
     boot_refusal_s=0.0,
     has_list_ids=True,
+    takes_parts=False,
     lists_as_files=False,
 )
 """PX4."""

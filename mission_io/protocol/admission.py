@@ -22,14 +22,36 @@ _INVALID_PARAMS = (
 
 @dataclass(slots=True)
 class Incoming:
-    """An upload in progress."""
+    """An upload in progress.
+
+    Attributes:
+        station: Who sends it.
+        mission_type: The list.
+        count: How many items come.
+        heard_at: When the last one came.
+        asked_at: When the next one was last asked for.
+        first: Its first item's number; others than 0 where only a part of a list comes.
+        base: The list of which a part is written over; None for a whole list.
+        items: Those that have come.
+    """
 
     station: Address
     mission_type: MissionType
     count: int
     heard_at: float
     asked_at: float
+    first: int = 0
+    base: tuple[MissionItem, ...] | None = None
     items: list[MissionItem] = field(default_factory=list)
+
+    @property
+    def next_seq(self) -> int:
+        """The number of the item that is to come."""
+        return self.first + len(self.items)
+
+    def over(self, held: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
+        """A list with the items that have come in their places."""
+        return (*held[: self.first], *self.items, *held[self.next_seq :])
 
 
 def refusal_of(message: MissionItemInt | MissionItemFloat, autopilot: Autopilot) -> MissionResult | None:

@@ -22,6 +22,7 @@ from mission_io.wire.messages import (
     MissionRequest,
     MissionRequestInt,
     MissionRequestList,
+    MissionWritePartialList,
     Received,
     is_for,
 )
@@ -82,6 +83,7 @@ class MissionServer:
         self._events: list[ListChanged] = []
         # About the message at hand: who sent it, which list and which item or count it speaks of, and why it is refused.
         self._sender, self._about, self._number = local, 0, 0
+        self._first: int | None = None
         self._item: MissionItem | None = None
         self._in_floats = False
         self._refusal = MissionResult.ERROR
@@ -159,7 +161,10 @@ class MissionServer:
     def _event_of(self, message: Message, now: float) -> ServerEvent | None:
         match message:
             case MissionCount():
-                return self._count_event(message, now)
+                self._number, self._first = message.count, None
+                return self._count_event(now)
+            case MissionWritePartialList():
+                return self._part_event(message, now)
             case MissionItemInt() | MissionItemFloat():
                 return self._item_event(message)
             case MissionRequestList():
@@ -199,19 +204,32 @@ class MissionServer:
             known = known and seq in (self._serve_next, self._serve_next - 1)
         return ServerEvent.REQUEST if known else ServerEvent.REQUEST_UNKNOWN
 
-    def _count_event(self, message: MissionCount, now: float) -> ServerEvent:
-        self._number = message.count
+    def _part_event(self, message: MissionWritePartialList, now: float) -> ServerEvent | None:
+        """Whether a part of a list is taken (ArduPilot, MissionItemProtocol::handle_mission_write_partial_list)."""
+        if not self.autopilot.takes_parts:
+            return None
+        self._number, self._first = message.end_index - message.start_index + 1, message.start_index
+        event = self._count_event(now)
+        held = len(self._lists[MissionType(self._about)]) if self._about in self._lists else 0
+        if event in (ServerEvent.COUNT, ServerEvent.COUNT_ZERO) and not (
+            0 <= message.start_index <= message.end_index <= held
+        ):
+            self._refusal = MissionResult.ERROR
+            return ServerEvent.COUNT_REFUSED
+        return event
+
+    def _count_event(self, now: float) -> ServerEvent:
         if self._incoming is not None and not self._is_incoming():
             return ServerEvent.COUNT_OTHER
         if self._about not in self._lists:
             self._refusal = MissionResult.UNSUPPORTED
             return ServerEvent.COUNT_REFUSED
-        if message.count > self.capacity or now < self._ready_at:
+        if self._number + (self._first or 0) > self.capacity or now < self._ready_at:
             self._refusal = MissionResult.NO_SPACE
             return ServerEvent.COUNT_REFUSED
         if self._incoming is not None and self._incoming.items and not self.autopilot.count_restarts:
             return ServerEvent.COUNT_LATE
-        return ServerEvent.COUNT if message.count else ServerEvent.COUNT_ZERO
+        return ServerEvent.COUNT if self._number else ServerEvent.COUNT_ZERO
 
     def _item_event(self, message: MissionItemInt | MissionItemFloat) -> ServerEvent:
         incoming = self._incoming
@@ -220,7 +238,7 @@ class MissionServer:
             return ServerEvent.ITEM_AGAIN if again else ServerEvent.ITEM_STRAY
         if not self._is_incoming():
             return ServerEvent.ITEM_OTHER
-        if message.seq != len(incoming.items):
+        if message.seq != incoming.next_seq:
             return ServerEvent.ITEM_STRAY
         refusal = refusal_of(message, self.autopilot)
         if refusal is not None:
@@ -229,7 +247,8 @@ class MissionServer:
         self._item = stored_item(item_from_message(message), self.autopilot)
         if len(incoming.items) + 1 < incoming.count:
             return ServerEvent.ITEM
-        if not list_is_whole((*incoming.items, self._item), incoming.mission_type):
+        whole = incoming.base is not None or list_is_whole((*incoming.items, self._item), incoming.mission_type)
+        if not whole:
             self._refusal = MissionResult.ERROR
             return ServerEvent.ITEM_BAD
         return ServerEvent.ITEM_LAST
@@ -244,8 +263,9 @@ class MissionServer:
     def _begin(self, now: float) -> None:
         mission_type = MissionType(self._about)
         self._ended, self._partner = None, self._sender
-        self._incoming = Incoming(self._sender, mission_type, self._number, now, now)
-        if mission_type not in self.autopilot.atomic:
+        base = None if self._first is None else self._lists[mission_type]
+        self._incoming = Incoming(self._sender, mission_type, self._number, now, now, self._first or 0, base)
+        if base is None and mission_type not in self.autopilot.atomic:
             self._lists[mission_type] = self._lists[mission_type][: self._number]
         self._ask(now)
 
@@ -253,7 +273,7 @@ class MissionServer:
         incoming = self._upload()
         incoming.asked_at = now
         kind = MissionRequest if self.autopilot.legacy_requests else MissionRequestInt
-        to, seq = incoming.station, len(incoming.items)
+        to, seq = incoming.station, incoming.next_seq
         self._outbox.append(kind(to.system_id, to.component_id, seq, incoming.mission_type))
 
     def _store(self, now: float) -> None:
@@ -264,9 +284,9 @@ class MissionServer:
         self._take_item(now)
         incoming = self._upload()
         self._incoming = None
-        self._lists[incoming.mission_type] = tuple(incoming.items)
+        self._lists[incoming.mission_type] = incoming.over(incoming.base or ())
         if self.autopilot.acks_repeated_last_item:
-            self._ended = (incoming.station, incoming.mission_type, incoming.count - 1)
+            self._ended = (incoming.station, incoming.mission_type, incoming.next_seq - 1)
         self._changed(incoming.mission_type, "uploaded")
         self._answer(MissionResult.ACCEPTED)
 
@@ -276,8 +296,7 @@ class MissionServer:
             incoming.items.append(self._item)
         incoming.heard_at = now
         if incoming.mission_type not in self.autopilot.atomic:
-            held = self._lists[incoming.mission_type]
-            self._lists[incoming.mission_type] = (*incoming.items, *held[len(incoming.items) :])
+            self._lists[incoming.mission_type] = incoming.over(self._lists[incoming.mission_type])
 
     def _empty(self, now: float) -> None:
         self._incoming = None

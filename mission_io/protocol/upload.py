@@ -16,7 +16,14 @@ from mission_io.protocol.exchange import OPENING, Address, Exchange
 from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.tables import UPLOAD_ENDS, UPLOAD_TABLE, UploadEvent, UploadState
 from mission_io.protocol.timing import RESTARTS, Timing
-from mission_io.wire.messages import Message, MissionAck, MissionCount, MissionRequest, MissionRequestInt
+from mission_io.wire.messages import (
+    Message,
+    MissionAck,
+    MissionCount,
+    MissionRequest,
+    MissionRequestInt,
+    MissionWritePartialList,
+)
 from mission_io.wire.mission_items import message_from_item
 
 _FRESH_STARTS = 2
@@ -25,6 +32,8 @@ _DOUBTFUL_ITEMS = 8
 REPEATS, REPEATS_PER_ITEM = 64, 4
 """Number of repeated requests answered at once; further ones wait for the next silence."""
 _CANCELS = 16
+_LARGEST_PART = 2**15
+"""MISSION_WRITE_PARTIAL_LIST has signed numbers of 16 bits."""
 _BEGUN = (
     UploadState.SERVING,
     UploadState.CONFIRMING,
@@ -43,7 +52,12 @@ _ACK_EVENTS: dict[int, UploadEvent] = {
 
 
 class Upload(Exchange[UploadState, UploadEvent]):
-    """One upload of ``items`` (as on the wire) as the list ``mission_type``.
+    """One upload of ``items`` (as on the wire) as the list ``mission_type``, or over a part of it.
+
+    Args:
+        items: What is sent.
+        first: The number of the first item on the vehicle, where the others of its list stay as they are
+            (MISSION_WRITE_PARTIAL_LIST); None replaces the list.
 
     Attributes:
         sent_count: Number of different items sent so far.
@@ -61,6 +75,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
         now: float,
         timing: Timing | None = None,
         patience: Patience | None = None,
+        first: int | None = None,
     ) -> None:
         super().__init__(
             UploadState.ANNOUNCED,
@@ -73,6 +88,11 @@ class Upload(Exchange[UploadState, UploadEvent]):
         )
         if len(items) > 65535:
             raise MisuseError(f"{len(items)} items; MAVLink counts them in 16 bits")
+        if first is not None and (first < 0 or not items or first + len(items) > _LARGEST_PART):
+            raise MisuseError(
+                f"a part of {len(items)} items from {first} on; it has one item or more, up to {_LARGEST_PART - 1}"
+            )
+        self._is_part, self._first = first is not None, first or 0
         self._items = [
             message_from_item(
                 item,
@@ -81,7 +101,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
                 target_system=vehicle.system_id,
                 target_component=vehicle.component_id,
             )
-            for seq, item in enumerate(items)
+            for seq, item in enumerate(items, self._first)
         ]
         self._asked = -1  # the item requested last
         self._furthest = -1  # the furthest item requested since COUNT
@@ -110,7 +130,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
 
     def _event_of(self, message: Message, now: float) -> UploadEvent | None:
         if isinstance(message, MissionRequest | MissionRequestInt):
-            return self._request_event(message.seq, now)
+            return self._request_event(message.seq - self._first, now)
         if isinstance(message, MissionAck):
             if message.result == MissionResult.ACCEPTED:
                 self.list_id = message.opaque_id
@@ -136,7 +156,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
             self._cancels += 1
             if self._cancels > _CANCELS:
                 return UploadEvent.REQUEST_CROSSED
-        if seq >= len(self._items):
+        if not 0 <= seq < len(self._items):
             return UploadEvent.REQUEST_UNKNOWN
         going = self.state in (UploadState.SERVING, UploadState.CONFIRMING)
         if going and seq == self._asked and self._on_its_way(seq, now):
@@ -226,8 +246,11 @@ class Upload(Exchange[UploadState, UploadEvent]):
         }
 
     def _send_count(self, now: float) -> None:
-        count = MissionCount(self.vehicle.system_id, self.vehicle.component_id, len(self._items), self.mission_type)
-        self._send(count, now, question=OPENING)
+        to, end = (self.vehicle.system_id, self.vehicle.component_id), self._first + len(self._items)
+        opening: Message = MissionCount(*to, end, self.mission_type)
+        if self._is_part:
+            opening = MissionWritePartialList(*to, self._first, end - 1, self.mission_type)
+        self._send(opening, now, question=OPENING)
 
     def _resend_count(self, now: float) -> None:
         self._count_silence()

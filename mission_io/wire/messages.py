@@ -194,6 +194,17 @@ class MissionCount:
 
 
 @dataclass(frozen=True, slots=True)
+class MissionWritePartialList:
+    """The sender is going to send the items from ``start_index`` to ``end_index``, both among them, over those that are there."""
+
+    target_system: int
+    target_component: int
+    start_index: int
+    end_index: int
+    mission_type: int = MissionType.MISSION
+
+
+@dataclass(frozen=True, slots=True)
 class MissionRequest:
     """Asks for an item, in the deprecated form; answered like the other."""
 
@@ -323,6 +334,7 @@ Message: TypeAlias = (
     | EkfStatusReport
     | ExtendedSysState
     | MissionCount
+    | MissionWritePartialList
     | MissionRequest
     | MissionRequestInt
     | MissionItemInt

@@ -34,6 +34,7 @@ SAMPLES: list[m.Message] = [
     m.EkfStatusReport(0x1F, 0.25, 0.5, 0.125, 0.0625, 0.0),
     m.ExtendedSysState(LandedState.IN_AIR, 3),
     m.MissionCount(1, 1, 650, 1),
+    m.MissionWritePartialList(1, 1, 3, 650, 2),
     m.MissionCount(255, 190, 7, 2, opaque_id=2**32 - 3),
     m.MissionRequest(255, 190, 7, 2),
     m.MissionRequestInt(255, 190, 65535),

@@ -39,17 +39,17 @@ def partial_list(start: int, end: int) -> bytes:
 
 @pytest.mark.parametrize(("start", "end"), [(0, 2), (-1, 5), (3, 1), (0, 32767)])
 def test_vehicle_write_partial(start: int, end: int) -> None:
-    """Not supported, whatever its bounds: nothing is answered and nothing changes."""
+    """PX4 knows no parts, whatever their bounds: nothing is answered and nothing changes. ArduPilot: test_part_upload.py."""
     peer = VehiclePeer(PX4)
     peer.server.set_items(MissionType.MISSION, items(5))
     peer.receive_datagram(partial_list(start, end), 0.0)
-    assert peer.heard == []
+    assert [(r.message.start_index, r.message.end_index) for r in peer.heard] == [(start, end)]
     assert peer.server.messages_to_send(0.0) == []
     assert held(peer) == items(5)
 
 
 def test_client_write_partial() -> None:
-    """Never sent: a list is replaced as a whole."""
+    """An upload never sends it: a list is replaced as a whole (``upload_part`` does)."""
     peer = VehiclePeer(PX4)
     peer.server.set_items(MissionType.MISSION, items(9))
     connected(peer).upload(MissionType.MISSION, (*items(8), replace(items(9)[8], alt_m=1.0)))

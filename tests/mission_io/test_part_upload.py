@@ -1,0 +1,144 @@
+"""Writing over some items of a mission that the vehicle holds."""
+
+import pytest
+
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.client.client import Client
+from mission_io.client.part_upload import upload_part
+from mission_io.errors import MisuseError, TransferError, TransferSilentError
+from mission_io.links.simulated import Conditions
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import Frame, Mission, MissionItem, MissionType, waypoint
+from mission_io.protocol.exchange import Address
+from mission_io.protocol.upload import Upload
+from mission_io.wire.messages import MissionAck, MissionCount, MissionItemInt, MissionWritePartialList, Received
+from mission_io.wire.mission_items import message_from_item
+from tests.mission_io.test_client import MISSION
+from tests.mission_io.vehicle import VehiclePeer, connected
+
+
+def changed(count: int) -> list[MissionItem]:
+    return [waypoint(46.6 + 1e-4 * k, -7.35, 75.0 + k, frame=Frame.ABOVE_HOME) for k in range(count)]
+
+
+def holding(peer: VehiclePeer, conditions: Conditions | None = None, seed: int = 0) -> Client:
+    client = connected(peer, conditions=conditions, seed=seed)
+    assert client.upload_and_verify(MISSION).passed
+    peer.heard.clear()
+    return client
+
+
+@pytest.mark.parametrize(("first", "count"), [(1, 1), (3, 2), (1, 8), (8, 1)])
+def test_only_the_part_is_sent_and_the_rest_stays(first: int, count: int) -> None:
+    peer = VehiclePeer(ARDUPILOT)
+    client = holding(peer)
+    steps: list[tuple[int, int]] = []
+    result = upload_part(client, first, changed(count), progress=lambda done, total: steps.append((done, total)))
+    assert result.passed, result.differences
+    sent = [r.message for r in peer.heard]
+    assert [m for m in sent if isinstance(m, MissionCount)] == []
+    (opening,) = {m for m in sent if isinstance(m, MissionWritePartialList)}
+    assert (opening.start_index, opening.end_index) == (first, first + count - 1)
+    assert {m.seq for m in sent if isinstance(m, MissionItemInt)} == set(range(first, first + count))
+    held = client.download_list(MissionType.MISSION)
+    assert isinstance(held, Mission)
+    assert [item.alt_m for item in held.items[first - 1 : first - 1 + count]] == [75.0 + k for k in range(count)]
+    others = [*range(first - 1), *range(first - 1 + count, 8)]
+    assert [held.items[k].command for k in others] == [MISSION.items[k].command for k in others]
+    assert steps[-1] == (count, count)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_part_survives_loss_and_duplicates(seed: int) -> None:
+    peer = VehiclePeer(ARDUPILOT)
+    client = holding(peer, Conditions(loss=0.3, duplication=0.2), seed)
+    assert upload_part(client, 2, changed(5)).passed
+    assert len(peer.server.items(MissionType.MISSION)) == 9
+
+
+def test_an_autopilot_that_takes_no_parts_is_not_asked() -> None:
+    peer = VehiclePeer(PX4)
+    client = holding(peer)
+    with pytest.raises(MisuseError, match="PX4 takes no part of a mission"):
+        upload_part(client, 1, changed(1))
+    assert peer.heard == []
+
+
+@pytest.mark.parametrize(("first", "count"), [(0, 1), (9, 1), (7, 3), (1, 0), (-1, 1)])
+def test_what_is_not_there_is_not_written_over(first: int, count: int) -> None:
+    peer = VehiclePeer(ARDUPILOT)
+    client = holding(peer)
+    with pytest.raises(MisuseError, match="a mission of 8"):
+        upload_part(client, first, changed(count))
+    assert not [r for r in peer.heard if isinstance(r.message, MissionWritePartialList)]
+
+
+def test_a_vehicle_that_refuses_or_is_silent_is_an_error() -> None:
+    class Refuses(VehiclePeer):
+        answer = True
+
+        def receive_datagram(self, data: bytes, now: float) -> None:
+            received = self.codec.decode(data)
+            for one in received:
+                if isinstance(one.message, MissionWritePartialList):
+                    if self.answer:
+                        self.outbox.append(MissionAck(255, 190, MissionResult.ERROR))
+                else:
+                    self.server.receive(one, now)
+
+    peer = Refuses(ARDUPILOT)
+    client = connected(peer)
+    client.upload_and_verify(MISSION)
+    with pytest.raises(TransferError, match="upload of items 3 to 4 of the mission"):
+        upload_part(client, 3, changed(2))
+    peer.answer = False
+    with pytest.raises(TransferSilentError, match="upload of items 3 to 4 of the mission"):
+        upload_part(client, 3, changed(2))
+    assert len(peer.server.items(MissionType.MISSION)) == 9
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "answer"), [(2, 1, 1), (-1, 2, 1), (3, 10, 1), (10, 10, 1), (9, 9, None), (0, 3, None)]
+)
+def test_a_vehicle_takes_parts_that_lie_in_its_list_or_go_on_after_it(
+    first: int, last: int, answer: int | None
+) -> None:
+    peer = VehiclePeer(ARDUPILOT)
+    holding(peer)
+    peer.server.receive(Received(MissionWritePartialList(1, 1, first, last), 255, 190), 10.0)
+    said = peer.server.messages_to_send(10.0)
+    if answer is None:
+        assert [getattr(m, "seq", None) for m in said] == [first]
+    else:
+        assert [m.result for m in said if isinstance(m, MissionAck)] == [MissionResult.ERROR]
+    deaf = VehiclePeer(PX4)
+    holding(deaf)
+    deaf.server.receive(Received(MissionWritePartialList(1, 1, 1, 1), 255, 190), 10.0)
+    assert deaf.server.messages_to_send(10.0) == []
+
+
+def test_a_part_that_breaks_off_leaves_what_came_written() -> None:
+    peer = VehiclePeer(ARDUPILOT)
+    holding(peer)
+    before = peer.server.items(MissionType.MISSION)
+    peer.server.receive(Received(MissionWritePartialList(1, 1, 3, 5), 255, 190), 10.0)
+    other = waypoint(46.9, -7.9, 99.0, frame=Frame.ABOVE_HOME)
+    item = message_from_item(other, 3, mission_type=MissionType.MISSION, target_system=1, target_component=1)
+    peer.server.receive(Received(item, 255, 190), 10.1)
+    for _ in range(3):
+        peer.server.messages_to_send(100.0)
+    after = peer.server.items(MissionType.MISSION)
+    assert [k for k in range(9) if before[k] != after[k]] == [3]
+
+
+@pytest.mark.parametrize("first", [-1, 2**15])
+def test_numbers_that_the_message_does_not_carry_are_refused(first: int) -> None:
+    with pytest.raises(MisuseError, match="a part of 1 items"):
+        Upload(
+            changed(1),
+            mission_type=MissionType.MISSION,
+            local=Address(255, 190),
+            vehicle=Address(1, 1),
+            now=0.0,
+            first=first,
+        )
