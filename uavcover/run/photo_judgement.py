@@ -146,8 +146,9 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
     placed = placed_in(request, found, site, frame)
     heights_m = site.ground.heights_agl_m(placed.eyes_m)
     of_heights = height_doubts(
-        placed, frame, site.ground, by_takeoff=request.takeoff is not None, error_m=request.assumed.vertical_m
-    )
+        placed, frame, site.ground, by_takeoff=request.takeoff is not None, error_m=request.assumed.vertical_m,
+        home_en_m=None if request.scenario is None or site.home_m is None else np.asarray(site.home_m, dtype=float)[:2],
+    )  # fmt: skip
     doubts = _told([*of_heights, *direction_doubts(placed)], user)
     sensor = site.scenario.sensor
     if not isinstance(sensor, FrameCamera):

@@ -10,13 +10,13 @@ from uavcover.judging.photos.placing import Assumptions, place_pictures
 from uavcover.scenario.ground import grid_ground
 
 
-def doubts(pictures, *, takeoff_m=None, ground_m=0.0, slope=0.0):
+def doubts(pictures, *, takeoff_m=None, ground_m=0.0, slope=0.0, home_en_m=None):
     """Of pictures over level or sloping ground, which is ``ground_m`` above the frame's origin at 1000 m."""
     east = np.arange(-1500.0, 1501.0, 50.0)
     up = np.tile(ground_m + slope * east, (east.size, 1))
     ground = grid_ground(up, east0_m=-1500.0, north0_m=-1500.0, step_m=50.0, source="test", vertical_datum="local")
     placed = place_pictures(pictures, FRAME, Assumptions(takeoff_alt_amsl_m=takeoff_m, geoid_height_m=48.0))
-    return height_doubts(placed, FRAME, ground, by_takeoff=takeoff_m is not None, error_m=10.0)
+    return height_doubts(placed, FRAME, ground, by_takeoff=takeoff_m is not None, error_m=10.0, home_en_m=home_en_m)
 
 
 def line(*, off_m=0.0, drift_m=0.0, **told):
@@ -50,6 +50,15 @@ def test_on_a_slope_only_what_no_ground_near_explains_is_told():
     # Within 500 m the ground rises to 1150 m: the take-off may have been there.
     assert doubts(line(off_m=100.0), slope=0.3) == []
     assert "m too high" in doubts(line(off_m=180.0), slope=0.3)[0]
+
+
+def test_a_planned_home_is_where_the_ground_counts():
+    home_en_m = np.array([100.0, 0.0])  # on the slope, at 1030 m
+    assert doubts(line(off_m=30.0), slope=0.3, home_en_m=home_en_m) == []
+    (told,) = doubts(line(off_m=100.0), slope=0.3, home_en_m=home_en_m)
+    assert "put the take-off 70 m above the ground at the scenario's home" in told
+    # Outside the elevation data the ground around counts, as without a plan.
+    assert doubts(line(off_m=100.0), slope=0.3, home_en_m=np.array([9e3, 0.0])) == []
 
 
 def test_with_the_place_of_take_off_the_error_is_known():

@@ -19,7 +19,13 @@ _AROUND_NODES = 60
 
 
 def height_doubts(
-    placed: PlacedPictures, frame: LocalFrame, ground: Ground, *, by_takeoff: bool, error_m: float
+    placed: PlacedPictures,
+    frame: LocalFrame,
+    ground: Ground,
+    *,
+    by_takeoff: bool,
+    error_m: float,
+    home_en_m: FloatArray | None = None,
 ) -> list[str]:
     """What heights do not fit: the elevation data, or each other.
 
@@ -32,6 +38,7 @@ def height_doubts(
         ground: of the elevation data.
         by_takeoff: whether heights above take-off count, from the ground there, or those above sea level.
         error_m: what a height may be wrong by before anything is said.
+        home_en_m: (2,) ENU metres of the planned home, where there is a plan.
     """
     above_m = ground.heights_agl_m(placed.eyes_m)
     doubts = []
@@ -61,6 +68,14 @@ def height_doubts(
                 "at --takeoff: they are wrong by that (a receiver's error, or another datum), or the place is; heights above "
                 "take-off are taken"
             )
+    elif home_en_m is not None and math.isfinite(home_m := _alt_amsl_m(home_en_m, ground, frame)):
+        off_m = middle_m - home_m
+        if abs(off_m) > error_m:
+            doubts.append(
+                f"heights above sea level put the take-off {abs(off_m):.0f} m {'above' if off_m > 0.0 else 'below'} the ground "
+                "at the scenario's home: they are wrong by that (a receiver's error, or another datum), or the flight began "
+                "elsewhere; --takeoff LAT,LON takes the heights above take-off instead"
+            )
     else:
         doubts += _no_ground_there(middle_m, placed.eyes_m, ground, frame, error_m=error_m)
     return doubts
@@ -82,6 +97,13 @@ def _takeoff_heights_m(
             by_pictures.append(picture.alt_m - above)
             grounds.append(float(alt) - above)
     return np.array(by_pictures), float(np.median(grounds)) if grounds else None
+
+
+def _alt_amsl_m(en_m: FloatArray, ground: Ground, frame: LocalFrame) -> float:
+    """Height above sea level of the ground at a place; NaN where it is not known."""
+    up_m = ground.heights_m(en_m[None, :])
+    _, _, alt_amsl_m = frame.geodetic_from_enu(np.column_stack([en_m[None, :], up_m]))
+    return float(alt_amsl_m[0])
 
 
 def _no_ground_there(
