@@ -286,3 +286,11 @@ def test_a_number_of_vehicles_that_cannot_be(cli: Cli, tmp_path: Path) -> None:
     assert ended.code == 2
     assert "vehicles: 0 is outside 1..50" in ended.error
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("parts", ["0", "-1", "two", "1.5", "", "\u0663"])
+def test_parts_are_a_number_or_auto(cli: Cli, tmp_path: Path, parts: str) -> None:
+    result = cli("plan", "jacksboro", "-o", tmp_path / "run", f"--parts={parts}")
+    assert result.code == 2
+    assert f"--parts: {parts!r} is neither a number of parts, 1 at least, nor auto" in result.err
+    assert not (tmp_path / "run").exists()

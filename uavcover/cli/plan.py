@@ -3,7 +3,7 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -34,6 +34,14 @@ class Search:
     ] = None
     max_waypoints: Annotated[
         int | None, typer.Option(help="Of the route; where the encoding is waypoints, of its nodes.")
+    ] = None
+    parts: Annotated[
+        str | None,
+        typer.Option(
+            help="Divide a large area into so many parts, or auto; each is searched by itself and along its seams. Default: the "
+            "scenario's.",
+            metavar="N|auto",
+        ),
     ] = None
     waypoint_price: Annotated[
         float | None,
@@ -84,8 +92,9 @@ def plan(
         scenario=_site(scenario, survey, console, autopilot=search.autopilot),
         folder=run, command=sys.argv, force=force, seed=search.seed,
         evaluations=search.evaluations, budget_s=options.seconds(search.budget), algorithm=search.algorithm,
-        max_waypoints=search.max_waypoints, waypoint_price=search.waypoint_price, select=search.select, vehicles=search.vehicles,
-        autopilot=search.autopilot, workers=search.workers, bounds_s=options.seconds(search.bounds, option="--bounds"),
+        parts=_parts(search.parts), max_waypoints=search.max_waypoints, waypoint_price=search.waypoint_price,
+        select=search.select, vehicles=search.vehicles, autopilot=search.autopilot, workers=search.workers,
+        bounds_s=options.seconds(search.bounds, option="--bounds"),
     )  # fmt: skip
     outcome = plan_into(request, console, check_site=lambda _: None)
     if outcome.document["mission_files"]:
@@ -95,6 +104,19 @@ def plan(
         console.suggest(f"uavcover pareto {run}")
     console.result(outcome.document)
     return outcome.exit_code
+
+
+def _parts(text: str | None) -> "int | Literal['auto'] | None":
+    """The number of parts, or "auto"; none where it was not given."""
+    from uavcover.errors import InputError
+
+    if text is None:
+        return None
+    if text == "auto":
+        return "auto"
+    if not (text.isascii() and text.isdigit()) or int(text) < 1:
+        raise InputError(f"--parts: {text!r} is neither a number of parts, 1 at least, nor auto")
+    return int(text)
 
 
 def _site(source: str, survey: SurveyOptions, console: "Console", *, autopilot: str | None) -> "str | Site":

@@ -131,6 +131,9 @@ class PlannerSettings:
             result is compared; default: "boustrophedon" for swaths and for a local search along the path, and "set-cover"
             for a local search that senses at waypoints.
         seed: seed of the random numbers.
+        parts: into how many parts the area is divided, each searched by itself and then along its seams with the others;
+            "auto": as many as there are flights to make, and more where the cells are too many for one search. Goes with
+            encoding = "swaths" and a local search. Default: 1, the area in one piece.
         objective: the cost minimised beside coverage and the number of waypoints. "mission-time": from the ground at home to
             the ground at home, of all flights. "flight-time": of the route alone, with wind, climbs and turns. "length" of
             the route. Default: "mission-time" where there is a home, otherwise "length".
@@ -152,6 +155,7 @@ class PlannerSettings:
     order: Literal["nearest-neighbour", "improved"] = "improved"
     initial: tuple[InitialRoute, ...] | None = None
     seed: int = 1
+    parts: int | Literal["auto"] = 1
     objective: Objective | None = None
     band_deviation_price: float = 0.0
     waypoint_price: float | None = None
@@ -177,6 +181,10 @@ class PlannerSettings:
         require(self.capacity >= 2, f"max_waypoints: {self.max_waypoints} is below 2")
         require_not_negative(band_deviation_price=self.band_deviation_price, waypoint_price=self.waypoint_price or 0.0)
         require(self.seed >= 0, f"seed: {self.seed} must not be negative")
+        require(
+            self.parts == "auto" or self.parts >= 1,
+            f'parts: {self.parts} is below 1; give a number of parts, or "auto"',
+        )
         if self.cell_size_m is not None:
             require_positive(cell_size_m=self.cell_size_m)
 

@@ -6,13 +6,15 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 from uavcover.errors import InputError
 from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers.by_name import ALGORITHMS
+from uavcover.planning.parts.planner import part_count, plan_by_parts, require_parts, search_parts_with
 from uavcover.planning.planner import Effort, SearchProgress, plan_routes
+from uavcover.planning.search.optimizer_search import SearchRun
 from uavcover.scenario.site import Site
 
 
@@ -29,6 +31,7 @@ class SearchRequest:
             ``module:Class`` that :func:`uavcover.optimizers.optimizer_class` finds, or the class itself.
         max_waypoints: of the routes, or of the nodes where the encoding is "waypoints".
         select: the rule by which one route is chosen.
+        parts: into how many parts a large area is divided, or "auto"; see :class:`uavcover.model.scenario.PlannerSettings`.
         workers: threads; the result does not depend on it. None: one a core.
     """
 
@@ -38,6 +41,7 @@ class SearchRequest:
     algorithm: str | type | None = None
     max_waypoints: int | None = None
     select: str | None = None
+    parts: int | Literal["auto"] | None = None
     workers: int | None = None
 
 
@@ -75,7 +79,29 @@ def plan(
         raise InputError(f"budget: {budget_s} s must be above 0")
     if workers is not None and workers < 1:
         raise InputError(f"workers: {workers} must be at least 1")
-    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as executor:
+    count = _parts(site, settings)
+    if count > 1 and not known:
+        raise InputError(
+            f"parts: {settings.parts} goes with the planner's own local search, not with another optimizer"
+        )
+    threads = workers or os.cpu_count() or 1
+    with ThreadPoolExecutor(threads) as executor:
+        if count > 1:
+            return plan_by_parts(
+                site,
+                parts=count,
+                settings=settings,
+                select_rule=request.select if request.select is not None else site.scenario.select,
+                run=SearchRun(
+                    effort=Effort(settings.evaluations, budget_s, time.monotonic),
+                    started=time.monotonic(),
+                    executor=executor,
+                    should_stop=should_stop,
+                    on_progress=on_progress,
+                ),
+                run_tasks=search_parts_with(executor, now=time.monotonic, should_stop=should_stop),
+                workers=min(threads, os.cpu_count() or 1),
+            )
         return plan_routes(
             site,
             settings=settings,
@@ -88,12 +114,21 @@ def plan(
         )
 
 
+def _parts(site: Site, settings: PlannerSettings) -> int:
+    """Into how many parts the area is divided."""
+    if settings.parts == 1:
+        return 1
+    require_parts(settings, site)
+    return part_count(site) if settings.parts == "auto" else settings.parts
+
+
 def _settings(base: PlannerSettings, request: SearchRequest, *, algorithm: str | type | None) -> PlannerSettings:
     changes: dict[str, Any] = {
         "seed": request.seed,
         "evaluations": request.evaluations,
         "algorithm": algorithm,
         "max_waypoints": request.max_waypoints,
+        "parts": request.parts,
     }
     try:
         return dataclasses.replace(base, **{key: value for key, value in changes.items() if value is not None})

@@ -4,6 +4,7 @@ Observations are those of a level vehicle: position and heading. Whether a cell 
 around it.
 """
 
+import copy
 import itertools
 import math
 from collections.abc import Callable, Iterator
@@ -234,6 +235,12 @@ class CoverageMap:
             counted[new, times[new]] = eyes[np.isin(todo, new)]
             times[new] += 1
         return np.asarray(times == wanted.looks, dtype=bool)
+
+    def asking(self, only: BoolArray) -> "CoverageMap":
+        """This map with fewer coverable cells: of the (cells,) marked ones, those that are."""
+        fewer = copy.copy(self)
+        fewer.coverable = self.coverable & only
+        return fewer
 
     def _allowed_places(self, east_north_m: FloatArray, share: float) -> FloatArray:
         """(k, 3) positions at a fraction 0..1 of the allowed band above (k, 2) points; NaN where nothing is allowed."""

@@ -10,9 +10,10 @@ from uavcover.kernels.arrays import BoolArray
 from uavcover.kernels.tours import short_tour
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
-from uavcover.planning.baselines.boustrophedon import PLAIN_TOLERANCE_M, best_height_agl_m
+from uavcover.planning.baselines.boustrophedon import best_height_agl_m
 from uavcover.planning.front import Candidate
 from uavcover.planning.gap_route import plan_closing_route
+from uavcover.planning.joining import joined
 from uavcover.planning.search.goal_search import (
     SAFETY,
     RouteJudge,
@@ -35,7 +36,6 @@ from uavcover.planning.search.route_problem import RouteProblem, route_problem
 from uavcover.planning.search.simplify import thinned_out
 from uavcover.planning.search.tour_with_neighbourhoods import search_free_order
 from uavcover.planning.selection import Rule
-from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import make_scattered_cells
@@ -109,8 +109,9 @@ def improve(
     if not starts or left == 0 or effort.is_over(run.started):
         return Improved((), 0, interrupted=False)
     if site.scenario.sensor.sensing == "along-path":
-        scattered = CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m, cut=make_scattered_cells)
-        problem = _problem(site, scattered, margin_cells=SCATTERED_MARGIN_CELLS)
+        problem = scattered_problem(
+            CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m, cut=make_scattered_cells)
+        )
         judges = judging_maps(site)
     else:
         problem = _problem(site, coverage, margin_cells=0.0 if judging is coverage else MARGIN_CELLS)
@@ -186,9 +187,7 @@ def _with_closing(judging: CoverageMap, route: Route, missing: BoolArray, needed
         closing = plan_closing_route(judging, missing, start_m=points[-1], end_m=end_m, needed_m2=needed_m2)
     except InfeasibleError:
         return None
-    ends = np.vstack([points[-1], closing.route.waypoints_m[0]])
-    link = lay_over_terrain(site, ends[:, :2], site.ground.heights_agl_m(ends), tolerance_m=PLAIN_TOLERANCE_M)
-    whole = np.vstack([points, link[1:-1], closing.route.waypoints_m])
+    whole = joined(site, [points, closing.route.waypoints_m])
     margin_m = site.scenario.limits.height_margin_m
     return Route(whole) if measure_violations(site, whole, margin_m=margin_m).total <= 0.0 else None
 
@@ -211,6 +210,11 @@ def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: Planner
         for each in known
         if each.violation <= 0.0 and len(each.route[0]) >= fewest and (longest is None or len(each.route[0]) <= longest)
     ]
+
+
+def scattered_problem(scattered: CoverageMap) -> RouteProblem:
+    """The problem of a search along the path, on scattered cells."""
+    return _problem(scattered.site, scattered, margin_cells=SCATTERED_MARGIN_CELLS)
 
 
 def _problem(site: Site, coverage: CoverageMap, *, margin_cells: float) -> RouteProblem:

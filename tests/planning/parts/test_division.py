@@ -1,0 +1,62 @@
+import itertools
+import math
+
+import pytest
+import shapely
+
+from uavcover.planning.parts.division import FlightWork, divide, number_of_parts
+
+SQUARE = shapely.box(0, 0, 3000, 3000)
+L_WITH_HOLE = shapely.Polygon(
+    [(0, 0), (4000, 0), (4000, 1500), (1500, 1500), (1500, 4000), (0, 4000)],
+    [[(400, 400), (400, 900), (900, 900), (900, 400)]],
+)
+TWO = shapely.MultiPolygon([shapely.box(0, 0, 2000, 1000), shapely.box(2500, 300, 3500, 2300)])
+
+
+@pytest.mark.parametrize("area", [SQUARE, L_WITH_HOLE, TWO], ids=["square", "L", "two"])
+@pytest.mark.parametrize("home", [None, (1500.0, 1400.0), (5000.0, 500.0)], ids=["no home", "inside", "outside"])
+def test_parts_are_the_area_and_share_its_work(area, home) -> None:
+    work = FlightWork(150.0, home)
+    parts = divide(area, 5, work)
+    assert len(parts) == 5
+    assert shapely.union_all(parts).symmetric_difference(area).area < 1e-6 * area.area
+    for one, other in itertools.combinations(parts, 2):
+        assert one.intersection(other).area < 1e-6 * area.area
+    shares = [work.of(part, 1) for part in parts]
+    # Ways differ from part to part of a piece: work is shared cut by cut.
+    assert max(shares) < (1.01 if home is None else 1.35) * min(shares)
+
+
+def test_around_home_every_part_begins_near_it() -> None:
+    work = FlightWork(150.0, (1500.0, 1500.0))
+    ways = [work.way_m(part) for part in divide(SQUARE, 4, work)]
+    assert max(ways) < 600.0
+
+
+def test_one_part_is_the_area() -> None:
+    assert divide(SQUARE, 1, FlightWork(150.0)) == [SQUARE]
+
+
+def test_without_home_parts_of_a_square_are_squares() -> None:
+    parts = divide(SQUARE, 4, FlightWork(150.0))
+    assert [part.length for part in parts] == pytest.approx([6000.0] * 4, rel=0.01)
+
+
+def test_so_many_parts_that_each_is_one_flight() -> None:
+    work = FlightWork(150.0, (1500.0, 1500.0), 20_000.0)
+    count = number_of_parts(SQUARE, work, fill=0.9, most_m2=math.inf)
+    assert max(work.of(part, 1) for part in divide(SQUARE, count, work)) <= 18_000.0
+    # 9 square kilometres in lines of 150 m are 60 km.
+    assert 4 <= count <= 6
+
+
+def test_so_many_parts_that_none_is_too_large() -> None:
+    assert number_of_parts(SQUARE, FlightWork(150.0), fill=0.9, most_m2=2e6) == 5
+    assert number_of_parts(SQUARE, FlightWork(150.0), fill=0.9, most_m2=math.inf) == 1
+
+
+def test_a_home_too_far_for_any_flight_ends() -> None:
+    # No part can be one flight; the sorties say which leg is out of reach.
+    work = FlightWork(150.0, (90_000.0, 0.0), 20_000.0)
+    assert number_of_parts(SQUARE, work, fill=0.9, most_m2=math.inf) >= 1

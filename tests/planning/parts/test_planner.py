@@ -1,0 +1,173 @@
+import dataclasses
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import shapely
+
+from tests.planning.sites import hills, make_site
+from uavcover.errors import InputError
+from uavcover.model.route import Plan
+from uavcover.planning.parts.part_search import PartCells
+from uavcover.planning.parts.planner import (
+    RunTasks,
+    flight_work,
+    part_count,
+    plan_by_parts,
+    search_parts_with,
+    tasks_of,
+)
+from uavcover.planning.search.optimizer_search import Effort, SearchRun
+from uavcover.run.search import SearchRequest, plan
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap, judging_map
+
+RING = ((0.0, 0.0), (700.0, 0.0), (700.0, 500.0), (0.0, 500.0))
+SEARCH = {"algorithm": "memetic", "evaluations": 90, "population_size": 20}
+
+
+def large(**options) -> Site:
+    return make_site(hills, ring=RING, home=(350.0, 240.0), planner=SEARCH, **options)
+
+
+def planned(site: Site, run_tasks: RunTasks, *, seed: int = 1) -> Plan:
+    settings = dataclasses.replace(site.scenario.planner, seed=seed)
+    return plan_by_parts(
+        site, parts=3, settings=settings, select_rule="coverage>=0.95", run=search_run(), run_tasks=run_tasks
+    )
+
+
+def search_run(should_stop: Callable[[], bool] = lambda: False) -> SearchRun:
+    effort = Effort(90, None, lambda: 0.0)
+    return SearchRun(effort=effort, started=0.0, executor=None, should_stop=should_stop, on_progress=lambda _: None)
+
+
+def one_after_the_other() -> RunTasks:
+    return search_parts_with(None, now=lambda: 0.0, should_stop=lambda: False)
+
+
+@pytest.fixture(scope="module")
+def plan_of_large() -> Plan:
+    return planned(large(), one_after_the_other())
+
+
+def test_the_joined_route_is_judged_as_any_plan(plan_of_large: Plan) -> None:
+    plan = plan_of_large
+    assert plan.rule_met
+    assert plan.chosen.violation == 0.0
+    assert plan.chosen.metrics.coverage_of_coverable >= 0.95
+    fine = judging_map(large())
+    assert plan.chosen.metrics.coverage_of_coverable == fine.share_of_coverable(
+        fine.seen(plan.chosen.route.waypoints_m)
+    )
+    assert {member.origin for member in plan.baselines} == {"boustrophedon", "boustrophedon-tuned"}
+
+
+def test_the_plan_does_not_depend_on_who_searches_and_when(plan_of_large: Plan) -> None:
+    def backwards(site: Site, tasks):
+        # Another worker takes the tasks from the last to the first, does one of them twice, and lost everything before.
+        run = one_after_the_other()
+        fresh = dataclasses.replace(site)
+        found = {task.number: run(fresh, [task])[0] for task in [*reversed(tasks), tasks[0]]}
+        return [found[task.number] for task in tasks]
+
+    with ThreadPoolExecutor(3) as threads:
+        side_by_side = planned(large(), search_parts_with(threads, now=lambda: 0.0, should_stop=lambda: False))
+    for other in (side_by_side, planned(large(), backwards)):
+        assert np.array_equal(other.chosen.route.waypoints_m, plan_of_large.chosen.route.waypoints_m)
+        assert other.chosen.metrics == plan_of_large.chosen.metrics
+
+
+def test_another_seed_gives_another_plan(plan_of_large: Plan) -> None:
+    other = planned(large(), one_after_the_other(), seed=2)
+    assert not np.array_equal(other.chosen.route.waypoints_m, plan_of_large.chosen.route.waypoints_m)
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_along_the_seams_every_cell_is_asked_of_one_part(number) -> None:
+    site = large()
+    # Crossing lines, far over the seams: some cells are seen by none, by one, by two and by all three.
+    areas = [shapely.box(0, 0, 250, 500), shapely.box(250, 0, 480, 500), shapely.box(480, 0, 700, 500)]
+    lines = [[(100, 80), (400, 120)], [(150, 200), (600, 100)], [(420, 60), (650, 400)]]
+    routes = [np.column_stack([line, site.ground.ups_m(np.array(line, float), 100.0)]) for line in lines]
+    tasks = tasks_of(site, areas, routes, 0.9, round_number=number, seed=1, evaluations=1, budget_s=None)
+    whole = CoverageMap(site, cell_size_m=10.0)
+    asked = [PartCells(task).asked(whole).coverable for task in tasks]
+    assert np.array_equal(np.sum(asked, axis=0), whole.coverable.astype(int))
+    seen = [whole.seen(route) for route in routes]
+    inside = [shapely.contains_xy(area, *whole.grid.middles_m.T) for area in areas]
+    for k, cells in enumerate(asked):
+        # Whoever is asked for a cell sees it; only of those that none sees it is the part in which they lie.
+        assert not (cells & ~seen[k] & np.logical_or.reduce(seen)).any()
+        assert not (cells & ~seen[k] & ~inside[k]).any()
+    both = whole.coverable & seen[0] & seen[1] & ~seen[2]
+    assert both.any()
+    assert asked[0][both].all() if number == 1 else asked[1][both].all()
+
+
+def test_the_first_round_asks_each_part_for_its_own_cells() -> None:
+    site = large()
+    areas = [shapely.box(0, 0, 333, 500), shapely.box(333, 0, 700, 500)]
+    tasks = tasks_of(site, areas, None, 0.9, round_number=0, seed=1, evaluations=1, budget_s=None)
+    whole = CoverageMap(site, cell_size_m=10.0)
+    asked = [PartCells(task).asked(whole).coverable for task in tasks]
+    assert not (asked[0] & asked[1]).any()
+    assert np.array_equal(asked[0] | asked[1], whole.coverable)
+
+
+def test_a_stopped_search_has_a_route_through_every_part() -> None:
+    stop = threading.Event()
+    stop.set()
+    site = large()
+    run = search_parts_with(None, now=lambda: 0.0, should_stop=stop.is_set)
+    plan = plan_by_parts(
+        site, parts=2, settings=site.scenario.planner, select_rule="coverage>=0.9",
+        run=search_run(stop.is_set), run_tasks=run,
+    )  # fmt: skip
+    assert plan.interrupted
+    assert plan.chosen.metrics.coverage_of_coverable > 0.8
+
+
+def test_auto_is_one_part_for_what_one_flight_sees_and_more_for_what_it_does_not() -> None:
+    assert part_count(large(vehicle={"endurance_s": 3000.0})) == 1
+    short = large(vehicle={"endurance_s": 300.0})
+    count = part_count(short)
+    assert count >= 2
+    # 0.35 square kilometres in lines of a swath each, at cruise speed.
+    seconds = short.area.area / flight_work(short).swath_m / short.scenario.vehicle.cruise_speed_m_s
+    assert count >= seconds / 240.0
+
+
+@pytest.mark.parametrize(
+    ("planner", "parts", "words"),
+    [
+        ({"algorithm": "imodbo"}, 2, 'goes with algorithm = "memetic" or "local-search"'),
+        ({"algorithm": "memetic", "max_waypoints": 30}, 2, "goes with no max_waypoints"),
+        ({"algorithm": "memetic", "encoding": "waypoints"}, "auto", 'encoding = "swaths"'),
+    ],
+)
+def test_what_parts_cannot_be_planned_for_is_refused(planner, parts, words) -> None:
+    site = make_site(planner={**SEARCH, **planner})
+    with pytest.raises(InputError, match=f"planner.parts: .*{words}"):
+        plan(site, SearchRequest(parts=parts))
+
+
+@pytest.mark.parametrize("parts", [0, -3])
+def test_no_part_is_no_division(parts) -> None:
+    with pytest.raises(InputError, match=f"parts: {parts} is below 1"):
+        plan(make_site(), SearchRequest(parts=parts))
+
+
+def test_parts_smaller_than_what_the_sensor_sees_are_refused() -> None:
+    with pytest.raises(
+        InputError, match=r"planner.parts: 1000 parts of 0.35 square kilometres .* at most \d+, or auto"
+    ):
+        plan(large(), SearchRequest(parts=1000))
+
+
+def test_the_python_interface_plans_by_parts() -> None:
+    found = plan(large(), SearchRequest(parts=2, select="coverage>=0.95", workers=2))
+    assert found.rule_met
+    assert {member.origin for member in found.members} >= {"parts"}

@@ -1,0 +1,1 @@
+"""Planning of large areas by parts: divided, each part planned by itself, joined, and mended along the seams."""

@@ -1,0 +1,171 @@
+"""Division of an area into parts of equal work, so that a flight from home to each of them is short.
+
+One straight cut after the other: a piece that is to become n parts is cut into two, of n / 2 parts each, so that each side has
+its share of the work. Of cuts in twelve directions, and of those that pass through home, the one is taken that costs least: its
+own length, because lines turn or overlap along it, and the ways from home to both sides and back. Around home cuts become
+rays: every part begins there, and the way to it is short. Far from home, or without one, parts become compact.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from uavcover.kernels.arrays import FloatArray
+
+Piece = shapely.Polygon | shapely.MultiPolygon
+
+_DIRECTIONS = 12
+_BISECTIONS = 14
+_CUT_PRICE = 1.0
+"""Metres of flight for a metre of cut: half a swath that is seen twice along it, or two turns a swath across it."""
+_WEDGES = 4
+"""So many wedges around home are tried where a piece lies all around it."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlightWork:
+    """What a part costs to fly.
+
+    Attributes:
+        swath_m: width of ground that one line sees.
+        home_en: (east, north) of the take-off place, none without one.
+        flight_m: longest flight, in metres at cruise speed; infinite without a limit.
+    """
+
+    swath_m: float
+    home_en: tuple[float, float] | None = None
+    flight_m: float = math.inf
+
+    def way_m(self, piece: Piece) -> float:
+        """From home to a piece and back: to where it is as wide as a swath, 0 without a home."""
+        if self.home_en is None:
+            return 0.0
+        room = piece.buffer(-0.5 * self.swath_m)
+        target = piece if room.is_empty else room
+        away_m = float(shapely.distance(target, shapely.Point(self.home_en)))
+        return 2.0 * max(0.0, away_m - 0.5 * self.swath_m)
+
+    def of(self, piece: Piece, parts: int) -> float:
+        """Metres of flight to see a piece in so many flights."""
+        return float(piece.area) / self.swath_m + parts * self.way_m(piece)
+
+
+def number_of_parts(area: Piece, work: FlightWork, *, fill: float, most_m2: float) -> int:
+    """So many parts that each is one flight, and none larger than ``most_m2``; 1 when the area is one.
+
+    Args:
+        area: east, north metres.
+        work: what flights cost.
+        fill: share of the longest flight that a part may take by estimate.
+        most_m2: of a part.
+    """
+    count = max(1, math.ceil(area.area / most_m2 - 1e-9))
+    while math.isfinite(work.flight_m) and count < area.area / work.swath_m**2:
+        # The mean way to a place is at most the way to the farthest; parts around home have none.
+        longest = max(work.of(part, 1) for part in divide(area, count, work))
+        if longest <= fill * work.flight_m:
+            break
+        count = max(count + 1, math.floor(0.5 * (count + count * longest / (fill * work.flight_m))))
+    return count
+
+
+def divide(area: Piece, count: int, work: FlightWork) -> list[Piece]:
+    """Divide an area into parts of about equal work.
+
+    Args:
+        area: east, north metres; holes and several polygons may be.
+        count: of parts, 1 at least.
+        work: what flights cost.
+
+    Returns:
+        (count,) parts that touch and do not overlap, and are together the area; in the order of the cuts.
+    """
+    if count == 1:
+        return [area]
+    first = count // 2
+    best: tuple[float, Piece, Piece] | None = None
+    for one, other, cut_m in _cuts(area, first, count - first, work):
+        if one.is_empty or other.is_empty:
+            continue
+        price = _CUT_PRICE * cut_m + first * work.way_m(one) + (count - first) * work.way_m(other)
+        if best is None or price < best[0] - 1e-6:
+            best = price, one, other
+    if best is None:
+        return [area]
+    return divide(best[1], first, work) + divide(best[2], count - first, work)
+
+
+def _cuts(piece: Piece, first: int, second: int, work: FlightWork) -> Iterator[tuple[Piece, Piece, float]]:
+    """Both sides of every cut that is tried, and its length inside the piece."""
+    west, south, east, north = piece.bounds
+    middle = np.array([0.5 * (west + east), 0.5 * (south + north)])
+    reach_m = math.hypot(east - west, north - south) + 1.0
+    if work.home_en is not None:
+        home = np.array(work.home_en)
+        far_m = reach_m + float(np.hypot(*(middle - home)))
+        for begin in range(_WEDGES):
+            # Between two rays from home; the first one lies, the second one turns until the work is shared.
+            angle = _begin_rad(piece, home) + begin * 2.0 * math.pi / _WEDGES
+
+            def wedge(share: float, angle: float = angle) -> shapely.Polygon:
+                return _wedge(home, angle, share * 2.0 * math.pi, far_m)
+
+            yield _balanced(piece, first, second, work, wedge)
+            if not piece.contains(shapely.Point(home)):
+                break
+    for k in range(_DIRECTIONS):
+        angle = k * math.pi / _DIRECTIONS
+        along, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
+
+        def half(share: float, along: FloatArray = along, across: FloatArray = across) -> shapely.Polygon:
+            low = middle - reach_m * along - reach_m * across
+            return shapely.Polygon(
+                [low, low + 2.0 * reach_m * along, *(
+                    low + end * 2.0 * reach_m * along + share * 2.0 * reach_m * across for end in (1.0, 0.0)
+                )]
+            )  # fmt: skip
+
+        yield _balanced(piece, first, second, work, half)
+
+
+def _begin_rad(piece: Piece, home: FloatArray) -> float:
+    """Where to begin to turn a ray around home: in the widest gap between the piece's corners, or at its first corner."""
+    corners = shapely.get_coordinates(piece) - home
+    corners = corners[np.hypot(*corners.T) > 1e-6]
+    angles = np.sort(np.arctan2(corners[:, 1], corners[:, 0]))
+    gaps = np.diff(np.append(angles, angles[0] + 2.0 * math.pi))
+    return float(angles[(int(np.argmax(gaps)) + 1) % len(angles)]) - 1e-9
+
+
+def _wedge(home: FloatArray, begin_rad: float, turn_rad: float, far_m: float) -> shapely.Polygon:
+    """All within ``far_m`` of home between two rays, counter-clockwise."""
+    angles = begin_rad + np.linspace(0.0, turn_rad, max(2, math.ceil(turn_rad / 0.5) + 1))
+    # Chords of half a radian stay beyond far_m when their ends are a little farther away.
+    rim = home + 1.1 * far_m * np.column_stack([np.cos(angles), np.sin(angles)])
+    return shapely.Polygon([home, *rim])
+
+
+def _balanced(
+    piece: Piece, first: int, second: int, work: FlightWork, side: Callable[[float], shapely.Polygon]
+) -> tuple[Piece, Piece, float]:
+    """The cut that gives both sides their share of the work."""
+    low, high = 0.0, 1.0
+    for _ in range(_BISECTIONS):
+        share = 0.5 * (low + high)
+        one = polygons_of(piece.intersection(side(share)))
+        other = polygons_of(piece.difference(side(share)))
+        if one.is_empty or (not other.is_empty and work.of(one, first) / first < work.of(other, second) / second):
+            low = share
+        else:
+            high = share
+    cut_m = 0.5 * (one.length + other.length - piece.length)
+    return one, other, cut_m
+
+
+def polygons_of(shape: shapely.Geometry) -> Piece:
+    """What of a shape has an area."""
+    parts = [part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon) and part.area > 0.0]
+    return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)

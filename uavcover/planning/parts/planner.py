@@ -1,0 +1,248 @@
+"""Planning by parts: divide the area, search in every part, join the routes, search along the seams, judge the whole."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+
+import numpy as np
+import shapely
+
+from uavcover.errors import InputError
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.sight import horizontal_reach
+from uavcover.model.route import Plan, Route
+from uavcover.model.scenario import PlannerSettings
+from uavcover.planning.baselines.boustrophedon import Baseline, best_height_agl_m, boustrophedons
+from uavcover.planning.choice import choose
+from uavcover.planning.front import judge_members
+from uavcover.planning.joining import in_good_order, joined
+from uavcover.planning.parts.division import FlightWork, Piece, divide, number_of_parts
+from uavcover.planning.parts.part_search import Neighbour, PartTask, search_part
+from uavcover.planning.search.optimizer_search import SearchProgress, SearchRun
+from uavcover.planning.selection import parse_rule
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import judging_map, planning_map
+from uavcover.sensing.sensors import reach_at_height_m, sight_of
+
+RunTasks = Callable[[Site, Sequence[PartTask]], list[FloatArray]]
+"""Search in parts of a site: the waypoints of each task's route, in the order of the tasks."""
+
+_ROUNDS = (0.5, 0.2, 0.15, 0.15)
+"""Shares of the search: each part by itself; then along the seams, where in turn the lower number of two neighbours keeps what
+both see, and the higher one."""
+
+_MORE_ROUNDS = 2
+"""So many rounds more, as long as the last one, while the joined route sees less than is asked for."""
+
+_FLOWN = 0.98
+"""The coverage that is searched for when the rule asks for none."""
+
+_FILL = 0.93
+"""Share of the longest flight that a part takes by estimate."""
+
+_MOST_CELLS = 200_000
+"""Of a part: a local search is slower the more cells it keeps, and a part is what a worker has in memory."""
+
+_SEARCHED = 0.85
+"""Of a time budget; the rest is for dividing, joining and judging."""
+
+_LARGEST_CORRECTION = 0.01
+_SAFETY = 0.0003
+"""Of the goal of the parts: what the joined route was judged to see less than asked for, or more, and a little more than that."""
+
+
+def part_count(site: Site) -> int:
+    """How many parts "auto" means: each about one flight, and none too large for a worker; 1 where the area is small."""
+    work = flight_work(site)
+    most_m2 = _MOST_CELLS * site.scenario.area.cell_size_m**2
+    return number_of_parts(site.area, work, fill=_FILL, most_m2=most_m2)
+
+
+def flight_work(site: Site) -> FlightWork:
+    """What it takes to fly over a site, for its division."""
+    scenario = site.scenario
+    reach_m = reach_at_height_m(scenario.sensor, best_height_agl_m(site))
+    longest_s = scenario.vehicle.longest_flight_s
+    return FlightWork(
+        swath_m=2.0 * max(reach_m, scenario.area.cell_size_m),
+        home_en=None if site.home_m is None else (float(site.home_m[0]), float(site.home_m[1])),
+        flight_m=math.inf if longest_s is None else longest_s * scenario.vehicle.cruise_speed_m_s,
+    )
+
+
+def require_parts(settings: PlannerSettings, site: Site) -> None:
+    """Refuse what parts cannot be planned for.
+
+    Raises:
+        InputError: says what, and what to do.
+    """
+    what = None
+    if settings.encoding != "swaths" or site.scenario.sensor.sensing != "along-path":
+        what = 'a sensor that looks along the path and encoding = "swaths"'
+    elif settings.algorithm not in ("memetic", "local-search"):
+        what = 'algorithm = "memetic" or "local-search"'
+    elif settings.max_waypoints is not None:
+        what = "no max_waypoints"
+    if what is not None:
+        raise InputError(f"planner.parts: more than one part goes with {what}; leave parts out, or set it to 1")
+
+
+def plan_by_parts(
+    site: Site,
+    *,
+    parts: int,
+    settings: PlannerSettings,
+    select_rule: str,
+    run: SearchRun,
+    run_tasks: RunTasks,
+    workers: int = 1,
+) -> Plan:
+    """Plan the sensing route of a large site by parts.
+
+    The plan depends on the seed, the evaluations and the number of parts, and not on who searches in which part, or when.
+
+    Args:
+        site: the scenario on its ground.
+        parts: how many, 2 at least.
+        settings: of the search.
+        select_rule: see :mod:`uavcover.planning.selection`.
+        run: evaluations of all parts together, or a time budget; who evaluates whole routes side by side, and who is told.
+        run_tasks: who searches in the parts.
+        workers: how many search at the same time: what a time budget is shared by.
+
+    Raises:
+        InfeasibleError: the joined route breaks a limit; says which.
+        InputError: the rule cannot be understood, or the scenario cannot be planned by parts.
+    """
+    require_parts(settings, site)
+    effort, executor = run.effort, run.executor
+    rule = parse_rule(select_rule)
+    goal = _FLOWN if rule.required_coverage is None else rule.required_coverage
+    work = flight_work(site)
+    most = max(1, int(site.area.area / work.swath_m**2))
+    if parts > most:
+        raise InputError(
+            f"planner.parts: {parts} parts of {site.area.area / 1e6:.3g} square kilometres are smaller than what the sensor sees "
+            f"at once; at most {most}, or auto"
+        )
+    areas = divide(site.area, parts, work)
+    fine = judging_map(site)
+    baselines = _shown(_baselines(site, executor), goal * fine.share(fine.coverable))
+    found: list[Route] = []
+    routes: list[FloatArray] | None = None
+    aim = goal
+    seen = 0.0
+    for number, share in enumerate((*_ROUNDS, *_ROUNDS[-1:] * _MORE_ROUNDS)):
+        if found and (run.should_stop() or (number >= len(_ROUNDS) and seen >= goal)):
+            break
+        budget_s = None if effort.budget_s is None else _SEARCHED * share * effort.budget_s * workers / len(areas)
+        evaluations = max(1, int(share * effort.evaluations / len(areas)))
+        tasks = tasks_of(
+            site,
+            areas,
+            routes,
+            aim,
+            round_number=number,
+            seed=settings.seed,
+            evaluations=evaluations,
+            budget_s=budget_s,
+        )
+        routes = run_tasks(site, tasks)
+        whole = Route(joined(site, in_good_order(routes, site.home_m)))
+        found.append(whole)
+        seen = fine.share_of_coverable(fine.seen(whole.waypoints_m))
+        if number > 0:  # before that, parts do not know of each other, and what they see twice is no sign
+            missing = goal + _SAFETY - seen
+            aim = min(1.0, aim + float(np.clip(missing, -_LARGEST_CORRECTION, _LARGEST_CORRECTION)))
+        done = min(effort.evaluations, round(sum(_ROUNDS[: number + 1]) * effort.evaluations))
+        run.on_progress(SearchProgress(done, effort.evaluations, seen, None))
+    interrupted = len(found) < len(_ROUNDS) or run.should_stop()
+    reference = judge_members(fine, [(each.route, each.name) for each in baselines], executor)
+    members = judge_members(fine, [(route, "parts") for route in found], executor)
+    chosen = choose(
+        site, fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted, is_over=None
+    )
+    return Plan(
+        chosen=chosen.route,
+        members=chosen.pareto,
+        baselines=tuple(reference),
+        rule=rule.text,
+        rule_met=chosen.rule_met,
+        algorithm=settings.algorithm,
+        evaluations=effort.evaluations,
+        wall_s=effort.now() - run.started,
+        interrupted=interrupted,
+    )
+
+
+def search_parts_with(
+    executor: Executor | None, *, now: Callable[[], float], should_stop: Callable[[], bool]
+) -> RunTasks:
+    """Search in the parts by threads of this process, or one after the other."""
+
+    def run(site: Site, tasks: Sequence[PartTask]) -> list[FloatArray]:
+        def one(task: PartTask) -> FloatArray:
+            return search_part(site, task, now=now, should_stop=should_stop).waypoints_m
+
+        return list(map(one, tasks) if executor is None else executor.map(one, tasks))
+
+    return run
+
+
+def tasks_of(
+    site: Site,
+    areas: Sequence[Piece],
+    routes: Sequence[FloatArray] | None,
+    goal: float,
+    *,
+    round_number: int,
+    seed: int,
+    evaluations: int,
+    budget_s: float | None,
+) -> list[PartTask]:
+    """The tasks of a round, one for each part.
+
+    Args:
+        site: the scenario on its ground.
+        areas: the parts.
+        routes: their routes so far, each (n, 3) ENU; none in the first round.
+        goal: share of the coverable ground.
+        round_number: from 0; in odd ones the lower number of two neighbours keeps what both see, in even ones the higher.
+        seed: of the whole search.
+        evaluations: of each part.
+        budget_s: of each part, instead.
+    """
+    tasks = [
+        PartTask(k, round_number, shapely.to_wkb(area), goal, seed, evaluations, budget_s)
+        for k, area in enumerate(areas)
+    ]
+    if routes is None:
+        return tasks
+    reach_m = horizontal_reach(sight_of(site.scenario.sensor)) + site.scenario.area.cell_size_m
+    lines = [shapely.LineString(route[:, :2]) for route in routes]
+    tree = shapely.STRtree([line.buffer(reach_m) for line in lines])
+    with_routes = []
+    for task, area, route, line in zip(tasks, areas, routes, lines, strict=True):
+        # Who sees some of what this part is asked about: its own ground, and what its route sees.
+        near = tree.query(shapely.union(area, line.buffer(reach_m)), predicate="intersects")
+        neighbours = tuple(
+            Neighbour(routes[k], first=(k < task.number) == (round_number % 2 == 1))
+            for k in sorted(near.tolist())
+            if k != task.number
+        )
+        with_routes.append(dataclasses.replace(task, route_m=route, neighbours=neighbours))
+    return with_routes
+
+
+def _baselines(site: Site, executor: Executor | None) -> list[Baseline]:
+    """The plain boustrophedon, and a scan along the long side."""
+    batches = iter([False])
+    return boustrophedons(planning_map(site), executor, should_stop=lambda: next(batches, True))
+
+
+def _shown(baselines: Sequence[Baseline], goal: float) -> list[Baseline]:
+    """The plain one, and the best of the others."""
+    plain, *tuned = baselines
+    ranked = sorted(tuned, key=lambda b: (b.violation, max(0.0, goal + float(b.objectives[0])), float(b.objectives[2])))
+    return [plain, *ranked[:1]]
