@@ -1,10 +1,9 @@
 import itertools
-import math
 
 import pytest
 import shapely
 
-from uavcover.planning.parts.division import FlightWork, divide, number_of_parts
+from uavcover.planning.parts.division import FlightWork, divide
 
 SQUARE = shapely.box(0, 0, 3000, 3000)
 L_WITH_HOLE = shapely.Polygon(
@@ -41,22 +40,3 @@ def test_one_part_is_the_area() -> None:
 def test_without_home_parts_of_a_square_are_squares() -> None:
     parts = divide(SQUARE, 4, FlightWork(150.0))
     assert [part.length for part in parts] == pytest.approx([6000.0] * 4, rel=0.01)
-
-
-def test_so_many_parts_that_each_is_one_flight() -> None:
-    work = FlightWork(150.0, (1500.0, 1500.0), 20_000.0)
-    count = number_of_parts(SQUARE, work, fill=0.9, most_m2=math.inf)
-    assert max(work.of(part, 1) for part in divide(SQUARE, count, work)) <= 18_000.0
-    # 9 square kilometres in lines of 150 m are 60 km.
-    assert 4 <= count <= 6
-
-
-def test_so_many_parts_that_none_is_too_large() -> None:
-    assert number_of_parts(SQUARE, FlightWork(150.0), fill=0.9, most_m2=2e6) == 5
-    assert number_of_parts(SQUARE, FlightWork(150.0), fill=0.9, most_m2=math.inf) == 1
-
-
-def test_a_home_too_far_for_any_flight_ends() -> None:
-    # No part can be one flight; the sorties say which leg is out of reach.
-    work = FlightWork(150.0, (90_000.0, 0.0), 20_000.0)
-    assert number_of_parts(SQUARE, work, fill=0.9, most_m2=math.inf) >= 1

@@ -13,7 +13,6 @@ from uavcover.model.route import Plan
 from uavcover.planning.parts.part_search import PartCells
 from uavcover.planning.parts.planner import (
     RunTasks,
-    flight_work,
     part_count,
     plan_by_parts,
     search_parts_with,
@@ -130,14 +129,10 @@ def test_a_stopped_search_has_a_route_through_every_part() -> None:
     assert plan.chosen.metrics.coverage_of_coverable > 0.8
 
 
-def test_auto_is_one_part_for_what_one_flight_sees_and_more_for_what_it_does_not() -> None:
-    assert part_count(large(vehicle={"endurance_s": 3000.0})) == 1
-    short = large(vehicle={"endurance_s": 300.0})
-    count = part_count(short)
-    assert count >= 2
-    # 0.35 square kilometres in lines of a swath each, at cruise speed.
-    seconds = short.area.area / flight_work(short).swath_m / short.scenario.vehicle.cruise_speed_m_s
-    assert count >= seconds / 240.0
+def test_auto_is_one_part_for_a_small_area_and_more_for_many_cells() -> None:
+    assert part_count(large()) == 1
+    # 0.35 square kilometres in cells of 1.5 m are 156,000, of 1 m 350,000, of 0.5 m 1,400,000.
+    assert [part_count(large(cell_m=cell_m)) for cell_m in (2.0, 1.5, 1.0, 0.5)] == [1, 2, 2, 6]
 
 
 @pytest.mark.parametrize(

@@ -32,12 +32,10 @@ class FlightWork:
     Attributes:
         swath_m: width of ground that one line sees.
         home_en: (east, north) of the take-off place, none without one.
-        flight_m: longest flight, in metres at cruise speed; infinite without a limit.
     """
 
     swath_m: float
     home_en: tuple[float, float] | None = None
-    flight_m: float = math.inf
 
     def way_m(self, piece: Piece) -> float:
         """From home to a piece and back: to where it is as wide as a swath, 0 without a home."""
@@ -51,25 +49,6 @@ class FlightWork:
     def of(self, piece: Piece, parts: int) -> float:
         """Metres of flight to see a piece in so many flights."""
         return float(piece.area) / self.swath_m + parts * self.way_m(piece)
-
-
-def number_of_parts(area: Piece, work: FlightWork, *, fill: float, most_m2: float) -> int:
-    """So many parts that each is one flight, and none larger than ``most_m2``; 1 when the area is one.
-
-    Args:
-        area: east, north metres.
-        work: what flights cost.
-        fill: share of the longest flight that a part may take by estimate.
-        most_m2: of a part.
-    """
-    count = max(1, math.ceil(area.area / most_m2 - 1e-9))
-    while math.isfinite(work.flight_m) and count < area.area / work.swath_m**2:
-        # The mean way to a place is at most the way to the farthest; parts around home have none.
-        longest = max(work.of(part, 1) for part in divide(area, count, work))
-        if longest <= fill * work.flight_m:
-            break
-        count = max(count + 1, math.floor(0.5 * (count + count * longest / (fill * work.flight_m))))
-    return count
 
 
 def divide(area: Piece, count: int, work: FlightWork) -> list[Piece]:

@@ -17,7 +17,7 @@ from uavcover.planning.baselines.boustrophedon import Baseline, best_height_agl_
 from uavcover.planning.choice import choose
 from uavcover.planning.front import judge_members
 from uavcover.planning.joining import in_good_order, joined
-from uavcover.planning.parts.division import FlightWork, Piece, divide, number_of_parts
+from uavcover.planning.parts.division import FlightWork, Piece, divide
 from uavcover.planning.parts.part_search import Neighbour, PartTask, search_part
 from uavcover.planning.search.optimizer_search import SearchProgress, SearchRun
 from uavcover.planning.selection import parse_rule
@@ -38,11 +38,10 @@ _MORE_ROUNDS = 2
 _FLOWN = 0.98
 """The coverage that is searched for when the rule asks for none."""
 
-_FILL = 0.93
-"""Share of the longest flight that a part takes by estimate."""
-
-_MOST_CELLS = 200_000
-"""Of a part: a local search is slower the more cells it keeps, and a part is what a worker has in memory."""
+_ONE_SEARCH_CELLS = 130_000
+_PART_CELLS = 260_000
+"""Above the first, "auto" divides the area, and gives no part more cells than the second. Few large parts were best, by
+``scripts/bench_large.py`` (docs/results/large.md): many seams cost more than they save."""
 
 _SEARCHED = 0.85
 """Of a time budget; the rest is for dividing, joining and judging."""
@@ -53,21 +52,18 @@ _SAFETY = 0.0003
 
 
 def part_count(site: Site) -> int:
-    """How many parts "auto" means: each about one flight, and none too large for a worker; 1 where the area is small."""
-    work = flight_work(site)
-    most_m2 = _MOST_CELLS * site.scenario.area.cell_size_m**2
-    return number_of_parts(site.area, work, fill=_FILL, most_m2=most_m2)
+    """How many parts "auto" means: by the number of cells; 1 where the area is small."""
+    cells = site.area.area / site.scenario.area.cell_size_m**2
+    return 1 if cells <= _ONE_SEARCH_CELLS else max(2, math.ceil(cells / _PART_CELLS))
 
 
 def flight_work(site: Site) -> FlightWork:
     """What it takes to fly over a site, for its division."""
     scenario = site.scenario
     reach_m = reach_at_height_m(scenario.sensor, best_height_agl_m(site))
-    longest_s = scenario.vehicle.longest_flight_s
     return FlightWork(
         swath_m=2.0 * max(reach_m, scenario.area.cell_size_m),
         home_en=None if site.home_m is None else (float(site.home_m[0]), float(site.home_m[1])),
-        flight_m=math.inf if longest_s is None else longest_s * scenario.vehicle.cruise_speed_m_s,
     )
 
 
