@@ -116,8 +116,8 @@ def page(rows: list[Row], per_km2: int) -> str:
         )
     lines += [
         "",
-        "One seed each. The scan of the boustrophedon has steps: it sees more than is asked for, and a finer one would be a little "
-        "shorter. Route is the time along the lines; mission adds the ways from home and back of every sortie.",
+        "One seed each. The scan of the boustrophedon has steps: it sees more than is asked for, and a finer one would be a "
+        "little shorter. Route is the time along the lines; mission adds the ways from home and back of every sortie.",
     ]
     return "\n".join(lines) + "\n"
 
