@@ -81,6 +81,18 @@ def test_a_quarter_of_the_pictures_is_judged_whatever_the_track_says(cli, tmp_pa
     assert any(gap["area_m2"] > 100.0 for gap in ended.document["gaps"])
 
 
+def test_pictures_whose_blur_nobody_tells_leave_the_verdict_open(cli, tmp_path, flight):
+    arguments = ("verify", flight / "flight.csv", "--photos", flight / "pictures.csv", *ANY, "--max-blur", "1")
+    ended = cli(*arguments, "-o", tmp_path / "a", "--json")
+    assert ended.code == 1
+    assert ended.document["verdict"] == "not proved"
+    assert ended.document["reasons"] == []
+    assert "coverage 0.00 %" in ended.document["doubts"][0]
+    without = cli("verify", flight / "flight.csv", *ANY, "--max-blur", "1", "-o", tmp_path / "b")
+    assert without.code == 2
+    assert "--max-blur: is asked of pictures" in without.error
+
+
 def test_limits_that_the_user_gave_are_judged_and_others_are_told(cli, tmp_path, flight):
     arguments = ("verify", flight / "flight.csv", "--photos", flight / "pictures.csv", *ANY)
     low = cli(*arguments, "--max-height", "60m", "-o", tmp_path / "a", "--json")

@@ -170,7 +170,8 @@ def decide(
         _judge_coverage(coverage, flown, perhaps, reasons, doubts)
         _judge_overlap(coverage, pictures, perhaps, reasons, doubts)
     else:
-        _judge_coverage(coverage, flown, lambda: np.zeros(coverage.grid.count, dtype=bool), reasons, doubts)
+        # What pictures may show, by their errors or because nobody knows whether they are sharp.
+        _judge_coverage(coverage, flown, lambda: flown.possibly_seen, reasons, doubts)
     reasons += evidence.reasons
     doubts += evidence.doubts
     findings += evidence.findings

@@ -148,14 +148,16 @@ def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:
     )
     reasons = [found] if told["coverage_holds"] == "no" else []
     doubts = [found] if told["coverage_holds"] == "not proved" else []
+    # Pictures whose blur nobody tells may be what is missing.
+    missed = doubts if told["verdict"] == "not proved" else reasons
     if told["overlap_holds"] is False:
-        reasons.append(
+        missed.append(
             f"the overlap asked for, {told['pictures_asked']} pictures of every point, holds on "
             f"{percent(told['overlap_fraction'])} of the area as drawn, below the required {percent(told['overlap_required'])}"
         )
     searched = told["detection"]
     if searched is not None and searched["holds"] is False:
-        reasons.append(
+        missed.append(
             f"the probability of detection is {percent(searched['pod'])} over the area, below the required "
             f"{percent(searched['asked'])}"
         )

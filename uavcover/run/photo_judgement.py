@@ -167,8 +167,13 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
     if unknown and document["verdict"] == "failed":
         # Pictures whose blur nobody tells may be sharp enough.
         with_them = _counted(request, coverage, site, placed, blur, blurred)
-        if _document(request, found, with_them, heights_m, len(unknown))["verdict"] != "failed":
-            document["verdict"] = "not proved"
+        of_all = _document(request, found, with_them, heights_m, len(unknown))
+        if of_all["verdict"] != "failed":
+            holds = _answer(document["surely"], of_all["possibly"], document["required"])
+            document |= {"verdict": "not proved", "possibly": of_all["possibly"], "coverage_holds": holds}
+            seen, perhaps = verdict.shown.coverage, with_them.shown.coverage.possibly_seen
+            shown = replace(verdict.shown, coverage=replace(seen, possibly_seen=seen.possibly_seen | perhaps))
+            verdict = replace(verdict, shown=shown)
     if verdict.shown.detection is not None:
         doubts += _told(detection_doubts(verdict.shown.detection, verdict.shown.coverage.ground_sample_m), user)
     return replace(verdict, document=document | {"doubts": doubts})
