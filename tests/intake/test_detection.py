@@ -23,7 +23,7 @@ def test_those_of_the_package_find_half_near_johnsons_pixels():
     assert curve_named("People").name == "person"
 
 
-@pytest.mark.parametrize("sample_m", [0.05, 0.0731, 0.11, 0.25, 0.4, 0.9, 2.0])
+@pytest.mark.parametrize("sample_m", [0.002, 0.05, 0.0731, 0.11, 0.25, 0.4, 0.9, 2.0])
 @pytest.mark.parametrize("angle_deg", [0.0, 37.0, 80.0])
 def test_the_table_is_the_formula(sample_m, angle_deg):
     expected = 0.889 * naive.by_johnson(0.5, 2.0, sample_m)

@@ -9,6 +9,7 @@ import pytest
 
 from tests.cli.test_judge_photos import AREA, DEM, shots
 from tests.report.conftest import HOSTILE
+from uavcover.intake.detection import curve_named
 from uavcover.judging.photos.picture import Picture
 from uavcover.judging.photos.placing import Assumptions
 from uavcover.judging.photos.readers import PictureSet
@@ -35,7 +36,7 @@ def verdict(tmp_path_factory):
     ]
     asked = PhotoRequest(
         photos=(), area=request, scenario=None, assumed=Assumptions(), takeoff=None, coverage=0.98, mount_known=True,
-        refly=False, budget_s=None, force=False,
+        refly=False, budget_s=None, force=False, detection=curve_named("person"), pod=0.95,
     )  # fmt: skip
     return judged(asked, PictureSet((*pictures, Picture(name=HOSTILE)), ()), site, Unattended())
 
@@ -52,6 +53,8 @@ def test_it_says_what_photos_json_says(verdict, text):
     assert f"{100.0 * told['surely']:.2f} %" in text
     assert text.count('data-label="why"') == 1 + min(30, len(verdict.gaps))
     assert told["inputs"]["pictures"] in text
+    assert f"{100.0 * told['detection']['pod']:.2f} %; best picture alone" in text
+    assert "Johnson 1958" in text
 
 
 def test_it_needs_no_network_and_files_are_no_markup(text):
@@ -66,6 +69,7 @@ def test_it_needs_no_network_and_files_are_no_markup(text):
 def test_the_map_has_cells_pictures_footprints_and_gaps(verdict):
     data = photo_map_data(verdict)
     assert [layer["key"] for layer in data["cells"]][:4] == ["pictures-flown", "sample-flown", "coverage", "gaps"]
+    assert data["cells"][-1]["key"] == "pod"
     assert len(data["pictures"]["flown"]) == verdict.document["counted"]
     assert len(data["gaps"]) == len(verdict.gaps) > 0
     number = 5

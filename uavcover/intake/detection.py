@@ -14,7 +14,7 @@ from uavcover.model.detection import INDEPENDENT, DetectionCurve
 
 _PIXELS_FOR_HALF = 2.0
 """Across a target that half of the observers notice: Johnson's line pair."""
-_FINEST, _COARSEST, _STEPS = 8.0, 0.02, 500
+_FINEST, _COARSEST, _STEPS = 500.0, 0.02, 800
 """Pixels across the target by those for half of the observers, between which the formula is tabulated; error below 0.001."""
 _MOST_VALUES = 10_000
 
@@ -48,8 +48,8 @@ def noticed(ratio: FloatArray) -> FloatArray:
     >>> noticed(np.array([0.5, 1.0, 2.0])).round(3).tolist()
     [0.108, 0.5, 0.945]
     """
-    power = ratio ** (2.7 + 0.7 * ratio)
-    return power / (1.0 + power)
+    with np.errstate(over="ignore", under="ignore"):
+        return 1.0 / (1.0 + ratio ** -(2.7 + 0.7 * ratio))
 
 
 def _curve(name: str, row: dict[str, Any], *, where: str) -> DetectionCurve:

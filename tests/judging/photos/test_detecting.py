@@ -9,6 +9,7 @@ from scipy.interpolate import RegularGridInterpolator
 from tests.judging.photos.test_showing import CAMERA, flight, placed
 from tests.naive import detection as naive
 from tests.planning.sites import HIGH_M, LOW_M, STEP_M, hills, make_site
+from uavcover.intake.detection import curve_named
 from uavcover.judging.photos.detecting import Detection, detection_document, detection_doubts
 from uavcover.judging.photos.picture import camera_axes
 from uavcover.judging.photos.showing import shown_cells
@@ -127,6 +128,12 @@ def test_the_mean_and_percentiles_weigh_cells_by_their_area():
     assert told["pod_percentiles"] == {"5": 0.0, "25": 1.0, "50": 1.0, "75": 1.0, "95": 1.0}
     assert detection_document(found, drawn, np.ones(4), 0.8)["holds"] is False
     assert detection_document(found, drawn, np.ones(4), None)["holds"] is None
+
+
+def test_a_curve_by_pixels_is_for_low_flights_too():
+    values = np.zeros(1)
+    found = Detection(curve_named("person"), values, values, values)
+    assert detection_doubts(found, np.array([0.002])) == []
 
 
 def test_a_curve_for_other_pictures_is_doubted():
