@@ -31,6 +31,7 @@ from uavcover.routes.sorties import compile_sorties, mission_time_s
 from uavcover.run.new_elevation import (
     AROUND_M,
     NewRequest,
+    ask_about_heights,
     ask_about_surface,
     ground_asked_for,
     inside_data,
@@ -113,6 +114,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     datum, stated = _datum(look, user)
     surface = surface_asked_for(request, area, dem, look, datum)
     ask_about_surface(dem, user, beside_surface=surface is not None)
+    ask_about_heights(dem, user, option="--dem")
     step_m = 0.0 if surface is None else surface.tallest_m
     design = design_survey(wish, slope_deg=look.slope_deg, area_m2=look.area_m2, step_m=step_m)
     design = inside_data(design, dem, look, user)

@@ -7,8 +7,8 @@ from typing import get_args
 
 from uavcover.errors import InputError, TerrainError
 from uavcover.intake import quantities
+from uavcover.intake.elevation_words import bands_in_words, feet_in_words, surface_in_words
 from uavcover.intake.surface_look import SurfaceLook, look_at_surface, read_as_needed
-from uavcover.intake.surface_names import surface_in_words
 from uavcover.intake.survey import SurveyDesign
 from uavcover.intake.terrain_look import TerrainLook, known_margin_m
 from uavcover.model.terrain import HeightUnit
@@ -158,3 +158,17 @@ def ask_about_surface(dem: TerrainSource, user: User, *, beside_surface: bool) -
             f"--dem: is this the bare ground? {why}. Heights are kept above its trees and roofs, as far as it has them, and they "
             "are what is looked at; to look at the ground, give a ground model as --dem and this as --dsm"
         )
+
+
+def ask_about_heights(source: TerrainSource, user: User, *, option: str) -> None:
+    """Ask whether heights are in metres where the data speaks of feet, and tell which of several bands is taken.
+
+    Args:
+        source: the elevation data.
+        user: is asked.
+        option: that named it, such as "--dem".
+    """
+    if (why := feet_in_words(source)) is not None:
+        user.warn(f"{option}: are its heights in feet? {why}; they are taken as metres; --height-unit ft or m says it")
+    if (bands := bands_in_words(source)) is not None:
+        user.warn(f"{option}: has several bands ({bands}): the first is taken as the heights; --band says which it is")

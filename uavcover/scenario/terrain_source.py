@@ -1,6 +1,7 @@
 """Where elevation data comes from: a file, a zipped file, or tiles side by side, which GDAL then sees as one raster."""
 
 import hashlib
+import re
 import zipfile
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
@@ -28,6 +29,8 @@ HARMLESS_ZIP_BYTES = 100_000_000
 _AROUND_DEG = 0.05
 """Tiles farther from area and home are left out; a fence is seldom 5 km wide."""
 _OFF_GRID = 0.01
+_HEIGHTS = re.compile(r"elev|height|altitude|h(ö|oe)he|(?<![a-z])(dem|dtm|dsm|dgm|mnt|mdt|z)(?![a-z])", re.IGNORECASE)
+"""In the name of a band."""
 
 Bounds = tuple[float, float, float, float]
 
@@ -117,11 +120,18 @@ def band_number(dataset: Any, band: int | str | None, file: Path) -> int:
     """Number of a band by number or name.
 
     Raises:
-        TerrainError: there is none; says which there are.
+        TerrainError: there is none, or none is asked for and the first does not seem to be it; says which there are.
     """
-    if band is None:
-        return 1
     names = [name or "" for name in dataset.descriptions]
+    there = ", ".join(f"{number} {name}".strip() for number, name in enumerate(names, start=1))
+    if band is None:
+        others = [name for name in names[1:] if _HEIGHTS.search(name)]
+        if others and names[0] and not _HEIGHTS.search(names[0]):
+            raise TerrainError(
+                f"{file}: its first band is {names[0]!r}, and {others[0]!r} sounds like the heights; set terrain.band (--band) "
+                f"to one of: {there}"
+            )
+        return 1
     if isinstance(band, int) or band.isdigit():
         if 1 <= int(band) <= dataset.count:
             return int(band)
@@ -129,7 +139,6 @@ def band_number(dataset: Any, band: int | str | None, file: Path) -> int:
         alike = [number for number, name in enumerate(names, start=1) if name.casefold() == band.casefold()]
         if alike:
             return alike[0]
-    there = ", ".join(f"{number} {name}".strip() for number, name in enumerate(names, start=1))
     raise TerrainError(f"{file}: has no band {band!r}; terrain.band is one of: {there}")
 
 

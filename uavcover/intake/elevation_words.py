@@ -1,4 +1,4 @@
-"""Whether elevation data says of itself that it is a surface model, by its name, its metadata, or as a known free data set."""
+"""What elevation data says of itself, by its name, its metadata, or as a known free data set: a surface, feet, other bands."""
 
 import re
 
@@ -17,6 +17,7 @@ _WORDS = re.compile(
 _GROUND_WORDS = re.compile(r"(?<![a-z])(dtm|dgm|mnt|mdt|bare[ _-]?earth|terrain[ _-]?model)(?![a-z])", re.IGNORECASE)
 _SRTM = re.compile(r"^[ns]\d{2}[ew]\d{3}(?!\d)|(?<![a-z])srtm(?![a-z])", re.IGNORECASE)
 _AW3D30 = re.compile(r"^ALPSMLC30_|(?<![a-z])aw3d30(?![a-z])", re.IGNORECASE)
+_FEET = re.compile(r"(?<![a-z])(feet|foot|us[ _-]?ft|ftus|ft)(?![a-z])", re.IGNORECASE)
 _TAGS_READ = 200
 
 
@@ -51,15 +52,55 @@ def _of_set(name: str) -> str:
     return f"{found.title} is a {found.surface}"
 
 
+def feet_in_words(source: TerrainSource) -> str | None:
+    """Why heights that are taken as metres seem to be in feet, or none where nothing says so or the unit is given.
+
+    Args:
+        source: the elevation data; the name of the first of several files is looked at.
+    """
+    if source.height_unit is not None:
+        return None
+    try:
+        with source.opened() as dataset:
+            band = source.band_of(dataset)
+            stated = bool(dataset.units[band - 1]) or (dataset.crs is not None and "VERT" in dataset.crs.to_wkt())
+    except (TerrainError, rasterio.errors.RasterioError, OSError):
+        return None  # its own error tells more
+    if stated:
+        return None
+    if word := _FEET.search(source.files[0].stem):
+        return f'its name says "{word.group(0)}"'
+    for text in _said(source):
+        if word := _FEET.search(text[:_TAGS_READ]):
+            return f'its metadata say "{word.group(0)}"'
+    return None
+
+
+def bands_in_words(source: TerrainSource) -> str | None:
+    """Which bands there are beside the first, which is taken; none where there is one, or one was asked for."""
+    if source.band is not None:
+        return None
+    try:
+        with source.opened() as dataset:
+            names = [name or "without a name" for name in dataset.descriptions]
+    except (TerrainError, rasterio.errors.RasterioError, OSError):
+        return None
+    return None if len(names) < 2 else ", ".join(f"{number} {name}" for number, name in enumerate(names, start=1))
+
+
 def _by_metadata(source: TerrainSource) -> str | None:
+    for text in _said(source):
+        if (word := _WORDS.search(text[:_TAGS_READ])) and not _GROUND_WORDS.search(text[:_TAGS_READ]):
+            return f'its metadata say "{word.group(0)}"'
+    return None
+
+
+def _said(source: TerrainSource) -> list[str]:
+    """Description and metadata of the band with the heights, and of its file; nothing where it cannot be opened."""
     try:
         with source.opened() as dataset:
             band = source.band_of(dataset)
             said = [str(dataset.descriptions[band - 1] or ""), *map(str, dataset.tags().values())]
-            said += [str(value) for value in dataset.tags(band).values()]
+            return [*said, *(str(value) for value in dataset.tags(band).values())]
     except (TerrainError, rasterio.errors.RasterioError, OSError):
-        return None  # its own error tells more
-    for text in said:
-        if (word := _WORDS.search(text[:_TAGS_READ])) and not _GROUND_WORDS.search(text[:_TAGS_READ]):
-            return f'its metadata say "{word.group(0)}"'
-    return None
+        return []  # its own error tells more
