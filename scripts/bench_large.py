@@ -96,8 +96,9 @@ def page(rows: list[Row], per_km2: int) -> str:
         f"{metadata.version('uavcover')}. What is measured is said at the top of the script; times are of a machine with "
         "other work.",
         "",
-        "| area | way | coverage | mission | against the boustrophedon | route | waypoints | sorties | processor time | memory |",
-        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|",
+        "| area | way | coverage | mission | against the boustrophedon | route | waypoints | sorties | evaluations "
+        "| processor time | memory |",
+        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
     rivals = {row["side_m"]: float(row["mission_s"]) for row in rows if row["way"] == "boustrophedon"}
     for row in rows:
@@ -112,7 +113,8 @@ def page(rows: list[Row], per_km2: int) -> str:
         memory = f"{float(row['peak_mib']):.0f} MiB" if row["peak_mib"] else ""
         lines.append(
             f"| {km2:g} km² | {way} | {100.0 * float(row['coverage']):.2f} % | {mission_s:.0f} s | {against} "
-            f"| {float(row['route_s']):.0f} s | {row['waypoints']} | {row['sorties']} | {work} | {memory} |"
+            f"| {float(row['route_s']):.0f} s | {row['waypoints']} | {row['sorties']} | {row['evaluations']} "
+            f"| {work} | {memory} |"
         )
     lines += [
         "",
@@ -120,6 +122,12 @@ def page(rows: list[Row], per_km2: int) -> str:
         "little shorter. Route is the time along the lines; mission adds the ways from home and back of every sortie.",
     ]
     return "\n".join(lines) + "\n"
+
+
+def in_order(row: Row) -> tuple[float, int, int]:
+    """By area, way and evaluations."""
+    side_m = float(row["side_m"])
+    return side_m, WAYS[side_m].index(row["way"]), int(row["evaluations"] or 0)
 
 
 def main() -> None:
@@ -131,17 +139,18 @@ def main() -> None:
     arguments = parser.parse_args()
     table = arguments.out.with_suffix(".csv")
     rows: list[Row] = list(csv.DictReader(table.open(encoding="utf-8"))) if table.exists() else []
-    done = {(row["side_m"], row["way"]) for row in rows}
+    done = {(row["side_m"], row["way"], row["evaluations"]) for row in rows}
     for side_m, ways in WAYS.items():
         for way in ways:
             name = f"{side_m:g}", way
-            if name in done or arguments.only not in ("", name[0], ":".join(name)):
-                continue
             evaluations = max(1000, round(arguments.per_km2 * side_m * side_m / 1e6))
+            key = *name, "" if way == "boustrophedon" else str(evaluations)
+            if key in done or arguments.only not in ("", name[0], ":".join(name)):
+                continue
             found = boustrophedon(side_m) if way == "boustrophedon" else planned(side_m, way, evaluations)
             head = {"side_m": name[0], "way": way, "date": datetime.date.today().isoformat()}
             rows.append({**dict.fromkeys(COLUMNS, ""), **head, **found})
-            rows.sort(key=lambda row: (float(row["side_m"]), WAYS[float(row["side_m"])].index(row["way"])))
+            rows.sort(key=in_order)
             with table.open("w", newline="", encoding="utf-8") as file:
                 writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
                 writer.writeheader()
