@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from tests.cli.test_check import DEM, GOOD, mission
+from tests.report.browser import Page
+from tests.report.test_accessibility import axe_source, findings
 from uavcover.checking.limits import Limits
 from uavcover.errors import InputError
 from uavcover.report.check_page import render_check_page
@@ -17,7 +19,7 @@ from uavcover.run.user import Unattended
 from uavcover.run.vehicle_terrain import ElevationData
 
 
-def page(folder: Path, *rows: str, name: str = "m.waypoints", north_deg: int = 36, **more) -> tuple[str, dict]:
+def page_of(folder: Path, *rows: str, name: str = "m.waypoints", north_deg: int = 36, **more) -> tuple[str, dict]:
     file = mission(folder, *rows, name=name)
     file.write_text(file.read_text().replace("\t36.", f"\t{north_deg}."))
     query = CheckQuery(
@@ -41,7 +43,7 @@ def zone(folder: Path, name: str) -> str:
 
 
 def test_broken_legs_zones_and_clearance(tmp_path: Path) -> None:
-    text, data = page(tmp_path, *GOOD, no_fly=(zone(tmp_path, "Z"),))
+    text, data = page_of(tmp_path, *GOOD, no_fly=(zone(tmp_path, "Z"),))
     broken = {(leg["from"], leg["to"]) for leg in data["legs"] if leg["broken"]}
     assert (2, 3) in broken
     assert (0, 1) not in broken
@@ -52,13 +54,13 @@ def test_broken_legs_zones_and_clearance(tmp_path: Path) -> None:
         above = [up - ground for up, ground in zip(leg["path"], leg["ground"], strict=True)]
         assert min(above) == pytest.approx(leg["clearance"], abs=1.0)
     assert text.count('class="no">broken') == sum(leg["broken"] for leg in data["legs"])
-    good, clear = page(tmp_path, *GOOD)
+    good, clear = page_of(tmp_path, *GOOD)
     assert not any(leg["broken"] for leg in clear["legs"])
     assert "Passed" in good
 
 
 def test_it_opens_offline_and_takes_nothing_from_files_as_markup(tmp_path: Path) -> None:
-    text, _ = page(tmp_path, *GOOD, name="<b>m.waypoints", no_fly=(zone(tmp_path, "</script><script>alert(1)"),))
+    text, _ = page_of(tmp_path, *GOOD, name="<b>m.waypoints", no_fly=(zone(tmp_path, "</script><script>alert(1)"),))
     assert "<b>m" not in text
     assert "<script>alert" not in text
     assert "http://" not in re.sub(r"https?://(www\.w3\.org|leafletjs|github)[^\s\"'<]*", "", text).split("<style>")[0]
@@ -71,4 +73,22 @@ def test_it_opens_offline_and_takes_nothing_from_files_as_markup(tmp_path: Path)
 
 def test_a_mission_without_a_path_has_no_page(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no path"):
-        page(tmp_path, *GOOD, north_deg=46)
+        page_of(tmp_path, *GOOD, north_deg=46)
+
+
+@pytest.mark.parametrize("width", [320, 390, 1400])
+def test_it_fits_its_screen(page: Page, tmp_path: Path, width: int) -> None:
+    (tmp_path / "check.html").write_text(page_of(tmp_path, *GOOD, no_fly=(zone(tmp_path, "Z"),))[0], encoding="utf-8")
+    page.open(tmp_path / "check.html", width=width, height=844)
+    assert page.run("document.documentElement.scrollWidth") <= width
+    assert page.complaints == []
+    assert page.run("document.querySelectorAll('#map path.leaflet-interactive').length") > 3
+
+
+@pytest.mark.parametrize("width", [390, 1400])
+def test_axe_finds_nothing_serious(page: Page, tmp_path: Path, width: int) -> None:
+    source = axe_source()
+    (tmp_path / "check.html").write_text(page_of(tmp_path, *GOOD, no_fly=(zone(tmp_path, "Z"),))[0], encoding="utf-8")
+    for colors in ("light", "dark"):
+        page.open(tmp_path / "check.html", width=width, height=844, colors=colors)
+        assert [one for one in findings(page, source) if one["impact"] in {"serious", "critical"}] == []

@@ -9,6 +9,7 @@ import pytest
 
 from tests.cli.test_judge_photos import AREA, DEM, shots
 from tests.report.conftest import HOSTILE
+from tests.report.test_accessibility import axe_source, findings
 from uavcover.intake.detection import curve_named
 from uavcover.judging.photos.picture import Picture
 from uavcover.judging.photos.placing import Assumptions
@@ -103,3 +104,12 @@ def test_it_fits_its_screen(page, tmp_path, text, width):
     assert page.run("document.getElementById('legend').children.length") > 2
     assert page.complaints == []
     assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
+
+
+@pytest.mark.parametrize("width", [390, 1400])
+def test_axe_finds_nothing_serious(page, tmp_path, text, width):
+    source = axe_source()
+    (tmp_path / "photos.html").write_text(text, encoding="utf-8")
+    for colors in ("light", "dark"):
+        page.open(tmp_path / "photos.html", width=width, height=844, colors=colors)
+        assert [one for one in findings(page, source) if one["impact"] in {"serious", "critical"}] == []
