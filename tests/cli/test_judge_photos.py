@@ -166,6 +166,13 @@ def test_a_search_is_judged_by_its_probability_of_detection(cli, tmp_path, flown
     assert '"Probability of detection"' in page
 
 
+def test_a_search_needs_to_know_how_fine_pictures_are(cli, tmp_path, flown):
+    options = ("--scenario", "docs/examples/search.toml", "--detection", "person", "-o", tmp_path / "out")
+    ended = cli("judge-photos", table_of(tmp_path, flown[:4]), *options)
+    assert ended.code == 2
+    assert "the scenario's sensor has no pixels_across" in ended.error
+
+
 def test_the_curves_of_the_package_are_listed(cli):
     ended = cli("judge-photos", "--detection", "list", "--json")
     assert ended.code == 0
@@ -238,8 +245,8 @@ def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
         (("--area", "46.0,8.0,60", "--dem", DEM), "46"),
         (("--area", AREA, "--dem", DEM, "--max-blur", "0"), "--max-blur: 0 is out of range"),
         (("--area", AREA, "--dem", DEM, "--pod", "0.8"), "--pod: needs --detection"),
-        (("--area", AREA, "--dem", DEM, "--pod", "80", "--detection", "person"), "--pod: 80 is a probability"),
-        (("--area", AREA, "--dem", DEM, "--pod", "nan", "--detection", "person"), "--pod: nan is a probability"),
+        (("--area", AREA, "--dem", DEM, "--pod", "80", "--detection", "person"), "--pod: 80 is not a probability"),
+        (("--area", AREA, "--dem", DEM, "--pod", "nan", "--detection", "person"), "--pod: nan is not a probability"),
         (("--area", AREA, "--dem", DEM, "--detection", "dog"), "--detection: 'dog' is not known"),
         (("--area", AREA, "--dem", DEM, "--detection", "no.toml"), "no.toml cannot be read"),
     ],

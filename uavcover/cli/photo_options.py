@@ -104,7 +104,7 @@ class SearchOptions:
         from uavcover.intake.detection import curve_named
 
         if self.pod is not None and not 0.0 < self.pod <= 1.0:
-            raise InputError(f"--pod: {self.pod:g} is a probability, above 0 and at most 1")
+            raise InputError(f"--pod: {self.pod:g} is not a probability above 0 and at most 1")
         if self.detection is None:
             if self.pod is not None:
                 raise InputError("--pod: needs --detection: how probably one picture finds what is searched for")

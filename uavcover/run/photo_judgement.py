@@ -155,7 +155,7 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
         raise InputError(f"scenario {site.scenario.name}: its sensor is a {sensor.kind}; pictures need a frame-camera")
     if request.detection is not None and sensor.pixels_across is None:
         raise InputError(
-            "--detection: how fine pictures are is not known: the camera has no pixels_across; give --camera NAME"
+            "--detection: the scenario's sensor has no pixels_across, so nobody knows how fine pictures are; add it"
         )
     seeing = _whole(request, site, sensor, placed)
     coverage = judging_map(replace(site, scenario=replace(site.scenario, sensor=seeing)))
