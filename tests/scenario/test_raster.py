@@ -7,6 +7,7 @@ import numpy as np
 import pyproj
 import pytest
 import rasterio
+import rasterio.shutil
 from rasterio.crs import CRS
 from rasterio.transform import Affine
 from rasterio.warp import Resampling, reproject, transform
@@ -335,12 +336,16 @@ def test_missing_empty_and_broken_files(tmp_path):
     values = np.random.default_rng(0).uniform(0, 1000, (300, 300)).astype(np.float32)
     whole = write(tmp_path / "whole.tif", values, transform=from_origin(LON - 0.15, LAT + 0.15, 0.001, 0.001))
     cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 3])
+    gone, lacking = write(tmp_path / "gone.tif", values), tmp_path / "tiles.vrt"
+    rasterio.shutil.copy(gone, lacking, driver="VRT")
+    gone.unlink()
     for path, words in (
         (missing, "no such file .terrain.file is relative"),
         (tmp_path, "no such file"),
         (empty, "the file is empty"),
         (broken, "cannot be read as elevation data"),
         (cut, "cannot be read as elevation data"),
+        (lacking, "cannot be read as elevation data .*gone.tif: No such file or directory"),
     ):
         with pytest.raises(TerrainError) as caught:
             read(path)

@@ -136,10 +136,11 @@ def _readable(path: TerrainSource) -> Iterator[None]:
     try:
         yield
     except (rasterio.errors.RasterioError, OSError) as error:
-        reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        raise TerrainError(
-            f"{path}: cannot be read as elevation data ({reason}); give a whole raster of heights"
-        ) from error
+        # rasterio says that reading fails; why, such as a tile of a VRT that is gone, GDAL says in its cause.
+        said = error.__cause__ if "previous exception" in str(error) and error.__cause__ is not None else error
+        reason = str(said).strip().splitlines()[0] if str(said).strip() else type(said).__name__
+        what = f"cannot be read as elevation data ({reason}); give a whole raster of heights"
+        raise TerrainError(f"{path}: {what}") from error
 
 
 @contextmanager
