@@ -130,6 +130,7 @@ def test_an_aircraft_that_is_none(cli: Cli, planned: Path, tmp_path: Path, befor
         (["--format", "litchi", "-o", "x.csv", "--max-waypoints-per-file", "-1"], "-1 is too few"),
         (["--format", "litchi", "-o", "x.csv", "--sortie", "1"], "has no sorties"),
         (["--format", "print", "-o", "x.html", "--drone", "m3e"], "--drone: goes with --format wpml"),
+        (["--format", "print", "-o", "x.pdf"], "-o: x.pdf: print is an HTML page; name it .html, and save it as PDF"),
         (["--format", "gpx", "-o", "x.gpx", "--contact", "me"], "--contact: goes with --format print, not with gpx"),
         (["--format", "litchi"], "give a run folder, --format and -o"),
     ],
@@ -143,7 +144,8 @@ def test_options_that_do_not_fit(cli: Cli, planned: Path, options: list[str], ma
 @pytest.mark.parametrize("file_format", ["wpml", "litchi", "gpx", "mavros", "print"])
 def test_a_plan_without_a_place_has_no_flight(cli: Cli, nowhere_run: Path, tmp_path: Path, file_format: str) -> None:
     drone = ["--drone", "m3e"] if file_format == "wpml" else []
-    ended = cli("export", nowhere_run, "--format", file_format, "-o", tmp_path / "x.kmz", *drone)
+    out = tmp_path / ("x.html" if file_format == "print" else "x.kmz")
+    ended = cli("export", nowhere_run, "--format", file_format, "-o", out, *drone)
     assert ended.code == 2
     assert "no place on Earth" in ended.error
     assert list(tmp_path.iterdir()) == []

@@ -132,8 +132,11 @@ def export(
 
 
 def _print(console: "Console", run: "RunFolder", request: "ExportRequest", paper: PrintOptions) -> int:
+    from uavcover.errors import InputError
     from uavcover.report.print_page import PrintNotes, print_plan
 
+    if request.out.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"-o: {request.out}: print is an HTML page; name it .html, and save it as PDF from a browser")
     notes = PrintNotes(pilot=paper.pilot, contact=paper.contact, weather=paper.weather)
     flights = print_plan(run, request, notes)
     console.say(f"written: {request.out}")
