@@ -60,7 +60,10 @@ def mock(number: int, sortie: int, site: Site, **config: Any) -> MockVehicle:
         ARDUPILOT,
         home_of(site),
         MockConfig(
-            settings=Settings.for_vehicle(vehicle), battery=BatteryData.for_vehicle(vehicle), system_id=number, **config
+            settings=Settings.for_vehicle(vehicle),
+            battery=BatteryData(),
+            system_id=number,
+            **config,  # it lasts a day
         ),
         rng=np.random.default_rng(10 * number + sortie),
     )

@@ -9,6 +9,7 @@ from tests.vehicle.scene import HOME, Scene, make_scene, mission, presses, way_h
 from uavcover.errors import InfeasibleError, VehicleError
 from uavcover.mock.behaviour import quick
 from uavcover.mock.flight_control import FlightControl
+from uavcover.vehicle.clearance import Clearance
 from uavcover.vehicle.fly import Ending
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.outcome import EventKind
@@ -122,3 +123,32 @@ def test_a_vehicle_that_has_just_left_the_ground_is_flown_home(monkeypatch):
     outcome = scene.fly(stop=presses(scene, 20.0))
     assert outcome.ending is Ending.RETURNED
     assert not scene.vehicle.armed
+
+
+@pytest.mark.parametrize("held", [False, True], ids=["in its mission", "while it holds"])
+def test_one_that_must_go_home_flies_the_checked_legs(held):
+    scene = scene_with_mission()
+    late = lambda: "the battery" if (scene.monitor.time_s or 0.0) > 40.0 else None  # noqa: E731
+    outcome = scene.fly(
+        clearance=Clearance(must_go_home=late), pause=lambda: held and (scene.monitor.time_s or 0.0) > 35.0
+    )
+    assert outcome.ending is Ending.RESERVE_KEPT
+    assert outcome.ending.good
+    assert not scene.vehicle.armed
+    assert scene.told(EventKind.STOP)[int(held)] == "the battery"
+    assert 0 < outcome.waypoints_reached < 4
+    assert scene.samples[-1].lat_deg == pytest.approx(HOME.lat_deg, abs=1e-5)
+
+
+def test_one_that_must_go_home_and_cannot_is_left_holding():
+    scene = scene_with_mission()
+
+    def no_way(*_):
+        raise InfeasibleError("a hill is in the way")
+
+    with pytest.raises(VehicleError, match="left holding, and its reserve is being used"):
+        scene.fly(
+            clearance=Clearance(must_go_home=lambda: "x" if (scene.monitor.time_s or 0.0) > 35.0 else None),
+            plan_return=no_way,
+        )
+    assert scene.vehicle.armed

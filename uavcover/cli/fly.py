@@ -128,7 +128,7 @@ def fly(
         ended, document = fly_fleet(folder, links, console, FleetOptions(flight=asked, on_loss=loss), command=sys.argv)
         console.suggest(f"uavcover verify {run}")
         console.result(document)
-        return INTERRUPTED if ended else 0
+        return INTERRUPTED if ended else int(bool(document["left"]))
     if older.resume:
         resumed, document = resume_run(folder, link, console, asked, command=sys.argv)
         if resumed is not None:

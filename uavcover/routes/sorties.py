@@ -267,6 +267,19 @@ def _back_s(pace: Pace, home_m: FloatArray, way_m: FloatArray, off_m: FloatArray
     )
 
 
+def way_home_s(site: Site, place_m: FloatArray) -> float:
+    """Seconds from rest at a (3,) ENU place in flight along the transit home, to the ground there.
+
+    Raises:
+        InfeasibleError: the site has no home.
+    """
+    home = site.home_m
+    if home is None:
+        raise InfeasibleError(f"scenario {site.scenario.name}: has no [home]")
+    way = transit(site, home[:2], place_m, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)
+    return _back_s(pace_of(site), home, way, np.empty((0, 3)))
+
+
 def _tighter(costs: FlightCosts) -> FlightCosts:
     """The same costs with slightly lower limits."""
     return costs._replace(endurance_s=0.998 * costs.endurance_s, item_limit=costs.item_limit - 2)

@@ -10,17 +10,23 @@ from functools import partial
 
 import numpy as np
 
-from mission_io.autopilots.autopilot import wire_items
-from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.errors import MissionIoError, VehicleSilentError
-from mission_io.model.items import Mission, MissionType
+from mission_io.model.items import Mission
 from uavcover.errors import UavcoverError, VehicleError
 from uavcover.model.track import TrackSample
-from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission
+from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.run.fleet_board import Board, VehicleUser
 from uavcover.run.fleet_clock import FleetClock
-from uavcover.run.fleet_jobs import Job, OnLoss, Queues, rest_of
-from uavcover.run.fleet_sortie import FlownSortie, is_down, lacking_battery, pace_home_m_s, places_m
+from uavcover.run.fleet_jobs import Job, OnLoss, Queues, require_gain, rest_of
+from uavcover.run.fleet_reserve import ReserveWatch
+from uavcover.run.fleet_sortie import (
+    FlownSortie,
+    is_down,
+    lacking_battery,
+    pace_home_m_s,
+    places_m,
+    require_own_mission,
+)
 from uavcover.run.fleet_traffic import Phase, Traffic
 from uavcover.run.flights import TRACK
 from uavcover.run.fly import FlightOptions, record_flight
@@ -37,6 +43,8 @@ _READY_BEFORE_S = 60.0
 """So long before its take-off a vehicle is looked for and gets its next sortie."""
 _KNOWS_HOME_S = 120.0
 """So long a vehicle that was switched on may take until it knows where it is."""
+_NEW_BATTERY_S = 300.0
+"""So long a vehicle whose battery lasts for little of its sortie keeps those behind it waiting."""
 _LOOK_EVERY_S, _PLACE_EVERY_S = 1.0, 0.5
 
 Opening = Callable[[VehicleLink, Site], AbstractContextManager[Connected]]
@@ -182,7 +190,9 @@ class FleetFlight:
         if first:
             if not self._meet(connected, self._given, others):
                 return
-            self._check_alone(record.vehicle, connected, compiled)
+            urls = [link.url for link in self.orders.links]
+            same = [k for k in others if self._found[k] == self._found[record.vehicle]]
+            require_own_mission(connected, compiled, [urls[k - 1] for k in same])
         record.outcome, _ = record_flight(
             job.folder, job.site, job.route, user, connected,
             lambda orders: self._followed(record, connected, clock, partial(fly, connected, job.site, compiled, orders)),
@@ -233,30 +243,16 @@ class FleetFlight:
             connected.client.poll(0.1)
         return True
 
-    def _check_alone(self, vehicle: int, connected: Connected, compiled: CompiledMission) -> None:
-        """Refuse a vehicle that two links lead to: it holds the sortie that it was given last.
-
-        Raises:
-            VehicleError: it does not hold its own.
-        """
-        urls = [link.url for link in self.orders.links]
-        same = [k for k, system in self._found.items() if k != vehicle and system == self._found[vehicle]]
-        if not same or urls[vehicle - 1].startswith("mock:"):
-            return
-        autopilot = AUTOPILOTS[connected.autopilot]
-        held = connected.client.download(MissionType.MISSION)
-        fault = fault_text(compare_items(wire_items(compiled.mission, autopilot), held, autopilot))
-        if fault is not None:
-            raise VehicleError(
-                f"system {self._found[vehicle]} at {urls[vehicle - 1]} holds another sortie than it was given ({fault}): "
-                f"--to {', '.join(urls[k - 1] for k in sorted(same))} may lead to the same vehicle; nothing was armed"
-            )
-
     def _flight_options(self, job: Job, connected: Connected, record: FlownSortie, clock: FleetClock) -> FlightOptions:
         vehicle = record.vehicle
         row = self.board.rows[vehicle]
+        reserve = ReserveWatch(job, connected, self.traffic)
+        lacks_since_s: float | None = None
 
         def may_start() -> bool:
+            nonlocal lacks_since_s
+            if self._stopped:
+                return False
             with self._lock:
                 self._ready.add(vehicle)
                 row.does = "ready to start"
@@ -264,6 +260,11 @@ class FleetFlight:
                     return False
             if (lacks := lacking_battery(job, connected)) is not None:
                 row.does = lacks
+                if lacks_since_s is None:
+                    lacks_since_s = clock.now()
+                    self.board.warn(f"vehicle {vehicle}: {lacks} for sortie {job.sortie}: change its battery")
+                elif clock.now() - lacks_since_s > _NEW_BATTERY_S:
+                    raise VehicleError(f"{lacks} for {_NEW_BATTERY_S:.0f} s; not armed")
                 return False
             if not self.traffic.start(job.name, clock.now()):
                 return False
@@ -277,6 +278,10 @@ class FleetFlight:
             may = self.traffic.may_go_home(job.name, clock.now(), way_m, all_return=self.orders.stops() > 0)
             row.does = "flies home" if may else "holds"
             return may
+
+        def must_go_home() -> str | None:
+            begun_s = self.traffic.since_first_s(clock.now()) - (record.began_s or 0.0)
+            return reserve.must_go_home(clock.now(), aloft_s=begun_s)
 
         next_s = -math.inf
 
@@ -292,7 +297,7 @@ class FleetFlight:
 
         return replace(
             self.orders.flight,
-            clearance=Clearance(may_start=may_start, may_go_home=may_go_home),
+            clearance=Clearance(may_start=may_start, may_go_home=may_go_home, must_go_home=must_go_home),
             on_sample=take,
             force=self._may_replace(job),
         )
@@ -334,6 +339,12 @@ class FleetFlight:
                     f"vehicle {vehicle}: change the battery; sortie {following.sortie} at {following.planned_s:.0f} s"
                 )
             return
+        if record.keeps_reserve:
+            row.does = "landed"
+            if not self._stopped:
+                with self._lock:
+                    self._hand_over(record, [], now)
+            return
         row.does = "out"
         if self._stopped:
             return
@@ -343,18 +354,20 @@ class FleetFlight:
                 self.board.warn("one vehicle is not ready, so none starts")
                 self.called_off = True
                 return
-            self._hand_over(job, left, now)
+            self._hand_over(record, left, now)
 
-    def _hand_over(self, job: Job, left: Sequence[Job], now: float) -> None:
-        """Give the others what a lost vehicle leaves, each part checked; or leave it as gaps."""
+    def _hand_over(self, record: FlownSortie, left: Sequence[Job], now: float) -> None:
+        """Give to whom is ready first what a vehicle has left, each part checked; or leave it as gaps."""
+        job, parts = record.job, list(left)
         for part in left:
             self.traffic.drop(part.name)
-        parts = list(left)
         if self.orders.on_loss is OnLoss.GAPS or not self._queues.vehicles:
             self.left += [part.name for part in (job, *parts)]
             return
         try:
             rest = rest_of(job, sys.argv)
+            if rest is not None and record.keeps_reserve:
+                require_gain(job, rest)
         except (UavcoverError, MissionIoError) as error:
             self.board.warn(f"the rest of sortie {job.sortie} is left as a gap: {error}")
             self.left.append(job.name)
@@ -376,7 +389,7 @@ class FleetFlight:
         ready_s = max(now, self._free_s.get(vehicle, now))
         flies = self._current.get(vehicle)
         waiting = self._queues.of(vehicle)
-        if flies is not None:
+        if flies is not None and self.traffic.phase(flies.name) is not Phase.DOWN:
             begun = self.traffic.phase(flies.name) is Phase.FLYING
             begins_s = max(now, now + flies.planned_s - self.traffic.since_first_s(now))
             lands_s = self.traffic.lands_s(flies.name) if begun else begins_s + flies.timeline.duration_s

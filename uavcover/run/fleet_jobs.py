@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from uavcover.errors import InputError
+from uavcover.errors import InfeasibleError, InputError
 from uavcover.model.route import Route
 from uavcover.routes.sorties import Sortie
 from uavcover.routes.timeline import Timeline, timeline_of
@@ -16,6 +16,8 @@ from uavcover.run.planned import read_planned
 from uavcover.run.resume import find_unfinished, save_rest
 from uavcover.run.session import require_home
 from uavcover.scenario.site import Site
+
+_LEAST_GAIN_M = 20.0
 
 
 class OnLoss(StrEnum):
@@ -100,14 +102,15 @@ def job_timeline(site: Site, route: Route) -> Timeline:
 def rest_of(job: Job, command: Sequence[str]) -> Job | None:
     """What a flight that ended early has left, as a job for another vehicle; none when nothing is left.
 
-    Its plan is written into a folder inside that of the flight, as ``fly --resume`` does.
+    Its plan is written into a folder inside that of the sortie, as ``fly --resume`` does, also for the rest of a rest.
 
     Raises:
         InfeasibleError: there is no checked way to it, or it takes too long for one flight.
     """
     if not job.folder.file(TRACK).exists():
         return replace(job, name=f"{job.name}+")
-    unfinished = find_unfinished(job.folder, job.site)
+    sortie = RunFolder(job.folder.path.parent) if job.is_rest else job.folder
+    unfinished = find_unfinished(sortie, job.site)
     if unfinished.complete:
         return None
     timeline = job_timeline(job.site, unfinished.route)
@@ -116,6 +119,16 @@ def rest_of(job: Job, command: Sequence[str]) -> Job | None:
     return replace(
         job, name=f"{job.name}+", folder=unfinished.folder, route=unfinished.route, timeline=timeline, is_rest=True
     )
+
+
+def require_gain(job: Job, rest: Job) -> None:
+    """Refuse the rest of a flight that a full battery did not bring on: another one would not either, again and again.
+
+    Raises:
+        InfeasibleError: hardly less is left than the flight had to fly.
+    """
+    if len(rest.route) >= len(job.route) and rest.route.length_m > job.route.length_m - _LEAST_GAIN_M:
+        raise InfeasibleError("a battery lasts there and back, and for nothing between")
 
 
 @dataclass(slots=True)

@@ -1,22 +1,27 @@
 """A sortie of a fleet: how it ended, whether its vehicle is down, what its battery lacks, and its way home."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from mission_io.autopilots.autopilot import wire_items
+from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.errors import MissionIoError
-from mission_io.model.items import Frame, Mission
+from mission_io.model.items import Frame, Mission, MissionType
 from mission_io.wire.messages import SysStatus
-from uavcover.errors import InputError
+from uavcover.errors import InputError, VehicleError
 from uavcover.kernels.arrays import FloatArray
+from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission
 from uavcover.run.fleet_jobs import Job
 from uavcover.run.session import Connected
 from uavcover.scenario.site import Site
-from uavcover.vehicle.outcome import FlightOutcome
+from uavcover.vehicle.outcome import Ending, FlightOutcome
 
-_BATTERY_ROUNDING = 2.0
-"""Percent by which a battery may tell less than it is asked for: whole numbers, and a while of standing on the ground."""
+_LESS_AT_START = 5.0
+"""Percent by which a battery may tell less than the whole sortie needs: whole numbers, and a while of standing ready. What it
+lacks in the end is left to another sortie: a vehicle in flight goes home before it uses its reserve."""
 _LATELY_S = 5.0
 
 
@@ -45,6 +50,11 @@ class FlownSortie:
         """Its planned take-off, since the first take-off of all."""
         return self.job.planned_s
 
+    @property
+    def keeps_reserve(self) -> bool:
+        """Whether it ended early so that its battery keeps the reserve, and its vehicle can fly on with another one."""
+        return self.outcome is not None and self.outcome.ending is Ending.RESERVE_KEPT
+
     def as_json(self) -> dict[str, Any]:
         """For ``--json``."""
         ended: dict[str, Any] = {"ending": None} if self.outcome is None else self.outcome.as_json()
@@ -64,6 +74,29 @@ def is_down(connected: Connected) -> bool:
         return False
 
 
+def require_own_mission(connected: Connected, compiled: CompiledMission, urls: Sequence[str]) -> None:
+    """Refuse a vehicle that two links lead to: it holds the sortie that it was given last.
+
+    Args:
+        connected: the vehicle.
+        compiled: what it was given.
+        urls: all links that lead to a vehicle of this system id.
+
+    Raises:
+        VehicleError: it does not hold its own.
+    """
+    if len(urls) < 2 or connected.url.startswith("mock:"):
+        return
+    autopilot = AUTOPILOTS[connected.autopilot]
+    held = connected.client.download(MissionType.MISSION)
+    fault = fault_text(compare_items(wire_items(compiled.mission, autopilot), held, autopilot))
+    if fault is not None:
+        raise VehicleError(
+            f"system {connected.client.vehicle.system_id} at {connected.url} holds another sortie than it was given ({fault}): "
+            f"--to {', '.join(sorted(urls))} may lead to the same vehicle; nothing was armed"
+        )
+
+
 def lacking_battery(job: Job, connected: Connected) -> str | None:
     """What a battery lacks that is to fly a sortie and keep the reserve; none where it is enough, or nothing is told of it."""
     vehicle, status = job.site.scenario.vehicle, connected.monitor.latest(SysStatus)
@@ -71,7 +104,7 @@ def lacking_battery(job: Job, connected: Connected) -> str | None:
     if vehicle.endurance_s is None or percent is None:
         return None
     needed = 100.0 * (job.timeline.duration_s / vehicle.endurance_s + vehicle.reserve_fraction)
-    return None if percent + _BATTERY_ROUNDING >= min(needed, 100.0) else f"battery {percent:.0f} of {needed:.0f} %"
+    return None if percent + _LESS_AT_START >= min(needed, 100.0) else f"battery {percent:.0f} of {needed:.0f} %"
 
 
 def pace_home_m_s(site: Site) -> tuple[float, float]:

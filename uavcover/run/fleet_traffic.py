@@ -122,6 +122,11 @@ class Traffic:
             flight = self._flights[name]
             return flight.as_if_begun_s + flight.timeline.duration_s
 
+    def place_m(self, name: str) -> FloatArray:
+        """(3,) ENU, where a flight was seen last."""
+        with self._lock:
+            return self._flights[name].place_m
+
     @property
     def begun(self) -> bool:
         """Whether one flight has taken off."""

@@ -164,7 +164,12 @@ def _result(run: RunFolder, flight: FleetFlight, user: User, more: dict[str, Any
     if flight.aborted:
         raise KeyboardInterrupt
     flown = sorted(flight.flown, key=lambda record: (record.vehicle, record.planned_s))
-    document: dict[str, Any] = {"run": str(run), "sorties": [record.as_json() for record in flown], **more}
+    document: dict[str, Any] = {
+        "run": str(run),
+        "sorties": [record.as_json() for record in flown],
+        "left": flight.left,
+        **more,
+    }
     for line in flight.board.lines(0.0)[1:]:
         user.say(line.strip())
     for fault in flight.faults:

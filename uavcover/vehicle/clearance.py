@@ -1,4 +1,4 @@
-"""When a vehicle may start, and fly home, beside others in the air."""
+"""When a vehicle may start, and may or must fly home, beside others in the air."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,16 +8,18 @@ from mission_io.model.items import Mission
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clearance:
-    """Asked again and again while the vehicle waits, on the ground ready to arm or holding its place.
+    """Asked again and again: while the vehicle waits, on the ground ready to arm or holding its place, and while it flies.
 
     Attributes:
         may_start: whether it may arm and take off now.
         may_go_home: whether it may fly these checked legs home now; raises InfeasibleError when it never may, and the vehicle is
             left holding then.
+        must_go_home: why it must end its mission now and fly home along checked legs, as text; none while it may fly on.
     """
 
     may_start: Callable[[], bool] = lambda: True
     may_go_home: Callable[[Mission], bool] = lambda _: True
+    must_go_home: Callable[[], str | None] = lambda: None
 
 
 ALONE = Clearance()

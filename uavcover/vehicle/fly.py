@@ -212,7 +212,7 @@ class _Flight:
         return self.progress
 
     def home(self, plan_return: PlanReturn, cause: Ending | None) -> FlightOutcome:
-        """After the user's stop, or a breach: home along checked legs, or left holding.
+        """After the user's stop, a breach, or for the battery's sake: home along checked legs, or left holding.
 
         Raises:
             FlightFaultError: it was a breach, or the way home failed.
@@ -229,6 +229,12 @@ class _Flight:
             landed = return_home(
                 self.session, plan_return, stops=self.session.stop(), clear=self.orders.clearance.may_go_home
             )
+            if cause is Ending.RESERVE_KEPT:
+                if landed:
+                    return self.outcome(cause)
+                raise FlightFaultError(
+                    Ending.BATTERY_LOW, "the vehicle was left holding, and its reserve is being used"
+                )
             how = "it was flown home along checked legs, and landed" if landed else "it was left holding"
             raise FlightFaultError(cause, f"{self.session.watch.text_of(cause)}; {how}")
         return self.outcome(Ending.RETURNED if landed else Ending.LEFT_HOLDING)
@@ -301,7 +307,7 @@ def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn)
         progress = flight.record(plan)
         flight.touched = True
         arm_and_start(session)
-        follow_mission(session, plan, progress)
+        follow_mission(session, plan, progress, flight.orders.clearance.must_go_home)
     except Stopped as stop:
         return flight.home(plan_return, stop.cause)
     return flight.outcome(Ending.LANDED)
@@ -354,7 +360,7 @@ def _from_the_air(flight: _Flight, plan_continuation: PlanContinuation, plan_ret
         session.insist(lambda: start_mission(session))
         session.watch.take_off()
         session.tell(EventKind.STAGE, "going on with the mission")
-        follow_mission(session, plan, progress)
+        follow_mission(session, plan, progress, flight.orders.clearance.must_go_home)
     except Stopped as stop:
         return flight.home(plan_return, stop.cause)
     return flight.outcome(Ending.LANDED)

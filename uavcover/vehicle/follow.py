@@ -25,12 +25,14 @@ _COMES_TO_REST_S = 10.0
 _LOOK_S = 0.1
 
 
-def follow_mission(session: Session, plan: FlightPlan, progress: MissionProgress) -> None:
+def follow_mission(
+    session: Session, plan: FlightPlan, progress: MissionProgress, must_go_home: Callable[[], str | None] = lambda: None
+) -> None:
     """Listen until the vehicle has flown the mission, landed and disarmed; the user may pause it meanwhile.
 
     Raises:
         FlightFaultError: it did not; the ending says why.
-        Stopped: the user asked to stop while the vehicle did what it was told.
+        Stopped: the user asked to stop while the vehicle did what it was told, or it ``must_go_home`` before the end.
     """
     places = VolumeWatch(session, plan.volume, progress)
 
@@ -49,6 +51,9 @@ def follow_mission(session: Session, plan: FlightPlan, progress: MissionProgress
             guard.look()
         meanwhile()
         follower.react(session.watch.take_begun())
+        if follower.cause is None and session.monitor.on_ground is False and (why := must_go_home()) is not None:
+            session.tell(EventKind.STOP, why)
+            raise Stopped(Ending.RESERVE_KEPT)
 
     while session.client.vehicle.armed:
         follower.step(look)

@@ -43,6 +43,7 @@ class Ending(Enum):
     RETURNED = "stopped by the user, flown home along checked legs, landed and disarmed"
     LEFT_HOLDING = "stopped by the user and left holding, armed and in the air"
     NOT_FLOWN = "stopped by the user before it left the ground; disarmed"
+    RESERVE_KEPT = "flown home early along checked legs, so that the battery keeps its reserve; landed and disarmed"
 
     NOT_ARMED = "not armed: the vehicle is not what was planned for"
     NOT_READY = "not armed: the vehicle did not get ready"
@@ -78,7 +79,7 @@ class Ending(Enum):
     @property
     def good(self) -> bool:
         """Whether the flight went as it was planned, or as the user wished."""
-        return self in (Ending.LANDED, Ending.RETURNED, Ending.LEFT_HOLDING, Ending.NOT_FLOWN)
+        return self in (Ending.LANDED, Ending.RETURNED, Ending.LEFT_HOLDING, Ending.NOT_FLOWN, Ending.RESERVE_KEPT)
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,10 +23,10 @@ _WARNING_SEVERITY = 4
 
 
 class Stopped(Exception):  # noqa: N818 - the user's wish is no error
-    """The flight is to end, by the user's wish or because of a breach.
+    """The flight is to end, by the user's wish, because of a breach, or so that the battery keeps its reserve.
 
     Attributes:
-        cause: the breach; None when the user asked.
+        cause: the breach, or RESERVE_KEPT; None when the user asked.
     """
 
     def __init__(self, cause: Ending | None = None) -> None:

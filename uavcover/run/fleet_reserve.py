@@ -1,0 +1,123 @@
+"""When a vehicle of a fleet must fly home before its sortie ends, so that its battery keeps the reserve."""
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+from mission_io.wire.messages import SysStatus
+from uavcover.errors import UavcoverError
+from uavcover.model.vehicle import Vehicle
+from uavcover.routes.sorties import way_home_s
+from uavcover.run.fleet_jobs import Job
+from uavcover.run.fleet_traffic import Traffic
+from uavcover.run.session import Connected
+
+_ROUNDING = 1.0
+"""Percent by which a battery may hold less than it tells: it tells whole numbers."""
+_CLIMB_S, _MEASURED_S = 25.0, 50.0
+"""The climb uses more than what follows and does not count; after so long more, what was used tells more than the endurance."""
+_USE_HOME, _USE_ON = 1.2, 1.05
+"""How much more than the mean so far a second may use on the way home, straight into the wind, and on the rest of the mission."""
+_TO_TURN_S = 20.0
+"""To stop, to be sent the way home, and to wait for it to be free."""
+_LOOK_EVERY_S = 2.0
+
+
+class Verdict(Enum):
+    """What a battery allows."""
+
+    GO_ON = "it is enough to fly on"
+    GO_HOME = "it is enough for the way home, and not for more"
+
+
+@dataclass(slots=True)
+class BatteryUse:
+    """What a flight uses of its battery. Knows no clock: times are arguments.
+
+    Attributes:
+        vehicle: with its endurance and reserve.
+        first: time in the air, and what the battery told then, when it was asked first after the climb; none before.
+        percent: what it told last.
+        aloft_s: time in the air by then.
+    """
+
+    vehicle: Vehicle
+    first: tuple[float, float] | None = None
+    percent: float = math.nan
+    aloft_s: float = 0.0
+
+    def take(self, percent: float, *, aloft_s: float) -> None:
+        """What the battery tells so long after take-off."""
+        if self.first is None and aloft_s >= _CLIMB_S:
+            self.first = aloft_s, percent
+        self.percent, self.aloft_s = percent, aloft_s
+
+    @property
+    def each_s(self) -> float:
+        """Percent of a battery that a second in the air uses: by the endurance at first, and as measured later."""
+        if self.first is None or self.aloft_s - self.first[0] < _MEASURED_S:
+            return 100.0 / (self.vehicle.endurance_s or math.inf)
+        return (self.first[1] - self.percent) / (self.aloft_s - self.first[0])
+
+    @property
+    def spare(self) -> float:
+        """Percent above the reserve."""
+        return self.percent - _ROUNDING - 100.0 * self.vehicle.reserve_fraction
+
+    def lasts_home(self, seconds: float) -> bool:
+        """Whether the way home can still be begun a moment later."""
+        return self.spare > _USE_HOME * self.each_s * (seconds + _TO_TURN_S)
+
+    def lasts_on(self, seconds: float) -> bool:
+        """Whether so much more of the mission keeps the reserve."""
+        return self.spare >= _USE_ON * self.each_s * seconds
+
+    def verdict(self, *, rest_s: float, home_s: float) -> Verdict:
+        """What it allows of a mission that takes ``rest_s`` to the landing, where the straight way home takes ``home_s``."""
+        if home_s + _TO_TURN_S >= rest_s or self.lasts_home(home_s) or self.lasts_on(rest_s):
+            return Verdict.GO_ON
+        return Verdict.GO_HOME
+
+
+class ReserveWatch:
+    """Asks again and again whether a vehicle in flight must go home for its battery's sake.
+
+    Args:
+        job: what it flies.
+        connected: tells its battery.
+        traffic: knows where it is.
+    """
+
+    def __init__(self, job: Job, connected: Connected, traffic: Traffic) -> None:
+        self._job, self._connected, self._traffic = job, connected, traffic
+        self._use = BatteryUse(job.site.scenario.vehicle)
+        self._next_s = -math.inf
+
+    def must_go_home(self, now: float, *, aloft_s: float) -> str | None:
+        """Why it must, as text; none while it may fly on, or where it tells nothing of its battery.
+
+        Args:
+            now: present time.
+            aloft_s: time since its take-off.
+        """
+        status = self._connected.monitor.latest(SysStatus)
+        percent = None if status is None else status.battery_remaining_percent
+        if percent is None or self._use.vehicle.endurance_s is None or now < self._next_s:
+            return None
+        self._next_s = now + _LOOK_EVERY_S
+        use, rest_s = self._use, self._traffic.lands_s(self._job.name) - now
+        use.take(percent, aloft_s=aloft_s)
+        if use.lasts_home(rest_s) or use.lasts_on(rest_s):  # the way home is shorter than that
+            return None
+        try:
+            home_s = way_home_s(self._job.site, self._traffic.place_m(self._job.name))
+        except UavcoverError:  # the ground below the way is not known
+            home_s = rest_s
+        if use.verdict(rest_s=rest_s, home_s=home_s) is Verdict.GO_ON:
+            return None
+        reserve = 100.0 * use.vehicle.reserve_fraction
+        return (
+            f"the battery has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the way home takes "
+            f"{home_s:.0f} s and the rest of the sortie {rest_s:.0f} s, which would use the reserve of {reserve:.0f} %; it "
+            "flies home, and another sortie goes on here"
+        )
