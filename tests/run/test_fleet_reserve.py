@@ -60,11 +60,15 @@ def test_no_way_home_is_shorter_than_the_mission_itself() -> None:
     assert battery.verdict(rest_s=160.0, home_s=50.0) is Verdict.GO_HOME
 
 
-def watch(monkeypatch: pytest.MonkeyPatch, percent: int | None, *, rest_s: float = 200.0) -> ReserveWatch:
-    monkeypatch.setattr("uavcover.run.fleet_reserve.way_home_s", lambda *_: 60.0)
+def watch(monkeypatch: pytest.MonkeyPatch, percent: int | None, *, free: bool = True) -> ReserveWatch:
+    monkeypatch.setattr("uavcover.run.fleet_reserve.way_home", lambda *_: (np.zeros((2, 3)), 60.0))
     status = None if percent is None else SimpleNamespace(battery_remaining_percent=percent)
     connected: Any = SimpleNamespace(monitor=SimpleNamespace(latest=lambda _: status))
-    traffic: Any = SimpleNamespace(lands_s=lambda _: rest_s, place_m=lambda _: np.zeros(3))
+    traffic: Any = SimpleNamespace(
+        lands_s=lambda _: 200.0,
+        place_m=lambda _: np.zeros(3),
+        give_way_home=lambda *_, within_s: free and within_s == 80.0,
+    )
     job: Any = SimpleNamespace(name="001", site=SITE)
     return ReserveWatch(job, connected, traffic)
 
@@ -81,3 +85,7 @@ def test_it_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_vehicle_that_tells_nothing_of_its_battery_flies_on(monkeypatch: pytest.MonkeyPatch) -> None:
     assert watch(monkeypatch, None).must_go_home(0.0, aloft_s=100.0) is None
     assert watch(monkeypatch, 90).must_go_home(0.0, aloft_s=100.0) is None
+
+
+def test_while_its_way_home_is_not_free_it_flies_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert watch(monkeypatch, 45, free=False).must_go_home(0.0, aloft_s=100.0) is None

@@ -124,6 +124,50 @@ def test_home_one_after_the_other_the_nearest_first() -> None:
     assert flights.may_go_home("c", 91.0, ways["c"], all_return=True)
 
 
+def flying(**places: tuple[float, float, float]) -> Traffic:
+    """Flights along lines 60 m beside each other, seen at these places."""
+    flights = traffic(**{name: (out_and_back(60.0 * k), 0.0) for k, name in enumerate(places)})
+    for name, place in places.items():
+        flights._flights[name].phase = Phase.FLYING
+        flights.moved(name, 10.0, np.array(place))
+    return flights
+
+
+WAY = np.array([(150.0, 60.0, 50.0), (0.0, 0.0, 50.0), HOME])
+
+
+def test_a_way_home_is_given_before_the_vehicle_stops() -> None:
+    flights = flying(a=(250.0, 0.0, 50.0), b=(150.0, 60.0, 50.0))
+    assert not flights.give_way_home("b", 10.0, WAY, within_s=60.0)  # a comes home by then
+    assert flights.phase("b") is Phase.FLYING
+    flights = flying(a=(40.0, 0.0, 50.0), b=(150.0, 60.0, 50.0))
+    flights._flights["a"].progress_s = 10.0  # on its way out
+    assert not flights.give_way_home("b", 10.0, WAY, within_s=20.0)
+    flights.moved("a", 20.0, np.array([140.0, 0.0, 50.0]))
+    assert flights.give_way_home("b", 20.0, WAY, within_s=20.0)
+    assert flights.phase("b") is Phase.HOMEWARD
+    stopped = WAY.copy()
+    stopped[0] = (170.0, 60.0, 50.0)
+    assert flights.may_go_home("b", 25.0, stopped, all_return=False)
+    flights._flights["a"].progress_s = flights._flights["a"].timeline.duration_s - 20.0
+    assert flights.must_hold("a", 26.0)  # it comes near, and keeps clear
+
+
+@pytest.mark.parametrize("phase", [Phase.HOLDING, Phase.HOMEWARD])
+def test_no_way_home_is_given_while_another_one_has_or_wants_one(phase: Phase) -> None:
+    flights = flying(a=(250.0, 0.0, 50.0), b=(150.0, 60.0, 50.0))
+    flights._flights["a"].phase = phase
+    assert not flights.give_way_home("b", 10.0, WAY, within_s=1.0)
+    assert flights.phase("b") is Phase.FLYING
+
+
+def test_no_way_home_leads_to_where_another_vehicle_stands() -> None:
+    flights = flying(a=(250.0, 0.0, 50.0), b=(150.0, 60.0, 50.0))
+    flights.landed("a", 10.0)
+    assert not flights.give_way_home("b", 10.0, WAY, within_s=FLEET.pad_s - 1.0)
+    assert flights.give_way_home("b", 10.0, WAY, within_s=FLEET.pad_s + 1.0)
+
+
 def test_two_in_each_others_way_are_told() -> None:
     flights = traffic(a=(out_and_back(0.0), 0.0), b=(out_and_back(0.0, home=(300.0, 0.0, 0.0)), 0.0))
     flights._flights["a"].phase = flights._flights["b"].phase = Phase.FLYING

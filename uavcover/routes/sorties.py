@@ -267,8 +267,11 @@ def _back_s(pace: Pace, home_m: FloatArray, way_m: FloatArray, off_m: FloatArray
     )
 
 
-def way_home_s(site: Site, place_m: FloatArray) -> float:
-    """Seconds from rest at a (3,) ENU place in flight along the transit home, to the ground there.
+def way_home(site: Site, place_m: FloatArray) -> tuple[FloatArray, float]:
+    """The transit home from rest at a (3,) ENU place in flight.
+
+    Returns:
+        (k, 3) ENU from the place to the ground at home, and the seconds that it takes.
 
     Raises:
         InfeasibleError: the site has no home.
@@ -277,7 +280,7 @@ def way_home_s(site: Site, place_m: FloatArray) -> float:
     if home is None:
         raise InfeasibleError(f"scenario {site.scenario.name}: has no [home]")
     way = transit(site, home[:2], place_m, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)
-    return _back_s(pace_of(site), home, way, np.empty((0, 3)))
+    return np.vstack([way[::-1], home]), _back_s(pace_of(site), home, way, np.empty((0, 3)))
 
 
 def _tighter(costs: FlightCosts) -> FlightCosts:

@@ -7,7 +7,7 @@ from enum import Enum
 from mission_io.wire.messages import SysStatus
 from uavcover.errors import UavcoverError
 from uavcover.model.vehicle import Vehicle
-from uavcover.routes.sorties import way_home_s
+from uavcover.routes.sorties import way_home
 from uavcover.run.fleet_jobs import Job
 from uavcover.run.fleet_traffic import Traffic
 from uavcover.run.session import Connected
@@ -19,7 +19,7 @@ _CLIMB_S, _MEASURED_S = 25.0, 50.0
 _USE_HOME, _USE_ON = 1.2, 1.05
 """How much more than the mean so far a second may use on the way home, straight into the wind, and on the rest of the mission."""
 _TO_TURN_S = 20.0
-"""To stop, to be sent the way home, and to wait for it to be free."""
+"""To stop, and to be sent the way home."""
 _LOOK_EVERY_S = 2.0
 
 
@@ -96,6 +96,9 @@ class ReserveWatch:
     def must_go_home(self, now: float, *, aloft_s: float) -> str | None:
         """Why it must, as text; none while it may fly on, or where it tells nothing of its battery.
 
+        Its way home is given to it before it stops. While others are in that way it flies on: the mission is kept apart from
+        theirs and brings it home, too; to hold and wait would only empty the battery.
+
         Args:
             now: present time.
             aloft_s: time since its take-off.
@@ -110,10 +113,12 @@ class ReserveWatch:
         if use.lasts_home(rest_s) or use.lasts_on(rest_s):  # the way home is shorter than that
             return None
         try:
-            home_s = way_home_s(self._job.site, self._traffic.place_m(self._job.name))
+            way_m, home_s = way_home(self._job.site, self._traffic.place_m(self._job.name))
         except UavcoverError:  # the ground below the way is not known
-            home_s = rest_s
+            return None
         if use.verdict(rest_s=rest_s, home_s=home_s) is Verdict.GO_ON:
+            return None
+        if not self._traffic.give_way_home(self._job.name, now, way_m, within_s=home_s + _TO_TURN_S):
             return None
         reserve = 100.0 * use.vehicle.reserve_fraction
         return (

@@ -188,8 +188,44 @@ class Traffic:
             own.held = any(self._yields(name, own, n, f, now, ahead_s) for n, f in self._others(name))
             return own.held
 
+    def give_way_home(self, name: str, now: float, way_m: FloatArray, *, within_s: float) -> bool:
+        """Give a flight that still flies its mission the way home, before it stops; all others then keep clear of it.
+
+        Args:
+            name: which flight.
+            now: present time.
+            way_m: (k, 3) ENU from where it is to the ground at home.
+            within_s: time in which it has flown it.
+
+        Returns:
+            Whether it has it: nobody else flies home, waits for that, or comes near the way in this time.
+        """
+        with self._lock:
+            own = self._flights[name]
+            if own.phase is not Phase.FLYING:
+                return False
+            others = [f for _, f in self._others(name)]
+            if any(f.phase in (Phase.HOMEWARD, Phase.HOLDING) for f in others):
+                return False
+            times_s = np.arange(0.0, within_s + _STEP_S, _STEP_S)
+            for other in others:
+                if other.phase is Phase.DOWN and now + within_s >= other.free_s:
+                    continue
+                if other.phase is Phase.DOWN:
+                    places = other.home_m[None]
+                elif other.phase in _IN_THE_AIR:
+                    # One that holds now may go on at any time.
+                    going_on = _as_planned(other)(times_s) if other.phase is Phase.FLYING else other.place_m[None]
+                    places = np.vstack([going_on, self._from_now(other, now)(times_s)])
+                else:
+                    continue
+                if self._least_m(places, way_m) < self._fleet.held_apart_m:
+                    return False
+            own.phase, own.way_m, own.asked_s, own.held = Phase.HOMEWARD, way_m, now, False
+            return True
+
     def may_go_home(self, name: str, now: float, way_m: FloatArray, *, all_return: bool) -> bool:
-        """Whether a vehicle that holds may fly (k, 3) legs home now.
+        """Whether a vehicle that holds may fly (k, 3) legs home now; one that was given its way home may.
 
         Args:
             name: which flight.
@@ -202,6 +238,9 @@ class Traffic:
         """
         with self._lock:
             own = self._flights[name]
+            if own.phase is Phase.HOMEWARD:
+                own.way_m = way_m
+                return True
             own.phase, own.way_m, own.asked_s = Phase.HOLDING, way_m, min(own.asked_s, now)
             all_return = all_return and now - own.asked_s < _HOLDS_WITHIN_S
             others = [f for _, f in self._others(name) if f.phase in _IN_THE_AIR]
