@@ -72,6 +72,7 @@ OLD_SAMPLES: list[Message] = [
     m.CommandAck(400, 4),
     m.MissionCount(1, 1, 650),
     m.MissionRequest(255, 190, 7),
+    m.MissionWritePartialList(1, 1, 3, 650),
     m.MissionItemInt(1, 1, 3, 6, 16, (1.5, 0.0, -2.0, 90.0), 461234567, -77654321, 10.5, 1, 0),
     m.MissionAck(255, 190, 13),
     m.MissionRequestList(1, 1),

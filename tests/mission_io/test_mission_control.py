@@ -213,19 +213,23 @@ def test_under_asyncio() -> None:
     asyncio.run(session())
 
 
-@pytest.mark.parametrize("number", [0, 1, 2], ids=["fly", "parameters", "ids"])
+@pytest.mark.parametrize(
+    ("heading", "autopilot", "wanted"),
+    [
+        ("## Fly what", PX4, "flies to item 2 of 5, reached 0\nwent on with item 3\n"),
+        ("## Parameters", PX4, "(name='RTL_RETURN_ALT', value=42.5, param_type=9"),
+        ("## A part of a mission", ARDUPILOT, "True\n"),
+        ("## Has a list changed?", PX4, "fence=None, rally=None)\nFalse\n"),
+    ],
+    ids=["fly", "parameters", "part", "ids"],
+)
 def test_the_examples_of_the_page_run(
-    number: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    heading: str, autopilot: Autopilot, wanted: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)[(0, 1, 3)[number]]
-    client, vehicle = mock_client(PX4)
+    page = PAGE.read_text()
+    code = re.findall(r"```python\n(.*?)```", page[page.index(heading) :], re.DOTALL)[0]
+    client, vehicle = mock_client(autopilot)
     monkeypatch.setattr("mission_io.open_link", lambda _: client.link)
     exec(compile(code, str(PAGE), "exec"), {})
-    printed = capsys.readouterr().out
-    wanted = [
-        "flies to item 2 of 5, reached 0\nwent on with item 3\n",
-        "(name='RTL_RETURN_ALT', value=42.5, param_type=9",
-        "fence=None, rally=None)\nFalse\n",
-    ][number]
-    assert wanted in printed
-    assert number != 0 or vehicle.body.on_ground
+    assert wanted in capsys.readouterr().out
+    assert heading != "## Fly what" or vehicle.body.on_ground
