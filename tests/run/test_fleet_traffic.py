@@ -63,6 +63,30 @@ def test_a_start_waits_for_where_the_other_really_is() -> None:
     assert flights.late_s("a") == pytest.approx(39.0, abs=1.0)
 
 
+def test_a_start_waits_for_one_that_gets_later_all_the_way() -> None:
+    """The first one flies at half its speed; the second one, on another line, is to come home behind it."""
+    line, short = out_and_back(0.0), out_and_back(150.0)
+    began = {}
+    for pace in (1.0, 0.5):
+        flights = traffic(a=(line, 0.0), b=(short, 42.0))
+        assert flights.start("a", 0.0)
+        for now in range(1, 400):
+            aloft_s = min(pace * now, line.duration_s)
+            flights.moved("a", float(now), line.places_m(np.array([aloft_s]))[0])
+            if aloft_s >= line.duration_s and flights.phase("a") is Phase.FLYING:
+                flights.landed("a", float(now))
+            if flights.start("b", float(now)):
+                began[pace] = now
+                break
+        # Seen along its line at that pace, the first one is out of the way of the whole flight of the second one.
+        times = np.arange(0.0, short.duration_s, 0.5)
+        first = line.places_m(np.minimum(pace * (began[pace] + times), line.duration_s))
+        landed = pace * (began[pace] + times) >= line.duration_s
+        apart = np.linalg.norm(first - short.places_m(times), axis=1)
+        assert apart[~landed].min(initial=np.inf) >= FLEET.separation_m
+    assert began[0.5] > began[1.0]
+
+
 def test_who_comes_to_the_pad_holds_until_it_is_free() -> None:
     line = out_and_back(0.0)
     flights = traffic(a=(out_and_back(100.0), 0.0), b=(line, 60.0))

@@ -15,7 +15,7 @@ import numpy as np
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.fleet import Fleet
-from uavcover.routes.separation import Pieces, pieces_of, safe_start_s, segment_distances_m, unsafe_starts
+from uavcover.routes.separation import Pieces, pieces_of, segment_distances_m, unsafe_starts
 from uavcover.routes.timeline import Timeline
 
 _AHEAD_S, _AHEAD_TO_GO_ON_S = 45.0, 60.0
@@ -23,6 +23,8 @@ _AHEAD_S, _AHEAD_TO_GO_ON_S = 45.0, 60.0
 _STEP_S = 0.5
 _ERROR_S, _ERROR_FRACTION = 2.0, 0.02
 """By how much the next moments may differ from what is reckoned: at once, and for each second ahead."""
+_KNOWN_AFTER_S, _MOST_LATER = 20.0, 1.0
+"""After so long in the air a flight's lateness tells how late it will be at its landing: at most so much of what is left."""
 _HOLDS_WITHIN_S = 60.0
 """A vehicle that was told to hold and does not within this time is taken as flying on: somebody else may have it."""
 _BACK_S, _BEYOND_S = 2.0, 20.0
@@ -56,6 +58,7 @@ class _Flight:
         pace_m_s: how fast it flies home, over ground and vertically.
         phase: what it does.
         progress_s: time since take-off at which the plan has it where it is.
+        began_s: when it took off.
         seen_s: when it was there.
         place_m: (3,) ENU, where it is.
         held: whether it holds its place to let another one pass.
@@ -70,6 +73,7 @@ class _Flight:
     pace_m_s: tuple[float, float]
     phase: Phase = Phase.WAITING
     progress_s: float = 0.0
+    began_s: float = 0.0
     seen_s: float = 0.0
     place_m: FloatArray = field(default_factory=lambda: np.zeros(3))
     held: bool = False
@@ -81,6 +85,14 @@ class _Flight:
     def as_if_begun_s(self) -> float:
         """The take-off after which the plan would have it where it is."""
         return self.seen_s - self.progress_s
+
+    @property
+    def gets_later_s(self) -> float:
+        """By how much more it will be late at its landing if it goes on as so far: wind slows all of a flight."""
+        if self.progress_s < _KNOWN_AFTER_S:
+            return 0.0
+        each_s = (self.as_if_begun_s - self.began_s) / self.progress_s
+        return min(max(each_s, 0.0), _MOST_LATER) * (self.timeline.duration_s - self.progress_s)
 
     @property
     def home_m(self) -> FloatArray:
@@ -162,7 +174,7 @@ class Traffic:
                 return False
             if self._first_s is None:
                 self._first_s = now - own.planned_s
-            own.phase, own.seen_s, own.progress_s = Phase.FLYING, now, 0.0
+            own.phase, own.began_s, own.seen_s, own.progress_s = Phase.FLYING, now, now, 0.0
             own.place_m = np.asarray(own.timeline.place_m[0])
             return True
 
@@ -295,7 +307,8 @@ class Traffic:
                 difference_s = now - flight.as_if_begun_s
                 if (other, name) not in self._unsafe:
                     self._unsafe[other, name] = unsafe_starts(flight.pieces, own.pieces, self._fleet)
-                return safe_start_s(self._unsafe[other, name], difference_s) == difference_s
+                begin, end = self._unsafe[other, name].T
+                return not ((begin < difference_s) & (end > difference_s - flight.gets_later_s)).any()
             case Phase.LOST:
                 return now >= flight.free_s
             case _:
