@@ -1,6 +1,6 @@
 """Judges MAVSDK's client by the conformance suite's cases, over UDP of this machine, one case after the other.
 
-python scripts/conformance_clients.py -o conformance_mavsdk.json [CASE ...]
+python scripts/conformance_mavsdk.py -o conformance_mavsdk.json [CASE ...]
 
 What a case is about is begun once; what the client tells its user is judged with what it sends. Cases that it cannot begin (it
 clears only missions) are "not asked".
