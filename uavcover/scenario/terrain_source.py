@@ -1,10 +1,9 @@
-"""Where elevation data comes from: a file, a zipped file, or tiles side by side, which GDAL then sees as one raster."""
+"""Where elevation data comes from: a file, a packed file, or tiles side by side, which GDAL then sees as one raster."""
 
 import hashlib
 import re
-import zipfile
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,14 +17,10 @@ from pyproj.exceptions import CRSError
 from rasterio.warp import transform_bounds
 
 from uavcover.errors import TerrainError
+from uavcover.scenario.packed_raster import RASTERS, gdal_name, is_tile
 
-_TILES = (".tif", ".tiff", ".hgt", ".img", ".asc", ".dt1", ".dt2", ".zip")
-_ZIPPED = (".hgt", ".tif", ".tiff", ".asc", ".img")
 MAX_TILES = 400
 """Of a folder or a pattern; each is opened once to see where it is."""
-MAX_ZIP_ENTRIES, MAX_ZIP_BYTES, MAX_ZIP_RATIO = 500, 2_000_000_000, 200.0
-HARMLESS_ZIP_BYTES = 100_000_000
-"""Up to here any ratio will do: a tile of open sea packs to a thousandth."""
 _AROUND_DEG = 0.05
 """Tiles farther from area and home are left out; a fence is seldom 5 km wide."""
 _OFF_GRID = 0.01
@@ -65,7 +60,8 @@ class TerrainSource:
         more = len(self.files) - 1
         return self.files[0].name if not more else f"{self.files[0].name} and {more} more"
 
-    def opened(self) -> AbstractContextManager[Any]:
+    @contextmanager
+    def opened(self) -> Iterator[Any]:
         """The raster, open.
 
         Raises:
@@ -80,8 +76,9 @@ class TerrainSource:
                 )
             if file.stat().st_size == 0:
                 raise TerrainError(f"{file}: the file is empty; fetch it again")
-        name = _mosaic(self.files, self.band, self.crs) if self._is_virtual else _gdal_name(self.files[0])
-        return rasterio.open(name)  # type: ignore[no-any-return]
+        name = _mosaic(self.files, self.band, self.crs) if self._is_virtual else gdal_name(self.files[0])
+        with _gdal(), rasterio.open(name) as dataset:
+            yield dataset
 
     @property
     def _is_virtual(self) -> bool:
@@ -165,7 +162,7 @@ def find_tiles(
     for name in names:
         path = (folder / name).resolve()
         if path.is_dir():
-            tiles = sorted(tile for tile in path.iterdir() if tile.suffix.lower() in _TILES)
+            tiles = sorted(tile for tile in path.iterdir() if is_tile(tile))
         elif any(sign in name for sign in "*?[") and not path.exists():
             pattern = Path(name)
             base = Path(pattern.anchor) if pattern.is_absolute() else folder
@@ -177,7 +174,7 @@ def find_tiles(
             continue
         if not tiles:
             raise TerrainError(
-                f"{key}: {name} has no tile ({', '.join(_TILES)}); give files, a folder or a pattern that has"
+                f"{key}: {name} has no tile ({', '.join(RASTERS)}, .zip, .gz); give files, a folder or a pattern that has"
             )
         found += tiles
     found = list(dict.fromkeys(found))
@@ -195,10 +192,15 @@ def find_tiles(
     return tuple(found)
 
 
+def _gdal() -> rasterio.Env:
+    """Settings of GDAL while a file is open: it leaves no notes (``.gz.properties``) beside the user's files."""
+    return rasterio.Env(CPL_VSIL_GZIP_WRITE_PROPERTIES="NO")
+
+
 def _is_near(tile: Path, around: Bounds) -> bool:
     west, south, east, north = around
     try:
-        with rasterio.open(_gdal_name(tile)) as dataset:
+        with _gdal(), rasterio.open(gdal_name(tile)) as dataset:
             if dataset.crs is None:
                 return True
             bounds = transform_bounds(dataset.crs, "EPSG:4326", *dataset.bounds)
@@ -210,30 +212,6 @@ def _is_near(tile: Path, around: Bounds) -> bool:
     if bottom > north + margin or top < south - margin:
         return False
     return any(low + turn <= east + margin and high + turn >= west - margin for turn in (-360.0, 0.0, 360.0))
-
-
-def _gdal_name(file: Path) -> str:
-    """What GDAL opens: the file, or the only raster inside a zip."""
-    if file.suffix.lower() != ".zip":
-        return str(file)
-    try:
-        with zipfile.ZipFile(file) as archive:
-            entries = archive.infolist()
-    except (zipfile.BadZipFile, OSError) as error:
-        raise TerrainError(f"{file}: cannot be opened as a zip file ({error}); unpack it") from error
-    rasters = [entry for entry in entries if entry.filename.lower().endswith(_ZIPPED)]
-    if len(entries) > MAX_ZIP_ENTRIES or len(rasters) != 1:
-        raise TerrainError(
-            f"{file}: holds {len(rasters)} elevation files in {len(entries)} entries, not one; unpack it"
-        )
-    (entry,) = rasters
-    ratio = entry.file_size / max(entry.compress_size, 1)
-    if entry.file_size > MAX_ZIP_BYTES or (entry.file_size > HARMLESS_ZIP_BYTES and ratio > MAX_ZIP_RATIO):
-        raise TerrainError(
-            f"{file}: {entry.filename} unpacks to {entry.file_size:,} bytes, {ratio:.0f} times its packed size; "
-            "unpack it if you trust it"
-        )
-    return f"/vsizip/{file}/{entry.filename}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,9 +277,9 @@ def _wkt(crs: str) -> str:
 
 
 def _tile(file: Path, band: int | str | None, crs_wkt: str | None) -> _Tile:
-    name = _gdal_name(file)
+    name = gdal_name(file)
     try:
-        with rasterio.open(name) as dataset:
+        with _gdal(), rasterio.open(name) as dataset:
             if dataset.crs is None and crs_wkt is None:
                 raise TerrainError(
                     f"{file}: does not name its coordinate system; give it with terrain.crs (--dem-crs), such as EPSG:32632"
