@@ -5,7 +5,7 @@ import rasterio
 
 from tests.scenario.surface_files import write_models
 from uavcover.errors import TerrainError
-from uavcover.intake.elevation_words import bands_in_words, feet_in_words, surface_in_words
+from uavcover.intake.elevation_words import bands_in_words, feet_in_words, shading_in_words, surface_in_words
 from uavcover.scenario.terrain_source import TerrainSource
 
 SURFACES = {
@@ -75,6 +75,20 @@ def test_feet_in_metadata_are_asked_about_unless_the_file_states_its_unit(tmp_pa
     with rasterio.open(path, "r+") as file:
         file.units = ("m",)
     assert feet_in_words(TerrainSource((path,))) is None
+
+
+def test_pictures_of_heights_are_asked_about(tmp_path):
+    ground = write_models(tmp_path).ground
+    assert shading_in_words(TerrainSource((ground,))) is None
+    assert (
+        shading_in_words(TerrainSource((ground.rename(tmp_path / "hillshade_10m.tif"),))) == 'its name says "hillshade"'
+    )
+    with rasterio.open(tmp_path / "hillshade_10m.tif") as file:
+        values, profile = file.read(1), file.profile
+    with rasterio.open(tmp_path / "dem.tif", "w", **{**profile, "dtype": "uint8", "nodata": None}) as file:
+        file.write((values % 250).astype("uint8"), 1)
+    assert shading_in_words(TerrainSource((tmp_path / "dem.tif",))) == "dem.tif has 8 bits, 0 to 255, as pictures have"
+    assert shading_in_words(TerrainSource((tmp_path / "none.tif",))) is None
 
 
 def test_bands_beside_the_first_are_told_and_a_better_name_is_a_question(tmp_path):

@@ -18,6 +18,9 @@ _GROUND_WORDS = re.compile(r"(?<![a-z])(dtm|dgm|mnt|mdt|bare[ _-]?earth|terrain[
 _SRTM = re.compile(r"^[ns]\d{2}[ew]\d{3}(?!\d)|(?<![a-z])srtm(?![a-z])", re.IGNORECASE)
 _AW3D30 = re.compile(r"^ALPSMLC30_|(?<![a-z])aw3d30(?![a-z])", re.IGNORECASE)
 _FEET = re.compile(r"(?<![a-z])(feet|foot|us[ _-]?ft|ftus|ft)(?![a-z])", re.IGNORECASE)
+_SHADING = re.compile(
+    r"hill[ _-]?shade|shaded[ _-]?relief|(?<![a-z])(slope|aspect|schummerung)(?![a-z])", re.IGNORECASE
+)
 _TAGS_READ = 200
 
 
@@ -86,6 +89,18 @@ def bands_in_words(source: TerrainSource) -> str | None:
     except (TerrainError, rasterio.errors.RasterioError, OSError):
         return None
     return None if len(names) < 2 else ", ".join(f"{number} {name}" for number, name in enumerate(names, start=1))
+
+
+def shading_in_words(source: TerrainSource) -> str | None:
+    """Why values seem to be no heights but a picture of them, such as a hillshade, or none where nothing says so."""
+    try:
+        with source.opened() as dataset:
+            kind, count = dataset.dtypes[source.band_of(dataset) - 1], dataset.count
+    except (TerrainError, rasterio.errors.RasterioError, OSError):
+        return None  # its own error tells more
+    if word := _SHADING.search(source.files[0].stem):
+        return f'its name says "{word.group(0)}"'
+    return f"{source.files[0].name} has 8 bits, 0 to 255, as pictures have" if kind == "uint8" and count < 3 else None
 
 
 def _by_metadata(source: TerrainSource) -> str | None:

@@ -7,7 +7,7 @@ from typing import get_args
 
 from uavcover.errors import InputError, TerrainError
 from uavcover.intake import quantities
-from uavcover.intake.elevation_words import bands_in_words, feet_in_words, surface_in_words
+from uavcover.intake.elevation_words import bands_in_words, feet_in_words, shading_in_words, surface_in_words
 from uavcover.intake.surface_look import SurfaceLook, look_at_surface, read_as_needed
 from uavcover.intake.survey import SurveyDesign
 from uavcover.intake.terrain_look import TerrainLook, known_margin_m
@@ -161,7 +161,7 @@ def ask_about_surface(dem: TerrainSource, user: User, *, beside_surface: bool) -
 
 
 def ask_about_heights(source: TerrainSource, user: User, *, option: str) -> None:
-    """Ask whether heights are in metres where the data speaks of feet, and tell which of several bands is taken.
+    """Ask whether heights are heights, and in metres, where the data says otherwise; tell which of several bands is taken.
 
     Args:
         source: the elevation data.
@@ -170,5 +170,9 @@ def ask_about_heights(source: TerrainSource, user: User, *, option: str) -> None
     """
     if (why := feet_in_words(source)) is not None:
         user.warn(f"{option}: are its heights in feet? {why}; they are taken as metres; --height-unit ft or m says it")
+    if (why := shading_in_words(source)) is not None:
+        user.warn(
+            f"{option}: are these heights? {why}; they are taken as metres; a hillshade or a slope is no elevation model"
+        )
     if (bands := bands_in_words(source)) is not None:
         user.warn(f"{option}: has several bands ({bands}): the first is taken as the heights; --band says which it is")

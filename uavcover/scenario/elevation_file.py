@@ -23,7 +23,7 @@ from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground, grid_ground, ground_of_nodes
 from uavcover.scenario.no_data import fill_gaps
 from uavcover.scenario.pixel_frame import STRAIGHT_WITHIN_M, Bounds, finish_frame, fit_frame, node_ups_m
-from uavcover.scenario.terrain_source import TerrainSource, as_source
+from uavcover.scenario.terrain_source import TerrainSource, as_source, unreadable
 from uavcover.scenario.vertical import DATUMS, ELLIPSOID, Undulation, refuse_feet_by_guess, unit_of_heights_m
 
 _log = logging.getLogger(__name__)
@@ -139,8 +139,7 @@ def _readable(path: TerrainSource) -> Iterator[None]:
         # rasterio says that reading fails; why, such as a tile of a VRT that is gone, GDAL says in its cause.
         said = error.__cause__ if "previous exception" in str(error) and error.__cause__ is not None else error
         reason = str(said).strip().splitlines()[0] if str(said).strip() else type(said).__name__
-        what = f"cannot be read as elevation data ({reason}); give a whole raster of heights"
-        raise TerrainError(f"{path}: {what}") from error
+        raise TerrainError(unreadable(path, path.files[0], reason)) from error
 
 
 @contextmanager

@@ -297,9 +297,15 @@ def _tile(file: Path, band: int | str | None, crs_wkt: str | None) -> _Tile:
             )  # fmt: skip
     except (rasterio.errors.RasterioError, OSError) as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        raise TerrainError(
-            f"{file}: cannot be read as elevation data ({reason}); give a whole raster of heights"
-        ) from error
+        raise TerrainError(unreadable(file, file, reason)) from error
+
+
+def unreadable(named: object, file: Path, reason: str) -> str:
+    """What to say of elevation data that GDAL does not read; ``file`` is that of several which does not seem to be read."""
+    remedy = "give a whole raster of heights"
+    if file.suffix.lower() == ".hgt":
+        remedy = "an .hgt file is named by its corner (N46E008.hgt) and has 2,884,802 or 25,934,402 bytes"
+    return f"{named}: cannot be read as elevation data ({reason}); {remedy}"
 
 
 def _source(tile: _Tile, column: int, row: int) -> str:

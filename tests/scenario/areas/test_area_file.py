@@ -235,3 +235,19 @@ def test_a_scenario_names_such_a_file_and_is_whole_without_it(tmp_path):
     assert in_metres(scenario.area.parts, "Tennessee").symmetric_difference(truth).area < 1e-3
     assert scenario.area.file is None
     assert parse_scenario(dump_scenario(scenario), source="a.toml", folder=tmp_path / "elsewhere") == scenario
+
+
+def test_a_poly_file_of_openstreetmaps_tools(tmp_path):
+    """Osmosis and Geofabrik: longitude first, sections with END, holes with an exclamation mark; rings closed or not."""
+    squares = {"1": (8.0, 46.0, 1.0), "!2": (8.4, 46.4, 0.2), "island": (12.0, 47.0, 0.5)}
+    text = "somewhere\n"
+    for name, (lon, lat, side) in squares.items():
+        ring = [(lon, lat), (lon + side, lat), (lon + side, lat + side), (lon, lat + side)]
+        ring += ring[:1] if name == "1" else []
+        text += f"{name}\n" + "".join(f"   {x:.7E}   {y:.7E}\n" for x, y in ring) + "END\n"
+    (tmp_path / "a.poly").write_text(text + "END\n")
+    area = read_area(AreaQuery(source="a.poly"), folder=tmp_path)
+    assert area.name == "somewhere"
+    found = [shapely.Polygon(rings[0], rings[1:]) for rings in area.parts]
+    assert [part.bounds for part in found] == [(8.0, 46.0, 9.0, 47.0), (12.0, 47.0, 12.5, 47.5)]
+    assert [round(part.area, 9) for part in found] == [0.96, 0.25]

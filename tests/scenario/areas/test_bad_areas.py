@@ -36,7 +36,16 @@ def kml(coordinates):
     )
 
 
+_SECTION = "a\n1\n 8.0 46.5\n 8.02 46.5\n 8.02 46.52\n"
 TEXTS = {
+    "curves": ("a.wkt", "CURVEPOLYGON (CIRCULARSTRING (0 0, 1 1, 2 0, 1 -1, 0 0))", "has curves, which are not read; save it"),
+    "osmosis cut off": ("a.poly", _SECTION.replace("a\n", "END\n", 1), "line 5: the last section has no END; fetch"),
+    "osmosis of two places": ("a.poly", "a\n1\n 8.0 46.5\n 8.1 46.5\nEND\nEND", "line 5: a section of 2 places; an area has"),
+    "osmosis swapped": ("a.poly", _SECTION.replace("46.5\n", "146.5\n") + "END\nEND", "line 3: '8.0 146.5' is not a place; "),
+    "osmosis nan": ("a.poly", _SECTION + " nan 46.5\nEND\nEND", "line 6: 'nan 46.5' is not a place; write longitude"),
+    "osmosis hole outside": (
+        "a.poly", _SECTION + "END\n!2\n 9 46\n 9 47\n 10 47\nEND\nEND", "line 7: a hole that lies in no polygon; remove it"),
+    "osmosis of nothing": ("a.poly", "a\nEND\n", "has no polygon"),
     "empty": ("a.geojson", "", "the file is empty"),
     "no JSON": ("a.geojson", "{", "not JSON"),
     "nested too deeply": ("a.geojson", "[" * 100_000, "nested too deeply"),
@@ -254,6 +263,32 @@ def test_any_damage_is_one_line_or_an_area(tmp_path, seed):
         found, message = (), str(error)
     assert "\n" not in message
     assert bool(found) != bool(message)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("POINT (8 46)", "the area: has no polygon (it has 1 Point); draw"),
+        ("LINESTRING Z (8 46 1, 9 47 1)", "the area: has no polygon (it has 1 LineString); draw"),
+        (
+            "MULTISURFACE (CURVEPOLYGON (CIRCULARSTRING (0 0, 1 1, 2 0, 1 -1, 0 0)))",
+            "has curves, which are not read; save",
+        ),
+    ],
+)
+def test_shapes_that_are_no_area_are_no_missing_file(tmp_path, text, words):
+    assert words in refused(tmp_path, text)
+
+
+def test_a_layer_that_is_not_there_is_named_before_systems_that_differ(tmp_path):
+    pytest.importorskip("pyogrio")
+    parts, _, _ = written.at_place(written.drawn_parts(1, 1, 0), "Tennessee")
+    written.gis(tmp_path / "a.gpkg", parts, 4326, driver="GPKG", layer="fields")
+    written.gis(tmp_path / "a.gpkg", parts, 32616, driver="GPKG", layer="forest")
+    assert "a.gpkg: its layers (fields, forest) have different" in refused(tmp_path, "a.gpkg")
+    assert "a.gpkg: has no layer 'meadow', and its layers (fields, forest) have" in refused(
+        tmp_path, "a.gpkg", layer="meadow"
+    )
 
 
 def test_bad_zips(tmp_path):

@@ -23,7 +23,12 @@ SUFFIXES = (*TEXT_FORMATS, ".kmz", *gis_file.SUFFIXES, ".zip")
 MAX_BYTES = 256 * 1024 * 1024
 _NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
 _NUMBERS = re.compile(rf"\s*(?:(bbox|box|circle):)?\s*({_NUMBER}(?:\s*,\s*{_NUMBER})*)\s*(m|km)?\s*", re.IGNORECASE)
-_WKT = re.compile(r"\s*(SRID\s*=\s*\d+\s*;)?\s*(MULTI)?(POLYGON|GEOMETRYCOLLECTION)\b", re.IGNORECASE)
+_WKT = re.compile(
+    r"\s*(SRID\s*=\s*\d+\s*;)?\s*((MULTI|CURVE)?POLYGON|(MULTI)?(POINT|LINESTRING|CURVE|SURFACE)|CIRCULARSTRING|COMPOUNDCURVE"
+    r"|POLYHEDRALSURFACE|TIN|TRIANGLE|GEOMETRYCOLLECTION)\s*(Z|M|ZM)?\s*(\(|EMPTY\b|$)",
+    re.IGNORECASE,
+)
+"""Also shapes that are no area: their error says so."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

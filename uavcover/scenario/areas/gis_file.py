@@ -54,14 +54,17 @@ def read_gis_file(path: Path, layer: str | None) -> AreaDocument:
         raise InputError(
             f"{path}: its coordinate system is not known ({_first_line(error)}); name it with --crs"
         ) from error
-    except shapely.errors.GEOSException as error:
+    except (shapely.errors.GEOSException, NotImplementedError) as error:
         raise InputError(
             f"{path}: holds a shape that is not read ({_first_line(error)}); save it as plain polygons"
         ) from error
     crs = systems[0] if systems else None
     if any(other != crs for other in systems):
         names = ", ".join(dict.fromkeys(one.layer for one in found))
-        raise InputError(f"{path}: its layers ({names}) have different coordinate systems; choose one with --layer")
+        missing = "" if layer is None else f"has no layer {layer!r}, and "
+        raise InputError(
+            f"{path}: {missing}its layers ({names}) have different coordinate systems; choose one of them with --layer"
+        )
     return AreaDocument(str(path), tuple(found), crs, f"{others} features without a polygon" if others else "")
 
 

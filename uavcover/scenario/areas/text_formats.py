@@ -19,6 +19,7 @@ from uavcover.errors import InputError
 from uavcover.model.area import Ring, Rings
 from uavcover.scenario.areas.features import WGS84, AreaDocument, AreaFeature
 from uavcover.scenario.areas.gis_file import polygons_of_shape
+from uavcover.scenario.areas.osmosis_poly import is_osmosis, read_osmosis
 
 _CIRCLE_CORNERS = 72
 _EARTH = Geod(ellps="WGS84")
@@ -111,7 +112,7 @@ def read_wkt(text: str, source: str) -> AreaDocument:
     body = text[prefix.end() :] if prefix is not None else text
     try:
         shapes = [shapely.from_wkt(body)]
-    except shapely.errors.GEOSException:
+    except (shapely.errors.GEOSException, NotImplementedError):
         shapes = [_shape_of_line(line, source) for line in body.splitlines() if line.strip()]
     features, others = [], Counter[str]()
     for shape in shapes:
@@ -126,6 +127,8 @@ def read_wkt(text: str, source: str) -> AreaDocument:
 def _shape_of_line(line: str, source: str) -> Any:
     try:
         return shapely.from_wkt(line)
+    except NotImplementedError:
+        raise InputError(f"{source}: has curves, which are not read; save it with straight sides") from None
     except shapely.errors.GEOSException as error:
         reason = str(error).strip().splitlines()[0]
         if "closed" in reason:
@@ -144,7 +147,9 @@ def read_kml(text: str, source: str) -> AreaDocument:
 
 
 def read_poly(text: str, source: str) -> AreaDocument:
-    """A ``.poly`` file: latitude and longitude of one polygon, line by line."""
+    """A ``.poly`` file: latitude and longitude of one polygon, line by line; or one of OpenStreetMap's tools."""
+    if is_osmosis(text):
+        return read_osmosis(text, source)
     read = poly.read_area(text)
     return _of_drawing(Drawing((read.area,)), source)
 
