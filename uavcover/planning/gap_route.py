@@ -12,18 +12,19 @@ import shapely
 
 from uavcover.errors import InfeasibleError
 from uavcover.kernels import coverage as kernels
-from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.coverage import Cells
 from uavcover.kernels.sight import CONE, FRUSTUM, Sight
 from uavcover.kernels.tours import order_between_ends
 from uavcover.model.route import Route
 from uavcover.planning.baselines.boustrophedon import best_height_agl_m
+from uavcover.planning.set_cover.candidates import seen_from_each
 from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
-from uavcover.sensing.sensors import reach_at_height_m, turns_with_legs
+from uavcover.sensing.sensors import reach_at_height_m, whatever_heading
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,11 +34,13 @@ class MissingCells:
     Attributes:
         coverage: the whole map.
         cells: the part, cut out of the lattice.
+        numbers: (m,) of these cells in the whole map, rising.
         weight_m2: (m,) ground area of each.
     """
 
     coverage: CoverageMap
     cells: Cells
+    numbers: IntArray
     weight_m2: FloatArray
 
     @classmethod
@@ -57,7 +60,7 @@ class MissingCells:
             lattice, np.ascontiguousarray(whole.centre_m[numbers]), np.ascontiguousarray(whole.normal[numbers]),
             np.ascontiguousarray(whole.horizon[numbers]), whole.scatter_m,
         )  # fmt: skip
-        return cls(coverage, cells, coverage.grid.weight_m2[numbers])
+        return cls(coverage, cells, numbers.astype(np.int64), coverage.grid.weight_m2[numbers])
 
     def seen_by(self, looks: LevelObservations, sight: Sight) -> BoolArray:
         """(m,) whether any observation sees each cell."""
@@ -74,7 +77,8 @@ _SPACING_REACHES = 0.4
 _AROUND_REACHES = (0.0, 0.35, 0.7, 0.95)
 _AROUND_DIRECTIONS = 12
 _AROUND_SHARES = (0.5, 0.0, 1.0)
-_HEADINGS = 8
+_MOST_PLACES = 6_000
+"""Around unseen cells, in one round."""
 
 
 def grid_places(site: Site, missing: MissingCells) -> FloatArray:
@@ -122,48 +126,34 @@ def inside_fence(site: Site, places_m: FloatArray) -> BoolArray:
     return np.asarray(inside & np.isfinite(site.ground.heights_m(places_m)), dtype=bool)
 
 
-def cover(site: Site, missing: MissingCells, places_agl_m: FloatArray, sight: Sight, wanted: BoolArray) -> FloatArray:
+def cover(missing: MissingCells, places_agl_m: FloatArray, sight: Sight, wanted: BoolArray) -> FloatArray:
     """A subset of (k, 3) places that sees the same ``wanted`` (m,) cells as all of them together.
 
-    Always the one that sees the most ground not yet seen (greedy set cover: at most ln(m) + 1 times as many as needed).
+    Always the one that sees the most ground not yet seen (greedy set cover: at most ln(m) + 1 times as many as needed). A camera
+    that turns with the legs is taken as looking all ways at once: the route that is laid through the places decides.
 
     Returns:
         (j, 3) places with their heights above ground, in the order of choice.
     """
-    from scipy import sparse
-
-    ups = site.ground.ups_m(places_agl_m[:, :2], places_agl_m[:, 2])
+    ups = missing.coverage.site.ground.ups_m(places_agl_m[:, :2], places_agl_m[:, 2])
     eyes = np.column_stack([places_agl_m[:, :2], ups])
-    columns = [np.flatnonzero(missing.seen_by(_any_way(eye, sight), sight) & wanted) for eye in eyes]
-    ends = np.concatenate([[0], np.cumsum([len(part) for part in columns])])
-    cells = np.concatenate(columns) if columns else np.empty(0, dtype=np.int64)
-    hits = sparse.csr_array((np.ones(len(cells)), cells, ends), shape=(len(columns), len(wanted)))
-    left = np.where(wanted, missing.weight_m2, 0.0)
+    start, cells = seen_from_each(missing.coverage, eyes, missing.numbers[wanted], whatever_heading(sight))
+    places = np.repeat(np.arange(len(eyes)), np.diff(start))
+    left = np.zeros(missing.coverage.grid.count)
+    left[missing.numbers[wanted]] = missing.weight_m2[wanted]
     chosen: list[int] = []
-    while len(chosen) < len(columns):
-        gain = hits @ left
+    while len(chosen) < len(eyes):
+        gain = np.bincount(places, weights=left[cells], minlength=len(eyes))
         best = int(np.argmax(gain))
         if gain[best] <= 0.0:
             break
         chosen.append(best)
-        left[columns[best]] = 0.0
+        left[cells[start[best] : start[best + 1]]] = 0.0
     return places_agl_m[np.array(chosen, dtype=np.int64)]
 
 
-def _any_way(place_m: FloatArray, sight: Sight) -> LevelObservations:
-    """Looks from a (3,) ENU place: in several directions where it matters which way the vehicle comes.
-
-    What such a place shows is too much then; the route that is laid through it decides.
-    """
-    if not turns_with_legs(sight):
-        return LevelObservations.towards_north(place_m)
-    return LevelObservations.by_yaw(
-        np.tile(place_m, (_HEADINGS, 1)), 360.0 / _HEADINGS * np.arange(_HEADINGS, dtype=float)
-    )
-
-
 _TOLERANCE_M = 10.0
-_ROUNDS = 4
+_ROUNDS = 8
 """How often viewpoints are added for what the laid route still does not see."""
 _PULLS = (1.0, 0.5, 0.2)
 """A corner is tried this far on the way to the middle of its neighbours, ..."""
@@ -212,7 +202,7 @@ def plan_closing_route(
         raise InfeasibleError("there are no gaps to close: everything that can be seen was seen")
     site = coverage.site
     builder = _Builder(site, MissingCells.of(coverage, missing), start_m, end_m)
-    builder.add_viewpoints()
+    builder.add_viewpoints(math.inf if needed_m2 is None else needed_m2)
     if needed_m2 is not None:
         builder.drop_costly(needed_m2)
     builder.shorten()
@@ -235,16 +225,16 @@ class _Builder:
         """(m,) cells seen by the unreduced sensor."""
         return np.asarray(self.views[1])
 
-    def add_viewpoints(self) -> None:
-        """Add corners until the laid route sees all that can be seen: with the narrowed sensor first, then the unreduced one."""
+    def add_viewpoints(self, needed_m2: float = math.inf) -> None:
+        """Add corners until the laid route sees enough, or all: with the narrowed sensor first, then the unreduced one."""
         wanted = np.ones(len(self.missing.weight_m2), dtype=bool)
         grid = grid_places(self.site, self.missing)
-        self._take(np.vstack([self.corners, cover(self.site, self.missing, grid, self.narrow, wanted)]))
+        self._take(np.vstack([self.corners, cover(self.missing, grid, self.narrow, wanted)]))
         for _ in range(_ROUNDS):
-            if self.seen.all():
+            if self.seen.all() or self._area_m2(self.seen) >= needed_m2:
                 return
             around = places_around(self.site, self._some_unseen())
-            more = cover(self.site, self.missing, around, self.sight, ~self.seen)
+            more = cover(self.missing, around, self.sight, ~self.seen)
             if len(more) == 0:
                 return
             before = self.seen.sum()
@@ -253,25 +243,31 @@ class _Builder:
                 return
 
     def drop_costly(self, needed_m2: float) -> None:
-        """Remove the corners that save the most distance for the ground they cover, while enough is seen."""
+        """Remove the corners that save the most distance for the ground they cover, while enough is seen.
+
+        What is lost with a corner grows as others go, but for legs that another order lays elsewhere. So a corner is judged
+        anew only while its loss of before promises more than the best one judged (lazy greedy, Minoux 1978).
+        """
+        cell_m2 = self.missing.coverage.grid.cells.size_m**2
+        lost_m2 = np.full(len(self.corners), cell_m2)
         while len(self.corners) > 1:
             now_m2 = self._area_m2(self.seen)
+            saved_m = self._savings()
             best, best_score = None, 0.0
-            for k, saved in enumerate(self._savings()):
-                if saved <= 0.0:
-                    continue
+            for k in np.argsort(-saved_m / lost_m2, kind="stable"):
+                if saved_m[k] / lost_m2[k] <= best_score:
+                    break
                 # Another order lays other legs over the terrain: what is judged is what will be flown.
-                fewer = self._ordered(np.delete(self.corners, k, axis=0))
-                views = self._views_with(fewer)
+                fewer = np.delete(self.corners, k, axis=0)
+                order = self._order(fewer)
+                views = self._views_with(fewer[order])
                 left_m2 = self._area_m2(views[1])
-                if left_m2 < needed_m2:
-                    continue
-                score = saved / max(now_m2 - left_m2, self.missing.coverage.grid.cells.size_m**2)
-                if score > best_score:
-                    best, best_score = (fewer, views), score
+                lost_m2[k] = max(now_m2 - left_m2, cell_m2) if left_m2 >= needed_m2 else np.inf
+                if saved_m[k] / lost_m2[k] > best_score:
+                    best, best_score = (fewer[order], views, np.delete(lost_m2, k)[order]), saved_m[k] / lost_m2[k]
             if best is None:
                 return
-            self.corners, self.views = best
+            self.corners, self.views, lost_m2 = best
 
     def shorten(self) -> None:
         """Remove corners and pull them in without losing coverage, by the narrowed or the unreduced sensor."""
@@ -330,10 +326,13 @@ class _Builder:
         self.views = self._views_with(self.corners)
 
     def _ordered(self, corners: FloatArray) -> FloatArray:
-        """The corners in a short order between start and end."""
+        return corners[self._order(corners)]
+
+    def _order(self, corners: FloatArray) -> IntArray:
+        """(n,) a short order of the corners between start and end."""
         places = np.vstack([self.start_m[:2], corners[:, :2], self.end_m[:2]])
         distance = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))
-        return corners[order_between_ends(np.ascontiguousarray(distance))[1:-1] - 1]
+        return order_between_ends(np.ascontiguousarray(distance))[1:-1] - 1
 
     def _with_ends(self) -> FloatArray:
         return np.vstack([[*self.start_m[:2], 0.0], self.corners, [*self.end_m[:2], 0.0]])
@@ -363,9 +362,10 @@ class _Builder:
         return measure_violations(self.site, self._laid(corners), margin_m=0.0).total
 
     def _some_unseen(self) -> FloatArray:
-        """A few hundred of the unseen cells, evenly spaced."""
+        """Some of the unseen cells, evenly spaced."""
         numbers = np.flatnonzero(~self.seen)
-        return self.missing.cells.centre_m[numbers[:: max(1, len(numbers) // 200)]]
+        places_a_cell = len(_AROUND_SHARES) * (1 + (len(_AROUND_REACHES) - 1) * _AROUND_DIRECTIONS)
+        return self.missing.cells.centre_m[numbers[:: math.ceil(len(numbers) * places_a_cell / _MOST_PLACES)]]
 
     def _area_m2(self, seen: BoolArray) -> float:
         return float(self.missing.weight_m2[seen].sum())

@@ -11,8 +11,8 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.kernels import set_cover as kernels
-from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.sight import horizontal_reach
+from uavcover.kernels.arrays import FloatArray, IntArray
+from uavcover.kernels.sight import Sight, horizontal_reach
 from uavcover.planning.encodings import allowed_band_m
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
@@ -85,11 +85,33 @@ def level_candidates(coverage: CoverageMap, *, spacing_m: float, height_agl_m: f
 
 def candidates_at(coverage: CoverageMap, places_m: FloatArray, *, spacing_m: float) -> Candidates:
     """Given (p, 3) ENU places with what each sees; at least that, for a camera that turns with the legs."""
+    every = np.arange(coverage.grid.count)
+    start, cells = seen_from_each(coverage, places_m, every, whatever_heading(coverage.sight))
+    weight = np.where(coverage.coverable, coverage.grid.weight_m2, 0.0)
+    return Candidates(
+        places_m=places_m, spacing_m=spacing_m, start=start, cells=cells, weight=weight / max(float(weight.sum()), 1e-300)
+    )  # fmt: skip
+
+
+def seen_from_each(
+    coverage: CoverageMap, places_m: FloatArray, among: IntArray, sight: Sight
+) -> tuple[IntArray, NDArray[np.int32]]:
+    """What is seen from each of several places.
+
+    Args:
+        coverage: the map.
+        places_m: (p, 3) ENU, of a vehicle that heads north.
+        among: (k,) numbers of the cells that are looked at, rising.
+        sight: the sensor.
+
+    Returns:
+        (p + 1,) where the cells of each place begin, and the numbers of the cells, rising for each place.
+    """
     # Importing scipy.spatial takes a while, which other commands need not wait for.
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(coverage.grid.cells.centre_m[:, :2])
-    reach = horizontal_reach(coverage.sight) * (1.0 + 1e-9)
+    tree = cKDTree(coverage.grid.cells.centre_m[among, :2])
+    reach = horizontal_reach(sight) * (1.0 + 1e-9)
     counts = np.zeros(len(places_m), dtype=np.int64)
     seen: list[NDArray[np.int32]] = []
     for first in range(0, len(places_m), _PLACES_AT_ONCE):
@@ -98,21 +120,12 @@ def candidates_at(coverage: CoverageMap, places_m: FloatArray, *, spacing_m: flo
         sizes = np.array([len(row) for row in near], dtype=np.int64)
         if not sizes.sum():
             continue
-        numbers = np.concatenate([np.asarray(row, dtype=np.int64) for row in near])
+        numbers = among[np.concatenate([np.asarray(row, dtype=np.int64) for row in near])]
         rows = np.repeat(np.arange(len(some)), sizes)
-        sees = sees_each(
-            coverage, LevelObservations.towards_north(some[rows]), numbers, whatever_heading(coverage.sight)
-        )
+        sees = sees_each(coverage, LevelObservations.towards_north(some[rows]), numbers, sight)
         counts[first : first + len(some)] = np.bincount(rows[sees], minlength=len(some))
         seen.append(numbers[sees].astype(np.int32))
-    weight = np.where(coverage.coverable, coverage.grid.weight_m2, 0.0)
-    return Candidates(
-        places_m=places_m,
-        spacing_m=spacing_m,
-        start=np.concatenate([[0], np.cumsum(counts)]),
-        cells=np.concatenate(seen) if seen else np.empty(0, dtype=np.int32),
-        weight=weight / max(float(weight.sum()), 1e-300),
-    )
+    return np.concatenate([[0], np.cumsum(counts)]), np.concatenate(seen) if seen else np.empty(0, dtype=np.int32)
 
 
 def _lattice(coverage: CoverageMap, spacing_m: float) -> FloatArray:
