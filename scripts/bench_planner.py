@@ -36,6 +36,7 @@ from uavcover.planning.baselines.boustrophedon import NodeRows, best_height_agl_
 from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad
 from uavcover.planning.search.local_search import CHAINS, Chain, PaceByClock, Work
 from uavcover.planning.search.route_problem import RouteProblem, route_problem, state_of
+from uavcover.planning.search.tuning import TUNED
 from uavcover.routes.objectives import evaluate_routes
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario
 from uavcover.scenario.site import Site, load_site
@@ -133,7 +134,7 @@ def measure_cost(name: str, site: Site, cell_m: float) -> Row:
         middle = time.process_time()
         for share in HEATS:
             heat = share * chain.hottest / HEATS[0]
-            schedule = Schedule(PROPOSALS, heat, heat, chain.step_m, chain.fewest, chain.most)
+            schedule = Schedule(PROPOSALS, heat, heat, chain.step_m, chain.fewest, chain.most, TUNED.moves)
             anneal(chain.problem.numbers, chain.prices, schedule, chain.state, rng)
         if turn > 0:  # the first one waits for the compiler
             evaluations.append(middle - begin)

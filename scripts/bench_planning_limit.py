@@ -27,6 +27,7 @@ from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.planning.encodings import WaypointEncoding
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.search.route_problem import route_problem, state_of
+from uavcover.planning.search.tuning import TUNED
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import reach_at_height_m
@@ -89,9 +90,17 @@ def measure_speed(scenario: str, proposals: int) -> tuple[float, float]:
     prices = Prices(1.0, 0.03 * reach_m, 10.0 * route.length_m, 1.0)
     heat = 4e-4 * route.length_m
     rng = np.random.default_rng(1)
-    anneal(problem.numbers, prices, Schedule(proposals // 10, heat, heat, 0.4 * reach_m, 2, capacity), state, rng)
+    anneal(
+        problem.numbers,
+        prices,
+        Schedule(proposals // 10, heat, heat, 0.4 * reach_m, 2, capacity, TUNED.moves),
+        state,
+        rng,
+    )
     begin = time.process_time()
-    anneal(problem.numbers, prices, Schedule(proposals, heat, heat, 0.4 * reach_m, 2, capacity), state, rng)
+    anneal(
+        problem.numbers, prices, Schedule(proposals, heat, heat, 0.4 * reach_m, 2, capacity, TUNED.moves), state, rng
+    )
     each_s = (time.process_time() - begin) / proposals
     coverage.seen(route.waypoints_m)
     begin = time.process_time()

@@ -29,6 +29,7 @@ from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Route
 from uavcover.model.sensor import NadirCamera, SphereSensor
 from uavcover.planning.search.route_problem import route_problem, state_of
+from uavcover.planning.search.tuning import TUNED
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.ground import grid_ground, sine_cosine_ground
 from uavcover.sensing.coverage_map import CoverageMap
@@ -250,7 +251,11 @@ def change_and_recount(problem: SearchProblem) -> None:
     for number in range(ROUNDS):
         temperature = 1e9 if number % 4 == 0 else 0.02
         kept += anneal(
-            problem, prices, Schedule(CHANGES // ROUNDS, temperature, temperature, 1.0, fewest, 14), state, rng
+            problem,
+            prices,
+            Schedule(CHANGES // ROUNDS, temperature, temperature, 1.0, fewest, 14, TUNED.moves),
+            state,
+            rng,
         )
         sizes.add(int(state.size[0]))
         assert fewest <= state.size[0] <= 14
@@ -308,7 +313,7 @@ def test_cold_annealing_never_makes_the_energy_larger(sensing):
     prices, rng = Prices(0.01, 0.05, 3.0, 0.9), np.random.default_rng(2)
     energies = []
     for _ in range(cases(compiled=40, interpreted=5)):
-        anneal(problem, prices, Schedule(50, 1e-12, 1e-12, 1.0, 2, 14), state, rng)
+        anneal(problem, prices, Schedule(50, 1e-12, 1e-12, 1.0, 2, 14, TUNED.moves), state, rng)
         n = int(state.size[0])
         points = snapshot(state)
         energies.append(
@@ -326,7 +331,7 @@ def test_equal_generators_give_equal_routes():
         anneal(
             problem,
             Prices(0.01, 0.0, 1.0, 1.0),
-            Schedule(cases(compiled=400, interpreted=20), 0.1, 0.01, 1.0, 2, 14),
+            Schedule(cases(compiled=400, interpreted=20), 0.1, 0.01, 1.0, 2, 14, TUNED.moves),
             state,
             np.random.default_rng(seed),
         )
@@ -357,7 +362,9 @@ def test_hot_changes_never_break_a_limit_of_the_legs(sensor):
     state = state_of(problem, Route(points), capacity=30)
     rng = np.random.default_rng(3)
     for _ in range(cases(compiled=30, interpreted=4)):
-        anneal(problem.numbers, Prices(0.0, 0.0, 1.0, 1.0), Schedule(100, 1e6, 1e6, 80.0, 2, 30), state, rng)
+        anneal(
+            problem.numbers, Prices(0.0, 0.0, 1.0, 1.0), Schedule(100, 1e6, 1e6, 80.0, 2, 30, TUNED.moves), state, rng
+        )
         assert measure_violations(site, snapshot(state), margin_m=5.0).total == 0.0
     assert not np.allclose(snapshot(state)[0], points[0])
 

@@ -10,6 +10,7 @@ from uavcover.kernels.flight_time import Pace
 from uavcover.kernels.route_state_cost import exchange_cost, reversal_cost, transfer_cost
 from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS
 from uavcover.kernels.way_cost import LENGTH, SHORTEST, TIME, WayCost, route_cost
+from uavcover.planning.search.tuning import TUNED
 
 PACE = Pace(2.0, 0.7, 0.5, airspeed_m_s=2.5, wind_east_m_s=1.0, wind_north_m_s=-1.5, acceleration_m_s2=0.8)
 WAYS = {
@@ -62,7 +63,7 @@ def test_cold_annealing_never_makes_the_energy_larger(sensing, way):
     prices, rng = Prices(0.01, 0.05, 3.0, 0.9), np.random.default_rng(2)
     energies = []
     for _ in range(cases(compiled=30, interpreted=2)):
-        anneal(problem, prices, Schedule(100, 1e-12, 1e-12, 1.0, 2, 14), state, rng)
+        anneal(problem, prices, Schedule(100, 1e-12, 1e-12, 1.0, 2, 14, TUNED.moves), state, rng)
         points = snapshot(state)
         energies.append(
             0.01 * route_cost(problem.surface, way, points)

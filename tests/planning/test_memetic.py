@@ -22,6 +22,7 @@ from uavcover.planning.search.goal_search import LADDER, _long_stages, _thinned
 from uavcover.planning.search.local_search import CHAINS, PaceByClock, PaceByNumber
 from uavcover.planning.search.memetic import _closed
 from uavcover.planning.search.route_problem import narrowed, route_problem, state_of
+from uavcover.planning.search.tuning import TUNED
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
@@ -269,10 +270,10 @@ def test_gaps_of_a_route_are_closed_behind_it(ups: Ups) -> None:
         cut = Route(whole[: 2 * len(whole) // 3])
         before = judging.share_of_coverable(judging.seen(cut.waypoints_m))
         assert before < goal
-        closed = _closed(judging, cut, goal)
+        closed = _closed(judging, cut, goal, TUNED.goal.closed)
         assert closed is not None
         np.testing.assert_array_equal(closed.waypoints_m[: len(cut)], cut.waypoints_m)
         assert judging.share_of_coverable(judging.seen(closed.waypoints_m)) >= goal
         assert measure_violations(site, closed.waypoints_m, margin_m=0.0).total == 0.0
-    assert _closed(judging, Route(whole), 0.5) is None
-    assert _closed(judging, cut, 1.5) is None
+    assert _closed(judging, Route(whole), 0.5, TUNED.goal.closed) is None
+    assert _closed(judging, cut, 1.5, TUNED.goal.closed) is None

@@ -14,6 +14,7 @@ from uavcover.model.scenario import InitialRoute
 from uavcover.model.sensor import DiscSensor
 from uavcover.planning.planner import Effort, SearchProgress, plan_routes
 from uavcover.planning.search.route_problem import route_problem, state_of
+from uavcover.planning.search.tuning import TUNED
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap
 
@@ -80,6 +81,6 @@ def test_where_all_is_seen_waypoints_come_in_beside_legs() -> None:
     # Waypoints are paid for, ways are dear: all that comes in is on the way.
     prices = Prices(way=1.0, waypoint=-1.0, coverage=1e6, goal=1.0)
     rng = np.random.default_rng(1)
-    anneal(problem.numbers, prices, Schedule(20_000, 0.1, 0.01, 20.0, 1, 8), state, rng)
+    anneal(problem.numbers, prices, Schedule(20_000, 0.1, 0.01, 20.0, 1, 8, TUNED.moves), state, rng)
     assert state.size[0] == 8
     assert state.seen[0] == pytest.approx(1.0)

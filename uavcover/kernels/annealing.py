@@ -33,7 +33,6 @@ from uavcover.kernels.search_problem import ALONG_PATH, SearchProblem, allowed_l
 from uavcover.kernels.sight import FRUSTUM, Sight
 from uavcover.kernels.surface import height_above, up_above
 
-_SMALLEST_STEP = 0.01
 _TRIES_FOR_A_GAP = 24
 _STRAIGHT_DOWN = 1e-9
 """Cosine of a camera's pitch below which a leg shows the same both ways."""
@@ -55,6 +54,34 @@ class Prices(NamedTuple):
     goal: float
 
 
+class Moves(NamedTuple):
+    """Shares of the proposals by kind; they add up to less than 1, and what is left removes waypoints.
+
+    Attributes:
+        turn: turn a stretch of the order round.
+        transfer_to_gap: where the order is free, move a waypoint to a cell that nobody sees; else an exchange, as all below.
+        transfer: likewise, to another place in the order.
+        move_and_height: of the exchanges: move a waypoint on the map, and change its height.
+        move: move it on the map only.
+        height: change its height only.
+        shift: shift a stretch on the map.
+        shift_height: up or down.
+        insert: a waypoint.
+        smallest_step: share of the widest move that the smallest is.
+    """
+
+    turn: float
+    transfer_to_gap: float
+    transfer: float
+    move_and_height: float
+    move: float
+    height: float
+    shift: float
+    shift_height: float
+    insert: float
+    smallest_step: float
+
+
 class Schedule(NamedTuple):
     """Annealing schedule of one stretch.
 
@@ -62,9 +89,10 @@ class Schedule(NamedTuple):
         proposals: how many.
         hottest: temperature at its beginning, in units of energy.
         coldest: at its end; it falls geometrically.
-        largest_step_m: standard deviation of the widest moves; others go down to a hundredth of it.
+        largest_step_m: standard deviation of the widest moves; others go down to ``moves.smallest_step`` of it.
         fewest: waypoints are not removed below this.
         most: nor inserted above this.
+        moves: how often each kind is proposed.
     """
 
     proposals: int
@@ -73,6 +101,7 @@ class Schedule(NamedTuple):
     largest_step_m: float
     fewest: int
     most: int
+    moves: Moves
 
 
 @kernel
@@ -86,16 +115,18 @@ def anneal(
     kept = 0
     cooling = math.log(schedule.coldest / schedule.hottest) / max(1, schedule.proposals - 1)
     free_order = problem.sensing != ALONG_PATH and problem.limits.legs == 0
+    moves = schedule.moves
+    to_gap = moves.turn + moves.transfer_to_gap
     for number in range(schedule.proposals):
         temperature = schedule.hottest * math.exp(cooling * number)
         # How much the energy may rise: the Metropolis rule, solved for it.
         allowance = -temperature * math.log(1.0 - rng.random())
         draw = rng.random()
-        step = schedule.largest_step_m * math.exp(math.log(_SMALLEST_STEP) * rng.random())
-        if draw < 0.10:
+        step = schedule.largest_step_m * math.exp(math.log(moves.smallest_step) * rng.random())
+        if draw < moves.turn:
             done = _turn_round(problem, prices, state, allowance, rng)
-        elif free_order and draw < 0.35:
-            done = _transfer(problem, prices, state, allowance, step if draw < 0.25 else 0.0, rng)
+        elif free_order and draw < to_gap + moves.transfer:
+            done = _transfer(problem, prices, state, allowance, step if draw < to_gap else 0.0, rng)
         else:
             done = _exchange(problem, prices, schedule, state, allowance, step, rng)
         if done:
@@ -121,25 +152,29 @@ def _exchange(
 ) -> bool:
     """Propose a move, lift, shift, insertion or removal; whether it was accepted."""
     n = state.size[0]
+    moves = schedule.moves
+    moved = moves.move_and_height + moves.move
+    lifted = moved + moves.height
+    shifted = lifted + moves.shift + moves.shift_height
     kind = rng.random()
     first = int(rng.random() * n)
     last, fresh = first + 1, 1
     de, dn = step * rng.standard_normal(), step * rng.standard_normal()
     du = 0.5 * step * rng.standard_normal()
-    if kind < 0.45:  # move
-        _put(problem, state, 0, first, de, dn, du if kind < 0.2 else 0.0)
-    elif kind < 0.60:  # height
+    if kind < moved:
+        _put(problem, state, 0, first, de, dn, du if kind < moves.move_and_height else 0.0)
+    elif kind < lifted:
         _put(problem, state, 0, first, 0.0, 0.0, du)
-    elif kind < 0.75:  # shift a stretch sideways, up or down
+    elif kind < shifted:  # a stretch sideways, up or down
         fresh = min(n - first, 1 + int(rng.random() * WIDEST))
         last = first + fresh
-        if kind < 0.68:
+        if kind < lifted + moves.shift:
             du = 0.0
         else:
             de, dn = 0.0, 0.0
         for k in range(fresh):
             _put(problem, state, k, first + k, de, dn, du)
-    elif kind < 0.85:  # insert
+    elif kind < shifted + moves.insert:
         if n >= schedule.most:
             return False
         if not _insertion(problem, state, first, de, dn, rng):

@@ -28,16 +28,15 @@ from uavcover.planning.search.local_search import (
     Work,
 )
 from uavcover.planning.search.memetic import scattered_problem
+from uavcover.planning.search.tuning import TUNED
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import make_scattered_cells
 from uavcover.sensing.coverage_map import CoverageMap, judging_maps, planning_map
 from uavcover.sensing.sensors import sight_of
 
-_STAGES = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
 _LATER_STAGES = (0.4, 0.7, 0.85, 1.0)
-_CAPACITY, _SPARE = 3, 100
-_MISSING_PRICE = 3.0
+"""After the first round, in place of the stages of ``TUNED``: what begins is good already."""
 _STRAIGHT = 6
 """So many straight layouts are tried as beginnings."""
 
@@ -147,8 +146,9 @@ def search_part(site: Site, task: PartTask, *, now: Callable[[], float], should_
     found: list[Route] = [] if task.route_m is None else [Route(task.route_m)]
     seeds = np.random.SeedSequence([task.seed, task.round, task.number]).spawn(CHAINS)
     work = Work(problem, pace, [np.random.default_rng(seed) for seed in seeds], None, should_stop, lambda _: None)
-    capacity = _CAPACITY * max(len(start.route) for start in starts) + _SPARE
-    stages = _STAGES if task.round == 0 else _LATER_STAGES
+    tuned = TUNED.goal
+    capacity = tuned.path_capacity * max(len(start.route) for start in starts) + tuned.spare_waypoints
+    stages = tuned.main_stages if task.round == 0 else _LATER_STAGES
     search_goal(work, starts, task.goal, capacity, (0.0, 1.0), stages, RouteJudge(judged, found.append))
     margin_m = part.scenario.limits.height_margin_m
 
@@ -188,4 +188,6 @@ def _constructed(part: Site, goal: float) -> list[Route]:
 
 def _merit(baseline: Baseline, asked: float) -> float:
     """Its cost, dearer for what it misses."""
-    return float(baseline.objectives[2]) * (1.0 + _MISSING_PRICE * max(0.0, asked + float(baseline.objectives[0])))
+    return float(baseline.objectives[2]) * (
+        1.0 + TUNED.goal.start_price * max(0.0, asked + float(baseline.objectives[0]))
+    )

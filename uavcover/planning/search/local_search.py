@@ -12,6 +12,7 @@ from uavcover.kernels.annealing import Prices, Schedule
 from uavcover.kernels.route_state import RouteState
 from uavcover.model.route import Route
 from uavcover.planning.search.route_problem import RouteProblem
+from uavcover.planning.search.tuning import TUNED, SearchTuning
 
 CHAINS = 2
 """Chains that run side by side, whatever the number of threads: the result must not depend on it."""
@@ -150,6 +151,7 @@ class Work:
         on_batch: told after every batch, with the chains.
         proposals: done so far, by all chains.
         stopped: whether ``should_stop`` ended the work.
+        tuning: of the search.
         correction: share of all the work that judging routes and preparing chains took the last time; 0 where work is counted
             by proposals.
     """
@@ -160,6 +162,7 @@ class Work:
     executor: Executor | None
     should_stop: Callable[[], bool]
     on_batch: Callable[[Sequence[Chain]], None]
+    tuning: SearchTuning = TUNED
     proposals: int = 0
     stopped: bool = field(default=False)
     correction: float = 0.0
@@ -184,7 +187,9 @@ class Work:
             def one(number: int, batch: int = batch, share: float = share) -> None:
                 chain = chains[number]
                 temperature = chain.hottest * (chain.coldest / chain.hottest) ** share
-                schedule = Schedule(batch, temperature, temperature, chain.step_m, chain.fewest, chain.most)
+                schedule = Schedule(
+                    batch, temperature, temperature, chain.step_m, chain.fewest, chain.most, self.tuning.moves
+                )
                 annealing.anneal(self.problem.numbers, chain.prices, schedule, chain.state, self.rngs[number])
 
             numbers = range(len(chains))

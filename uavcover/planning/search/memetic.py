@@ -35,6 +35,7 @@ from uavcover.planning.search.optimizer_search import Effort, SearchProgress, Se
 from uavcover.planning.search.route_problem import RouteProblem, route_problem
 from uavcover.planning.search.simplify import thinned_out
 from uavcover.planning.search.tour_with_neighbourhoods import search_free_order
+from uavcover.planning.search.tuning import TUNED, GoalTuning, SearchTuning
 from uavcover.planning.selection import Rule
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
@@ -48,20 +49,12 @@ MARGIN_CELLS = 0.45
 SCATTERED_MARGIN_CELLS = 0.1
 """Likewise on scattered cells, which a route passes at all distances, so that it can hardly live off their centres."""
 
-_WAYPOINTS_SHARE = 0.15
-"""Share of the local search that goes over prices of waypoints, where legs see or are limited."""
-
 _FLOWN = 0.98
 """The coverage that it goes for when the rule asks for none."""
 
 _MOST_MISSING = 10_000
 """Cells; to close the gaps of more takes seconds."""
 
-_MORE = (1.0, 1.5, 2.5)
-"""Times the ground that lacks: what gaps are closed of."""
-
-_PATH_CAPACITY = 3
-_SPARE_WAYPOINTS = 100
 _LOCAL_SEARCH_STREAM = 1
 
 
@@ -90,6 +83,7 @@ def improve(
     rule: Rule,
     evaluations_done: int,
     look: Callable[[Callable[[], Sequence[Route]]], None] = lambda _: None,
+    tuning: SearchTuning = TUNED,
 ) -> Improved:
     """Improve routes by local search.
 
@@ -102,6 +96,7 @@ def improve(
         rule: by which one route will be chosen: most of the work goes where it chooses.
         evaluations_done: by the optimizer.
         look: may look at what has been found, between batches.
+        tuning: of the search.
     """
     site, effort = coverage.site, run.effort
     left = max(0, effort.evaluations - evaluations_done) if effort.budget_s is None else 1
@@ -135,6 +130,7 @@ def improve(
         run.executor,
         run.should_stop,
         lambda chains: between(chains),
+        tuning,
     )
 
     def between(chains: Sequence[Chain]) -> None:
@@ -148,20 +144,23 @@ def improve(
         return min(map(one, judges) if run.executor is None else run.executor.map(one, judges))
 
     asked = rule.required_coverage
-    capacity = _capacity(problem, settings, starts)
-    judge = RouteJudge(judged_coverage, found, lambda route, goal: _closed(judging, route, goal))
+    tuned = tuning.goal
+    capacity = _capacity(problem, settings, starts, tuned)
+    judge = RouteJudge(judged_coverage, found, lambda route, goal: _closed(judging, route, goal, tuned.closed))
     if problem.free_order:
         search_free_order(work, starts, asked=asked, capacity=capacity, judge=judge)
     else:
         goal = _FLOWN if asked is None else asked
-        starts.append(_fewer_waypoints(problem, starts, goal))
-        known = search_goals(work, starts, asked=asked, capacity=capacity, until=1.0 - _WAYPOINTS_SHARE, judge=judge)
+        starts.append(_fewer_waypoints(problem, starts, goal, tuned))
+        known = search_goals(
+            work, starts, asked=asked, capacity=capacity, until=1.0 - tuned.waypoint_share, judge=judge
+        )
         on_these_cells = RouteJudge(lambda route: judging.share_of_coverable(judging.seen(route.waypoints_m)), found)
         search_waypoints(work, known, goal=goal, capacity=capacity, until=1.0, judge=on_these_cells)
     return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
 
 
-def _closed(judging: CoverageMap, route: Route, goal: float) -> Route | None:
+def _closed(judging: CoverageMap, route: Route, goal: float, more_ground: Sequence[float]) -> Route | None:
     """The route, and behind it what sees enough of the ground that it misses; none where that is too much to find out."""
     seen = judging.seen(route.waypoints_m)
     missing = judging.coverable & ~seen
@@ -169,7 +168,7 @@ def _closed(judging: CoverageMap, route: Route, goal: float) -> Route | None:
     if lacking <= 0.0 or np.count_nonzero(missing) > _MOST_MISSING:
         return None
     needed_m2 = lacking * float(judging.grid.weight_m2[judging.coverable].sum())
-    for more in _MORE:
+    for more in more_ground:
         whole = _with_closing(judging, route, missing, more * needed_m2)
         if whole is None:
             return None
@@ -192,9 +191,11 @@ def _with_closing(judging: CoverageMap, route: Route, missing: BoolArray, needed
     return Route(whole) if measure_violations(site, whole, margin_m=margin_m).total <= 0.0 else None
 
 
-def _fewer_waypoints(problem: RouteProblem, starts: Sequence[SearchStart], goal: float) -> SearchStart:
+def _fewer_waypoints(
+    problem: RouteProblem, starts: Sequence[SearchStart], goal: float, tuned: GoalTuning
+) -> SearchStart:
     """The best beginning without the waypoints that it can do without: of two chains, one begins with it and one as it was."""
-    best = best_starts(problem, starts, goal)[0]
+    best = best_starts(problem, starts, goal, tuned=tuned)[0]
     return SearchStart(thinned_out(problem, best.route, goal=goal + SAFETY), min(best.seen, goal))
 
 
@@ -224,12 +225,14 @@ def _problem(site: Site, coverage: CoverageMap, *, margin_cells: float) -> Route
     return route_problem(coverage, margin_m=margin_m, reach_m=reach_m)
 
 
-def _capacity(problem: RouteProblem, settings: PlannerSettings, starts: Sequence[SearchStart]) -> int:
+def _capacity(
+    problem: RouteProblem, settings: PlannerSettings, starts: Sequence[SearchStart], tuned: GoalTuning
+) -> int:
     if settings.encoding == "waypoints" and problem.free_order:
         return settings.capacity
     if settings.most_waypoints is not None:
         return settings.most_waypoints
-    return _PATH_CAPACITY * max(len(start.route) for start in starts) + _SPARE_WAYPOINTS
+    return tuned.path_capacity * max(len(start.route) for start in starts) + tuned.spare_waypoints
 
 
 def _shortened(problem: RouteProblem, route: Route) -> Route:

@@ -15,21 +15,13 @@ from uavcover.model.route import Route
 from uavcover.planning.search.goal_search import RouteJudge, SearchStart, search_goals
 from uavcover.planning.search.local_search import CHAINS, Chain, Work
 from uavcover.planning.search.route_problem import state_of
+from uavcover.planning.search.tuning import FreeOrderTuning
 
 FULL = 1.0 - 1e-9
 """Share of what can be seen from which on all is."""
 
-_ATTEMPTS = 0.25
-"""Share of a squeeze that one number of waypoints gets at a time."""
-
 _MOST_THINNED = 100
 """So many routes are kept at most while one is thinned: every one is laid out as a short tour."""
-
-_HOTTEST_CELLS = 1.2
-_COLDEST_CELLS = 0.012
-_LENGTH_PRICES = (0.04, 1.0)
-"""Price of a sensor's radius of way, in cells: first where coverage is all that counts, then where the way counts too."""
-_WAYPOINT_PRICE_CELLS = 1.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +33,12 @@ class _Stage:
     ways: tuple[float, float]
 
 
-_SPREAD = _Stage((1.0, 0.6), _WAYPOINT_PRICE_CELLS, (_LENGTH_PRICES[0], _LENGTH_PRICES[0]))
-_SQUEEZE = _Stage((0.5, 0.2), 0.0, (_LENGTH_PRICES[0], _LENGTH_PRICES[0]))
-_SWEEP = _Stage((0.4, 0.4), 0.0, _LENGTH_PRICES)
+def _squeeze(tuned: FreeOrderTuning) -> _Stage:
+    return _Stage(tuned.squeeze_heats, 0.0, (tuned.way_price_cells, tuned.way_price_cells))
+
+
+def _sweep(tuned: FreeOrderTuning) -> _Stage:
+    return _Stage(tuned.sweep_heats, 0.0, (tuned.way_price_cells, tuned.sweep_way_price_cells))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,8 +68,10 @@ def spread(
         until: share of all the work, 0..1, after which this ends.
         found: told every route worth judging.
     """
+    tuned = work.tuning.free_order
+    stage = _Stage(tuned.spread_heats, tuned.waypoint_price_cells, (tuned.way_price_cells, tuned.way_price_cells))
     ranked = sorted(starts, key=lambda start: (-start.seen, len(start.route)))
-    chains = _chains(work, [ranked[k % len(ranked)].route for k in range(CHAINS)], _SPREAD, capacity=capacity)
+    chains = _chains(work, [ranked[k % len(ranked)].route for k in range(CHAINS)], stage, capacity=capacity)
     work.run(chains, until=until)
     best = _better(chains, found)
     whole = ranked[0] if ranked[0].seen >= FULL else SearchStart(best.route, best.seen)
@@ -92,14 +89,15 @@ def squeeze(work: Work, fewest: Fewest, *, capacity: int, until: float, found: C
         found: told every route worth judging.
     """
     best, whole, full = fewest.best, fewest.whole, fewest.full
-    attempt = _ATTEMPTS * (until - work.pace.fraction)
+    tuned = work.tuning.free_order
+    attempt = tuned.attempt * (until - work.pace.fraction)
     more = True
     while more and work.pace.fraction < until:
         fewer = best.seen >= FULL and len(best.route) > 1
         full = full or fewer
         route = _without_least(work, best) if fewer else best.route
         more_room = None if full else min(len(route) + 1, capacity)
-        chains = _chains(work, [route] * CHAINS, _SQUEEZE, capacity=more_room)
+        chains = _chains(work, [route] * CHAINS, _squeeze(tuned), capacity=more_room)
         more = work.run(chains, until=min(work.pace.fraction + attempt, until))
         tried = _better(chains, found)
         if tried.seen >= FULL and (whole.seen < FULL or len(tried.route) <= len(whole.route)):
@@ -124,7 +122,7 @@ def sweep(work: Work, fewest: Fewest, *, until: float, found: Callable[[Route], 
     more = not work.stopped and work.pace.fraction < until
     while more and max(len(chain.route) for chain in chains) > 1:
         routes = [_without_least(work, chain) if len(chain.route) > 1 else chain.route for chain in chains]
-        chains = _chains(work, routes, _SWEEP)
+        chains = _chains(work, routes, _sweep(work.tuning.free_order))
         now = work.pace.fraction
         more = work.run(chains, until=now + (until - now) / max(map(len, routes)))
         _better(chains, found)
@@ -134,7 +132,7 @@ def thin(work: Work, route: Route, found: Callable[[Route], None]) -> None:
     """Down to one waypoint without annealing: where there is no time for the sweep yet, this is what has most coverage."""
     apart = math.ceil(len(route) / _MOST_THINNED)
     while len(route) > 1:
-        chain, _ = _chains(work, [route] * CHAINS, _SWEEP)
+        chain, _ = _chains(work, [route] * CHAINS, _sweep(work.tuning.free_order))
         route = _without_least(work, chain)
         if len(route) % apart == 0:
             found(route)
@@ -157,8 +155,8 @@ def _chains(work: Work, routes: Sequence[Route], stage: _Stage, *, capacity: int
             prices=Prices(
                 way * work.problem.metres_per_cost(route) / work.problem.reach_m, stage.waypoint, float(cells), 1.0
             ),
-            hottest=heat * _HOTTEST_CELLS,
-            coldest=_COLDEST_CELLS,
+            hottest=heat * work.tuning.free_order.hottest_cells,
+            coldest=work.tuning.free_order.coldest_cells,
             step_m=work.problem.reach_m,
             fewest=len(route) if capacity is None else 1,
             most=len(route) if capacity is None else capacity,
@@ -173,15 +171,6 @@ def _without_least(work: Work, chain: Chain) -> Route:
     recount(work.problem.numbers, state)
     alone = [seen_alone(work.problem.numbers, state, k) for k in range(int(state.size[0]))]
     return Route(np.delete(chain.route.waypoints_m, int(np.argmin(alone)), axis=0))
-
-
-_TOURS = 0.4
-"""Share of the work for shortest tours, once something sees as much as they are to see."""
-
-_TOUR_SPREAD, _TOUR_SQUEEZE = 0.35, 0.85
-"""Shares of what is left for numbers of waypoints, after which its parts end."""
-_LONG_SPREAD, _FIRST_SQUEEZE, _LATE_TOURS = 0.65, 0.75, 0.9
-"""The same while nothing sees enough: one long annealing with as many waypoints as there may be, and tours when it was enough."""
 
 
 def search_free_order(
@@ -205,7 +194,7 @@ def search_free_order(
         capacity: most waypoints.
         judge: judges what is found.
     """
-    goal = FULL if asked is None else asked
+    goal, tuned = FULL if asked is None else asked, work.tuning.free_order
 
     def tours(known: Sequence[SearchStart], until: float) -> None:
         search_goals(work, known, asked=goal, capacity=capacity, until=until, judge=judge)
@@ -215,7 +204,7 @@ def search_free_order(
     begin = work.pace.fraction
     toured = asked is not None or any(start.seen >= goal for start in starts)
     if toured:
-        tours(starts, begin + _TOURS * (1.0 - begin))
+        tours(starts, begin + tuned.tours * (1.0 - begin))
         begin = work.pace.fraction
 
     def at(share: float) -> float:
@@ -223,14 +212,12 @@ def search_free_order(
 
     if work.stopped or begin >= 1.0:
         return
-    fewest = spread(
-        work, starts, capacity=capacity, until=at(_TOUR_SPREAD if toured else _LONG_SPREAD), found=judge.found
-    )
+    spread_until = at(tuned.spread if toured else tuned.long_spread)
+    fewest = spread(work, starts, capacity=capacity, until=spread_until, found=judge.found)
     if not toured:
-        fewest = squeeze(work, fewest, capacity=capacity, until=at(_FIRST_SQUEEZE), found=judge.found)
+        fewest = squeeze(work, fewest, capacity=capacity, until=at(tuned.first_squeeze), found=judge.found)
         if fewest.whole.seen >= goal:
-            tours([*starts, fewest.whole], at(_LATE_TOURS))
-    fewest = squeeze(
-        work, fewest, capacity=capacity, until=at(_TOUR_SQUEEZE if toured else _LATE_TOURS), found=judge.found
-    )
+            tours([*starts, fewest.whole], at(tuned.late_tours))
+    squeeze_until = at(tuned.squeeze if toured else tuned.late_tours)
+    fewest = squeeze(work, fewest, capacity=capacity, until=squeeze_until, found=judge.found)
     sweep(work, fewest, until=1.0, found=judge.found)

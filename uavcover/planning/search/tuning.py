@@ -1,0 +1,141 @@
+"""The tuned numbers of the local search, in one place: what each one is, and why it is what it is.
+
+They were set by hand and by trials on the scenarios of the package. What is no matter of tuning (the number of chains, the
+ladder of goals, the margin of a goal) stands where it is used.
+"""
+
+from dataclasses import dataclass, field
+
+from uavcover.kernels.annealing import Moves
+
+_MOVES = Moves(
+    turn=0.1, transfer_to_gap=0.15, transfer=0.1,
+    move_and_height=0.2, move=0.25, height=0.15, shift=0.08, shift_height=0.07, insert=0.1, smallest_step=0.01,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoalTuning:
+    """How a route for one coverage is searched for, and how the work is shared out among coverages.
+
+    Lengths and temperatures are in radii of the sensor, so that a bend costs the same on a short route and on a long one.
+
+    Attributes:
+        main_share: of the work, for the coverage that is asked for; the rest goes to the ladder of others.
+        main_stages: shares of that work after which the goal is corrected by what judging cells see; after the first one both
+            chains take the better route.
+        stages: the same for a coverage of the ladder, and for a route whose gaps were closed.
+        closing_share: of the work: a search that ends a little short of its goal goes on for so long from its route with the
+            gaps closed, for beside zones and obstacles no small move sees the last of the ground.
+        most_short: that little, as a share of the coverage.
+        closed: the gaps are closed of so many times the ground that is lacking, one after the other: pictures by distance fall
+            elsewhere behind a route than behind home, so it may take more.
+        coverage_price: of all coverage, in lengths of the route. Along a path a share more costs one to two such shares of the
+            length; at a price far above that no single change may lose a cell, and nothing can be traded.
+        dearer: factor of that price when a stage ends below its goal.
+        start_price: the same price when beginnings are compared: lower missing coverage is cheap in a beginning, for fewer
+            lines are hard to come by, and gaps between lines are closed.
+        stage_per_correction: under a time budget a stage takes at least so many times as long as a correction, which judges a
+            route and prepares the chains, so that most of the time is search.
+        goal_per_correction: likewise a coverage of the ladder.
+        waypoint_price: of a waypoint where few are not asked for: one more holds a leg nearer to the height that sees widest.
+        waypoint_prices: where few are searched for, one after the other.
+        waypoint_stages: the stages of each of these searches.
+        waypoint_share: of the work, for these searches.
+        dear_waypoints: lengths that the price of all waypoints counts as in the price of coverage: else coverage would be given
+            for one waypoint less.
+        largest_step: standard deviation of the widest moves.
+        hottest: temperature at the beginning.
+        hottest_of_waypoint: of the price of a waypoint, beside it.
+        coldest: temperature at the end.
+        second_chain: heat of the second of two chains that go on from the same route: from a good one heat only leads away.
+        path_capacity: a route may have so many times the waypoints of the longest beginning, ...
+        spare_waypoints: ... and so many more.
+    """
+
+    main_share: float = 0.7
+    main_stages: tuple[float, ...] = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
+    stages: tuple[float, ...] = (0.5, 0.85, 1.0)
+    closing_share: float = 0.15
+    most_short: float = 0.03
+    closed: tuple[float, ...] = (1.0, 1.5, 2.5)
+    coverage_price: float = 2.0
+    dearer: float = 1.6
+    start_price: float = 3.0
+    stage_per_correction: float = 2.0
+    goal_per_correction: float = 12.0
+    waypoint_price: float = 0.002
+    waypoint_prices: tuple[float, ...] = (0.3, 1.0, 3.0)
+    waypoint_stages: tuple[float, ...] = (0.4, 0.8, 1.0)
+    waypoint_share: float = 0.15
+    dear_waypoints: float = 3.0
+    largest_step: float = 0.4
+    hottest: float = 0.05
+    hottest_of_waypoint: float = 0.01
+    coldest: float = 5e-4
+    second_chain: float = 0.3
+    path_capacity: int = 3
+    spare_waypoints: int = 100
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FreeOrderTuning:
+    """How waypoints are searched for that may be visited in any order.
+
+    Temperatures and prices "in cells" are in units of the coverage of one cell of average weight.
+
+    Attributes:
+        tours: share of the work for shortest tours, once something sees as much as they are to see.
+        tour_coverage_price: of a cell, in radii of the sensor, in a search for a tour.
+        tour_hottest: temperature at the beginning of that search, in radii.
+        quench: share of its work that is spent cold, on what there is, first: a search that is stopped early has that.
+        quenched: times the coldest temperature.
+        spread, squeeze: shares of what is left for numbers of waypoints after which these parts end; the rest is the sweep.
+        long_spread, first_squeeze, late_tours: the same while nothing sees enough: one long annealing with as many waypoints as
+            there may be, and tours when it was enough.
+        attempt: share of a squeeze that one number of waypoints gets at a time.
+        hottest_cells, coldest_cells: temperatures.
+        spread_heats, squeeze_heats, sweep_heats: of the two chains, as shares of the hottest.
+        way_price_cells: of a radius of way, where coverage is all that counts.
+        sweep_way_price_cells: likewise for the second chain of a sweep, where the way counts too.
+        waypoint_price_cells: of a waypoint while they spread.
+    """
+
+    tours: float = 0.4
+    tour_coverage_price: float = 1.5
+    tour_hottest: float = 0.2
+    quench: float = 0.2
+    quenched: float = 5.0
+    spread: float = 0.35
+    squeeze: float = 0.85
+    long_spread: float = 0.65
+    first_squeeze: float = 0.75
+    late_tours: float = 0.9
+    attempt: float = 0.25
+    hottest_cells: float = 1.2
+    coldest_cells: float = 0.012
+    spread_heats: tuple[float, float] = (1.0, 0.6)
+    squeeze_heats: tuple[float, float] = (0.5, 0.2)
+    sweep_heats: tuple[float, float] = (0.4, 0.4)
+    way_price_cells: float = 0.04
+    sweep_way_price_cells: float = 1.0
+    waypoint_price_cells: float = 1.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchTuning:
+    """All of them.
+
+    Attributes:
+        moves: shares of the proposals by kind; where the order is given, the two kinds of transfer are exchanges instead.
+        goal: of the search for a coverage.
+        free_order: of the search for waypoints in any order.
+    """
+
+    moves: Moves = _MOVES
+    goal: GoalTuning = field(default_factory=GoalTuning)
+    free_order: FreeOrderTuning = field(default_factory=FreeOrderTuning)
+
+
+TUNED = SearchTuning()
+"""What the planner uses."""
