@@ -72,9 +72,9 @@ def fence_with_hole(home: GeoPoint) -> Fence:
     return Fence(square, (FenceCircle(LatLon(*_place(home, (150.0, 150.0))), 20.0, inclusion=False),))
 
 
-def rally_points(home: GeoPoint) -> RallyPoints:
-    """Two places beside home."""
-    return RallyPoints(tuple(FramedPoint(*_place(home, place), 30.0) for place in ((20.0, 10.0), (-15.0, 35.0))))
+def rally_points(home: GeoPoint, places_m: tuple[EastNorth, ...] = ((20.0, 10.0), (-15.0, 35.0))) -> RallyPoints:
+    """Places beside home, 30 m above it."""
+    return RallyPoints(tuple(FramedPoint(*_place(home, place), 30.0) for place in places_m))
 
 
 def _waypoint(home: GeoPoint, east_north_m: EastNorth, height_m: float, frame: Frame) -> MissionItem:

@@ -91,7 +91,8 @@ class Autopilot:
         answers_in_floats: Whether it answers the deprecated MISSION_REQUEST with the deprecated MISSION_ITEM.
         clears_all_at_once: Whether it empties all lists for mission_type 255; if not, it says UNSUPPORTED.
         answers_strangers: Whether an item is answered that comes from a station which began no transfer, or not the last.
-        count_restarts: Whether a COUNT in the middle of an upload starts it over; if not, it is answered ERROR.
+        count_restarts: Whether a COUNT in the middle of an upload starts it over, and CLEAR_ALL of who uploads ends it; if
+            not, COUNT is answered ERROR.
         wrong_sequence_result: What an item that was not asked for is answered; None for nothing.
         acks_repeated_last_item: Whether the last item, sent again after the end, is acknowledged again.
         idle_item_result: What an item is answered when no upload is going on; None for nothing.

@@ -117,7 +117,7 @@ def _item_problems(item: MissionItem, autopilot: Autopilot, count: int) -> list[
             found.append(("lon_deg", f"longitude {item.lon_deg} is not from -180 to 180"))
     elif not (item.lat_deg.is_integer() and item.lon_deg.is_integer()):
         found.append(("", "parameters 5 and 6 of a command without a position travel as whole numbers"))
-    return found + _meaning_problems(item, count)
+    return found + _meaning_problems(item, range(int(autopilot.home_in_item_0), count))
 
 
 def _change_in_storage(item: MissionItem, autopilot: Autopilot, name: str, value: float) -> str | None:
@@ -129,8 +129,8 @@ def _change_in_storage(item: MissionItem, autopilot: Autopilot, name: str, value
     return f"{value:g} would become {stored:g}: {rule.why}" if abs(stored - value) > rule.largest_change else None
 
 
-def _meaning_problems(item: MissionItem, count: int) -> list[tuple[str, str]]:
-    """Values that no autopilot refuses and that have no meaning."""
+def _meaning_problems(item: MissionItem, to_fly: range) -> list[tuple[str, str]]:
+    """Values that have no meaning; ``to_fly`` are the numbers of the items that can be jumped to."""
     first, second = item.params[:2]
     if item.command in (Command.NAV_WAYPOINT, Command.NAV_SPLINE_WAYPOINT, Command.NAV_LOITER_TIME) and first < 0:
         return [("param1", f"a hold of {first:g} s; a wait cannot be negative")]
@@ -138,8 +138,8 @@ def _meaning_problems(item: MissionItem, count: int) -> list[tuple[str, str]]:
         return [("param1", f"a hold of {first:g} s is longer than {_LONGEST_HOLD_S} s")]
     if item.command == Command.NAV_DELAY and first < 0 and all(value < 0 for value in item.params[1:]):
         return [("param1", f"a delay of {first:g} s, and no time of day either; a wait cannot be negative")]
-    if item.command == Command.DO_JUMP and not (0 <= first < count and first == int(first)):
-        return [("param1", f"a jump to item {first:g}, the list has items 0 to {count - 1}")]
+    if item.command == Command.DO_JUMP and first not in to_fly:
+        return [("param1", f"a jump to item {first:g}, the list has items {to_fly.start} to {to_fly.stop - 1}")]
     if item.command == Command.DO_CHANGE_SPEED and not (second > 0 or second in (-1, -2)):
         return [("param2", f"a speed of {second:g} m/s; give one above 0")]
     if item.command == Command.DO_SET_CAM_TRIGG_DIST and first < 0:

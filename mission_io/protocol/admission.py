@@ -7,7 +7,7 @@ from mission_io.autopilots.autopilot import WITHOUT_POSITION, Autopilot
 from mission_io.errors import FormatError
 from mission_io.model.areas import fence_from_items, rally_from_items
 from mission_io.model.enums import MissionResult
-from mission_io.model.items import Frame, MissionItem, MissionType
+from mission_io.model.items import Command, Frame, MissionItem, MissionType
 from mission_io.protocol.exchange import Address
 from mission_io.wire.messages import MissionItemFloat, MissionItemInt
 from mission_io.wire.mission_items import item_from_message
@@ -49,6 +49,14 @@ class Incoming:
         """The number of the item that is to come."""
         return self.first + len(self.items)
 
+    @property
+    def last(self) -> int:
+        """The number of the last item of the list that it makes; a fence does not grow by a part."""
+        held = len(self.base or ())
+        if self.base is not None and self.mission_type is MissionType.FENCE:
+            return held - 1
+        return max(held, self.first + self.count) - 1
+
     def over(self, held: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
         """A list with the items that have come in their places."""
         return (*held[: self.first], *self.items, *held[self.next_seq :])
@@ -79,6 +87,19 @@ def refusal_of(message: MissionItemInt | MissionItemFloat, autopilot: Autopilot)
     if item.has_position and not abs(item.lon_deg) <= 180.0:
         return MissionResult.INVALID_PARAM6_Y
     return None if math.isfinite(item.alt_m) else MissionResult.INVALID_PARAM7
+
+
+def refusal_in_list(
+    message: MissionItemInt | MissionItemFloat, autopilot: Autopilot, incoming: Incoming
+) -> MissionResult | None:
+    """The result with which ArduPilot refuses an item for the list that it comes into; None when it accepts it.
+
+    Source: MissionItemProtocol_Waypoints::append_item and replace_item, MissionItemProtocol_Fence::append_item.
+    """
+    if incoming.mission_type is MissionType.FENCE and message.seq > incoming.last:
+        return MissionResult.INVALID_SEQUENCE
+    jumps = autopilot.refuses_bad_numbers and message.command == Command.DO_JUMP
+    return MissionResult.ERROR if jumps and not 1 <= message.params[0] <= incoming.last else None
 
 
 def list_is_whole(items: tuple[MissionItem, ...], mission_type: MissionType) -> bool:

@@ -8,7 +8,7 @@ from mission_io.autopilots.autopilot import Autopilot, home_item, stored_item
 from mission_io.errors import MisuseError
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import ALL_MISSION_TYPES, GeoPoint, MissionItem, MissionType
-from mission_io.protocol.admission import Incoming, list_is_whole, refusal_of
+from mission_io.protocol.admission import Incoming, list_is_whole, refusal_in_list, refusal_of
 from mission_io.protocol.exchange import Address
 from mission_io.protocol.list_ids import id_of_items
 from mission_io.protocol.tables import SERVER_TABLE, MissingRowError, ServerEvent, ServerState
@@ -180,6 +180,8 @@ class MissionServer:
                 if self._about == ALL_MISSION_TYPES and not self.autopilot.clears_all_at_once:
                     self._refusal = MissionResult.UNSUPPORTED
                     return ServerEvent.COUNT_REFUSED
+                if self._is_incoming() and self.autopilot.count_restarts:
+                    return ServerEvent.CLEAR_OWN
                 known = self._about in (*self._lists, ALL_MISSION_TYPES)
                 return ServerEvent.CLEAR if known else ServerEvent.REQUEST_UNKNOWN
             case MissionAck():
@@ -208,6 +210,8 @@ class MissionServer:
         """Whether a part of a list is taken (ArduPilot, MissionItemProtocol::handle_mission_write_partial_list)."""
         if not self.autopilot.takes_parts:
             return None
+        if self._incoming is not None:  # also the part itself, announced again
+            return ServerEvent.COUNT_OTHER
         self._number, self._first = message.end_index - message.start_index + 1, message.start_index
         event = self._count_event(now)
         held = len(self._lists[MissionType(self._about)]) if self._about in self._lists else 0
@@ -227,8 +231,10 @@ class MissionServer:
         if self._number + (self._first or 0) > self.capacity or now < self._ready_at:
             self._refusal = MissionResult.NO_SPACE
             return ServerEvent.COUNT_REFUSED
-        if self._incoming is not None and self._incoming.items and not self.autopilot.count_restarts:
-            return ServerEvent.COUNT_LATE
+        if self._incoming is not None and not self.autopilot.count_restarts:
+            if self._incoming.items:
+                return ServerEvent.COUNT_LATE
+            self._number = self._incoming.count  # taken for the same COUNT once more, whatever it says
         return ServerEvent.COUNT if self._number else ServerEvent.COUNT_ZERO
 
     def _item_event(self, message: MissionItemInt | MissionItemFloat) -> ServerEvent:
@@ -240,7 +246,7 @@ class MissionServer:
             return ServerEvent.ITEM_OTHER
         if message.seq != incoming.next_seq:
             return ServerEvent.ITEM_STRAY
-        refusal = refusal_of(message, self.autopilot)
+        refusal = refusal_of(message, self.autopilot) or refusal_in_list(message, self.autopilot, incoming)
         if refusal is not None:
             self._refusal = refusal
             return ServerEvent.ITEM_BAD

@@ -86,7 +86,7 @@ class ServerEvent(Enum):
         "what cannot be taken: an upload too long, too early or of an unknown list; all lists emptied at once"
     )
     COUNT_LATE = "the upload that is going on is announced again, and this autopilot does not start over"
-    COUNT_OTHER = "another ground station, or another list, during an upload"
+    COUNT_OTHER = "another ground station, another list, or a part of a list, during an upload"
     ITEM = "the item that was asked for"
     ITEM_LAST = "the item that was asked for, and the last"
     ITEM_BAD = "the item that was asked for, and it cannot be taken"
@@ -100,6 +100,7 @@ class ServerEvent(Enum):
     REQUEST_UNKNOWN = "an item that does not exist is asked for, or one that is not the next of the download"
     REQUEST_UNHEARD = "an item is asked for outside of a download, and this autopilot wants one to be begun"
     CLEAR = "a list is to be emptied"
+    CLEAR_OWN = "the list of the upload that is going on is to be emptied, by who uploads it"
     ACK = "the ground station has everything"
     ACK_CANCEL = "the ground station stops"
     REREQUEST = "silence during an upload: ask again"
@@ -138,6 +139,7 @@ SERVER_TABLE: Table[ServerState, ServerEvent] = Table(
         Row(_VehicleState.RECEIVING, _VehicleEvent.REQUEST, _VehicleState.RECEIVING, "answer_busy_request"),
         Row(_VehicleState.RECEIVING, _VehicleEvent.REQUEST_UNKNOWN, _VehicleState.RECEIVING, "answer_busy_request"),
         Row(_VehicleState.RECEIVING, _VehicleEvent.CLEAR, _VehicleState.RECEIVING, "answer_busy_clear"),
+        Row(_VehicleState.RECEIVING, _VehicleEvent.CLEAR_OWN, _VehicleState.IDLE, "empty"),
         Row(_VehicleState.RECEIVING, _VehicleEvent.ACK_CANCEL, _VehicleState.IDLE, "abandon"),
         Row(_VehicleState.RECEIVING, _VehicleEvent.REREQUEST, _VehicleState.RECEIVING, "ask"),
         Row(_VehicleState.RECEIVING, _VehicleEvent.GIVE_UP, _VehicleState.IDLE, "give_up"),

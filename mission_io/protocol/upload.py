@@ -24,7 +24,7 @@ from mission_io.wire.messages import (
     MissionRequestInt,
     MissionWritePartialList,
 )
-from mission_io.wire.mission_items import message_from_item
+from mission_io.wire.mission_items import message_to_send
 
 _FRESH_STARTS = 2
 """Number of restarts of an upload after the vehicle gave up or answered ERROR."""
@@ -94,7 +94,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
             )
         self._is_part, self._first = first is not None, first or 0
         self._items = [
-            message_from_item(
+            message_to_send(
                 item,
                 seq,
                 mission_type=mission_type,

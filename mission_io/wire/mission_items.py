@@ -1,6 +1,7 @@
 """Mission items to MISSION_ITEM_INT messages and back."""
 
 import struct
+from dataclasses import replace
 
 from mission_io.errors import FormatError, MisuseError
 from mission_io.model.items import Frame, MissionItem, MissionType
@@ -38,6 +39,20 @@ def message_from_item(
         autocontinue=int(item.autocontinue),
         mission_type=mission_type,
     )
+
+
+def message_to_send(
+    item: MissionItem, seq: int, *, mission_type: MissionType, target_system: int, target_component: int
+) -> MissionItemInt:
+    """The message that carries an item to a vehicle; errors as ``message_from_item``.
+
+    Rally points have the frames 0 and 3 (and 10), which name the same heights: PX4 1.17 stores frames 5 and 6 of rally points
+    and then returns to no place at all ("RTL: unsupported MAV_FRAME": navigator/rtl.cpp, setSafepointAsDestination).
+    """
+    message = message_from_item(
+        item, seq, mission_type=mission_type, target_system=target_system, target_component=target_component
+    )
+    return replace(message, frame=int(item.frame)) if mission_type is MissionType.RALLY else message
 
 
 def item_from_message(message: MissionItemInt | MissionItemFloat) -> MissionItem:

@@ -15,6 +15,7 @@ ALL: Mapping[str, Callable[[Case], Finding | Judge]] = MappingProxyType(
         "rally-round-trip": transfers.rally_round_trip,
         "upload-under-loss": transfers.upload_under_loss,
         "mission-as-file": transfers.mission_as_file,
+        "part-of-mission": transfers.part_of_mission,
         "refused-mission": refusals.refused_mission,
         "failed-upload": refusals.failed_upload,
         "terrain-frames": refusals.terrain_frames,
@@ -34,6 +35,7 @@ ALL: Mapping[str, Callable[[Case], Finding | Judge]] = MappingProxyType(
         "force-disarm": identity.force_disarm,
         "fence-breach": failsafes.fence_breach,
         "link-loss": failsafes.link_loss,
+        "rally-return": failsafes.rally_return,
         "log-download": logs.log_download,
         "fly-demo": demonstration.fly_demo,
     }

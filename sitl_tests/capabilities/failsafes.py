@@ -1,9 +1,11 @@
 """What the vehicle does by itself when it leaves its fence or hears no ground station any more, and what we make of it."""
 
+import numpy as np
+
 from sitl_tests.case import Case, Finding, Station
 from sitl_tests.errors import require
 from sitl_tests.flying import fly_mission, require_at_home
-from sitl_tests.missions import fence_around, route_mission
+from sitl_tests.missions import fence_around, rally_points, route_mission
 from sitl_tests.relay import Relay
 from uavcover.vehicle.modes import Mode, custom_mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent
@@ -12,6 +14,8 @@ _FENCE_HALF_WIDTH_M = 60.0
 _OUTWARD_M = ((0.0, 30.0), (0.0, 150.0))
 _AWAY_M = ((0.0, 30.0), (0.0, 1000.0))
 """Long enough that the failsafe comes on the way, whatever the time after which it does."""
+_RALLY_M = (60.0, 420.0)
+_NEAR_M = 5.0
 _NOT_FLOWN = frozenset({Ending.NOT_ARMED, Ending.NOT_READY, Ending.ARMING_REFUSED, Ending.NOT_STARTED})
 
 
@@ -51,6 +55,29 @@ def link_loss(case: Case) -> Finding:
         require_at_home(path)
         require(not outcome.ending.good, said)
     return Finding(reaction, f"cut off on the way to the second waypoint; {said}")
+
+
+def rally_return(case: Case) -> Finding:
+    """As ``link_loss``, and where it returns from a rally point is nearer than home."""
+    with Relay(case.vehicle.url, seed=case.seed) as relay, case.station(relay.url) as station:
+        rally = station.client.upload_and_verify(rally_points(case.vehicle.home, (_RALLY_M,)))
+        require(rally.passed, "the rally point was read back changed")
+        told: list[FlightEvent] = []
+
+        def cut(event: FlightEvent) -> None:
+            if event.kind is EventKind.WAYPOINT and event.waypoint == 1 and not told:
+                told.append(event)
+                relay.cut_to_vehicle()
+
+        outcome, path = fly_mission(case, station, route_mission(case.vehicle.home, _AWAY_M), on_event=cut)
+        reaction = _reaction(station)
+    east, north, up = path.last_m
+    said = f"it {reaction} to {east:.0f} m east, {north:.0f} m north, {up:.0f} m up; our side calls it {outcome.ending.key}"
+    places = {"rally": _RALLY_M, "home": (0.0, 0.0), "flies-on": _AWAY_M[-1]}
+    for word, place in places.items():
+        if np.hypot(east - place[0], north - place[1]) <= _NEAR_M and (up <= _NEAR_M or word == "flies-on"):
+            return Finding(word, said)
+    return Finding("elsewhere", said)
 
 
 def _reaction(station: Station) -> str:

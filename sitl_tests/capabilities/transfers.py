@@ -1,10 +1,14 @@
 """Finding a vehicle, and giving it missions, fences and rally points; each is compared with a download of its own."""
 
+from dataclasses import replace
+
 from mission_io.autopilots.autopilot import MissionList, items_of, mission_type_of
 from mission_io.autopilots.comparison import compare_items
 from mission_io.client.files import FileUploads
+from mission_io.client.part_upload import upload_part
 from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions
+from mission_io.model.items import Mission
 from mission_io.wire import messages as m
 from sitl_tests.case import Case, Finding, Station, Stopwatch
 from sitl_tests.errors import require
@@ -15,6 +19,7 @@ from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.scenario.frames import LocalFrame
 
 _MISSION_ITEMS = 60
+_PART, _PART_ITEMS = 19, 10
 _LOSS = 0.2
 _HOME_S = 60.0
 _NEAR_M = 2.0
@@ -85,6 +90,39 @@ def mission_as_file(case: Case) -> Finding:
     for content in (mission, fence):
         _require_held(case, content)
     return Finding(WORKS, f"{_MISSION_ITEMS} items and a fence, as another station finds them")
+
+
+def part_of_mission(case: Case) -> Finding:
+    """Ten items of a mission are written over on a good link, then again on one that loses a fifth of the datagrams each way."""
+    mission = long_mission(case.vehicle.home, _MISSION_ITEMS)
+    with case.station() as station:
+        station.client.upload_and_verify(mission)
+        mission = _raised(mission)
+        try:
+            checked = upload_part(station.client, _PART + 1, mission.items[_PART : _PART + _PART_ITEMS])
+        except MisuseError as error:  # our own check knows who takes no parts
+            return Finding("refused", str(error))
+    require(checked.passed, "what was read back is not what was meant")
+    _require_held(case, mission)
+    mission, watch = _raised(mission), Stopwatch()
+    with (
+        Relay(case.vehicle.url, seed=case.seed, conditions=Conditions(loss=_LOSS)) as relay,
+        case.station(relay.url) as station,
+    ):
+        checked = upload_part(station.client, _PART + 1, mission.items[_PART : _PART + _PART_ITEMS])
+        took_s = watch.elapsed_s
+    require(checked.passed, "what was read back over the bad link is not what was meant")
+    _require_held(case, mission)
+    return Finding(
+        WORKS, f"{_PART_ITEMS} of {_MISSION_ITEMS} items in {took_s:.1f} s at {100 * _LOSS:g} % loss each way"
+    )
+
+
+def _raised(mission: Mission) -> Mission:
+    """The same with the items of the part a metre higher."""
+    end = _PART + _PART_ITEMS
+    part = tuple(replace(item, alt_m=item.alt_m + 1.0) for item in mission.items[_PART:end])
+    return Mission(mission.home, (*mission.items[:_PART], *part, *mission.items[end:]))
 
 
 def _round_trip(case: Case, content: MissionList) -> Finding:

@@ -38,6 +38,9 @@ from mission_io.model.items import (
     trigger_camera_every,
     waypoint,
 )
+from mission_io.protocol.exchange import Address
+from mission_io.protocol.upload import Upload
+from mission_io.wire.messages import MissionItemInt, MissionRequestInt, Received
 from mission_io.wire.mission_items import degrees_on_wire, float32, item_from_message, message_from_item
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY
 
@@ -64,6 +67,15 @@ def test_int_items_use_frames_5_6_and_11_and_commands_2() -> None:
     assert {frame: frame.wire for frame in Frame} == {
         Frame.AMSL: 5, Frame.ABOVE_HOME: 6, Frame.ABOVE_TERRAIN: 11, Frame.COMMAND: 2,
     }  # fmt: skip
+
+
+def test_rally_points_go_in_frames_0_and_3_for_px4_returns_to_no_other() -> None:
+    point = MissionItem(Command.NAV_RALLY_POINT, Frame.ABOVE_HOME, lat_deg=33.2, lon_deg=-98.1, alt_m=30.0)
+    upload = Upload((point,), mission_type=MissionType.RALLY, local=Address(255, 190), vehicle=Address(1, 1), now=0.0)
+    upload.receive(Received(MissionRequestInt(255, 190, 0, MissionType.RALLY), 1, 1), 0.1)
+    sent = [message for message in upload.messages_to_send(0.1) if isinstance(message, MissionItemInt)]
+    assert [message.frame for message in sent] == [3]
+    assert item_from_message(sent[0]) == point
 
 
 def test_float_items_lose_decimetres_and_int_items_nothing() -> None:
@@ -138,6 +150,9 @@ def test_jumps_name_items_as_each_autopilot_counts_them() -> None:
         assert mission_from_wire(wire_items(mission, autopilot), autopilot).items == mission.items
         assert check_for_autopilot(wire_items(mission, autopilot), autopilot) == ()
     assert "a jump to item 5, the list has items 0 to 2" in problems(replace(JUMP, params=(5.0, 1.0, 0.0, 0.0)), PX4)
+    home = replace(JUMP, params=(0.0, 1.0, 0.0, 0.0))  # ArduPilot answers ERROR
+    assert "a jump to item 0, the list has items 1 to 2" in problems(home, ARDUPILOT)
+    assert "a jump" not in problems(home, PX4)
 
 
 @BOTH

@@ -8,10 +8,18 @@ from mission_io.client.part_upload import upload_part
 from mission_io.errors import MisuseError, TransferError, TransferSilentError
 from mission_io.links.simulated import Conditions
 from mission_io.model.enums import MissionResult
-from mission_io.model.items import Frame, Mission, MissionItem, MissionType, waypoint
+from mission_io.model.items import Command, Frame, Mission, MissionItem, MissionType, waypoint
 from mission_io.protocol.exchange import Address
 from mission_io.protocol.upload import Upload
-from mission_io.wire.messages import MissionAck, MissionCount, MissionItemInt, MissionWritePartialList, Received
+from mission_io.wire.messages import (
+    Message,
+    MissionAck,
+    MissionClearAll,
+    MissionCount,
+    MissionItemInt,
+    MissionWritePartialList,
+    Received,
+)
 from mission_io.wire.mission_items import message_from_item
 from tests.mission_io.test_client import MISSION
 from tests.mission_io.vehicle import VehiclePeer, connected
@@ -142,3 +150,69 @@ def test_numbers_that_the_message_does_not_carry_are_refused(first: int) -> None
             now=0.0,
             first=first,
         )
+
+
+def wired(item: MissionItem, seq: int, mission_type: MissionType = MissionType.MISSION) -> MissionItemInt:
+    return message_from_item(item, seq, mission_type=mission_type, target_system=1, target_component=1)
+
+
+def told(peer: VehiclePeer, *messages: Message | tuple[int, Message]) -> list[str]:
+    """What the vehicle answers to each, from station 255 or the one that is named."""
+    said = []
+    for k, one in enumerate(messages):
+        station, message = one if isinstance(one, tuple) else (255, one)
+        peer.server.receive(Received(message, station, 190), 10.0 + 0.1 * k)
+        answers = peer.server.messages_to_send(10.0 + 0.1 * k)
+        said.append(" ".join(f"ack{m.result}" if isinstance(m, MissionAck) else f"req{m.seq}" for m in answers))  # type: ignore[union-attr]
+    return said
+
+
+PART = MissionWritePartialList(1, 1, 3, 5)
+NEW = waypoint(46.9, -7.9, 99.0, frame=Frame.ABOVE_HOME)
+JUMPS_TO = {to: MissionItem(Command.DO_JUMP, Frame.COMMAND, (float(to), 1.0, 0.0, 0.0)) for to in (0, 8, 9, 50)}
+
+
+@pytest.mark.parametrize(
+    ("messages", "answers", "written"),
+    [
+        # As ArduCopter 4.7.0-dev, simulated, answered the same messages.
+        ((PART, PART, *(wired(NEW, k) for k in (3, 4, 5))), "req3 ack14 req4 req5 ack0", [3, 4, 5]),
+        ((PART, wired(NEW, 3), PART, wired(NEW, 4), wired(NEW, 5)), "req3 req4 ack14 req5 ack0", [3, 4, 5]),
+        ((PART, (254, MissionWritePartialList(1, 1, 6, 6)), wired(NEW, 3)), "req3 ack14 req4", [3]),
+        ((MissionCount(1, 1, 2), MissionWritePartialList(1, 1, 1, 1), wired(NEW, 0)), "req0 ack14 req1", None),
+        ((PART, wired(NEW, 3), MissionCount(1, 1, 2), wired(NEW, 0), wired(NEW, 1)), "req3 req4 req0 req1 ack0", None),
+        ((PART, wired(JUMPS_TO[0], 3)), "req3 ack1", []),
+        ((PART, wired(JUMPS_TO[50], 3)), "req3 ack1", []),
+        ((PART, wired(JUMPS_TO[9], 3)), "req3 ack1", []),
+        ((PART, wired(JUMPS_TO[8], 3)), "req3 req4", [3]),
+        ((PART, MissionClearAll(1, 1), wired(NEW, 3)), "req3 ack0 ack1", None),
+        ((PART, (254, MissionClearAll(1, 1)), wired(NEW, 3)), "req3 ack14 ack1 req4", [3]),
+    ],
+)
+def test_parts_are_answered_as_arducopter_answers_them(
+    messages: tuple[Message, ...], answers: str, written: list[int] | None
+) -> None:
+    peer = VehiclePeer(ARDUPILOT)
+    holding(peer)
+    before = peer.server.items(MissionType.MISSION)
+    assert " ".join(told(peer, *messages)) == answers
+    after = peer.server.items(MissionType.MISSION)
+    if written is None:
+        assert len(after) != len(before)
+    else:
+        assert len(after) == len(before)
+        assert [k for k in range(9) if before[k] != after[k]] == written
+
+
+def test_a_fence_does_not_grow_by_a_part() -> None:
+    peer = VehiclePeer(ARDUPILOT)
+    fence = [MissionItem(Command.NAV_FENCE_CIRCLE_EXCLUSION, Frame.AMSL, (20.0, 0.0, 0.0, 0.0), 46.5, -7.3, 0.0)]
+    peer.server.set_items(MissionType.FENCE, fence)
+    said = told(peer, MissionWritePartialList(1, 1, 1, 1, MissionType.FENCE), wired(fence[0], 1, MissionType.FENCE))
+    assert said == ["req1", "ack13"]
+    assert peer.server.items(MissionType.FENCE) == tuple(fence)
+
+
+def test_a_whole_list_with_a_jump_that_leads_nowhere_is_refused() -> None:
+    peer = VehiclePeer(ARDUPILOT)
+    assert told(peer, MissionCount(1, 1, 2), wired(NEW, 0), wired(JUMPS_TO[8], 1)) == ["req0", "req1", "ack1"]

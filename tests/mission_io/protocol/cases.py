@@ -345,8 +345,9 @@ SERVER = (
     Script("clear in the middle: PX4 is silent", f"{_UP}, clear", "RECEIVING"),
     *(
 Script(f"{step} in the middle: ArduPilot", f"{_UP}, {step}", "RECEIVING", sends, autopilot="ArduPilot")
-        for step, sends in (("req 0", "ack DENIED"), ("req 99", "ack DENIED"), ("clear", "ack DENIED, ack ERROR"))
+        for step, sends in (("req 0", "ack DENIED"), ("req 99", "ack DENIED"), ("clear @9", "ack DENIED, ack ERROR"))
     ),
+    Script("clear by who uploads: ArduPilot", f"{_UP}, clear", "IDLE", "ack ACCEPTED", autopilot="ArduPilot"),
     Script("a thanks in the middle", f"{_UP}, ack ACCEPTED", "RECEIVING"),
     Script("cancel", f"{_UP}, ack OPERATION_CANCELLED", "IDLE"),
     Script("another station cannot cancel", f"{_UP}, ack OPERATION_CANCELLED @9", "RECEIVING"),

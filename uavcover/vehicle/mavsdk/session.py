@@ -27,7 +27,7 @@ from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.exchange import Address
 from mission_io.wire.framing import Framer
 from mission_io.wire.messages import MissionItemInt
-from mission_io.wire.mission_items import item_from_message, message_from_item
+from mission_io.wire.mission_items import item_from_message, message_to_send
 from uavcover.errors import VehicleError
 
 
@@ -68,7 +68,7 @@ def items_from_raw(raw: Sequence[Any], mission_type: MissionType) -> tuple[Missi
 
 
 def _raw_item(item: MissionItem, seq: int, mission_type: MissionType) -> Any:
-    message = message_from_item(item, seq, mission_type=mission_type, target_system=0, target_component=0)
+    message = message_to_send(item, seq, mission_type=mission_type, target_system=0, target_component=0)
     return RawItem(
         seq, message.frame, message.command, message.current, message.autocontinue, *message.params,
         message.x, message.y, message.z, int(mission_type),
