@@ -76,3 +76,10 @@ def test_bad_input_is_one_line(cli: Cli, arguments: tuple[str, ...], telling: st
     assert ended.code == 2
     assert telling in ended.error
     assert not Path("x").exists()
+
+
+def test_the_next_command_can_be_pasted(cli: Cli) -> None:
+    """A list of numbers that begins with a minus had a space in front, which a shell drops."""
+    assert "Next: uavcover terrain -70.1,-70,500 --dem FOLDER" in cli("terrain", "-70.1,-70,500").out
+    text = "POLYGON ((8 46, 8.01 46, 8.01 46.01, 8 46))"
+    assert f"Next: uavcover terrain '{text}' --dem FOLDER" in cli("terrain", text).out

@@ -1,5 +1,6 @@
 """``uavcover terrain``: the elevation data that an area needs, and ArduPilot's terrain files of it."""
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -65,7 +66,7 @@ def terrain(
     document: dict[str, object] = {"area": area, "sets": say_needed(found, there, console)}
     document["national"] = [{"title": one.title, "address": one.address} for one in found.national]
     if there is None:
-        console.suggest(f"uavcover terrain {area} --dem FOLDER")
+        console.suggest(f"uavcover terrain {shlex.quote(area.strip())} --dem FOLDER")
         console.result(document)
         return 0
     share = known_share(found, data, console)
