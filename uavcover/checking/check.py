@@ -16,6 +16,7 @@ from uavcover.checking.findings import CheckFinding
 from uavcover.checking.flown_path import flown_path
 from uavcover.checking.ground_checks import height_findings
 from uavcover.checking.hints import with_hints
+from uavcover.checking.item_values import impossible_numbers, value_findings
 from uavcover.checking.limits import Limits, Surroundings
 from uavcover.checking.obstacle_checks import obstacle_findings, with_obstacles
 from uavcover.checking.places import Heights, places_of
@@ -33,13 +34,13 @@ from uavcover.scenario.obstacles import Prism
 
 _AROUND_M = 300.0
 _EYE_M = 1.6
-_HIGHEST_M, _WIDEST_M, _MOST_TURNS = 20_000.0, 20_000.0, 1000.0
-_FASTEST_M_S, _CLIMB_SPEED = 150.0, 2.0
 _CIRCLES = (Command.NAV_LOITER_UNLIM, Command.NAV_LOITER_TURNS, Command.NAV_LOITER_TIME)
 
 Bounds = tuple[float, float, float, float]
 GroundReader = Callable[[LocalFrame, Bounds], Ground]
-"""The ground in a local frame, within west, south, east, north in metres."""
+"""A height surface in a local frame, within west, south, east, north in metres."""
+SurfaceReader = Callable[[LocalFrame, Bounds, Ground], Ground]
+"""The surface model over a ground, likewise."""
 ZoneReader = Callable[[Bounds], Sequence[NoFly]]
 """No-fly zones near west, south, east, north in degrees."""
 
@@ -97,7 +98,11 @@ class Checked:
 
 
 def check_mission(
-    request: CheckRequest, heights: Heights, read_ground: GroundReader, read_zones: ZoneReader
+    request: CheckRequest,
+    heights: Heights,
+    read_ground: GroundReader,
+    read_zones: ZoneReader,
+    read_surface: SurfaceReader | None = None,
 ) -> Checked:
     """Judge a mission at its full length.
 
@@ -106,6 +111,7 @@ def check_mission(
         heights: of the ground at single places.
         read_ground: the ground around the mission.
         read_zones: the no-fly zones around it.
+        read_surface: a surface model over that ground; none without one.
 
     Raises:
         UavcoverError: elevation data or zones cannot be read.
@@ -113,10 +119,11 @@ def check_mission(
     mission, aircraft, limits = request.mission, request.aircraft, request.limits
     places = places_of(mission, heights, aircraft.autopilot, home=request.home)
     findings = [*places.findings, *_frame_findings(mission, aircraft)]
-    findings += _beyond_reason(mission)
-    if places.home is None or any(one.kind == "number" for one in findings):
+    impossible = impossible_numbers(mission)
+    findings += impossible or value_findings(mission, aircraft, places.home)
+    if places.home is None or impossible:
         return Checked(_sorted(findings), None, None, 0.0)
-    world, prisms = _world(request, places.home, places.skipped, read_ground)
+    world, prisms = _world(request, places.home, places.skipped, read_ground, read_surface)
     path = flown_path(mission, world, aircraft, skipped=places.skipped)
     surroundings = replace(_surroundings(request, world, path, read_zones), prisms=prisms)
     findings += path.findings
@@ -146,32 +153,6 @@ def _sorted(findings: list[CheckFinding]) -> tuple[CheckFinding, ...]:
     return tuple(sorted(findings, key=lambda one: (order[one.weight], one.items or (0, 0))))
 
 
-def _beyond_reason(mission: Mission) -> list[CheckFinding]:
-    """Numbers that no aircraft flies; nothing else of such a mission is judged."""
-    found = []
-    for number, item in enumerate(mission.items, 1):
-        told = []
-        if item.has_position and abs(item.alt_m) > _HIGHEST_M:
-            told.append(f"a height of {item.alt_m:g} m")
-        if item.command in _CIRCLES and abs(item.params[2]) > _WIDEST_M:
-            told.append(f"a circle of {item.params[2]:g} m")
-        if item.command == Command.NAV_LOITER_TURNS and abs(item.params[0]) > _MOST_TURNS:
-            told.append(f"{item.params[0]:g} turns")
-        if item.command == Command.DO_CHANGE_SPEED and item.params[0] < _CLIMB_SPEED and item.params[1] > _FASTEST_M_S:
-            told.append(f"a speed of {item.params[1]:g} m/s")
-        found += [
-            CheckFinding(
-                kind="number",
-                weight="breaks",
-                items=(number, number),
-                what=what,
-                do="correct it; nothing else was judged",
-            )
-            for what in told
-        ]
-    return found
-
-
 def _frame_findings(mission: Mission, aircraft: Aircraft) -> list[CheckFinding]:
     over = [n for n, item in enumerate(mission.items, 1) if item.frame is Frame.ABOVE_TERRAIN]
     if not over:
@@ -194,7 +175,11 @@ def _frame_findings(mission: Mission, aircraft: Aircraft) -> list[CheckFinding]:
 
 
 def _world(
-    request: CheckRequest, home: GeoPoint, skipped: frozenset[int], read_ground: GroundReader
+    request: CheckRequest,
+    home: GeoPoint,
+    skipped: frozenset[int],
+    read_ground: GroundReader,
+    read_surface: SurfaceReader | None,
 ) -> tuple[World, tuple[Prism, ...]]:
     """The ground wherever the mission may come, and the obstacles on it."""
     frame = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m)
@@ -207,7 +192,7 @@ def _world(
         if (item.lat_deg, item.lon_deg) != (0.0, 0.0):
             lat_lon.append((item.lat_deg, item.lon_deg))
         splines |= item.command == Command.NAV_SPLINE_WAYPOINT
-        if item.command in (Command.NAV_LOITER_UNLIM, Command.NAV_LOITER_TURNS, Command.NAV_LOITER_TIME):
+        if item.command in _CIRCLES:
             around_m = max(around_m, _AROUND_M + 2.0 * abs(item.params[2] if math.isfinite(item.params[2]) else 0.0))
     lats, lons = np.array(lat_lon).T
     en = frame.enu_from_geodetic(lats, lons, home.alt_amsl_m)[:, :2]
@@ -217,8 +202,10 @@ def _world(
     east, north = en.max(axis=0) + around_m
     bounds = (float(west), float(south), float(east), float(north))
     clearance_m = request.limits.obstacle_clearance_m
-    ground, prisms = with_obstacles(read_ground(frame, bounds), request.obstacles, frame, bounds, clearance_m)
-    return World(frame, ground), prisms
+    bare = read_ground(frame, bounds)
+    ground, prisms = with_obstacles(bare, request.obstacles, frame, bounds, clearance_m)
+    surface = None if read_surface is None else read_surface(frame, bounds, bare)
+    return World(frame, ground, surface), prisms
 
 
 def _surroundings(request: CheckRequest, world: World, path: FlownPath, read_zones: ZoneReader) -> Surroundings:

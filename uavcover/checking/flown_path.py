@@ -62,7 +62,7 @@ def flown_path(
     for k, number in enumerate(order):
         if not flight.has_ended or flight.begins_again(number):
             flight.fly(number, order[k + 1 :])
-    flight.end()
+    flight.end(skipped)
     return FlownPath(tuple(flight.segments), (*item_order.findings, *flight.findings), tuple(flight.deeds))
 
 
@@ -80,6 +80,7 @@ class _Flight:
         self._then: list[int] = []
         self._is_up = False
         self._is_over = False
+        self._flown: set[int] = set()
         self.segments: list[Segment] = []
         self.deeds: list[Deed] = []
         self.findings: list[CheckFinding] = []
@@ -100,6 +101,7 @@ class _Flight:
         """Fly one item; ``then`` are the numbers of those that follow."""
         item = self._items[number - 1]
         command = _COMMANDS.get(item.command)
+        self._flown.add(number)
         if command is not None:
             self._then = then
             command(self, number, item)
@@ -116,8 +118,23 @@ class _Flight:
             self._look(number, "meaning", f"command {item.command} has no place: where it flies is not known",
                        "look at what the autopilot does there", "unknown")  # fmt: skip
 
-    def end(self) -> None:
-        """Note what a whole flight has and this one has not."""
+    def end(self, skipped: frozenset[int]) -> None:
+        """Note what a whole flight has and this one has not, and the items that it never comes to."""
+        ways = [
+            n for n, item in enumerate(self._items, 1) if item.command in _COMMANDS and item.command <= _LAST_NAVIGATION
+        ]
+        missed = [n for n in ways if n not in self._flown and n not in skipped]
+        if missed and self.segments:
+            which = (
+                f"item {missed[0]} is"
+                if len(missed) == 1
+                else f"{len(missed)} items from {missed[0]} to {missed[-1]} are"
+            )
+            found = CheckFinding(
+                kind="order", weight="look", items=(missed[0], missed[-1]), what=f"{which} never flown",
+                do="look at the jumps, and at the landing or return before",
+            )  # fmt: skip
+            self.findings.append(found)
         if not self.segments:
             self.findings.append(
                 CheckFinding(
@@ -243,8 +260,11 @@ class _Flight:
 
     def _change_speed(self, _: int, item: MissionItem) -> None:
         kind, speed = item.params[:2]
-        if kind in (SpeedType.AIRSPEED.value, SpeedType.GROUND.value) and speed > 0.0:
+        px4 = self._aircraft.autopilot == "px4"  # which takes any kind as the speed on the way, and none as the default
+        if speed > 0.0 and math.isfinite(speed) and (px4 or kind in (SpeedType.AIRSPEED.value, SpeedType.GROUND.value)):
             self._speed_m_s = speed
+        elif not speed > 0.0 and (px4 or (speed == -2.0 and self._aircraft.has_wings)):
+            self._speed_m_s = self._aircraft.cruise_speed_m_s
 
     # How it is done.
 

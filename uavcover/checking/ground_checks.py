@@ -1,4 +1,4 @@
-"""Heights along every segment at its full length: ground, band, height above home."""
+"""Heights along every segment at its full length: ground and what stands on it, band, height above home."""
 
 import numpy as np
 
@@ -6,18 +6,20 @@ from uavcover.checking.findings import CheckFinding, joined
 from uavcover.checking.limits import Limits
 from uavcover.checking.segments import FlownPath, Segment
 from uavcover.checking.world import World
+from uavcover.intake.surface_look import HIDES_M
 from uavcover.kernels.arrays import FloatArray
 
 TOLERANCE_M = 0.05
 """Heights this near to a limit keep it: files are rounded, and so are elevation models."""
 _LANDED_M = 0.5
+"""Take-off and landing may be so far below the ground; below a surface model ``HIDES_M``, which grass and its errors reach."""
 
 
 def height_findings(path: FlownPath, world: World, limits: Limits) -> list[CheckFinding]:
     """Segments too near to the ground or in it, too high, or over unknown ground."""
     low, high, unknown, above_home = [], [], [], []
     for segment in path.distinct:
-        ranges = world.ground.leg_height_ranges_m(segment.enu_m)
+        ranges = world.leg_height_ranges_m(segment.enu_m)
         if not np.isfinite(ranges).all():
             unknown.append(_unknown(segment, world, ranges))
         if np.isfinite(ranges).any():
@@ -52,12 +54,13 @@ def _too_low(segment: Segment, world: World, limits: Limits, ranges: FloatArray)
     lowest_m = float(ranges[piece, 0])
     where = place_of(segment, piece, float(ranges[piece, 1]))
     # Take-off and landing touch the ground at their ends, and nowhere else.
-    limit_m = limits.min_height_agl_m if segment.phase in ("route", "return") else -_LANDED_M
+    landed_m = _LANDED_M if world.surface is None else HIDES_M
+    limit_m = limits.min_height_agl_m if segment.phase in ("route", "return") else -landed_m
     if lowest_m >= limit_m - TOLERANCE_M:
         return []
     lat, lon, alt = world.geodetic(where)
     short_m = limit_m - lowest_m
-    words = f"{-lowest_m:.1f} m below the ground" if lowest_m < 0.0 else f"{lowest_m:.1f} m above the ground"
+    words = height_in_words(lowest_m, where, world)
     a, b = segment.items
     points = f"item {b}" if a in (0, b) or segment.phase != "route" else f"items {a} and {b}"
     return [
@@ -71,11 +74,28 @@ def _too_low(segment: Segment, world: World, limits: Limits, ranges: FloatArray)
             by=short_m,
             unit="m",
             what=f"{words}, the least is {max(limit_m, 0.0):g} m",
-            do="return higher (--return-height), or end with legs home"
-            if segment.phase == "return"
-            else f"raise {points} by {short_m:.0f} m or more, or put a waypoint there",
+            do=_remedy(segment, world, points, short_m),
         ),
     ]
+
+
+def _remedy(segment: Segment, world: World, points: str, short_m: float) -> str:
+    if segment.phase == "return":
+        return "return higher (--return-height), or end with legs home"
+    if segment.phase in ("take-off", "landing") and world.surface is not None:
+        return "take off and land where nothing stands"
+    return f"raise {points} by {short_m:.0f} m or more, or put a waypoint there"
+
+
+def height_in_words(lowest_m: float, place_m: FloatArray, world: World) -> str:
+    """A least height, above what it is, for people; also above the ground where trees or roofs stand on it."""
+    side = f"{-lowest_m:.1f} m below" if lowest_m < 0.0 else f"{lowest_m:.1f} m above"
+    if world.surface is None:
+        return f"{side} the ground"
+    bare_m = float(world.ground.heights_agl_m(place_m)[0])
+    if not bare_m - lowest_m > HIDES_M:
+        return f"{side} the ground"
+    return f"{side} the top of trees or roofs ({bare_m:.1f} m above the ground)"
 
 
 def _too_high(segment: Segment, world: World, limits: Limits, ranges: FloatArray) -> list[CheckFinding]:

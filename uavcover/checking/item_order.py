@@ -11,6 +11,7 @@ from uavcover.checking.findings import CheckFinding
 ENDLESS_PASSES = 2
 """How often a jump without an end is followed."""
 _JUMP_TAG, _DO_JUMP_TAG = 600, 601
+_LAST_NAVIGATION = 95
 MAX_STEPS = 20_000
 """Items that are flown, repetitions counted; no battery lasts for more."""
 
@@ -60,6 +61,19 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
                         kind="jump", weight="breaks", items=(at, at),
                         what=f"{leads}; {there}",
                         do="jump to an item of the mission",
+                    )
+                )  # fmt: skip
+                at += 1
+                continue
+            round_only = (
+                [] if target > at else [n for n in range(int(target), at) if items[n - 1].command <= _LAST_NAVIGATION]
+            )
+            if target <= at and not round_only and times != 0:
+                findings.append(
+                    CheckFinding(
+                        kind="jump", weight="breaks", items=(int(target), at),
+                        what=f"{leads}: round and round, and no item in between flies anywhere",
+                        do="jump to an item that flies, or remove it",
                     )
                 )  # fmt: skip
                 at += 1

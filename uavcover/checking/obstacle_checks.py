@@ -25,8 +25,12 @@ def with_obstacles(
     frame: LocalFrame,
     bounds_m: tuple[float, float, float, float],
     clearance_m: float,
+    *,
+    foot: Ground | None = None,
 ) -> tuple[Ground, tuple[Prism, ...]]:
     """Obstacles in degrees on a ground, as far as they stand within west, south, east, north.
+
+    ``foot`` is what they stand on where a surface model lies over it.
 
     Raises:
         InputError: one is in another frame, or its outline crosses itself.
@@ -53,7 +57,7 @@ def with_obstacles(
             footprints.append(Footprint(name, polygon, one.height_m))
     if not footprints:
         return ground, ()
-    return stand_on(ground, footprints, largest_clearance_m=clearance_m)
+    return stand_on(ground, footprints, largest_clearance_m=clearance_m, foot=foot)
 
 
 def obstacle_findings(path: FlownPath, world: World, around: Surroundings) -> list[CheckFinding]:

@@ -17,6 +17,8 @@ Heights = Callable[[FloatArray, FloatArray], FloatArray]
 HOME_DIFFERENCE_M = 15.0
 """A planned home whose height differs from the ground by more is told: elevation models differ by less."""
 
+_NEAR_DEG = 0.02
+
 
 @dataclass(frozen=True, slots=True)
 class MissionPlaces:
@@ -75,9 +77,13 @@ def _is_place(lat_deg: float, lon_deg: float) -> bool:
 def _heights(heights: Heights, lat: FloatArray, lon: FloatArray) -> FloatArray:
     """Heights of places that may be anywhere; those that are no places on Earth have none."""
     out = np.full(len(lat), np.nan)
-    for k in range(len(lat)):  # one at a time: far places in one window would read all between them
-        if abs(lat[k]) <= 90.0 and abs(lon[k]) <= 180.0:
-            out[k] = heights(lat[k : k + 1], lon[k : k + 1])[0]
+    real = (np.abs(lat) <= 90.0) & (np.abs(lon) <= 180.0)
+    # Places near to each other at once: far ones in one window would read all between them.
+    parts: dict[tuple[float, float], list[int]] = {}
+    for k in np.flatnonzero(real).tolist():
+        parts.setdefault((lat[k] // _NEAR_DEG, lon[k] // _NEAR_DEG), []).append(k)
+    for numbers in parts.values():
+        out[numbers] = heights(lat[numbers], lon[numbers])
     return out
 
 

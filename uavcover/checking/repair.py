@@ -86,7 +86,7 @@ def _lowest(path: FlownPath, world: World, limits: Limits) -> list[_Low]:
     for segment in path.distinct:
         if segment.phase != "route" or not segment.is_straight:
             continue
-        ranges = world.ground.leg_height_ranges_m(segment.enu_m)
+        ranges = world.leg_height_ranges_m(segment.enu_m)
         if not np.isfinite(ranges).all():
             continue
         piece = int(np.argmin(ranges[:, 0]))

@@ -10,10 +10,10 @@ from uavcover.checking.aircraft import Aircraft
 from uavcover.checking.boundary_checks import TOLERANCE_M as BOUNDARY_TOLERANCE_M
 from uavcover.checking.boundary_checks import beyond_fence
 from uavcover.checking.findings import CheckFinding, joined
-from uavcover.checking.ground_checks import TOLERANCE_M
+from uavcover.checking.ground_checks import TOLERANCE_M, height_in_words
 from uavcover.checking.limits import Limits, LocalFence, Surroundings
 from uavcover.checking.obstacle_checks import nearest_obstacle
-from uavcover.checking.return_lines import ReturnWay, lowest_of, places_along, return_way
+from uavcover.checking.return_lines import ReturnWays, lowest_of, places_along, return_ways
 from uavcover.checking.segments import FlownPath, Segment
 from uavcover.checking.world import World
 from uavcover.scenario.airspace.zones import ZoneCheck
@@ -32,8 +32,9 @@ def return_findings(
         if segment.phase != "route":
             continue
         places = places_along(segment)
-        alts = world.alts_amsl_m(places)
-        ways = [return_way(world, place, float(alt), aircraft) for place, alt in zip(places, alts, strict=True)]
+        if not len(places):
+            continue
+        ways = return_ways(world, places, world.alts_amsl_m(places), aircraft)
         low += _too_low(segment, ways, world, limits)
         out += _out_of_fence(segment, ways, world, around.fence)
         entered += _into_zone(segment, ways, world, zones)
@@ -46,14 +47,14 @@ def return_findings(
     ]
 
 
-def _too_low(segment: Segment, ways: list[ReturnWay], world: World, limits: Limits) -> list[CheckFinding]:
-    lowest, where, begin = lowest_of(world, [way.home_m for way in ways])
+def _too_low(segment: Segment, ways: ReturnWays, world: World, limits: Limits) -> list[CheckFinding]:
+    lowest, where, begin = lowest_of(world, ways.home)
     if lowest >= limits.min_height_agl_m - TOLERANCE_M:
         return []
     lat, lon, alt = world.geodetic(where)
     short_m = limits.min_height_agl_m - lowest
-    words = f"{-lowest:.1f} m below the ground" if lowest < 0.0 else f"{lowest:.1f} m above it"
-    height_m = ways[begin].height_m
+    words = height_in_words(lowest, where, world)
+    height_m = float(ways.heights_m[begin])
     enough_m = math.ceil(height_m + short_m)
     return [
         CheckFinding(
@@ -64,10 +65,10 @@ def _too_low(segment: Segment, ways: list[ReturnWay], world: World, limits: Limi
     ]  # fmt: skip
 
 
-def _out_of_fence(segment: Segment, ways: list[ReturnWay], world: World, fence: LocalFence) -> list[CheckFinding]:
-    if not ways or fence == LocalFence():
+def _out_of_fence(segment: Segment, ways: ReturnWays, world: World, fence: LocalFence) -> list[CheckFinding]:
+    if fence == LocalFence():
         return []
-    lines = np.stack([np.vstack([way.place_m[:2], np.zeros(2)]) for way in ways])
+    lines = np.stack([ways.places_m[:, :2], np.zeros((len(ways.places_m), 2))], axis=1)
     hull = shapely.MultiPoint(lines.reshape(-1, 2)).convex_hull
     if _holds(fence, hull):
         return []
@@ -105,10 +106,10 @@ def _holds(fence: LocalFence, hull: BaseGeometry) -> bool:
     return apart and all(polygon.buffer(BOUNDARY_TOLERANCE_M).contains(hull) for polygon in fence.inside)
 
 
-def _near_obstacle(segment: Segment, ways: list[ReturnWay], world: World, around: Surroundings) -> list[CheckFinding]:
-    gap = np.full((1, 3), np.nan)
-    points = np.vstack([np.empty((0, 3)), *(part for way in ways for part in (way.home_m, gap, way.columns_m, gap))])
-    found = nearest_obstacle(points, world, around)
+def _near_obstacle(segment: Segment, ways: ReturnWays, world: World, around: Surroundings) -> list[CheckFinding]:
+    if not around.prisms:
+        return []
+    found = nearest_obstacle((ways.home + ways.columns).points_m, world, around)
     if found is None:
         return []
     short_m, name, place = found
@@ -122,17 +123,12 @@ def _near_obstacle(segment: Segment, ways: list[ReturnWay], world: World, around
     ]  # fmt: skip
 
 
-def _into_zone(segment: Segment, ways: list[ReturnWay], world: World, zones: ZoneCheck) -> list[CheckFinding]:
-    if not zones.zones or not ways:
+def _into_zone(segment: Segment, ways: ReturnWays, world: World, zones: ZoneCheck) -> list[CheckFinding]:
+    if not zones.zones:
         return []
-    inside = {(breach.leg, breach.zone) for breach in zones.place_breaches(np.array([way.place_m for way in ways]))}
-    gap = np.full((1, 3), np.nan)
-    rows, owner = [], []
-    for k, way in enumerate(ways):
-        part = np.vstack([way.home_m, gap, way.columns_m, gap])
-        rows.append(part)
-        owner += [k] * len(part)
-    points = np.vstack(rows)
+    inside = {(breach.leg, breach.zone) for breach in zones.place_breaches(ways.places_m)}
+    lines = ways.home + ways.columns
+    points, owner = lines.points_m, lines.owner
     worst: dict[int, tuple[float, np.ndarray]] = {}
     for breach in zones.leg_breaches(points):
         if (owner[breach.leg], breach.zone) in inside:

@@ -1,14 +1,13 @@
 """From every part of the path: the line of sight to the pilot and the radio."""
 
-import math
-
 import numpy as np
 
 from uavcover.checking.findings import CheckFinding, joined
 from uavcover.checking.ground_checks import TOLERANCE_M
-from uavcover.checking.return_lines import PIECE_M, lowest_of, places_along
+from uavcover.checking.return_lines import PIECE_M, Lines, cut, lowest_of, places_along, with_gaps
 from uavcover.checking.segments import FlownPath
 from uavcover.checking.world import World
+from uavcover.intake.surface_look import HIDES_M
 from uavcover.kernels.arrays import FloatArray
 
 _EARTH_RADIUS_M = 6_371_000.0
@@ -17,15 +16,26 @@ _BENDING = 1.0 - 1.0 / (4.0 / 3.0)
 
 
 def sight_findings(path: FlownPath, world: World, pilot_m: FloatArray) -> list[CheckFinding]:
-    """Segments that terrain hides from the pilot, or from the radio beside him."""
+    """Segments that terrain, trees or roofs hide from the pilot, or from the radio beside him."""
+    under_m = -float(world.clearances_m(pilot_m)[0])
+    if under_m > HIDES_M:
+        lat, lon, alt = world.geodetic(pilot_m)
+        return [
+            CheckFinding(
+                kind="sight", weight="look", lat_deg=lat, lon_deg=lon, alt_amsl_m=alt, by=under_m, unit="m",
+                what=f"the pilot stands under trees or a roof {under_m:.0f} m above his eyes and sees nothing of the flight",
+                do="stand in the open (--pilot)",
+            )
+        ]  # fmt: skip
     hidden = []
+    what_hides = "ground" if world.surface is None else "ground, trees or roofs"
     for segment in path.distinct:
         if segment.phase not in ("route", "return"):
             continue
-        lines = [_bent_line(pilot_m, place) for place in places_along(segment)]
-        lowest, _, begin = lowest_of(world, lines)
+        places = places_along(segment)
+        lowest, _, begin = lowest_of(world, _bent_lines(pilot_m, places))
         if lowest < -TOLERANCE_M:
-            lat, lon, alt = world.geodetic(places_along(segment)[begin])
+            lat, lon, alt = world.geodetic(places[begin])
             hidden.append(
                 CheckFinding(
                     kind="sight",
@@ -36,16 +46,18 @@ def sight_findings(path: FlownPath, world: World, pilot_m: FloatArray) -> list[C
                     alt_amsl_m=alt,
                     by=-lowest,
                     unit="m",
-                    what=f"hidden from the pilot and the radio by ground {-lowest:.0f} m high in the line of sight",
+                    what=f"hidden from the pilot and the radio by {what_hides} {-lowest:.0f} m high in the line of sight",
                     do="stand elsewhere (--pilot), fly higher, or have a spotter",
                 ),
             )
     return joined(hidden, lambda one: one.kind)
 
 
-def _bent_line(pilot_m: FloatArray, place: FloatArray) -> FloatArray:
-    distance_m = float(np.hypot(*(place - pilot_m)[:2]))
-    t = np.linspace(0.0, 1.0, max(2, math.ceil(distance_m / PIECE_M)) + 1)
-    line = pilot_m + t[:, None] * (place - pilot_m)
-    line[:, 2] += t * (1.0 - t) * distance_m**2 / (2.0 * _EARTH_RADIUS_M) * _BENDING
-    return np.asarray(line)
+def _bent_lines(pilot_m: FloatArray, places_m: FloatArray) -> Lines:
+    """Lines from the pilot to (n, 3) places, as radio waves see the ground between them."""
+    away = places_m - pilot_m
+    distances_m = np.hypot(away[:, 0], away[:, 1])
+    owner, t = cut(np.maximum(2, np.ceil(distances_m / PIECE_M)).astype(np.int64))
+    lines = pilot_m + t[:, None] * away[owner]
+    lines[:, 2] += t * (1.0 - t) * distances_m[owner] ** 2 / (2.0 * _EARTH_RADIUS_M) * _BENDING
+    return with_gaps(lines, owner)

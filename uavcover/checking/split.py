@@ -155,7 +155,7 @@ def _over_m(point: MissionItem, world: World, limits: Limits) -> float:
     pieces = max(1, math.ceil(math.hypot(east, north) / PIECE_M))
     t = np.linspace(0.0, 1.0, pieces + 1)[:, None]
     line = world.at_alts(t * np.array([east, north]), world.home_alt_amsl_m)
-    ranges = world.ground.leg_height_ranges_m(line)
+    ranges = world.leg_height_ranges_m(line)
     if not np.isfinite(ranges[:, 0]).all():
         raise InputError("--fix: the elevation data does not reach all of the way to a part; give more of it")
     needed_m = limits.min_height_agl_m + _SPARE_M - float(ranges[:, 0].min())

@@ -1,4 +1,4 @@
-"""Where a mission is flown: its local frame around home, and the ground."""
+"""Where a mission is flown: its local frame around home, the ground, and what stands on it."""
 
 from dataclasses import dataclass
 
@@ -16,11 +16,13 @@ class World:
 
     Attributes:
         frame: origin at home.
-        ground: the height surface in that frame.
+        ground: the height surface in that frame, with obstacles: heights above the terrain, home and zones count from it.
+        surface: a surface model, with trees and roofs, that the path must keep clear of too; none without one.
     """
 
     frame: LocalFrame
     ground: Ground
+    surface: Ground | None = None
 
     @property
     def home_alt_amsl_m(self) -> float:
@@ -46,6 +48,33 @@ class World:
         en = np.atleast_2d(np.asarray(east_north_m, float))
         heights = np.ascontiguousarray(np.broadcast_to(np.asarray(height_agl_m, float), len(en)))
         return np.column_stack([en, self.ground.ups_m(en, heights)])
+
+    def leg_height_ranges_m(self, line_m: ArrayLike) -> FloatArray:
+        """Heights along the full length of every leg of an (n, 3) ENU line.
+
+        Returns:
+            (n - 1, 4) least height above the ground and above the surface model, its parameter along the leg 0..1, largest
+            height above the ground, its parameter. Rows of NaN where a leg leaves the surface model, or without one the
+            ground; where only the ground is unknown, all heights are above the surface.
+        """
+        ranges = self.ground.leg_height_ranges_m(line_m)
+        if self.surface is None:
+            return ranges
+        over = self.surface.leg_height_ranges_m(line_m)
+        has_ground = np.isfinite(ranges).all(axis=1)
+        nearer = has_ground & (over[:, 0] < ranges[:, 0])
+        ranges[nearer, :2] = over[nearer, :2]
+        alone = ~has_ground | ~np.isfinite(over).all(axis=1)
+        ranges[alone] = over[alone]
+        return ranges
+
+    def clearances_m(self, places_m: ArrayLike) -> FloatArray:
+        """(n,) heights of (n, 3) ENU places above the higher of ground and surface model; NaN as along legs."""
+        heights = self.ground.heights_agl_m(places_m)
+        if self.surface is None:
+            return heights
+        over = self.surface.heights_agl_m(places_m)
+        return np.where(np.isfinite(heights), np.minimum(heights, over), over)
 
     def alts_amsl_m(self, enu_m: FloatArray) -> FloatArray:
         """Heights above sea level (n,) of (n, 3) ENU places."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from uavcover.cli import options
-from uavcover.cli.survey_options import At
+from uavcover.cli.survey_options import At, Dsm
 from uavcover.cli.terrain_server import DemOptions
 
 if TYPE_CHECKING:
@@ -104,6 +104,7 @@ class LimitOptions:
 class AroundOptions:
     """What is around it."""
 
+    dsm: Dsm = None
     fence: Annotated[
         Path | None,
         typer.Option(
@@ -263,7 +264,8 @@ def check(
     height, speed, battery = aircraft.return_height, aircraft.speed, aircraft.battery
     query = CheckQuery(
         flight_window_utc=None if around.at is None else flight_window(around.at, option="--at"),
-        file=file, elevation=dem.data(), fence=around.fence, no_fly=tuple(around.no_fly or ()), obstacles=around.obstacles,
+        file=file, elevation=dem.data(), surface=tuple(around.dsm or ()), fence=around.fence,
+        no_fly=tuple(around.no_fly or ()), obstacles=around.obstacles,
         vehicle=aircraft.vehicle,
         autopilot=aircraft.autopilot, kind=aircraft.flies_as,
         home=None if around.home is None else lat_lon(around.home, option="--home"),

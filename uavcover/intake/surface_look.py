@@ -61,6 +61,19 @@ def read_as_needed(source: TerrainSource, *, crs: str | None, height_unit: str |
     return replace(source, crs=crs if lacks_crs else None, height_unit=height_unit if lacks_unit else None)
 
 
+def surface_datum(source: TerrainSource, ground_datum: str) -> str:
+    """The vertical datum of a surface model: that of the ground, where its file does not say another one.
+
+    Raises:
+        TerrainError: the file cannot be read, or names a datum that is not known.
+    """
+    try:
+        datums = possible_datums(source)
+    except TerrainError as error:
+        raise of_surface(error) from error
+    return ground_datum if ground_datum in datums or len(datums) > 1 else datums[0]
+
+
 def look_at_surface(
     source: TerrainSource, ground: TerrainSource, look: TerrainLook, *, ground_datum: str, around_m: float
 ) -> SurfaceLook:
@@ -77,11 +90,7 @@ def look_at_surface(
         TerrainError: the file cannot be used.
         InputError: it has no heights in a part of the area.
     """
-    try:
-        datums = possible_datums(source)
-    except TerrainError as error:
-        raise of_surface(error) from error
-    datum = ground_datum if ground_datum in datums or len(datums) > 1 else datums[0]
+    datum = surface_datum(source, ground_datum)
 
     def heights(file: TerrainSource, file_datum: str, places: FloatArray) -> FloatArray:
         lat, lon, _ = look.frame.geodetic_from_enu(np.column_stack([places, np.zeros(len(places))]))

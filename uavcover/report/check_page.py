@@ -80,9 +80,9 @@ def _legs(checked: Checked, world: World) -> list[dict[str, Any]]:
         if len(line) < 2:
             continue
         reached, places = _sampled(line)
-        above = world.ground.heights_agl_m(places)
+        above = world.clearances_m(places)
         alts = world.alts_amsl_m(places)
-        ranges = world.ground.leg_height_ranges_m(line)[:, 0]
+        ranges = world.leg_height_ranges_m(line)[:, 0]
         legs.append({
             "from": segment.items[0], "to": segment.items[1], "phase": segment.phase,
             "broken": _is_broken(segment, broken), "length": round(float(reached[-1]), 1),
@@ -109,7 +109,7 @@ def _profile(world: World, segments: tuple[Segment, ...], findings: tuple[CheckF
             continue
         at, places = _sampled(line)
         alts = world.alts_amsl_m(places)
-        parts.append((begin + at, alts, alts - world.ground.heights_agl_m(places), _is_broken(segment, broken)))
+        parts.append((begin + at, alts, alts - world.clearances_m(places), _is_broken(segment, broken)))
         begin += float(at[-1])
     along = np.concatenate([part[0] for part in parts]) / 1000.0
     ground, flown = np.concatenate([part[2] for part in parts]), np.concatenate([part[1] for part in parts])

@@ -1,11 +1,8 @@
 """The workflow of ``uavcover check``: somebody's mission file and elevation data in, findings out."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-
-import numpy as np
 
 from mission_io.autopilots.vehicle_types import VehicleKind, kind_of
 from mission_io.errors import FormatError
@@ -20,24 +17,22 @@ from uavcover.checking.fences import FenceSource
 from uavcover.checking.findings import CheckFinding
 from uavcover.checking.limits import Limits
 from uavcover.checking.obstacle_checks import with_obstacles
-from uavcover.errors import InputError, ScenarioError, TerrainError
+from uavcover.errors import InputError, ScenarioError
 from uavcover.intake.vehicles import VehicleType, vehicle_named
-from uavcover.kernels.arrays import FloatArray
 from uavcover.model.active_times import window_of
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle
 from uavcover.model.vehicle import AutopilotName, autopilot_name
+from uavcover.run.check_elevation import open_check_elevation
 from uavcover.run.planned_view import MissionView, ViewQuery, planned_view
 from uavcover.run.route_file import ROUTE_SUFFIXES, read_route_file
 from uavcover.run.user import User
-from uavcover.run.vehicle_terrain import ElevationData, open_elevation_data
+from uavcover.run.vehicle_terrain import ElevationData
 from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
-from uavcover.scenario.elevation_file import read_ground, read_heights_amsl_m
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground
 from uavcover.scenario.obstacles import read_obstacles
-from uavcover.scenario.terrain_source import TerrainSource
 
 MISSION_SUFFIXES = (".plan", ".waypoints", ".txt", ".mission", ".csv", *ROUTE_SUFFIXES)
 _MOST_POINTS = {
@@ -54,7 +49,8 @@ class CheckQuery:
 
     Attributes:
         file: the mission.
-        elevation: the elevation data.
+        elevation: the elevation data of the ground.
+        surface: files of a surface model, with trees and roofs, that flights keep clear of too.
         fence: file of a fence, or of an area to stay inside; none: the mission file's own.
         no_fly: files of no-fly zones.
         flight_window_utc: when it is flown; none: at any time.
@@ -76,6 +72,7 @@ class CheckQuery:
 
     file: Path
     elevation: ElevationData
+    surface: tuple[str, ...] = ()
     fence: Path | None = None
     no_fly: tuple[str, ...] = ()
     flight_window_utc: tuple[str, str] | None = None
@@ -158,18 +155,12 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         raise InputError(f"{query.file}: the mission has no items; give a file that flies somewhere")
     aircraft = aircraft_of(query, read)
     home = read.home if query.home is None else query.home
-    source, datum = _open_elevation(query.elevation, read.mission, home)
+    elevation = open_check_elevation(query.elevation, query.surface, read.mission, home, user)
     request = CheckRequest(
         mission=read.mission, aircraft=aircraft, limits=query.limits, home=home, pilot=query.pilot,
         fence=_read_fence(query.fence) if query.fence is not None else read.fence,
         obstacles=_read_obstacles(query.obstacles),
     )  # fmt: skip
-
-    def heights(lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
-        return read_heights_amsl_m(source, datum, lat_deg, lon_deg)
-
-    def ground(frame: LocalFrame, bounds_m: Bounds) -> Ground:
-        return read_ground(source, datum, frame=frame, bounds_m=bounds_m, grid_step_m=None)
 
     def zones(near: Bounds) -> Sequence[NoFly]:
         found: list[NoFly] = []
@@ -190,16 +181,20 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
             user.say(f"{timed} no-fly zones have times and count as in force all the time; --at says when it is flown")
         return counting
 
-    checked = check_mission(request, heights, ground, zones)
+    surface = None if elevation.over is None else elevation.read_surface
+    checked = check_mission(request, elevation.heights_amsl_m, elevation.read_ground, zones, surface)
     checked = checked.with_findings(_too_many(query, read))
     if query.view is None:
         return CheckOutcome(checked)
     obstacles = request.obstacles, query.limits.obstacle_clearance_m
 
-    def ground_with_obstacles(frame: LocalFrame, bounds_m: Bounds) -> Ground:
-        return with_obstacles(ground(frame, bounds_m), obstacles[0], frame, bounds_m, obstacles[1])[0]
+    def looked_at(frame: LocalFrame, bounds_m: Bounds) -> tuple[Ground, Ground | None]:
+        bare = elevation.read_ground(frame, bounds_m)
+        higher = None if elevation.over is None else elevation.read_higher(frame, bounds_m, bare)
+        top, _ = with_obstacles(higher or bare, obstacles[0], frame, bounds_m, obstacles[1], foot=bare)
+        return top, None if higher is None else bare
 
-    view = planned_view(query.view, read.mission, checked, aircraft, ground_with_obstacles)
+    view = planned_view(query.view, read.mission, checked, aircraft, looked_at)
     return CheckOutcome(checked if view is None else checked.with_findings(view.findings), view)
 
 
@@ -321,29 +316,6 @@ def _kind_of(vehicle_type: int | None, mission: Mission) -> Kind | None:
     if commands & {Command.NAV_VTOL_TAKEOFF, Command.NAV_VTOL_LAND}:
         return "vtol"
     return "multirotor" if vehicle_type is not None else None
-
-
-def _open_elevation(
-    data: ElevationData, mission: Mission, home: tuple[float, float] | None
-) -> tuple[TerrainSource, str]:
-    places = [] if home is None else [home]
-    if mission.home is not None:
-        places.append((mission.home.lat_deg, mission.home.lon_deg))
-    places += [(item.lat_deg, item.lon_deg) for item in mission.items if item.has_position]
-    real = [place for place in places if all(map(math.isfinite, place)) and place != (0.0, 0.0)]
-    if not real:
-        return open_elevation_data(data)
-    # Around what most places are near to: one wrong place must not bring the tiles of half the Earth.
-    lat, lon = np.median(np.array(real), axis=0)
-    reach = 1.0
-    try:
-        return open_elevation_data(
-            data, around=(lon - reach, max(-90.0, lat - reach), lon + reach, min(90.0, lat + reach))
-        )
-    except TerrainError as error:
-        if "none of" not in str(error):
-            raise
-        return open_elevation_data(data)
 
 
 def _read_obstacles(path: Path | None) -> tuple[Obstacle, ...]:

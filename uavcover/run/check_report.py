@@ -47,7 +47,7 @@ def figures_of(checked: Checked) -> dict[str, float | None]:
         return known
     lines = [segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)] for segment in path.segments]
     points = np.vstack(lines)
-    ranges = [world.ground.leg_height_ranges_m(s.enu_m) for s in path.distinct if s.phase in ("route", "return")]
+    ranges = [world.leg_height_ranges_m(s.enu_m) for s in path.distinct if s.phase in ("route", "return")]
     rows = np.vstack([part for part in ranges if len(part)] or [np.full((1, 4), np.nan)])
     known["length_m"] = sum(float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in lines)
     known["time_s"] = checked.time_s if math.isfinite(checked.time_s) else None
@@ -81,8 +81,9 @@ def say_findings(outcome: CheckOutcome, user: User) -> None:
         user.say(f"{'':8}{one.what}")
         user.say(f"{'':8}-> {one.do}")
     figures = figures_of(checked)
+    over = ", trees and roofs" if checked.world is not None and checked.world.surface is not None else ""
     words = {
-        "length_m": ("path", "m"), "time_s": ("time", "s"), "min_height_agl_m": ("lowest above ground", "m"),
+        "length_m": ("path", "m"), "time_s": ("time", "s"), "min_height_agl_m": (f"lowest above ground{over}", "m"),
         "max_height_agl_m": ("highest above ground", "m"), "max_above_home_m": ("highest above home", "m"),
         "max_distance_m": ("farthest from home", "m"),
     }  # fmt: skip

@@ -43,6 +43,8 @@ from uavcover.sensing.pictures import (
 _CELLS, _FINEST_CELL_M = 25_000, 1.0
 _AROUND_M = 50.0
 _MOST_OBLIQUE_DEG = 75.0
+GroundReader = Callable[[LocalFrame, Bounds], tuple[Ground, Ground | None]]
+"""What hides, within west, south, east, north; and the bare ground where a surface model lies over it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,7 +94,7 @@ def planned_view(
     mission: Mission,
     checked: Checked,
     aircraft: Aircraft,
-    read_ground: Callable[[LocalFrame, Bounds], Ground],
+    read_ground: GroundReader,
 ) -> MissionView | None:
     """Count what a checked mission's pictures show; none where the mission has no path.
 
@@ -122,7 +124,7 @@ def _map(
     parts: tuple[Rings, ...],
     world: World,
     pictures: PlannedPictures,
-    read_ground: Callable[[LocalFrame, Bounds], Ground],
+    read_ground: GroundReader,
 ) -> CoverageMap:
     """The area's cells in the mission's frame, with the ground under area and pictures."""
 
@@ -141,11 +143,11 @@ def _map(
     cell_m = round(max(math.sqrt(outline.area / _CELLS), _FINEST_CELL_M), 1)
     west, south, east, north = shapely.union_all([outline, shapely.MultiPoint(pictures.places_m[:, :2])]).bounds
     bounds = (west - _AROUND_M, south - _AROUND_M, east + _AROUND_M, north + _AROUND_M)
-    ground = read_ground(world.frame, bounds)
+    ground, bare = read_ground(world.frame, bounds)
     forward, side = (None, 0.0) if query.overlap is None else overlaps(query.overlap)
     sensor = FrameCamera(
         kind="frame-camera", fov_across_deg=camera.fov_across_deg, fov_along_deg=camera.fov_along_deg,
-        range_m=_range_m(camera, pictures, ground), max_incidence_deg=_MOST_OBLIQUE_DEG, mount="stabilised",
+        range_m=_range_m(camera, pictures, bare or ground), max_incidence_deg=_MOST_OBLIQUE_DEG, mount="stabilised",
         pixels_across=camera.pixels_across, forward_overlap=forward, side_overlap=side,
     )  # fmt: skip
     scenario = Scenario(
@@ -156,7 +158,7 @@ def _map(
         limits=FlightLimits(min_height_agl_m=0.0, max_height_agl_m=sensor.range_m),
         home=Home(lat_deg=world.frame.lat_deg, lon_deg=world.frame.lon_deg),
     )
-    return judging_map(Site(scenario, world.frame, ground, outline, shapely.box(*bounds), None))
+    return judging_map(Site(scenario, world.frame, ground, outline, shapely.box(*bounds), None, ground_model=bare))
 
 
 def _range_m(camera: CameraBody, pictures: PlannedPictures, ground: Ground) -> float:
@@ -179,16 +181,18 @@ def _view(
     seen: BoolArray,
 ) -> MissionView:
     drawn, weight = drawn_cells(coverage), coverage.grid.weight_m2
-    share = float(weight[drawn & seen].sum() / weight[drawn].sum()) if drawn.any() else 0.0
+    hidden_m2 = coverage.grid.hidden_m2
+    area_m2 = float(weight[drawn].sum()) + hidden_m2
+    share = float(weight[drawn & seen].sum() / area_m2) if drawn.any() else 0.0
     number = counts.pictures[drawn]
     sample_m = counts.ground_sample_m[drawn & (counts.pictures > 0)]
     sample_m = sample_m[np.isfinite(sample_m)]
     asked = None if query.overlap is None else pictures_asked(coverage.site.scenario.sensor)
     enough = None if asked is None else overlap_fraction(coverage, counts)
     document = {
-        "camera": camera.name, "pictures": counts.taken, "area_m2": float(weight[drawn].sum()),
+        "camera": camera.name, "pictures": counts.taken, "area_m2": area_m2, "hidden_m2": hidden_m2,
         "cell_size_m": coverage.site.scenario.area.cell_size_m,
-        "coverage_fraction": share, "unseen_m2": float(weight[drawn & ~seen].sum()),
+        "coverage_fraction": share, "unseen_m2": float(weight[drawn & ~seen].sum()) + hidden_m2,
         "pictures_fewest": int(number.min(initial=np.iinfo(np.int32).max)) if number.size else 0,
         "pictures_median": float(np.median(number)) if number.size else 0.0,
         "ground_sample_median_m": float(np.median(sample_m)) if sample_m.size else None,
@@ -207,6 +211,10 @@ def _lines(told: dict[str, Any]) -> tuple[str, ...]:
     lines = [
         f"{told['pictures']} pictures would show {100.0 * told['coverage_fraction']:.1f} % of {told['area_m2'] / 1e4:.4g} ha"
     ]
+    if told["hidden_m2"] > 0.0:
+        lines.append(
+            f"trees and roofs hide {100.0 * told['hidden_m2'] / told['area_m2']:.1f} %, which no picture shows"
+        )
     if told["ground_sample_median_m"] is not None:
         lines.append(
             f"a point is in {told['pictures_median']:g} pictures (median), {told['pictures_fewest']} at least; ground "

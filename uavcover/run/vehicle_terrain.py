@@ -55,6 +55,7 @@ class ElevationData:
         crs: coordinate system, where the files name none.
         height_unit: "m", "dm", "cm", "ft" or "us-ft", where the files do not say.
         band: number or name of the band with the heights.
+        option: that names them, for errors.
     """
 
     names: tuple[str, ...]
@@ -62,6 +63,7 @@ class ElevationData:
     crs: str | None = None
     height_unit: str | None = None
     band: str | None = None
+    option: str = "--dem"
 
 
 def open_elevation_data(data: ElevationData, *, around: Bounds | None = None) -> tuple[TerrainSource, str]:
@@ -76,7 +78,7 @@ def open_elevation_data(data: ElevationData, *, around: Bounds | None = None) ->
         TerrainError: the files cannot be used.
     """
     if not data.names:
-        raise InputError("--dem: give elevation data: a raster, a folder or a pattern of tiles")
+        raise InputError(f"{data.option}: give elevation data: a raster, a folder or a pattern of tiles")
     unit = None if data.height_unit is None else data.height_unit.casefold()
     if unit not in (None, *get_args(HeightUnit)):
         raise InputError(f"--height-unit: {data.height_unit!r} is not known; give m, dm, cm, ft or us-ft")
@@ -85,7 +87,7 @@ def open_elevation_data(data: ElevationData, *, around: Bounds | None = None) ->
         crs=data.crs,
         band=data.band,
         height_unit=unit,
-        key="--dem",
+        key=data.option,
     )
     fitting = possible_datums(source)
     if data.vertical_datum is None:

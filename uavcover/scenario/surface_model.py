@@ -104,11 +104,7 @@ def higher_of(ground: Ground, surface: Ground, *, bounds_m: Bounds, alt_amsl_off
     Raises:
         TerrainError: the two do not fit each other: swapped, in another unit or above another datum, or without common places.
     """
-    if ground.sha256 and ground.sha256 == surface.sha256:
-        raise TerrainError(
-            "terrain.surface_file: is the file of terrain.file again; give the one with trees and roofs, or leave it out"
-        )
-    _check_fit(ground, surface, bounds_m, alt_amsl_offset_m)
+    refuse_misfit(ground, surface, bounds_m=bounds_m, alt_amsl_offset_m=alt_amsl_offset_m)
     surface_is_finer = surface.surface.step_m <= ground.surface.step_m
     base, other = (surface, ground) if surface_is_finer else (ground, surface)
     up = np.empty_like(base.surface.up_m)
@@ -208,8 +204,22 @@ def refuse_other_heights(ground_amsl_m: FloatArray, surface_amsl_m: FloatArray, 
     )
 
 
-def _check_fit(ground: Ground, surface: Ground, bounds_m: Bounds, alt_amsl_offset_m: float) -> None:
-    """Refuse two models that cannot be of the same place in the same heights, or are exchanged."""
+def refuse_misfit(ground: Ground, surface: Ground, *, bounds_m: Bounds, alt_amsl_offset_m: float) -> None:
+    """Refuse a surface model that cannot be of the same place as a ground and in the same heights, or is exchanged with it.
+
+    Args:
+        ground: the bare ground.
+        surface: the surface model, in the same local frame.
+        bounds_m: west, south, east, north of both.
+        alt_amsl_offset_m: from up at the origin to height above sea level, to compare units.
+
+    Raises:
+        TerrainError: with the reason.
+    """
+    if ground.sha256 and ground.sha256 == surface.sha256:
+        raise TerrainError(
+            "terrain.surface_file: is the file of terrain.file again; give the one with trees and roofs, or leave it out"
+        )
     places = _scattered(bounds_m)
     ground_m, surface_m = ground.heights_m(places), surface.heights_m(places)
     refuse_other_heights(ground_m + alt_amsl_offset_m, surface_m + alt_amsl_offset_m, surface=surface.source)
