@@ -58,9 +58,7 @@ def read(text: str) -> OldFile:
     if version in _VERSIONS_1 and version is not True:
         return OldFile(_mission_of_version_1(root, repairs), repairs=tuple(repairs))
     if version != 2:
-        raise FormatError(
-            f"version {str(version)[:20]} is not known", where="file.version", advice="it has to be 1 or 2"
-        )
+        raise FormatError(f"version {version!r:.20} is not known", where="file.version", advice="it has to be 1 or 2")
     extras: dict[str, Mapping[str, Any]] = {}
     home = read_home(root.get("plannedHomePosition"), repairs, extras)
     items, entries = read_items(root.get("items"))

@@ -277,7 +277,7 @@ def _read_part(node: Node, name: str, repairs: list[str], extras: dict[str, Mapp
         repairs.append(f"{node.where}: is of the old version 1, and written as {version}")
         known = known | _OLD_KEYS
     elif found != version:
-        what = f"version {str(found)[:20]} is not known"
+        what = f"version {found!r:.20} is not known"
         raise FormatError(what, where=f"{node.where}.version", advice=f"it has to be {version}; save the plan anew")
     constants = _CONSTANTS[name]
     others = {

@@ -81,6 +81,8 @@ FAULTS = {
     "ground_sample_m = [inf]\nprobability = [0.5]": "inf is not a number",
     "[a]\ntarget_m = 1\n[b]\ntarget_m = 1": "has several tables",
     "target_m =": "not valid TOML",
+    "target_m = " + "9" * 5000: "not valid TOML",
+    "target_m = 0x" + "f" * 5000: "hundreds of digits",
 }
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from uavcover.errors import InputError
 
+_LONGEST_BITS = 1000
 _MOST_NAMES = 8
 
 
@@ -31,14 +32,25 @@ def read_own_row(path: Path, *, option: str) -> dict[str, Any]:
         raise InputError(
             f"{option}: {path} cannot be read ({type(error).__name__}); give a name or a TOML file"
         ) from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError also of numbers with thousands of digits
         raise InputError(f"{option}: {path}: not valid TOML: {error}; {option} list shows what is known") from error
+    if _has_huge(row):
+        raise InputError(f"{option}: {path}: has a number of hundreds of digits; {option} list shows what is known")
     tables = [key for key, value in row.items() if isinstance(value, dict)]
     if len(tables) == 1 == len(row):
         return {"title": tables[0], **row[tables[0]]}
     if tables:
         raise InputError(f"{option}: {path} has several tables ({', '.join(tables[:_MOST_NAMES])}); leave one")
     return {"title": path.stem, **row}
+
+
+def _has_huge(value: object) -> bool:
+    """Whether a whole number is too long to be shown: hexadecimal ones may have any length."""
+    if isinstance(value, dict):
+        return any(map(_has_huge, value.values()))
+    if isinstance(value, list):
+        return any(map(_has_huge, value))
+    return isinstance(value, int) and value.bit_length() > _LONGEST_BITS
 
 
 def find_name(wanted: str, rows: Mapping[str, Mapping[str, Any]], *, option: str, command: str = "new") -> str:

@@ -1,6 +1,7 @@
 """Curves of detection by name or from a file: what one look finds, by ground sample distance and angle."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,7 @@ _MOST_VALUES = 10_000
 
 def all_curves() -> tuple[DetectionCurve, ...]:
     """The curves of the table that comes with the package."""
-    return tuple(
-        _curve(name, row, where=f"detection.toml: {name}") for name, row in read_catalog("detection.toml").items()
-    )
+    return tuple(_example(name, row) for name, row in read_catalog("detection.toml").items())
 
 
 def curve_named(name: str) -> DetectionCurve:
@@ -36,7 +35,7 @@ def curve_named(name: str) -> DetectionCurve:
         return _curve(Path(name).stem, read_own_row(Path(name), option="--detection"), where=f"--detection: {name}")
     rows = read_catalog("detection.toml")
     found = find_name(name, rows, option="--detection", command="judge-photos")
-    return _curve(found, rows[found], where=f"detection.toml: {found}")
+    return _example(found, rows[found])
 
 
 def noticed(ratio: FloatArray) -> FloatArray:
@@ -50,6 +49,11 @@ def noticed(ratio: FloatArray) -> FloatArray:
     """
     with np.errstate(over="ignore", under="ignore"):
         return 1.0 / (1.0 + ratio ** -(2.7 + 0.7 * ratio))
+
+
+def _example(name: str, row: dict[str, Any]) -> DetectionCurve:
+    """A curve of the table that comes with the package."""
+    return replace(_curve(name, row, where=f"detection.toml: {name}"), is_example=True)
 
 
 def _curve(name: str, row: dict[str, Any], *, where: str) -> DetectionCurve:

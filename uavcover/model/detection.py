@@ -22,6 +22,7 @@ class DetectionCurve:
         table: of it.
         independent: which looks at one place count as independent chances: the best from each side (``sides``), every picture
             (``pictures``), or only the best of all (``none``).
+        is_example: whether it comes with the package: a rule of thumb that nobody measured for these pictures.
     """
 
     name: str
@@ -29,6 +30,7 @@ class DetectionCurve:
     source: str
     table: DetectionTable
     independent: Independent = "sides"
+    is_example: bool = False
 
     @property
     def half_at_m(self) -> float:

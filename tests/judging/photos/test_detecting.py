@@ -133,7 +133,7 @@ def test_the_mean_and_percentiles_weigh_cells_by_their_area():
 def test_a_curve_by_pixels_is_for_low_flights_too():
     values = np.zeros(1)
     found = Detection(curve_named("person"), values, values, values)
-    assert detection_doubts(found, np.array([0.002])) == []
+    assert not any("begins at" in doubt for doubt in detection_doubts(found, np.array([0.002])))
 
 
 def test_a_curve_for_other_pictures_is_doubted():
@@ -145,3 +145,12 @@ def test_a_curve_for_other_pictures_is_doubted():
     millimetres = Detection(curve(samples_m=[0.002, 0.0025, 0.003, 0.005]), values, values, values)
     assert "coarser ones find nothing" in detection_doubts(millimetres, shown)[0]
     assert detection_doubts(centimetres, np.full(3, np.nan)) == []
+
+
+def test_a_curve_of_the_package_is_told_to_be_an_example() -> None:
+    values = np.array([0.5, 0.5])
+    shown = np.array([0.02, 0.02])
+    example = curve_named("person")
+    assert example.is_example
+    (doubt,) = detection_doubts(Detection(example, values, values, values), shown)
+    assert "is an example" in doubt

@@ -268,3 +268,31 @@ def test_pictures_of_two_clocks_are_in_order_within_each(tmp_path):
     first, second = clocks_of(found.pictures)
     assert (first["pictures"], first["last_s"] - first["first_s"], first["utc_minus_clock_s"]) == (2, 4.0, -7201.0)
     assert second["utc_minus_clock_s"] is None
+
+
+_ROW = "1\t303505.678\t[2312]\t   1,N\t  -2,E\t 193,V\t{lat},Lat\t-98.1,Lon\t345.6,Ellh\t0.011, 0.012, 0.033\t50,Q\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.MRK", _ROW.format(lat="33.2.1")),
+        ("a.MRK", _ROW.format(lat="--5")),
+        ("a.MRK", _ROW.format(lat="1" + "23.4," * 50_000)),
+        ("images.json", '[{"filename": "a.jpg", "latitude": ' + "9" * 5000 + "}]"),
+        ("a.csv", "name,latitude,longitude,altitude\n" + "a" * 200_000 + ",1,2,3\n"),
+        ("geo.txt", "EPSG:5773\na.jpg 1 2 3\n"),
+    ],
+)
+def test_found_by_fuzzing(tmp_path: Path, name: str, text: str) -> None:
+    """Numbers that are none, or thousands of digits long, cells without an end, and a projection without places."""
+    (tmp_path / name).write_text(text)
+    with pytest.raises(TrackError, match=name):
+        read_pictures([tmp_path / name])
+
+
+def test_a_row_of_an_image_log_is_read_as_before(tmp_path: Path) -> None:
+    (tmp_path / "a.MRK").write_text(_ROW.format(lat="33.21912340"))
+    (one,) = read_pictures([tmp_path / "a.MRK"]).pictures
+    assert (one.lat_deg, one.lon_deg, one.alt_m) == (33.2191234, -98.1, 345.6)
+    assert (one.horizontal_error_m, one.vertical_error_m) == (0.012, 0.033)

@@ -5,9 +5,10 @@ import json
 import pytest
 import shapely
 
+from mission_io.errors import FormatError
 from uavcover.errors import InputError
 from uavcover.model.no_fly import NoFly
-from uavcover.scenario.airspace.zone_file import read_zones
+from uavcover.scenario.airspace.zone_file import _of_text, read_zones
 
 RING = [[8.0, 46.5], [8.02, 46.5], [8.02, 46.52], [8.0, 46.52], [8.0, 46.5]]
 OPEN = tuple((lon, lat) for lon, lat in RING[:-1])
@@ -253,6 +254,9 @@ def test_fuzzed_zones_are_one_short_line(tmp_path):
     layer = {"type": "Polygon", "coordinates": [RING], "layer": [1, 2]}
     with pytest.raises(InputError, match="layer: an object is expected here"):
         zones_of(tmp_path, "z.json", geojson(feature(layer, name="a")))
+    with pytest.raises(FormatError) as refused:
+        _of_text(json.dumps({"features": [ed269(volume({"type": "Poly\ngon"}))]}), ".json")
+    assert "\n" not in str(refused.value)
     long = {"type": "Polygon", "coordinates": [RING], "layer": {"upper": 1, "upperReference": "M" * 5000}}
     with pytest.raises(InputError) as error:
         zones_of(tmp_path, "z.json", geojson(feature(long, name="a\nb" * 5000)))

@@ -94,6 +94,11 @@ def detection_doubts(detection: Detection, sample_m: FloatArray) -> list[str]:
     table, name = detection.curve.table, detection.curve.name
     if not known.size:
         return []
+    if detection.curve.is_example:
+        return [
+            f"the curve {name} is an example, a rule of thumb that nobody measured with this camera, observer and ground; give "
+            "one of your own (--detection FILE.toml) before anybody relies on the probability"
+        ]
     first_cm, last_cm = 100.0 * table.sample_m[[0, -1]]
     median_cm = 100.0 * float(np.median(known))
     if _FAR_FINER * median_cm < first_cm:

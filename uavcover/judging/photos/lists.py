@@ -37,6 +37,8 @@ def read_geo_txt(path: Path) -> list[Picture]:
         raise TrackError(f"{path}: is empty; the first line names the projection, such as EPSG:4326")
     head = " ".join(lines[0][1])
     crs = _projection(head, path)
+    if not (crs.is_geographic or crs.is_projected):
+        raise TrackError(f"{path}: line 1: {head[:60]!r} has no places on a map; name a projection such as EPSG:4326")
     to_degrees = None if crs.is_geographic else Transformer.from_crs(crs, _DEGREES, always_xy=True)
     pictures = []
     for number, words in lines[1:]:
@@ -74,8 +76,8 @@ def read_images_json(path: Path) -> list[Picture]:
     """
     try:
         rows = json.loads(_text(path))
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise TrackError(f"{path}: is not JSON ({error})") from error
+    except (ValueError, RecursionError) as error:  # ValueError also of numbers with thousands of digits
+        raise TrackError(f"{path}: is not JSON ({str(error)[:100]})") from error
     if not isinstance(rows, list) or not all(isinstance(row, dict) and "filename" in row for row in rows):
         raise TrackError(f"{path}: is not ODM's list of pictures: rows with filename, latitude, longitude, altitude")
     pictures = []
@@ -105,10 +107,12 @@ def _pixels(row: Mapping[str, Any]) -> tuple[int, int] | None:
     return None if not width or not height else (int(max(width, height)), int(min(width, height)))
 
 
+_NUMBER = r"([-+]?\d{1,12}(?:\.\d{0,20})?)"
 _MRK = re.compile(
-    r"^\s*(\d+)\s+([\d.]+)\s+\[(\d+)\]\s.*?([-\d.]+),Lat\s+([-\d.]+),Lon\s+([-\d.]+),Ellh\s+"
-    r"([\d.]+),\s*([\d.]+),\s*([\d.]+)"
+    rf"\s*(\d{{1,9}})\s+{_NUMBER}\s+\[(\d{{1,6}})\]\s.*?(?<![-+\d.]){_NUMBER},Lat\s+{_NUMBER},Lon\s+{_NUMBER},Ellh\s+"
+    rf"{_NUMBER},\s*{_NUMBER},\s*{_NUMBER}"
 )
+_LONGEST_ROW = 500
 
 
 def read_mrk(path: Path) -> list[Picture]:
@@ -121,7 +125,7 @@ def read_mrk(path: Path) -> list[Picture]:
     for number, line in enumerate(_text(path).splitlines(), start=1):
         if not line.strip():
             continue
-        row = _MRK.match(line)
+        row = _MRK.match(line) if len(line) <= _LONGEST_ROW else None
         if row is None:
             raise TrackError(f"{path}: line {number}: {line[:60]!r} is no row of DJI's image log")
         values = [float(row[k]) for k in (2, 3, 4, 5, 6, 7, 8, 9)]
@@ -163,7 +167,12 @@ def read_table(path: Path) -> list[Picture]:
         dialect: type[csv.Dialect] = csv.Sniffer().sniff(text[:4096], delimiters=",;\t")
     except csv.Error:
         dialect = csv.excel
-    rows = list(csv.reader(io.StringIO(text), dialect))
+    try:
+        rows = list(csv.reader(io.StringIO(text), dialect))
+    except csv.Error as error:
+        raise TrackError(
+            f"{path}: is no table ({error}); give rows of cells, with names of columns in the first"
+        ) from error
     if not rows:
         raise TrackError(f"{path}: is empty; the first row names the columns")
     heads = [re.sub(r"[^a-z0-9]", "", head.casefold()) for head in rows[0]]

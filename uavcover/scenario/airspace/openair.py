@@ -141,7 +141,7 @@ def _take(zone: _Zone, command: str, rest: str, where: str) -> None:
     elif command == "DB":
         zone.corners += _arc_between(zone, rest, where)
     elif command not in _NOT_GEOMETRY:
-        raise FormatError(f"{command} is not read", where=where, advice="draw the zone with DP, DA, DB or DC")
+        raise FormatError(f"{command[:20]} is not read", where=where, advice="draw the zone with DP, DA, DB or DC")
     if len(zone.corners) > _MOST_CORNERS:
         raise FormatError(f"more than {_MOST_CORNERS:,} corners", where=where, advice="draw it with fewer")
 
@@ -170,7 +170,7 @@ def _assign(zone: _Zone, text: str, where: str) -> None:
     elif key.upper() == "D" and value in ("+", "-"):
         zone.clockwise = value == "+"
     elif key.upper() not in ("W", "Z", "T"):
-        raise FormatError(f"V {text[:20]} is not read", where=where, advice="give V X=place or V D=+ or V D=-")
+        raise FormatError(f"V {text[:20]!r} is not read", where=where, advice="give V X=place or V D=+ or V D=-")
 
 
 def _place(text: str, where: str) -> tuple[float, float]:
