@@ -3,7 +3,7 @@ import pytest
 
 from mission_io.model.items import Command, Frame, MissionItem
 from tests.checking.worlds import COPTER, PLANE, command, home, item, mission, up, way, world
-from uavcover.checking.aircraft import Aircraft, return_height_m
+from uavcover.checking.aircraft import Aircraft, default_aircraft, return_height_m
 from uavcover.checking.flown_path import flown_path
 from uavcover.checking.item_order import order_of
 from uavcover.checking.segments import FlownPath
@@ -186,3 +186,12 @@ def test_jumps_to_tags() -> None:
     assert list(order_of(items).numbers) == [1, 2, 1, 2]
     (lost,) = order_of([way(1.0, 0.0, 50.0), command(601, 8.0, 2.0)]).findings
     assert lost.what == "a jump to tag 8, 2 times; no item of the mission has this tag"
+
+
+def test_a_delay_of_px4_is_not_proved() -> None:
+    """PX4 1.17 flew 34 and 38 m below the leg after it."""
+    items = mission(up(), command(Command.NAV_DELAY, 5.0), way(9.0, 0.0, 50.0))
+    px4 = flown_path(items, world(), default_aircraft("px4", "multirotor"))
+    told = [(one.kind, one.weight, one.items) for one in px4.findings if "DELAY" in one.what]
+    assert told == [("meaning", "unknown", (2, 2))]
+    assert not [one for one in flown_path(items, world(), COPTER).findings if "DELAY" in one.what]

@@ -8,8 +8,9 @@ import pytest
 import shapely
 
 from mission_io.model.areas import Fence, FenceCircle, LatLon
+from mission_io.model.items import Command
 from tests.checking.test_checks import checked, found
-from tests.checking.worlds import COPTER, PLANE, home, lat_lon, mission, up, way, world
+from tests.checking.worlds import COPTER, PLANE, home, item, lat_lon, mission, up, way, world
 from tests.naive import turn as naive
 from uavcover.checking.aircraft import default_aircraft, radius_of_bank_m
 from uavcover.checking.flown_path import flown_path
@@ -77,3 +78,22 @@ def test_more_speed_than_the_vehicle_makes() -> None:
     assert ("speed", (0, 4)) in found(
         checked(up(), way(300.0, 0.0, 115.0), way(600.0, 0.0, 115.0), home(), aircraft=slow)
     )
+
+
+@pytest.mark.parametrize("radius_m", [80.0, -80.0])
+def test_wings_leave_a_circle_where_they_head_for_the_next_place(radius_m: float) -> None:
+    """ArduPlane in simulation was 63 m beside a leg from where it had come to the circle."""
+    round_it = item(Command.NAV_LOITER_TURNS, 0.0, 300.0, 100.0, params=(1.0, 0.0, radius_m, 0.0))
+    legs = up(100.0), round_it, way(600.0, 300.0, 60.0)
+    whole = mission(*legs)
+    path = flown_path(whole, world(), PLANE)
+    out = [one.enu_m for one in turns_of(path, whole, PLANE).segments if one.items == (2, 3)]
+    centre = np.array([0.0, 300.0])
+    tangent = next(line for line in out if abs(np.hypot(*(line[0, :2] - centre)) - 80.0) < 0.1)
+    spoke, course = tangent[0, :2] - centre, tangent[-1, :2] - tangent[0, :2]
+    assert abs(float(spoke @ course)) < 0.01 * float(np.hypot(*course)) * 80.0
+    turn = float(spoke[0] * course[1] - spoke[1] * course[0])
+    assert (turn < 0.0) == (radius_m > 0.0)  # clockwise circles are left clockwise
+    assert min(np.hypot(*(line[0, :2] - centre)) for line in out) == pytest.approx(0.0, abs=0.1)
+    assert all(line[-1, :2] == pytest.approx([600.0, 300.0], abs=0.1) for line in out)
+    assert all(line[-1, 2] < line[0, 2] for line in out)

@@ -16,6 +16,9 @@ from uavcover.kernels.arrays import FloatArray
 _STEP_DEG = 5.0
 _BACK_DEG = 30.0
 """At which angle wings that have passed a corner come back to the next leg."""
+_CIRCLE_POINTS = 73
+"""Of one turn, as ``curves.circle`` has them."""
+_SHARES = (0.0, 0.34, 0.67, 1.0)
 _STRAIGHT_DEG, _ABOUT_DEG = 3.0, 175.0
 
 
@@ -32,6 +35,8 @@ def turns_of(path: FlownPath, mission: Mission, aircraft: Aircraft) -> FlownPath
     for one, two in itertools.pairwise(legs):
         if _is_corner(one, two):
             found += _turns(one, two, mission, aircraft)
+        elif aircraft.has_wings and _leaves_circle(one, two):
+            found += _ways_out(one, two)
     return FlownPath(tuple(found), ())
 
 
@@ -62,6 +67,38 @@ def _is_corner(one: Segment, two: Segment) -> bool:
     flown = one.phase in ("route", "return") and two.phase in ("route", "return", "landing")
     meet = float(np.linalg.norm(one.enu_m[-1] - two.enu_m[0])) < 0.5
     return flown and meet and one.is_straight and two.is_straight and one.wait_s == 0.0
+
+
+def _leaves_circle(one: Segment, two: Segment) -> bool:
+    meet = float(np.linalg.norm(one.enu_m[-1] - two.enu_m[0])) < 0.5
+    circles = not one.is_straight and one.items[0] == one.items[1] and len(one.enu_m) >= _CIRCLE_POINTS
+    return circles and meet and two.is_straight and two.phase in ("route", "return", "landing")
+
+
+def _ways_out(circle: Segment, leg: Segment) -> list[Segment]:
+    """Wings leave a circle where they head for the next place, and not where they came to it.
+
+    ArduPlane flies on from there (parameter 4 of 1) or comes back to the line from the centre (0): both ways, and lines between.
+    """
+    points = circle.enu_m[:_CIRCLE_POINTS, :2]
+    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    radius_m = float(np.hypot(*(points[0] - center)))
+    to = leg.enu_m[-1]
+    way = to[:2] - center
+    distance_m = float(np.hypot(*way))
+    if distance_m <= radius_m:
+        return []
+    first, second = points[0] - center, points[1] - center
+    left = math.copysign(1.0, float(first[0] * second[1] - first[1] * second[0]))  # anticlockwise
+    off = -left * math.acos(radius_m / distance_m)
+    spoke = radius_m / distance_m * np.array([
+        way[0] * math.cos(off) - way[1] * math.sin(off), way[0] * math.sin(off) + way[1] * math.cos(off)
+    ])  # fmt: skip
+    up_m = leg.enu_m[0, 2]
+    return [
+        Segment(leg.items, "route", np.array([[*(center + share * spoke), up_m], to]), leg.speed_m_s, is_straight=False)
+        for share in _SHARES
+    ]
 
 
 def _turns(one: Segment, two: Segment, mission: Mission, aircraft: Aircraft) -> list[Segment]:
