@@ -55,6 +55,7 @@ _RANGES = {
 """Of keys whose check is not in one plain line of their class."""
 _EXAMPLES = {
     "flight_window_utc": '["2026-06-01T06:00Z", "2026-06-01T18:00Z"]',
+    "vehicle.power.hover_induced_m_s": "4.8",
     "area.geojson": '"valley.geojson"',
     "area.crs": '"EPSG:32632"',
     "area.feature": '"north meadow"',
@@ -142,7 +143,12 @@ def scenario_reference() -> str:
             lines += _keys(cls, dataclasses.fields(cls), section)
             for field in dataclasses.fields(cls):
                 for inner in _dataclasses_in(typing.get_type_hints(cls)[field.name]):
-                    lines += [f"### `[[{section}.{field.name}]]`", "", _prose(_summary(inner)), ""]
+                    lines += [
+                        f"### `{_header(typing.get_type_hints(cls)[field.name], section, field.name)}`",
+                        "",
+                        _prose(_summary(inner)),
+                        "",
+                    ]
                     lines += _keys(inner, dataclasses.fields(inner), f"{section}.{field.name}")
     return "\n".join(lines)
 
@@ -320,6 +326,8 @@ def _toml(value: Any) -> str:
             return str(value).lower()
         case str():
             return f'"{value}"'
+        case _ if dataclasses.is_dataclass(value):
+            return "{}"  # a table with its defaults
         case tuple() | list():
             return "[" + ", ".join(_toml(each) for each in value) + "]"
         case _:
@@ -337,7 +345,14 @@ def _dataclasses_in(hint: Any) -> list[type]:
     return [cls for each in typing.get_args(hint) for cls in _dataclasses_in(each)]
 
 
+def _header(hint: Any, section: str, name: str) -> str:
+    """Of a table inside a section, or of each of a list of them."""
+    return f"[{section}.{name}]" if dataclasses.is_dataclass(hint) else f"[[{section}.{name}]]"
+
+
 def _type_name(hint: Any) -> str:
+    if dataclasses.is_dataclass(hint):
+        return "table"
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin is typing.Literal:
         return " or ".join(f"`{_toml(each)}`" for each in arguments)

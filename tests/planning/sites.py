@@ -14,7 +14,7 @@ from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.model.scenario import Home, Origin, PlannerSettings, Requirements, Scenario
 from uavcover.model.sensor import NadirCamera, Sensor
 from uavcover.model.terrain import SineCosineTerrain
-from uavcover.model.vehicle import Vehicle
+from uavcover.model.vehicle import Vehicle, Wind
 from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import grid_ground
@@ -59,6 +59,7 @@ def make_site(
     obstacles: Obstacles | None = None,
     no_fly: tuple[NoFly, ...] = (),
     flight_window_utc: tuple[str, str] | None = None,
+    wind: Wind | None = None,
 ) -> Site:
     scenario = Scenario(
         name="test",
@@ -71,6 +72,7 @@ def make_site(
         home=None if home is None else Home(east_m=home[0], north_m=home[1]),
         planner=PlannerSettings(**{"algorithm": "imodbo", "population_size": 20, "evaluations": 60, **(planner or {})}),
         requirements=Requirements(**(requirements or {})),
+        wind=wind or Wind(),
         obstacles=obstacles or Obstacles(),
         no_fly=no_fly,
         flight_window_utc=flight_window_utc,

@@ -15,7 +15,9 @@ from mission_io.model.items import Command, Frame, MissionItem, same_item
 from tests.planning.sites import ORIGIN, flat, hills, make_site, ridge, tower
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.model.obstacles import Obstacles
+from uavcover.model.power import PowerModel
 from uavcover.model.route import Route
+from uavcover.model.vehicle import Wind
 from uavcover.planning.baselines.swaths import fly_layout, regular_layout
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import (
@@ -202,12 +204,31 @@ def test_a_home_below_the_lower_sea_level_limit_is_no_problem() -> None:
 
 def test_endurance() -> None:
     found = compiled(make_site())
-    enough = make_site(vehicle={"endurance_s": 1.25 * found.flight_time_s + 1.0})
+    sure = {"power": PowerModel(uncertainty_fraction=0.0)}
+    enough = make_site(vehicle={"endurance_s": 1.25 * found.flight_time_s + 1.0, **sure})
     assert compiled(enough).flight_time_s == found.flight_time_s
     with pytest.raises(
         InfeasibleError, match=r"the flight takes \d+ s .* vehicle.endurance_s is [\d.]+ s, of which .* leaves \d+ s"
     ):
         compiled(make_site(vehicle={"endurance_s": 1.25 * found.flight_time_s - 1.0}))
+
+
+def test_a_battery_that_the_wind_empties() -> None:
+    calm = {"endurance_s": 400.0, "max_airspeed_m_s": 18.0}
+    windy = make_site(vehicle=calm, wind=Wind(most_m_s=7.0))
+    used, in_calm = compiled(windy).battery_used, compiled(make_site(vehicle=calm)).battery_used
+    assert used is not None
+    assert in_calm is not None
+    assert used > 1.1 * in_calm
+    short = make_site(vehicle={**calm, "endurance_s": 400.0 * used / 0.8 * 1.04}, wind=Wind(most_m_s=7.0))
+    with pytest.raises(
+        InfeasibleError,
+        match=r"uses 77% of a battery in 7 m/s of wind, of which .*reserve_fraction = 0.2 and .* leave 76%",
+    ):
+        compiled(short)
+    enough = make_site(vehicle={**calm, "endurance_s": 400.0 * used / 0.8 * 1.06}, wind=Wind(most_m_s=7.0))
+    assert compiled(enough).battery_used == pytest.approx(0.8 / 1.06)
+    assert compiled(make_site()).battery_used is None
 
 
 def test_flight_time_by_hand() -> None:

@@ -242,7 +242,7 @@ def saved(folder: Path, endurance_s: float) -> tuple[RunFolder, tuple[Sortie, ..
 
 
 def test_each_sortie_is_a_run_folder_and_all_count_together(tmp_path: Path) -> None:
-    run, sorties, plan = saved(tmp_path / "run", 260.0)
+    run, sorties, plan = saved(tmp_path / "run", 290.0)
     assert len(sorties) >= 2
     assert [folder.path.name for folder in run.sorties()] == [f"sortie-{k + 1}" for k in range(len(sorties))]
     assert not run.file("mission.waypoints").exists()
@@ -270,7 +270,7 @@ def test_each_sortie_is_a_run_folder_and_all_count_together(tmp_path: Path) -> N
 
 
 def test_which_flight_is_meant_must_be_said(tmp_path: Path) -> None:
-    run, sorties, _ = saved(tmp_path / "run", 260.0)
+    run, sorties, _ = saved(tmp_path / "run", 290.0)
     with pytest.raises(
         InputError, match=rf"is flown as {len(sorties)} sorties; say which: --sortie 1 to {len(sorties)}"
     ):
@@ -285,7 +285,7 @@ def test_which_flight_is_meant_must_be_said(tmp_path: Path) -> None:
 
 
 def test_a_new_plan_of_one_flight_leaves_no_sortie_behind(tmp_path: Path) -> None:
-    run, sorties, _ = saved(tmp_path / "run", 260.0)
+    run, sorties, _ = saved(tmp_path / "run", 290.0)
     assert len(sorties) > 1
     saved(tmp_path / "run", 2600.0)
     assert run.sorties() == []
@@ -304,7 +304,7 @@ def test_mission_time_of_one_flight_is_that_of_its_mission(sensor: SphereSensor 
 def test_mission_time_of_several_flights_is_near_that_of_their_missions(sensor: SphereSensor | None) -> None:
     extra: dict[str, Any] = {} if sensor is None else {"sensor": sensor}
     route = there_and_back(make_site(hills, **extra), lines=6, spacing_m=50.0)
-    site = make_site(hills, vehicle={"endurance_s": 187.5}, **extra)
+    site = make_site(hills, vehicle={"endurance_s": 195.0}, **extra)
     sorties = compile_sorties(site, route, autopilot="ardupilot")
     assert len(sorties) > 2
     flown_s = sum(sortie.compiled.flight_time_s for sortie in sorties)

@@ -37,11 +37,12 @@ SITE: Any = SimpleNamespace(scenario=SimpleNamespace(fleet=FLEET, vehicle=Vehicl
 
 @dataclass(frozen=True)
 class Ends:
-    """How a sortie ends: after which share of its time, and whether the vehicle is known to be on the ground."""
+    """How a sortie ends: after which share of its time, whether its vehicle is known to be down, and when it is heard again."""
 
     ending: Ending = Ending.LANDED
     share: float = 1.0
     down: bool = True
+    heard_after_s: float | None = None
 
 
 def job(folder: Path, sortie: int, vehicle: int, planned_s: float) -> Job:
@@ -78,6 +79,15 @@ class ScriptedFlight(FleetFlight):
         finally:
             record.down = ends.down
             self._tell_traffic(record, clock.now())
+
+    def _listen(self, record: FlownSortie, connected: Connected, clock: FleetClock) -> None:
+        """It is heard again after so long, on the ground, or never."""
+        del connected
+        self._queues.done(record.vehicle)
+        ends = self.script[record.job.name]
+        if ends.heard_after_s is not None:
+            clock.wait(ends.heard_after_s)
+            self.traffic.landed(record.job.name, clock.now())
 
 
 @dataclass

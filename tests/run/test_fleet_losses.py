@@ -89,6 +89,17 @@ def test_nobody_starts_while_one_may_be_in_the_air_unheard(tmp_path: Path) -> No
         assert told.record(name).vehicle != 2
 
 
+def test_one_that_is_heard_again_on_the_ground_frees_the_air(tmp_path: Path) -> None:
+    told = fly_script(jobs_of(tmp_path), {"002": replace(GONE, heard_after_s=40.0)})
+    assert told.landed() == {"001", "002+", "003", "004"}
+    lost = told.record("002")
+    assert lost.began_s is not None
+    down_s = lost.began_s + 0.5 * lost.job.timeline.duration_s + 40.0
+    began_s = [told.record(name).began_s or 0.0 for name in ("002+", "004")]
+    assert down_s <= min(began_s) < down_s + 0.5 * ENDURANCE_S
+    assert told.record("002+").vehicle != 2
+
+
 def test_lost_in_the_take_off(tmp_path: Path) -> None:
     """Those that have not started wait as long as it may be above home."""
     told = fly_script(jobs_of(tmp_path), {"001": replace(GONE, share=0.01)})

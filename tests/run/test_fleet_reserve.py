@@ -22,7 +22,7 @@ def flown(use: float, *, use_home: float, mission_s: float) -> tuple[float, floa
         use_home: on the way home, after 20 s of stopping.
         mission_s: as planned, with 15 s for each of take-off and landing.
     """
-    battery, left = BatteryUse(VEHICLE), 100.0
+    battery, left = BatteryUse(VEHICLE, 100.0 / 600.0), 100.0
     for second in range(math.ceil(mission_s)):
         away_s = min(second, mission_s - second, mission_s / 3.0)
         if second % 2 == 0:
@@ -53,7 +53,7 @@ def test_it_does_not_come_home_much_too_early() -> None:
 
 
 def test_no_way_home_is_shorter_than_the_mission_itself() -> None:
-    battery = BatteryUse(VEHICLE)
+    battery = BatteryUse(VEHICLE, 100.0 / 600.0)
     battery.take(95, aloft_s=30.0)
     battery.take(10, aloft_s=400.0)
     assert battery.verdict(rest_s=60.0, home_s=50.0) is Verdict.GO_ON
@@ -69,7 +69,7 @@ def watch(monkeypatch: pytest.MonkeyPatch, percent: int | None, *, free: bool = 
         place_m=lambda _: np.zeros(3),
         give_way_home=lambda *_, within_s: free and within_s == 80.0,
     )
-    job: Any = SimpleNamespace(name="001", site=SITE)
+    job: Any = SimpleNamespace(name="001", site=SITE, battery_used=None, timeline=SimpleNamespace(duration_s=240.0))
     return ReserveWatch(job, connected, traffic)
 
 

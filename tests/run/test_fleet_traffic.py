@@ -6,7 +6,8 @@ import pytest
 from uavcover.errors import InfeasibleError
 from uavcover.model.fleet import Fleet
 from uavcover.routes.timeline import Timeline
-from uavcover.run.fleet_traffic import Phase, Traffic
+from uavcover.run.fleet_position import Phase
+from uavcover.run.fleet_traffic import Traffic
 
 FLEET = Fleet(vehicles=3, separation_m=20.0, path_error_m=2.0, timing_error_fraction=0.0, start_error_s=1.0, pad_s=10.0)
 HOME = (0.0, 0.0, 0.0)
@@ -219,3 +220,39 @@ def test_where_a_flight_is_in_its_plan() -> None:
         found = line.nearest_time_s(place, from_s=time_s - 4.0, to_s=time_s + 6.0)
         assert found == pytest.approx(time_s, abs=4.0)  # at a turn the same place comes twice
         assert np.linalg.norm(line.places_m(np.array([found]))[0] - place) < 1.2
+
+
+def lost_on_the_way_home(*, may_wait_s: float) -> list[float]:
+    """Seconds at which a vehicle that comes home a little later must hold because of one that was lost on the same line."""
+    line = out_and_back(0.0)
+    flights = traffic(a=(line, 0.0), b=(line, 16.0))
+    flights._flights["a"].phase = flights._flights["b"].phase = Phase.FLYING
+    for name, progress_s in (("a", line.duration_s - 40.0), ("b", line.duration_s - 43.0)):
+        flights._flights[name].progress_s = progress_s
+        flights.moved(name, 0.0, line.places_m(np.array([progress_s]))[0])
+    flights.lost("a", down_by_s=500.0)
+    return [now for now in np.arange(0.0, 200.0, 5.0) if flights.must_hold("b", now, may_wait_s=may_wait_s)]
+
+
+def test_nobody_in_the_air_waits_for_a_lost_one_longer_than_it_may_fly() -> None:
+    """On the ground they wait until its battery is empty; in the air that would empty theirs."""
+    held_s = lost_on_the_way_home(may_wait_s=60.0)
+    assert held_s[0] == 0.0
+    assert 30.0 <= held_s[-1] <= 40.0 + FLEET.pad_s
+
+
+def test_whose_battery_does_not_last_does_not_wait_for_a_lost_one() -> None:
+    assert lost_on_the_way_home(may_wait_s=-1.0) == []
+
+
+def test_a_lost_one_that_is_heard_again_is_where_it_is() -> None:
+    line = out_and_back(0.0)
+    flights = traffic(a=(line, 0.0), b=(out_and_back(300.0, home=(0.0, 600.0, 0.0)), 0.0))
+    assert flights.start("a", 0.0)
+    flights.moved("a", 20.0, line.places_m(np.array([20.0]))[0])
+    flights.lost("a", down_by_s=300.0)
+    late = line.places_m(np.array([30.0]))[0]
+    flights.moved("a", 50.0, late)
+    assert flights.lands_s("a") == pytest.approx(50.0 + line.duration_s - 30.0, abs=0.5)
+    flights.landed("a", 90.0)
+    assert flights.phase("a") is Phase.DOWN

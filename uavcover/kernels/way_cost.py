@@ -128,6 +128,31 @@ def route_cost(surface: Surface, way: WayCost, route: NDArray[np.float64]) -> fl
     return stretch_cost(surface, way, route, True, True)
 
 
+class FlightEnergies(NamedTuple):
+    """Seconds of hovering that a flight uses which begins or ends at each of n waypoints, in w winds; none limit it where w is 0.
+
+    Attributes:
+        so_far_s: (w, n) from the first waypoint, without turns.
+        turns_s: (w, n) of all turns up to and at the waypoint.
+        there_s: (w, n) from home on the ground.
+        back_s: (w, n) to home, landed.
+        alone_s: (w, n) of a flight to this waypoint only.
+        usable_s: of one battery.
+    """
+
+    so_far_s: NDArray[np.float64]
+    turns_s: NDArray[np.float64]
+    there_s: NDArray[np.float64]
+    back_s: NDArray[np.float64]
+    alone_s: NDArray[np.float64]
+    usable_s: float
+
+
+_NONE = np.empty((0, 0))
+NO_ENERGIES = FlightEnergies(_NONE, _NONE, _NONE, _NONE, _NONE, math.inf)
+"""Where there is no endurance."""
+
+
 class FlightCosts(NamedTuple):
     """What a flight costs that begins or ends at each of (n,) waypoints.
 
@@ -144,6 +169,7 @@ class FlightCosts(NamedTuple):
         endurance_s: of one flight.
         item_limit: of one mission.
         barred: (m, 2) first and last waypoints of flights that are excluded.
+        energies: of these flights.
     """
 
     so_far_s: NDArray[np.float64]
@@ -158,6 +184,21 @@ class FlightCosts(NamedTuple):
     endurance_s: float
     item_limit: float
     barred: NDArray[np.int64]
+    energies: FlightEnergies = NO_ENERGIES
+
+
+@kernel
+def battery_s(energies: FlightEnergies, first: int, last: int) -> float:
+    """Seconds of hovering that the flight along waypoints first..last uses in the worst wind; 0 without winds."""
+    worst = 0.0
+    for w in range(energies.so_far_s.shape[0]):
+        if first == last:
+            worst = max(worst, energies.alone_s[w, last])
+            continue
+        route = energies.so_far_s[w, last] - energies.so_far_s[w, first]
+        route += energies.turns_s[w, last - 1] - energies.turns_s[w, first]
+        worst = max(worst, energies.there_s[w, first] + route + energies.back_s[w, last])
+    return worst
 
 
 @kernel
@@ -174,6 +215,8 @@ def flight_s(costs: FlightCosts, first: int, last: int) -> float:
     for k in range(costs.barred.shape[0]):
         if costs.barred[k, 0] == first and costs.barred[k, 1] == last:
             return math.inf
+    if battery_s(costs.energies, first, last) > costs.energies.usable_s:
+        return math.inf
     return float(time)
 
 

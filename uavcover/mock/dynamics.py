@@ -13,17 +13,16 @@ Scalars instead of arrays: a step on three numbers is ten times faster without n
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
 
+from uavcover.model.power import GRAVITY_M_S2, PowerModel
 from uavcover.model.vehicle import Vehicle
 
 Vector = tuple[float, float, float]
 """East, north, up."""
-
-GRAVITY_M_S2 = 9.80665
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -251,10 +250,6 @@ class WindField:
         self._steady = self.velocity_m_s = (east, north, up)
 
 
-_IDLE_SHARE = 0.03
-"""Share of the hovering power that the electronics draw, with motors on or off."""
-_DESCENT_GAIN = 0.3
-"""Share of the potential energy of a descent that the rotors recover."""
 _CELLS = 4
 _FULL_V, _EMPTY_V = 4.2, 3.4
 _SAG_V = 0.12
@@ -268,39 +263,44 @@ class BatteryData:
     Attributes:
         endurance_s: hovering time on a full charge; a day by default, so that no flight ends unexpectedly.
         hover_w: hovering power.
-        hover_induced_m_s: induced velocity in hover.
-        drag_1_s: the airframe's drag: acceleration per metre per second of air speed.
+        power: what flight takes, as a multiple of that.
     """
 
     endurance_s: float = 86_400.0
     hover_w: float = 300.0
-    hover_induced_m_s: float = 6.0
-    drag_1_s: float = 0.2
+    power: PowerModel = field(default_factory=PowerModel)
 
     def __post_init__(self) -> None:
-        for name in self.__slots__:
+        for name in ("endurance_s", "hover_w"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name}: {getattr(self, name)} must be above 0")
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle) -> Self:
         """The battery of the vehicle that a scenario plans with."""
-        if vehicle.endurance_s is None:
-            return cls()
-        return cls(endurance_s=vehicle.endurance_s)
+        unloaded = cls(power=vehicle.power)
+        if vehicle.hover_s is None:
+            return unloaded
+        return cls(
+            endurance_s=vehicle.hover_s, hover_w=unloaded.hover_w * vehicle.power.hover_factor, power=vehicle.power
+        )
 
 
-def power_share(airspeed_m_s: float, climb_m_s: float, data: BatteryData) -> float:
+def power_share(airspeed_m_s: float, climb_m_s: float, power: PowerModel) -> float:
     """Power of level or climbing flight as a multiple of the hovering power.
 
     Induced power by Glauert's momentum theory of a rotor in forward flight (Leishman, Principles of Helicopter
-    Aerodynamics, 2.14), drag and climb on top; all per thrust, with the rotor's losses as in hovering.
+    Aerodynamics, 2.14), the blades' drag (Zeng et al. 2019, Eq. 12), drag and climb on top; all per thrust, with the rotor's
+    losses as in hovering. The planner has its own (``kernels/energy.py``).
     """
-    hover, half = data.hover_induced_m_s, 0.5 * airspeed_m_s**2
+    hover, half = power.induced_m_s, 0.5 * airspeed_m_s**2
     induced_m_s = math.sqrt(math.sqrt(half**2 + hover**4) - half)  # v_i^4 + V^2 v_i^2 = v_h^4
-    drag_m_s = data.drag_1_s * airspeed_m_s**2 / GRAVITY_M_S2
-    upwards_m_s = climb_m_s if climb_m_s > 0.0 else _DESCENT_GAIN * climb_m_s
-    return max(0.0, (induced_m_s + drag_m_s + upwards_m_s) / hover) * (1.0 - _IDLE_SHARE) + _IDLE_SHARE
+    drag_m_s2 = power.rotor_drag_1_s * airspeed_m_s + power.body_drag_1_m * airspeed_m_s**2
+    upwards_m_s = climb_m_s if climb_m_s > 0.0 else power.descent_gain * climb_m_s
+    thrust = (induced_m_s + drag_m_s2 * airspeed_m_s / GRAVITY_M_S2 + upwards_m_s) / hover
+    blades = 1.0 + 3.0 * (airspeed_m_s / power.tip_speed_m_s) ** 2
+    rotors = max(0.0, power.profile_share * blades + (1.0 - power.profile_share) * thrust)
+    return rotors * (1.0 - power.idle_share) + power.idle_share
 
 
 class Battery:
@@ -317,7 +317,7 @@ class Battery:
         self.data = data
         self.remaining = remaining
         self.capacity_wh = data.hover_w * data.endurance_s / 3600.0
-        self.power_w = data.hover_w * _IDLE_SHARE
+        self.power_w = data.hover_w * data.power.idle_share
 
     @property
     def capacity_mah(self) -> float:
@@ -337,16 +337,18 @@ class Battery:
 
     @property
     def time_left_s(self) -> float:
-        """Time until it is empty at the present power."""
+        """Time until it is empty at the present power; infinite where none is drawn."""
+        if self.power_w == 0.0:
+            return math.inf
         return self.remaining * self.capacity_wh * 3600.0 / self.power_w
 
     def fly(self, seconds: float, *, airspeed_m_s: float, climb_m_s: float) -> None:
         """Draw the power of flight."""
-        self._draw(seconds, power_share(airspeed_m_s, climb_m_s, self.data))
+        self._draw(seconds, power_share(airspeed_m_s, climb_m_s, self.data.power))
 
     def idle(self, seconds: float) -> None:
         """Draw the power of the electronics."""
-        self._draw(seconds, _IDLE_SHARE)
+        self._draw(seconds, self.data.power.idle_share)
 
     def drop_to(self, remaining: float) -> None:
         """Drop to this charge at once, as a battery with a bad cell does; a lower charge stays as it is."""

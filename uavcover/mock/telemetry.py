@@ -125,7 +125,7 @@ def _battery(vehicle: MockState) -> m.Message:
         battery.current_a,
         round((1.0 - left) * battery.capacity_mah),
         round(100.0 * left),
-        round(battery.time_left_s) or None,
+        (round(battery.time_left_s) or None) if math.isfinite(battery.time_left_s) else None,
         state,
     )
 

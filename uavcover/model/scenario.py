@@ -347,6 +347,11 @@ class Scenario:
             self.wind.speed_m_s == 0.0 or (airspeed is not None and airspeed > self.wind.speed_m_s),
             f"wind.speed_m_s: {self.wind.speed_m_s} m/s needs a larger vehicle.max_airspeed_m_s, not {airspeed}",
         )
+        most_m_s = self.wind.most_m_s or 0.0
+        require(
+            most_m_s == 0.0 or (airspeed is not None and airspeed > most_m_s),
+            f"wind.most_m_s: {most_m_s} m/s needs a larger vehicle.max_airspeed_m_s, not {airspeed}",
+        )
         require(
             self.planner.objective != "mission-time" or self.home is not None,
             'planner.objective: "mission-time" needs a [home], from which the mission starts',

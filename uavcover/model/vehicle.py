@@ -1,30 +1,39 @@
 """The vehicle and the wind it is planned for."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import ClassVar, Literal
 
 from uavcover.errors import InputError
+from uavcover.model.power import PowerModel
 from uavcover.model.value_checks import STRICT, require, require_not_negative, require_positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wind:
-    """Constant wind for the whole flight.
+    """Constant wind for the whole flight, and what batteries are planned for.
 
     Attributes:
         speed_m_s: horizontal wind speed.
         from_deg: direction it comes from, clockwise from north.
+        most_m_s: steady wind, from any side, in which every flight keeps its reserve; default: the wind above alone.
+        gust_m_s: standard deviation of the wind in each horizontal direction; it costs energy, too.
     """
 
     __pydantic_config__: ClassVar = STRICT
 
     speed_m_s: float = 0.0
     from_deg: float = 0.0
+    most_m_s: float | None = None
+    gust_m_s: float = 0.0
 
     def __post_init__(self) -> None:
-        require_not_negative(speed_m_s=self.speed_m_s)
+        require_not_negative(speed_m_s=self.speed_m_s, gust_m_s=self.gust_m_s)
+        require(
+            self.most_m_s is None or self.most_m_s >= self.speed_m_s,
+            f"most_m_s: {self.most_m_s} m/s is below speed_m_s = {self.speed_m_s}",
+        )
         require(abs(self.from_deg) <= 360.0, f"from_deg: {self.from_deg} is outside -360..360 degrees")
 
 
@@ -130,11 +139,12 @@ class Vehicle:
         acceptance_radius_m: a waypoint counts as reached within this distance.
         takeoff_height_m: height above home of the vertical climb, raised where the transit requires it.
         return_height_m: height above home of the autopilot's own return, checked from every waypoint.
-        endurance_s: time in the air on a full battery, or none.
-        reserve_fraction: share of the endurance that every planned flight leaves. A mission that takes longer than the rest is
-            flown as several sorties.
+        endurance_s: time in hover on a full battery, or none. No planned flight takes longer, whatever it saves by flying fast.
+        reserve_fraction: share of the battery, and of the endurance, that every planned flight leaves. A mission that takes more
+            is flown as several sorties.
         max_mission_items: largest number of mission items, home included where the autopilot counts it; none: the known limit.
         autopilot: the autopilot whose conventions mission files follow, unless a command says otherwise.
+        power: what flying takes from the battery.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -152,6 +162,7 @@ class Vehicle:
     reserve_fraction: float = 0.2
     max_mission_items: int | None = None
     autopilot: AutopilotName = "ardupilot"
+    power: PowerModel = field(default_factory=PowerModel)
 
     def __post_init__(self) -> None:
         require_positive(
@@ -181,9 +192,14 @@ class Vehicle:
         )
 
     @property
+    def hover_s(self) -> float | None:
+        """Time in hover on a full battery with the payload; none where there is no endurance."""
+        return None if self.endurance_s is None else self.endurance_s / self.power.hover_factor
+
+    @property
     def longest_flight_s(self) -> float | None:
         """What a planned flight may take: the endurance less the reserve; none where there is no endurance."""
-        return None if self.endurance_s is None else (1.0 - self.reserve_fraction) * self.endurance_s
+        return None if self.hover_s is None else (1.0 - self.reserve_fraction) * self.hover_s
 
     def motion(self, autopilot: AutopilotName | None = None) -> AutopilotMotion:
         """How it moves: as an autopilot does, its own by default, with the scenario's acceleration and jerk where it has them."""

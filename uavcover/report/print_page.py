@@ -120,7 +120,6 @@ def _home(site: Site) -> dict[str, str]:
 
 def _flight_row(site: Site, number: int, sortie: Sortie, autopilot: AutopilotName) -> dict[str, Any]:
     compiled, longest_s = sortie.compiled, site.scenario.vehicle.longest_flight_s
-    endurance_s = site.scenario.vehicle.endurance_s
     home_alt_m = 0.0 if site.home_m is None else float(site.alts_amsl_m(site.home_m)[0])
     return {
         "number": number + 1,
@@ -130,7 +129,7 @@ def _flight_row(site: Site, number: int, sortie: Sortie, autopilot: AutopilotNam
         "length_m": float(sum(math.dist(a, b) for a, b in zip(compiled.path_m[:-1], compiled.path_m[1:], strict=True))),
         "time": clock(compiled.flight_time_s),
         "time_with_stops": clock(time_with_stops_s(site, compiled, autopilot)),
-        "battery": "" if endurance_s is None else f"{compiled.flight_time_s / endurance_s:.0%}",
+        "battery": "" if compiled.battery_used is None else f"{compiled.battery_used:.0%}",
         "latest": "" if longest_s is None else clock(longest_s),
         "highest_m": compiled.max_height_above_home_m,
         "highest_amsl_m": compiled.max_height_above_home_m + home_alt_m,
@@ -170,9 +169,10 @@ def _limits(site: Site, flights: Sequence[Sortie]) -> list[tuple[str, str]]:
         ("Speed over ground", f"{vehicle.cruise_speed_m_s:g} m/s"),
         ("Climb, descent", f"{vehicle.max_climb_m_s:g} m/s, {vehicle.max_descent_m_s:g} m/s"),
         ("Wind that it is planned for", f"{wind.speed_m_s:g} m/s from {wind.from_deg:g}°" if wind.speed_m_s else "none"),
+        ("Batteries last in wind of up to", f"{wind.most_m_s:g} m/s from any side" if wind.most_m_s else ""),
         ("Largest airspeed", "" if vehicle.max_airspeed_m_s is None else f"{vehicle.max_airspeed_m_s:g} m/s"),
         ("Battery", "" if vehicle.endurance_s is None else (
-            f"{clock(vehicle.endurance_s)} min in the air when full, {vehicle.reserve_fraction:.0%} in reserve"
+            f"{clock(vehicle.endurance_s)} min of hovering when full, {vehicle.reserve_fraction:.0%} in reserve"
         )),
         ("No-fly zones in force", ", ".join(f"{zone.name} ({zone.heights_in_words()})" for zone in site.zones)),
     ]  # fmt: skip

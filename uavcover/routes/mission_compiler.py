@@ -38,7 +38,8 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import flight_time, landing_time, leg_time, takeoff_time
 from uavcover.model.route import Route
 from uavcover.model.sensor import Camera, FrameCamera, Sensor
-from uavcover.model.vehicle import AutopilotName, Vehicle
+from uavcover.model.vehicle import AutopilotName
+from uavcover.routes.energy import FlightEnergy, battery_in_words, battery_used_s, longest_flight_in_words, usable_s
 from uavcover.routes.fence import fence_of
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.transit import (
@@ -138,6 +139,7 @@ class CompiledMission:
         return_advice: whether the autopilot's own return is safe.
         max_height_above_home_m: highest point of the whole path above home: what the autopilot's maximum altitude must allow.
         flight_time_s: of the whole path, take-off and landing included.
+        battery_used: share of a full battery, in the worst of the winds that it is planned for; none without an endurance.
         zones_in_fence: the no-fly zones that are exclusions of the fence.
         zones_left_out: those that are not, because the path passes over or under them and a fence has no floors.
     """
@@ -152,6 +154,7 @@ class CompiledMission:
     return_advice: ReturnAdvice
     max_height_above_home_m: float
     flight_time_s: float
+    battery_used: float | None = None
     zones_in_fence: tuple[Zone, ...] = ()
     zones_left_out: tuple[Zone, ...] = ()
 
@@ -173,8 +176,9 @@ def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName) -> Co
         *(_item(waypoint, frame, point, home) for point in there[1:-1]),
     ]
     check_column(site, home, there[0])
-    climb_s = takeoff_time(pace_of(site, autopilot), float(there[0, 2] - home[2]))
-    return _compiled(site, route, opening, there, begin_s=climb_s, flown_s=0.0, autopilot=autopilot)
+    climb_m = float(there[0, 2] - home[2])
+    climb = _Begin(takeoff_time(pace_of(site, autopilot), climb_m), FlightEnergy(site, autopilot).takeoff_s(climb_m))
+    return _compiled(site, route, opening, there, begin=climb, flown_s=0.0, autopilot=autopilot)
 
 
 def compile_continuation(
@@ -219,7 +223,16 @@ def compile_continuation(
         *(_item(waypoint, frame, point, home) for point in there[:-1]),
     ]
     climb_s = leg_time(pace_of(site, autopilot), _place(here), _place(there[0]))
-    return _compiled(site, route, opening, there, begin_s=climb_s, flown_s=flown_s, autopilot=autopilot)
+    climb = _Begin(climb_s, FlightEnergy(site, autopilot).path_s(np.vstack([here, there[0]])))
+    return _compiled(site, route, opening, there, begin=climb, flown_s=flown_s, autopilot=autopilot)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Begin:
+    """What a mission begins with, before its path: seconds, and (w,) seconds of hovering in the winds that it is planned for."""
+
+    time_s: float
+    energy_s: FloatArray
 
 
 def _check_planned(site: Site, route: Route) -> None:
@@ -235,9 +248,9 @@ def _check_planned(site: Site, route: Route) -> None:
 
 def _compiled(
     site: Site, route: Route, opening: list[MissionItem], there_m: FloatArray,
-    *, begin_s: float, flown_s: float, autopilot: AutopilotName,
+    *, begin: _Begin, flown_s: float, autopilot: AutopilotName,
 ) -> CompiledMission:  # fmt: skip
-    """Complete a mission from its opening items; these follow ``there_m``, begun after ``begin_s``, to the first waypoint."""
+    """Complete a mission from its opening items; these follow ``there_m`` to the first waypoint, after what it begins with."""
     frame, home = frame_and_home(site)
     planned, vehicle = route.waypoints_m, site.scenario.vehicle
     back = transit(site, home[:2], planned[-1], ground_end_height_m=vehicle.takeoff_height_m)[::-1]
@@ -265,12 +278,21 @@ def _compiled(
     stops = 0 if picture_distance_m is None else 1
     timed = np.vstack([there_m[:-1], *[planned[:1]] * stops, planned, back[1:]])
     pace = pace_of(site, autopilot)
-    time_s = begin_s + flight_time(pace, timed) + landing_time(pace, timed[-1, 2] - home[2])
+    time_s = begin.time_s + flight_time(pace, timed) + landing_time(pace, timed[-1, 2] - home[2])
     if vehicle.longest_flight_s is not None and flown_s + time_s > vehicle.longest_flight_s:
         before = f" after {flown_s:.0f} s in the air" if flown_s > 0.0 else ""
         raise MissionTooLongError(
             f"the flight takes {time_s:.0f} s with the ways there and home{before}, {longest_flight_in_words(vehicle)}; "
             "ask for less coverage (--select), or plan a smaller area"
+        )
+    used_s = battery_used_s(FlightEnergy(site, autopilot), begin.energy_s, timed, home)
+    # What it has used before is not known; by the mean of what is planned, and never less than hovering.
+    before_s = flown_s * max(1.0, used_s / time_s)
+    if before_s + used_s > usable_s(vehicle):
+        before = f" after {flown_s:.0f} s in the air" if flown_s > 0.0 else ""
+        raise MissionTooLongError(
+            f"the flight{before} uses {battery_in_words(site, before_s + used_s)}; ask for less coverage (--select), plan a "
+            "smaller area, or fly in less wind"
         )
     advice = check_straight_return(site, path, first_waypoint=len(there_m) - 1, waypoint_count=len(planned))
     fence, rally = fence_of(site, frame, path), _rally(frame, home, advice)
@@ -289,6 +311,7 @@ def _compiled(
         zones_left_out=fence.left_out,
         max_height_above_home_m=float(site.alts_amsl_m(path).max() - site.alts_amsl_m(home)[0]),
         flight_time_s=time_s,
+        battery_used=None if vehicle.hover_s is None else used_s / vehicle.hover_s,
     )
 
 
@@ -328,14 +351,6 @@ def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, i
         raise refused(f"{autopilot.name} would not take this {mission_type_of(content).name.lower()}: {problems[0]}")
     if item_limit is not None and mission_type_of(content) is MissionType.MISSION and len(items) > item_limit:
         raise MissionTooLongError(f"the mission has {len(items)} items, vehicle.max_mission_items is {item_limit}")
-
-
-def longest_flight_in_words(vehicle: Vehicle) -> str:
-    """The limit that a flight is held against, as messages tell it."""
-    return (
-        f"vehicle.endurance_s is {vehicle.endurance_s or math.inf:g} s, of which vehicle.reserve_fraction = "
-        f"{vehicle.reserve_fraction:g} leaves {vehicle.longest_flight_s or math.inf:.0f} s"
-    )
 
 
 def _item(make: Callable[..., MissionItem], frame: LocalFrame, point_m: FloatArray, home_m: FloatArray) -> MissionItem:

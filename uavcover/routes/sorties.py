@@ -16,9 +16,10 @@ from uavcover.kernels.flight_time import (
     takeoff_time,
     turn_times,
 )
-from uavcover.kernels.way_cost import FlightCosts, route_cost, split, straight_ends
+from uavcover.kernels.way_cost import FlightCosts, FlightEnergies, battery_s, route_cost, split, straight_ends
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
+from uavcover.routes.energy import FlightEnergy, battery_in_words, battery_used_s, longest_flight_in_words, usable_s
 from uavcover.routes.fleet_cuts import fleet_cuts
 from uavcover.routes.mission_compiler import (
     AUTOPILOTS,
@@ -26,7 +27,6 @@ from uavcover.routes.mission_compiler import (
     MissionTooLongError,
     compile_mission,
     items_per_waypoint,
-    longest_flight_in_words,
 )
 from uavcover.routes.transit import check_way_home, check_way_there, transit
 from uavcover.routes.way_cost import mission_cost_of, pace_of
@@ -151,7 +151,7 @@ def _limits(site: Site, autopilot: AutopilotName) -> tuple[float, float]:
 
 def _flight_costs(
     site: Site, points_m: FloatArray, pace: Pace, *, ends: tuple[FloatArray, ...], items: tuple[IntArray, IntArray],
-    limits: tuple[float, float],
+    limits: tuple[float, float], energies: FlightEnergies,
 ) -> FlightCosts:  # fmt: skip
     """Costs of the flights of an (n, 3) route.
 
@@ -162,6 +162,7 @@ def _flight_costs(
         ends: (n,) seconds there, back, and of a flight to the waypoint alone.
         items: (n,) mission items before the waypoint, and behind it.
         limits: seconds and items of one flight.
+        energies: of the flights.
     """
     there, back, alone = ends
     return FlightCosts(
@@ -177,6 +178,7 @@ def _flight_costs(
         endurance_s=limits[0],
         item_limit=limits[1],
         barred=np.empty((0, 2), dtype=np.int64),
+        energies=energies,
     )
 
 
@@ -189,20 +191,28 @@ def _along_transits(site: Site, route: Route, autopilot: AutopilotName, most_poi
     # The waypoint at which pictures begin stands twice in the mission and is a stop.
     stops = trigger_distance_m(site.scenario) is not None
     there, back, alone, items = np.empty(n), np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
+    energy = FlightEnergy(site, autopilot)
+    used_there, used_back, used_alone = np.empty((3, len(energy.winds_m_s), n))
     for k, point in enumerate(points):
         way = transit(site, home[:2], point, ground_end_height_m=vehicle.takeoff_height_m)
         # With the turn onto the leg behind it, and off the leg before it.
-        there[k] = _there_s(pace, home, way, points[k + 1 : k + 1] if stops else points[k + 1 : k + 2])
-        back[k] = _back_s(pace, home, way, points[max(k - 1, 0) : k])
+        onto, off = points[k + 1 : k + 1] if stops else points[k + 1 : k + 2], points[max(k - 1, 0) : k]
+        there[k] = _there_s(pace, home, way, onto)
+        back[k] = _back_s(pace, home, way, off)
         # A flight to this waypoint alone turns from the way there to the way home.
         round_m = np.vstack([way, way[-1:] if stops else way[:0], way[-2::-1]])
         column_m = way[0, 2] - home[2]
         alone[k] = takeoff_time(pace, column_m) + flight_time(pace, round_m) + landing_time(pace, column_m)
         items[k] = len(way) - 1
+        up, down, legs = energy.takeoff_s(column_m), energy.landing_s(column_m), len(way) - 1
+        used_there[:, k] = up + energy.first_legs_s(np.vstack([way, onto]), legs)
+        used_back[:, k] = energy.first_legs_s(np.vstack([off, way[::-1]]), -legs) + down
+        used_alone[:, k] = up + energy.path_s(round_m) + down
     # Home, take-off, speed and transit before the route; transit and landing after it.
     costs = _flight_costs(
-        site, points, pace, ends=(there, back, alone), items=(items + 2, items + 1), limits=_limits(site, autopilot)
-    )
+        site, points, pace, ends=(there, back, alone), items=(items + 2, items + 1), limits=_limits(site, autopilot),
+        energies=energy.flights(points, used_there, used_back, used_alone),
+    )  # fmt: skip
     if most_points is None:
         return costs
     # Points are fewer than items: where items are the tighter limit, the compiler says so, and another split is tried.
@@ -238,7 +248,9 @@ def mission_time_s(site: Site, route: Route) -> float:
         return float(route_cost(site.ground.surface, mission_cost_of(site), points))
     longest_s, most_items = limits = _limits(site, vehicle.autopilot)
     each = items_per_waypoint(site.scenario.sensor)
-    if time_s <= longest_s and len(way) + len(way_back) + each * len(route) + 1 <= most_items:
+    one = len(way) + len(way_back) + each * len(route) + 1 <= most_items and time_s <= longest_s
+    energy = FlightEnergy(site)
+    if one and battery_used_s(energy, energy.takeoff_s(way[0, 2] - home[2]), whole_m, home) <= usable_s(vehicle):
         return time_s
     items = np.full(len(route), round(0.5 * (len(way) + len(way_back))) - 1, dtype=np.int64)
     costs = _flight_costs(
@@ -248,6 +260,7 @@ def mission_time_s(site: Site, route: Route) -> float:
         ends=straight_ends(mission_cost_of(site), points),
         items=(items + 2, items + 1),
         limits=limits,
+        energies=energy.straight_flights(mission_cost_of(site), points),
     )
     split_s, _ = split(costs)
     return float(split_s) if math.isfinite(split_s) else time_s
@@ -285,7 +298,10 @@ def way_home(site: Site, place_m: FloatArray) -> tuple[FloatArray, float]:
 
 def _tighter(costs: FlightCosts) -> FlightCosts:
     """The same costs with slightly lower limits."""
-    return costs._replace(endurance_s=0.998 * costs.endurance_s, item_limit=costs.item_limit - 2)
+    return costs._replace(
+        endurance_s=0.998 * costs.endurance_s, item_limit=costs.item_limit - 2,
+        energies=costs.energies._replace(usable_s=0.998 * costs.energies.usable_s),
+    )  # fmt: skip
 
 
 def _without(costs: FlightCosts, first: int, last: int) -> FlightCosts:
@@ -353,6 +369,14 @@ def _why_not(site: Site, costs: FlightCosts, refusal: InfeasibleError) -> str:
         return (
             f"{what}: flown alone it takes {least[worst]:.0f} s with the ways there and home, "
             f"{longest_flight_in_words(site.scenario.vehicle)}; move [home] nearer, or plan a smaller area"
+        )
+    used = np.array([battery_s(costs.energies, int(first), int(first) + step) for first in firsts])
+    worst = int(np.argmax(used))
+    if used[worst] > costs.energies.usable_s:
+        what = f"the leg to waypoint {worst + 1}" if step else f"waypoint {worst}"
+        return (
+            f"{what}: flown alone it uses {battery_in_words(site, float(used[worst]))}; move [home] nearer, plan a smaller area, "
+            "or fly in less wind"
         )
     items = costs.there_items[firsts] + costs.each_items * (step + 1) + costs.back_items[firsts + step]
     most = int(np.argmax(items))

@@ -18,7 +18,8 @@ from uavcover.model.route import Route
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, SphereSensor
 from uavcover.model.terrain import RasterTerrain
 from uavcover.model.vehicle import AutopilotName
-from uavcover.routes.mission_compiler import CompiledMission, longest_flight_in_words
+from uavcover.routes.energy import longest_flight_in_words
+from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie, compile_sorties
 from uavcover.routes.transit import ReturnAdvice
 from uavcover.routes.way_cost import pace_of

@@ -51,21 +51,21 @@ def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | No
         "one_vehicle_s": one_s,
         "of_one_vehicle": done_s / one_s,
         "kept_apart_s": max(0.0, done_s - together_s),
-        "by_vehicle": [_row(site, number, flights) for number in sorted({flight.vehicle for flight in flights})],
+        "by_vehicle": [_row(number, flights) for number in sorted({flight.vehicle for flight in flights})],
     }
 
 
-def _row(site: Site, vehicle: int, flights: Sequence[Sortie]) -> dict[str, Any]:
+def _row(vehicle: int, flights: Sequence[Sortie]) -> dict[str, Any]:
     own = sorted((k for k, f in enumerate(flights) if f.vehicle == vehicle), key=lambda k: _start_s(flights[k]))
     times_s = [flights[k].compiled.flight_time_s for k in own]
-    endurance_s = site.scenario.vehicle.endurance_s
+    used = [share for k in own if (share := flights[k].compiled.battery_used) is not None]
     return {
         "vehicle": vehicle,
         "sorties": [k + 1 for k in own],
         "takeoffs_s": [_start_s(flights[k]) for k in own],
         "landed_s": max(_start_s(flights[k]) + time_s for k, time_s in zip(own, times_s, strict=True)),
         "flight_time_s": math.fsum(times_s),
-        "least_battery_left": None if endurance_s is None else 1.0 - max(times_s) / endurance_s,
+        "least_battery_left": 1.0 - max(used) if used else None,
     }
 
 

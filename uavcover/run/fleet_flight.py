@@ -10,14 +10,15 @@ from functools import partial
 
 import numpy as np
 
-from mission_io.errors import MissionIoError, VehicleSilentError
+from mission_io.errors import MissionIoError
 from mission_io.model.items import Mission
 from uavcover.errors import UavcoverError, VehicleError
 from uavcover.model.track import TrackSample
-from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.run.fleet_board import Board, VehicleUser
 from uavcover.run.fleet_clock import FleetClock
 from uavcover.run.fleet_jobs import Job, OnLoss, Queues, require_gain, rest_of
+from uavcover.run.fleet_lost import LostVehicle
+from uavcover.run.fleet_position import Phase
 from uavcover.run.fleet_reserve import ReserveWatch
 from uavcover.run.fleet_sortie import (
     FlownSortie,
@@ -26,14 +27,15 @@ from uavcover.run.fleet_sortie import (
     pace_home_m_s,
     places_m,
     require_own_mission,
+    wait_for_home,
 )
-from uavcover.run.fleet_traffic import Phase, Traffic
+from uavcover.run.fleet_traffic import Traffic
 from uavcover.run.flights import TRACK
 from uavcover.run.fly import FlightOptions, record_flight
 from uavcover.run.folder import FLIGHT_FILES, RunFolder
 from uavcover.run.mission import compile_plan
 from uavcover.run.provenance import note_files
-from uavcover.run.session import Connected, VehicleLink, check_home, fly
+from uavcover.run.session import Connected, VehicleLink, fly
 from uavcover.run.upload import UPLOAD_FILE, upload, upload_document
 from uavcover.scenario.site import Site
 from uavcover.vehicle.clearance import Clearance
@@ -41,8 +43,6 @@ from uavcover.vehicle.outcome import Ending, FlightFailedError, FlightOutcome
 
 _READY_BEFORE_S = 60.0
 """So long before its take-off a vehicle is looked for and gets its next sortie."""
-_KNOWS_HOME_S = 120.0
-"""So long a vehicle that was switched on may take until it knows where it is."""
 _NEW_BATTERY_S = 300.0
 """So long a vehicle whose battery lasts for little of its sortie keeps those behind it waiting."""
 _LOOK_EVERY_S, _PLACE_EVERY_S = 1.0, 0.5
@@ -105,6 +105,7 @@ class FleetFlight:
         self._free_s: dict[int, float] = {}
         self._next_look_s: dict[int, float] = {}
         self._holds: dict[int, bool] = {}
+        self._reserves: dict[int, ReserveWatch] = {}
         self._lock = threading.RLock()
         for job in jobs:
             self._enqueue(job)
@@ -165,16 +166,34 @@ class FleetFlight:
                 job.folder.reserved(FLIGHT_FILES, force=self._may_replace(job)),
                 self.orders.opening(self.orders.links[vehicle - 1], job.site) as connected,
             ):
-                self._fly(job, connected, user, record, clock)
+                try:
+                    self._fly(job, connected, user, record, clock)
+                except (UavcoverError, MissionIoError) as error:
+                    record.error = str(error) or type(error).__name__
+                    user.warn(record.error)
+                if self.traffic.phase(job.name) is Phase.LOST and not self._stopped:
+                    self._take_end(record, clock.now())
+                    self._listen(record, connected, clock)
         except (UavcoverError, MissionIoError) as error:
-            record.error = str(error) or type(error).__name__
-            user.warn(record.error)
+            record.error = record.error or str(error) or type(error).__name__
+            user.warn(str(error) or type(error).__name__)
         finally:
-            self._take_end(record, clock.now())
+            if all(each is not record for each in self.flown):
+                self._take_end(record, clock.now())
+
+    def _listen(self, record: FlownSortie, connected: Connected, clock: FleetClock) -> None:
+        """Listen to a vehicle that was lost, as long as others fly or wait for it: where it is counts again when it is heard."""
+        self._queues.done(record.vehicle)
+        heard = LostVehicle(record.job, connected, self.traffic)
+        while not self._stopped and self._queues.work_is_left and not record.down:
+            told = heard.look(clock, _LOOK_EVERY_S)
+            record.down = self.traffic.phase(record.job.name) is not Phase.LOST
+            if told is not None:
+                self.board.say(f"vehicle {record.vehicle}: {told}")
 
     def _fly(self, job: Job, connected: Connected, user: VehicleUser, record: FlownSortie, clock: FleetClock) -> None:
         compiled = compile_plan(job.site, job.route, autopilot=connected.autopilot)
-        self._wait_for_home(connected, job.site, compiled, clock)
+        wait_for_home(connected, job.site, compiled, clock, stopped=lambda: self._stopped)
         first = record.vehicle not in self._free_s
         others = range(1, len(self.orders.links) + 1)
         self._found[record.vehicle] = connected.client.vehicle.system_id
@@ -198,16 +217,6 @@ class FleetFlight:
             lambda orders: self._followed(record, connected, clock, partial(fly, connected, job.site, compiled, orders)),
             options=self._flight_options(job, connected, record, clock),
         )  # fmt: skip
-
-    def _wait_for_home(self, connected: Connected, site: Site, compiled: CompiledMission, clock: FleetClock) -> None:
-        """Check the vehicle's home as soon as it knows it: with a new battery that takes a while."""
-        until_s = clock.now() + _KNOWS_HOME_S
-        while True:
-            try:
-                return check_home(connected, site, compiled)
-            except VehicleSilentError:
-                if self._stopped or clock.now() > until_s:
-                    raise
 
     def _followed(
         self, record: FlownSortie, connected: Connected, clock: FleetClock, begin: Callable[[], FlightOutcome]
@@ -246,7 +255,7 @@ class FleetFlight:
     def _flight_options(self, job: Job, connected: Connected, record: FlownSortie, clock: FleetClock) -> FlightOptions:
         vehicle = record.vehicle
         row = self.board.rows[vehicle]
-        reserve = ReserveWatch(job, connected, self.traffic)
+        reserve = self._reserves[vehicle] = ReserveWatch(job, connected, self.traffic)
         lacks_since_s: float | None = None
 
         def may_start() -> bool:
@@ -310,11 +319,14 @@ class FleetFlight:
         now = clock.now()
         if now >= self._next_look_s.get(vehicle, now):
             self._next_look_s[vehicle] = now + _LOOK_EVERY_S
-            before, holds = self._holds.get(vehicle, False), self.traffic.must_hold(job.name, now)
+            before, holds = self._holds.get(vehicle, False), self._must_hold(job, vehicle, now)
             self._holds[vehicle] = holds
             if holds is not before:
                 self.board.rows[vehicle].does = "lets another pass" if holds else "flies"
         return self.orders.paused() or self._holds.get(vehicle, False)
+
+    def _must_hold(self, job: Job, vehicle: int, now: float) -> bool:
+        return self.traffic.must_hold(job.name, now, may_wait_s=self._reserves[vehicle].may_wait_s(now))
 
     def _take_end(self, record: FlownSortie, now: float) -> None:
         """What a sortie that is over means for the others."""

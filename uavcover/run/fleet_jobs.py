@@ -40,6 +40,7 @@ class Job:
         site: the scenario on its ground.
         route: its waypoints.
         timeline: as planned.
+        battery_used: share of a full battery, in the worst of the winds that it is planned for; none where that is not known.
         is_rest: whether it is the rest of a sortie that another vehicle began.
     """
 
@@ -51,6 +52,7 @@ class Job:
     site: Site
     route: Route
     timeline: Timeline
+    battery_used: float | None = None
     is_rest: bool = False
 
 
@@ -85,18 +87,20 @@ def _planned_job(run: RunFolder, number: int, vehicle: int, takeoff_s: float) ->
     folder = run.flight(number)
     site, planned = read_planned(folder)
     require_home(site)
-    timeline = job_timeline(site, planned.route)
-    return Job(f"{number:03d}", number, vehicle, takeoff_s, folder, site, planned.route, timeline)
+    timeline, used = _planned_use(site, planned.route)
+    return Job(f"{number:03d}", number, vehicle, takeoff_s, folder, site, planned.route, timeline, used)
 
 
-def job_timeline(site: Site, route: Route) -> Timeline:
-    """The planned times of a sortie.
+def _planned_use(site: Site, route: Route) -> tuple[Timeline, float | None]:
+    """The planned times of a sortie, and the share of a battery that it uses.
 
     Raises:
         InfeasibleError: a leg breaks a limit, or the flight takes too long.
     """
     autopilot = site.scenario.vehicle.autopilot
-    return timeline_of(site, Sortie(0, len(route) - 1, route, compile_plan(site, route)), autopilot=autopilot)
+    compiled = compile_plan(site, route)
+    timeline = timeline_of(site, Sortie(0, len(route) - 1, route, compiled), autopilot=autopilot)
+    return timeline, compiled.battery_used
 
 
 def rest_of(job: Job, command: Sequence[str]) -> Job | None:
@@ -113,12 +117,13 @@ def rest_of(job: Job, command: Sequence[str]) -> Job | None:
     unfinished = find_unfinished(sortie, job.site)
     if unfinished.complete:
         return None
-    timeline = job_timeline(job.site, unfinished.route)
+    timeline, used = _planned_use(job.site, unfinished.route)
     unfinished.folder.path.mkdir(exist_ok=True)
     save_rest(unfinished, job.site, command=command)
     return replace(
-        job, name=f"{job.name}+", folder=unfinished.folder, route=unfinished.route, timeline=timeline, is_rest=True
-    )
+        job, name=f"{job.name}+", folder=unfinished.folder, route=unfinished.route, timeline=timeline, battery_used=used,
+        is_rest=True,
+    )  # fmt: skip
 
 
 def require_gain(job: Job, rest: Job) -> None:
@@ -176,6 +181,12 @@ class Queues:
         """The sorties that wait for a vehicle."""
         with self._lock:
             return [job for job in self._waiting if job.vehicle == vehicle]
+
+    @property
+    def work_is_left(self) -> bool:
+        """Whether a sortie is flown, or waits for somebody."""
+        with self._lock:
+            return bool(self._busy or self._waiting)
 
     def work_may_come(self, vehicle: int) -> bool:
         """Whether a vehicle without a sortie may get one: another one may still be lost."""

@@ -36,12 +36,14 @@ class BatteryUse:
 
     Attributes:
         vehicle: with its endurance and reserve.
+        planned_each_s: percent that a second in the air is planned to use.
         first: time in the air, and what the battery told then, when it was asked first after the climb; none before.
         percent: what it told last.
         aloft_s: time in the air by then.
     """
 
     vehicle: Vehicle
+    planned_each_s: float
     first: tuple[float, float] | None = None
     percent: float = math.nan
     aloft_s: float = 0.0
@@ -54,9 +56,9 @@ class BatteryUse:
 
     @property
     def each_s(self) -> float:
-        """Percent of a battery that a second in the air uses: by the endurance at first, and as measured later."""
+        """Percent of a battery that a second in the air uses: as planned at first, and as measured later."""
         if self.first is None or self.aloft_s - self.first[0] < _MEASURED_S:
-            return 100.0 / (self.vehicle.endurance_s or math.inf)
+            return self.planned_each_s
         return (self.first[1] - self.percent) / (self.aloft_s - self.first[0])
 
     @property
@@ -71,6 +73,12 @@ class BatteryUse:
     def lasts_on(self, seconds: float) -> bool:
         """Whether so much more of the mission keeps the reserve."""
         return self.spare >= _USE_ON * self.each_s * seconds
+
+    def may_wait_s(self, seconds: float) -> float:
+        """How long it may hang in the air before so much more of the mission; infinite while nothing is told of the battery."""
+        if math.isnan(self.percent):
+            return math.inf
+        return self.spare / self.each_s - _USE_ON * seconds
 
     def verdict(self, *, rest_s: float, home_s: float) -> Verdict:
         """What it allows of a mission that takes ``rest_s`` to the landing, where the straight way home takes ``home_s``."""
@@ -90,8 +98,14 @@ class ReserveWatch:
 
     def __init__(self, job: Job, connected: Connected, traffic: Traffic) -> None:
         self._job, self._connected, self._traffic = job, connected, traffic
-        self._use = BatteryUse(job.site.scenario.vehicle)
+        vehicle, flight_s = job.site.scenario.vehicle, job.timeline.duration_s
+        used = flight_s / (vehicle.hover_s or math.inf) if job.battery_used is None else job.battery_used
+        self._use = BatteryUse(vehicle, 100.0 * used / flight_s)
         self._next_s = -math.inf
+
+    def may_wait_s(self, now: float) -> float:
+        """How long its battery lets it hang in the air and then fly its mission to the end."""
+        return self._use.may_wait_s(self._traffic.lands_s(self._job.name) - now)
 
     def must_go_home(self, now: float, *, aloft_s: float) -> str | None:
         """Why it must, as text; none while it may fly on, or where it tells nothing of its battery.

@@ -1,6 +1,6 @@
 """A sortie of a fleet: how it ended, whether its vehicle is down, what its battery lacks, and its way home."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,14 +8,15 @@ import numpy as np
 
 from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
-from mission_io.errors import MissionIoError
+from mission_io.errors import MissionIoError, VehicleSilentError
 from mission_io.model.items import Frame, Mission, MissionType
 from mission_io.wire.messages import SysStatus
 from uavcover.errors import InputError, VehicleError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission
+from uavcover.run.fleet_clock import FleetClock
 from uavcover.run.fleet_jobs import Job
-from uavcover.run.session import Connected
+from uavcover.run.session import Connected, check_home
 from uavcover.scenario.site import Site
 from uavcover.vehicle.outcome import Ending, FlightOutcome
 
@@ -23,6 +24,8 @@ _LESS_AT_START = 5.0
 """Percent by which a battery may tell less than the whole sortie needs: whole numbers, and a while of standing ready. What it
 lacks in the end is left to another sortie: a vehicle in flight goes home before it uses its reserve."""
 _LATELY_S = 5.0
+_KNOWS_HOME_S = 120.0
+"""So long a vehicle that was switched on may take until it knows where it is."""
 
 
 @dataclass(slots=True)
@@ -74,6 +77,24 @@ def is_down(connected: Connected) -> bool:
         return False
 
 
+def wait_for_home(
+    connected: Connected, site: Site, compiled: CompiledMission, clock: FleetClock, *, stopped: Callable[[], bool]
+) -> None:
+    """Check the vehicle's home as soon as it knows it: with a new battery that takes a while.
+
+    Raises:
+        VehicleSilentError: it does not tell it.
+        VehicleError: it is not the planned one.
+    """
+    until_s = clock.now() + _KNOWS_HOME_S
+    while True:
+        try:
+            return check_home(connected, site, compiled)
+        except VehicleSilentError:
+            if stopped() or clock.now() > until_s:
+                raise
+
+
 def require_own_mission(connected: Connected, compiled: CompiledMission, urls: Sequence[str]) -> None:
     """Refuse a vehicle that two links lead to: it holds the sortie that it was given last.
 
@@ -101,9 +122,10 @@ def lacking_battery(job: Job, connected: Connected) -> str | None:
     """What a battery lacks that is to fly a sortie and keep the reserve; none where it is enough, or nothing is told of it."""
     vehicle, status = job.site.scenario.vehicle, connected.monitor.latest(SysStatus)
     percent = None if status is None else status.battery_remaining_percent
-    if vehicle.endurance_s is None or percent is None:
+    if vehicle.hover_s is None or percent is None:
         return None
-    needed = 100.0 * (job.timeline.duration_s / vehicle.endurance_s + vehicle.reserve_fraction)
+    used = job.timeline.duration_s / vehicle.hover_s if job.battery_used is None else job.battery_used
+    needed = 100.0 * (used + vehicle.reserve_fraction)
     return None if percent + _LESS_AT_START >= min(needed, 100.0) else f"battery {percent:.0f} of {needed:.0f} %"
 
 

@@ -7,97 +7,30 @@ All times are seconds on one clock that all vehicles of the fleet share.
 import math
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.fleet import Fleet
-from uavcover.routes.separation import Pieces, pieces_of, segment_distances_m, unsafe_starts
+from uavcover.routes.separation import pieces_of, segment_distances_m, unsafe_starts
 from uavcover.routes.timeline import Timeline
+from uavcover.run.fleet_position import FleetPosition, Phase
 
 _AHEAD_S, _AHEAD_TO_GO_ON_S = 45.0, 60.0
 """So far ahead two vehicles are looked at; farther before one that holds goes on, so that it does not stop again at once."""
 _STEP_S = 0.5
 _ERROR_S, _ERROR_FRACTION = 2.0, 0.02
 """By how much the next moments may differ from what is reckoned: at once, and for each second ahead."""
-_KNOWN_AFTER_S, _MOST_LATER = 20.0, 1.0
-"""After so long in the air a flight's lateness tells how late it will be at its landing: at most so much of what is left."""
 _HOLDS_WITHIN_S = 60.0
 """A vehicle that was told to hold and does not within this time is taken as flying on: somebody else may have it."""
 _BACK_S, _BEYOND_S = 2.0, 20.0
 """A vehicle is looked for in the plan from a little before where it was to a little after where it may be by now."""
 
 
-class Phase(Enum):
-    """What a flight does."""
-
-    WAITING = "waits"
-    FLYING = "flies"
-    HOLDING = "holds, on its way home"
-    HOMEWARD = "flies home"
-    DOWN = "is down"
-    LOST = "is lost"
-
-
 _Ahead = Callable[[FloatArray], FloatArray]
 """(n, 3) ENU places at (n,) seconds from now."""
 _IN_THE_AIR = frozenset({Phase.FLYING, Phase.HOLDING, Phase.HOMEWARD, Phase.LOST})
-
-
-@dataclass(slots=True, eq=False)
-class _Flight:
-    """A flight and where it is.
-
-    Attributes:
-        timeline: as planned.
-        pieces: of it, for pairs of starts.
-        planned_s: its take-off, since the first take-off of all.
-        pace_m_s: how fast it flies home, over ground and vertically.
-        phase: what it does.
-        progress_s: time since take-off at which the plan has it where it is.
-        began_s: when it took off.
-        seen_s: when it was there.
-        place_m: (3,) ENU, where it is.
-        held: whether it holds its place to let another one pass.
-        way_m: (k, 3) ENU, its way home.
-        asked_s: when it first asked for that.
-        free_s: when the place where it landed is free; for one that is lost, when it must be down.
-    """
-
-    timeline: Timeline
-    pieces: Pieces
-    planned_s: float
-    pace_m_s: tuple[float, float]
-    phase: Phase = Phase.WAITING
-    progress_s: float = 0.0
-    began_s: float = 0.0
-    seen_s: float = 0.0
-    place_m: FloatArray = field(default_factory=lambda: np.zeros(3))
-    held: bool = False
-    way_m: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
-    asked_s: float = math.inf
-    free_s: float = -math.inf
-
-    @property
-    def as_if_begun_s(self) -> float:
-        """The take-off after which the plan would have it where it is."""
-        return self.seen_s - self.progress_s
-
-    @property
-    def gets_later_s(self) -> float:
-        """By how much more it will be late at its landing if it goes on as so far: wind slows all of a flight."""
-        if self.progress_s < _KNOWN_AFTER_S:
-            return 0.0
-        each_s = (self.as_if_begun_s - self.began_s) / self.progress_s
-        return min(max(each_s, 0.0), _MOST_LATER) * (self.timeline.duration_s - self.progress_s)
-
-    @property
-    def home_m(self) -> FloatArray:
-        """(3,) ENU, where it lands."""
-        return np.asarray(self.timeline.place_m[-1])
 
 
 class Traffic:
@@ -109,7 +42,7 @@ class Traffic:
 
     def __init__(self, fleet: Fleet) -> None:
         self._fleet = fleet
-        self._flights: dict[str, _Flight] = {}
+        self._flights: dict[str, FleetPosition] = {}
         self._unsafe: dict[tuple[str, str], FloatArray] = {}
         self._lock = threading.RLock()
         self._first_s: float | None = None
@@ -117,7 +50,7 @@ class Traffic:
     def add(self, name: str, timeline: Timeline, *, planned_s: float, pace_m_s: tuple[float, float]) -> None:
         """A flight that is to take off so long after the first one of all."""
         with self._lock:
-            self._flights[name] = _Flight(timeline, pieces_of(timeline, self._fleet), planned_s, pace_m_s)
+            self._flights[name] = FleetPosition(timeline, pieces_of(timeline, self._fleet), planned_s, pace_m_s)
 
     def drop(self, name: str) -> None:
         """A flight that will not take place: nobody waits for it."""
@@ -182,7 +115,7 @@ class Traffic:
         """Where a flight is now, (3,) ENU."""
         with self._lock:
             flight = self._flights[name]
-            if flight.phase is Phase.FLYING:
+            if flight.phase in (Phase.FLYING, Phase.LOST):  # one that was lost may be heard again
                 latest_s = flight.progress_s + (now - flight.seen_s) + _BEYOND_S
                 flight.progress_s = max(
                     flight.progress_s,
@@ -190,14 +123,24 @@ class Traffic:
                 )
             flight.seen_s, flight.place_m = now, place_m
 
-    def must_hold(self, name: str, now: float) -> bool:
-        """Whether a flight is to hold its place now because another one would come too near."""
+    def must_hold(self, name: str, now: float, *, may_wait_s: float = math.inf) -> bool:
+        """Whether a flight is to hold its place now because another one would come too near.
+
+        Args:
+            name: which flight.
+            now: present time.
+            may_wait_s: how long its battery lets it wait; without any time left it no longer waits for one that is lost, which
+                may be elsewhere: both were planned apart.
+        """
         with self._lock:
             own = self._flights[name]
             if own.phase is not Phase.FLYING or own.progress_s <= 0.0:
                 return False
             ahead_s = _AHEAD_TO_GO_ON_S if own.held else _AHEAD_S
-            own.held = any(self._yields(name, own, n, f, now, ahead_s) for n, f in self._others(name))
+            others = [(n, f) for n, f in self._others(name) if self._counts(f, now)]
+            if may_wait_s <= 0.0:
+                others = [(n, f) for n, f in others if f.phase is not Phase.LOST]
+            own.held = any(self._yields(name, own, n, f, now, ahead_s) for n, f in others)
             return own.held
 
     def give_way_home(self, name: str, now: float, way_m: FloatArray, *, within_s: float) -> bool:
@@ -216,7 +159,7 @@ class Traffic:
             own = self._flights[name]
             if own.phase is not Phase.FLYING:
                 return False
-            others = [f for _, f in self._others(name)]
+            others = [f for _, f in self._others(name) if self._counts(f, now)]
             if any(f.phase in (Phase.HOMEWARD, Phase.HOLDING) for f in others):
                 return False
             times_s = np.arange(0.0, within_s + _STEP_S, _STEP_S)
@@ -255,7 +198,7 @@ class Traffic:
                 return True
             own.phase, own.way_m, own.asked_s = Phase.HOLDING, way_m, min(own.asked_s, now)
             all_return = all_return and now - own.asked_s < _HOLDS_WITHIN_S
-            others = [f for _, f in self._others(name) if f.phase in _IN_THE_AIR]
+            others = [f for _, f in self._others(name) if f.phase in _IN_THE_AIR and self._counts(f, now)]
             if any(f.phase is Phase.HOMEWARD or (all_return and f.phase is Phase.FLYING) for f in others):
                 return False
             if any(f.phase is Phase.DOWN and self._meets_landed(own, f, now) for _, f in self._others(name)):
@@ -293,10 +236,14 @@ class Traffic:
             others = [f.place_m for _, f in self._others(name) if f.phase in _IN_THE_AIR]
             return min((float(np.linalg.norm(place_m - own.place_m)) for place_m in others), default=None)
 
-    def _others(self, name: str) -> Iterator[tuple[str, _Flight]]:
+    def _others(self, name: str) -> Iterator[tuple[str, FleetPosition]]:
         return ((n, f) for n, f in self._flights.items() if n != name)
 
-    def _apart_from_start(self, name: str, own: _Flight, other: str, flight: _Flight, now: float) -> bool:
+    def _counts(self, flight: FleetPosition, now: float) -> bool:
+        """Whether a flight may be in the way of one in the air."""
+        return flight.phase is not Phase.LOST or flight.may_fly(now, self._fleet)
+
+    def _apart_from_start(self, name: str, own: FleetPosition, other: str, flight: FleetPosition, now: float) -> bool:
         match flight.phase:
             case Phase.WAITING:
                 return True
@@ -314,7 +261,9 @@ class Traffic:
             case _:
                 return False
 
-    def _yields(self, name: str, own: _Flight, other: str, flight: _Flight, now: float, ahead_s: float) -> bool:
+    def _yields(
+        self, name: str, own: FleetPosition, other: str, flight: FleetPosition, now: float, ahead_s: float
+    ) -> bool:
         """Whether of two flights that would come too near this one holds."""
         if flight.phase is Phase.HOMEWARD:
             return self._meets_way(own, flight, ahead_s)
@@ -334,7 +283,7 @@ class Traffic:
             return other_in_way
         return (own.planned_s, name) > (flight.planned_s, other)
 
-    def _from_now(self, flight: _Flight, now: float) -> _Ahead:
+    def _from_now(self, flight: FleetPosition, now: float) -> _Ahead:
         """Where a flight is so many seconds from now, by what it does now."""
         if flight.phase is Phase.HOLDING or flight.held:
             return lambda times_s: np.broadcast_to(flight.place_m, (len(times_s), 3))
@@ -349,23 +298,23 @@ class Traffic:
         at_once = np.abs(times_s[:, None] - times_s[None]) <= error_s[:, None]
         return bool((apart_m[at_once] < self._fleet.held_apart_m).any())
 
-    def _meets_way(self, own: _Flight, homeward: _Flight, ahead_s: float) -> bool:
+    def _meets_way(self, own: FleetPosition, homeward: FleetPosition, ahead_s: float) -> bool:
         """Whether a flight comes near the way home of another one, or near where that is, within a time."""
         places = own.timeline.places_m(own.progress_s + np.arange(0.0, ahead_s, _STEP_S))
         way = np.vstack([homeward.place_m, homeward.way_m])
         return self._least_m(places, way) < self._fleet.held_apart_m
 
-    def _meets_landed(self, own: _Flight, landed: _Flight, now: float) -> bool:
+    def _meets_landed(self, own: FleetPosition, landed: FleetPosition, now: float) -> bool:
         """Whether a way home ends where another vehicle still stands."""
         if float(np.linalg.norm(own.way_m[-1] - landed.home_m)) >= self._fleet.held_apart_m:
             return False
         return now + _way_s(own) < landed.free_s
 
-    def _stands_in_way(self, holder: _Flight, flight: _Flight, ahead_s: float) -> bool:
+    def _stands_in_way(self, holder: FleetPosition, flight: FleetPosition, ahead_s: float) -> bool:
         places = flight.timeline.places_m(flight.progress_s + np.arange(0.0, ahead_s, _STEP_S))
         return float(np.linalg.norm(places - holder.place_m, axis=1).min()) < self._fleet.held_apart_m
 
-    def _passes_holders(self, own: _Flight, holders: list[_Flight]) -> bool:
+    def _passes_holders(self, own: FleetPosition, holders: list[FleetPosition]) -> bool:
         way = np.vstack([own.place_m, own.way_m])
         return all(
             self._least_m(holder.place_m[None], way) >= self._fleet.separation_m
@@ -382,7 +331,7 @@ class Traffic:
         return float(segment_distances_m(points, points, begin, end).min())
 
 
-def _as_planned(flight: _Flight) -> _Ahead:
+def _as_planned(flight: FleetPosition) -> _Ahead:
     """Where a flight is so many seconds from now if it goes on, also one that holds now."""
     return lambda times_s: flight.timeline.places_m(flight.progress_s + times_s)
 
@@ -391,7 +340,7 @@ def _length_m(way_m: FloatArray) -> float:
     return float(np.linalg.norm(np.diff(way_m, axis=0), axis=1).sum())
 
 
-def _way_times_s(flight: _Flight) -> tuple[FloatArray, FloatArray]:
+def _way_times_s(flight: FleetPosition) -> tuple[FloatArray, FloatArray]:
     """When a vehicle that flies home now passes the points of its way, and these."""
     way_m = np.vstack([flight.place_m, flight.way_m])
     legs_m = np.diff(way_m, axis=0)
@@ -399,10 +348,10 @@ def _way_times_s(flight: _Flight) -> tuple[FloatArray, FloatArray]:
     return np.concatenate([[0.0], np.cumsum(np.maximum(over_s, np.abs(legs_m[:, 2]) / flight.pace_m_s[1]))]), way_m
 
 
-def _way_s(flight: _Flight) -> float:
+def _way_s(flight: FleetPosition) -> float:
     return float(_way_times_s(flight)[0][-1])
 
 
-def _along_way(flight: _Flight) -> _Ahead:
+def _along_way(flight: FleetPosition) -> _Ahead:
     times, way_m = _way_times_s(flight)
     return lambda times_s: np.column_stack([np.interp(times_s, times, axis) for axis in way_m.T])

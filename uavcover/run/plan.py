@@ -265,8 +265,10 @@ def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, s
         user.say("the scenario has no place on Earth: no mission files (give it an [origin] and a [home])")
         return
     for number, sortie in enumerate(sorties, start=1):
+        used = sortie.compiled.battery_used
+        battery = "" if used is None else f"{used:.0%} of a battery, "
         user.say(
-            f"sortie {number:<2}  waypoints {sortie.first} to {sortie.last}, {sortie.compiled.flight_time_s:.0f} s, "
+            f"sortie {number:<2}  waypoints {sortie.first} to {sortie.last}, {sortie.compiled.flight_time_s:.0f} s, {battery}"
             f"{len(sortie.compiled.mission.items)} items"
         )
         _say_return(user, sortie.compiled, f"sortie {number}: ")

@@ -122,6 +122,7 @@ def _sortie_row(number: int, sortie: Sortie) -> dict[str, Any]:
         "first_waypoint": sortie.first,
         "last_waypoint": sortie.last,
         "flight_time_s": sortie.compiled.flight_time_s,
+        "battery_used": sortie.compiled.battery_used,
         "route_length_m": sortie.route.length_m,
         "path_length_m": Route(sortie.compiled.path_m).length_m,
         "mission_items": len(sortie.compiled.mission.items),
