@@ -33,12 +33,13 @@ from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
 from uavcover.optimizers import ALGORITHMS
 from uavcover.planning.encodings import WaypointEncoding
-from uavcover.planning.front import Snapshots, judge_members
+from uavcover.planning.front import Candidate, Snapshots, judge_members
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.search.memetic import improve
 from uavcover.planning.search.optimizer_search import SearchRun, rounds_of, search
 from uavcover.planning.selection import parse_rule
 from uavcover.routes.leg_checks import measure_violations
+from uavcover.routes.objectives import evaluate_routes
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap
 
@@ -100,8 +101,13 @@ def planned(bench: Bench, algorithm: str, budget_s: float) -> list[Route]:
 def improved(bench: Bench, routes: Sequence[Route], budget_s: float) -> list[Route]:
     """Local search of routes, from a random stream of its own."""
     effort = Effort(bench.settings.evaluations, budget_s, time.process_time)
+    evaluated = evaluate_routes(bench.coarse, routes)
+    candidates = [
+        Candidate((route, ""), objectives, float(violation))
+        for route, objectives, (violation,) in zip(routes, evaluated.objectives, evaluated.violations, strict=True)
+    ]
     done = improve(
-        bench.coarse, bench.fine, routes, SearchRun(effort=effort, started=time.process_time()),
+        bench.coarse, bench.fine, candidates, SearchRun(effort=effort, started=time.process_time()),
         settings=dataclasses.replace(bench.settings, seed=bench.settings.seed + 1000), rule=parse_rule(bench.rule),
         evaluations_done=0,
     )  # fmt: skip
