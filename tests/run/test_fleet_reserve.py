@@ -89,3 +89,11 @@ def test_a_vehicle_that_tells_nothing_of_its_battery_flies_on(monkeypatch: pytes
 
 def test_while_its_way_home_is_not_free_it_flies_on(monkeypatch: pytest.MonkeyPatch) -> None:
     assert watch(monkeypatch, 45, free=False).must_go_home(0.0, aloft_s=100.0) is None
+
+
+def test_a_battery_that_tells_of_no_use_is_taken_to_be_used_as_planned() -> None:
+    battery = BatteryUse(VEHICLE, 100.0 / 600.0)
+    battery.take(100, aloft_s=30.0)
+    battery.take(100, aloft_s=120.0)
+    assert battery.each_s == 100.0 / 600.0
+    assert battery.may_wait_s(60.0) == pytest.approx(79.0 * 6.0 - 1.05 * 60.0)

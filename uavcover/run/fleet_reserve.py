@@ -56,8 +56,8 @@ class BatteryUse:
 
     @property
     def each_s(self) -> float:
-        """Percent of a battery that a second in the air uses: as planned at first, and as measured later."""
-        if self.first is None or self.aloft_s - self.first[0] < _MEASURED_S:
+        """Percent of a battery that a second in the air uses: as planned at first, and as measured once it tells of any use."""
+        if self.first is None or self.aloft_s - self.first[0] < _MEASURED_S or self.percent >= self.first[1]:
             return self.planned_each_s
         return (self.first[1] - self.percent) / (self.aloft_s - self.first[0])
 
