@@ -50,7 +50,8 @@ def job(folder: Path, sortie: int, vehicle: int, planned_s: float) -> Job:
     timeline = out_and_back(150.0, home=(800.0 * vehicle, 0.0, 0.0))
     where = RunFolder(folder / f"sortie-{sortie}")
     where.path.mkdir(parents=True)
-    return Job(f"{sortie:03d}", sortie, vehicle, planned_s, where, SITE, Route(timeline.place_m[1:-1]), timeline)
+    route, used = Route(timeline.place_m[1:-1]), timeline.duration_s / ENDURANCE_S
+    return Job(f"{sortie:03d}", sortie, vehicle, planned_s, where, SITE, route, timeline, used)
 
 
 class ScriptedFlight(FleetFlight):

@@ -69,7 +69,7 @@ def watch(monkeypatch: pytest.MonkeyPatch, percent: int | None, *, free: bool = 
         place_m=lambda _: np.zeros(3),
         give_way_home=lambda *_, within_s: free and within_s == 80.0,
     )
-    job: Any = SimpleNamespace(name="001", site=SITE, battery_used=None, timeline=SimpleNamespace(duration_s=240.0))
+    job: Any = SimpleNamespace(name="001", site=SITE, battery_used=0.8, timeline=SimpleNamespace(duration_s=240.0))
     return ReserveWatch(job, connected, traffic)
 
 

@@ -279,8 +279,8 @@ def _compiled(
     timed = np.vstack([there_m[:-1], *[planned[:1]] * stops, planned, back[1:]])
     pace = pace_of(site, autopilot)
     time_s = begin.time_s + flight_time(pace, timed) + landing_time(pace, timed[-1, 2] - home[2])
+    before = f" after {flown_s:.0f} s in the air" if flown_s > 0.0 else ""
     if vehicle.longest_flight_s is not None and flown_s + time_s > vehicle.longest_flight_s:
-        before = f" after {flown_s:.0f} s in the air" if flown_s > 0.0 else ""
         raise MissionTooLongError(
             f"the flight takes {time_s:.0f} s with the ways there and home{before}, {longest_flight_in_words(vehicle)}; "
             "ask for less coverage (--select), or plan a smaller area"
@@ -289,7 +289,6 @@ def _compiled(
     # What it has used before is not known; by the mean of what is planned, and never less than hovering.
     before_s = flown_s * max(1.0, used_s / time_s)
     if before_s + used_s > usable_s(vehicle):
-        before = f" after {flown_s:.0f} s in the air" if flown_s > 0.0 else ""
         raise MissionTooLongError(
             f"the flight{before} uses {battery_in_words(site, before_s + used_s)}; ask for less coverage (--select), plan a "
             "smaller area, or fly in less wind"

@@ -40,7 +40,7 @@ class Job:
         site: the scenario on its ground.
         route: its waypoints.
         timeline: as planned.
-        battery_used: share of a full battery, in the worst of the winds that it is planned for; none where that is not known.
+        battery_used: share of a full battery, in the worst of the winds that it is planned for; none without an endurance.
         is_rest: whether it is the rest of a sortie that another vehicle began.
     """
 

@@ -99,8 +99,7 @@ class ReserveWatch:
     def __init__(self, job: Job, connected: Connected, traffic: Traffic) -> None:
         self._job, self._connected, self._traffic = job, connected, traffic
         vehicle, flight_s = job.site.scenario.vehicle, job.timeline.duration_s
-        used = flight_s / (vehicle.hover_s or math.inf) if job.battery_used is None else job.battery_used
-        self._use = BatteryUse(vehicle, 100.0 * used / flight_s)
+        self._use = BatteryUse(vehicle, 100.0 * (job.battery_used or 0.0) / flight_s)
         self._next_s = -math.inf
 
     def may_wait_s(self, now: float) -> float:

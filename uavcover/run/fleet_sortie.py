@@ -122,10 +122,9 @@ def lacking_battery(job: Job, connected: Connected) -> str | None:
     """What a battery lacks that is to fly a sortie and keep the reserve; none where it is enough, or nothing is told of it."""
     vehicle, status = job.site.scenario.vehicle, connected.monitor.latest(SysStatus)
     percent = None if status is None else status.battery_remaining_percent
-    if vehicle.hover_s is None or percent is None:
+    if job.battery_used is None or percent is None:
         return None
-    used = job.timeline.duration_s / vehicle.hover_s if job.battery_used is None else job.battery_used
-    needed = 100.0 * (used + vehicle.reserve_fraction)
+    needed = 100.0 * (job.battery_used + vehicle.reserve_fraction)
     return None if percent + _LESS_AT_START >= min(needed, 100.0) else f"battery {percent:.0f} of {needed:.0f} %"
 
 
