@@ -100,6 +100,7 @@ def _optional() -> Iterator[Finding]:
         ("pyserial", "serial links", "serial"),
         ("mcap", "exports for Foxglove", "mcap"),
         ("pyogrio", "areas in GeoPackage and Shapefile", "gis"),
+        ("distributed", "--scheduler: large areas on several processes or machines", "cluster"),
     ):
         yield _extra(name, purpose, extra)
     for name, variable in (("ArduCopter simulator", "UAVCOVER_ARDUCOPTER"), ("PX4 simulator", "UAVCOVER_PX4")):

@@ -59,6 +59,14 @@ Autopilot = Annotated[
     str | None, typer.Option(help="ardupilot or px4; default: the scenario's.", metavar="ardupilot|px4")
 ]
 Seed = Annotated[int | None, typer.Option(help="Seed of every random number; default: the scenario's.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        help="Who does the tasks: local:N starts N worker processes here, tcp://HOST:PORT is a Dask scheduler. The result "
+        "does not depend on it. Needs the extra cluster.",
+        metavar="local:N|tcp://HOST:PORT",
+    ),
+]
 To = Annotated[
     str,
     typer.Option(

@@ -63,6 +63,7 @@ class Search:
     autopilot: options.Autopilot = None
     vehicles: options.Vehicles = None
     workers: Annotated[int | None, typer.Option(help="Threads; the result does not depend on it.")] = None
+    scheduler: options.Scheduler = None
     seed: options.Seed = None
 
 
@@ -94,7 +95,7 @@ def plan(
         evaluations=search.evaluations, budget_s=options.seconds(search.budget), algorithm=search.algorithm,
         parts=_parts(search.parts), max_waypoints=search.max_waypoints, waypoint_price=search.waypoint_price,
         select=search.select, vehicles=search.vehicles, autopilot=search.autopilot, workers=search.workers,
-        bounds_s=options.seconds(search.bounds, option="--bounds"),
+        bounds_s=options.seconds(search.bounds, option="--bounds"), scheduler=search.scheduler,
     )  # fmt: skip
     outcome = plan_into(request, console, check_site=lambda _: None)
     if outcome.document["mission_files"]:

@@ -227,6 +227,9 @@ def _without_nan(value: Any) -> Any:
     return value
 
 
+PARTS = "parts"
+"""The folder with the routes of parts, while a large area is being planned."""
+
 PLAN_FILES = ("scenario.toml", "run.json", "pareto.csv", "pareto_routes.csv", "plan.json")
 MISSION_FILES = ("mission.waypoints", "mission.plan", "fence.waypoints", "rally.waypoints", "mission.kml")
 UPLOAD_FILE = "upload.json"

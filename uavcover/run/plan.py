@@ -21,7 +21,8 @@ from uavcover.run.documents import (
     bounds_in_words,
 )
 from uavcover.run.fleet import fleet_document, makespan_s, say_fleet
-from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
+from uavcover.run.folder import OF_A_PLAN, PARTS, PLAN_FILES, RunFolder
+from uavcover.run.kept_parts import KeptParts
 from uavcover.run.mission import compile_flights
 from uavcover.run.plan_files import save_plan
 from uavcover.run.search import SearchRequest, plan
@@ -108,9 +109,10 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         run.reserved((*PLAN_FILES, *OF_A_PLAN), force=request.force),
         user.stop_requests(_FIRST_STOP) as stops,
     ):
+        kept = KeptParts(run.file(PARTS))
         user.say(f"planning {site.scenario.name}: {site.scenario.description}".rstrip(": "))
         with user.progress("planning") as bar:
-            result = _search(site, request, stops, bar)
+            result = _search(site, request, stops, bar, kept)
         flights: tuple[Sortie, ...] = ()
         refused = None
         if site.frame is not None and site.home_m is not None:
@@ -127,6 +129,8 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
             run, site, result, compiled=compiled, autopilot=name, seed=seed, command=request.command, sorties=sorties,
             fleet=fleet, proved=bounds,
         )  # fmt: skip
+        if not result.interrupted:
+            kept.forget()
     say_older(user, older)
     if refused is not None:
         raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
@@ -175,7 +179,7 @@ def _overlap_missed(site: Site, route: Route, sorties: Sequence[Sortie]) -> str 
     return overlap_shortfall(site.scenario, planned_pictures(judging_map(site), routes))
 
 
-def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: ProgressBar) -> Plan:
+def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: ProgressBar, kept: KeptParts) -> Plan:
     unit = "m" if site.scenario.objective == "length" else "s"
     bar.update(0, note="baselines first")
     least_m = least_length_m(site, request.select or site.scenario.select)
@@ -189,7 +193,7 @@ def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Progress
         total = progress.total if budget_s is None else budget_s
         bar.update(furthest, total=total, note=progress_in_words(progress, unit, least_m))
 
-    return plan(site, request, should_stop=stops.any, on_progress=show)
+    return plan(site, request, should_stop=stops.any, on_progress=show, kept=kept)
 
 
 def progress_in_words(progress: SearchProgress, unit: str, least: float | None) -> str:

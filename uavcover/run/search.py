@@ -1,6 +1,7 @@
 """The search for a plan."""
 
 import dataclasses
+import logging
 import os
 import time
 from collections.abc import Callable
@@ -12,10 +13,14 @@ from uavcover.errors import InputError
 from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers.by_name import ALGORITHMS
-from uavcover.planning.parts.planner import part_count, plan_by_parts, require_parts, search_parts_with
+from uavcover.planning.parts.planner import part_count, plan_by_parts, require_parts
 from uavcover.planning.planner import Effort, SearchProgress, plan_routes
 from uavcover.planning.search.optimizer_search import SearchRun
+from uavcover.run.kept_parts import KeptParts
+from uavcover.run.part_workers import part_searchers
 from uavcover.scenario.site import Site
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,6 +38,8 @@ class SearchRequest:
         select: the rule by which one route is chosen.
         parts: into how many parts a large area is divided, or "auto"; see :class:`uavcover.model.scenario.PlannerSettings`.
         workers: threads; the result does not depend on it. None: one a core.
+        scheduler: who searches in the parts, see :func:`uavcover.run.scheduling.workers_of`; the result does not depend on it.
+            None: threads.
     """
 
     seed: int | None = None
@@ -43,6 +50,7 @@ class SearchRequest:
     select: str | None = None
     parts: int | Literal["auto"] | None = None
     workers: int | None = None
+    scheduler: str | None = None
 
 
 def plan(
@@ -51,6 +59,7 @@ def plan(
     *,
     should_stop: Callable[[], bool] = lambda: False,
     on_progress: Callable[[SearchProgress], None] = lambda _: None,
+    kept: KeptParts | None = None,
 ) -> Plan:
     """Plan the sensing route.
 
@@ -59,6 +68,7 @@ def plan(
         request: how to search.
         should_stop: asked after every round of the search; the best so far is returned.
         on_progress: told after every round.
+        kept: where the routes of parts are kept as they are found, for a process that goes on after this one.
 
     Raises:
         InfeasibleError: no route keeps the limits.
@@ -84,24 +94,32 @@ def plan(
         raise InputError(
             f"parts: {settings.parts} goes with the planner's own local search, not with another optimizer"
         )
+    if request.scheduler is not None and settings.parts == 1:
+        raise InputError("--scheduler: shares out the parts of a large area; give --parts N or --parts auto with it")
     threads = workers or os.cpu_count() or 1
     with ThreadPoolExecutor(threads) as executor:
         if count > 1:
-            return plan_by_parts(
-                site,
-                parts=count,
-                settings=settings,
-                select_rule=request.select if request.select is not None else site.scenario.select,
-                run=SearchRun(
-                    effort=Effort(settings.evaluations, budget_s, time.monotonic),
-                    started=time.monotonic(),
-                    executor=executor,
-                    should_stop=should_stop,
-                    on_progress=on_progress,
-                ),
-                run_tasks=search_parts_with(executor, now=time.monotonic, should_stop=should_stop),
-                workers=min(threads, os.cpu_count() or 1),
-            )
+            with part_searchers(request.scheduler, executor, threads=threads, should_stop=should_stop) as (
+                search,
+                at_a_time,
+            ):
+                return plan_by_parts(
+                    site,
+                    parts=count,
+                    settings=settings,
+                    select_rule=request.select if request.select is not None else site.scenario.select,
+                    run=SearchRun(
+                        effort=Effort(settings.evaluations, budget_s, time.monotonic),
+                        started=time.monotonic(),
+                        executor=executor,
+                        should_stop=should_stop,
+                        on_progress=on_progress,
+                    ),
+                    run_tasks=search if kept is None else kept.before(search, is_whole=lambda: not should_stop()),
+                    workers=at_a_time,
+                )
+        if request.scheduler is not None:
+            _log.warning("--scheduler: the area is small and planned in one piece, in this process")
         return plan_routes(
             site,
             settings=settings,

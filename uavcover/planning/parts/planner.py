@@ -2,8 +2,8 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, as_completed
 
 import numpy as np
 import shapely
@@ -25,8 +25,8 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map, planning_map
 from uavcover.sensing.sensors import reach_at_height_m, sight_of
 
-RunTasks = Callable[[Site, Sequence[PartTask]], list[FloatArray]]
-"""Search in parts of a site: the waypoints of each task's route, in the order of the tasks."""
+RunTasks = Callable[[Site, Sequence[PartTask]], Iterator[tuple[PartTask, FloatArray]]]
+"""Search in parts of a site: each task with the waypoints of its route, in any order."""
 
 _ROUNDS = (0.5, 0.2, 0.15, 0.15)
 """Shares of the search: each part by itself; then along the seams, where in turn the lower number of two neighbours keeps what
@@ -144,7 +144,13 @@ def plan_by_parts(
             evaluations=evaluations,
             budget_s=budget_s,
         )
-        routes = run_tasks(site, tasks)
+        done_m: dict[int, FloatArray] = {}
+        for task, route_m in run_tasks(site, tasks):
+            done_m[task.number] = route_m
+            searched = sum(_ROUNDS[:number]) + sum(_ROUNDS[number : number + 1]) * len(done_m) / len(tasks)
+            done = min(effort.evaluations, round(searched * effort.evaluations))
+            run.on_progress(SearchProgress(done, effort.evaluations, seen, None))
+        routes = [done_m[task.number] for task in tasks]
         whole = Route(joined(site, in_good_order(routes, site.home_m)))
         found.append(whole)
         seen = fine.share_of_coverable(fine.seen(whole.waypoints_m))
@@ -177,11 +183,15 @@ def search_parts_with(
 ) -> RunTasks:
     """Search in the parts by threads of this process, or one after the other."""
 
-    def run(site: Site, tasks: Sequence[PartTask]) -> list[FloatArray]:
-        def one(task: PartTask) -> FloatArray:
-            return search_part(site, task, now=now, should_stop=should_stop).waypoints_m
+    def run(site: Site, tasks: Sequence[PartTask]) -> Iterator[tuple[PartTask, FloatArray]]:
+        def one(task: PartTask) -> tuple[PartTask, FloatArray]:
+            return task, search_part(site, task, now=now, should_stop=should_stop).waypoints_m
 
-        return list(map(one, tasks) if executor is None else executor.map(one, tasks))
+        if executor is None:
+            yield from map(one, tasks)
+        else:
+            for future in as_completed([executor.submit(one, task) for task in tasks]):
+                yield future.result()
 
     return run
 

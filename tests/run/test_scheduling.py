@@ -1,0 +1,133 @@
+"""``--scheduler``: what it takes, and what it says when it cannot."""
+
+import importlib
+import socket
+import sys
+import threading
+
+import pytest
+
+from uavcover.errors import InputError, TerrainError
+from uavcover.run import program as programs
+from uavcover.run.program import differences, program
+from uavcover.run.scheduling import workers_of
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "threads", "local:", "local:0", "local:-1", "local:two", "local:2:3", "local:٣", "tcp:", "tcp://", "tcp://host",
+     "tcp://:8786", "tcp://host:0", "tcp://host:65536", "tcp://host:x", "udp://host:8786", "tcp:host:8786", "LOCAL"],
+)  # fmt: skip
+def test_what_is_no_scheduler_is_refused(text) -> None:
+    with pytest.raises(InputError, match=r"--scheduler: .* is not understood; give local, local:N"):
+        workers_of(text)
+
+
+def test_without_dask_the_error_says_what_to_install(monkeypatch) -> None:
+    monkeypatch.delitem(sys.modules, "uavcover.run.cluster", raising=False)
+    monkeypatch.setitem(sys.modules, "dask", None)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"--scheduler local:2: needs Dask: pip install 'uavcover\[cluster\]'") as told:
+        workers_of("local:2")
+    assert told.value.exit_code == 2
+
+
+def test_programs_that_differ_are_told_apart() -> None:
+    ours = program()
+    assert differences(ours, dict(ours)) == ""
+    assert differences(ours, ours | {"numpy": "1.0"}) == f"numpy {ours['numpy']} here and 1.0 there"
+    assert differences({"a": "1"}, {}) == "a 1 here and none there"
+    assert {"uavcover", "uavcover's sources", "python", "numpy", "numba"} <= ours.keys()
+
+
+def add(shared: int, task: int) -> int:
+    if task < 0:
+        raise TerrainError(f"no ground at {task}")
+    return shared + task
+
+
+@pytest.fixture(scope="module")
+def workers():
+    """A scheduler and a worker in this process."""
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed (extra cluster)")
+    import dask
+
+    cluster = importlib.import_module("uavcover.run.cluster")
+    with (
+        dask.config.set({"distributed.admin.system-monitor.gil.enabled": False}),
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, protocol="inproc://"
+        ) as local,
+        distributed.Client(local, set_as_default=False) as client,
+    ):  # fmt: skip
+        yield cluster.DaskWorkers(client, "--scheduler test")
+
+
+def test_dask_gives_each_task_with_its_result(workers) -> None:
+    assert workers.count == 2
+    assert sorted(workers.completed(add, 100, list(range(20)))) == [(k, 100 + k) for k in range(20)]
+    assert sorted(workers.completed(add, 200, [5, 5])) == [(5, 205), (5, 205)]
+    assert list(workers.completed(add, 0, [])) == []
+
+
+def test_an_error_of_a_task_comes_as_it_was_raised(workers) -> None:
+    with pytest.raises(TerrainError, match="no ground at -3"):
+        list(workers.completed(add, 100, [1, -3, 2]))
+    assert sorted(workers.completed(add, 100, [1, 2])) == [(1, 101), (2, 102)]
+
+
+GATE = threading.Event()
+
+
+def first_only(shared: int, task: int) -> int:
+    if task > 0:
+        GATE.wait(60.0)
+    return shared + task
+
+
+def test_who_stops_gets_what_is_done_and_no_more(workers) -> None:
+    got = []
+    try:
+        for task, _ in workers.completed(first_only, 0, list(range(5)), should_stop=lambda: len(got) >= 1):
+            got.append(task)
+        assert got == [0]
+    finally:
+        GATE.set()
+    assert list(workers.completed(add, 0, [1], should_stop=lambda: True)) == []
+
+
+def test_a_worker_of_another_program_is_refused(workers, monkeypatch) -> None:
+    monkeypatch.setattr(workers, "_about", program() | {"numba": "0.1"})
+    with pytest.raises(InputError, match=r"a worker is another program: numba 0.1 here and .* there; install the same"):
+        list(workers.completed(add, 300, [1]))
+
+
+def test_nobody_at_the_address_is_one_error(monkeypatch) -> None:
+    pytest.importorskip("distributed", reason="Dask is not installed (extra cluster)")
+    monkeypatch.setattr("uavcover.run.cluster._ANSWER_S", 0.2)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))  # bound and not listening: refused
+        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        with (
+            pytest.raises(InputError, match=f"{address}: no Dask scheduler answers there; start one with") as told,
+            workers_of(address),
+        ):
+            pass
+    assert told.value.exit_code == 2
+
+
+def test_processes_of_this_machine_do_the_tasks_and_end() -> None:
+    pytest.importorskip("distributed", reason="Dask is not installed (extra cluster)")
+    with workers_of("local:1") as workers:
+        assert workers.count == 1
+        assert sorted(workers.completed(add, 100, [1, 2])) == [(1, 101), (2, 102)]
+
+
+def test_the_hash_of_the_sources_is_of_all_of_them(monkeypatch, tmp_path) -> None:
+    package = tmp_path / "uavcover" / "run"
+    package.mkdir(parents=True)
+    monkeypatch.setattr(programs, "__file__", str(package / "program.py"))
+    (package / "a.py").write_text("x = 1")
+    before = programs._sources_sha256()
+    (package / "a.py").write_text("x = 2")
+    assert programs._sources_sha256() != before

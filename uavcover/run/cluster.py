@@ -1,0 +1,178 @@
+"""Workers by Dask: processes of this machine, or those of a scheduler elsewhere. The only importer of Dask."""
+
+import asyncio
+import hashlib
+import logging
+import os
+import pickle
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+import dask
+from distributed import Client, Future, KilledWorker, LocalCluster, wait
+from distributed.comm import CommClosedError
+
+from uavcover.errors import InputError, UavcoverError
+from uavcover.run.program import differences, program
+
+Shared = TypeVar("Shared")
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+_ANSWER_S = 10.0
+_FIRST_WORKER_S = 30.0
+_ASK_EVERY_S = 0.5
+_ALLOWED_FAILURES = 20
+"""A local task may lose its worker so often before it is taken for the one that ends it."""
+
+_DEAF_TO_CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+"""A terminal sends Ctrl-C to all processes of a command; who started the workers decides."""
+
+_GOES_ON = "what is done is kept: give the same command again"
+
+
+class DaskWorkers:
+    """The workers of a Dask scheduler.
+
+    Attributes:
+        count: threads of all workers.
+    """
+
+    def __init__(self, client: Client, where: str) -> None:
+        self._client = client
+        self._where = where
+        self._about = program()
+        self.count = max(1, sum(client.nthreads().values()))
+
+    def completed(
+        self,
+        function: Callable[[Shared, Task], Result],
+        shared: Shared,
+        tasks: Sequence[Task],
+        *,
+        should_stop: Callable[[], bool] = lambda: False,
+    ) -> Iterator[tuple[Task, Result]]:
+        """Each task with its result; see :class:`uavcover.run.scheduling.Workers`."""
+        packed = pickle.dumps(shared, protocol=5)
+        name = hashlib.sha256(packed).hexdigest()[:16]
+        pending: dict[Future, Task] = {}
+        try:
+            # What is shared is a task of its own: a scheduler can make it again when every worker that had it is gone.
+            there = self._client.submit(_unpacked, packed, self._about, key=f"uavcover-shared-{name}")
+            for number, task in enumerate(tasks):
+                key = f"uavcover-{function.__name__}-{name}-{_digest(task)}-{number}"
+                future = self._client.submit(_done, function, there, pickle.dumps(task, protocol=5), key=key)
+                pending[future] = task
+            while pending and not should_stop():
+                for future in self._ended(list(pending)):
+                    task = pending[future]
+                    result: Result = pickle.loads(future.result())
+                    del pending[future]
+                    yield task, result
+        except KilledWorker as error:
+            raise UavcoverError(
+                f"{self._where}: a task lost its worker again and again, {error.last_worker.address} last (is there enough "
+                f"memory?); {_GOES_ON}"
+            ) from error
+        except (CancelledError, asyncio.CancelledError, CommClosedError, OSError) as error:
+            raise UavcoverError(f"{self._where}: the scheduler is gone; {_GOES_ON}") from error
+        finally:
+            if pending and self._client.status == "running":
+                self._client.cancel(list(pending), force=True)
+
+    def _ended(self, futures: list[Future]) -> list[Future]:
+        """Those that are done, after a moment at most."""
+        try:
+            with self._client.as_current():
+                wait(futures, timeout=_ASK_EVERY_S, return_when="FIRST_COMPLETED")
+        except TimeoutError:
+            if self._client.status != "running":
+                raise CommClosedError from None
+        return [future for future in futures if future.status not in ("pending",)]
+
+
+@contextmanager
+def local_workers(count: int | None) -> Iterator[DaskWorkers]:
+    """So many worker processes on this machine, one for each core without a number; they end with the context.
+
+    They listen on 127.0.0.1 alone, and there is no dashboard.
+    """
+    _be_quiet()
+    settings = {
+        "distributed.scheduler.allowed-failures": _ALLOWED_FAILURES,
+        "distributed.worker.preload": [_DEAF_TO_CTRL_C],
+        "distributed.admin.system-monitor.gil.enabled": False,
+    }
+    with dask.config.set(settings), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with (
+            LocalCluster(
+                n_workers=count or os.cpu_count() or 1, threads_per_worker=1, processes=True, host="127.0.0.1",
+                dashboard_address=None, silence_logs=logging.CRITICAL,
+            ) as cluster,
+            Client(cluster, set_as_default=False) as client,
+        ):  # fmt: skip
+            yield DaskWorkers(client, "--scheduler local")
+
+
+@contextmanager
+def remote_workers(address: str) -> Iterator[DaskWorkers]:
+    """The workers of a Dask scheduler.
+
+    Raises:
+        InputError: nobody answers, there are no workers, or their versions are not ours.
+    """
+    _be_quiet()
+    where = f"--scheduler {address}"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of versions; what matters is compared below
+        try:
+            client = Client(address, timeout=_ANSWER_S, set_as_default=False)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise InputError(
+                f"{where}: no Dask scheduler answers there; start one with: dask scheduler --host HOST --port PORT"
+            ) from error
+        with client:
+            try:
+                client.wait_for_workers(1, timeout=_FIRST_WORKER_S)
+            except TimeoutError:
+                raise InputError(f"{where}: has no workers; start some with: dask worker {address}") from None
+            _require_same_program(client, where)
+            yield DaskWorkers(client, where)
+
+
+def _require_same_program(client: Client, where: str) -> None:
+    try:
+        found: dict[str, dict[str, str]] = client.run(program)
+    except Exception as error:
+        raise InputError(
+            f"{where}: its workers cannot load uavcover ({type(error).__name__}: {error}); install uavcover "
+            f"{program()['uavcover']} in their environment"
+        ) from error
+    for worker, theirs in sorted(found.items()):
+        if other := differences(program(), theirs):
+            raise InputError(f"{where}: worker {worker} is another program: {other}; install the same on both sides")
+
+
+def _unpacked(packed: bytes, about: dict[str, str]) -> Any:
+    """What all tasks of a worker need. A worker may have joined after the others were compared."""
+    if other := differences(about, program()):
+        raise InputError(f"--scheduler: a worker is another program: {other}; install the same on both sides")
+    return pickle.loads(packed)
+
+
+def _done(function: Callable[[Any, Any], Any], shared: Any, task: bytes) -> bytes:
+    return pickle.dumps(function(shared, pickle.loads(task)), protocol=5)
+
+
+def _digest(task: object) -> str:
+    return hashlib.sha256(pickle.dumps(task, protocol=5)).hexdigest()[:16]
+
+
+def _be_quiet() -> None:
+    """What goes wrong is told in one line, by the errors above."""
+    for name in ("distributed", "tornado", "asyncio"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -1,0 +1,90 @@
+"""Who does the tasks of a command: this process, or workers that ``--scheduler`` names.
+
+A command sees tasks as functions of their arguments alone, and workers as something that gives back each task with its result. It
+does not know Dask: only :mod:`uavcover.run.cluster` does, and it is loaded when a scheduler is named.
+"""
+
+import importlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from typing import Protocol, TypeVar, cast
+
+from uavcover.errors import InputError
+
+Shared = TypeVar("Shared")
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+class Workers(Protocol):
+    """Workers that do tasks, wherever they are.
+
+    Attributes:
+        count: how many tasks they do at a time.
+    """
+
+    count: int
+
+    def completed(
+        self,
+        function: Callable[[Shared, Task], Result],
+        shared: Shared,
+        tasks: Sequence[Task],
+        *,
+        should_stop: Callable[[], bool] = lambda: False,
+    ) -> Iterator[tuple[Task, Result]]:
+        """Each task with its result, in the order in which they get done.
+
+        Args:
+            function: importable by name; its result depends on its arguments alone, so that a task that was lost with its worker
+                is simply done again.
+            shared: what all tasks need; sent to each worker once.
+            tasks: small; arguments and results pickle.
+            should_stop: asked again and again; then what is not done is given up, and the iteration ends.
+
+        Raises:
+            UavcoverError: the scheduler, or all workers, are gone for good, or a task ended its worker again and again.
+            Exception: what ``function`` raised.
+        """
+        ...
+
+
+class _OpensWorkers(Protocol):
+    def local_workers(self, count: int | None) -> AbstractContextManager[Workers]: ...
+
+    def remote_workers(self, address: str) -> AbstractContextManager[Workers]: ...
+
+
+def workers_of(scheduler: str) -> AbstractContextManager[Workers]:
+    """The workers of a scheduler, for as long as the context lasts.
+
+    Args:
+        scheduler: ``local`` (a process for each core), ``local:N``, or ``tcp://HOST:PORT`` of a Dask scheduler.
+
+    Raises:
+        InputError: it cannot be understood; the extra ``cluster`` is missing; nobody answers, or with another version.
+    """
+    kind, _, rest = scheduler.partition(":")
+    if scheduler == "local" or (kind == "local" and _is_number(rest) and int(rest) >= 1):
+        return _cluster(scheduler).local_workers(int(rest) if rest else None)
+    host, _, port = rest.removeprefix("//").rpartition(":")
+    if kind in ("tcp", "tls") and rest.startswith("//") and host and _is_number(port) and 1 <= int(port) <= 65535:
+        return _cluster(scheduler).remote_workers(scheduler)
+    raise InputError(
+        f"--scheduler: {scheduler!r} is not understood; give local, local:N (N worker processes on this machine), or "
+        "tcp://HOST:PORT of a Dask scheduler"
+    )
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdigit() and len(text) <= 6
+
+
+def _cluster(scheduler: str) -> _OpensWorkers:
+    """The module that knows Dask."""
+    try:
+        return cast("_OpensWorkers", importlib.import_module("uavcover.run.cluster"))
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in ("dask", "distributed"):
+            raise
+        raise InputError(f"--scheduler {scheduler}: needs Dask: pip install 'uavcover[cluster]'") from None
