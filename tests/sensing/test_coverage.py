@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
+from tests.planning.sites import hills, make_site
 from uavcover.errors import ScenarioError, TerrainError
-from uavcover.model.sensor import DiscSensor, NadirCamera, SphereSensor
+from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, SphereSensor
 from uavcover.scenario.ground import grid_ground
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import build_site
 from uavcover.sensing.cells import make_cells
-from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 from uavcover.sensing.sensors import reach_at_height_m
 
 
@@ -183,3 +184,26 @@ def test_areas_that_cannot_be_cut_or_have_no_ground():
 )
 def test_reach_on_flat_ground(sensor, height, reach):
     assert reach_at_height_m(sensor, height) == pytest.approx(reach)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 63, 64, 65, 1000])
+def test_observations_spread_out_are_the_same_ones_and_the_first_ones_are_far_apart(count):
+    numbers = np.arange(count, dtype=float)
+    path = LevelObservations(np.outer(numbers, [1.0, 2.0, 3.0]), np.outer(numbers, [4.0, 5.0]))
+    other = path.spread_out()
+    order = other.places_m[:, 0].astype(int)
+    assert sorted(order.tolist()) == list(range(count))
+    assert np.array_equal(other.places_m, path.places_m[order])
+    assert np.array_equal(other.headings, path.headings[order])
+    assert (np.diff(np.sort(order[: max(1, count // 32)])) >= 32).all()
+
+
+@pytest.mark.parametrize("trigger", [{}, {"trigger_distance_m": 35.0}], ids=["all along", "pictures"])
+def test_what_is_seen_does_not_depend_on_the_order_of_observations(trigger):
+    sensor = FrameCamera(kind="frame-camera", fov_across_deg=60.0, fov_along_deg=40.0, range_m=200.0, **trigger)
+    coverage = CoverageMap(make_site(hills, sensor=sensor), cell_size_m=5.0)
+    ground = coverage.site.ground.heights_m(np.array([[0.0, 40.0], [300.0, 60.0], [290.0, 150.0], [10.0, 140.0]]))
+    route = np.column_stack([[0.0, 300.0, 290.0, 10.0], [40.0, 60.0, 150.0, 140.0], ground + 75.0])
+    in_order = coverage.first_seen(coverage.observations(route)) >= 0
+    assert 0 < in_order.sum() < coverage.grid.count
+    assert coverage.seen(route).tolist() == in_order.tolist()
