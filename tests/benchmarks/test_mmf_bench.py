@@ -1,6 +1,8 @@
 """The folder of a benchmark, its runs, figures and tables, on small budgets."""
 
 import csv
+import pickle
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -98,6 +100,27 @@ class TestRuns:
             list(make_runs(folder, wanted, SMALL, processes=processes))
         for run in wanted:
             assert folders[0].file(run).read_bytes() == folders[1].file(run).read_bytes()
+
+    def test_workers_elsewhere_change_nothing(self, tmp_path: Path, monkeypatch) -> None:
+        class Elsewhere:
+            def completed(self, function, shared, tasks):
+                # What is sent is pickled; a task that is lost is done again; the last one is done first.
+                for task in reversed(tasks):
+                    sent = pickle.loads(pickle.dumps((function, shared, task)))
+                    results = [sent[0](*sent[1:]) for _ in range(2)]
+                    yield task, pickle.loads(pickle.dumps(results[-1]))
+
+        monkeypatch.setattr("uavcover.benchmarks.runs.workers_of", lambda _: nullcontext(Elsewhere()))
+        wanted = [RunId(n, "MMF2", "imodbo") for n in (1, 2)]
+        here, there = MmfFolder(tmp_path / "here"), MmfFolder(tmp_path / "there")
+        list(make_runs(here, wanted, SMALL, processes=1))
+        assert list(make_runs(there, wanted, SMALL, processes=None, scheduler="tcp://there:1")) == wanted[::-1]
+        for run in wanted:
+            assert here.file(run).read_bytes() == there.file(run).read_bytes()
+
+    def test_processes_are_not_for_a_scheduler(self, tmp_path: Path) -> None:
+        with pytest.raises(InputError, match="--processes: goes with runs on this machine alone"):
+            list(make_runs(MmfFolder(tmp_path), [], SMALL, processes=2, scheduler="local:2"))
 
 
 class TestSummary:

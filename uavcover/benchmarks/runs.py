@@ -19,6 +19,7 @@ from typing import Any, TypeVar, cast
 from uavcover.errors import InputError, OutputError, UavcoverError
 from uavcover.run.file_group import remove_half_written
 from uavcover.run.folder import RunFolder, json_text, write_text
+from uavcover.run.scheduling import workers_of
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -74,6 +75,34 @@ def completed(
             pipe.close()
             worker.kill()
             worker.join()
+
+
+def completed_by(
+    scheduler: str | None, function: Callable[[Task], Result], tasks: Sequence[Task], *, processes: int | None
+) -> Iterator[tuple[Task, Result]]:
+    """Each task with its result: by processes of this benchmark, or by the workers of a scheduler.
+
+    Args:
+        scheduler: see :func:`uavcover.run.scheduling.workers_of`; none: processes.
+        function: as :func:`completed` takes it; its result depends on its task alone.
+        tasks: likewise.
+        processes: how many at a time; none: one for each core.
+
+    Raises:
+        InputError: both were given, or the scheduler cannot be used.
+        UavcoverError: a process was killed, or the scheduler is gone.
+    """
+    if scheduler is None:
+        yield from completed(function, tasks, processes=processes or available_cores())
+        return
+    if processes is not None:
+        raise InputError("--processes: goes with runs on this machine alone; leave it out with --scheduler")
+    with workers_of(scheduler) as workers:
+        yield from workers.completed(_called, function, tasks)
+
+
+def _called(function: Callable[[Task], Result], task: Task) -> Result:
+    return function(task)
 
 
 def _give_next(pipe: Connection, waiting: list[Task], crew: dict[Connection, tuple[BaseProcess, Task | None]]) -> None:

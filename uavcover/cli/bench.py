@@ -49,6 +49,7 @@ def bench_coverage(
     processes: Annotated[
         int | None, typer.Option(help="Runs at a time; default: one for each core.", min=1, metavar="N")
     ] = None,
+    scheduler: options.Scheduler = None,
     list_names: Annotated[bool, typer.Option("--list", help="Print the names and end.")] = False,
     output: options.Output,
 ) -> int:
@@ -61,7 +62,7 @@ def bench_coverage(
     from uavcover.benchmarks.coverage.judging import CASES
     from uavcover.benchmarks.coverage.results import write_results
     from uavcover.benchmarks.coverage.runs import make_runs, wanted_runs
-    from uavcover.benchmarks.runs import KeptRuns, available_cores
+    from uavcover.benchmarks.runs import KeptRuns
     from uavcover.errors import InputError
 
     console = output.console()
@@ -89,7 +90,7 @@ def bench_coverage(
         whole_s, done_s, begin = sum(run.guessed_s for run in missing), 0.0, time.monotonic()
         try:
             with console.progress("runs", total=len(missing)) as bar:
-                made = make_runs(folder, missing, times_s=times_s, processes=processes or available_cores())
+                made = make_runs(folder, missing, times_s=times_s, processes=processes, scheduler=scheduler)
                 for done, run in enumerate(made, start=1):
                     done_s += run.guessed_s
                     left_min = (whole_s / done_s - 1.0) * (time.monotonic() - begin) / 60.0
@@ -215,6 +216,7 @@ def bench_mmf(
     processes: Annotated[
         int | None, typer.Option(help="Runs at a time; default: one for each core.", min=1, metavar="N")
     ] = None,
+    scheduler: options.Scheduler = None,
     list_names: Annotated[bool, typer.Option("--list", help="Print the names and end.")] = False,
     output: options.Output,
 ) -> int:
@@ -226,7 +228,6 @@ def bench_mmf(
     from uavcover.benchmarks.mmf.problems import PROBLEMS
     from uavcover.benchmarks.mmf.results import write_results
     from uavcover.benchmarks.mmf.runs import Budget, MmfFolder, contender_names, make_runs, missing_runs
-    from uavcover.benchmarks.runs import available_cores
     from uavcover.errors import InputError
 
     console = output.console()
@@ -246,7 +247,7 @@ def bench_mmf(
         console.say(f"{wanted} runs, {wanted - len(missing)} of them already in {out}")
         try:
             with console.progress("runs", total=len(missing)) as bar:
-                made = make_runs(folder, missing, budget, processes=processes or available_cores())
+                made = make_runs(folder, missing, budget, processes=processes, scheduler=scheduler)
                 for done, run in enumerate(made, start=1):
                     bar.update(done, note=f"{done} of {len(missing)}, last {run}")
         except KeyboardInterrupt:

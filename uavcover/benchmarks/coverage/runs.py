@@ -2,13 +2,13 @@
 
 import dataclasses
 import functools
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
+from typing import Any
 
 from uavcover.benchmarks.coverage.contenders import CONSTRUCTIONS, PLANNERS, Found, plan_for
 from uavcover.benchmarks.coverage.judging import CASES, Judge, moment_document
-from uavcover.benchmarks.runs import KeptRuns, completed
+from uavcover.benchmarks.runs import KeptRuns, completed_by
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.scenario.site import load_site
 
@@ -92,8 +92,6 @@ def wanted_runs(
 
 @dataclass(frozen=True, slots=True)
 class _CoverageTask:
-    folder: Path
-    settings: Mapping[str, str | int | float]
     run: CoverageRun
     times_s: tuple[float, ...]
 
@@ -102,33 +100,38 @@ class _CoverageTask:
 
 
 def make_runs(
-    folder: KeptRuns, runs: Sequence[CoverageRun], *, times_s: Sequence[float], processes: int
+    folder: KeptRuns,
+    runs: Sequence[CoverageRun],
+    *,
+    times_s: Sequence[float],
+    processes: int | None,
+    scheduler: str | None = None,
 ) -> Iterator[CoverageRun]:
     """Make the runs and yield each once it is in the folder.
 
     Raises:
         UavcoverError: a process was killed, or a run failed; what is done is kept.
     """
-    tasks = [_CoverageTask(folder.path, folder.settings, run, tuple(sorted(times_s))) for run in runs]
-    for task, _ in completed(_make, tasks, processes=processes):
+    tasks = [_CoverageTask(run, tuple(sorted(times_s))) for run in runs]
+    for task, document in completed_by(scheduler, _made, tasks, processes=processes):
+        folder.write(task.run.key, document)
         yield task.run
 
 
-def _make(task: _CoverageTask) -> None:
+def _made(task: _CoverageTask) -> dict[str, Any]:
     run = task.run
     judge = _judge(run.scenario)
     construct = CONSTRUCTIONS.get(run.algorithm)
     found = _planned(judge, run, task.times_s) if construct is None else construct(judge)
     judged = [judge.moment(at_s, routes) for at_s, routes in sorted(found.moments.items())]
     _, chosen = judged[-1]
-    document = {
+    return {
         "evaluations": found.evaluations,
         "cpu_s": found.cpu_s,
         "moments": [moment_document(moment) for moment, _ in judged],
         "tried": [asdict(one) for one in found.tried],
         "route": [] if chosen is None else chosen.route.waypoints_m.tolist(),
     }
-    KeptRuns(task.folder, task.settings).write(run.key, document)
 
 
 def _planned(judge: Judge, run: CoverageRun, times_s: Sequence[float]) -> Found:

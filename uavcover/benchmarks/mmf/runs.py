@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from uavcover.benchmarks.mmf.problems import PROBLEMS, MmfProblem
-from uavcover.benchmarks.runs import completed
+from uavcover.benchmarks.runs import completed_by
 from uavcover.errors import InputError, OutputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers import ALGORITHMS, DBO, make_optimizer, optimizer_class
@@ -277,7 +277,6 @@ def _told(budget: Budget) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _MmfTask:
-    folder: Path
     run: RunId
     budget: Budget
 
@@ -299,17 +298,24 @@ def missing_runs(
     return [run for run in wanted if run not in done]
 
 
-def make_runs(folder: MmfFolder, runs: Collection[RunId], budget: Budget, *, processes: int) -> Iterator[RunId]:
-    """Make the runs and yield each once it is in the folder; the result does not depend on the number of processes.
+def make_runs(
+    folder: MmfFolder,
+    runs: Collection[RunId],
+    budget: Budget,
+    *,
+    processes: int | None,
+    scheduler: str | None = None,
+) -> Iterator[RunId]:
+    """Make the runs and yield each once it is in the folder; the result does not depend on who makes them.
 
     Raises:
         UavcoverError: a process was killed, or a run failed; what is done is kept.
     """
-    tasks = [_MmfTask(folder.path, run, budget) for run in runs]
-    for task, _ in completed(_make, tasks, processes=processes):
+    tasks = [_MmfTask(run, budget) for run in runs]
+    for task, (x, objectives) in completed_by(scheduler, _made, tasks, processes=processes):
+        folder.write(task.run, x, objectives)
         yield task.run
 
 
-def _make(task: _MmfTask) -> None:
-    x, objectives = solve(PROBLEMS[task.run.function], task.run.algorithm, seed=task.run.number, budget=task.budget)
-    MmfFolder(task.folder).write(task.run, x, objectives)
+def _made(task: _MmfTask) -> tuple[FloatArray, FloatArray]:
+    return solve(PROBLEMS[task.run.function], task.run.algorithm, seed=task.run.number, budget=task.budget)
