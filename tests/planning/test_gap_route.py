@@ -134,3 +134,21 @@ def test_missing_cells_see_what_the_whole_map_sees() -> None:
         coverage.seen_by(observations)[missing],
     )
     np.testing.assert_array_equal(part.weight_m2, coverage.grid.weight_m2[missing])
+
+
+def test_where_there_is_no_time_the_first_route_is_given_that_keeps_the_limits() -> None:
+    site = make_site(hills, ring=((0, 0), (600, 0), (600, 400), (0, 400)))
+    coverage = CoverageMap(site, cell_size_m=10.0)
+    missing = missing_in(coverage, (0, 0, 80, 80), (500, 300, 600, 400), (250, 150, 400, 200))
+    asked = []
+
+    def is_over() -> bool:
+        asked.append(True)
+        return True
+
+    hurried = closing(site, coverage, missing, is_over=is_over)
+    assert len(asked) <= 3
+    assert find_problems(site, hurried.route.waypoints_m, lowest_agl_m=40.0, highest_agl_m=120.0) == []
+    assert hurried.seen_m2 > 0.5 * hurried.wanted_m2
+    patient = closing(site, coverage, missing)
+    assert way_m(site, patient.route.waypoints_m) < way_m(site, hurried.route.waypoints_m)

@@ -4,6 +4,7 @@ import dataclasses
 import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,8 @@ from uavcover.model.vehicle import Wind
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.planning.planner import Effort, SearchProgress, plan_routes
-from uavcover.planning.search.goal_search import LADDER, _long_stages, _thinned
+from uavcover.planning.search import goal_search
+from uavcover.planning.search.goal_search import LADDER, SAFETY, RouteJudge, SearchStart, _long_stages, _thinned
 from uavcover.planning.search.local_search import CHAINS, PaceByClock, PaceByNumber
 from uavcover.planning.search.memetic import _closed
 from uavcover.planning.search.route_problem import narrowed, route_problem, state_of
@@ -270,10 +272,30 @@ def test_gaps_of_a_route_are_closed_behind_it(ups: Ups) -> None:
         cut = Route(whole[: 2 * len(whole) // 3])
         before = judging.share_of_coverable(judging.seen(cut.waypoints_m))
         assert before < goal
-        closed = _closed(judging, cut, goal, TUNED.goal.closed)
+        closed = _closed(judging, cut, goal, TUNED.goal.closed, lambda: False)
         assert closed is not None
         np.testing.assert_array_equal(closed.waypoints_m[: len(cut)], cut.waypoints_m)
         assert judging.share_of_coverable(judging.seen(closed.waypoints_m)) >= goal
         assert measure_violations(site, closed.waypoints_m, margin_m=0.0).total == 0.0
-    assert _closed(judging, Route(whole), 0.5, TUNED.goal.closed) is None
-    assert _closed(judging, cut, 1.5, TUNED.goal.closed) is None
+    assert _closed(judging, Route(whole), 0.5, TUNED.goal.closed, lambda: False) is None
+    assert _closed(judging, cut, 1.5, TUNED.goal.closed, lambda: False) is None
+
+
+def test_gaps_are_closed_while_there_is_time_for_it_and_not_afterwards():
+    pace = SimpleNamespace(fraction=0.7)
+    work: Any = SimpleNamespace(stopped=False, pace=pace, tuning=TUNED)
+    route = Route(np.array([[0.0, 0.0, 80.0], [100.0, 0.0, 80.0]]))
+    told = []
+
+    def closed(whole: Route, goal: float, is_over: Callable[[], bool]) -> Route:
+        told.append((goal, is_over()))
+        pace.fraction = 0.86
+        told.append((goal, is_over()))
+        return whole
+
+    judge = RouteJudge(lambda _: 0.97, lambda _: None, closed)
+    found = [SearchStart(route, 0.97)]
+    assert goal_search._closed(work, found, 0.98, judge, until=0.85) is not None
+    assert told == [(0.98 + SAFETY, False), (0.98 + SAFETY, True)]
+    assert goal_search._closed(work, found, 0.98, judge, until=0.85) is None
+    assert len(told) == 2

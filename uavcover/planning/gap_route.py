@@ -5,6 +5,7 @@ put in a short order, laid over the terrain, and pruned by what the route sees o
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -181,7 +182,13 @@ class ClosingRoute:
 
 
 def plan_closing_route(
-    coverage: CoverageMap, missing: BoolArray, *, start_m: FloatArray, end_m: FloatArray, needed_m2: float | None = None
+    coverage: CoverageMap,
+    missing: BoolArray,
+    *,
+    start_m: FloatArray,
+    end_m: FloatArray,
+    needed_m2: float | None = None,
+    is_over: Callable[[], bool] = lambda: False,
 ) -> ClosingRoute:
     """A short route from a start to an end that sees the missing cells.
 
@@ -194,6 +201,7 @@ def plan_closing_route(
         start_m: (3,) ENU, where the vehicle comes from: home, or where it is.
         end_m: (3,) ENU, where it goes to afterwards.
         needed_m2: ground area of the missing cells that is enough, the costliest parts left out; default: all that can be seen.
+        is_over: whether there is no time to see more, or to see it on a shorter way: asked between trials.
 
     Raises:
         InfeasibleError: nothing is missing, or no allowed route sees any of it.
@@ -201,7 +209,7 @@ def plan_closing_route(
     if not missing.any():
         raise InfeasibleError("there are no gaps to close: everything that can be seen was seen")
     site = coverage.site
-    builder = _Builder(site, MissingCells.of(coverage, missing), start_m, end_m)
+    builder = _Builder(site, MissingCells.of(coverage, missing), start_m, end_m, is_over)
     builder.add_viewpoints(math.inf if needed_m2 is None else needed_m2)
     if needed_m2 is not None:
         builder.drop_costly(needed_m2)
@@ -212,9 +220,12 @@ def plan_closing_route(
 class _Builder:
     """A route as corners on the map with wanted heights, and what it sees."""
 
-    def __init__(self, site: Site, missing: MissingCells, start_m: FloatArray, end_m: FloatArray) -> None:
+    def __init__(
+        self, site: Site, missing: MissingCells, start_m: FloatArray, end_m: FloatArray, is_over: Callable[[], bool]
+    ) -> None:
         self.site, self.missing = site, missing
         self.start_m, self.end_m = start_m, end_m
+        self.is_over = is_over
         self.corners = np.empty((0, 3))
         self.sight = missing.coverage.sight
         self.narrow = _narrower(site, self.sight)
@@ -231,7 +242,7 @@ class _Builder:
         grid = grid_places(self.site, self.missing)
         self._take(np.vstack([self.corners, cover(self.missing, grid, self.narrow, wanted)]))
         for _ in range(_ROUNDS):
-            if self.seen.all() or self._area_m2(self.seen) >= needed_m2:
+            if self.seen.all() or self._area_m2(self.seen) >= needed_m2 or self.is_over():
                 return
             around = places_around(self.site, self._some_unseen())
             more = cover(self.missing, around, self.sight, ~self.seen)
@@ -257,6 +268,8 @@ class _Builder:
             for k in np.argsort(-saved_m / lost_m2, kind="stable"):
                 if saved_m[k] / lost_m2[k] <= best_score:
                     break
+                if self.is_over():
+                    return
                 # Another order lays other legs over the terrain: what is judged is what will be flown.
                 fewer = np.delete(self.corners, k, axis=0)
                 order = self._order(fewer)
@@ -276,10 +289,14 @@ class _Builder:
         while improved:
             improved = False
             for k in np.argsort(-self._savings(), kind="stable"):
+                if self.is_over():
+                    return
                 if k < len(self.corners) and len(self.corners) > 1:
                     improved |= self._try(np.delete(self.corners, k, axis=0), keep)
             for k in range(len(self.corners)):
                 for move in self._moves(k):
+                    if self.is_over():
+                        return
                     corners = self.corners.copy()
                     corners[k, :2] += move
                     if inside_fence(self.site, corners[k : k + 1, :2])[0] and self._try(corners, keep):

@@ -42,11 +42,12 @@ class RouteJudge:
         coverage: share of what can be covered that a route sees, on the cells it is judged on.
         found: told every route worth judging.
         closed: a route and what else has to be flown to reach a goal on those cells; none where that is too much to find out.
+            It is told how to ask whether there is no time left for it.
     """
 
     coverage: Callable[[Route], float]
     found: Callable[[Route], None]
-    closed: Callable[[Route, float], Route | None] = lambda _route, _goal: None
+    closed: Callable[[Route, float, Callable[[], bool]], Route | None] = lambda _route, _goal, _is_over: None
 
 
 def search_goals(
@@ -79,7 +80,7 @@ def search_goals(
         end = begin + main * (until - begin)
         found = search_goal(work, known, asked, capacity, (begin, end), tuned.main_stages, judge)
         known += found
-        closed = _closed(work, found, asked, judge)
+        closed = _closed(work, found, asked, judge, until=end + tuned.closing_share * (until - begin))
         if closed is not None and len(closed.route) <= capacity:
             judge.found(closed.route)
             main += tuned.closing_share
@@ -95,13 +96,19 @@ def search_goals(
     return known
 
 
-def _closed(work: Work, found: Sequence[SearchStart], goal: float, judge: RouteJudge) -> SearchStart | None:
-    """What a search ended with and its gaps closed, where it ends short of its goal."""
-    if not found or work.stopped:
+def _closed(
+    work: Work, found: Sequence[SearchStart], goal: float, judge: RouteJudge, *, until: float
+) -> SearchStart | None:
+    """What a search ended with and its gaps closed, where it ends short of its goal and some of the work is left for it."""
+
+    def is_over() -> bool:
+        return work.pace.fraction >= until
+
+    if not found or work.stopped or is_over():
         return None
     best = found[-1]
     short = goal - judge.coverage(best.route)
-    closed = judge.closed(best.route, goal + SAFETY) if 0.0 < short <= work.tuning.goal.most_short else None
+    closed = judge.closed(best.route, goal + SAFETY, is_over) if 0.0 < short <= work.tuning.goal.most_short else None
     return None if closed is None else SearchStart(closed, best.seen + short)
 
 

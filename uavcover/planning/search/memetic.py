@@ -146,7 +146,11 @@ def improve(
     asked = rule.required_coverage
     tuned = tuning.goal
     capacity = _capacity(problem, settings, starts, tuned)
-    judge = RouteJudge(judged_coverage, found, lambda route, goal: _closed(judging, route, goal, tuned.closed))
+
+    def closed(route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
+        return _closed(judging, route, goal, tuned.closed, is_over)
+
+    judge = RouteJudge(judged_coverage, found, closed)
     if problem.free_order:
         search_free_order(work, starts, asked=asked, capacity=capacity, judge=judge)
     else:
@@ -160,7 +164,9 @@ def improve(
     return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
 
 
-def _closed(judging: CoverageMap, route: Route, goal: float, more_ground: Sequence[float]) -> Route | None:
+def _closed(
+    judging: CoverageMap, route: Route, goal: float, more_ground: Sequence[float], is_over: Callable[[], bool]
+) -> Route | None:
     """The route, and behind it what sees enough of the ground that it misses; none where that is too much to find out."""
     seen = judging.seen(route.waypoints_m)
     missing = judging.coverable & ~seen
@@ -169,21 +175,27 @@ def _closed(judging: CoverageMap, route: Route, goal: float, more_ground: Sequen
         return None
     needed_m2 = lacking * float(judging.grid.weight_m2[judging.coverable].sum())
     for more in more_ground:
-        whole = _with_closing(judging, route, missing, more * needed_m2)
+        whole = _with_closing(judging, route, missing, more * needed_m2, is_over)
         if whole is None:
             return None
         # Pictures by distance fall elsewhere behind a route than behind home: it may take more.
         if judging.share_of_coverable(judging.seen(whole.waypoints_m)) >= goal:
             return whole
+        if is_over():
+            return None
     return None
 
 
-def _with_closing(judging: CoverageMap, route: Route, missing: BoolArray, needed_m2: float) -> Route | None:
+def _with_closing(
+    judging: CoverageMap, route: Route, missing: BoolArray, needed_m2: float, is_over: Callable[[], bool]
+) -> Route | None:
     """The route, and behind it one for so much of the missing ground; none where that would break a limit."""
     site, points = judging.site, route.waypoints_m
     end_m = points[-1] if site.home_m is None else site.home_m
     try:
-        closing = plan_closing_route(judging, missing, start_m=points[-1], end_m=end_m, needed_m2=needed_m2)
+        closing = plan_closing_route(
+            judging, missing, start_m=points[-1], end_m=end_m, needed_m2=needed_m2, is_over=is_over
+        )
     except InfeasibleError:
         return None
     whole = joined(site, [points, closing.route.waypoints_m])
