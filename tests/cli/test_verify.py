@@ -1,12 +1,14 @@
 import csv
 import json
 import shutil
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.cli.conftest import Cli, files
+from tests.judging.test_flown_blocks import Elsewhere
 
 
 def shifted(run: Path, north_m: float) -> None:
@@ -26,6 +28,17 @@ def test_recomputed_from_the_track(cli: Cli, flown: Path) -> None:
     ended = cli("verify", flown, "--json")
     assert ended.code == 0
     assert ended.document == before == json.loads((flown / "verification.json").read_text())
+
+
+def test_workers_give_the_same_verdict(cli: Cli, flown: Path, monkeypatch) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr(
+        "uavcover.run.verify_workers.workers_of", lambda name: asked.append(name) or nullcontext(Elsewhere())
+    )
+    before = json.loads((flown / "verification.json").read_text())
+    ended = cli("verify", flown, "--scheduler", "tcp://there:8786", "--json")
+    assert asked == ["tcp://there:8786"]
+    assert ended.document == before
 
 
 def test_shifted_by_200_m_does_not_pass(cli: Cli, flown: Path) -> None:

@@ -39,6 +39,7 @@ def verify(
     belief: PhotoOptions,
     search: SearchOptions,
     accept_changed: options.AcceptChanged = None,
+    scheduler: options.Scheduler = None,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
@@ -85,12 +86,20 @@ def verify(
         for option, asked in (("--detection", search.detection), ("--max-blur", belief.max_blur)):
             if asked is not None:
                 raise InputError(f"{option}: is asked of pictures, and a track has none; give --photos")
+    if evidence.photos and scheduler is not None:
+        raise InputError(
+            "--scheduler: shares out what a track saw; leave it out where pictures (--photos) tell the coverage"
+        )
     if evidence.photos:
         report = verify_evidence(folder, evidence, request, console, command=sys.argv, accepted=accept_changed or ())
     elif area is not None:
-        _, report = verify_run(folder, console, command=sys.argv, logs=evidence.logs, pictures=NO_PICTURES)
+        _, report = verify_run(
+            folder, console, command=sys.argv, logs=evidence.logs, pictures=NO_PICTURES, scheduler=scheduler
+        )
     else:
-        _, report = verify_run(folder, console, command=sys.argv, logs=evidence.logs, accepted=accept_changed or ())
+        _, report = verify_run(
+            folder, console, command=sys.argv, logs=evidence.logs, accepted=accept_changed or (), scheduler=scheduler
+        )
         console.suggest(f"uavcover report {run}", *([f"uavcover gaps {run}"] if report["gaps"] else []))
     console.result(report)
     return 0 if report["passed"] else 1

@@ -5,7 +5,7 @@ is metres away from its position at the same time of the first flight. Two recor
 throughout, whatever their clocks and rates.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,6 +35,9 @@ from uavcover.sensing.pictures import (
     picture_statistics,
     takes_pictures,
 )
+
+CountObservations = Callable[[CoverageMap, Observations], FlownCoverage]
+"""Counts every observation of every cell of the area."""
 
 AGREE_M = 0.3
 """Tolerance between logs of one flight: rounding of positions, and interpolation between samples."""
@@ -228,7 +231,12 @@ def verify_track(site: Site, coverage: CoverageMap, track: Track, planned: Plann
 
 
 def verify_flight(
-    site: Site, coverage: CoverageMap, tracks: Sequence[FlownTrack], *, evidence: PictureEvidence = NOTHING_KNOWN
+    site: Site,
+    coverage: CoverageMap,
+    tracks: Sequence[FlownTrack],
+    *,
+    evidence: PictureEvidence = NOTHING_KNOWN,
+    count: CountObservations = count_observations,
 ) -> Verdict:
     """Verify coverage and safety from the flown tracks alone; plans serve for comparison only.
 
@@ -240,6 +248,7 @@ def verify_flight(
         coverage: on the cells that results are judged on.
         tracks: at least one, the first with the plan whose coverage was promised.
         evidence: of real pictures; where they tell no coverage, it follows from the tracks.
+        count: who counts the observations.
 
     Raises:
         TrackError: a track is empty, or has a position that is not on Earth.
@@ -256,7 +265,7 @@ def verify_flight(
         told = has_near(first.times_s[first.known], observations.times_s + record.same.shift_s)
         parts[record.second] = observations.where(~told)
     together = joined_observations(parts, shifts_s)
-    flown = count_observations(coverage, together) if evidence.shown is None else evidence.shown
+    flown = count(coverage, together) if evidence.shown is None else evidence.shown
     gaps = tuple(find_gaps(coverage, flown))
     unknown_looks = int((~together.known).sum()) if evidence.shown is None else 0
     pictures = evidence.counts

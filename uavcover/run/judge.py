@@ -8,13 +8,13 @@ from typing import Any
 from numpy.typing import NDArray
 
 from uavcover.errors import InputError
-from uavcover.judging.flown_coverage import FlownCoverage
+from uavcover.judging.flown_coverage import FlownCoverage, count_observations
 from uavcover.judging.gaps import REASONS, reason_codes
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.photos.evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.judging.requirements import requirement_rows
 from uavcover.judging.track_logs.readers import READERS, read_foreign_log
-from uavcover.judging.verify import FlownTrack, Verdict, verify_flight, verify_track
+from uavcover.judging.verify import CountObservations, FlownTrack, Verdict, verify_flight, verify_track
 from uavcover.model.track import ReadTrack, Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.run import provenance
@@ -35,6 +35,7 @@ from uavcover.run.judged_inputs import (
 )
 from uavcover.run.provenance import note_files
 from uavcover.run.user import User, metres, percent
+from uavcover.run.verify_workers import counter_of
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
 from uavcover.vehicle.track_file import read_track_with_warnings
@@ -115,11 +116,15 @@ def planned_for(log: Path, run: RunFolder) -> PlannedRoute | None:
 
 
 def judge_tracks(
-    site: Site, tracks: Sequence[tuple[Track, PlannedRoute | None]], *, evidence: PictureEvidence = NOTHING_KNOWN
+    site: Site,
+    tracks: Sequence[tuple[Track, PlannedRoute | None]],
+    *,
+    evidence: PictureEvidence = NOTHING_KNOWN,
+    count: CountObservations = count_observations,
 ) -> Verdict:
     """The verdict on one or several tracks as one flight, each with the plan it followed, on the cells of the area."""
     flown = [FlownTrack(track, planned) for track, planned in tracks]
-    return verify_flight(site, judging_map(site), flown, evidence=evidence)
+    return verify_flight(site, judging_map(site), flown, evidence=evidence, count=count)
 
 
 def save_verdict(
@@ -211,18 +216,21 @@ def verify_run(
     logs: Sequence[Path] = (),
     accepted: Sequence[str] = (),
     pictures: JudgedPictures = _NO_PICTURES,
+    scheduler: str | None = None,
 ) -> tuple[Verdict, dict[str, Any]]:
     """Verify the tracks of a run folder, write its files and say the verdict; returns it, and ``verification.json``.
 
     The verdict that is there, and what follows from it, is removed first: it would not be one of what is there now. Where
-    there are ``pictures`` that tell the coverage, it is theirs.
+    there are ``pictures`` that tell the coverage, it is theirs. With a ``scheduler`` its workers count what was seen.
     """
     check_accepted(accepted)
     if not any(run.file(name).exists() for name in (*PLAN_FILES, "verification.json")):
         run.existing("scenario.toml", made_by="uavcover plan")  # no run folder: nothing is written or removed in it
-    with run.reserved((), force=True):
+    with run.reserved((), force=True), counter_of(scheduler) as count:
         run.remove(VERDICT_FILES)
-        site, verdict, sources, inputs = judge_run(run, user, logs=logs, accepted=accepted, evidence=pictures.evidence)
+        site, verdict, sources, inputs = judge_run(
+            run, user, logs=logs, accepted=accepted, evidence=pictures.evidence, count=count
+        )
         also: dict[str, Any] = {}
         if pictures.document is not None:
             inputs = replace(inputs, hashes={**inputs.hashes, "photos": pictures.document["inputs"]["pictures"]})
@@ -240,6 +248,7 @@ def judge_run(
     logs: Sequence[Path],
     accepted: Sequence[str],
     evidence: PictureEvidence = NOTHING_KNOWN,
+    count: CountObservations = count_observations,
 ) -> tuple[Site, Verdict, list[str], JudgedInputs]:
     """The verdict on the logs of a run, by default its own track, the logs' names, and what was judged; nothing is written.
 
@@ -261,7 +270,7 @@ def judge_run(
             user.warn(warning)
         tracks.append((loaded.track, planned_for(path, run)))
     with user.progress("verifying"):
-        verdict = judge_tracks(site, tracks, evidence=evidence)
+        verdict = judge_tracks(site, tracks, evidence=evidence, count=count)
     return site, verdict, [_name(path, run) for path in paths], inputs
 
 

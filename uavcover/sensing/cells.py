@@ -18,7 +18,9 @@ from uavcover.scenario.ground import Ground
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import farthest_m, sight_of
 
-MAX_CELLS = 4_000_000
+MAX_CELLS = 16_000_000
+_MOST_RISES = 4_000_000
+"""With more cells rays are traced without :func:`uavcover.kernels.horizon.rises`, which takes half of the memory of a cell."""
 
 _SCATTERED = 0.5 * (math.sqrt(5.0) - 1.0), math.sqrt(2.0) - 1.0
 _SAMPLED = math.sqrt(3.0) - 1.0, math.sqrt(7.0) - 2.0
@@ -72,23 +74,35 @@ class CellGrid:
         return self.hidden_m2 / self.area_m2
 
 
-def make_cells(site: Site, cell_size_m: float) -> CellGrid:
+def lattice_shape(site: Site, cell_size_m: float) -> tuple[int, int]:
+    """Rows and columns of the lattice of an area's cells."""
+    west, south, east, north = site.area.bounds
+    rows, columns = (max(1, math.ceil(side_m / cell_size_m - 1e-9)) for side_m in (north - south, east - west))
+    return rows, columns
+
+
+def make_cells(site: Site, cell_size_m: float, *, rows: range | None = None) -> CellGrid:
     """Divide the area of a site into square cells. A cell belongs to the area when its centre does.
+
+    Args:
+        site: the scenario on its ground.
+        cell_size_m: side of a cell.
+        rows: of the lattice, one after the other, whose cells are wanted; none: all. Each cell is the same as among all.
 
     Raises:
         ScenarioError: no cell, or too many.
         TerrainError: the area reaches outside the elevation data, or into a part without data.
     """
-    return _cut(site, cell_size_m)
+    return _cut(site, cell_size_m, rows=rows)
 
 
-def make_sampled_cells(site: Site, cell_size_m: float) -> CellGrid:
+def make_sampled_cells(site: Site, cell_size_m: float, *, rows: range | None = None) -> CellGrid:
     """Divide the area likewise, but look at each cell at another place inside of it.
 
     Elevation files are lattices too. Where cells are as large as pixels, all centres lie at the same place of their pixels: all
     at the foot of a wall, or all on top of it. On terraces that alone made a coverage wrong by two points.
     """
-    return _cut(site, cell_size_m, steps=_SAMPLED)
+    return _cut(site, cell_size_m, steps=_SAMPLED, rows=rows)
 
 
 def make_scattered_cells(site: Site, cell_size_m: float) -> CellGrid:
@@ -101,29 +115,38 @@ def make_scattered_cells(site: Site, cell_size_m: float) -> CellGrid:
     return _cut(site, cell_size_m, steps=_SCATTERED)
 
 
-def _cut(site: Site, cell_size_m: float, *, steps: tuple[float, float] | None = None) -> CellGrid:
+def _cut(
+    site: Site, cell_size_m: float, *, steps: tuple[float, float] | None = None, rows: range | None = None
+) -> CellGrid:
     """The cells, with their places shifted by up to half a cell each way, in these steps; none: they are the centres."""
     west, south, east, north = site.area.bounds
-    columns = max(1, int(np.ceil((east - west) / cell_size_m - 1e-9)))
-    rows = max(1, int(np.ceil((north - south) / cell_size_m - 1e-9)))
-    if rows * columns > MAX_CELLS:
+    all_rows, columns = lattice_shape(site, cell_size_m)
+    wanted = range(all_rows) if rows is None else rows
+    if len(wanted) * columns > MAX_CELLS:
         raise ScenarioError(
-            f"area.cell_size_m: {cell_size_m:g} m cuts {east - west:.0f} x {north - south:.0f} m into {rows * columns:,} "
+            f"area.cell_size_m: {cell_size_m:g} m cuts {east - west:.0f} x {north - south:.0f} m into {all_rows * columns:,} "
             f"cells, more than {MAX_CELLS:,}; use larger cells (metres, not degrees)"
         )
+    east0_m, north0_m = float(west + 0.5 * cell_size_m), float(south + (wanted.start + 0.5) * cell_size_m)
     e = west + (np.arange(columns) + 0.5) * cell_size_m
-    n = south + (np.arange(rows) + 0.5) * cell_size_m
+    n = south + (np.arange(wanted.start, wanted.stop) + 0.5) * cell_size_m
     grid_e, grid_n = np.meshgrid(e, n)
     if steps is not None:
-        grid_e = grid_e + cell_size_m * _spread(rows, steps[0])[:, None]
-        grid_n = grid_n + cell_size_m * _spread(columns, steps[1])
+        grid_e += cell_size_m * _spread(all_rows, steps[0])[wanted.start : wanted.stop, None]
+        grid_n += cell_size_m * _spread(columns, steps[1])
     inside = np.asarray(shapely.contains_xy(site.area, grid_e, grid_n))
-    if not inside.any():
+    if rows is None and not inside.any():
         raise ScenarioError(f"area.cell_size_m: no centre of a cell of {cell_size_m:g} m lies in the area")
     inside, hidden_m2 = _without_hidden(site, grid_e, grid_n, inside, cell_size_m)
+    if rows is None and not inside.any():
+        raise ScenarioError(
+            f"terrain.surface_file: all ground of the area lies more than surface_hides_m = {_hides_m(site):g} m under "
+            "the surface and cannot be seen from the air; to look at the tree tops, give the surface model as terrain.file"
+        )
     index = np.full(inside.shape, -1, dtype=np.int32)
     index[inside] = np.arange(int(inside.sum()), dtype=np.int32)
     places = np.column_stack([grid_e[inside], grid_n[inside]])
+    del grid_e, grid_n
     up = site.ground.heights_m(places)
     slopes = site.ground.gradients(places)
     if not (np.isfinite(up).all() and np.isfinite(slopes).all()):
@@ -138,13 +161,13 @@ def _cut(site: Site, cell_size_m: float, *, steps: tuple[float, float] | None = 
     weight = cell_size_m**2 * steepness
     scatter_m = 0.0 if steps is None else cell_size_m * math.sqrt(0.5)
     horizon = horizons(
-        site.ground.surface.obstacles, index, centre, float(e[0]), float(n[0]), float(cell_size_m),
+        site.ground.surface.obstacles, index, centre, east0_m, north0_m, float(cell_size_m),
         farthest_m(site.scenario.sensor) + scatter_m,
     )  # fmt: skip
     rise = _rises(site, centre, scatter_m)
     for array in (index, centre, normal, horizon, weight, rise):
         array.flags.writeable = False
-    cells = Cells(float(e[0]), float(n[0]), float(cell_size_m), index, centre, normal, horizon, scatter_m, rise)
+    cells = Cells(east0_m, north0_m, float(cell_size_m), index, centre, normal, horizon, scatter_m, rise)
     return CellGrid(cells, weight, hidden_m2)
 
 
@@ -165,21 +188,21 @@ def _without_hidden(
         if not known.all():
             raise TerrainError(_missing(site, model, places, ~known))
     hidden = (top - bare > terrain.surface_hides_m) & ~np.isfinite(site.ground.roofs_m(places))
-    if hidden.all():
-        raise ScenarioError(
-            f"terrain.surface_file: all ground of the area lies more than surface_hides_m = {terrain.surface_hides_m:g} m under "
-            "the surface and cannot be seen from the air; to look at the tree tops, give the surface model as terrain.file"
-        )
     left = inside.copy()
     left[inside] = ~hidden
     slopes = np.nan_to_num(site.bare_ground.gradients(places[hidden]))
     return left, float(cell_size_m**2 * np.sqrt(1.0 + (slopes**2).sum(axis=1)).sum())
 
 
+def _hides_m(site: Site) -> float:
+    terrain = site.scenario.terrain
+    return terrain.surface_hides_m if isinstance(terrain, RasterTerrain) else math.inf
+
+
 def _rises(site: Site, centre: FloatArray, scatter_m: float) -> FloatArray:
     """Of the cells, where rays of the sensor may be less steep than the ground somewhere."""
     sight, surface = sight_of(site.scenario.sensor), site.ground.surface
-    if sight.line_of_sight != RAY or surface.steepest * widest_tangent(sight) <= 1.0:
+    if len(centre) > _MOST_RISES or sight.line_of_sight != RAY or surface.steepest * widest_tangent(sight) <= 1.0:
         return NO_RISE
     return rises(surface, centre, reach_m=farthest_m(site.scenario.sensor) + scatter_m)
 

@@ -5,6 +5,7 @@ around it.
 """
 
 import copy
+import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator
@@ -24,7 +25,7 @@ from uavcover.model.terrain import SineCosineTerrain
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.obstacles import waypoint_breaches
 from uavcover.scenario.site import Site
-from uavcover.sensing.cells import CellGrid, make_cells, make_sampled_cells
+from uavcover.sensing.cells import CellGrid, lattice_shape, make_cells, make_sampled_cells
 from uavcover.sensing.recently_seen import RecentlySeen
 from uavcover.sensing.sensors import flat_picture, reach_at_height_m, sight_of, trigger_distance_m, turns_with_legs
 
@@ -77,6 +78,7 @@ _FIRST_STRIDE = 64
 (docs/results/planner.md)."""
 
 
+_AT_A_TIME = 1_000_000
 _SAME_PLACE_M = 1e-6
 
 _DIRECTIONS = 12
@@ -241,23 +243,32 @@ class CoverageMap:
         sea-level limits, outside of no-fly zones and clear of obstacles. A cell that is seen is coverable for certain; any other
         might be seen from a position that was not tried, so the set is a lower bound.
         """
+        # Cells do not know of each other: what is looked at together only limits the memory.
+        pieces = [
+            self._can_be_seen(np.arange(first, min(first + _AT_A_TIME, self.grid.count)))
+            for first in range(0, self.grid.count, _AT_A_TIME)
+        ]
+        return np.concatenate(pieces) if pieces else np.zeros(0, dtype=bool)
+
+    def _can_be_seen(self, cells: NDArray[np.int64]) -> BoolArray:
+        """(k,) of some cells, whether each can be seen from an allowed position."""
         wanted = self.site.scenario.requirements
         apart_m = wanted.look_distance_m or 0.0
-        times = np.zeros(self.grid.count, dtype=np.int64)
-        counted = np.full((self.grid.count, wanted.looks, 3), np.inf)
+        times = np.zeros(cells.size, dtype=np.int64)
+        counted = np.full((cells.size, wanted.looks, 3), np.inf)
         for place in trial_places(self.site.scenario):
             todo = np.flatnonzero(times < wanted.looks)
             if todo.size == 0:
                 break
-            centres = self.grid.cells.centre_m[todo, :2]
+            centres = self.grid.cells.centre_m[cells[todo], :2]
             eyes = self._allowed_places(centres + np.array([place.east_m, place.north_m]), place.band_share)
             observations = LevelObservations(eyes, np.tile([place.heading_e, place.heading_n], (todo.size, 1)))
             if apart_m > 0.0:
                 near = (np.linalg.norm(counted[todo] - eyes[:, None], axis=2) < apart_m).any(axis=1)
                 eyes[near] = np.nan
-            new = todo[sees_each(self, observations, todo, self.sight)]
-            counted[new, times[new]] = eyes[np.isin(todo, new)]
-            times[new] += 1
+            seen = sees_each(self, observations, cells[todo], self.sight)
+            counted[todo[seen], times[todo[seen]]] = eyes[seen]
+            times[todo[seen]] += 1
         return np.asarray(times == wanted.looks, dtype=bool)
 
     def asking(self, only: BoolArray) -> "CoverageMap":
@@ -328,11 +339,28 @@ def finer_map(site: Site) -> CoverageMap | None:
     return _map_of(site, 0.5 * site.scenario.area.cell_size_m)
 
 
+def judging_block(site: Site, rows: range) -> CoverageMap:
+    """Some rows of the lattice of :func:`judging_map`, which each see the same as among all; not kept."""
+    return CoverageMap(
+        site, cell_size_m=site.scenario.area.cell_size_m, cut=functools.partial(_cut_for(site), rows=rows)
+    )
+
+
+def row_blocks(site: Site, *, cells: int) -> list[range]:
+    """The rows of the lattice of :func:`judging_map`, in blocks of at most so many places, or of one row."""
+    rows, columns = lattice_shape(site, site.scenario.area.cell_size_m)
+    step = max(1, cells // columns)
+    return [range(first, min(first + step, rows)) for first in range(0, rows, step)]
+
+
 def _map_of(site: Site, cell_size_m: float) -> CoverageMap:
     key = (CoverageMap, cell_size_m)
     if key not in site.derived:
-        # The paper's surface has no pixels, and its cells are their centres.
-        cut = make_cells if isinstance(site.scenario.terrain, SineCosineTerrain) else make_sampled_cells
-        site.derived[key] = CoverageMap(site, cell_size_m=cell_size_m, cut=cut)
+        site.derived[key] = CoverageMap(site, cell_size_m=cell_size_m, cut=_cut_for(site))
     made: CoverageMap = site.derived[key]
     return made
+
+
+def _cut_for(site: Site) -> Callable[..., CellGrid]:
+    """The paper's surface has no pixels, and its cells are their centres."""
+    return make_cells if isinstance(site.scenario.terrain, SineCosineTerrain) else make_sampled_cells
