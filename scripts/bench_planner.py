@@ -29,8 +29,9 @@ import numpy as np
 
 from uavcover.kernels.annealing import Prices, Schedule, anneal
 from uavcover.model.area import Area
+from uavcover.model.home import Home
 from uavcover.model.route import Route
-from uavcover.model.scenario import Home, Origin, Scenario
+from uavcover.model.scenario import Origin, Scenario
 from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted
 from uavcover.planning.baselines.boustrophedon import NodeRows, best_height_agl_m, fly_rows, plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad

@@ -54,6 +54,10 @@ _RANGES = {
 }
 """Of keys whose check is not in one plain line of their class."""
 _EXAMPLES = {
+    "vehicle.home.lat_deg": "36.4785",
+    "vehicle.home.lon_deg": "-84.219",
+    "vehicle.home.east_m": "120.0",
+    "vehicle.home.north_m": "-40.0",
     "flight_window_utc": '["2026-06-01T06:00Z", "2026-06-01T18:00Z"]',
     "vehicle.power.hover_induced_m_s": "4.8",
     "area.geojson": '"valley.geojson"',
@@ -130,8 +134,9 @@ def scenario_reference() -> str:
     lines = ["# Scenario keys", "", _NOTE, ""]
     lines += ["What the sections are for, with examples: [the scenario file](scenario.md).", ""]
     hints = typing.get_type_hints(Scenario)
-    sections = {field.name: _dataclasses_in(hints[field.name]) for field in dataclasses.fields(Scenario)}
-    top = [field for field in dataclasses.fields(Scenario) if not sections[field.name]]
+    fields = [field for field in dataclasses.fields(Scenario) if field.name != "vehicles"]  # as [[vehicle]] says it
+    sections = {field.name: _dataclasses_in(hints[field.name]) for field in fields}
+    top = [field for field in fields if not sections[field.name]]
     lines += ["## Top level", "", *_keys(Scenario, top)]
     for section, classes in sections.items():
         for cls in classes:

@@ -104,15 +104,19 @@ def merged(block: dict[str, Any]) -> str:
     """A scenario: the smallest example with what a page's block says in its place."""
     scenario = tomllib.loads((EXAMPLES / "valley.toml").read_text(encoding="utf-8"))
     for key, value in block.items():
-        replaces = not isinstance(value, dict) or "kind" in value or key == "area"
+        replaces = not isinstance(value, dict) or "kind" in value or key in ("area", "home")
         scenario[key] = value if replaces else scenario.get(key, {}) | value
-    tables = scenario.pop("no_fly", [])
+    tables = {name: scenario.pop(name) for name in ("no_fly", "vehicle") if isinstance(scenario.get(name), list)}
     top = [f"{key} = {json.dumps(value)}" for key, value in scenario.items() if not isinstance(value, dict)]
     for section, keys in scenario.items():
         if isinstance(keys, dict):
             top += [f"[{section}]", *(f"{key} = {json.dumps(value)}" for key, value in keys.items())]
-    for keys in tables:
-        top += ["[[no_fly]]", *(f"{key} = {json.dumps(value)}" for key, value in keys.items())]
+    for name, each in tables.items():
+        for keys in each:
+            homes = {key: value for key, value in keys.items() if isinstance(value, dict)}
+            top += [f"[[{name}]]", *(f"{key} = {json.dumps(value)}" for key, value in keys.items() if key not in homes)]
+            for key, place in homes.items():
+                top += [f"[{name}.{key}]", *(f"{part} = {json.dumps(value)}" for part, value in place.items())]
     return "\n".join(top)
 
 

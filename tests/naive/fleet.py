@@ -47,6 +47,36 @@ def best_cuts(
     return best
 
 
+def best_unlike_cuts(
+    times_s: Sequence[Times], waypoints: int, *, shared: int, turnaround_s: float, ready_s: Sequence[float]
+) -> float:
+    """Earliest last landing of all cuts of a route and of all ways to share them out among vehicles that differ.
+
+    Args:
+        times_s: for each vehicle, as of :func:`best_cuts`.
+        waypoints: how many there are.
+        shared: 1 when a flight begins where the one before it ended.
+        turnaround_s: between two flights of one vehicle.
+        ready_s: when each vehicle may take off first.
+    """
+    best = math.inf
+    between = range(1, waypoints - 1) if shared else range(waypoints - 1)
+    for ends in itertools.chain.from_iterable(itertools.combinations(between, k) for k in range(len(between) + 1)):
+        flights = list(zip([0, *(end + 1 - shared for end in ends)], [*ends, waypoints - 1], strict=True))
+        for who in itertools.product(range(len(times_s)), repeat=len(flights)):
+            landed = []
+            for vehicle, begins_s in enumerate(ready_s):
+                own = [
+                    times_s[vehicle].get(pair, math.inf)
+                    for pair, its in zip(flights, who, strict=True)
+                    if its == vehicle
+                ]
+                if own:
+                    landed.append(begins_s + sum(own) + turnaround_s * (len(own) - 1))
+            best = min(best, max(landed))
+    return best
+
+
 def least_distance(
     a_s: np.ndarray, a_m: np.ndarray, b_s: np.ndarray, b_m: np.ndarray, start_s: float, *, fraction: float, start_error_s: float,
     step_s: float,

@@ -8,10 +8,11 @@ import numpy as np
 import shapely
 
 from uavcover.model.area import Area
+from uavcover.model.home import Home
 from uavcover.model.limits import FlightLimits
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle, Obstacles
-from uavcover.model.scenario import Home, Origin, PlannerSettings, Requirements, Scenario
+from uavcover.model.scenario import Origin, PlannerSettings, Requirements, Scenario
 from uavcover.model.sensor import NadirCamera, Sensor
 from uavcover.model.terrain import SineCosineTerrain
 from uavcover.model.vehicle import Vehicle, Wind

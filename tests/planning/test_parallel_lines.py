@@ -18,7 +18,7 @@ from uavcover.planning.baselines.swaths import (
     long_side_angle_rad,
 )
 from uavcover.planning.planner import Effort, plan_routes
-from uavcover.routes.sorties import mission_time_s
+from uavcover.routes.flight_costs import mission_time_s
 from uavcover.run.search import SearchRequest, plan
 from uavcover.sensing.coverage_map import judging_map
 

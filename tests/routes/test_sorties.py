@@ -17,10 +17,11 @@ from uavcover.errors import InfeasibleError, InputError
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.sensor import SphereSensor
 from uavcover.planning.terrain_following import lay_over_terrain
+from uavcover.routes.flight_costs import mission_time_s
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import compile_mission
 from uavcover.routes.objectives import judge
-from uavcover.routes.sorties import Sortie, compile_sorties, mission_time_s
+from uavcover.routes.sorties import Sortie, compile_sorties
 from uavcover.run.flights import flown_tracks
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import judge_tracks, planned_for

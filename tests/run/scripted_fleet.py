@@ -18,8 +18,9 @@ from uavcover.model.route import Route
 from uavcover.model.vehicle import Vehicle
 from uavcover.run.fleet_board import Board, VehicleUser
 from uavcover.run.fleet_clock import FleetClock
-from uavcover.run.fleet_flight import FleetFlight, FleetOrders
+from uavcover.run.fleet_flight import FleetFlight
 from uavcover.run.fleet_jobs import Job, OnLoss
+from uavcover.run.fleet_orders import FleetOrders
 from uavcover.run.fleet_sortie import FlownSortie
 from uavcover.run.fly import FlightOptions
 from uavcover.run.folder import RunFolder
@@ -32,7 +33,7 @@ FLEET = Fleet(
     turnaround_s=60.0,
 )  # fmt: skip
 ENDURANCE_S = 300.0
-SITE: Any = SimpleNamespace(scenario=SimpleNamespace(fleet=FLEET, vehicle=Vehicle(endurance_s=ENDURANCE_S)))
+SITE: Any = SimpleNamespace(scenario=SimpleNamespace(fleet=FLEET, vehicle=Vehicle(endurance_s=ENDURANCE_S), home=None))
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class ScriptedFlight(FleetFlight):
     def _listen(self, record: FlownSortie, connected: Connected, clock: FleetClock) -> None:
         """It is heard again after so long, on the ground, or never."""
         del connected
-        self._queues.done(record.vehicle)
+        self.work.queues.done(record.vehicle)
         ends = self.script[record.job.name]
         if ends.heard_after_s is not None:
             clock.wait(ends.heard_after_s)

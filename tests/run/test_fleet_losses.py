@@ -22,12 +22,12 @@ EARLY = Ends(Ending.RESERVE_KEPT, 0.6)
 def rest_is_half(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is left of a flight is the second half of its route."""
 
-    def rest_of(flown: Job, _: object) -> Job:
+    def rest_of(flown: Job, *_: object) -> Job:
         timeline = out_and_back(75.0, home=tuple(flown.timeline.place_m[0]))
         route = Route(flown.route.waypoints_m[len(flown.route) // 2 :])
         return replace(flown, name=f"{flown.name}+", route=route, timeline=timeline, is_rest=True)
 
-    monkeypatch.setattr("uavcover.run.fleet_flight.rest_of", rest_of)
+    monkeypatch.setattr("uavcover.run.fleet_work.rest_of", rest_of)
 
 
 def jobs_of(folder: Path) -> list[Job]:
@@ -39,20 +39,20 @@ def test_without_a_loss_all_is_flown_as_planned(tmp_path: Path) -> None:
     told = fly_script(jobs_of(tmp_path), {})
     assert told.landed() == {"001", "002", "003", "004"}
     assert told.record("004").began_s == pytest.approx(250.0, abs=2.0)
-    assert told.flight.left == []
+    assert told.flight.work.left == []
 
 
 def test_the_others_fly_what_a_lost_one_leaves(tmp_path: Path) -> None:
     told = fly_script(jobs_of(tmp_path), {"002": FELL})
     assert told.landed() == {"001", "002+", "003", "004"}
     assert {told.record("002+").vehicle, told.record("004").vehicle} == {1, 3}
-    assert told.flight.left == []
+    assert told.flight.work.left == []
 
 
 def test_what_a_lost_one_leaves_becomes_gaps(tmp_path: Path) -> None:
     told = fly_script(jobs_of(tmp_path), {"002": FELL}, on_loss=OnLoss.GAPS)
     assert told.landed() == {"001", "003"}
-    assert sorted(told.flight.left) == ["002", "004"]
+    assert sorted(told.flight.work.left) == ["002", "004"]
     assert not any("takes over" in line for line in told.lines)
 
 
@@ -72,7 +72,7 @@ def test_all_lost(tmp_path: Path, on_loss: OnLoss) -> None:
     names = ("001", "002", "003", "004", "001+", "002+", "003+")
     told = fly_script(jobs_of(tmp_path), dict.fromkeys(names, FELL), on_loss=on_loss)
     assert told.landed() == set()
-    assert {name.rstrip("+") for name in told.flight.left} == {"001", "002", "003", "004"}
+    assert {name.rstrip("+") for name in told.flight.work.left} == {"001", "002", "003", "004"}
 
 
 def test_nobody_starts_while_one_may_be_in_the_air_unheard(tmp_path: Path) -> None:
@@ -114,7 +114,7 @@ def test_one_that_came_home_for_its_battery_flies_on(tmp_path: Path, on_loss: On
     assert told.record("002").error == ""
     rest = {"002+"} if on_loss is OnLoss.SHARE else set()
     assert told.landed() == {"001", "003", "004"} | rest
-    assert told.flight.left == ([] if rest else ["002"])
+    assert told.flight.work.left == ([] if rest else ["002"])
 
 
 def test_the_only_vehicle_flies_its_own_rests(tmp_path: Path) -> None:
@@ -124,9 +124,9 @@ def test_the_only_vehicle_flies_its_own_rests(tmp_path: Path) -> None:
 
 
 def test_a_battery_that_brings_nothing_on_is_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uavcover.run.fleet_flight.rest_of", lambda flown, _: replace(flown, name=f"{flown.name}+"))
+    monkeypatch.setattr("uavcover.run.fleet_work.rest_of", lambda flown, *_: replace(flown, name=f"{flown.name}+"))
     told = fly_script([job(tmp_path, 1, 1, 0.0)], {"001": EARLY, "001+": EARLY, "001++": EARLY})
-    assert told.flight.left == ["001"]
+    assert told.flight.work.left == ["001"]
     assert any("left as a gap: a battery lasts there and back" in line for line in told.lines)
 
 

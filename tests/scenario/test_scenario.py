@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -10,14 +11,9 @@ from hypothesis import strategies as st
 from uavcover.errors import ScenarioError
 from uavcover.model.area import Area
 from uavcover.model.fleet import Fleet
+from uavcover.model.home import Home
 from uavcover.model.limits import FlightLimits
-from uavcover.model.scenario import (
-    Home,
-    Origin,
-    PlannerSettings,
-    Requirements,
-    Scenario,
-)
+from uavcover.model.scenario import Origin, PlannerSettings, Requirements, Scenario
 from uavcover.model.sensor import DiscSensor, NadirCamera, SphereSensor
 from uavcover.model.terrain import RasterTerrain, SineCosineTerrain
 from uavcover.model.vehicle import Vehicle
@@ -192,16 +188,54 @@ def test_equal_vehicle_tables_are_a_fleet():
     assert with_settings.fleet == Fleet(vehicles=3, separation_m=40.0)
 
 
+def test_vehicles_that_differ_are_listed_with_their_homes():
+    tables = "[[vehicle]]\nendurance_s = 900\n[[vehicle]]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n"
+    scenario = parse(GOOD.replace("[vehicle]\ncruise_speed_m_s = 10.0\n", tables))
+    home, other = parse(GOOD).home, Home(lat_deg=36.474, lon_deg=-84.216)
+    assert scenario.vehicles == (Vehicle(endurance_s=900.0, home=home), Vehicle(home=other))
+    assert (scenario.vehicle, scenario.home, scenario.fleet.vehicles) == (Vehicle(endurance_s=900.0), home, 2)
+    assert parse(dump_scenario(scenario), Path("/elsewhere")) == scenario
+    # Without [home] the first one's is that of the frame.
+    first, second = "lat_deg = 36.476, lon_deg = -84.215", "lat_deg = 36.474, lon_deg = -84.216"
+    own = f"[[vehicle]]\nhome = {{ {first} }}\n[[vehicle]]\nhome = {{ {second} }}\n"
+    text = re.sub(r"\[home\]\n(?:\w+ = .*\n)+", "", GOOD).replace("[vehicle]\ncruise_speed_m_s = 10.0\n", own)
+    assert parse(text).home == Home(lat_deg=36.476, lon_deg=-84.215)
+    with pytest.raises(ValueError, match=r"lists 2 that are not alike"):
+        dataclasses.replace(scenario, fleet=Fleet(vehicles=3))
+
+
+def test_a_geographic_area_may_have_an_origin_of_its_own():
+    scenario = dataclasses.replace(parse(GOOD), origin=Origin(lat_deg=36.475, lon_deg=-84.215, alt_amsl_m=300.0))
+    assert parse(dump_scenario(scenario), Path("/elsewhere")) == scenario
+
+
 @pytest.mark.parametrize(
     ("tables", "words"),
     [
+        ("[[vehicle]]\n[[vehicle]]\ncruise_speed_m_s = -1.0\n", "vehicle.1.cruise_speed_m_s: -1.0 must be above 0"),
+        ("[[vehicle]]\n[[vehicle]]\nsensor = 1\n", "vehicle.1.sensor: unknown key"),
+        ("[[vehicle]]\n[[vehicle]]\nlink = 'udp:127.0.0.1:1'\n", "vehicle.1.link: unknown key"),
+        ("[[vehicle]]\nhome = { lat_deg = 36.4 }\n[[vehicle]]\n", "vehicle.0.home: give lat_deg and lon_deg"),
         (
-            "[[vehicle]]\ncruise_speed_m_s = 10.0\n[[vehicle]]\ncruise_speed_m_s = 12.0\n",
-            "vehicle.1.cruise_speed_m_s: 12.0 differs from vehicle.0's 10.0; the vehicles of one plan must be equal",
+            "[[vehicle]]\n[[vehicle]]\nhome = { east_m = 1.0, north_m = 2.0 }\n",
+            "vehicle.1.home: give lat_deg and lon_deg",
         ),
         (
-            "[[vehicle]]\nendurance_s = 900.0\n[[vehicle]]\n",
-            "vehicle.1.endurance_s: default differs from vehicle.0's 900.0",
+            2 * "[[vehicle]]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
+            "home: every [[vehicle]] has a home of its own; leave [home] out",
+        ),
+        (
+            "[vehicle]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
+            "vehicle.home: one vehicle has its home in [home]",
+        ),
+        (
+            "[[vehicle]]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
+            "vehicle.0.home: one vehicle has its home in",
+        ),
+        ("[[vehicles]]\n", "vehicles: unknown key; write [[vehicle]] once for each vehicle"),
+        (
+            "[wind]\nspeed_m_s = 3.0\n[[vehicle]]\nmax_airspeed_m_s = 15.0\n[[vehicle]]\n",
+            "wind.speed_m_s: 3.0 m/s needs a larger vehicle.1.max_airspeed_m_s, not None",
         ),
         (
             "[[vehicle]]\n[[vehicle]]\n[fleet]\nvehicles = 3\n",
@@ -482,7 +516,6 @@ def test_rules_across_the_sections():
     good = parse(GOOD)
     square_area = Area(cell_size_m=1.0, polygon_east_north_m=square)
     for changes, words in (
-        ({"origin": Origin(lat_deg=1.0, lon_deg=2.0, alt_amsl_m=3.0)}, "origin: goes with areas in metres"),
         ({"home": None}, "home: give lat_deg and lon_deg"),
         ({"home": Home(east_m=1.0, north_m=2.0)}, "home: give lat_deg and lon_deg"),
         ({"terrain": SineCosineTerrain(kind="sine-cosine")}, "terrain.kind: a geographic area needs raster terrain"),

@@ -5,7 +5,8 @@ import pytest
 import shapely
 
 from uavcover.errors import ScenarioError, TerrainError
-from uavcover.model.scenario import Home, Origin
+from uavcover.model.home import Home
+from uavcover.model.scenario import Origin
 from uavcover.scenario.scenario_file import load_scenario, terrain_source
 from uavcover.scenario.site import build_site
 from uavcover.sensing.cells import make_cells

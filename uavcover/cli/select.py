@@ -35,6 +35,7 @@ def select(
     """
     import dataclasses
 
+    from uavcover.errors import InputError
     from uavcover.model.vehicle import autopilot_name
     from uavcover.planning.selection import parse_rule
     from uavcover.run.fleet import say_fleet
@@ -47,6 +48,8 @@ def select(
     parse_rule(rule)
     folder = RunFolder(run)
     site, _ = read_planned(folder)
+    if autopilot is not None and site.scenario.vehicles:
+        raise InputError("--autopilot: each [[vehicle]] has its own; leave it out")
     name = autopilot_name(autopilot, site.scenario.vehicle.autopilot)
     with folder.reserved(flown_in(folder), force=force):
         plan, flights, older = choose(folder, site, rule, autopilot=name, command=sys.argv)

@@ -165,10 +165,12 @@ class FlownTrack:
     Attributes:
         track: the flown track.
         planned: its plan, if any.
+        site: of its vehicle, where the vehicles differ: the same ground, another home; none: that of all.
     """
 
     track: Track
     planned: PlannedRoute | None = None
+    site: Site | None = None
 
 
 _DRAWN_CELLS = 2000
@@ -253,7 +255,7 @@ def verify_flight(
     Raises:
         TrackError: a track is empty, or has a position that is not on Earth.
     """
-    judged = [judge_track(site, flown.track, flown.planned) for flown in tracks]
+    judged = [judge_track(flown.site or site, flown.track, flown.planned) for flown in tracks]
     records = _records_of_one_flight(judged)
     # The pause is longer than the time between two passes, so each track's observations are separate passes.
     pause_s = 2.0 * site.scenario.requirements.max_gap_s

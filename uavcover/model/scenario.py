@@ -6,6 +6,7 @@ from typing import ClassVar, Literal
 from uavcover.model.active_times import Window, window_of
 from uavcover.model.area import Area
 from uavcover.model.fleet import Fleet
+from uavcover.model.home import Home
 from uavcover.model.limits import FlightLimits
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
@@ -76,37 +77,6 @@ class Origin:
     def __post_init__(self) -> None:
         require(abs(self.lat_deg) <= 90.0, f"lat_deg: {self.lat_deg} is outside -90..90")
         require(abs(self.lon_deg) <= 180.0, f"lon_deg: {self.lon_deg} is outside -180..180")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Home:
-    """Take-off and landing position on the ground, by either pair of keys.
-
-    Attributes:
-        lat_deg: latitude on WGS 84.
-        lon_deg: longitude on WGS 84.
-        east_m: east in the local frame, for areas given in metres.
-        north_m: north in the local frame.
-    """
-
-    __pydantic_config__: ClassVar = STRICT
-
-    lat_deg: float | None = None
-    lon_deg: float | None = None
-    east_m: float | None = None
-    north_m: float | None = None
-
-    def __post_init__(self) -> None:
-        geographic = self.lat_deg is not None and self.lon_deg is not None
-        local = self.east_m is not None and self.north_m is not None
-        any_geographic = self.lat_deg is not None or self.lon_deg is not None
-        any_local = self.east_m is not None or self.north_m is not None
-        require(
-            (geographic and not any_local) or (local and not any_geographic),
-            "give lat_deg and lon_deg, or east_m and north_m",
-        )
-        require(self.lat_deg is None or abs(self.lat_deg) <= 90.0, f"lat_deg: {self.lat_deg} is outside -90..90")
-        require(self.lon_deg is None or abs(self.lon_deg) <= 180.0, f"lon_deg: {self.lon_deg} is outside -180..180")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -273,7 +243,7 @@ class Scenario:
         sensor: the sensor.
         limits: the hard limits.
         vehicle: the vehicle.
-        origin: geodetic position of the local frame, for areas in metres; none otherwise.
+        origin: geodetic position of the local frame, for areas in metres; a geographic area needs none (default: its home).
         home: take-off and landing; needed for mission files.
         planner: settings of the route search.
         select: the rule that selects one route of the Pareto set.
@@ -284,6 +254,7 @@ class Scenario:
             zones that are not in force between them do not count; without a window every zone counts.
         wind: the wind the flight is planned for.
         fleet: how many vehicles fly the plan, and what keeps them apart.
+        vehicles: those of [[vehicle]] given several times, where they differ; none where all are alike.
         uncertainty: errors of positions, ground and attitude.
         description: one line for people.
     """
@@ -307,6 +278,7 @@ class Scenario:
     flight_window_utc: tuple[str, str] | None = None
     wind: Wind = field(default_factory=Wind)
     fleet: Fleet = field(default_factory=Fleet)
+    vehicles: tuple[Vehicle, ...] = ()
     description: str = ""
 
     def __post_init__(self) -> None:
@@ -342,25 +314,30 @@ class Scenario:
         )
         if self.flight_window_utc is not None:
             window_of(*self.flight_window_utc, "flight_window_utc")
-        airspeed = self.vehicle.max_airspeed_m_s
         require(
-            self.wind.speed_m_s == 0.0 or (airspeed is not None and airspeed > self.wind.speed_m_s),
-            f"wind.speed_m_s: {self.wind.speed_m_s} m/s needs a larger vehicle.max_airspeed_m_s, not {airspeed}",
+            len(self.vehicles) in (0, self.fleet.vehicles),
+            f"fleet.vehicles: is {self.fleet.vehicles}, and [[vehicle]] lists {len(self.vehicles)} that are not alike",
         )
-        most_m_s = self.wind.most_m_s or 0.0
-        require(
-            most_m_s == 0.0 or (airspeed is not None and airspeed > most_m_s),
-            f"wind.most_m_s: {most_m_s} m/s needs a larger vehicle.max_airspeed_m_s, not {airspeed}",
-        )
+        for number, vehicle in enumerate(self.vehicles or (self.vehicle,)):
+            airspeed, which = vehicle.max_airspeed_m_s, f"vehicle.{number}" if self.vehicles else "vehicle"
+            for key, speed_m_s in (("speed_m_s", self.wind.speed_m_s), ("most_m_s", self.wind.most_m_s or 0.0)):
+                require(
+                    speed_m_s == 0.0 or (airspeed is not None and airspeed > speed_m_s),
+                    f"wind.{key}: {speed_m_s} m/s needs a larger {which}.max_airspeed_m_s, not {airspeed}",
+                )
         require(
             self.planner.objective != "mission-time" or self.home is not None,
             'planner.objective: "mission-time" needs a [home], from which the mission starts',
         )
         if self.area.is_geographic:
-            require(self.origin is None, "origin: goes with areas in metres; a geographic area has its place already")
             require(self.home is not None, "home: give lat_deg and lon_deg of the take-off place")
             require(self.terrain.kind == "raster", "terrain.kind: a geographic area needs raster terrain")
             require(self.home is None or self.home.lat_deg is not None, "home: give lat_deg and lon_deg")
+            for number, vehicle in enumerate(self.vehicles):
+                require(
+                    vehicle.home is None or vehicle.home.lat_deg is not None,
+                    f"vehicle.{number}.home: give lat_deg and lon_deg",
+                )
         else:
             require(
                 self.terrain.kind != "raster" or self.origin is not None,

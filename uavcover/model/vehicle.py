@@ -6,6 +6,7 @@ from types import MappingProxyType
 from typing import ClassVar, Literal
 
 from uavcover.errors import InputError
+from uavcover.model.home import Home
 from uavcover.model.power import PowerModel
 from uavcover.model.value_checks import STRICT, require, require_not_negative, require_positive
 
@@ -145,6 +146,7 @@ class Vehicle:
         max_mission_items: largest number of mission items, home included where the autopilot counts it; none: the known limit.
         autopilot: the autopilot whose conventions mission files follow, unless a command says otherwise.
         power: what flying takes from the battery.
+        home: of one of several vehicles, where it takes off and lands; default: [home].
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -163,6 +165,7 @@ class Vehicle:
     max_mission_items: int | None = None
     autopilot: AutopilotName = "ardupilot"
     power: PowerModel = field(default_factory=PowerModel)
+    home: Home | None = None
 
     def __post_init__(self) -> None:
         require_positive(

@@ -14,6 +14,7 @@ from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.track import Track
 from uavcover.model.verdict import PictureStatistics
 from uavcover.run.documents import ParetoRow, PlannedDocument, read_pareto, read_plan_document
+from uavcover.run.flown_by import site_for
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import judge_tracks, planned_for, read_log
 from uavcover.run.judged_inputs import judged_logs, was_flown
@@ -119,7 +120,7 @@ def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = (
     verdict, flights = None, tuple[Flight, ...]()
     if read:
         tracks = [(r.track, planned_for(path, run)) for r, path in zip(read, paths, strict=True)]
-        verdict = judge_tracks(site, tracks)
+        verdict = judge_tracks(site, tracks, sites=[site_for(path, run, site) for path in paths])
         flights = _flights(site, [_shown(path, run) for path in paths], tracks, verdict.shifts_s)
     pareto = run.file("pareto.csv")
     coverage = judging_map(site) if verdict is None else verdict.coverage

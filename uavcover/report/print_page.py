@@ -17,7 +17,7 @@ from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.model.vehicle import AutopilotName
 from uavcover.report.print_drawings import map_svg, place_text, profile_svg, style_of
 from uavcover.routes.sorties import Sortie, compile_sorties
-from uavcover.run.export import ExportRequest, time_with_stops_s, write_exported
+from uavcover.run.export import ExportRequest, refuse_unlike, time_with_stops_s, write_exported
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_flights
 from uavcover.run.planned import read_planned
@@ -58,6 +58,7 @@ def print_plan(run: RunFolder, request: ExportRequest, notes: PrintNotes) -> int
         raise InputError("--drone: goes with --format wpml, not with print")
     folder = run if request.sortie is None else run.flight(request.sortie)
     site, planned = read_planned(folder)
+    refuse_unlike(site, run, request.sortie)
     name = request.autopilot or site.scenario.vehicle.autopilot
     if request.most_points is None:
         flights = compile_flights(site, planned.route, autopilot=name, vehicles=planned.vehicles)

@@ -27,7 +27,7 @@ _MOST_BRANCHED = 200
 _SHIFTS = (1, 2, 4, 8, 16, 32)
 _PARTS = 6
 """A flight is cut anew at so many places, into two or three."""
-_FLIGHTS_EACH = 3
+FLIGHTS_EACH = 3
 """Even cuts into up to so many flights for each vehicle are improved, too."""
 _ROUNDS = 100
 _EQUAL_S = 1e-6
@@ -152,17 +152,17 @@ def fleet_cuts(costs: FlightCosts, *, vehicles: int, turnaround_s: float, spacin
         turnaround_s: between two flights of one vehicle.
         spacing_s: between the first take-offs of two vehicles; so long flights go to those that begin early.
     """
-    search = _CutSearch(costs, vehicles, turnaround_s, spacing_s)
+    search = CutSearch(costs, vehicles, turnaround_s, spacing_s)
     found = search.by_limits()
     if not found:
         return None
-    even = (search.even(flights) for flights in range(1, _FLIGHTS_EACH * vehicles + 1))
+    even = (search.even(flights) for flights in range(1, FLIGHTS_EACH * vehicles + 1))
     starts = [*search.best(found), *search.best(cuts for cuts in even if search.is_possible(cuts))]
     improved = [search.improved(cuts) for cuts in dict.fromkeys(starts)]
     return min(improved, key=lambda cuts: (search.value(cuts), cuts))
 
 
-class _CutSearch:
+class CutSearch:
     """Cuts with what they are worth; every flight is timed once."""
 
     def __init__(self, costs: FlightCosts, vehicles: int, turnaround_s: float, spacing_s: float) -> None:
@@ -171,6 +171,7 @@ class _CutSearch:
         self._values: dict[Cuts, tuple[float, float]] = {}
 
     def time_s(self, first: int, last: int) -> float:
+        """How long the flight from one waypoint to another takes, with its ways there and home."""
         key = (first, last)
         if key not in self._times_s:
             self._times_s[key] = float(flight_s(self._costs, first, last))
@@ -188,7 +189,7 @@ class _CutSearch:
                 self._values[cuts] = (math.inf, math.inf)
         return self._values[cuts]
 
-    def _bound_s(self, cuts: Cuts) -> float:
+    def bound_s(self, cuts: Cuts) -> float:
         """No sharing out is done sooner."""
         times = [self.time_s(*flight) for flight in cuts]
         ready_s = [self._spacing_s * k for k in range(self._vehicles)]
@@ -254,7 +255,7 @@ class _CutSearch:
         """Better cuts by single changes, until none is better."""
         for _ in range(_ROUNDS):
             now_s = self.value(cuts)[0]
-            near_by = [near for near in self._neighbours(cuts) if self._bound_s(near) <= now_s]
+            near_by = [near for near in self._neighbours(cuts) if self.bound_s(near) <= now_s]
             better = min(near_by, key=lambda near: (self.value(near), near), default=cuts)
             if not self.value(better) < self.value(cuts):
                 break

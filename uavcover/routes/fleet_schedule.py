@@ -29,17 +29,26 @@ class Start:
     start_s: float
 
 
-def schedule(timelines: Sequence[Timeline], fleet: Fleet) -> tuple[Start, ...]:
+def schedule(
+    timelines: Sequence[Timeline], fleet: Fleet, *, vehicle_of: Sequence[int] | None = None
+) -> tuple[Start, ...]:
     """Find starts for sorties that keep the vehicles apart.
 
     A sortie begins when its vehicle is ready, even if it landed late, and when the start is safe beside all sorties that have a
     start already. Orders of the sorties are tried by exchanging two.
+
+    Args:
+        timelines: of the sorties.
+        fleet: what keeps the vehicles apart.
+        vehicle_of: who flies each, from 0; none: any vehicle, as all are alike, numbered by their first take-offs.
     """
-    search = _OrderSearch(timelines, fleet)
+    search = _OrderSearch(timelines, fleet, vehicle_of)
     by_length = sorted(range(len(timelines)), key=lambda k: (-timelines[k].duration_s, k))
     best = min((list(range(len(timelines))), by_length), key=lambda order: search.value(order))
     best = search.improved(best)
     starts, _ = search.starts(best)
+    if vehicle_of is not None:
+        return tuple(starts)
     numbered = {old: new for new, old in enumerate(dict.fromkeys(s.vehicle for s in sorted(starts, key=_by_start)))}
     return tuple(Start(numbered[s.vehicle], s.start_s) for s in starts)
 
@@ -51,8 +60,8 @@ def _by_start(start: Start) -> float:
 class _OrderSearch:
     """Lists of sorties, each of which gives a schedule: one after the other gets the earliest start that is left."""
 
-    def __init__(self, timelines: Sequence[Timeline], fleet: Fleet) -> None:
-        self._fleet = fleet
+    def __init__(self, timelines: Sequence[Timeline], fleet: Fleet, vehicle_of: Sequence[int] | None) -> None:
+        self._fleet, self._vehicle_of = fleet, vehicle_of
         self.durations_s = [t.duration_s for t in timelines]
         late = late_s(np.array(self.durations_s), fleet)
         self._busy_s = list(np.array(self.durations_s) + late + fleet.turnaround_s)
@@ -69,9 +78,10 @@ class _OrderSearch:
         ready_s = [0.0] * self._fleet.vehicles
         placed: dict[int, Start] = {}
         for sortie in order:
-            begins = {free_s: self._safe_s(sortie, free_s, placed) for free_s in sorted(set(ready_s))}
+            may_s = ready_s if self._vehicle_of is None else [ready_s[self._vehicle_of[sortie]]]
+            begins = {free_s: self._safe_s(sortie, free_s, placed) for free_s in sorted(set(may_s))}
             free_s = min(begins, key=lambda s: (begins[s], -s))
-            vehicle = ready_s.index(free_s)
+            vehicle = ready_s.index(free_s) if self._vehicle_of is None else self._vehicle_of[sortie]
             placed[sortie] = Start(vehicle, begins[free_s])
             ready_s[vehicle] = begins[free_s] + self._busy_s[sortie]
         first_s = min(start.start_s for start in placed.values())

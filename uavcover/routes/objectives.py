@@ -11,8 +11,8 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import flight_time
 from uavcover.kernels.way_cost import route_cost
 from uavcover.model.route import Route, RouteMember, RouteMetrics
+from uavcover.routes.flight_costs import mission_time_s
 from uavcover.routes.leg_checks import measure_violations, route_height_range_m
-from uavcover.routes.sorties import mission_time_s
 from uavcover.routes.way_cost import pace_of, way_cost_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap

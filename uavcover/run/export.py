@@ -115,12 +115,25 @@ def export_mission(run: RunFolder, request: ExportRequest) -> tuple[ExportedFile
     _check(request)
     several = request.file_format in CONTROLLER_POINTS or request.most_points is not None
     site, planned = read_planned(run if several and request.sortie is None else run.flight(request.sortie))
+    refuse_unlike(site, run, request.sortie)
     flights = flight_files(site, planned.route, request, vehicles=planned.vehicles)
     names = [request.out.name if len(flights) == 1 else numbered(request.out, k + 1) for k in range(len(flights))]
     older = _names_of_older_exports(request.out) if several else []
     contents = {name: flight.content for name, flight in zip(names, flights, strict=True)}
     write_exported(request.out, contents, force=request.force, older=older)
     return tuple(ExportedFile(request.out.parent / name, flight) for name, flight in zip(names, flights, strict=True))
+
+
+def refuse_unlike(site: Site, run: RunFolder, sortie: int | None) -> None:
+    """Refuse one export of flights from several homes.
+
+    Raises:
+        InputError: the vehicles of the site differ.
+    """
+    if sortie is None and site.scenario.vehicles:
+        raise InputError(
+            f"{run}: its vehicles differ, so each flight has its own home; export one at a time, with --sortie N"
+        )
 
 
 def flight_files(site: Site, route: Route, request: ExportRequest, *, vehicles: int = 1) -> list[FlightFile]:

@@ -12,6 +12,7 @@ from uavcover.routes.sorties import Sortie
 from uavcover.routes.timeline import timeline_of
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicle_site import vehicle_sites
 
 
 def scheduled(site: Site, flights: Sequence[Sortie], *, autopilot: AutopilotName) -> tuple[Sortie, ...]:
@@ -21,6 +22,18 @@ def scheduled(site: Site, flights: Sequence[Sortie], *, autopilot: AutopilotName
     return tuple(
         dataclasses.replace(flight, vehicle=start.vehicle + 1, start_s=start.start_s)
         for flight, start in zip(flights, starts, strict=True)
+    )
+
+
+def scheduled_unlike(sites: Sequence[Site], flights: Sequence[Sortie]) -> tuple[Sortie, ...]:
+    """The flights of vehicles that differ, each with its vehicle already, with take-offs at which all keep apart."""
+    timelines = []
+    for flight in flights:
+        site = sites[flight.vehicle - 1]
+        timelines.append(timeline_of(site, flight, autopilot=site.scenario.vehicle.autopilot))
+    starts = schedule(timelines, sites[0].scenario.fleet, vehicle_of=[flight.vehicle - 1 for flight in flights])
+    return tuple(
+        dataclasses.replace(flight, start_s=start.start_s) for flight, start in zip(flights, starts, strict=True)
     )
 
 
@@ -39,20 +52,44 @@ def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | No
     fleet = site.scenario.fleet
     if fleet.vehicles == 1:
         return None
-    document: dict[str, Any] = {"vehicles": fleet.vehicles, "separation_m": fleet.separation_m}
+    alike = not site.scenario.vehicles
+    document: dict[str, Any] = {"vehicles": fleet.vehicles, "alike": alike, "separation_m": fleet.separation_m}
     if not flights:
         return document
     times_s = [flight.compiled.flight_time_s for flight in flights]
     done_s = makespan_s(flights)
     one_s = math.fsum(times_s) + fleet.turnaround_s * (len(flights) - 1)
-    together_s = share_out(times_s, fleet.vehicles, fleet.turnaround_s).makespan_s
+    together_s = (
+        share_out(times_s, fleet.vehicles, fleet.turnaround_s).makespan_s if alike else _at_once_s(site, flights)
+    )
     return document | {
         "makespan_s": done_s,
         "one_vehicle_s": one_s,
         "of_one_vehicle": done_s / one_s,
         "kept_apart_s": max(0.0, done_s - together_s),
         "by_vehicle": [_row(number, flights) for number in sorted({flight.vehicle for flight in flights})],
+        "homes": _homes(site),
     }
+
+
+def _at_once_s(site: Site, flights: Sequence[Sortie]) -> float:
+    """When vehicles that differ would be done if they need not keep apart."""
+    each_s = {
+        number: [f.compiled.flight_time_s for f in flights if f.vehicle == number]
+        for number in {flight.vehicle for flight in flights}
+    }
+    pause_s = site.scenario.fleet.turnaround_s
+    return max(math.fsum(times_s) + pause_s * (len(times_s) - 1) for times_s in each_s.values())
+
+
+def _homes(site: Site) -> list[dict[str, float]] | None:
+    """Where each vehicle starts, vehicle 1 first; none where all start at [home]."""
+    homes = []
+    for own in vehicle_sites(site):
+        if own.frame is not None and own.home_m is not None:
+            lat, lon, alt = own.frame.geodetic_from_enu(own.home_m)
+            homes.append({"lat_deg": float(lat[0]), "lon_deg": float(lon[0]), "alt_amsl_m": float(alt[0])})
+    return homes or None
 
 
 def _row(vehicle: int, flights: Sequence[Sortie]) -> dict[str, Any]:
@@ -87,6 +124,10 @@ def say_fleet(user: User, document: dict[str, Any] | None) -> None:
             f"vehicle {row['vehicle']:<2} sorties {each}; in the air {row['flight_time_s']:.0f} s, landed at "
             f"{row['landed_s']:.0f} s{battery}"
         )
+    flying = {row["vehicle"] for row in document["by_vehicle"]}
+    idle = [] if document["alike"] else [k for k in range(1, document["vehicles"] + 1) if k not in flying]
+    for number in idle:
+        user.say(f"vehicle {number:<2} stays on the ground: no part of the route is done sooner, or at all, with it")
     waits = document["kept_apart_s"]
     apart = f" (of that {waits:.0f} s to keep {document['separation_m']:g} m apart)" if waits >= 1.0 else ""
     used = len(document["by_vehicle"])
@@ -95,7 +136,7 @@ def say_fleet(user: User, document: dict[str, Any] | None) -> None:
         f"{what}: done after {document['makespan_s']:.0f} s{apart}; one vehicle with the same sorties: "
         f"{document['one_vehicle_s']:.0f} s (x {document['of_one_vehicle']:.2f})"
     )
-    if used < document["vehicles"]:
+    if used < document["vehicles"] and document["alike"]:
         user.warn(
             "more vehicles would not be done sooner: the ways there and home, and keeping apart, cost more than they gain"
         )

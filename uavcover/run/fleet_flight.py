@@ -4,8 +4,7 @@ import math
 import sys
 import threading
 from collections.abc import Callable, Container, Iterable, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,30 +13,32 @@ from mission_io.errors import MissionIoError
 from mission_io.model.items import Mission
 from uavcover.errors import UavcoverError, VehicleError
 from uavcover.model.track import TrackSample
+from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.run.fleet_board import Board, VehicleUser
 from uavcover.run.fleet_clock import FleetClock
-from uavcover.run.fleet_jobs import Job, OnLoss, Queues, require_gain, rest_of
+from uavcover.run.fleet_jobs import Job
 from uavcover.run.fleet_lost import LostVehicle
+from uavcover.run.fleet_orders import FleetOrders
 from uavcover.run.fleet_position import Phase
 from uavcover.run.fleet_reserve import ReserveWatch
 from uavcover.run.fleet_sortie import (
     FlownSortie,
     is_down,
     lacking_battery,
-    pace_home_m_s,
     places_m,
     require_own_mission,
     wait_for_home,
+    whose_home,
 )
 from uavcover.run.fleet_traffic import Traffic
+from uavcover.run.fleet_work import FleetWork
 from uavcover.run.flights import TRACK
 from uavcover.run.fly import FlightOptions, record_flight
 from uavcover.run.folder import FLIGHT_FILES, RunFolder
 from uavcover.run.mission import compile_plan
 from uavcover.run.provenance import note_files
-from uavcover.run.session import Connected, VehicleLink, fly
+from uavcover.run.session import Connected, fly
 from uavcover.run.upload import UPLOAD_FILE, upload, upload_document
-from uavcover.scenario.site import Site
 from uavcover.vehicle.clearance import Clearance
 from uavcover.vehicle.outcome import Ending, FlightFailedError, FlightOutcome
 
@@ -46,31 +47,7 @@ _READY_BEFORE_S = 60.0
 _NEW_BATTERY_S = 300.0
 """So long a vehicle whose battery lasts for little of its sortie keeps those behind it waiting."""
 _LOOK_EVERY_S, _PLACE_EVERY_S = 1.0, 0.5
-
-Opening = Callable[[VehicleLink, Site], AbstractContextManager[Connected]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FleetOrders:
-    """What the user wants of the fleet.
-
-    Attributes:
-        links: where each vehicle is, vehicle 1 first.
-        flight: what is asked of each flight.
-        on_loss: what becomes of what a lost vehicle was to see.
-        opening: opens the link to a vehicle.
-        clocks: of each vehicle.
-        stops: how often the user has asked to stop.
-        paused: whether the user wants all to hold their places.
-    """
-
-    links: Sequence[VehicleLink]
-    flight: FlightOptions
-    on_loss: OnLoss
-    opening: Opening
-    clocks: Sequence[FleetClock]
-    stops: Callable[[], int]
-    paused: Callable[[], bool]
+_IN_ORDER = "give --to in the order of the vehicles, vehicle 1 first"
 
 
 class FleetFlight:
@@ -83,8 +60,8 @@ class FleetFlight:
 
     Attributes:
         traffic: keeps the vehicles apart.
+        work: who flies what, and what nobody flies.
         flown: the sorties that have ended.
-        left: names of sorties, or of their rests, that nobody flies.
         faults: errors that are no vehicle's.
         called_off: whether nobody started because one vehicle was not ready.
         aborted: whether all are left as they are, at once.
@@ -94,41 +71,38 @@ class FleetFlight:
         self.board, self.orders = board, orders
         self.traffic = Traffic(jobs[0].site.scenario.fleet)
         self.flown: list[FlownSortie] = []
-        self.left: list[str] = []
         self.faults: list[BaseException] = []
         self.called_off = self.aborted = False
-        self._queues = Queues(set(range(1, len(orders.links) + 1)))
-        self._current: dict[int, Job] = {}
+        self.work = FleetWork(jobs, self.traffic, board, orders.on_loss)
         self._found: dict[int, int] = {}
         self._given: set[int] = set()
         self._ready: set[int] = set()
-        self._free_s: dict[int, float] = {}
         self._next_look_s: dict[int, float] = {}
         self._holds: dict[int, bool] = {}
         self._reserves: dict[int, ReserveWatch] = {}
         self._lock = threading.RLock()
-        for job in jobs:
-            self._enqueue(job)
+        for idle in set(board.rows) - set(self.work.flyers):
+            board.rows[idle].does = "stays on the ground"
 
     def follow(self, vehicle: int) -> None:
         """Fly all sorties of a vehicle, and those that it takes over."""
         clock, row = self.orders.clocks[vehicle - 1], self.board.rows[vehicle]
         with clock.taking_part():
             try:
-                while not self._stopped and vehicle in self._queues.vehicles:
-                    job = self._queues.take(vehicle)
-                    if job is None and not self._queues.work_may_come(vehicle):
+                while not self._stopped and vehicle in self.work.queues.vehicles:
+                    job = self.work.queues.take(vehicle)
+                    if job is None and not self.work.queues.work_may_come(vehicle):
                         break
                     if job is None:
                         row.does = "stands ready"
                         clock.wait(_LOOK_EVERY_S)
                         continue
-                    self._current[vehicle] = job
+                    self.work.current[vehicle] = job
                     try:
                         self._fly_when_due(job, vehicle, clock)
                     finally:
-                        del self._current[vehicle]
-                        self._queues.done(vehicle)
+                        del self.work.current[vehicle]
+                        self.work.queues.done(vehicle)
             except BaseException as error:
                 self.faults.append(error)
                 self.aborted = self.aborted or not isinstance(error, Exception)
@@ -143,14 +117,10 @@ class FleetFlight:
             raise KeyboardInterrupt
         return max(self.orders.stops(), 1 if self.called_off else 0)
 
-    def _enqueue(self, job: Job) -> None:
-        self.traffic.add(job.name, job.timeline, planned_s=job.planned_s, pace_m_s=pace_home_m_s(job.site))
-        self._queues.add(job)
-
     def _fly_when_due(self, job: Job, vehicle: int, clock: FleetClock) -> None:
         row = self.board.rows[vehicle]
         row.sortie, row.does = str(job.sortie), "waits"
-        due_s = self._free_s.get(vehicle)
+        due_s = self.work.free_s.get(vehicle)
         while due_s is not None:
             now = clock.now()
             due_s = max(due_s, now + job.planned_s - self.traffic.since_first_s(now) - _READY_BEFORE_S)
@@ -183,9 +153,9 @@ class FleetFlight:
 
     def _listen(self, record: FlownSortie, connected: Connected, clock: FleetClock) -> None:
         """Listen to a vehicle that was lost, as long as others fly or wait for it: where it is counts again when it is heard."""
-        self._queues.done(record.vehicle)
+        self.work.queues.done(record.vehicle)
         heard = LostVehicle(record.job, connected, self.traffic)
-        while not self._stopped and self._queues.work_is_left and not record.down:
+        while not self._stopped and self.work.queues.work_is_left and not record.down:
             told = heard.look(clock, _LOOK_EVERY_S)
             record.down = self.traffic.phase(record.job.name) is not Phase.LOST
             if told is not None:
@@ -193,13 +163,14 @@ class FleetFlight:
 
     def _fly(self, job: Job, connected: Connected, user: VehicleUser, record: FlownSortie, clock: FleetClock) -> None:
         compiled = compile_plan(job.site, job.route, autopilot=connected.autopilot)
-        wait_for_home(connected, job.site, compiled, clock, stopped=lambda: self._stopped)
-        first = record.vehicle not in self._free_s
-        others = range(1, len(self.orders.links) + 1)
+        self._wait_for_own_home(job, connected, compiled, clock)
+        first = record.vehicle not in self.work.free_s
+        others = self.work.flyers
         self._found[record.vehicle] = connected.client.vehicle.system_id
         # One after the other: were two of them one vehicle, their uploads would disturb each other.
         if first and not (
-            self._meet(connected, self._found, others) and self._meet(connected, self._given, range(1, record.vehicle))
+            self._meet(connected, self._found, others)
+            and self._meet(connected, self._given, [k for k in others if k < record.vehicle])
         ):
             return
         results = upload(connected.client, compiled)
@@ -217,6 +188,26 @@ class FleetFlight:
             lambda orders: self._followed(record, connected, clock, partial(fly, connected, job.site, compiled, orders)),
             options=self._flight_options(job, connected, record, clock),
         )  # fmt: skip
+
+    def _wait_for_own_home(self, job: Job, connected: Connected, compiled: CompiledMission, clock: FleetClock) -> None:
+        """Wait until the vehicle knows its home, and refuse one that is at another vehicle's home, or of another autopilot.
+
+        Raises:
+            VehicleError: the vehicle is not the planned one.
+        """
+        sites = {k: self.work.site_of(k) for k in self.work.flyers}
+        wanted = job.site.scenario.vehicle.autopilot
+        if connected.autopilot != wanted and len({site.scenario.vehicle.autopilot for site in sites.values()}) > 1:
+            raise VehicleError(
+                f"{connected.url} leads to {connected.autopilot}, and vehicle {job.vehicle} is planned for {wanted}; {_IN_ORDER}"
+            )
+        try:
+            wait_for_home(connected, job.site, compiled, clock, stopped=lambda: self._stopped)
+        except VehicleError as error:
+            stands_at = whose_home(connected, sites)
+            if stands_at not in (None, job.vehicle):
+                raise VehicleError(f"{error}; it is at the home of vehicle {stands_at}: {_IN_ORDER}") from error
+            raise
 
     def _followed(
         self, record: FlownSortie, connected: Connected, clock: FleetClock, begin: Callable[[], FlightOutcome]
@@ -236,7 +227,7 @@ class FleetFlight:
         job = record.job
         if self.traffic.phase(job.name) not in (Phase.FLYING, Phase.HOLDING, Phase.HOMEWARD):
             return
-        self._free_s[record.vehicle] = now + job.site.scenario.fleet.turnaround_s
+        self.work.free_s[record.vehicle] = now + job.site.scenario.fleet.turnaround_s
         if record.down:
             self.traffic.landed(job.name, now)
             return
@@ -265,7 +256,7 @@ class FleetFlight:
             with self._lock:
                 self._ready.add(vehicle)
                 row.does = "ready to start"
-                if not self._ready >= self._queues.vehicles:
+                if not self._ready >= self.work.queues.vehicles:
                     return False
             if (lacks := lacking_battery(job, connected)) is not None:
                 row.does = lacks
@@ -336,7 +327,7 @@ class FleetFlight:
         self.flown.append(record)
         if self.traffic.phase(job.name) is Phase.WAITING:
             self.traffic.drop(job.name)
-            self._free_s[vehicle] = now + job.site.scenario.fleet.turnaround_s
+            self.work.free_s[vehicle] = now + job.site.scenario.fleet.turnaround_s
         else:
             self._tell_traffic(record, now)
         if (
@@ -346,7 +337,7 @@ class FleetFlight:
             note_files(parent, "fly", [f"{job.folder.path.name}/{TRACK}"], command=sys.argv)
         if record.outcome is not None and record.outcome.ending is Ending.LANDED:
             row.does = "landed"
-            for following in self._queues.of(vehicle)[:1]:
+            for following in self.work.queues.of(vehicle)[:1]:
                 self.board.say(
                     f"vehicle {vehicle}: change the battery; sortie {following.sortie} at {following.planned_s:.0f} s"
                 )
@@ -355,58 +346,15 @@ class FleetFlight:
             row.does = "landed"
             if not self._stopped:
                 with self._lock:
-                    self._hand_over(record, [], now)
+                    self.work.hand_over(record, [], now)
             return
         row.does = "out"
         if self._stopped:
             return
         with self._lock:
-            left = self._queues.give_up(vehicle)
+            left = self.work.queues.give_up(vehicle)
             if record.began_s is None and not self.traffic.begun:
                 self.board.warn("one vehicle is not ready, so none starts")
                 self.called_off = True
                 return
-            self._hand_over(record, left, now)
-
-    def _hand_over(self, record: FlownSortie, left: Sequence[Job], now: float) -> None:
-        """Give to whom is ready first what a vehicle has left, each part checked; or leave it as gaps."""
-        job, parts = record.job, list(left)
-        for part in left:
-            self.traffic.drop(part.name)
-        if self.orders.on_loss is OnLoss.GAPS or not self._queues.vehicles:
-            self.left += [part.name for part in (job, *parts)]
-            return
-        try:
-            rest = rest_of(job, sys.argv)
-            if rest is not None and record.keeps_reserve:
-                require_gain(job, rest)
-        except (UavcoverError, MissionIoError) as error:
-            self.board.warn(f"the rest of sortie {job.sortie} is left as a gap: {error}")
-            self.left.append(job.name)
-            rest = None
-        for part in ([] if rest is None else [rest]) + parts:
-            ready_s = {k: self._ready_s(k, now) for k in sorted(self._queues.vehicles)}
-            vehicle = min(ready_s, key=lambda k: ready_s[k])
-            since_s = self.traffic.since_first_s(now) + ready_s[vehicle] - now
-            taken = replace(part, vehicle=vehicle, planned_s=max(part.planned_s, since_s))
-            self._enqueue(taken)
-            what = "the rest of sortie" if part.is_rest else "sortie"
-            self.board.say(
-                f"vehicle {vehicle} takes over {what} {part.sortie}: {len(part.route)} waypoints, "
-                f"at about {taken.planned_s:.0f} s"
-            )
-
-    def _ready_s(self, vehicle: int, now: float) -> float:
-        """When a vehicle has flown what it has to fly already, and has a new battery."""
-        ready_s = max(now, self._free_s.get(vehicle, now))
-        flies = self._current.get(vehicle)
-        waiting = self._queues.of(vehicle)
-        if flies is not None and self.traffic.phase(flies.name) is not Phase.DOWN:
-            begun = self.traffic.phase(flies.name) is Phase.FLYING
-            begins_s = max(now, now + flies.planned_s - self.traffic.since_first_s(now))
-            lands_s = self.traffic.lands_s(flies.name) if begun else begins_s + flies.timeline.duration_s
-            ready_s = max(now, lands_s) + flies.site.scenario.fleet.turnaround_s
-        for job in waiting:
-            ready_s = max(ready_s, now + job.planned_s - self.traffic.since_first_s(now))
-            ready_s += job.timeline.duration_s + job.site.scenario.fleet.turnaround_s
-        return ready_s
+            self.work.hand_over(record, left, now)

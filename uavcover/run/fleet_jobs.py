@@ -13,7 +13,7 @@ from uavcover.run.flights import TRACK
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan
 from uavcover.run.planned import read_planned
-from uavcover.run.resume import find_unfinished, save_rest
+from uavcover.run.resume import find_unfinished, save_part, save_rest, scenario_of_fleet
 from uavcover.run.session import require_home
 from uavcover.scenario.site import Site
 
@@ -55,6 +55,10 @@ class Job:
     battery_used: float | None = None
     is_rest: bool = False
 
+    def of(self, vehicle: int, *, planned_s: float) -> "Job":
+        """The same for another vehicle, at another time."""
+        return replace(self, vehicle=vehicle, planned_s=planned_s)
+
 
 def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
     """All sorties of a plan, in the order of their take-offs; every leg is checked.
@@ -66,6 +70,9 @@ def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
     document = run.read_json("plan.json", made_by="uavcover plan")
     fleet, rows = document.get("fleet"), document.get("sorties")
     flying = len(fleet.get("by_vehicle", [])) if isinstance(fleet, dict) else 1
+    alike = not isinstance(fleet, dict) or fleet.get("alike", True)
+    if not alike and isinstance(fleet, dict) and isinstance(fleet.get("vehicles"), int):
+        flying = fleet["vehicles"]  # each has its own link, also one that stays on the ground
     if flying != vehicles or not isinstance(rows, list) or not rows:
         raise InputError(
             f"{run}: is flown by {flying} vehicle{'' if flying == 1 else 's'}, and --to names {vehicles}; give --to {flying} "
@@ -78,7 +85,8 @@ def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
             f"{run.file('plan.json')}: sorties is none ({type(error).__name__}: {error}); make it again with: uavcover plan"
         ) from error
     jobs = [_planned_job(run, number, vehicle, takeoff_s) for number, vehicle, takeoff_s in asked]
-    if {job.vehicle for job in jobs} != set(range(1, vehicles + 1)):
+    flyers, all_of_them = {job.vehicle for job in jobs}, set(range(1, vehicles + 1))
+    if flyers != all_of_them and (alike or not flyers < all_of_them):
         raise InputError(f"{run.file('plan.json')}: sorties name other vehicles than 1 to {vehicles}; plan again")
     return sorted(jobs, key=lambda job: (job.planned_s, job.sortie))
 
@@ -103,8 +111,20 @@ def _planned_use(site: Site, route: Route) -> tuple[Timeline, float | None]:
     return timeline, compiled.battery_used
 
 
-def rest_of(job: Job, command: Sequence[str]) -> Job | None:
-    """What a flight that ended early has left, as a job for another vehicle; none when nothing is left.
+def left_of(job: Job) -> Route | None:
+    """What a flight that ended early has left of its route; none when nothing is left.
+
+    Raises:
+        InputError: what was flown cannot be read.
+    """
+    if not job.folder.file(TRACK).exists():
+        return job.route
+    unfinished = find_unfinished(_sortie_of(job), job.site)
+    return None if unfinished.complete else unfinished.route
+
+
+def rest_of(job: Job, site: Site, command: Sequence[str]) -> Job:
+    """What a flight that ended early has left, as a job for the vehicle of a site.
 
     Its plan is written into a folder inside that of the sortie, as ``fly --resume`` does, also for the rest of a rest.
 
@@ -112,18 +132,47 @@ def rest_of(job: Job, command: Sequence[str]) -> Job | None:
         InfeasibleError: there is no checked way to it, or it takes too long for one flight.
     """
     if not job.folder.file(TRACK).exists():
-        return replace(job, name=f"{job.name}+")
-    sortie = RunFolder(job.folder.path.parent) if job.is_rest else job.folder
-    unfinished = find_unfinished(sortie, job.site)
-    if unfinished.complete:
-        return None
-    timeline, used = _planned_use(job.site, unfinished.route)
+        return replace(for_another(job, site, command), name=f"{job.name}+")
+    unfinished = find_unfinished(_sortie_of(job), job.site)
+    timeline, used = _planned_use(site, unfinished.route)
     unfinished.folder.path.mkdir(exist_ok=True)
-    save_rest(unfinished, job.site, command=command)
+    save_rest(unfinished, site, command=command)
     return replace(
-        job, name=f"{job.name}+", folder=unfinished.folder, route=unfinished.route, timeline=timeline, battery_used=used,
-        is_rest=True,
+        job, name=f"{job.name}+", folder=unfinished.folder, site=site, route=unfinished.route, timeline=timeline,
+        battery_used=used, is_rest=True,
     )  # fmt: skip
+
+
+def _sortie_of(job: Job) -> RunFolder:
+    return RunFolder(job.folder.path.parent) if job.is_rest else job.folder
+
+
+def is_for(job: Job, site: Site) -> bool:
+    """Whether a job is planned for a vehicle like that of a site, from the same home."""
+    own, other = job.site.scenario, site.scenario
+    return (own.vehicle, own.home) == (other.vehicle, other.home)
+
+
+def for_another(job: Job, site: Site, command: Sequence[str]) -> Job:
+    """A job that nobody began, as the vehicle of a site flies it, every leg checked; where it is not alike, it is planned anew.
+
+    Raises:
+        InfeasibleError: a leg breaks a limit of that vehicle, or the flight takes it too long.
+    """
+    if is_for(job, site):
+        return job
+    timeline, used = _planned_use(site, job.route)
+    save_part(job.folder, site, job.route, "taken over", command=command, scenario_sha256=scenario_of_fleet(job.folder))
+    return replace(job, site=site, timeline=timeline, battery_used=used)
+
+
+def time_for(job: Job, route: Route, site: Site) -> float:
+    """How long the vehicle of a site takes for a job, or for a part of it; as planned where it is like the job's own.
+
+    Raises:
+        InfeasibleError: a leg breaks a limit of that vehicle, or the flight takes it too long.
+    """
+    return job.timeline.duration_s if is_for(job, site) else _planned_use(site, route)[0].duration_s
 
 
 def require_gain(job: Job, rest: Job) -> None:

@@ -10,6 +10,10 @@ from uavcover.run.fleet_traffic import Traffic
 from uavcover.run.session import Connected
 
 _LATELY_S = 5.0
+_STAYS_OUT = (
+    "it gets no more sorties: what it did unheard, and its battery, are not known, and what it had left is given away already; "
+    "look at it, and fly what is left at the end"
+)
 
 
 class LostVehicle:
@@ -41,7 +45,8 @@ class LostVehicle:
         where = f"at {here.lat_deg:.6f}, {here.lon_deg:.6f}"
         if is_down(self._connected):
             self._traffic.landed(self._job.name, now)
-            return f"is heard again, on the ground {where}"
+            return f"is heard again, on the ground {where}; {_STAYS_OUT}"
         self._traffic.moved(self._job.name, now, np.asarray(place_m))
-        told, self._heard = None if self._heard else f"is heard again, in the air {where}", True
+        again = f"is heard again, in the air {where}; the others keep apart from it; {_STAYS_OUT}"
+        told, self._heard = None if self._heard else again, True
         return told

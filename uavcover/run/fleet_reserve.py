@@ -7,7 +7,7 @@ from enum import Enum
 from mission_io.wire.messages import SysStatus
 from uavcover.errors import UavcoverError
 from uavcover.model.vehicle import Vehicle
-from uavcover.routes.sorties import way_home
+from uavcover.routes.flight_costs import way_home
 from uavcover.run.fleet_jobs import Job
 from uavcover.run.fleet_traffic import Traffic
 from uavcover.run.session import Connected

@@ -1,6 +1,6 @@
 """A sortie of a fleet: how it ended, whether its vehicle is down, what its battery lacks, and its way home."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,7 @@ from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.errors import MissionIoError, VehicleSilentError
 from mission_io.model.items import Frame, Mission, MissionType
-from mission_io.wire.messages import SysStatus
+from mission_io.wire.messages import HomePosition, SysStatus
 from uavcover.errors import InputError, VehicleError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission
@@ -93,6 +93,23 @@ def wait_for_home(
         except VehicleSilentError:
             if stopped() or clock.now() > until_s:
                 raise
+
+
+def whose_home(connected: Connected, sites: Mapping[int, Site]) -> int | None:
+    """The vehicle whose home is nearest to what a vehicle says is its own, by the sites; none where it is none of them."""
+    try:
+        told = connected.client.request_message(HomePosition)
+    except MissionIoError:
+        return None
+    away_m = {}
+    for number, site in sites.items():
+        if site.frame is not None and site.home_m is not None:
+            place_m = site.frame.enu_from_geodetic(told.lat_deg, told.lon_deg, told.alt_amsl_m)[0]
+            away_m[number] = float(np.hypot(*(place_m - site.home_m)[:2]))
+    nearest = min(away_m, key=away_m.__getitem__, default=None)
+    if nearest is None or away_m[nearest] > sites[nearest].scenario.limits.max_home_error_m:
+        return None
+    return nearest
 
 
 def require_own_mission(connected: Connected, compiled: CompiledMission, urls: Sequence[str]) -> None:

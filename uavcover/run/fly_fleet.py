@@ -9,8 +9,9 @@ from uavcover.errors import InputError, UavcoverError, VehicleError
 from uavcover.run.close_gaps import GapRequest, close_gaps
 from uavcover.run.fleet_board import Board
 from uavcover.run.fleet_clock import FleetClock, RealClock
-from uavcover.run.fleet_flight import FleetFlight, FleetOrders, Opening
+from uavcover.run.fleet_flight import FleetFlight
 from uavcover.run.fleet_jobs import OnLoss, planned_jobs
+from uavcover.run.fleet_orders import FleetOrders, Opening
 from uavcover.run.fleet_recording import FLEET_RECORDING, write_fleet_recording
 from uavcover.run.fly import ENDED_BY_USER, FlightOptions, refuse_older_flight
 from uavcover.run.folder import RunFolder
@@ -149,7 +150,7 @@ def _record(run: RunFolder, flight: FleetFlight, user: User, command: Sequence[s
 
 def _close_gaps(run: RunFolder, flight: FleetFlight, user: User, command: Sequence[str]) -> dict[str, Any] | None:
     """The mission of what nobody has seen, where something was left."""
-    if not flight.left or flight.called_off or flight.aborted:
+    if not flight.work.left or flight.called_off or flight.aborted:
         return None
     user.say("what the lost vehicle left is planned as a mission of its own:")
     try:
@@ -167,7 +168,7 @@ def _result(run: RunFolder, flight: FleetFlight, user: User, more: dict[str, Any
     document: dict[str, Any] = {
         "run": str(run),
         "sorties": [record.as_json() for record in flown],
-        "left": flight.left,
+        "left": flight.work.left,
         **more,
     }
     for line in flight.board.lines(0.0)[1:]:

@@ -23,6 +23,7 @@ from uavcover.run.documents import (
     verification_document,
 )
 from uavcover.run.flights import TRACK
+from uavcover.run.flown_by import site_for
 from uavcover.run.folder import PLAN_FILES, VERDICT_FILES, RunFolder, json_text
 from uavcover.run.geotiff import cells_geotiff
 from uavcover.run.judged_inputs import (
@@ -121,9 +122,16 @@ def judge_tracks(
     *,
     evidence: PictureEvidence = NOTHING_KNOWN,
     count: CountObservations = count_observations,
+    sites: Sequence[Site] | None = None,
 ) -> Verdict:
-    """The verdict on one or several tracks as one flight, each with the plan it followed, on the cells of the area."""
-    flown = [FlownTrack(track, planned) for track, planned in tracks]
+    """The verdict on one or several tracks as one flight, each with the plan it followed, on the cells of the area.
+
+    ``sites`` are those of the vehicles that flew them, where these differ.
+    """
+    flown = [
+        FlownTrack(track, planned, own)
+        for (track, planned), own in zip(tracks, sites or [site] * len(tracks), strict=True)
+    ]
     return verify_flight(site, judging_map(site), flown, evidence=evidence, count=count)
 
 
@@ -263,6 +271,7 @@ def judge_run(
     for number, sortie in enumerate(run.sorties(), start=1):
         if not logs and not sortie.file("track.csv").is_file():
             user.warn(f"sortie {number} was not flown yet: fly it with --sortie {number}")
+    sites = [site_for(path, run, site) for path in paths]
     tracks: list[tuple[Track, PlannedRoute | None]] = []
     for path in paths:
         loaded = read_log(path, site)
@@ -270,7 +279,7 @@ def judge_run(
             user.warn(warning)
         tracks.append((loaded.track, planned_for(path, run)))
     with user.progress("verifying"):
-        verdict = judge_tracks(site, tracks, evidence=evidence, count=count)
+        verdict = judge_tracks(site, tracks, evidence=evidence, count=count, sites=sites)
     return site, verdict, [_name(path, run) for path in paths], inputs
 
 

@@ -1,5 +1,7 @@
 """From a planned route to missions, and to the files of other software."""
 
+from collections.abc import Sequence
+
 from mission_io.formats import wpl
 from mission_io.formats.files import FORMATS, mission_text
 from mission_io.formats.plan import PlanFile
@@ -7,9 +9,10 @@ from uavcover.errors import InputError
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compile_mission
-from uavcover.routes.sorties import Sortie, compile_sorties
-from uavcover.run.fleet import makespan_s, scheduled
+from uavcover.routes.sorties import Sortie, compile_sorties, compile_unlike_sorties
+from uavcover.run.fleet import makespan_s, scheduled, scheduled_unlike
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicle_site import vehicle_sites
 
 _SPACING_SHARES = (1.0, 0.5)
 """Spacings of the starts for which a fleet's route is cut; the cut that is done soonest is flown (scripts/bench_fleet.py)."""
@@ -28,11 +31,18 @@ def compile_flights(
     Args:
         site: the scenario on its ground.
         route: the planned route.
-        autopilot: for whom; default: the scenario's.
+        autopilot: for whom; default: the scenario's. Vehicles that differ have their own.
         vehicles: how many fly; default: the scenario's.
     """
     name = autopilot or site.scenario.vehicle.autopilot
     count = site.scenario.fleet.vehicles if vehicles is None else vehicles
+    if site.scenario.vehicles:
+        sites = vehicle_sites(site)
+        unlike = [
+            scheduled_unlike(sites, compile_unlike_sorties(sites, route, spacing_share=share))
+            for share in _SPACING_SHARES
+        ]
+        return min(unlike, key=makespan_s)
     if count == 1:
         return compile_sorties(site, route, autopilot=name)
     tried = [
@@ -42,6 +52,13 @@ def compile_flights(
         for share in _SPACING_SHARES
     ]
     return min(tried, key=makespan_s)
+
+
+def one_or_several(site: Site, flights: Sequence[Sortie]) -> tuple[CompiledMission | None, tuple[Sortie, ...]]:
+    """The mission of a run that is one flight, and its sorties where it is not: flights of vehicles that differ always are."""
+    if len(flights) == 1 and not site.scenario.vehicles:
+        return flights[0].compiled, ()
+    return None, tuple(flights)
 
 
 def mission_texts(compiled: CompiledMission, *, autopilot: AutopilotName, name: str) -> dict[str, str]:

@@ -27,7 +27,8 @@ from uavcover.planning.baselines.swaths import (
     heading_of_angle_deg,
     long_side_angle_rad,
 )
-from uavcover.routes.sorties import compile_sorties, mission_time_s
+from uavcover.routes.flight_costs import mission_time_s
+from uavcover.routes.sorties import compile_sorties
 from uavcover.run.new_elevation import (
     AROUND_M,
     NewRequest,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from uavcover.errors import INTERRUPTED, InfeasibleError
+from uavcover.errors import INTERRUPTED, InfeasibleError, InputError
 from uavcover.model.active_times import window_in_words
 from uavcover.model.limits import FlightLimits
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
@@ -23,12 +23,13 @@ from uavcover.run.documents import (
 from uavcover.run.fleet import fleet_document, makespan_s, say_fleet
 from uavcover.run.folder import OF_A_PLAN, PARTS, PLAN_FILES, RunFolder
 from uavcover.run.kept_parts import KeptParts
-from uavcover.run.mission import compile_flights
+from uavcover.run.mission import compile_flights, one_or_several
 from uavcover.run.plan_files import save_plan
 from uavcover.run.search import SearchRequest, plan
 from uavcover.run.user import ProgressBar, StopRequests, User, metres, percent
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site, load_site
+from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
 
@@ -101,6 +102,10 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         site = site.minimising(waypoint_price=request.waypoint_price)
     if request.vehicles is not None:
         site = site.flown_by(request.vehicles)
+    if request.autopilot is not None and site.scenario.vehicles:
+        raise InputError("--autopilot: each [[vehicle]] has its own; leave it out")
+    for own in vehicle_sites(site):
+        check_site(own)
     check_site(site)
     name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
     run = RunFolder(request.folder)
@@ -121,8 +126,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
             except InfeasibleError as error:
                 refused = error
         seed = site.scenario.planner.seed if request.seed is None else request.seed
-        compiled = flights[0].compiled if len(flights) == 1 else None
-        sorties = flights if len(flights) > 1 else ()
+        compiled, sorties = one_or_several(site, flights)
         bounds = _bounds(site, request, result, user)
         fleet = fleet_document(site, flights)
         older = save_plan(
@@ -278,9 +282,11 @@ def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, s
         _say_return(user, sortie.compiled, f"sortie {number}: ")
     if sorties:
         total_s = sum(sortie.compiled.flight_time_s for sortie in sorties)
-        why = "one flight is not enough: " if len({sortie.vehicle for sortie in sorties}) == 1 else ""
+        flyers = {sortie.vehicle for sortie in sorties}
+        why = "one flight is not enough: " if len(flyers) == 1 and len(sorties) > 1 else ""
+        count = f"{len(sorties)} {'sorties' if len(sorties) > 1 else 'sortie'}"
         user.say(
-            f"{why}{len(sorties)} sorties, {total_s:.0f} s in all, in {run.file('sortie-1')} and so on; "
+            f"{why}{count}, {total_s:.0f} s in all, in {run.file('sortie-1')} and so on; "
             "each is uploaded and flown with --sortie N"
         )
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from uavcover.model.route import Plan, Route
 from uavcover.model.vehicle import AutopilotName
+from uavcover.routes.flight_costs import mission_time_s
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.objectives import judge_member
 from uavcover.routes.sorties import Sortie
@@ -30,6 +31,7 @@ from uavcover.run.mission import mission_texts
 from uavcover.run.provenance import obstacles_sha256, run_document, sha256_of_content, version, with_entry
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
 
 
@@ -46,6 +48,7 @@ def save_plan(
     fleet: dict[str, Any] | None = None,
     proved: dict[str, Any] | None = None,
     baselines: Sequence[dict[str, Any]] | None = None,
+    scenario_sha256: str | None = None,
 ) -> RunFolder | None:
     """Write the scenario, the Pareto set, the chosen route and its mission files, all or none.
 
@@ -64,6 +67,7 @@ def save_plan(
         fleet: what ``plan.json`` says of several vehicles.
         proved: its :func:`bounds`; default: what there is of them without a plan.
         baselines: as ``plan.json`` of the same Pareto set has them already; default: the plan's.
+        scenario_sha256: of the scenario of a whole fleet, for the plan of one of its vehicles; default: the site's.
 
     Returns:
         where the older plan and its flight are now; none when there was no flight.
@@ -76,18 +80,22 @@ def save_plan(
     rows = [_sortie_row(number, sortie) for number, sortie in enumerate(sorties, start=1)]
     document = plan_document(site, result, seed=seed, bounds=limits, sorties=rows, fleet=fleet, baselines=baselines)
     texts["plan.json"] = json_text(document)
-    about = _run_document(site, scenario, seed=seed, command=command, plan_wall_s=result.wall_s)
+    asked_sha256 = scenario_sha256 or sha256_of_content(scenario)
+    about = _run_document(site, asked_sha256, seed=seed, command=command, plan_wall_s=result.wall_s)
+    own_sites = vehicle_sites(site) if sorties else ()
     judged = judging_map(site) if sorties else None
     of_any_plan = {name: limit for name, limit in limits.items() if not isinstance(limit, dict)}
     for row, sortie in zip(rows, sorties, strict=True):
         if judged is None:
             break
-        plan = _plan_of_sortie(judged, result, sortie)
-        own = {"scenario.toml": scenario, **_set_texts(plan)}
+        own_site = own_sites[sortie.vehicle - 1] if own_sites else site
+        plan = _plan_of_sortie(judged, own_site, result, sortie)
+        own_name = own_site.scenario.vehicle.autopilot if own_sites else autopilot
+        own = {"scenario.toml": dump_scenario(own_site.scenario) if own_sites else scenario, **_set_texts(plan)}
         title = f"{site.scenario.name}, sortie {row['number']}"
         if fleet is not None:
             title = f"{site.scenario.name}, vehicle {sortie.vehicle}, sortie {row['number']}"
-        own |= mission_texts(sortie.compiled, autopilot=autopilot, name=title)
+        own |= mission_texts(sortie.compiled, autopilot=own_name, name=title)
         own["plan.json"] = json_text(plan_document(site, plan, seed=seed, bounds=of_any_plan))
         own["run.json"] = _recorded(RunFolder(run.file(row["folder"])), about, own)
         texts |= {f"{row['folder']}/{name}": text for name, text in own.items()}
@@ -131,15 +139,19 @@ def _sortie_row(number: int, sortie: Sortie) -> dict[str, Any]:
     }
 
 
-def _plan_of_sortie(judged: CoverageMap, whole: Plan, sortie: Sortie) -> Plan:
-    """A plan with the part of the chosen route that a sortie flies, judged by itself."""
+def _plan_of_sortie(judged: CoverageMap, site: Site, whole: Plan, sortie: Sortie) -> Plan:
+    """A plan with the part of the chosen route that a sortie flies, judged by itself, from the home of its vehicle."""
     route = sortie.route
     member = judge_member(judged, route, whole.chosen.origin, margin_m=0.0)
+    if site is not judged.site:
+        member = dataclasses.replace(
+            member, metrics=dataclasses.replace(member.metrics, mission_time_s=mission_time_s(site, route))
+        )
     return dataclasses.replace(whole, chosen=member, members=(member,), baselines=())
 
 
 def _run_document(
-    site: Site, scenario: str, *, seed: int, command: Sequence[str], plan_wall_s: float
+    site: Site, scenario_sha256: str, *, seed: int, command: Sequence[str], plan_wall_s: float
 ) -> dict[str, Any]:
     packages = ("numpy", "scipy", "numba", "pyproj", "rasterio", "shapely", "pymavlink", "rerun-sdk")
     return {
@@ -150,7 +162,7 @@ def _run_document(
         "platform": sys.platform,
         "packages": {"uavcover": version(), **{name: _version(name) for name in packages}},
         "inputs": {
-            "scenario": {"sha256": sha256_of_content(scenario)},
+            "scenario": {"sha256": scenario_sha256},
             "terrain": {
                 "source": site.bare_ground.source,
                 "sha256": site.bare_ground.sha256 or None,

@@ -22,8 +22,9 @@ from uavcover.judging.photos.picture import camera_axes
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.area import Area, Rings
+from uavcover.model.home import Home
 from uavcover.model.limits import FlightLimits
-from uavcover.model.scenario import Home, Scenario
+from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import FrameCamera
 from uavcover.model.terrain import RasterTerrain
 from uavcover.scenario.areas.area_file import AreaQuery, read_area

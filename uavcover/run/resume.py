@@ -12,7 +12,7 @@ from uavcover.run.flights import LINK, TRACK, flights_of, next_folder, track_sha
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan
 from uavcover.run.plan_files import save_plan
-from uavcover.run.provenance import note_in_run
+from uavcover.run.provenance import note_in_run, read_record
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map
 from uavcover.vehicle.resume_point import ResumePoint, find_resume_point, remaining_route
@@ -84,16 +84,44 @@ def save_rest(unfinished: Unfinished, site: Site, *, command: Sequence[str]) -> 
     Raises:
         InfeasibleError: there is no checked way to it.
     """
+    save_part(
+        unfinished.folder, site, unfinished.route, "resumed", command=command,
+        scenario_sha256=scenario_of_fleet(unfinished.flown),
+    )  # fmt: skip
+    note_in_run(unfinished.folder, LINK, {"track_sha256": track_sha256(unfinished.flown.file(TRACK))})
+
+
+def save_part(
+    folder: RunFolder, site: Site, route: Route, made_by: str, *, command: Sequence[str], scenario_sha256: str | None
+) -> None:
+    """Write the plan of a part of a route, with its mission from home, into a folder.
+
+    Args:
+        folder: where to.
+        site: of the vehicle that flies it.
+        route: the part.
+        made_by: what its plan calls its algorithm.
+        command: how it was asked for.
+        scenario_sha256: as :func:`scenario_of_fleet`.
+
+    Raises:
+        InfeasibleError: there is no checked way to it.
+    """
     started = time.monotonic()
-    route = unfinished.route
     compiled = compile_plan(site, route)
-    member = judge_member(judging_map(site), route, "resumed", margin_m=site.scenario.limits.height_margin_m)
+    member = judge_member(judging_map(site), route, made_by, margin_m=site.scenario.limits.height_margin_m)
     plan = Plan(
-        chosen=member, members=(member,), baselines=(), rule="resumed", rule_met=True, algorithm="resumed",
+        chosen=member, members=(member,), baselines=(), rule=made_by, rule_met=True, algorithm=made_by,
         evaluations=0, wall_s=time.monotonic() - started,
     )  # fmt: skip
     save_plan(
-        unfinished.folder, site, plan, compiled=compiled, autopilot=site.scenario.vehicle.autopilot,
-        seed=site.scenario.planner.seed, command=command,
+        folder, site, plan, compiled=compiled, autopilot=site.scenario.vehicle.autopilot,
+        seed=site.scenario.planner.seed, command=command, scenario_sha256=scenario_sha256,
     )  # fmt: skip
-    note_in_run(unfinished.folder, LINK, {"track_sha256": track_sha256(unfinished.flown.file(TRACK))})
+
+
+def scenario_of_fleet(sortie: RunFolder) -> str | None:
+    """SHA-256 of the scenario of the whole fleet, for a sortie of a vehicle that is not like the others; none for other plans."""
+    record = read_record(sortie)
+    asked = None if record.inputs is None else record.inputs.get("scenario")
+    return asked if asked != record.files.get("scenario.toml") else None

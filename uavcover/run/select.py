@@ -11,7 +11,7 @@ from uavcover.routes.sorties import Sortie
 from uavcover.run.documents import read_pareto, read_pareto_routes, read_plan_document
 from uavcover.run.fleet import fleet_document
 from uavcover.run.folder import RunFolder
-from uavcover.run.mission import compile_flights
+from uavcover.run.mission import compile_flights, one_or_several
 from uavcover.run.plan_files import save_plan
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map
@@ -77,9 +77,10 @@ def choose(
             flights = compile_flights(site, chosen.route, autopilot=autopilot, vehicles=vehicles)
         except InfeasibleError as error:
             raise InfeasibleError(f"member {choice.index}: {error}; {run} is as it was") from error
+    compiled, sorties = one_or_several(site, flights)
     older = save_plan(
-        run, site, result, compiled=flights[0].compiled if len(flights) == 1 else None, autopilot=autopilot, seed=seed,
-        command=command, sorties=flights if len(flights) > 1 else (), proved=bounds, baselines=baselines,
+        run, site, result, compiled=compiled, autopilot=autopilot, seed=seed,
+        command=command, sorties=sorties, proved=bounds, baselines=baselines,
         fleet=fleet_document(site, flights) if vehicles > 1 else None,
     )  # fmt: skip
     return result, flights, older

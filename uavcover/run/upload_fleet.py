@@ -45,7 +45,12 @@ def first_sorties(run: RunFolder, count: int) -> tuple[FirstSortie, ...]:
     document = run.read_json("plan.json", made_by="uavcover plan")
     fleet, folders = document.get("fleet"), run.sorties()
     rows = fleet.get("by_vehicle", []) if isinstance(fleet, dict) else []
-    if len(rows) < count or not folders:
+    if isinstance(fleet, dict) and not fleet.get("alike", True) and fleet.get("vehicles") != count:
+        raise InputError(
+            f"{run}: its {fleet.get('vehicles')} vehicles differ, and --to names {count}; give the link of each, vehicle 1 first"
+        )
+    unlike = isinstance(fleet, dict) and not fleet.get("alike", True)
+    if (len(rows) < count and not unlike) or not folders:
         flying = len(rows) if folders else 1
         if isinstance(fleet, dict) and fleet.get("vehicles", 0) >= count:
             why = f"more would not be done sooner; give --to {flying} times"
@@ -96,6 +101,7 @@ def upload_fleet(
         MissionIoError: one does not answer, or an upload failed; the user was told who holds its sortie.
     """
     sorties = first_sorties(run, len(links))
+    links = [links[sortie.vehicle - 1] for sortie in sorties]
     plans = [read_planned(sortie.folder) for sortie in sorties]
     for site, planned in plans:
         require_home(site)

@@ -1,4 +1,4 @@
-"""``[[vehicle]]`` given several times: one [vehicle], and how many of it there are."""
+"""``[[vehicle]]`` given several times: equal vehicles are one [vehicle] and their number, others are listed with their homes."""
 
 from typing import Any
 
@@ -6,36 +6,42 @@ from uavcover.errors import ScenarioError
 
 
 def with_fleet(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
-    """The tables of a scenario file with a list of equal vehicles as one [vehicle] and ``fleet.vehicles``.
+    """The tables of a scenario file with its list of vehicles as one [vehicle] and their number, or each where they differ.
 
     Args:
         raw: of the whole file; not changed.
         source: names the file in errors.
 
     Raises:
-        ScenarioError: the vehicles differ, or their number is not that of [fleet].
+        ScenarioError: a vehicle has no home, [home] is nobody's, or their number is not that of [fleet].
     """
-    listed = raw.get("vehicle")
-    fleet = raw.get("fleet", {})
+    if "vehicles" in raw:
+        raise ScenarioError(f"{source}: vehicles: unknown key; write [[vehicle]] once for each vehicle")
+    listed, fleet, home = raw.get("vehicle"), raw.get("fleet", {}), raw.get("home")
+    if isinstance(listed, dict) and "home" in listed:
+        raise ScenarioError(f"{source}: vehicle.home: one vehicle has its home in [home]; [[vehicle]] is for several")
     if not isinstance(listed, list) or not listed or not all(isinstance(table, dict) for table in listed):
         return raw
+    count = len(listed)
+    if isinstance(fleet, dict):
+        if fleet.get("vehicles", count) != count:
+            raise ScenarioError(
+                f"{source}: fleet.vehicles: is {fleet['vehicles']!r}, and there are {count} [[vehicle]] tables; "
+                "give one of both"
+            )
+        fleet = {**fleet, "vehicles": count}
     first = listed[0]
-    for number, table in enumerate(listed[1:], start=1):
-        for key in sorted({*first, *table}):
-            if first.get(key) != table.get(key):
-                raise ScenarioError(
-                    f"{source}: vehicle.{number}.{key}: {_shown(table, key)} differs from vehicle.0's {_shown(first, key)}; the "
-                    "vehicles of one plan must be equal (plan the others' part in a scenario of its own)"
-                )
-    if not isinstance(fleet, dict):
-        return raw | {"vehicle": first}
-    if fleet.get("vehicles", len(listed)) != len(listed):
+    if "home" not in first and all(table == first for table in listed[1:]):
+        return raw | {"vehicle": first, "fleet": fleet}
+    if count == 1:
+        raise ScenarioError(f"{source}: vehicle.0.home: one vehicle has its home in [home]; [[vehicle]] is for several")
+    homes = [table.get("home", home) for table in listed]
+    if missing := [number for number, place in enumerate(homes) if place is None]:
         raise ScenarioError(
-            f"{source}: fleet.vehicles: is {fleet['vehicles']!r}, and there are {len(listed)} [[vehicle]] tables; "
-            "give one of both"
+            f"{source}: vehicle.{missing[0]}.home: is missing, and there is no [home] for those without one of their own"
         )
-    return raw | {"vehicle": first, "fleet": {**fleet, "vehicles": len(listed)}}
-
-
-def _shown(table: dict[str, Any], key: str) -> str:
-    return repr(table[key]) if key in table else "default"
+    if home is not None and home not in homes:
+        raise ScenarioError(f"{source}: home: every [[vehicle]] has a home of its own; leave [home] out")
+    own = [{**table, "home": place} for table, place in zip(listed, homes, strict=True)]
+    alike = {key: value for key, value in first.items() if key != "home"}
+    return raw | {"vehicle": alike, "vehicles": own, "home": homes[0], "fleet": fleet}

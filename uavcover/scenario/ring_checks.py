@@ -121,7 +121,7 @@ def area_mistakes(area: Area, file_key: str | None) -> list[str]:
 
 
 def bounds_deg(area: Area, scenario: Scenario) -> tuple[float, float, float, float] | None:
-    """West, south, east, north of area, fence and home, or of the origin; none where there is no place on Earth.
+    """West, south, east, north of area, fence and homes, or of the origin; none where there is no place on Earth.
 
     Args:
         area: with its rings.
@@ -130,7 +130,7 @@ def bounds_deg(area: Area, scenario: Scenario) -> tuple[float, float, float, flo
     rings = [rings[0] for rings in area.parts] if area.is_geographic else []
     rings += scenario.limits.fence_rings_lon_lat_deg
     places = [place for ring in rings for place in across_180(ring)[0]]
-    for place in (scenario.home, scenario.origin):
+    for place in (scenario.home, scenario.origin, *(vehicle.home for vehicle in scenario.vehicles)):
         if place is not None and place.lat_deg is not None and place.lon_deg is not None:
             beside = places[0][0] if places else place.lon_deg
             places.append((place.lon_deg + 360.0 * round((beside - place.lon_deg) / 360.0), place.lat_deg))

@@ -115,12 +115,16 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
 
 def dump_scenario(scenario: Scenario) -> str:
     """TOML of a scenario with every default written out; reading it gives the same scenario."""
-    return tomli_w.dumps(dataclasses.asdict(scenario, dict_factory=_given))
+    tables = dataclasses.asdict(scenario, dict_factory=_given)
+    if own := tables.pop("vehicles", None):
+        tables["vehicle"] = own
+    return tomli_w.dumps(tables)
 
 
 def _given(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """A table without the keys that are None, for which TOML has no word; and [[no_fly]] can only follow where no list stands."""
-    return {key: value for key, value in pairs if value is not None and (key, value) != ("no_fly", ())}
+    lists = {("no_fly", ()), ("vehicles", ())}
+    return {key: value for key, value in pairs if value is not None and not (value == () and (key, value) in lists)}
 
 
 def terrain_source(terrain: RasterTerrain) -> TerrainSource:
@@ -158,6 +162,10 @@ def _mistakes(errors: list[ErrorDetails], raw: dict[str, Any]) -> list[str]:
     found: list[str] = []
     for details in errors:
         keys = list(details["loc"])
+        if raw.get("vehicles") and keys[:1] == ["vehicle"]:
+            continue  # the first one of the list, whose mistakes are named there
+        if keys[:1] == ["vehicles"]:
+            keys[0] = "vehicle"
         classes = _section_classes(keys[0]) if keys else []
         if len(classes) > 1 and len(keys) > 1:
             # A section with several kinds is validated as each of them; only the errors of its own kind matter.

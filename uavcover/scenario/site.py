@@ -88,9 +88,10 @@ class Site:
         """
         try:
             fleet = dataclasses.replace(self.scenario.fleet, vehicles=vehicles)
+            scenario = dataclasses.replace(self.scenario, fleet=fleet)
         except ValueError as error:
             raise ScenarioError(str(error)) from error
-        return dataclasses.replace(self, scenario=dataclasses.replace(self.scenario, fleet=fleet))
+        return dataclasses.replace(self, scenario=scenario)
 
     @property
     def bare_ground(self) -> Ground:

@@ -1,0 +1,232 @@
+"""Vehicles that differ, each from its own home: planned, flown, judged, and what one leaves taken over from another home."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.model.items import GeoPoint
+from tests.cli.conftest import corner_of_the_demo
+from tests.run.lockstep import Hangar
+from tests.run.scripted_fleet import fly_script, job
+from tests.run.test_fleet import Listener
+from tests.run.test_fly_fleet import copied, fly, judged, no_recording_of_single_flights, plan_for
+from uavcover.errors import InfeasibleError, InputError, ScenarioError
+from uavcover.mock.behaviour import Settings, quick
+from uavcover.mock.dynamics import BatteryData
+from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
+from uavcover.mock.vehicle import MockConfig, MockVehicle
+from uavcover.model.home import Home
+from uavcover.model.no_fly import NoFly
+from uavcover.model.route import Route
+from uavcover.planning.terrain_following import lay_over_terrain
+from uavcover.run.export import ExportRequest, export_mission
+from uavcover.run.fleet import fleet_document, say_fleet
+from uavcover.run.fleet_jobs import planned_jobs
+from uavcover.run.fly_fleet import FleetFailedError
+from uavcover.run.folder import RunFolder
+from uavcover.run.judge import verify_run
+from uavcover.run.mission import compile_flights
+from uavcover.run.session import home_of
+from uavcover.run.upload_fleet import first_sorties
+from uavcover.scenario.scenario_file import load_scenario
+from uavcover.scenario.site import Site, load_site
+from uavcover.scenario.vehicle_site import vehicle_sites
+
+assert no_recording_of_single_flights  # a fixture that every flight here uses
+FAR = Home(lat_deg=36.4785, lon_deg=-84.2190)
+
+
+def unlike_site(folder: Path, homes: list[Home | None], **changes: Any) -> Site:
+    """The corner of the demo for vehicles at these homes, the second one with changes."""
+    scenario = load_scenario(corner_of_the_demo(folder))
+    vehicles = [
+        dataclasses.replace(
+            scenario.vehicle,
+            **{"endurance_s": 400.0, "home": home or scenario.home, **(changes if number == 1 else {})},
+        )
+        for number, home in enumerate(homes)
+    ]
+    fleet = dataclasses.replace(
+        scenario.fleet, vehicles=len(homes), turnaround_s=60.0, start_error_s=2.0, timing_error_fraction=0.04
+    )
+    return load_site(
+        dataclasses.replace(
+            scenario, vehicle=dataclasses.replace(vehicles[0], home=None), vehicles=tuple(vehicles), fleet=fleet,
+            area=dataclasses.replace(scenario.area, cell_size_m=10.0),
+        )
+    )  # fmt: skip
+
+
+def lines_over(site: Site, rows: int = 6) -> Route:
+    west, south, east, north = site.area.bounds
+    across = np.linspace(south + 25.0, north - 25.0, rows)
+    corners = [(e, n) for k, n in enumerate(across) for e in ((east, west), (west, east))[k % 2]]
+    return Route(lay_over_terrain(site, np.array(corners), np.full(len(corners), 60.0), tolerance_m=8.0))
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    """Vehicle 1 is an ArduPilot at the demo's home, vehicle 2 a PX4 at the other corner."""
+    folder = tmp_path_factory.mktemp("unlike")
+    site = unlike_site(folder, [None, FAR], autopilot="px4")
+    return plan_for(folder / "run", site, lines_over(site))
+
+
+def mock(number: int, sortie: int, site: Site, place: GeoPoint | None = None, **config: Any) -> MockVehicle:
+    vehicle = site.scenario.vehicle
+    return MockVehicle(
+        PX4 if vehicle.autopilot == "px4" else ARDUPILOT,
+        place or home_of(site),
+        MockConfig(settings=Settings.for_vehicle(vehicle), battery=BatteryData(), system_id=number, **config),
+        rng=np.random.default_rng(10 * number + sortie),
+    )
+
+
+def test_each_takes_off_and_lands_at_its_own_home(planned: RunFolder) -> None:
+    document = json.loads(planned.file("plan.json").read_text())
+    assert document["fleet"]["alike"] is False
+    assert [row["vehicle"] for row in document["fleet"]["by_vehicle"]] == [1, 2]
+    homes = document["fleet"]["homes"]
+    assert homes[1]["lat_deg"] == pytest.approx(FAR.lat_deg)
+    frames = set()
+    for each in planned_jobs(planned, 2):
+        home = homes[each.vehicle - 1]
+        kept = json.loads((each.folder.path / "mission.plan").read_text())
+        assert kept["mission"]["firmwareType"] == {1: 3, 2: 12}[each.vehicle]
+        assert kept["mission"]["plannedHomePosition"][:2] == pytest.approx([home["lat_deg"], home["lon_deg"]], abs=1e-7)
+        rally = kept["rallyPoints"]["points"]
+        assert all(point[:2] == pytest.approx([home["lat_deg"], home["lon_deg"]], abs=1e-3) for point in rally)
+        assert each.site.frame is not None
+        begins = each.site.frame.geodetic_from_enu(each.timeline.place_m[[0, -1]])
+        assert np.allclose(begins[0], home["lat_deg"], atol=1e-7)
+        assert np.allclose(begins[1], home["lon_deg"], atol=1e-7)
+        frames.add(each.site.frame)
+    assert len(frames) == 1  # the waypoints of all are in one frame
+
+
+def test_it_is_flown_and_judged_by_each_ones_home(planned: RunFolder, tmp_path: Path) -> None:
+    run, user = copied(planned, tmp_path), Listener()
+    ended, told = fly(run, Hangar(2, mock), user)
+    assert not ended
+    assert {row["ending"] for row in told["sorties"]} == {"landed"}
+    document = judged(run)
+    assert document["verdict"] == "passed", document["reasons"] + document["doubts"]
+    assert not document["findings"]  # such as a take-off far from the scenario's home
+    assert document["separation"]
+    (tmp_path / "log.csv").write_bytes((run.path / "sortie-1" / "track.csv").read_bytes())
+    with pytest.raises(InputError, match="nothing tells which one flew it"):
+        verify_run(run, Listener(), command=["test"], logs=[tmp_path / "log.csv"])
+
+
+def test_what_one_leaves_is_taken_over_from_another_home(planned: RunFolder, tmp_path: Path) -> None:
+    run, user = copied(planned, tmp_path), Listener()
+
+    def make(number: int, sortie: int, site: Site) -> MockVehicle:
+        faults = [Fault(FaultKind.FORCE_DISARM, FaultTrigger(Since.ITEM, 6))] if number == 2 else []
+        return mock(number, sortie, site, faults=faults, behaviour=quick(2.0))
+
+    hangar = Hangar(2, make)
+    with pytest.raises(FleetFailedError) as failed:
+        fly(run, hangar, user)
+    rows = failed.value.details()["sorties"]
+    assert {row["vehicle"]: row["ending"] for row in rows if row["ending"] != "landed"} == {2: "crashed"}
+    assert any("vehicle 1 takes over the rest of sortie" in line for line in user.lines)
+    rest = next(row for row in rows if "resumed-1" in row["run"])
+    taken = load_scenario(Path(rest["run"]) / "scenario.toml")
+    assert (taken.home, taken.vehicle.autopilot) == (load_scenario(run.file("scenario.toml")).home, "ardupilot")
+    document = judged(run)
+    assert document["coverage_fraction"] >= 0.98 * document["planned_coverage_fraction"]
+    assert all(pair["least_m"] >= 20.0 for pair in document["separation"])
+
+
+def test_links_in_another_order_are_refused(planned: RunFolder, tmp_path: Path) -> None:
+    sites = {each.vehicle: each.site for each in planned_jobs(planned, 2)}
+
+    def swapped(number: int, sortie: int, _: Site) -> MockVehicle:
+        return mock(number, sortie, sites[3 - number])
+
+    run = copied(planned, tmp_path)
+    with pytest.raises(
+        FleetFailedError, match=r"leads to px4, and vehicle 1 is planned for ardupilot; give --to in the order"
+    ):
+        fly(run, Hangar(2, swapped), Listener())
+
+    def elsewhere(number: int, sortie: int, site: Site) -> MockVehicle:
+        return mock(number, sortie, site, place=home_of(sites[3 - number]))
+
+    hangar = Hangar(2, elsewhere)
+    with pytest.raises(
+        FleetFailedError, match=r"it is at the home of vehicle 2: give --to in the order of the vehicles"
+    ):
+        fly(run, hangar, Listener())
+    assert all(vehicle.took_off_at_s is None for flown in hangar.flown.values() for vehicle in flown)
+
+
+def test_homes_a_metre_apart_share_their_column(tmp_path: Path) -> None:
+    near = Home(lat_deg=36.4762 + 9e-6, lon_deg=-84.2160)
+    site = unlike_site(tmp_path, [None, near])
+    flights = compile_flights(site, lines_over(site))
+    assert {flight.vehicle for flight in flights} == {1, 2}
+    first, second = sorted(flights, key=lambda flight: flight.start_s or 0.0)
+    # The second one waits until the first one has surely left the column, and lands when nobody stands there.
+    assert (second.start_s or 0.0) - (first.start_s or 0.0) > 30.0
+    ends = sorted((f.start_s or 0.0) + f.compiled.flight_time_s for f in flights)
+    assert ends[1] - ends[0] > 30.0
+
+
+def test_a_vehicle_that_reaches_nothing_stays_on_the_ground(tmp_path: Path) -> None:
+    site = unlike_site(tmp_path, [None, FAR, None], endurance_s=60.0)
+    route = lines_over(site, rows=4)
+    flights = compile_flights(site, route)
+    assert {flight.vehicle for flight in flights} == {1, 3}
+    document, listener = fleet_document(site, flights), Listener()
+    say_fleet(listener, document)
+    assert any(line.startswith("vehicle 2  stays on the ground") for line in listener.lines)
+    run = plan_for(tmp_path / "run", site, route)
+    assert {each.vehicle for each in planned_jobs(run, 3)} == {1, 3}
+    assert [row.vehicle for row in first_sorties(run, 3)] == [1, 3]
+    with pytest.raises(InputError, match=r"is flown by 3 vehicles, and --to names 2"):
+        planned_jobs(run, 2)
+    with pytest.raises(InputError, match=r"its 3 vehicles differ, and --to names 2; give the link of each"):
+        first_sorties(run, 2)
+
+
+def test_nobody_looks_for_a_vehicle_that_stays_on_the_ground(tmp_path: Path) -> None:
+    told = fly_script([job(tmp_path, 1, 1, 0.0), job(tmp_path, 2, 3, 0.0)], {})
+    assert told.landed() == {"001", "002"}
+    assert told.flight.board.rows[2].does == "stays on the ground"
+
+
+def test_a_part_that_nobody_reaches_is_named(tmp_path: Path) -> None:
+    site = unlike_site(tmp_path, [Home(lat_deg=36.4785, lon_deg=-84.2159), FAR], endurance_s=40.0)
+    poor = dataclasses.replace(site.scenario.vehicles[0], endurance_s=45.0)
+    scenario = dataclasses.replace(site.scenario, vehicles=(poor, site.scenario.vehicles[1]))
+    site = dataclasses.replace(site, scenario=scenario)
+    with pytest.raises(InfeasibleError, match=r"vehicle\.endurance_s is 45 s.*; or .*vehicle\.endurance_s is 40 s"):
+        compile_flights(site, lines_over(site))
+
+
+def test_a_home_that_cannot_be_names_its_vehicle(tmp_path: Path) -> None:
+    site = unlike_site(tmp_path, [None, FAR])
+    ring = ((-84.2195, 36.478), (-84.2185, 36.478), (-84.2185, 36.479), (-84.2195, 36.479))
+    closed = dataclasses.replace(site.scenario, no_fly=(NoFly(name="school", polygon_lon_lat_deg=ring),))
+    with pytest.raises(ScenarioError, match=r"^\[\[vehicle\]\] number 2: home: lies in no-fly zone 'school'"):
+        vehicle_sites(load_site(closed))
+
+
+def test_one_file_for_flights_from_several_homes_is_refused(planned: RunFolder, tmp_path: Path) -> None:
+    request = ExportRequest(file_format="csv", out=tmp_path / "x.csv", most_points=20)
+    with pytest.raises(InputError, match="export one at a time, with --sortie N"):
+        export_mission(planned, request)
+
+
+def test_equal_vehicles_have_no_site_of_their_own(tmp_path: Path) -> None:
+    site = load_site(load_scenario(corner_of_the_demo(tmp_path)))
+    assert vehicle_sites(site) == ()
+    with pytest.raises(ScenarioError, match="lists 2 that are not alike"):
+        unlike_site(tmp_path, [None, FAR]).flown_by(3)
