@@ -153,6 +153,15 @@ def test_one_that_goes_back(flown: Track) -> None:
     assert said_of(flown, numbers) == f"current_waypoint goes back from 3 to 2 at {flown.time_s[at]:.1f} s"
 
 
+@pytest.mark.parametrize(("samples", "believed"), [(1, True), (4, True), (8, False)])
+def test_one_that_a_later_message_has_overtaken(flown: Track, samples: int, believed: bool) -> None:
+    """Two datagrams change places: for a fifth of a second the number is the one before."""
+    numbers = flown.current_waypoint.copy()
+    at = int(np.flatnonzero(numbers == 3)[0]) + 2
+    numbers[at : at + samples] = 2
+    assert (said_of(flown, numbers) is None) is believed
+
+
 def test_what_was_not_observed_contradicts_nothing(flown: Track) -> None:
     numbers = flown.current_waypoint.copy()
     at = int(np.flatnonzero(numbers == 1)[-1]) - 30

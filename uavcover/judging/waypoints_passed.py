@@ -8,6 +8,8 @@ import numpy as np
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
 
+_OVERTAKEN_S = 1.0
+"""A number that goes back for less than this was in a datagram that a later one has overtaken."""
 LATENESS_S = 5.0
 """Largest delay of a waypoint change in the record: the message comes once a second and may be lost."""
 
@@ -134,6 +136,9 @@ def contradiction(
             continue
         left, reached = int(numbers[old]), int(numbers[new])
         if reached >= 0 and reached < left:
+            soon = int(np.searchsorted(track.time_s, track.time_s[new] + _OVERTAKEN_S, side="right"))
+            if (numbers[new:soon] >= left).any():
+                continue  # a message that a later one has overtaken
             return f"current_waypoint goes back from {left} to {reached} at {track.time_s[new]:.1f} s"
         waypoint = waypoints_m[reached - 1 if reached >= 0 else left]
         window = slice(since, new + 1)
