@@ -111,6 +111,18 @@ def test_time_is_set_aside_for_judging_and_less_is_judged_when_there_is_little()
     assert make_finish(site, many, budget_s=None, now=frozen).search_effort().budget_s is None
 
 
+@pytest.mark.parametrize(("budget_s", "judged"), [(None, 10), (40.0, 6), (1.0, 2), (1e6, 10)])
+def test_as_many_baselines_are_judged_as_a_budget_has_room_for(budget_s: float | None, judged: int) -> None:
+    site = make_site(flat)
+    coarse, fine = CoverageMap(site, cell_size_m=20.0), CoverageMap(site, cell_size_m=10.0)
+    baselines = [(lines(site, 3 + number), f"lines-{number}") for number in range(10)]
+    ticks = iter(range(10**6))  # each look at the clock takes 1 s, and between two of them two routes are judged
+    effort = Effort(100, budget_s, lambda: float(next(ticks)))
+    finish = Finish(coarse, fine, baselines, [], [], effort=effort, started=0.0, executor=None)
+    assert [member.origin for member in finish.baselines] == [name for _, name in baselines[:judged]]
+    assert len(finish.known) == judged
+
+
 WIDE = ((0.0, 0.0), (600.0, 0.0), (600.0, 400.0), (0.0, 400.0))
 
 

@@ -11,10 +11,11 @@ import shapely
 from tests.planning.sites import flat, hills, make_site, ridge, tower
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.model.obstacles import Obstacles
-from uavcover.model.route import Plan, RouteMember
+from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.sensor import SphereSensor
+from uavcover.planning.baselines.boustrophedon import Baseline
 from uavcover.planning.encodings import WaypointEncoding
-from uavcover.planning.planner import Effort, SearchProgress, plan_routes
+from uavcover.planning.planner import Effort, SearchProgress, _other_lines, _takes_too_long, plan_routes
 from uavcover.planning.search.optimizer_search import rounds_of
 from uavcover.routes.leg_checks import find_problems, measure_violations
 from uavcover.routes.objectives import judge
@@ -184,6 +185,24 @@ class Clock:
     def __call__(self) -> float:
         self.time_s += self.tick_s
         return self.time_s
+
+
+@pytest.mark.parametrize(
+    ("violation", "budget_s", "too_long"),
+    [(0.0, 100.0, True), (0.0, 1000.0, False), (0.0, None, False), (3.0, 100.0, False)],
+)
+def test_a_local_search_does_not_wait_for_a_round_that_takes_longer_than_its_share(violation, budget_s, too_long):
+    lines = Baseline("lines", Route(np.zeros((2, 3))), None, np.zeros(3), violation)
+    broken = dataclasses.replace(lines, violation=1.0)
+    assert _takes_too_long(6.0, [broken, lines], Effort(1, budget_s, frozen), 0.05) == too_long
+    assert not _takes_too_long(6.0, [], Effort(1, budget_s, frozen), 0.05)
+
+
+@pytest.mark.parametrize(("objective", "kind"), [("length", "balanced-lines"), ("mission-time", "simple-lines")])
+def test_where_there_is_no_time_the_best_beginnings_are_laid_out(objective: str, kind: str) -> None:
+    site = make_site(hills, planner={"objective": objective})
+    assert {made for _, made in _other_lines(site, 0.0, None, lambda: True)} == {kind}
+    assert {made for _, made in _other_lines(site, 0.0, None, lambda: False)} == {"balanced-lines", "simple-lines"}
 
 
 def test_the_budget_is_honoured() -> None:

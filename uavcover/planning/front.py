@@ -208,6 +208,10 @@ _PART = 0.5
 _LARGEST_SHARE = 0.1
 """Of a time budget that is set aside."""
 
+_JUDGED_FIRST = 2
+_BASELINES_SHARE = 0.05
+"""So many baselines are judged whatever it takes, the others while that takes no more than a share of a time budget."""
+
 _WHOLE = 0.9
 """A route has parts worth flying when it sees at least this share of the most that any sees."""
 
@@ -239,7 +243,7 @@ class Finish:
     """The final stage of a plan: picks the routes and parts worth judging in the time that is left.
 
     Attributes:
-        baselines: judged, in their order.
+        baselines: judged, in their order; the first ones, where a time budget has no room for all.
     """
 
     def __init__(
@@ -259,7 +263,7 @@ class Finish:
         Args:
             coarse: on the planner's cells.
             fine: on the cells that judge.
-            baselines: named routes.
+            baselines: named routes, the most useful ones first.
             others: what an optimizer found.
             lines: further named routes; like the others they are judged when nothing beats them.
             effort: of the whole plan.
@@ -271,11 +275,16 @@ class Finish:
         # Every route is judged by the coverable cells: found once.
         _ = fine.coverable
         begin = effort.now()
-        self.baselines = judge_members(fine, baselines, executor)
+        self.baselines = judge_members(fine, baselines[:_JUDGED_FIRST], executor)
+        count = len(baselines)
+        if effort.budget_s is not None and count > _JUDGED_FIRST:
+            each_s = max(effort.now() - begin, 1e-6) / _JUDGED_FIRST
+            count = min(count, _JUDGED_FIRST + int(_BASELINES_SHARE * effort.budget_s / each_s))
+        self.baselines += judge_members(fine, baselines[_JUDGED_FIRST:count], executor)
         judged = effort.now()
-        self._wholes = self._looked_at(baselines)
-        self._judging_s = (judged - begin) / max(len(baselines), 1)
-        self._looking_s = (effort.now() - judged) / max(len(baselines), 1)
+        self._wholes = self._looked_at(baselines[:count])
+        self._judging_s = (judged - begin) / max(count, 1)
+        self._looking_s = (effort.now() - judged) / max(count, 1)
         self._lines = self._looked_at(lines)
 
     @property

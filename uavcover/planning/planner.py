@@ -9,7 +9,7 @@ import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.dominance import least_crowded, non_dominated_mask
-from uavcover.kernels.way_cost import route_cost
+from uavcover.kernels.way_cost import LENGTH, route_cost
 from uavcover.model.route import Plan, Route
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import make_optimizer, optimizer_class, optimizer_name
@@ -29,7 +29,15 @@ from uavcover.planning.front import (
 )
 from uavcover.planning.parallel_lines import plan_lines
 from uavcover.planning.search.memetic import improve
-from uavcover.planning.search.optimizer_search import Effort, Encoding, SearchProgress, SearchRun, rounds_of, search
+from uavcover.planning.search.optimizer_search import (
+    Effort,
+    Encoding,
+    Searched,
+    SearchProgress,
+    SearchRun,
+    rounds_of,
+    search,
+)
 from uavcover.planning.selection import parse_rule
 from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.routes.way_cost import way_cost_of
@@ -46,7 +54,7 @@ _BASELINE_SHARE = 0.5
 _BASELINE_SHARE_OF_LINES = 0.1
 """Share of a time budget that the baselines may use; less where lines of other kinds and a local search follow."""
 
-_LINES_SHARE = 0.07
+_LINES_SHARE = 0.1
 """Share of a time budget for lines that bend and lines of few waypoints; the best ones come first. On 25 square kilometres
 all of them take 28 s of processor time, which a search of 10 s had to wait for."""
 
@@ -63,7 +71,7 @@ _OPTIMIZER: dict[PlannerAlgorithm, tuple[str, float]] = {
     "moead": ("moead", 1.0),
 }
 """Which optimizer an algorithm uses, and for what share of the evaluations or the time; the rest is local search. One round,
-which only samples, there always is."""
+which only samples, there always is, unless baselines keep the limits and it alone would take longer than that time."""
 
 
 _MOST_ROUNDS = 50
@@ -130,10 +138,12 @@ def plan_routes(
         goal = rule.required_coverage * coarse.share(coarse.coverable)
     other_lines = share < 1.0 and settings.encoding == "swaths"
     baseline_share = _BASELINE_SHARE_OF_LINES if other_lines else _BASELINE_SHARE
+    before = effort.now()
     baselines = constructed_routes(
         coarse, settings, asked=rule.required_coverage, solver=_solver(effort), executor=executor,
         should_stop=lambda: should_stop() or effort.is_over(started, share=baseline_share),
     )  # fmt: skip
+    each_s = (effort.now() - before) / max(len(baselines), 1)
     constructed: list[NamedRoute] = [(b.route, b.name) for b in _worth_showing(baselines, goal)]
     kept = Snapshots(()) if snapshots is None else snapshots
 
@@ -142,14 +152,17 @@ def plan_routes(
 
     encoding, initial = _encoding(site, settings, baselines, goal)
     optimizing = effort if share == 1.0 else _shared(effort, share, started)
-    rounds = rounds_of(
-        optimizing,
-        started,
-        encoding=encoding,
-        coverage=coarse,
-        population_size=settings.population_size,
-        executor=executor,
-    )
+    rounds = 1
+    left_out = share < 1.0 and _takes_too_long(settings.population_size * each_s, baselines, effort, share)
+    if not left_out:
+        rounds = rounds_of(
+            optimizing,
+            started,
+            encoding=encoding,
+            coverage=coarse,
+            population_size=settings.population_size,
+            executor=executor,
+        )
     if share < 1.0:
         rounds = min(rounds, _MOST_ROUNDS)
     optimizer: AskAndTell = make_optimizer(
@@ -167,16 +180,18 @@ def plan_routes(
     run = SearchRun(
         effort=optimizing, started=started, executor=executor, should_stop=should_stop, on_progress=on_progress
     )
-    searched = search(
-        optimizer,
-        run,
-        rounds=rounds,
-        encoding=encoding,
-        coverage=coarse,
-        at_least_one_round=not baselines,
-        goal=goal,
-        look=lambda routes: look(lambda: [(route, name) for route in routes()]),
-    )
+    searched = Searched(interrupted=False, scale=None)
+    if not left_out:
+        searched = search(
+            optimizer,
+            run,
+            rounds=rounds,
+            encoding=encoding,
+            coverage=coarse,
+            at_least_one_round=not baselines,
+            goal=goal,
+            look=lambda routes: look(lambda: [(route, name) for route in routes()]),
+        )
     fine = judging_map(site)
     optimized = _candidates(optimizer, encoding, searched.scale, name)
     evaluations, interrupted = optimizer.evaluations, searched.interrupted
@@ -224,15 +239,33 @@ def plan_routes(
     )
 
 
+def _takes_too_long(round_s: float, baselines: Sequence[Baseline], effort: Effort, share: float) -> bool:
+    """Whether a local search that has a beginning would wait for one round of the optimizer longer than for all that it gets."""
+    feasible = any(each.violation <= 0.0 for each in baselines)
+    return feasible and effort.budget_s is not None and round_s > share * effort.budget_s
+
+
 def _other_lines(
     site: Site, angle_rad: float, executor: Executor | None, should_stop: Callable[[], bool]
 ) -> list[NamedRoute]:
-    """Balanced and simple lines; what the search begins with best comes first."""
+    """Balanced and simple lines; what the search begins with best comes first, and the rest is left out when time is over."""
+
+    def balanced() -> list[Route]:
+        if not can_be_adapted(site):
+            return []
+        return adaptive_swaths(site, angle_rad, executor=executor, should_stop=should_stop)
+
+    def simple() -> list[Route]:
+        return simple_lines(site, angle_rad, executor=executor, should_stop=should_stop)
+
+    # Balanced lines are the shortest, but they have a waypoint wherever the ground asks for one, and each costs time: on 25 km²
+    # simple ones take a third less of it.
+    by_time = way_cost_of(site).unit != LENGTH
+    makers = [("simple-lines", simple), ("balanced-lines", balanced)]
     kinds: list[tuple[str, list[Route]]] = []
-    if can_be_adapted(site):
-        balanced = adaptive_swaths(site, angle_rad, executor=executor, should_stop=should_stop)
-        kinds.append(("balanced-lines", balanced))
-    kinds.append(("simple-lines", simple_lines(site, angle_rad, executor=executor, should_stop=should_stop)))
+    for kind, make in makers if by_time else reversed(makers):
+        if not any(routes for _, routes in kinds) or not should_stop():
+            kinds.append((kind, make()))
     return [(_cheaper_way_round(site, route), kind) for kind, routes in kinds for route in routes]
 
 

@@ -182,8 +182,10 @@ def fly_bent(site: Site, layout: SwathLayout, bent: BentLines, *, straight_m: fl
 
 
 BENT = (1 / 16, 1 / 8, 3 / 16)
+_FIRST_BENT = 1 / 8
 STRAIGHT = (3 / 16, 1 / 4, 3 / 8, 1 / 2)
-"""How far legs may leave their height, as shares of the band: of lines that bend, and of straight ones."""
+"""How far legs may leave their height, as shares of the band: of lines that bend, of the best beginning on large areas among
+them, and of straight lines."""
 
 _BEND = 0.8
 """How far bent lines may be laid straight on the map, as a share of how far they may leave their height."""
@@ -201,7 +203,7 @@ def simple_lines(
     executor: Executor | None = None,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> list[Route]:
-    """Routes of parallel lines in one direction: several line counts, each from many waypoints to few.
+    """Routes of parallel lines in one direction: as few lines as fit first, those that bend before straight ones.
 
     Args:
         site: of any sensor.
@@ -212,17 +214,18 @@ def simple_lines(
     limits = site.scenario.limits
     band_m = limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m
     kinds = [(share, True) for share in BENT if can_be_adapted(site)] + [(share, False) for share in STRAIGHT]
-    layouts: list[tuple[SwathLayout, bool]] = []
+    ranked: list[tuple[tuple[int, bool, bool], SwathLayout, bool]] = []
     for share, bent in kinds:
         tolerance_m = share * band_m
         height_m = best_height_agl_m(site, tolerance_m=tolerance_m)
         swath_m = 2.0 * max(reach_at_height_m(site.scenario.sensor, height_m), site.scenario.area.cell_size_m)
         wanted = width_across_m(site, angle_rad) / swath_m
-        for lines in sorted({math.ceil(more * wanted) for more in _LINES[bent]}):
+        for more, lines in enumerate(sorted({math.ceil(more * wanted) for more in _LINES[bent]})):
             layout = regular_layout(
                 angle_rad=angle_rad, lines=lines, height_agl_m=height_m, inset=_INSET, tolerance_m=tolerance_m
             )
-            layouts.append((layout, bent))
+            ranked.append(((more, not bent, share != _FIRST_BENT), layout, bent))
+    layouts = [(layout, bent) for _, layout, bent in sorted(ranked, key=lambda item: item[0])]
 
     def laid_out(item: tuple[SwathLayout, bool]) -> Route:
         layout, bent = item
