@@ -5,6 +5,7 @@ import hashlib
 import logging
 import os
 import pickle
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
@@ -22,6 +23,8 @@ Shared = TypeVar("Shared")
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
+_log = logging.getLogger(__name__)
+
 _ANSWER_S = 10.0
 _FIRST_WORKER_S = 30.0
 _ASK_EVERY_S = 0.5
@@ -31,7 +34,12 @@ _ALLOWED_FAILURES = 20
 _DEAF_TO_CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 """A terminal sends Ctrl-C to all processes of a command; who started the workers decides."""
 
+_DASK = r"(dask|distributed)(\.|$)"
 _GOES_ON = "what is done is kept: give the same command again"
+
+
+class _TaskError(Exception):
+    """A task raised its cause."""
 
 
 class DaskWorkers:
@@ -57,6 +65,7 @@ class DaskWorkers:
     ) -> Iterator[tuple[Task, Result]]:
         """Each task with its result; see :class:`uavcover.run.scheduling.Workers`."""
         packed = pickle.dumps(shared, protocol=5)
+        _log.info("%d tasks, with %d bytes for each worker", len(tasks), len(packed))
         name = hashlib.sha256(packed).hexdigest()[:16]
         pending: dict[Future, Task] = {}
         try:
@@ -69,9 +78,19 @@ class DaskWorkers:
             while pending and not should_stop():
                 for future in self._ended(list(pending)):
                     task = pending[future]
-                    result: Result = pickle.loads(future.result())
+                    packed_answer, sent, cpu_s = future.result()
                     del pending[future]
+                    _log.info(
+                        "task of %d bytes, answer of %d, %.2f s of processor time", sent, len(packed_answer), cpu_s
+                    )
+                    well, answer = pickle.loads(packed_answer)
+                    if not well:
+                        raise _TaskError from answer
+                    result: Result = answer
                     yield task, result
+        except _TaskError as error:
+            # What a task raises is not taken for what becomes of the scheduler: both may be an OSError.
+            raise error.__cause__ or error from None
         except KilledWorker as error:
             raise UavcoverError(
                 f"{self._where}: a task lost its worker again and again, {error.last_worker.address} last (is there enough "
@@ -107,11 +126,12 @@ def local_workers(count: int | None) -> Iterator[DaskWorkers]:
         "distributed.admin.system-monitor.gil.enabled": False,
     }
     with dask.config.set(settings), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+        warnings.filterwarnings("ignore", module=_DASK)
         with (
             LocalCluster(
                 n_workers=count or os.cpu_count() or 1, threads_per_worker=1, processes=True, host="127.0.0.1",
-                dashboard_address=None, silence_logs=logging.CRITICAL,
+                silence_logs=logging.CRITICAL,
+                scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},  # any free port, in place of 8787
             ) as cluster,
             Client(cluster, set_as_default=False) as client,
         ):  # fmt: skip
@@ -128,7 +148,7 @@ def remote_workers(address: str) -> Iterator[DaskWorkers]:
     _be_quiet()
     where = f"--scheduler {address}"
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of versions; what matters is compared below
+        warnings.filterwarnings("ignore", module=_DASK)  # of versions; what matters is compared below
         try:
             client = Client(address, timeout=_ANSWER_S, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:
@@ -164,8 +184,15 @@ def _unpacked(packed: bytes, about: dict[str, str]) -> Any:
     return pickle.loads(packed)
 
 
-def _done(function: Callable[[Any, Any], Any], shared: Any, task: bytes) -> bytes:
-    return pickle.dumps(function(shared, pickle.loads(task)), protocol=5)
+def _done(function: Callable[[Any, Any], Any], shared: Any, task: bytes) -> tuple[bytes, int, float]:
+    """What a task gives, the bytes of the task, and its processor time."""
+    begin_s = time.thread_time()
+    answer: tuple[bool, object]
+    try:
+        answer = True, function(shared, pickle.loads(task))
+    except Exception as error:
+        answer = False, error
+    return pickle.dumps(answer, protocol=5), len(task), time.thread_time() - begin_s
 
 
 def _digest(task: object) -> str:
