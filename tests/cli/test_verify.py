@@ -134,6 +134,6 @@ def test_a_report_without_a_verdict_or_with_another_one_says_so(cli: Cli, flown:
     assert cli("report", flown).code == 0
     assert "there is no verdict of uavcover verify" in (flown / "report.html").read_text()
     (flown / "scenario.toml").write_text((flown / "scenario.toml").read_text() + "\n")
-    assert "--accept-changed scenario" in cli("report", flown).error
+    assert f"uavcover verify {flown} --accept-changed scenario" in cli("report", flown).error
     assert not (flown / "report.html").exists()
     assert "--accept-changed scenario" in cli("gaps", flown).error

@@ -96,6 +96,7 @@ def fly(
     from uavcover.run.fly import ENDED_BY_USER, FlightOptions, fly_run, resume_run
     from uavcover.run.folder import RunFolder
     from uavcover.run.planned import read_planned
+    from uavcover.run.user import to_paste
     from uavcover.vehicle.flight_plan import FlightTimeouts
 
     links = [replace(vehicle.link_to(url, client=vehicle.client), mock_speed=vehicle.mock_speed) for url in to]
@@ -126,18 +127,18 @@ def fly(
         from uavcover.run.fly_fleet import FleetOptions, fly_fleet
 
         ended, document = fly_fleet(folder, links, console, FleetOptions(flight=asked, on_loss=loss), command=sys.argv)
-        console.suggest(f"uavcover verify {run}")
+        console.suggest(to_paste("verify", run))
         console.result(document)
         return INTERRUPTED if ended else int(bool(document["left"]))
     if older.resume:
         resumed, document = resume_run(folder, link, console, asked, command=sys.argv)
         if resumed is not None:
-            console.suggest(f"uavcover verify {run}")
+            console.suggest(to_paste("verify", run))
         console.result(document)
         return INTERRUPTED if resumed is not None and resumed.ending in ENDED_BY_USER else 0
     site, planned = read_planned(folder)
     outcome, document = fly_run(folder, site, planned.route, link, console, asked)
-    console.suggest(f"uavcover verify {folder}")
+    console.suggest(to_paste("verify", folder))
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0
 

@@ -40,6 +40,7 @@ def new(
         return _list(console, cameras=survey.camera == "list", vehicles=survey.vehicle == "list")
     from uavcover.intake.scenario_text import name_of  # the lists need no planner
     from uavcover.run.new import new_scenarios, say_design, say_estimate
+    from uavcover.run.user import to_paste
 
     if area is None:
         raise InputError("new: give an area, such as area.kml, with --dem dem.tif --camera NAME --gsd 2.5cm")
@@ -58,7 +59,7 @@ def new(
     estimates = [say_estimate(scenario, console) for scenario in scenarios]
     for file in paths:
         console.say(f"written: {file}")
-    console.suggest(*(f"uavcover plan {file} -o {file.stem} --budget 60s" for file in paths))
+    console.suggest(*(to_paste("plan", file, "-o", file.stem, "--budget", "60s") for file in paths))
     flights = [{"scenario": str(file), **estimate} for file, estimate in zip(paths, estimates, strict=True)]
     console.result({**document, **flights[0], "flights": flights})
     return 0

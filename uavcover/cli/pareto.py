@@ -21,7 +21,7 @@ def pareto(
     from uavcover.errors import OutputError
     from uavcover.run.documents import bounds_in_words, read_pareto
     from uavcover.run.folder import RunFolder
-    from uavcover.run.user import percent
+    from uavcover.run.user import percent, to_paste
 
     console = output.console()
     folder = RunFolder(run)
@@ -43,7 +43,7 @@ def pareto(
 
         save_pareto_plot(members, plan, plot)
         console.say(f"written: {plot}")
-    console.suggest(f"uavcover select {run} RULE")
+    console.suggest(to_paste("select", run, "RULE"))
     console.result(
         {
             "run": str(run),

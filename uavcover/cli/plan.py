@@ -87,6 +87,7 @@ def plan(
     Ctrl-C writes the best route so far and ends with 130.
     """
     from uavcover.run.plan import PlanRequest, plan_into
+    from uavcover.run.user import to_paste
 
     console = output.console()
     request = PlanRequest(
@@ -99,10 +100,10 @@ def plan(
     )  # fmt: skip
     outcome = plan_into(request, console, check_site=lambda _: None)
     if outcome.document["mission_files"]:
-        flight = " --sortie 1" if outcome.sorties else ""
-        console.suggest(f"uavcover plan-upload {run} --to URL{flight}", f"uavcover pareto {run}")
+        flight = ("--sortie", 1) if outcome.sorties else ()
+        console.suggest(to_paste("plan-upload", run, "--to", "URL", *flight), to_paste("pareto", run))
     else:
-        console.suggest(f"uavcover pareto {run}")
+        console.suggest(to_paste("pareto", run))
     console.result(outcome.document)
     return outcome.exit_code
 

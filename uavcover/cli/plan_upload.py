@@ -59,6 +59,7 @@ def plan_upload(
     from uavcover.run.session import require_home
     from uavcover.run.upload import upload_run
     from uavcover.run.upload_fleet import require_different
+    from uavcover.run.user import to_paste
 
     links = [vehicle.transfer_link(url) for url in to]  # a bad key is known before an hour of planning
     require_different(to)
@@ -90,17 +91,18 @@ def plan_upload(
     document = upload_run(folder, site, planned.route, links[0], console, in_flight=in_flight)
     console.say(f"written: {folder.file('upload.json')}")
     if document["passed"]:
-        console.suggest(f"uavcover fly {folder} --to {to[0]}")
+        console.suggest(to_paste("fly", folder, "--to", to[0]))
     console.result({"run": str(folder), **document})
     return 0 if document["passed"] else 1
 
 
 def _upload_each(run: "RunFolder", links: "list[VehicleLink]", console: "Console", *, in_flight: bool) -> int:
     from uavcover.run.upload_fleet import upload_fleet
+    from uavcover.run.user import to_paste
 
     documents = upload_fleet(run, links, console, in_flight=in_flight)
     passed = all(document["passed"] for document in documents)
     if passed:
-        console.suggest(*(f"uavcover fly {document['run']} --to {document['url']}" for document in documents))
+        console.suggest(*(to_paste("fly", document["run"], "--to", document["url"]) for document in documents))
     console.result({"run": str(run), "passed": passed, "vehicles": documents})
     return 0 if passed else 1

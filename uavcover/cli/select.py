@@ -43,6 +43,7 @@ def select(
     from uavcover.run.plan import figures_in_words, say_missions, say_older
     from uavcover.run.planned import read_planned
     from uavcover.run.select import choose
+    from uavcover.run.user import to_paste
 
     console = output.console()
     parse_rule(rule)
@@ -63,7 +64,7 @@ def select(
     if not plan.rule_met:
         console.warn(f"no route meets {plan.rule}; the best there is has been written")
     if flights:
-        console.suggest(f"uavcover plan-upload {run} --to URL{' --sortie 1' if sorties else ''}")
+        console.suggest(to_paste("plan-upload", run, "--to", "URL", *(("--sortie", 1) if sorties else ())))
     console.result(
         {
             "run": str(run), "index": index, "rule": plan.rule, "rule_met": plan.rule_met,

@@ -1,6 +1,5 @@
 """``uavcover terrain``: the elevation data that an area needs, and ArduPilot's terrain files of it."""
 
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -50,6 +49,7 @@ def terrain(
     from uavcover.errors import InputError
     from uavcover.intake.quantities import length_m
     from uavcover.run.area_terrain import files_in, known_share, say_needed, terrain_of_area
+    from uavcover.run.user import to_paste
     from uavcover.run.vehicle_terrain import heights_of_files, open_elevation_data, write_terrain_files
     from uavcover.scenario.areas.area_file import AreaQuery
 
@@ -66,7 +66,7 @@ def terrain(
     document: dict[str, object] = {"area": area, "sets": say_needed(found, there, console)}
     document["national"] = [{"title": one.title, "address": one.address} for one in found.national]
     if there is None:
-        console.suggest(f"uavcover terrain {shlex.quote(area.strip())} --dem FOLDER")
+        console.suggest(to_paste("terrain", area.strip(), "--dem", "FOLDER"))
         console.result(document)
         return 0
     share = known_share(found, data, console)

@@ -34,6 +34,7 @@ def upload(
     from uavcover.cli.mission_files import home_of, read_contents, warn_of_home
     from uavcover.run.session import connect
     from uavcover.run.upload import say_comparison, telling_what_is_held
+    from uavcover.run.user import to_paste
 
     at = vehicle.transfer_link(to)
     console = output.console()
@@ -54,7 +55,7 @@ def upload(
             say_comparison(console, results[-1])
     passed = all(result.passed for result in results)
     if passed:
-        console.suggest(f"uavcover download --from {to} -o FILE")
+        console.suggest(to_paste("download", "--from", to, "-o", "FILE"))
     console.result(
         {"file": str(file), "terrain_checked": False, "passed": passed, "lists": [r.as_json() for r in results]}
     )

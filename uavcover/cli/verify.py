@@ -55,6 +55,7 @@ def verify(
     from uavcover.run.judge import verify_run
     from uavcover.run.judge_photos import judge_photos
     from uavcover.run.photo_judgement import PhotoRequest
+    from uavcover.run.user import to_paste
 
     console = output.console()
     if area is None:
@@ -100,6 +101,6 @@ def verify(
         _, report = verify_run(
             folder, console, command=sys.argv, logs=evidence.logs, accepted=accept_changed or (), scheduler=scheduler
         )
-        console.suggest(f"uavcover report {run}", *([f"uavcover gaps {run}"] if report["gaps"] else []))
+        console.suggest(to_paste("report", run), *([to_paste("gaps", run)] if report["gaps"] else []))
     console.result(report)
     return 0 if report["passed"] else 1

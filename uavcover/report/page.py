@@ -32,7 +32,7 @@ from uavcover.run.judged_inputs import (
     was_flown,
 )
 from uavcover.run.provenance import note_files
-from uavcover.run.user import Unattended, User
+from uavcover.run.user import Unattended, User, to_paste
 from uavcover.sensing.pictures import OVERLAP_FRACTION, overlap_rule
 
 _HERE = Path(__file__).parent
@@ -281,7 +281,8 @@ def standing(run: RunFolder, logs: Sequence[Path]) -> list[str]:
     inputs = inspect_inputs(run, flown)
     verdict = run.read_json(VERDICT, made_by="uavcover verify") if run.file(VERDICT).is_file() else None
     accepted = set() if verdict is None else accepted_in(verdict)
-    refuse_changes(run, replace(inputs, changes=tuple(c for c in inputs.changes if c not in accepted)), ())
+    left = replace(inputs, changes=tuple(c for c in inputs.changes if c not in accepted))
+    refuse_changes(run, left, (), who_accepts=to_paste("verify", run))
     notices = [f"accepted although it changed since planning or flight: {change}" for change in inputs.changes]
     notices += [unsealed_in_words(name) for name in inputs.unsealed]
     if flown and verdict is None:

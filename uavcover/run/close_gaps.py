@@ -28,7 +28,7 @@ from uavcover.run.judged_inputs import check_accepted, logs_of_the_verdict
 from uavcover.run.mission import compile_plan, mission_texts
 from uavcover.run.plan_files import save_plan
 from uavcover.run.provenance import note_files
-from uavcover.run.user import User, percent
+from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.site import Site
 
 GAP_FILES = ("gaps.geojson", "gap_mission.waypoints")
@@ -151,15 +151,16 @@ def close_gaps(
         user.warn(f"the mission does not reach {percent(target)}; the best there is has been written")
     user.say(f"written: {run.file('gaps.geojson')}, {run.file('gap_mission.waypoints')}. Next:")
     if start is GapStart.LAST:
-        user.say(f"  uavcover fly {folder} --resume --to URL, from wherever the vehicle holds in the air;")
+        user.say(f"  {to_paste('fly', folder, '--resume', '--to', 'URL')}, from wherever the vehicle holds in the air;")
         user.say(
-            f"  or from a ground station: uavcover upload {run.file('gap_mission.waypoints')} --to URL --in-flight,"
+            "  or from a ground station: "
+            f"{to_paste('upload', run.file('gap_mission.waypoints'), '--to', 'URL', '--in-flight')},"
         )
         user.say("  started at its first item; it does not take off, and begins where the last log ends;")
         user.say("  or from home, if the vehicle has landed:")
-    user.say(f"  uavcover plan-upload {folder} --to URL; uavcover fly {folder} --to URL")
-    own = " ".join(f"--log {path}" for path in (*own_logs, folder.file("track.csv")))
-    user.say(f"  uavcover verify {run} {own}")
+    user.say(f"  {to_paste('plan-upload', folder, '--to', 'URL')}; {to_paste('fly', folder, '--to', 'URL')}")
+    own = (word for path in (*own_logs, folder.file("track.csv")) for word in ("--log", path))
+    user.say(f"  {to_paste('verify', run, *own)}")
     return mission, document
 
 

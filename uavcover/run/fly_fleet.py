@@ -18,7 +18,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.provenance import note_files
 from uavcover.run.session import VehicleLink, connect
 from uavcover.run.upload_fleet import require_different
-from uavcover.run.user import User
+from uavcover.run.user import User, to_paste
 
 _LOOK_S = 0.2
 _TABLE_EVERY_S = 60.0
@@ -156,7 +156,7 @@ def _close_gaps(run: RunFolder, flight: FleetFlight, user: User, command: Sequen
     try:
         _, document = close_gaps(run, user, GapRequest(force=True), command=command)
     except UavcoverError as error:
-        user.warn(f"{error}; plan it with: uavcover gaps {run}")
+        user.warn(f"{error}; plan it with: {to_paste('gaps', run)}")
         return None
     return document
 

@@ -124,8 +124,14 @@ def check_accepted(accepted: Sequence[str]) -> None:
             raise InputError(f"--accept-changed: {word!r} is none of {', '.join((*WHATS, EVERYTHING))}")
 
 
-def refuse_changes(run: RunFolder, inputs: JudgedInputs, accepted: Sequence[str]) -> None:
+def refuse_changes(run: RunFolder, inputs: JudgedInputs, accepted: Sequence[str], *, who_accepts: str = "") -> None:
     """Refuse to judge what changed since it was recorded.
+
+    Args:
+        run: the folder.
+        inputs: what there is, and what changed.
+        accepted: what may have changed.
+        who_accepts: the command that takes ``--accept-changed``, where it is not the one that judges now.
 
     Raises:
         InputError: something changed that is not accepted; one line with all of it.
@@ -138,7 +144,7 @@ def refuse_changes(run: RunFolder, inputs: JudgedInputs, accepted: Sequence[str]
         words = " ".join(f"--accept-changed {what}" for what in WHATS if any(c.what == what for c in refused))
         raise InputError(
             f"{run}: not judged, because since planning and flight {'; '.join(map(str, refused))}. Put back what was there, or "
-            f"judge it all the same, which the verdict will say, with: {words}"
+            f"judge it all the same, which the verdict will say, with: {f'{who_accepts} {words}'.strip()}"
         )
 
 

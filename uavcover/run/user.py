@@ -5,9 +5,15 @@ The workflows of :mod:`uavcover.run` talk to a :class:`User`. On the command lin
 """
 
 import logging
+import shlex
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol
+
+
+def to_paste(*words: object) -> str:
+    """A command of uavcover that can be pasted into a shell, whatever is in the names of files."""
+    return shlex.join(("uavcover", *map(str, words)))
 
 
 class ProgressBar(Protocol):
