@@ -26,11 +26,12 @@ from uavcover.model.route import Route
 from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.run.export import ExportRequest, export_mission
 from uavcover.run.fleet import fleet_document, say_fleet
-from uavcover.run.fleet_jobs import planned_jobs
+from uavcover.run.fleet_jobs import OnLoss, planned_jobs
 from uavcover.run.fly_fleet import FleetFailedError
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import verify_run
-from uavcover.run.mission import compile_flights
+from uavcover.run.mission import compile_flights, compile_plan
+from uavcover.run.planned import read_planned
 from uavcover.run.session import home_of
 from uavcover.run.upload_fleet import first_sorties
 from uavcover.scenario.scenario_file import load_scenario
@@ -142,6 +143,26 @@ def test_what_one_leaves_is_taken_over_from_another_home(planned: RunFolder, tmp
     document = judged(run)
     assert document["coverage_fraction"] >= 0.98 * document["planned_coverage_fraction"]
     assert all(pair["least_m"] >= 20.0 for pair in document["separation"])
+
+
+def test_what_one_leaves_is_a_checked_gap_mission(planned: RunFolder, tmp_path: Path) -> None:
+    run, user = copied(planned, tmp_path), Listener()
+
+    def make(number: int, sortie: int, site: Site) -> MockVehicle:
+        faults = [Fault(FaultKind.FORCE_DISARM, FaultTrigger(Since.ITEM, 6))] if number == 2 else []
+        return mock(number, sortie, site, faults=faults, behaviour=quick(2.0))
+
+    with pytest.raises(FleetFailedError) as failed:
+        fly(run, Hangar(2, make), user, on_loss=OnLoss.GAPS)
+    told = failed.value.details()
+    assert len(told["left"]) == 1
+    assert any("what the lost vehicle left is planned as a mission of its own" in line for line in user.lines)
+    gaps = RunFolder(run.path / "gaps")
+    assert told["gaps"]["gaps"] > 0
+    site, mission = read_planned(gaps)
+    compile_plan(site, mission.route)  # every leg is checked
+    assert (gaps.path / "mission.waypoints").read_text().startswith("QGC WPL")
+    assert home_of(site) == home_of(vehicle_sites(site)[0])  # it is vehicle 1's
 
 
 def test_links_in_another_order_are_refused(planned: RunFolder, tmp_path: Path) -> None:
