@@ -103,6 +103,44 @@ def test_who_comes_to_the_pad_holds_until_it_is_free() -> None:
     assert not flights.must_hold("b", 111.0)
 
 
+def test_nobody_holds_for_one_that_will_have_landed_and_left_the_pad() -> None:
+    """Both as planned: the second one hung in the air until the first one had landed and left the pad."""
+    first, second = out_and_back(0.0), out_and_back(150.0)
+    flights = traffic(a=(first, 0.0), b=(second, 6.0))
+    assert flights.start("a", 0.0)
+    began = None
+    for now in range(1, 120):
+        flights.moved("a", float(now), first.places_m(np.array([float(now)]))[0])
+        if now == first.duration_s:
+            flights.landed("a", float(now))
+        if began is None:
+            began = now if flights.start("b", float(now)) else None
+        else:
+            flights.moved("b", float(now), second.places_m(np.array([float(now - began)]))[0])
+            assert not flights.must_hold("b", float(now)), now
+    assert began is not None
+    assert began + second.duration_s < first.duration_s + 45.0
+
+
+def test_who_comes_before_the_pad_is_free_holds_in_time() -> None:
+    """The first one hangs over home: what comes behind it holds before it is there, although the plan has it down by then."""
+    first, second = out_and_back(0.0), out_and_back(150.0)
+    flights = traffic(a=(first, 0.0), b=(second, 6.0))
+    assert flights.start("a", 0.0)
+    began = None
+    for now in range(1, 140):
+        flights.moved("a", float(now), first.places_m(np.array([min(now, 67.0)]))[0])
+        if began is None:
+            began = now if flights.start("b", float(now)) else None
+        else:
+            place_m = second.places_m(np.array([float(now - began)]))[0]
+            flights.moved("b", float(now), place_m)
+            if flights.must_hold("b", float(now)):
+                break
+    assert flights.must_hold("b", float(now))
+    assert float(np.linalg.norm(place_m - np.array([0.0, 0.0, 50.0]))) > FLEET.held_apart_m
+
+
 def test_the_later_one_lets_the_earlier_one_pass() -> None:
     """Two lines that cross in the middle, both there at the same time."""
     one = Timeline(np.array([0.0, 10.0, 50.0]), np.array([(-200.0, 0.0, 0.0), (-200.0, 0.0, 50.0), (200.0, 0.0, 50.0)]))

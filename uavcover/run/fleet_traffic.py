@@ -273,7 +273,7 @@ class Traffic:
             )
         if flight.phase not in (Phase.FLYING, Phase.HOLDING, Phase.LOST):
             return False
-        if not self._meets(_as_planned(own), self._from_now(flight, now), ahead_s):
+        if not self._meets(_as_planned(own), self._until_gone(flight, now), ahead_s):
             return False
         if flight.phase is not Phase.FLYING or flight.held:
             return True
@@ -289,6 +289,17 @@ class Traffic:
             return lambda times_s: np.broadcast_to(flight.place_m, (len(times_s), 3))
         begun_s = now - flight.as_if_begun_s if flight.phase is Phase.LOST else flight.progress_s
         return lambda times_s: flight.timeline.places_m(begun_s + times_s)
+
+    def _until_gone(self, flight: FleetPosition, now: float) -> _Ahead:
+        """The same, but infinitely far away once it has landed and been taken off the pad.
+
+        A landing that is late is seen in its progress, and :meth:`landed` tells of it.
+        """
+        ahead = self._from_now(flight, now)
+        if flight.phase is not Phase.FLYING or flight.held:
+            return ahead
+        gone_s = flight.timeline.duration_s - flight.progress_s + self._fleet.pad_s
+        return lambda times_s: np.where((times_s > gone_s)[:, None], math.inf, ahead(times_s))
 
     def _meets(self, one: _Ahead, other: _Ahead, ahead_s: float) -> bool:
         times_s = np.arange(0.0, ahead_s + _STEP_S, _STEP_S)
