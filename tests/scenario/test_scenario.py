@@ -1,13 +1,12 @@
 import dataclasses
-import json
 import math
-import re
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.scenario.scenario_texts import GOOD, parse, refused
 from uavcover.errors import ScenarioError
 from uavcover.model.area import Area
 from uavcover.model.fleet import Fleet
@@ -21,73 +20,10 @@ from uavcover.scenario.scenario_file import (
     bundled_scenarios,
     dump_scenario,
     load_scenario,
-    parse_scenario,
     terrain_source,
 )
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=60)
-
-GOOD = """
-name = "test"
-select = "knee"
-
-[area]
-polygon_lon_lat_deg = [[-84.22, 36.47], [-84.21, 36.47], [-84.21, 36.48], [-84.22, 36.48]]
-holes_lon_lat_deg = [[[-84.218, 36.472], [-84.216, 36.472], [-84.216, 36.474]]]
-cell_size_m = 5
-
-[terrain]
-kind = "raster"
-file = "dem.tif"
-vertical_datum = "EGM96"
-
-[home]
-lat_deg = 36.471
-lon_deg = -84.216
-
-[sensor]
-kind = "nadir-camera"
-fov_deg = 70.0
-range_m = 200.0
-
-[limits]
-min_height_agl_m = 40.0
-max_height_agl_m = 120.0
-
-[vehicle]
-cruise_speed_m_s = 10.0
-
-[planner]
-seed = 7
-"""
-FOLDER = Path("/somewhere")
-
-
-def parse(text, folder=FOLDER):
-    return parse_scenario(text, source="mine.toml", folder=folder)
-
-
-def refused(*changes, text=GOOD, folder=FOLDER):
-    for old, new in changes:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
-    with pytest.raises(ScenarioError) as caught:
-        parse(text, folder)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert message.startswith("mine.toml: ")
-    # None of the words of the machinery.
-    for word in (
-        "NadirCamera",
-        "SphereSensor",
-        "RasterTerrain",
-        "Value error",
-        "Input should",
-        "pydantic",
-        "Unexpected",
-    ):
-        assert word not in message
-    return message.removeprefix("mine.toml: ")
 
 
 def test_the_bundled_scenarios_load_and_come_back_from_their_text():
@@ -177,88 +113,9 @@ def test_every_scenario_comes_back_from_its_text(scenario):
     assert parse(dump_scenario(scenario)) == scenario
 
 
-def test_equal_vehicle_tables_are_a_fleet():
-    table = "[vehicle]\ncruise_speed_m_s = 10.0\n"
-    assert GOOD.count(table) == 1
-    three = GOOD.replace(table, 3 * table.replace("[vehicle]", "[[vehicle]]"))
-    scenario = parse(three)
-    assert scenario == dataclasses.replace(parse(GOOD), fleet=Fleet(vehicles=3))
-    assert parse(dump_scenario(scenario), Path("/elsewhere")) == scenario
-    with_settings = parse(three + "\n[fleet]\nseparation_m = 40.0\nvehicles = 3\n")
-    assert with_settings.fleet == Fleet(vehicles=3, separation_m=40.0)
-
-
-def test_vehicles_that_differ_are_listed_with_their_homes():
-    tables = "[[vehicle]]\nendurance_s = 900\n[[vehicle]]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n"
-    scenario = parse(GOOD.replace("[vehicle]\ncruise_speed_m_s = 10.0\n", tables))
-    home, other = parse(GOOD).home, Home(lat_deg=36.474, lon_deg=-84.216)
-    assert scenario.vehicles == (Vehicle(endurance_s=900.0, home=home), Vehicle(home=other))
-    assert (scenario.vehicle, scenario.home, scenario.fleet.vehicles) == (Vehicle(endurance_s=900.0), home, 2)
-    assert parse(dump_scenario(scenario), Path("/elsewhere")) == scenario
-    # Without [home] the first one's is that of the frame.
-    first, second = "lat_deg = 36.476, lon_deg = -84.215", "lat_deg = 36.474, lon_deg = -84.216"
-    own = f"[[vehicle]]\nhome = {{ {first} }}\n[[vehicle]]\nhome = {{ {second} }}\n"
-    text = re.sub(r"\[home\]\n(?:\w+ = .*\n)+", "", GOOD).replace("[vehicle]\ncruise_speed_m_s = 10.0\n", own)
-    assert parse(text).home == Home(lat_deg=36.476, lon_deg=-84.215)
-    with pytest.raises(ValueError, match=r"lists 2 that are not alike"):
-        dataclasses.replace(scenario, fleet=Fleet(vehicles=3))
-
-
 def test_a_geographic_area_may_have_an_origin_of_its_own():
     scenario = dataclasses.replace(parse(GOOD), origin=Origin(lat_deg=36.475, lon_deg=-84.215, alt_amsl_m=300.0))
     assert parse(dump_scenario(scenario), Path("/elsewhere")) == scenario
-
-
-@pytest.mark.parametrize(
-    ("tables", "words"),
-    [
-        ("[[vehicle]]\n[[vehicle]]\ncruise_speed_m_s = -1.0\n", "vehicle.1.cruise_speed_m_s: -1.0 must be above 0"),
-        ("[[vehicle]]\n[[vehicle]]\nsensor = 1\n", "vehicle.1.sensor: unknown key"),
-        ("[[vehicle]]\n[[vehicle]]\nlink = 'udp:127.0.0.1:1'\n", "vehicle.1.link: unknown key"),
-        ("[[vehicle]]\nhome = { lat_deg = 36.4 }\n[[vehicle]]\n", "vehicle.0.home: give lat_deg and lon_deg"),
-        (
-            "[[vehicle]]\n[[vehicle]]\nhome = { east_m = 1.0, north_m = 2.0 }\n",
-            "vehicle.1.home: give lat_deg and lon_deg",
-        ),
-        (
-            2 * "[[vehicle]]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
-            "home: every [[vehicle]] has a home of its own; leave [home] out",
-        ),
-        (
-            "[vehicle]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
-            "vehicle.home: one vehicle has its home in [home]",
-        ),
-        (
-            "[[vehicle]]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
-            "vehicle.0.home: one vehicle has its home in",
-        ),
-        ("[[vehicles]]\n", "vehicles: unknown key; write [[vehicle]] once for each vehicle"),
-        (
-            "[wind]\nspeed_m_s = 3.0\n[[vehicle]]\nmax_airspeed_m_s = 15.0\n[[vehicle]]\n",
-            "wind.speed_m_s: 3.0 m/s needs a larger vehicle.1.max_airspeed_m_s, not None",
-        ),
-        (
-            "[[vehicle]]\n[[vehicle]]\n[fleet]\nvehicles = 3\n",
-            "fleet.vehicles: is 3, and there are 2 [[vehicle]] tables; give one of both",
-        ),
-        ("[[vehicle]]\ncruise = 1.0\n[[vehicle]]\ncruise = 1.0\n", "vehicle.cruise: unknown key"),
-        ("vehicle = 3\n", "vehicle: must be a table, not 3"),
-        ("vehicle = []\n", "vehicle: must be a table, not []"),
-        ("[[vehicle]]\n[[vehicle]]\n[[fleet]]\n", "fleet: must be a table"),
-        ("[fleet]\nvehicles = 0\n", "fleet.vehicles: 0 is outside 1..50"),
-        ("[fleet]\nvehicles = 2.5\n", "fleet.vehicles: must be a whole number"),
-        ("[fleet]\nseparation_m = 0.0\n", "fleet.separation_m: 0.0 must be above 0"),
-        ("[fleet]\nseparation_m = nan\n", "fleet.separation_m: must be a finite number"),
-        ("[fleet]\nturnaround_s = -1.0\n", "fleet.turnaround_s: -1.0 must not be negative"),
-        ("[fleet]\ntiming_error_fraction = 5.0\n", "fleet.timing_error_fraction: 5.0 is outside 0..0.5"),
-    ],
-)
-def test_mistakes_in_a_fleet(tables, words):
-    if tables.startswith("vehicle ="):
-        text = tables + GOOD.replace("[vehicle]\ncruise_speed_m_s = 10.0\n", "")
-    else:
-        text = GOOD.replace("[vehicle]\ncruise_speed_m_s = 10.0\n", tables)
-    assert words in refused(text=text)
 
 
 def test_three_mistakes_are_named_in_one_line():
@@ -351,111 +208,6 @@ def test_holes_that_leave_nothing():
     ring = "[[-84.22, 36.47], [-84.21, 36.47], [-84.21, 36.48], [-84.22, 36.48]]"
     message = refused(("[[[-84.218, 36.472], [-84.216, 36.472], [-84.216, 36.474]]]", f"[{ring}]"))
     assert message == "area.polygon_lon_lat_deg: nothing is left of the area inside its holes"
-
-
-OUTER = [[-84.22, 36.47], [-84.21, 36.47], [-84.21, 36.48], [-84.22, 36.48], [-84.22, 36.47]]
-HOLE = [[-84.218, 36.472], [-84.216, 36.472], [-84.216, 36.474], [-84.218, 36.472]]
-POLYGON = {"type": "Polygon", "coordinates": [OUTER, HOLE]}
-FEATURE = {"type": "Feature", "properties": {}, "geometry": POLYGON}
-WITH_GEOJSON = "\n".join(
-    'geojson = "sub/area.geojson"' if line.startswith("polygon") else "" if line.startswith("holes") else line
-    for line in GOOD.splitlines()
-)
-
-
-def write_geojson(folder, document):
-    (folder / "sub").mkdir(exist_ok=True)
-    text = document if isinstance(document, str) else json.dumps(document)
-    (folder / "sub" / "area.geojson").write_text(text, encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    "document",
-    [
-        POLYGON,
-        FEATURE,
-        {"type": "FeatureCollection", "features": [{"type": "Feature", "geometry": None}, FEATURE]},
-        {"type": "MultiPolygon", "coordinates": [[OUTER, HOLE]]},
-        {**FEATURE, "crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:OGC:1.3:CRS84"}}},
-        {"type": "Polygon", "coordinates": [[[*p, 300.0] for p in OUTER], HOLE]},
-    ],
-    ids=["Polygon", "Feature", "FeatureCollection", "MultiPolygon of one", "old style with its crs", "with heights"],
-)
-def test_geojson_with_one_polygon(tmp_path, document):
-    write_geojson(tmp_path, document)
-    area = parse(WITH_GEOJSON, tmp_path).area
-    assert area.geojson is None
-    assert area.polygon_lon_lat_deg == tuple((lon, lat) for lon, lat in OUTER)
-    assert area.holes_lon_lat_deg == (tuple((lon, lat) for lon, lat in HOLE),)
-    # The scenario of the run folder does not need the file any more.
-    scenario = parse(WITH_GEOJSON, tmp_path)
-    assert parse(dump_scenario(scenario), Path("/elsewhere")) == scenario
-
-
-EAST = [[lon + 0.02, lat] for lon, lat in OUTER]
-
-
-@pytest.mark.parametrize(
-    "document",
-    [
-        {"type": "MultiPolygon", "coordinates": [[OUTER, HOLE], [EAST]]},
-        {
-            "type": "FeatureCollection",
-            "features": [
-                FEATURE,
-                {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [EAST]}},
-            ],
-        },
-    ],
-    ids=["MultiPolygon", "two features"],
-)
-def test_geojson_with_several_parts(tmp_path, document):
-    write_geojson(tmp_path, document)
-    scenario = parse(WITH_GEOJSON, tmp_path)
-    rings = [tuple((lon, lat) for lon, lat in ring) for ring in (OUTER, HOLE, EAST)]
-    assert scenario.area.parts == ((rings[0], rings[1]), (rings[2],))
-    assert parse(dump_scenario(scenario), Path("/elsewhere")) == scenario
-
-
-@pytest.mark.parametrize(
-    ("document", "words"),
-    [
-        ("{", "cannot be read as GeoJSON"),
-        ("[" * 100_000, "cannot be read as GeoJSON"),
-        ({"type": "Point", "coordinates": [1, 2]}, "has no polygon"),
-        ([], "has no polygon"),
-        ({"type": "MultiPolygon", "coordinates": []}, "has no polygon"),
-        ({"type": "MultiPolygon", "coordinates": [[OUTER], []]}, "not a GeoJSON polygon"),
-        (
-            {"type": "MultiPolygon", "coordinates": [[OUTER], [HOLE, OUTER]]},
-            "polygon 1: hole 0: the hole reaches outside",
-        ),
-        ({"type": "MultiPolygon", "coordinates": [[OUTER], [HOLE[:2]]]}, "polygon 1: a ring needs at least 3"),
-        ({"type": "Polygon", "coordinates": []}, "not a GeoJSON polygon"),
-        ({"type": "Polygon"}, "not a GeoJSON polygon"),
-        ({"type": "Polygon", "coordinates": [[["a", "b"]]]}, "not a GeoJSON polygon"),
-        ({"type": "FeatureCollection", "features": 5}, "not a GeoJSON polygon"),
-        ({"type": "MultiPolygon", "coordinates": 5}, "not a GeoJSON polygon"),
-        ({"type": "Polygon", "coordinates": [[[500000.0, 4e6], [500100.0, 4e6], [500100.0, 5e6]]]}, "in this order"),
-        ({**FEATURE, "crs": {"type": "name", "properties": {"name": "EPSG:32616"}}}, "names another coordinate system"),
-        ({"type": "Polygon", "coordinates": [[OUTER[0], OUTER[2], OUTER[1], OUTER[3]]]}, "Self-intersection"),
-        ({"type": "Polygon", "coordinates": [HOLE, OUTER]}, "hole 0: the hole reaches outside"),
-    ],
-)
-def test_geojson_that_is_no_area(tmp_path, document, words):
-    write_geojson(tmp_path, document)
-    message = refused(text=WITH_GEOJSON, folder=tmp_path)
-    assert message.startswith("area.geojson: ")
-    assert words in message
-
-
-def test_geojson_that_is_not_there(tmp_path):
-    assert "cannot be read as GeoJSON" in refused(text=WITH_GEOJSON, folder=tmp_path)
-
-
-def test_a_broken_geojson_is_named_beside_other_mistakes(tmp_path):
-    message = refused(("seed = 7", "sed = 7"), text=WITH_GEOJSON, folder=tmp_path)
-    assert "planner.sed: unknown key (did you mean seed?); area.geojson: " in message
 
 
 def test_scenario_files(tmp_path, monkeypatch):

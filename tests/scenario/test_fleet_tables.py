@@ -1,0 +1,92 @@
+"""[fleet] and several [[vehicle]]."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.scenario.scenario_texts import GOOD, parse, refused
+from uavcover.model.fleet import Fleet
+from uavcover.model.home import Home
+from uavcover.model.vehicle import Vehicle
+from uavcover.scenario.scenario_file import dump_scenario
+
+
+def test_equal_vehicle_tables_are_a_fleet():
+    table = "[vehicle]\ncruise_speed_m_s = 10.0\n"
+    assert GOOD.count(table) == 1
+    three = GOOD.replace(table, 3 * table.replace("[vehicle]", "[[vehicle]]"))
+    scenario = parse(three)
+    assert scenario == dataclasses.replace(parse(GOOD), fleet=Fleet(vehicles=3))
+    assert parse(dump_scenario(scenario), Path("/elsewhere")) == scenario
+    with_settings = parse(three + "\n[fleet]\nseparation_m = 40.0\nvehicles = 3\n")
+    assert with_settings.fleet == Fleet(vehicles=3, separation_m=40.0)
+
+
+def test_vehicles_that_differ_are_listed_with_their_homes():
+    tables = "[[vehicle]]\nendurance_s = 900\n[[vehicle]]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n"
+    scenario = parse(GOOD.replace("[vehicle]\ncruise_speed_m_s = 10.0\n", tables))
+    home, other = parse(GOOD).home, Home(lat_deg=36.474, lon_deg=-84.216)
+    assert scenario.vehicles == (Vehicle(endurance_s=900.0, home=home), Vehicle(home=other))
+    assert (scenario.vehicle, scenario.home, scenario.fleet.vehicles) == (Vehicle(endurance_s=900.0), home, 2)
+    assert parse(dump_scenario(scenario), Path("/elsewhere")) == scenario
+    # Without [home] the first one's is that of the frame.
+    first, second = "lat_deg = 36.476, lon_deg = -84.215", "lat_deg = 36.474, lon_deg = -84.216"
+    own = f"[[vehicle]]\nhome = {{ {first} }}\n[[vehicle]]\nhome = {{ {second} }}\n"
+    text = re.sub(r"\[home\]\n(?:\w+ = .*\n)+", "", GOOD).replace("[vehicle]\ncruise_speed_m_s = 10.0\n", own)
+    assert parse(text).home == Home(lat_deg=36.476, lon_deg=-84.215)
+    with pytest.raises(ValueError, match=r"lists 2 that are not alike"):
+        dataclasses.replace(scenario, fleet=Fleet(vehicles=3))
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ("[[vehicle]]\n[[vehicle]]\ncruise_speed_m_s = -1.0\n", "vehicle.1.cruise_speed_m_s: -1.0 must be above 0"),
+        ("[[vehicle]]\n[[vehicle]]\nsensor = 1\n", "vehicle.1.sensor: unknown key"),
+        ("[[vehicle]]\n[[vehicle]]\nlink = 'udp:127.0.0.1:1'\n", "vehicle.1.link: unknown key"),
+        ("[[vehicle]]\nhome = { lat_deg = 36.4 }\n[[vehicle]]\n", "vehicle.0.home: give lat_deg and lon_deg"),
+        (
+            "[[vehicle]]\n[[vehicle]]\nhome = { east_m = 1.0, north_m = 2.0 }\n",
+            "vehicle.1.home: give lat_deg and lon_deg",
+        ),
+        (
+            2 * "[[vehicle]]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
+            "home: every [[vehicle]] has a home of its own; leave [home] out",
+        ),
+        (
+            "[vehicle]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
+            "vehicle.home: one vehicle has its home in [home]",
+        ),
+        (
+            "[[vehicle]]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
+            "vehicle.0.home: one vehicle has its home in",
+        ),
+        ("[[vehicles]]\n", "vehicles: unknown key; write [[vehicle]] once for each vehicle"),
+        (
+            "[wind]\nspeed_m_s = 3.0\n[[vehicle]]\nmax_airspeed_m_s = 15.0\n[[vehicle]]\n",
+            "wind.speed_m_s: 3.0 m/s needs a larger vehicle.1.max_airspeed_m_s, not None",
+        ),
+        (
+            "[[vehicle]]\n[[vehicle]]\n[fleet]\nvehicles = 3\n",
+            "fleet.vehicles: is 3, and there are 2 [[vehicle]] tables; give one of both",
+        ),
+        ("[[vehicle]]\ncruise = 1.0\n[[vehicle]]\ncruise = 1.0\n", "vehicle.cruise: unknown key"),
+        ("vehicle = 3\n", "vehicle: must be a table, not 3"),
+        ("vehicle = []\n", "vehicle: must be a table, not []"),
+        ("[[vehicle]]\n[[vehicle]]\n[[fleet]]\n", "fleet: must be a table"),
+        ("[fleet]\nvehicles = 0\n", "fleet.vehicles: 0 is outside 1..50"),
+        ("[fleet]\nvehicles = 2.5\n", "fleet.vehicles: must be a whole number"),
+        ("[fleet]\nseparation_m = 0.0\n", "fleet.separation_m: 0.0 must be above 0"),
+        ("[fleet]\nseparation_m = nan\n", "fleet.separation_m: must be a finite number"),
+        ("[fleet]\nturnaround_s = -1.0\n", "fleet.turnaround_s: -1.0 must not be negative"),
+        ("[fleet]\ntiming_error_fraction = 5.0\n", "fleet.timing_error_fraction: 5.0 is outside 0..0.5"),
+    ],
+)
+def test_mistakes_in_a_fleet(tables, words):
+    if tables.startswith("vehicle ="):
+        text = tables + GOOD.replace("[vehicle]\ncruise_speed_m_s = 10.0\n", "")
+    else:
+        text = GOOD.replace("[vehicle]\ncruise_speed_m_s = 10.0\n", tables)
+    assert words in refused(text=text)
