@@ -80,12 +80,13 @@ def test_an_error_of_a_task_comes_as_it_was_raised(workers) -> None:
     assert sorted(workers.completed(add, 100, [1, 2])) == [(1, 101), (2, 102)]
 
 
-GATE = threading.Event()
+FIRST, GATE = threading.Lock(), threading.Event()
 
 
 def first_only(shared: int, task: int) -> int:
-    if task > 0:
-        GATE.wait(600.0)
+    """Whichever task comes first is done at once: Dask begins with any of those that were given together."""
+    if not FIRST.acquire(blocking=False):
+        GATE.wait(60.0)
     return shared + task
 
 
@@ -94,7 +95,7 @@ def test_who_stops_gets_what_is_done_and_no_more(workers) -> None:
     try:
         for task, _ in workers.completed(first_only, 0, list(range(5)), should_stop=lambda: len(got) >= 1):
             got.append(task)
-        assert got == [0]
+        assert len(got) == 1
     finally:
         GATE.set()
     assert list(workers.completed(add, 0, [1], should_stop=lambda: True)) == []
