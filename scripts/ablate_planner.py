@@ -13,13 +13,13 @@ row of the .csv beside the table; run again after a stop, it goes on with what i
 """
 
 import argparse
-import csv
 import dataclasses
 import datetime
 import itertools
 import math
 import platform
 import statistics
+import sys
 import time
 from collections.abc import Callable, Sequence
 from importlib import metadata
@@ -27,6 +27,10 @@ from pathlib import Path
 
 import numpy as np
 
+if __name__ == "__main__":
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+from scripts.kept_rows import Row, read_rows, write_rows
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.tours import short_tour
 from uavcover.model.route import Route
@@ -54,8 +58,6 @@ FIRST_SHARE, FEEDBACK_SHARE, RECOMBINED_SHARE = 0.5, 0.1, 0.1
 PARENTS, CHILDREN = 12, 20
 MISSING_PRICE = 3.0
 """Of coverage in a beginning along the path, as in :mod:`uavcover.planning.search.goal_search`."""
-
-Row = dict[str, str]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -272,7 +274,7 @@ def main() -> None:
     parser.add_argument("--only", choices=[case[0] for case in CASES])
     arguments = parser.parse_args()
     table = arguments.out.with_suffix(".csv")
-    rows: list[Row] = list(csv.DictReader(table.open())) if table.exists() else []
+    rows = read_rows(table)
     done = {(row["scenario"], row["variant"], row["seed"]) for row in rows}
     for seed in range(1, arguments.seeds + 1):
         for scenario, rule, most, variants in CASES:
@@ -281,10 +283,7 @@ def main() -> None:
                     continue
                 rows.append(run_case(scenario, rule, most, variant, seed, arguments.budget))
                 print(rows[-1], flush=True)
-                with table.open("w", newline="") as file:
-                    writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-                    writer.writeheader()
-                    writer.writerows(rows)
+                write_rows(table, COLUMNS, rows)
     head = [
         "# What could make IMODBO contribute to the local search",
         "",

@@ -34,6 +34,11 @@ import rasterio
 import shapely
 from rasterio.transform import from_origin
 
+if __name__ == "__main__":
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+from scripts.kept_rows import Row, read_rows, write_rows
+
 M_PER_DEG = 111319.5
 """Of their map: a degree of latitude, and of longitude at the equator."""
 AIR_KG_M3, GRAVITY_M_S2 = 1.225, 9.8
@@ -48,7 +53,6 @@ COLUMNS = (
 )  # fmt: skip
 
 Points = Sequence[tuple[float, float]]
-Row = dict[str, str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -355,20 +359,14 @@ def main() -> None:
     parser.add_argument("--evaluations", type=int, default=2000)
     args = parser.parse_args()
     file = args.out.with_suffix(".csv")
-    rows: list[Row] = []
-    if file.exists():
-        with file.open(encoding="utf-8", newline="") as lines:
-            rows = list(csv.DictReader(lines))
+    rows = read_rows(file)
     done = {(row["case"], row["evaluations"]) for row in rows}
     for folder in sorted(path.parent for path in args.folder.glob("*/config.yaml")):
         if (args.only and args.only != folder.name) or (folder.name, str(args.evaluations)) in done:
             continue
         rows.append(compare(read_case(folder), args.evaluations))
         print(rows[-1], file=sys.stderr)
-        with file.open("w", encoding="utf-8", newline="") as out:
-            writer = csv.DictWriter(out, COLUMNS)
-            writer.writeheader()
-            writer.writerows(rows)
+        write_rows(file, COLUMNS, rows)
     if rows:
         args.out.write_text(table(rows, args.evaluations), encoding="utf-8")
 

@@ -11,7 +11,6 @@ run again after a stop, it goes on.
 """
 
 import argparse
-import csv
 import datetime
 import hashlib
 import os
@@ -31,12 +30,12 @@ if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
 from scripts.bench_planner import window
+from scripts.kept_rows import Row, read_rows, write_rows
 from uavcover.scenario.scenario_file import dump_scenario
 
 SIDE_M, CELL_M, PARTS, EVALUATIONS = 2500.0, 20.0, 4, 1500
 COLUMNS = ("trial", "killed", "at_s", "kept", "exit_code", "attempts", "lasted_s", "same", "date")
 VICTIMS = ("worker", "scheduler", "command")
-Row = dict[str, str]
 
 
 class Cluster:
@@ -173,7 +172,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     table = arguments.out.with_suffix(".csv")
-    rows: list[Row] = list(csv.DictReader(table.open(encoding="utf-8"))) if table.exists() else []
+    rows = read_rows(table)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         scenario = folder / "scenario.toml"
@@ -195,10 +194,7 @@ def main() -> None:
             row, found = trial(number, rng, cluster, scenario, folder, takes_s)
             rows.append({**row, "same": "yes" if found == wanted else "NO", "date": datetime.date.today().isoformat()})
             print(rows[-1], flush=True)
-            with table.open("w", newline="", encoding="utf-8") as file:
-                writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-                writer.writeheader()
-                writer.writerows(rows)
+            write_rows(table, COLUMNS, rows)
             arguments.out.write_text(page(rows), encoding="utf-8")
 
 

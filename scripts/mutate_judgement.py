@@ -48,7 +48,8 @@ TESTS: dict[str, list[str]] = {
         "tests/planning/test_gap_route.py",
     ],
     "uavcover/routes/leg_checks.py": [
-        "tests/routes/test_leg_checks.py", "tests/routes/test_mission_compiler.py", "tests/planning/test_detours.py",
+        "tests/routes/test_leg_checks.py", "tests/routes/test_mission_compiler.py", "tests/routes/test_ways_home.py",
+        "tests/planning/test_detours.py",
         "tests/planning/test_swaths.py", "tests/planning/test_gap_route.py",
     ],
     "uavcover/vehicle/readiness.py": [

@@ -11,7 +11,6 @@ goes on.
 """
 
 import argparse
-import csv
 import dataclasses
 import datetime
 import statistics
@@ -26,6 +25,7 @@ if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
 from scripts.ablate_planner import Bench
+from scripts.kept_rows import Row, read_rows, write_rows
 from uavcover.kernels.annealing import Moves
 from uavcover.model.route import Route
 from uavcover.planning.front import Candidate, Snapshots, judge_members
@@ -58,8 +58,6 @@ COLUMNS = (
     "version",
     "date",
 )
-
-Row = dict[str, str]
 
 
 def scaled(value: Any, factor: float) -> Any:
@@ -171,7 +169,7 @@ def main() -> None:
     parser.add_argument("--only", help="a part or a number, such as goal or goal.hottest")
     arguments = parser.parse_args()
     table = arguments.out.with_suffix(".csv")
-    rows: list[Row] = list(csv.DictReader(table.open())) if table.exists() else []
+    rows = read_rows(table)
     done = {(row["scenario"], row["seed"], row["number"], row["factor"]) for row in rows}
     for scenario, (_, _, parts) in CASES.items():
         for seed in range(1, arguments.seeds + 1):
@@ -187,10 +185,7 @@ def main() -> None:
                 values = (scenario, seed, arguments.evaluations, number, factor, *found, metadata.version("uavcover"))
                 rows.append(dict(zip(COLUMNS, map(str, (*values, datetime.date.today())), strict=True)))
                 print(rows[-1], flush=True)
-                with table.open("w", newline="") as file:
-                    writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-                    writer.writeheader()
-                    writer.writerows(rows)
+                write_rows(table, COLUMNS, rows)
     command = f".venv/bin/python scripts/tune_search.py --seeds {arguments.seeds} --evaluations {arguments.evaluations}"
     arguments.out.write_text(page(rows, command))
 

@@ -20,7 +20,7 @@ from uavcover.run.plan import PlanRequest, plan_into
 from uavcover.run.provenance import add_stage
 from uavcover.run.session import VehicleLink, require_home
 from uavcover.run.upload import upload_run
-from uavcover.run.user import metres, percent
+from uavcover.run.user import metres, percent, to_paste
 from uavcover.vehicle.fly import Ending
 
 _MOCK_START_S = 60.0
@@ -89,7 +89,7 @@ def _say_end(console: Console, run: RunFolder, plan: dict[str, Any], verdict: di
         f"{verdict['verdict'] if verdict['passed'] else verdict['verdict'].upper()} in {wall_s:.0f} s. Open next:"
     )
     console.say(f"  {run.file('report.html')}           map, 3D view, heights, coverage; opens in any browser")
-    console.say(f"  uavcover inspect {run}              the flight in 3D ({run.file('flight.rrd')})")
+    console.say(f"  {to_paste('inspect', run)}              the flight in 3D ({run.file('flight.rrd')})")
     console.say(f"  {run.file('mission.waypoints')}     for Mission Planner; mission.plan for QGroundControl")
     console.say(f"  {run.file('verification.json')}     coverage, clearance and gaps of what was flown")
 

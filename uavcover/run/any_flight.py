@@ -28,7 +28,7 @@ from uavcover.run.photo_judgement import PhotoRequest
 from uavcover.run.photo_verdict import PhotoVerdict
 from uavcover.run.provenance import with_entry
 from uavcover.run.survey_as_flown import survey_as_flown
-from uavcover.run.user import User, percent
+from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
 from uavcover.sensing.pictures import PictureCounts
@@ -187,14 +187,15 @@ def run_of_flight(
     """
     if out.file("plan.json").exists():
         raise InputError(
-            f"{out}: is the folder of a plan; give another one with -o, or verify its flight: uavcover verify {out}"
+            f"{out}: is the folder of a plan; give another one with -o, or verify its flight: {to_paste('verify', out)}"
         )
     for log in evidence.logs:
         if not log.is_file():
             raise InputError(f"{log}: no such file; give a flight log ({', '.join(LOG_ENDINGS)}), or pictures")
         if log.with_name("plan.json").exists():
             raise InputError(
-                f"{log}: lies in the folder of its plan; leave --area out: uavcover verify {log.parent} --log {log}, or copy it"
+                f"{log}: lies in the folder of its plan; leave --area out: "
+                f"{to_paste('verify', log.parent, '--log', log)}, or copy it"
             )
     own = tuple(log for log in evidence.logs if log.suffix.lower() in LOGS_WITH_PICTURES and tells_of_pictures(log))
     photos = evidence.photos or own

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from uavcover.errors import InputError
 from uavcover.run.folder import RunFolder
+from uavcover.run.user import to_paste
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_site import vehicle_sites
@@ -21,7 +22,7 @@ def site_for(log: Path, run: RunFolder, site: Site) -> Site:
     if not inside:
         raise InputError(
             f"{log}: the vehicles of {run} differ, and nothing tells which one flew it; judge it by its own plan: "
-            f"uavcover verify {run}/sortie-N --log {log}"
+            f"{to_paste('verify', f'{run}/sortie-N', '--log', log)}"
         )
     beside = RunFolder(log.parent).file("scenario.toml")
     scenario = load_scenario(beside) if beside.exists() else site.scenario
