@@ -52,10 +52,10 @@ class Uncertainty:
         return self.height_m + self.terrain_m
 
 
-PlannerAlgorithm = Literal["memetic", "local-search", "imodbo", "modbo", "nsga2", "moead", "lines"]
+PlannerAlgorithm = Literal["memetic", "local-search", "imodbo", "modbo", "nsga2", "moead", "lines", "contour-lines"]
 
 Objective = Literal["mission-time", "flight-time", "length"]
-InitialRoute = Literal["boustrophedon", "greedy-set-cover", "set-cover", "exact-set-cover"]
+InitialRoute = Literal["boustrophedon", "contour-lines", "greedy-set-cover", "set-cover", "exact-set-cover"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,7 +86,8 @@ class PlannerSettings:
     Attributes:
         algorithm: "memetic": IMODBO, then a local search of what it and the baselines found. "local-search": from sampled routes
             and baselines alone. "imodbo", "modbo": the paper's optimizers, plain. "nsga2", "moead": pymoo's, for comparison.
-            "lines": the best parallel lines of a scan, for sensors that look along the path.
+            "lines": the best parallel lines of a scan, for sensors that look along the path. "contour-lines": the best of a
+            scan of lines that follow the terrain's contours.
         line_heading_deg: of "lines": their heading, clockwise from north; default: along the longer side of the area.
         encoding: "swaths": parallel lines with their own gaps and heights, for sensors that look along the path.
             "waypoints": free points with activation genes, as the paper.
@@ -145,8 +146,8 @@ class PlannerSettings:
             f"line_heading_deg: {self.line_heading_deg} is outside 0 to below 360, clockwise from north",
         )
         require(
-            self.algorithm != "lines" or self.encoding == "swaths",
-            'encoding: "waypoints" are not lines; leave it out with algorithm = "lines"',
+            self.algorithm not in {"lines", "contour-lines"} or self.encoding == "swaths",
+            f'encoding: "waypoints" are not lines; leave it out with algorithm = "{self.algorithm}"',
         )
         require(self.capacity >= 2, f"max_waypoints: {self.max_waypoints} is below 2")
         require_not_negative(band_deviation_price=self.band_deviation_price, waypoint_price=self.waypoint_price or 0.0)

@@ -1,7 +1,10 @@
-"""Parallel lines in one direction, as crosshatch and oblique surveys need them: the best of a scan, no free search."""
+"""Lines and nothing else: the best of a scan, no free search.
+
+Parallel lines in one direction, as crosshatch and oblique surveys need them; or lines along the terrain's contours.
+"""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
@@ -12,6 +15,8 @@ from uavcover.model.route import Plan, RouteMember
 from uavcover.model.scenario import PlannerSettings
 from uavcover.model.sensor import FrameCamera, Sensor
 from uavcover.planning.baselines.boustrophedon import PLAIN_TOLERANCE_M, best_height_agl_m
+from uavcover.planning.baselines.contour_lines import NAME as CONTOUR_NAME
+from uavcover.planning.baselines.contour_lines import ContourLayout, fly_contours, layouts_to_try
 from uavcover.planning.baselines.swaths import (
     SwathLayout,
     angle_of_heading_rad,
@@ -41,7 +46,7 @@ _MOST_TURNED = 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Lines:
-    layout: SwathLayout
+    layout: SwathLayout | ContourLayout
     member: RouteMember
 
 
@@ -54,9 +59,10 @@ def plan_lines(
     executor: Executor | None,
     should_stop: Callable[[], bool],
 ) -> Plan:
-    """Plan parallel lines in the direction of ``planner.line_heading_deg``, or along the longer side of the area.
+    """Plan lines in the direction of ``planner.line_heading_deg``, or along the longer side of the area; or along contours.
 
-    Number, height, length and start of the lines are scanned, and judged on the finer cells of the area.
+    Number, height, length and start of the lines (of contour lines, how closely they follow the contours) are scanned, and judged
+    on the finer cells of the area.
 
     Args:
         site: the scenario on its ground.
@@ -71,12 +77,10 @@ def plan_lines(
         InputError: the rule cannot be understood.
     """
     started, rule = effort.now(), parse_rule(select_rule)
-    heading_deg = settings.line_heading_deg
-    angle = long_side_angle_rad(site.area) if heading_deg is None else angle_of_heading_rad(heading_deg)
     fine = judging_map(site)
     found: list[_Lines] = []
     interrupted = False
-    for batch in _batches(site, angle):
+    for batch in _batches(site, settings):
         if found and (should_stop() or effort.is_over(started)):
             interrupted = should_stop()
             break
@@ -91,14 +95,21 @@ def plan_lines(
         baselines=(),
         rule=rule.text,
         rule_met=chosen.rule_met,
-        algorithm="lines",
+        algorithm=settings.algorithm,
         evaluations=len(judged),
         wall_s=effort.now() - started,
         interrupted=interrupted,
     )
 
 
-def _batches(site: Site, angle_rad: float) -> list[list[SwathLayout]]:
+def _batches(site: Site, settings: PlannerSettings) -> Iterable[Sequence[SwathLayout | ContourLayout]]:
+    if settings.algorithm == "contour-lines":
+        return layouts_to_try(site)
+    heading_deg = settings.line_heading_deg
+    return _parallel(site, long_side_angle_rad(site.area) if heading_deg is None else angle_of_heading_rad(heading_deg))
+
+
+def _parallel(site: Site, angle_rad: float) -> list[list[SwathLayout]]:
     """Layouts to try, those of one number of lines together; the number that flat ground needs comes first."""
     limits = site.scenario.limits
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
@@ -136,19 +147,28 @@ def _shifts_m(sensor: Sensor, height_agl_m: float) -> list[tuple[float, float]]:
     return [(0.0, 0.0), (-ahead_m * math.sin(heading), -ahead_m * math.cos(heading))]
 
 
-def _judged(site: Site, fine: CoverageMap, layouts: Sequence[SwathLayout], executor: Executor | None) -> list[_Lines]:
-    members = judge_members(fine, [(fly_layout(site, layout), NAME) for layout in layouts], executor)
+def _judged(
+    site: Site, fine: CoverageMap, layouts: Sequence[SwathLayout | ContourLayout], executor: Executor | None
+) -> list[_Lines]:
+    drawn = [
+        (fly_layout(site, layout), NAME)
+        if isinstance(layout, SwathLayout)
+        else (fly_contours(site, layout), CONTOUR_NAME)
+        for layout in layouts
+    ]
+    members = judge_members(fine, drawn, executor)
     return [_Lines(layout, member) for layout, member in zip(layouts, members, strict=True)]
 
 
 def _best(found: list[_Lines]) -> list[SwathLayout]:
-    """Layouts that no others dominate, thinned."""
-    feasible = [lines for lines in found if lines.member.violation <= 0.0]
+    """Layouts of parallel lines that no others dominate, thinned."""
+    parallel = [(lines.layout, lines.member) for lines in found if isinstance(lines.layout, SwathLayout)]
+    feasible = [(layout, member) for layout, member in parallel if member.violation <= 0.0]
     if not feasible:
         return []
-    figures = [lines.member.metrics for lines in feasible]
+    figures = [member.metrics for _, member in feasible]
     values = np.array([(-m.coverage_fraction, m.waypoint_count, m.cost) for m in figures])
     best = np.flatnonzero(non_dominated_mask(values, np.zeros(len(values))))
     if len(best) > _MOST_TURNED:
         best = best[least_crowded(values[best], _MOST_TURNED)]
-    return [feasible[k].layout for k in best]
+    return [feasible[k][0] for k in best]

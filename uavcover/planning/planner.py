@@ -16,6 +16,7 @@ from uavcover.optimizers import make_optimizer, optimizer_class, optimizer_name
 from uavcover.optimizers.interface import AskAndTell
 from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted, simple_lines
 from uavcover.planning.baselines.boustrophedon import TUNED, Baseline
+from uavcover.planning.baselines.contour_lines import TUNED as TUNED_CONTOURS
 from uavcover.planning.baselines.initial_routes import constructed_routes
 from uavcover.planning.baselines.swaths import long_side_angle_rad
 from uavcover.planning.choice import choose
@@ -78,7 +79,7 @@ _MOST_ROUNDS = 50
 """Of the optimizer before a local search: where a round is quick, more of them add nothing (docs/results/planning_limit.md)."""
 
 _MOST_TUNED = 12
-"""So many tuned boustrophedons are shown: the one of most merit, and the least crowded."""
+"""So many tuned lines of each kind are shown: the one of most merit, and the least crowded."""
 
 
 def plan_routes(
@@ -117,7 +118,7 @@ def plan_routes(
         InfeasibleError: no route that was found keeps the hard limits; says which, where and by how much.
         InputError: the rule cannot be understood.
     """
-    if settings.algorithm == "lines" and own is None:
+    if settings.algorithm in {"lines", "contour-lines"} and own is None:
         return plan_lines(
             site, settings=settings, select_rule=select_rule, effort=effort, executor=executor, should_stop=should_stop
         )
@@ -329,15 +330,17 @@ def _by_merit(baselines: Sequence[Baseline], goal: float | None) -> list[Baselin
 
 
 def _worth_showing(baselines: Sequence[Baseline], goal: float | None) -> list[Baseline]:
-    """Each method's route; of the tuned boustrophedons, a thinned set of those that no other dominates."""
-    tuned = [b for b in baselines if b.name == TUNED and b.violation <= 0.0]
-    others = [b for b in baselines if b.name != TUNED]
-    if not tuned:
-        return others
+    """Each method's route; of tuned lines of each kind, a thinned set of those that no other dominates."""
+    others = [b for b in baselines if b.name not in (TUNED, TUNED_CONTOURS)]
+    kinds = [[b for b in baselines if b.name == name and b.violation <= 0.0] for name in (TUNED, TUNED_CONTOURS)]
+    return others + [b for kind in kinds if kind for b in _thinned(kind, goal)]
+
+
+def _thinned(tuned: Sequence[Baseline], goal: float | None) -> list[Baseline]:
     mask = non_dominated_mask(np.array([b.objectives for b in tuned]), np.zeros(len(tuned)))
     best = [b for b, keep in zip(tuned, mask, strict=True) if keep]
     if len(best) > _MOST_TUNED:
         values = np.array([b.objectives for b in best])
         first = _by_merit(best, goal)[0]
         best = [first, *(best[k] for k in least_crowded(values, _MOST_TUNED) if best[k] is not first)]
-    return others + _by_merit(best, goal)
+    return _by_merit(best, goal)

@@ -32,8 +32,8 @@ class SearchRequest:
         evaluations: full route evaluations, 50 proposals of the local search counted as one; equal seed and evaluations
             give an equal plan.
         budget_s: search this long instead.
-        algorithm: "memetic", "local-search", "imodbo", "modbo", "nsga2" or "moead"; or another optimizer: a name or
-            ``module:Class`` that :func:`uavcover.optimizers.optimizer_class` finds, or the class itself.
+        algorithm: "memetic", "local-search", "imodbo", "modbo", "nsga2", "moead", "lines" or "contour-lines"; or another
+            optimizer: a name or ``module:Class`` that :func:`uavcover.optimizers.optimizer_class` finds, or the class itself.
         max_waypoints: of the routes, or of the nodes where the encoding is "waypoints".
         select: the rule by which one route is chosen.
         parts: into how many parts a large area is divided, or "auto"; see :class:`uavcover.model.scenario.PlannerSettings`.

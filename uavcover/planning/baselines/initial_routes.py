@@ -21,6 +21,7 @@ from uavcover.planning.baselines.boustrophedon import (
     plain_rows,
     scanned_rows,
 )
+from uavcover.planning.baselines.contour_lines import contour_lines
 from uavcover.planning.set_cover.candidates import (
     Candidates,
     Reduced,
@@ -73,14 +74,16 @@ def constructed_routes(
         asked: share of what can be covered that the selection rule asks for, if it does.
         solver: how long the exact set cover may take.
         executor: evaluates routes side by side.
-        should_stop: asked before each; the first is always made.
+        should_stop: asked before each; the first is always made, and the plain lines of each kind.
     """
     names = initial_names(coverage, settings)
     found: list[Baseline] = []
     if "boustrophedon" in names:
         make = boustrophedons if settings.encoding == "swaths" else _rows(settings)
         found += make(coverage, executor, should_stop)
-    covers: list[InitialRoute] = [name for name in names if name != "boustrophedon"]
+    if "contour-lines" in names:
+        found += contour_lines(coverage, executor, should_stop)
+    covers: list[InitialRoute] = [name for name in names if name not in {"boustrophedon", "contour-lines"}]
     if not covers or (found and should_stop()):
         return found
     candidates = _candidates(coverage)
