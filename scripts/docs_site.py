@@ -54,6 +54,7 @@ _RANGES = {
 }
 """Of keys whose check is not in one plain line of their class."""
 _EXAMPLES = {
+    "vehicle.area": '{ file = "west.kml" }',
     "vehicle.home.lat_deg": "36.4785",
     "vehicle.home.lon_deg": "-84.219",
     "vehicle.home.east_m": "120.0",
@@ -261,6 +262,8 @@ def _keys(cls: type, fields: Any, section: str = "") -> list[str]:
         if cls is Scenario and _dataclasses_in(hints[field.name]):
             continue
         default, key = _field_default(field), f"{section}.{field.name}".strip(".")
+        if key not in examples:
+            key = key.removeprefix("vehicle.")  # a [[vehicle]] has tables of the scenario's own kinds
         example = (
             f"`{_toml(_kind(cls))}`" if field.name == "kind" else f"`{examples[key]}`" if key in examples else default
         )
@@ -274,9 +277,8 @@ def _keys(cls: type, fields: Any, section: str = "") -> list[str]:
 def _ranges(cls: type) -> dict[str, str]:
     """What values each key may have: as the checks of its class say in their errors, or as in _RANGES."""
     said: dict[str, list[str]] = {}
-    check = getattr(cls, "__post_init__", None)
-    calls = ast.walk(ast.parse(textwrap.dedent(inspect.getsource(check)))) if check is not None else ()
-    for call in calls:
+    checks = [vars(each)["__post_init__"] for each in reversed(cls.__mro__) if "__post_init__" in vars(each)]
+    for call in (call for check in checks for call in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(check))))):
         match call:
             case ast.Call(func=ast.Name(id="require_positive" | "require_not_negative" as name), keywords=keywords):
                 for keyword in keywords:
@@ -374,10 +376,13 @@ def _type_name(hint: Any) -> str:
 
 
 def _attributes(cls: type) -> dict[str, str]:
-    """The ``Attributes:`` section of a docstring in Google style: name to meaning."""
+    """The ``Attributes:`` section of a docstring in Google style, and those of what it is made from: name to meaning."""
+    found: dict[str, str] = {}
+    for base in cls.__bases__:
+        if dataclasses.is_dataclass(base):
+            found |= _attributes(base)
     doc = inspect.getdoc(cls) or ""
     _, _, section = doc.partition("Attributes:\n")
-    found: dict[str, str] = {}
     name = ""
     for line in section.splitlines():
         if line and not line.startswith(" "):

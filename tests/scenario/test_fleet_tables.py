@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.scenario.scenario_texts import GOOD, parse, refused
+from uavcover.model.area import Outline
 from uavcover.model.fleet import Fleet
 from uavcover.model.home import Home
 from uavcover.model.vehicle import Vehicle
@@ -40,6 +41,25 @@ def test_vehicles_that_differ_are_listed_with_their_homes():
         dataclasses.replace(scenario, fleet=Fleet(vehicles=3))
 
 
+def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
+    ring = "[[-84.22, 36.47], [-84.215, 36.47], [-84.215, 36.48], [-84.22, 36.48]]"
+    closed = ring[:-1] + ", [-84.22, 36.47]]"
+    (tmp_path / "part.geojson").write_text(f'{{"type": "Polygon", "coordinates": [{closed}]}}')
+    given = parse(
+        GOOD.replace("[vehicle]\n", f"[[vehicle]]\n[vehicle.area]\npolygon_lon_lat_deg = {ring}\n[[vehicle]]\n")
+    )
+    outline = Outline(polygon_lon_lat_deg=((-84.22, 36.47), (-84.215, 36.47), (-84.215, 36.48), (-84.22, 36.48)))
+    assert [vehicle.area for vehicle in given.vehicles] == [outline, None]
+    assert given.vehicle.area is None
+    assert parse(dump_scenario(given), Path("/elsewhere")) == given
+    for key in ("geojson", "file"):
+        tables = f'[[vehicle]]\narea = {{ {key} = "part.geojson" }}\n[[vehicle]]\n'
+        read = parse(GOOD.replace("[vehicle]\n", tables), tmp_path).vehicles[0].area
+        assert read is not None
+        assert read.file is None  # what the scenario says later does not depend on the file
+        assert set(read.polygon_lon_lat_deg or ()) == set(outline.polygon_lon_lat_deg or ())
+
+
 @pytest.mark.parametrize(
     ("tables", "words"),
     [
@@ -62,6 +82,31 @@ def test_vehicles_that_differ_are_listed_with_their_homes():
         (
             "[[vehicle]]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
             "vehicle.0.home: one vehicle has its home in",
+        ),
+        (
+            "[vehicle]\narea = { file = 'a.kml' }\n",
+            "vehicle.area: one vehicle sees the whole [area]; [[vehicle]] is for",
+        ),
+        ("[[vehicle]]\narea = { file = 'a.kml' }\n", "vehicle.0.area: one vehicle sees the whole [area]"),
+        ("[[vehicle]]\narea = { file = 'a.kml' }\n[[vehicle]]\n", "vehicle.0.area.file: "),
+        ("[[vehicle]]\narea = { geojson = 'a.json' }\n[[vehicle]]\n", "vehicle.0.area.geojson: "),
+        ("[[vehicle]]\narea = {}\n[[vehicle]]\n", "vehicle.0.area: give exactly one of polygon_lon_lat_deg"),
+        ("[[vehicle]]\narea = 3\n[[vehicle]]\n", "vehicle.0.area: must be a table, not 3"),
+        (
+            "[[vehicle]]\narea = { cell_size_m = 3.0 }\n[[vehicle]]\n",
+            "vehicle.0.area.cell_size_m: unknown key (it belongs in",
+        ),
+        (
+            "[[vehicle]]\narea = { polygon_lon_lat_deg = [[1.0, 2.0], [1.0, 2.0], [3.0, 4.0]] }\n[[vehicle]]\n",
+            "vehicle.0.area.polygon_lon_lat_deg: a ring needs at least 3 different corners, this one has 2",
+        ),
+        (
+            "[[vehicle]]\narea = { polygon_lon_lat_deg = [[nan, 2.0], [1.0, 2.0], [3.0, 4.0]] }\n[[vehicle]]\n",
+            "vehicle.0.area.polygon_lon_lat_deg.0.0: must be a finite number",
+        ),
+        (
+            "[[vehicle]]\narea = { polygon_lon_lat_deg = [[36.47, -184.2], [36.48, -184.2], [36.48, -184.21]] }\n[[vehicle]]\n",
+            "vehicle.0.area: polygon_lon_lat_deg: (36.47, -184.2) is not a longitude and a latitude",
         ),
         ("[[vehicles]]\n", "vehicles: unknown key; write [[vehicle]] once for each vehicle"),
         (

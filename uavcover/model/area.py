@@ -10,9 +10,9 @@ Rings = tuple[Ring, ...]
 """A polygon: its outer ring, then its holes."""
 
 
-@dataclass(frozen=True, slots=True)
-class Area:
-    """The area to cover, as the scenario gives it: exactly one of its six polygon keys.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outline:
+    """Polygons as a scenario gives them: exactly one of the six polygon keys.
 
     Attributes:
         polygon_lon_lat_deg: outer ring as (longitude, latitude) pairs on WGS 84, the order of GeoJSON.
@@ -27,16 +27,12 @@ class Area:
         crs: coordinate system of that file, such as "EPSG:32632", where it does not say.
         make_valid: whether outlines in that file that cross themselves, and rings that are not closed, are mended.
         swap_axes: whether that file has latitude, or north, first.
-        margin_m: the area is grown outwards by this before it is planned and judged, so that pictures overlap up to the edge of
-            what was drawn. Holes stay as they are.
         holes_lon_lat_deg: rings that need no coverage, with ``polygon_lon_lat_deg``.
         holes_east_north_m: the same with ``polygon_east_north_m``.
-        cell_size_m: side of the square cells on which results are judged. A cell is seen when its centre is.
     """
 
     __pydantic_config__: ClassVar = STRICT
 
-    cell_size_m: float
     polygon_lon_lat_deg: Ring | None = None
     polygon_east_north_m: Ring | None = None
     geojson: str | None = None
@@ -50,11 +46,8 @@ class Area:
     crs: str | None = None
     make_valid: bool = False
     swap_axes: bool = False
-    margin_m: float = 0.0
 
     def __post_init__(self) -> None:
-        require_positive(cell_size_m=self.cell_size_m)
-        require_not_negative(margin_m=self.margin_m)
         keys = (
             "polygon_lon_lat_deg", "polygon_east_north_m", "polygons_lon_lat_deg", "polygons_east_north_m", "file",
             "geojson",
@@ -94,3 +87,25 @@ class Area:
         if self.polygon_east_north_m is not None:
             return ((self.polygon_east_north_m, *self.holes_east_north_m),)
         return self.polygons_lon_lat_deg or self.polygons_east_north_m or ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Area(Outline):
+    """The area to cover, as the scenario gives it.
+
+    Attributes:
+        cell_size_m: side of the square cells on which results are judged. A cell is seen when its centre is.
+        margin_m: the area is grown outwards by this before it is planned and judged, so that pictures overlap up to the edge of
+            what was drawn. Holes stay as they are.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    cell_size_m: float
+    margin_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive(cell_size_m=self.cell_size_m)
+        require_not_negative(margin_m=self.margin_m)
+        # Named: a class with slots is made anew, and super() without arguments looks for the one before.
+        Outline.__post_init__(self)

@@ -1,5 +1,7 @@
 """Planned routes with their metrics, and lower bounds that no route can beat."""
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -52,14 +54,22 @@ class Route:
 
     Attributes:
         waypoints_m: (n, 3) east, north, up in metres, read-only.
+        begins: numbers of waypoints at which the route of another part of the area begins, flown by other vehicles; nobody flies
+            the leg to them. Only the routes of fleets whose vehicles have parts of their own have any.
     """
 
     waypoints_m: FloatArray
+    begins: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         points = np.array(self.waypoints_m, dtype=float).reshape(-1, 3)
         points.flags.writeable = False
         object.__setattr__(self, "waypoints_m", points)
+        ends = (0, *self.begins, len(points))
+        if self.begins and any(first >= last for first, last in itertools.pairwise(ends)):
+            raise ValueError(
+                f"begins: {self.begins} are not increasing numbers of waypoints between 0 and {len(points)}"
+            )
 
     def __len__(self) -> int:
         return int(self.waypoints_m.shape[0])
@@ -70,10 +80,24 @@ class Route:
     def _repr_html_(self) -> str:
         return svg_map([("route", self.waypoints_m)], repr(self)[1:-1])
 
+    @classmethod
+    def of_parts(cls, routes: "Sequence[Route]") -> "Route":
+        """The routes of parts of the area, one after the other."""
+        ends = np.cumsum([len(route) for route in routes])
+        return cls(np.vstack([route.waypoints_m for route in routes]), tuple(int(end) for end in ends[:-1]))
+
+    @property
+    def parts(self) -> "tuple[Route, ...]":
+        """The routes of the parts of the area; itself where there is one."""
+        if not self.begins:
+            return (self,)
+        ends = (0, *self.begins, len(self))
+        return tuple(Route(self.waypoints_m[first:last]) for first, last in itertools.pairwise(ends))
+
     @property
     def length_m(self) -> float:
-        """Length of the open path in three dimensions (Eq. 6)."""
-        return float(np.linalg.norm(np.diff(self.waypoints_m, axis=0), axis=1).sum())
+        """Length of the open path in three dimensions (Eq. 6); of all parts together."""
+        return sum(float(np.linalg.norm(np.diff(part.waypoints_m, axis=0), axis=1).sum()) for part in self.parts)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ from types import MappingProxyType
 from typing import ClassVar, Literal
 
 from uavcover.errors import InputError
+from uavcover.model.area import Outline
 from uavcover.model.home import Home
 from uavcover.model.power import PowerModel
 from uavcover.model.value_checks import STRICT, require, require_not_negative, require_positive
@@ -147,6 +148,7 @@ class Vehicle:
         autopilot: the autopilot whose conventions mission files follow, unless a command says otherwise.
         power: what flying takes from the battery.
         home: of one of several vehicles, where it takes off and lands; default: [home].
+        area: of one of several vehicles, the part of the area that it sees; default: with the others that have none, the rest.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -166,6 +168,7 @@ class Vehicle:
     autopilot: AutopilotName = "ardupilot"
     power: PowerModel = field(default_factory=PowerModel)
     home: Home | None = None
+    area: Outline | None = None
 
     def __post_init__(self) -> None:
         require_positive(

@@ -140,15 +140,15 @@ def waypoint_labels(count: int) -> list[str]:
 
 
 def _log_planned(recording: rr.RecordingStream, site: Site, planned: Route) -> None:
-    points = planned.waypoints_m
+    points, lines = planned.waypoints_m, [part.waypoints_m for part in planned.parts]
     rgb = layout.PLANNED_RGB
-    log_static(recording, layout.PLANNED, rr.LineStrips3D([points], colors=[rgb], radii=ui_points(0.8)))
+    log_static(recording, layout.PLANNED, rr.LineStrips3D(lines, colors=[rgb], radii=ui_points(0.8)))
     log_static(
         recording,
         layout.WAYPOINTS,
         rr.Points3D(points, colors=[rgb], radii=ui_points(3.0), labels=waypoint_labels(len(points)), show_labels=True),
     )
-    _log_map_lines(recording, site, "planned", [points], rgb, width=1.0)
+    _log_map_lines(recording, site, "planned", lines, rgb, width=1.0)
     _log_map_points(recording, site, "planned/waypoints", points, rgb, size=3.0)
 
 

@@ -11,6 +11,7 @@ from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.verify import Verdict, track_positions_m
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
+from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.model.verdict import PictureStatistics
 from uavcover.run.documents import ParetoRow, PlannedDocument, read_pareto, read_plan_document
@@ -132,7 +133,7 @@ def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = (
         plan=plan,
         planned=planned,
         sorties_m=sorties_m,
-        planned_view=_planned_view(coverage, planned.route.waypoints_m, sorties_m),
+        planned_view=_planned_view(coverage, planned.route, sorties_m),
         members=read_pareto(pareto) if pareto.is_file() else (),
         about=_optional_json(run, "run.json"),
         upload=_optional_json(run, "upload.json"),
@@ -143,12 +144,14 @@ def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = (
     )
 
 
-def _planned_view(coverage: CoverageMap, route_m: FloatArray, sorties_m: Sequence[FloatArray]) -> PlannedView:
+def _planned_view(coverage: CoverageMap, route: Route, sorties_m: Sequence[FloatArray]) -> PlannedView:
     """The trigger of pictures by distance begins anew with every sortie."""
-    poses = planned_poses(coverage, sorties_m or [route_m])
+    parts_m = [part.waypoints_m for part in route.parts]
+    poses = planned_poses(coverage, sorties_m or parts_m)
     pictures = count_pictures(coverage, poses) if takes_pictures(coverage.site.scenario) else None
     statistics = None if pictures is None else picture_statistics(coverage, pictures)
-    return PlannedView(coverage.seen(route_m), poses, pictures, statistics)
+    seen = np.logical_or.reduce([coverage.seen(part_m) for part_m in parts_m], axis=0)
+    return PlannedView(seen, poses, pictures, statistics)
 
 
 def _planned_of(folder: RunFolder) -> PlannedDocument:

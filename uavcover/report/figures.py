@@ -141,7 +141,11 @@ def _top_view(content: ReportContent) -> Figure:
 
 
 def _routes(content: ReportContent) -> list[tuple[str, str, float, FloatArray]]:
-    routes = [("planned", _PLANNED_LINE, _PLANNED_WIDTH, content.planned.route.waypoints_m)]
+    # A label that begins with an underscore is not in the legend again.
+    routes = [
+        ("_planned" if number else "planned", _PLANNED_LINE, _PLANNED_WIDTH, part.waypoints_m)
+        for number, part in enumerate(content.planned.route.parts)
+    ]
     alone = len(content.flights) == 1
     return routes + [
         ("flown" if alone else f"flown: {flight.name}", _FLOWN[number % len(_FLOWN)], _FLOWN_WIDTH, flight.enu_m)

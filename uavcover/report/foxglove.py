@@ -258,7 +258,7 @@ def _pictures(site: Site, verdict: Verdict, start_s: float) -> Iterator[Message]
 def _scene(content: ReportContent) -> dict[str, Any]:
     """Planned route, area, fence and no-fly zones as lines; those of area and fence lie on the ground."""
     site = content.site
-    lines = [("planned route", content.planned.route.waypoints_m, (1.0, 1.0, 1.0))]
+    lines = [("planned route", part.waypoints_m, (1.0, 1.0, 1.0)) for part in content.planned.route.parts]
     for name, shape, color in (("area", site.area, (0.5, 0.77, 1.0)), ("fence", site.fence, (1.0, 0.48, 0.35))):
         for part in shapely.get_parts(shape):
             for number, ring in enumerate((part.exterior, *part.interiors)):
@@ -299,7 +299,8 @@ def _geojson(content: ReportContent) -> dict[str, Any]:
         lat, lon, _ = site.frame.geodetic_from_enu(np.column_stack([points_m[:, :2], np.zeros(len(points_m))]))
         return [[e, n] for e, n in zip(lon.tolist(), lat.tolist(), strict=True)]
 
-    features = [("planned route", "LineString", degrees(content.planned.route.waypoints_m), "#ffffff")]
+    routes = content.planned.route.parts
+    features = [("planned route", "LineString", degrees(part.waypoints_m), "#ffffff") for part in routes]
     for name, shape, color in (("area", site.area, "#7fc4ff"), ("fence", site.fence, "#ff7a59")):
         for part in shapely.get_parts(shape):
             for ring in (part.exterior, *part.interiors):

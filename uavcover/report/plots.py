@@ -1,12 +1,14 @@
 """The charts of a report."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.judging.verify import Verdict
 from uavcover.kernels.arrays import FloatArray
+from uavcover.model.route import Route
 from uavcover.report.charts import Chart, Key, Plot
 from uavcover.report.content import Flight, ReportContent
 from uavcover.run.documents import trade_off_axis
@@ -19,7 +21,7 @@ FLIGHT_COLORS = 8
 
 def height_along_route(content: ReportContent) -> Chart:
     """Height above ground along the planned route, with the band."""
-    along_m, points = _along(content.planned.route.waypoints_m)
+    along_m, points = _along(content.planned.route)
     height = content.site.ground.heights_agl_m(points)
     limits = content.site.scenario.limits
     km = along_m / 1000.0
@@ -39,7 +41,7 @@ def height_along_route(content: ReportContent) -> Chart:
 
 def elevation_profile(content: ReportContent) -> Chart:
     """Ground, band, planned and flown heights above sea level along the planned route."""
-    along_m, points = _along(content.planned.route.waypoints_m)
+    along_m, points = _along(content.planned.route)
     ground = content.site.ground.heights_m(points[:, :2])
     # Sea level in the local frame changes by millimetres over an area, so each position has its own offset.
     sea = content.site.alts_amsl_m(points) - points[:, 2]
@@ -206,12 +208,13 @@ def _both(value: float) -> FloatArray:
     return np.full(2, float(value))
 
 
-def _along(waypoints_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _along(route: Route) -> tuple[FloatArray, FloatArray]:
     """Distances (k,) along a route and the (k, 3) positions there, waypoints included."""
+    waypoints_m = route.waypoints_m
     if len(waypoints_m) < 2:
         points = np.repeat(waypoints_m, 2, axis=0) if len(waypoints_m) else np.full((2, 3), np.nan)
         return np.array([0.0, 1.0]), points
-    at_m = _along_m(waypoints_m)
+    at_m = _along_m(waypoints_m, route.begins)
     along = np.unique(np.append(np.linspace(0.0, at_m[-1], _ALONG_STEPS), at_m))
     return along, np.column_stack([np.interp(along, at_m, waypoints_m[:, axis]) for axis in range(3)])
 
@@ -237,30 +240,32 @@ def flown_along(content: ReportContent, flight: Flight) -> tuple[NDArray[np.int6
     start, leg = waypoints[to - 1], waypoints[to] - waypoints[to - 1]
     length = np.linalg.norm(leg, axis=1)
     share = ((flight.enu_m[on] - start) * leg).sum(axis=1) / np.where(length > 0.0, length**2, 1.0)
-    at_m = _places_along_m(content.planned.route.waypoints_m, waypoints)
+    at_m = _places_along_m(content.planned.route, waypoints)
     return on, (at_m[to - 1] + np.clip(share, 0.0, 1.0) * length) / 1000.0
 
 
-def _places_along_m(whole_m: FloatArray, part_m: FloatArray) -> FloatArray:
+def _places_along_m(whole: Route, part_m: FloatArray) -> FloatArray:
     """Distance along the whole route of each waypoint of a part; all NaN when it is not a part.
 
     A sortie, or a flight that resumes another one, flies consecutive waypoints of the whole plan; the latter may begin at a
     position on the leg to the first of them.
     """
-    index_of = {place: index for index, place in reversed(list(enumerate(_to_the_mm(whole_m))))}
+    index_of = {place: index for index, place in reversed(list(enumerate(_to_the_mm(whole.waypoints_m))))}
     found = [(number, index_of[place]) for number, place in enumerate(_to_the_mm(part_m)) if place in index_of]
     if not found:
         return np.full(len(part_m), np.nan)
     # A position that the route passes twice may match the wrong pass; most positions are passed once.
     offsets = [index - number for number, index in found]
     number, index = found[offsets.index(max(offsets, key=offsets.count))]
-    along_part_m, along_whole_m = _along_m(part_m), _along_m(whole_m)
+    along_part_m, along_whole_m = _along_m(part_m), _along_m(whole.waypoints_m, whole.begins)
     return np.asarray(along_part_m + (along_whole_m[index] - along_part_m[number]))
 
 
-def _along_m(waypoints_m: FloatArray) -> FloatArray:
-    """(n,) distance along a route to each of its waypoints."""
-    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(waypoints_m, axis=0), axis=1)))
+def _along_m(waypoints_m: FloatArray, begins: Sequence[int] = ()) -> FloatArray:
+    """(n,) distance along a route to each of its waypoints; where the route of another part begins, none is flown."""
+    legs_m = np.linalg.norm(np.diff(waypoints_m, axis=0), axis=1)
+    legs_m[[begin - 1 for begin in begins]] = 0.0
+    return np.append(0.0, np.cumsum(legs_m))
 
 
 def _to_the_mm(places_m: FloatArray) -> list[tuple[float, ...]]:

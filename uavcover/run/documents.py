@@ -39,6 +39,8 @@ PARETO_COLUMNS = (
 
 ROUTE_COLUMNS = ("index", "waypoint", "east_m", "north_m", "up_m")
 """Of ``pareto_routes.csv``."""
+PART_COLUMN = "part"
+"""Its last column where vehicles have parts of the area: the number of the part, from 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,6 +100,7 @@ def plan_document(
         "select": plan.rule,
         "rule_met": plan.rule_met,
         "waypoints": _waypoints(site, plan.chosen.route.waypoints_m),
+        **({"part_begins": list(plan.chosen.route.begins)} if plan.chosen.route.begins else {}),
         "metrics": dataclasses.asdict(plan.chosen.metrics),
         "sorties": list(sorties),
         "fleet": fleet,
@@ -187,7 +190,7 @@ def read_plan_document(document: dict[str, Any], *, source: str) -> PlannedDocum
         points = np.array([[w["east_m"], w["north_m"], w["up_m"]] for w in document["waypoints"]], dtype=float)
         metrics = document["metrics"]
         planned = PlannedDocument(
-            Route(points.reshape(-1, 3)),
+            Route(points.reshape(-1, 3), tuple(int(number) for number in document.get("part_begins", ()))),
             float(metrics["coverage_fraction"]),
             float(metrics["coverage_of_coverable"]),
             bool(document["rule_met"]),
@@ -232,10 +235,12 @@ def pareto_routes_csv(plan: Plan) -> str:
     """``pareto_routes.csv``: the waypoints of every member in flying order, numbers unrounded."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(ROUTE_COLUMNS)
+    in_parts = any(member.route.begins for member in plan.members)
+    writer.writerow([*ROUTE_COLUMNS, PART_COLUMN] if in_parts else ROUTE_COLUMNS)
     for index, member in enumerate(plan.members):
         for number, point in enumerate(member.route.waypoints_m.tolist()):
-            writer.writerow([index, number, *map(repr, point)])
+            part = [1 + sum(number >= begin for begin in member.route.begins)] if in_parts else []
+            writer.writerow([index, number, *map(repr, point), *part])
     return out.getvalue()
 
 
@@ -246,8 +251,9 @@ def read_pareto_routes(text: str, *, source: str) -> list[Route]:
         InputError: a column is missing, a number is none, or the rows are not in their order; says in which line.
     """
     routes: list[list[list[float]]] = []
+    begins: list[list[int]] = []
     rows = csv.DictReader(io.StringIO(text))
-    if tuple(rows.fieldnames or ()) != ROUTE_COLUMNS:
+    if tuple(rows.fieldnames or ()) not in (ROUTE_COLUMNS, (*ROUTE_COLUMNS, PART_COLUMN)):
         raise InputError(
             f"{source}: line 1: the columns are not {', '.join(ROUTE_COLUMNS)}; make it again with: uavcover plan"
         )
@@ -255,14 +261,19 @@ def read_pareto_routes(text: str, *, source: str) -> list[Route]:
         try:
             index, number = int(row["index"]), int(row["waypoint"])
             point = [float(row[name]) for name in ROUTE_COLUMNS[2:]]
+            part = int(row.get(PART_COLUMN, 1))
         except (TypeError, ValueError) as error:
             raise InputError(f"{source}: line {line}: {error}; make it again with: uavcover plan") from error
         if number == 0:
             routes.append([])
-        if not (index == len(routes) - 1 and number == len(routes[-1]) and np.isfinite(point).all()):
+            begins.append([])
+        if part == len(begins[-1]) + 2 and number > 0:
+            begins[-1].append(number)
+        in_order = part == len(begins[-1]) + 1
+        if not (in_order and index == len(routes) - 1 and number == len(routes[-1]) and np.isfinite(point).all()):
             raise InputError(f"{source}: line {line}: is not the next waypoint; make it again with: uavcover plan")
         routes[-1].append(point)
-    return [Route(np.array(points)) for points in routes]
+    return [Route(np.array(points), tuple(begin)) for points, begin in zip(routes, begins, strict=True)]
 
 
 def verification_document(report: VerificationReport, *, source: str) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from uavcover.routes.sorties import Sortie
 from uavcover.routes.timeline import timeline_of
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicle_parts import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
 
 
@@ -69,7 +70,18 @@ def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | No
         "kept_apart_s": max(0.0, done_s - together_s),
         "by_vehicle": [_row(number, flights) for number in sorted({flight.vehicle for flight in flights})],
         "homes": _homes(site),
+        **_parts(site, flights),
     }
+
+
+def _parts(site: Site, flights: Sequence[Sortie]) -> dict[str, Any]:
+    """The waypoints of each part of the area, and the vehicles that see it; nothing where all see the whole area together."""
+    rows = []
+    for group in groups_of(site.scenario):
+        own = [flight for flight in flights if flight.vehicle in group]
+        first, last = min(flight.first for flight in own), max(flight.last for flight in own)
+        rows.append({"vehicles": list(group), "first_waypoint": first, "last_waypoint": last})
+    return {"parts": rows} if rows else {}
 
 
 def _at_once_s(site: Site, flights: Sequence[Sortie]) -> float:

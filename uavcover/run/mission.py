@@ -1,6 +1,7 @@
 """From a planned route to missions, and to the files of other software."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from mission_io.formats import wpl
 from mission_io.formats.files import FORMATS, mission_text
@@ -12,6 +13,7 @@ from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compil
 from uavcover.routes.sorties import Sortie, compile_sorties, compile_unlike_sorties
 from uavcover.run.fleet import makespan_s, scheduled, scheduled_unlike
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicle_parts import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
 
 _SPACING_SHARES = (1.0, 0.5)
@@ -38,9 +40,14 @@ def compile_flights(
     count = site.scenario.fleet.vehicles if vehicles is None else vehicles
     if site.scenario.vehicles:
         sites = vehicle_sites(site)
+        groups = groups_of(site.scenario) or (tuple(range(1, len(sites) + 1)),)
+        if len(groups) != len(route.parts):
+            raise InputError(
+                f"the route has {len(route.parts)} parts, and the vehicles of {site.scenario.name} see {len(groups)} parts of "
+                "the area; plan it again"
+            )
         unlike = [
-            scheduled_unlike(sites, compile_unlike_sorties(sites, route, spacing_share=share))
-            for share in _SPACING_SHARES
+            scheduled_unlike(sites, _of_groups(sites, groups, route, spacing_share=share)) for share in _SPACING_SHARES
         ]
         return min(unlike, key=makespan_s)
     if count == 1:
@@ -52,6 +59,24 @@ def compile_flights(
         for share in _SPACING_SHARES
     ]
     return min(tried, key=makespan_s)
+
+
+def _of_groups(
+    sites: Sequence[Site], groups: Sequence[Sequence[int]], route: Route, *, spacing_share: float
+) -> tuple[Sortie, ...]:
+    """The sorties of all parts of a route, each cut for the vehicles that see that part; numbers are those of the whole route."""
+    found: list[Sortie] = []
+    for group, part, begins in zip(groups, route.parts, (0, *route.begins), strict=True):
+        own = [sites[number - 1] for number in group]
+        if len(own) == 1:
+            flights = compile_sorties(own[0], part, autopilot=own[0].scenario.vehicle.autopilot)
+        else:
+            flights = compile_unlike_sorties(own, part, spacing_share=spacing_share)
+        found += [
+            replace(flight, first=begins + flight.first, last=begins + flight.last, vehicle=group[flight.vehicle - 1])
+            for flight in flights
+        ]
+    return tuple(found)
 
 
 def one_or_several(site: Site, flights: Sequence[Sortie]) -> tuple[CompiledMission | None, tuple[Sortie, ...]]:

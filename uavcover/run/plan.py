@@ -12,6 +12,7 @@ from uavcover.model.active_times import window_in_words
 from uavcover.model.limits import FlightLimits
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
 from uavcover.model.vehicle import autopilot_name
+from uavcover.planning.fleet_parts import part_sites
 from uavcover.planning.planner import SearchProgress
 from uavcover.planning.selection import parse_rule, select
 from uavcover.routes.mission_compiler import CompiledMission
@@ -29,6 +30,7 @@ from uavcover.run.search import SearchRequest, plan
 from uavcover.run.user import ProgressBar, StopRequests, User, metres, percent
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site, load_site
+from uavcover.scenario.vehicle_parts import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
@@ -104,7 +106,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         site = site.flown_by(request.vehicles)
     if request.autopilot is not None and site.scenario.vehicles:
         raise InputError("--autopilot: each [[vehicle]] has its own; leave it out")
-    for own in vehicle_sites(site):
+    for own in part_sites(site) if groups_of(site.scenario) else vehicle_sites(site):
         check_site(own)
     check_site(site)
     name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
@@ -219,6 +221,10 @@ def progress_in_words(progress: SearchProgress, unit: str, least: float | None) 
 def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[str, Any]:
     """What was asked for; without being asked what is quick, and under a time budget only what takes no solver."""
     if result.interrupted:
+        return bounds(site)
+    if groups_of(site.scenario):
+        if request.bounds_s is not None:
+            user.warn("bounds are those of one route, and the vehicles have parts of the area: none is proved")
         return bounds(site)
     unasked_s = None if request.budget_s is None else 0.0
     if request.bounds_s is None:

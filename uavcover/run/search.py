@@ -13,12 +13,14 @@ from uavcover.errors import InputError
 from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers.by_name import ALGORITHMS
+from uavcover.planning.fleet_parts import plan_parts
 from uavcover.planning.parts.planner import part_count, plan_by_parts, require_parts
 from uavcover.planning.planner import Effort, SearchProgress, plan_routes
 from uavcover.planning.search.optimizer_search import SearchRun
 from uavcover.run.kept_parts import KeptParts
 from uavcover.run.part_workers import part_searchers
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicle_parts import groups_of
 
 _log = logging.getLogger(__name__)
 
@@ -61,7 +63,7 @@ def plan(
     on_progress: Callable[[SearchProgress], None] = lambda _: None,
     kept: KeptParts | None = None,
 ) -> Plan:
-    """Plan the sensing route.
+    """Plan the sensing route; of vehicles that have parts of the area, the route of each part.
 
     Args:
         site: the scenario on its ground.
@@ -75,6 +77,38 @@ def plan(
         InputError: a value of the request is out of range.
         OptimizerError: the optimizer cannot be found, is none, or fails.
     """
+    if not groups_of(site.scenario):
+        return _plan_one(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)
+    settings = site.scenario.planner
+    total, done = request.evaluations or settings.evaluations, 0
+
+    def search(own: Site, share: float, rule: str) -> Plan:
+        nonlocal done
+        before = done
+        evaluations = max(settings.population_size, round(share * total))
+        budget_s = None if request.budget_s is None else share * request.budget_s
+        asked = dataclasses.replace(request, evaluations=evaluations, budget_s=budget_s, select=rule)
+
+        def tell(progress: SearchProgress) -> None:
+            on_progress(dataclasses.replace(progress, evaluations=before + progress.evaluations, total=total))
+
+        plan = _plan_one(own, asked, should_stop=should_stop, on_progress=tell, kept=kept)
+        done += evaluations
+        return plan
+
+    rule = request.select if request.select is not None else site.scenario.select
+    return plan_parts(site, select_rule=rule, search=search)
+
+
+def _plan_one(
+    site: Site,
+    request: SearchRequest,
+    *,
+    should_stop: Callable[[], bool],
+    on_progress: Callable[[SearchProgress], None],
+    kept: KeptParts | None,
+) -> Plan:
+    """Plan one route over the area of a site."""
     algorithm, budget_s, workers = request.algorithm, request.budget_s, request.workers
     planners = get_args(PlannerAlgorithm)
     known = algorithm is None or algorithm in planners

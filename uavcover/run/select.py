@@ -6,7 +6,7 @@ from uavcover.errors import InfeasibleError, InputError
 from uavcover.model.route import Plan, RouteMember
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planning.selection import parse_rule, select
-from uavcover.routes.objectives import judge_member
+from uavcover.routes.part_routes import judge_route
 from uavcover.routes.sorties import Sortie
 from uavcover.run.documents import read_pareto, read_pareto_routes, read_plan_document
 from uavcover.run.fleet import fleet_document
@@ -14,7 +14,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_flights, one_or_several
 from uavcover.run.plan_files import save_plan
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.scenario.vehicle_parts import groups_of
 
 _ROUTES = "pareto_routes.csv"
 
@@ -36,8 +36,12 @@ def read_members(run: RunFolder, site: Site) -> list[RouteMember]:
         raise InputError(
             f"{path}: has {len(routes)} routes, and pareto.csv has {len(makers)}; make them again with: uavcover plan"
         )
-    judged = judging_map(site)
-    return [judge_member(judged, route, maker, margin_m=0.0) for route, maker in zip(routes, makers, strict=True)]
+    groups = len(groups_of(site.scenario)) or 1
+    if any(len(route.parts) != groups for route in routes):
+        raise InputError(
+            f"{path}: a route has another number of parts than {groups}; make it again with: uavcover plan"
+        )
+    return [judge_route(site, route, maker, margin_m=0.0) for route, maker in zip(routes, makers, strict=True)]
 
 
 def choose(

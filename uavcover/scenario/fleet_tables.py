@@ -4,6 +4,9 @@ from typing import Any
 
 from uavcover.errors import ScenarioError
 
+_OF_SEVERAL = {"home": "has its home in [home]", "area": "sees the whole [area]"}
+"""Keys of a [[vehicle]] that one vehicle alone does not have, and where it has them."""
+
 
 def with_fleet(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
     """The tables of a scenario file with its list of vehicles as one [vehicle] and their number, or each where they differ.
@@ -18,8 +21,8 @@ def with_fleet(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
     if "vehicles" in raw:
         raise ScenarioError(f"{source}: vehicles: unknown key; write [[vehicle]] once for each vehicle")
     listed, fleet, home = raw.get("vehicle"), raw.get("fleet", {}), raw.get("home")
-    if isinstance(listed, dict) and "home" in listed:
-        raise ScenarioError(f"{source}: vehicle.home: one vehicle has its home in [home]; [[vehicle]] is for several")
+    if isinstance(listed, dict):
+        _refuse_of_several(listed, f"{source}: vehicle")
     if not isinstance(listed, list) or not listed or not all(isinstance(table, dict) for table in listed):
         return raw
     count = len(listed)
@@ -31,10 +34,10 @@ def with_fleet(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
             )
         fleet = {**fleet, "vehicles": count}
     first = listed[0]
-    if "home" not in first and all(table == first for table in listed[1:]):
+    if not _OF_SEVERAL.keys() & first.keys() and all(table == first for table in listed[1:]):
         return raw | {"vehicle": first, "fleet": fleet}
     if count == 1:
-        raise ScenarioError(f"{source}: vehicle.0.home: one vehicle has its home in [home]; [[vehicle]] is for several")
+        _refuse_of_several(first, f"{source}: vehicle.0")
     homes = [table.get("home", home) for table in listed]
     if missing := [number for number, place in enumerate(homes) if place is None]:
         raise ScenarioError(
@@ -43,5 +46,11 @@ def with_fleet(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
     if home is not None and home not in homes:
         raise ScenarioError(f"{source}: home: every [[vehicle]] has a home of its own; leave [home] out")
     own = [{**table, "home": place} for table, place in zip(listed, homes, strict=True)]
-    alike = {key: value for key, value in first.items() if key != "home"}
+    alike = {key: value for key, value in first.items() if key not in _OF_SEVERAL}
     return raw | {"vehicle": alike, "vehicles": own, "home": homes[0], "fleet": fleet}
+
+
+def _refuse_of_several(table: dict[str, Any], where: str) -> None:
+    for key, instead in _OF_SEVERAL.items():
+        if key in table:
+            raise ScenarioError(f"{where}.{key}: one vehicle {instead}; [[vehicle]] is for several")

@@ -5,7 +5,7 @@ from typing import Any
 
 import shapely
 
-from uavcover.model.area import Area, Ring
+from uavcover.model.area import Outline, Ring
 from uavcover.model.limits import FlightLimits
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle
@@ -87,20 +87,21 @@ def prism_mistakes(prisms: Sequence[Obstacle], *, on_earth: bool) -> list[str]:
     return found
 
 
-def area_mistakes(area: Area, file_key: str | None) -> list[str]:
+def area_mistakes(area: Outline, file_key: str | None, *, key: str = "area") -> list[str]:
     """Mistakes in the rings of an area.
 
     Args:
         area: with its rings.
         file_key: the key of the file that they came from; none where the scenario has them.
+        key: its place in the scenario file.
     """
     kind = "lon_lat_deg" if area.is_geographic else "east_north_m"
     found: list[str] = []
     for part, (outer_ring, *hole_rings) in enumerate(area.parts):
-        outer_key = f"area.polygon_{kind}"
-        hole_key = f"area.holes_{kind}."
+        outer_key = f"{key}.polygon_{kind}"
+        hole_key = f"{key}.holes_{kind}."
         if len(area.parts) > 1:
-            outer_key = f"{file_key}: polygon {part}" if file_key else f"area.polygons_{kind}.{part}"
+            outer_key = f"{file_key}: polygon {part}" if file_key else f"{key}.polygons_{kind}.{part}"
             hole_key = f"{outer_key}: hole "
         elif file_key:
             outer_key, hole_key = file_key, f"{file_key}: hole "
@@ -120,7 +121,7 @@ def area_mistakes(area: Area, file_key: str | None) -> list[str]:
     return found
 
 
-def bounds_deg(area: Area, scenario: Scenario) -> tuple[float, float, float, float] | None:
+def bounds_deg(area: Outline, scenario: Scenario) -> tuple[float, float, float, float] | None:
     """West, south, east, north of area, fence and homes, or of the origin; none where there is no place on Earth.
 
     Args:

@@ -15,17 +15,17 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from uavcover.errors import InputError, ScenarioError
-from uavcover.model.area import Area, Rings
+from uavcover.model.area import Area
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.scenario import Scenario
 from uavcover.model.terrain import RasterTerrain, Terrain
 from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.areas.area_file import SUFFIXES as AREA_SUFFIXES
-from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.fleet_tables import with_fleet
-from uavcover.scenario.obstacles import polygons_of, read_geojson, read_obstacles
-from uavcover.scenario.ring_checks import area_mistakes, bounds_deg, fence_mistakes, no_fly_mistakes, prism_mistakes
+from uavcover.scenario.obstacles import read_obstacles
+from uavcover.scenario.outlines import outline_mistakes, with_rings
+from uavcover.scenario.ring_checks import bounds_deg, fence_mistakes, no_fly_mistakes, prism_mistakes
 from uavcover.scenario.terrain_source import TerrainSource, find_tiles
 
 _BUNDLED = "bundled:"
@@ -93,9 +93,13 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
         mistakes += _mistakes(error.errors(include_url=False), raw)
         if not any(mistake.startswith("area") for mistake in mistakes):
             # Other keys are invalid already; report the mistakes in the area's shape at the same time.
-            mistakes += _shape_mistakes(_AREA.validate_json(json.dumps(raw["area"], default=str), strict=True), folder)
+            area = _AREA.validate_json(json.dumps(raw["area"], default=str), strict=True)
+            mistakes += outline_mistakes(area, folder, key="area")
         raise ScenarioError(f"{source}: {'; '.join(mistakes)}") from error
-    mistakes += _shape_mistakes(scenario.area, folder) + fence_mistakes(scenario.limits)
+    mistakes += outline_mistakes(scenario.area, folder, key="area") + fence_mistakes(scenario.limits)
+    for number, vehicle in enumerate(scenario.vehicles):
+        if vehicle.area is not None:
+            mistakes += outline_mistakes(vehicle.area, folder, key=f"vehicle.{number}.area")
     mistakes += _obstacle_mistakes(scenario, folder)
     on_earth = scenario.area.is_geographic or scenario.origin is not None
     drawn = [zone for zone in scenario.no_fly if zone.file is None]
@@ -106,7 +110,13 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
         raise ScenarioError(f"{source}: {'; '.join(mistakes)}")
     return dataclasses.replace(
         scenario,
-        area=_with_rings(scenario.area, folder),
+        area=with_rings(scenario.area, folder, key="area"),
+        vehicles=tuple(
+            dataclasses.replace(
+                vehicle, area=vehicle.area and with_rings(vehicle.area, folder, key=f"vehicle.{k}.area")
+            )
+            for k, vehicle in enumerate(scenario.vehicles)
+        ),
         terrain=_absolute_files(scenario, folder),
         obstacles=_inline_obstacles(scenario.obstacles, folder),
         no_fly=_inline_zones(scenario, folder),
@@ -247,50 +257,6 @@ def _suggestion(key: str, cls: type) -> str:
     return f" (did you mean {close[0]}?)" if close else f" (known: {', '.join(here)})"
 
 
-def _with_rings(area: Area, folder: Path) -> Area:
-    """The area with its file replaced by the rings.
-
-    Raises:
-        ScenarioError: the file cannot be used.
-    """
-    if area.file is not None:
-        return _inline_file(area, folder)
-    if area.geojson is None:
-        return area
-    path = folder / area.geojson
-    document = read_geojson(path, key="area.geojson")
-    try:
-        parts = tuple(
-            tuple(tuple((float(p[0]), float(p[1])) for p in ring) for ring in rings)
-            for rings, _ in polygons_of(document)
-        )
-        if not parts:
-            raise ScenarioError(f"area.geojson: {path} has no polygon; at least one is needed")
-        return _area_of(parts, area)
-    except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
-        raise ScenarioError(f"area.geojson: {path}: not a GeoJSON polygon ({error})") from error
-
-
-def _inline_file(area: Area, folder: Path) -> Area:
-    query = AreaQuery(
-        source=area.file or "", layer=area.layer, feature=area.feature, crs=area.crs, make_valid=area.make_valid,
-        swap_axes=area.swap_axes,
-    )  # fmt: skip
-    try:
-        parts = read_area(query, folder=folder).parts
-    except InputError as error:
-        raise ScenarioError(f"area.file: {error}") from error
-    return _area_of(parts, area)
-
-
-def _area_of(parts: tuple[Rings, ...], area: Area) -> Area:
-    cell_m, margin_m = area.cell_size_m, area.margin_m
-    if len(parts) > 1:
-        return Area(cell_size_m=cell_m, polygons_lon_lat_deg=parts, margin_m=margin_m)
-    outer, *holes = parts[0]
-    return Area(cell_size_m=cell_m, polygon_lon_lat_deg=outer, holes_lon_lat_deg=tuple(holes), margin_m=margin_m)
-
-
 def _inline_obstacles(obstacles: Obstacles, folder: Path) -> Obstacles:
     """The obstacles with their file replaced by its content.
 
@@ -316,7 +282,7 @@ def _inline_zones(scenario: Scenario, folder: Path) -> tuple[NoFly, ...]:
             continue
         try:
             zones, notes = read_zones(
-                entry, folder=folder, near=bounds_deg(_with_rings(scenario.area, folder), scenario)
+                entry, folder=folder, near=bounds_deg(with_rings(scenario.area, folder, key="area"), scenario)
             )
         except InputError as error:
             raise ScenarioError(f"no_fly.{number}.file: {error}") from error
@@ -357,7 +323,7 @@ def _absolute_files(scenario: Scenario, folder: Path) -> Terrain:
     terrain = scenario.terrain
     if not isinstance(terrain, RasterTerrain):
         return terrain
-    around = bounds_deg(_with_rings(scenario.area, folder), scenario)
+    around = bounds_deg(with_rings(scenario.area, folder, key="area"), scenario)
 
     def absolute(file: str | tuple[str, ...], key: str) -> str | tuple[str, ...]:
         names = _names(file)
@@ -368,12 +334,3 @@ def _absolute_files(scenario: Scenario, folder: Path) -> Terrain:
 
     surface = None if terrain.surface_file is None else absolute(terrain.surface_file, "terrain.surface_file")
     return dataclasses.replace(terrain, file=absolute(terrain.file, "terrain.file"), surface_file=surface)
-
-
-def _shape_mistakes(area: Area, folder: Path) -> list[str]:
-    """Mistakes in the rings of an area."""
-    file_key = "area.file" if area.file is not None else "area.geojson" if area.geojson is not None else None
-    try:
-        return area_mistakes(_with_rings(area, folder), file_key)[:_MOST_MISTAKES]
-    except ScenarioError as error:
-        return [str(error)]

@@ -12,7 +12,7 @@ import shapely
 
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.area import Ring
+from uavcover.model.area import Outline, Ring
 from uavcover.model.scenario import Objective, Scenario, Uncertainty
 from uavcover.model.terrain import RasterTerrain, SineCosineTerrain
 from uavcover.scenario.airspace.zones import Zone, ZoneCheck, local_zones
@@ -217,18 +217,28 @@ def _read_home_height(terrain_file: Path | TerrainSource, vertical_datum: str, l
 
 
 def _area(scenario: Scenario, frame: LocalFrame | None) -> shapely.Polygon | shapely.MultiPolygon:
-    def polygon(ring: Ring) -> shapely.Polygon:
-        return _polygon(ring, None, frame) if scenario.area.is_geographic else _polygon(None, ring, frame)
-
-    left = shapely.union_all(
-        [
-            polygon(outer).difference(shapely.union_all([polygon(hole) for hole in holes]))
-            for outer, *holes in scenario.area.parts
-        ]
-    )
+    left = polygons_in_metres(scenario.area, frame)
     if left.is_empty or not isinstance(left, shapely.Polygon | shapely.MultiPolygon):
         raise ScenarioError("area: nothing is left of the polygon inside its holes")
     return _grown(left, scenario.area.margin_m) if scenario.area.margin_m > 0.0 else left
+
+
+def polygons_in_metres(outline: Outline, frame: LocalFrame | None) -> Any:
+    """The polygons of an outline without their holes, (east, north) metres.
+
+    Raises:
+        ScenarioError: they are in degrees, and the frame has no place on Earth.
+    """
+
+    def polygon(ring: Ring) -> shapely.Polygon:
+        return _polygon(ring, None, frame) if outline.is_geographic else _polygon(None, ring, frame)
+
+    return shapely.union_all(
+        [
+            polygon(outer).difference(shapely.union_all([polygon(hole) for hole in holes]))
+            for outer, *holes in outline.parts
+        ]
+    )
 
 
 def area_as_drawn(site: Site) -> shapely.Polygon | shapely.MultiPolygon:

@@ -277,6 +277,12 @@ class CoverageMap:
         fewer.coverable = self.coverable & only
         return fewer
 
+    def flown_from(self, site: Site) -> "CoverageMap":
+        """This map for another vehicle of a fleet: the same cells and sensor, with its home and settings."""
+        other = copy.copy(self)
+        other.site = site
+        return other
+
     def _allowed_places(self, east_north_m: FloatArray, share: float) -> FloatArray:
         """(k, 3) positions at a fraction 0..1 of the allowed band above (k, 2) points; NaN where nothing is allowed."""
         limits = self.site.scenario.limits

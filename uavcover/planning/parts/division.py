@@ -14,8 +14,7 @@ import numpy as np
 import shapely
 
 from uavcover.kernels.arrays import FloatArray
-
-Piece = shapely.Polygon | shapely.MultiPolygon
+from uavcover.scenario.vehicle_parts import Piece, polygons_of
 
 _DIRECTIONS = 12
 _BISECTIONS = 14
@@ -142,9 +141,3 @@ def _balanced(
             high = share
     cut_m = 0.5 * (one.length + other.length - piece.length)
     return one, other, cut_m
-
-
-def polygons_of(shape: shapely.Geometry) -> Piece:
-    """What of a shape has an area."""
-    parts = [part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon) and part.area > 0.0]
-    return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)

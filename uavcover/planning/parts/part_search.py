@@ -17,7 +17,6 @@ from uavcover.model.route import Route
 from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted
 from uavcover.planning.baselines.boustrophedon import Baseline, boustrophedons
 from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad
-from uavcover.planning.parts.division import Piece, polygons_of
 from uavcover.planning.search.goal_search import RouteJudge, SearchStart, search_goal
 from uavcover.planning.search.local_search import (
     CHAINS,
@@ -31,6 +30,7 @@ from uavcover.planning.search.memetic import scattered_problem
 from uavcover.planning.search.tuning import TUNED
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicle_parts import Piece, polygons_of
 from uavcover.sensing.cells import make_scattered_cells
 from uavcover.sensing.coverage_map import CoverageMap, judging_maps, planning_map
 from uavcover.sensing.sensors import sight_of

@@ -17,11 +17,12 @@ from uavcover.planning.baselines.boustrophedon import Baseline, best_height_agl_
 from uavcover.planning.choice import choose
 from uavcover.planning.front import judge_members
 from uavcover.planning.joining import in_good_order, joined
-from uavcover.planning.parts.division import FlightWork, Piece, divide
+from uavcover.planning.parts.division import FlightWork, divide
 from uavcover.planning.parts.part_search import Neighbour, PartTask, search_part
 from uavcover.planning.search.optimizer_search import SearchProgress, SearchRun
 from uavcover.planning.selection import parse_rule
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicle_parts import Piece
 from uavcover.sensing.coverage_map import judging_map, planning_map
 from uavcover.sensing.sensors import reach_at_height_m, sight_of
 

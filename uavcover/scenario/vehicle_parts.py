@@ -1,0 +1,135 @@
+"""Who of a fleet sees which part of the area: the parts that vehicles were told, and the rest for all others."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import shapely
+
+from uavcover.errors import ScenarioError
+from uavcover.model.scenario import Scenario
+from uavcover.scenario.site import Site, area_as_drawn, polygons_in_metres
+
+Piece = shapely.Polygon | shapely.MultiPolygon
+
+SLIVER_M = 1.0
+"""Borders of parts that are drawn apart, or over each other, by less than this are meant to be one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OwnParts:
+    """The area, shared out as the scenario says.
+
+    Attributes:
+        of_vehicle: the part of each vehicle that has one, by its number from 1; (east, north) metres.
+        rest: what the others see together; none where every vehicle has a part.
+    """
+
+    of_vehicle: dict[int, Piece]
+    rest: Piece | None
+
+
+def groups_of(scenario: Scenario) -> tuple[tuple[int, ...], ...]:
+    """The vehicles that see a part of the area together, by their numbers; none where all see the whole area together."""
+    own = [(number,) for number, vehicle in enumerate(scenario.vehicles, start=1) if vehicle.area is not None]
+    others = tuple(number for number, vehicle in enumerate(scenario.vehicles, start=1) if vehicle.area is None)
+    return tuple(sorted([*own, *([others] if others else [])])) if own else ()
+
+
+def own_parts(site: Site) -> OwnParts:
+    """The parts of the area that vehicles were told, and the rest; together the area, and no part over another.
+
+    Raises:
+        ScenarioError: parts overlap, lie outside the area, or leave too much or too little; says which, and by how much.
+    """
+    drawn = area_as_drawn(site)
+    parts: dict[int, Any] = {
+        number: _inside(site, number, drawn)
+        for number, vehicle in enumerate(site.scenario.vehicles, start=1)
+        if vehicle.area is not None
+    }
+    taken: Any = shapely.Polygon()
+    for number, part in parts.items():
+        for other, before in parts.items():
+            both = part.intersection(before)
+            if other < number and _is_wide(both):
+                raise ScenarioError(
+                    f"vehicle.{other - 1}.area and vehicle.{number - 1}.area: overlap by {both.area:.0f} square metres; "
+                    "move a border, so that each piece of ground is one vehicle's"
+                )
+        parts[number] = part.difference(taken)
+        taken = taken.union(part)
+    rest = polygons_of(drawn.difference(taken))
+    pieces = shapely.get_parts(rest)
+    slivers = [piece for piece in pieces if not _is_wide(piece)]
+    rest = polygons_of(shapely.union_all([piece for piece in pieces if _is_wide(piece)]))
+    _check_rest(site.scenario, rest)
+    for sliver in slivers:
+        nearest = min(parts, key=lambda number: (parts[number].distance(sliver), number))
+        parts[nearest] = parts[nearest].union(sliver)
+    return _grown(site, drawn, parts, rest)
+
+
+def polygons_of(shape: shapely.Geometry) -> Piece:
+    """What of a shape has an area."""
+    parts = [part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon) and part.area > 0.0]
+    return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
+
+
+def _inside(site: Site, number: int, drawn: Piece) -> Any:
+    """A vehicle's part, as drawn, inside the area."""
+    outline = site.scenario.vehicles[number - 1].area
+    if outline is None:
+        raise ScenarioError(f"vehicle.{number - 1}.area: is missing")
+    if outline.is_geographic and site.frame is None:
+        raise ScenarioError(f"vehicle.{number - 1}.area: a polygon in degrees needs a home or an origin")
+    part = polygons_in_metres(outline, site.frame)
+    # Nobody has to draw the holes of the area into a part again.
+    solid = shapely.union_all([shapely.Polygon(piece.exterior) for piece in shapely.get_parts(drawn)])
+    outside = part.difference(solid)
+    if not part.intersects(drawn):
+        raise ScenarioError(
+            f"vehicle.{number - 1}.area: lies outside [area], {part.distance(drawn):.0f} m from it; draw a part of it"
+        )
+    if _is_wide(outside):
+        raise ScenarioError(
+            f"vehicle.{number - 1}.area: {outside.area:.0f} of its {part.area:.0f} square metres lie outside [area]; "
+            "draw the part inside of it, or enlarge [area]"
+        )
+    inside = part.intersection(drawn)
+    if not _is_wide(inside):
+        raise ScenarioError(
+            f"vehicle.{number - 1}.area: is nowhere more than {SLIVER_M:g} m wide inside [area]; draw it larger, or leave it out"
+        )
+    return inside
+
+
+def _is_wide(shape: Any) -> bool:
+    """Whether a shape is more than a sliver along a border."""
+    return not shape.buffer(-0.5 * SLIVER_M).is_empty
+
+
+def _check_rest(scenario: Scenario, rest: Piece) -> None:
+    others = [number for number, vehicle in enumerate(scenario.vehicles) if vehicle.area is None]
+    if others and rest.is_empty:
+        raise ScenarioError(
+            f"vehicle.{others[0]}: the parts of the other vehicles are the whole [area], and nothing is left for it; give it an "
+            "area, too, or leave the vehicle out"
+        )
+    if not others and not rest.is_empty:
+        raise ScenarioError(
+            f"vehicle.0.area to vehicle.{len(scenario.vehicles) - 1}.area: leave {rest.area:.0f} square metres of [area] to "
+            "nobody; enlarge a part, make [area] smaller, or leave one vehicle without area, which then sees the rest"
+        )
+
+
+def _grown(site: Site, drawn: Piece, parts: dict[int, Any], rest: Piece) -> OwnParts:
+    """The same with the margin of the area, which belongs to what it lies beside."""
+    margin = site.area.difference(drawn)
+    grown: dict[int, Piece] = {}
+    for number, part in parts.items():
+        beside = margin.intersection(part.buffer(site.scenario.area.margin_m, join_style="mitre", mitre_limit=2.0))
+        margin = margin.difference(beside)
+        grown[number] = polygons_of(part.union(beside))
+    if rest.is_empty:
+        return OwnParts(grown, None)
+    return OwnParts(grown, polygons_of(rest.union(margin)))
