@@ -5,11 +5,12 @@ import pytest
 
 from tests.compiled_kernels import cases
 from tests.kernels.test_route_state import small_problem, small_state
+from tests.kernels.test_way_cost import POWER
 from uavcover.kernels.annealing import Prices, Schedule, anneal, energy_of_share, snapshot
 from uavcover.kernels.flight_time import Pace
 from uavcover.kernels.route_state_cost import exchange_cost, reversal_cost, transfer_cost
 from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS
-from uavcover.kernels.way_cost import LENGTH, SHORTEST, TIME, WayCost, route_cost
+from uavcover.kernels.way_cost import ENERGY, LENGTH, SHORTEST, TIME, WayCost, route_cost
 from uavcover.planning.search.tuning import TUNED
 
 PACE = Pace(2.0, 0.7, 0.5, airspeed_m_s=2.5, wind_east_m_s=1.0, wind_north_m_s=-1.5, acceleration_m_s2=0.8)
@@ -22,6 +23,7 @@ WAYS = {
     "length and waypoints": SHORTEST._replace(waypoint_price=0.3),
     "mission and waypoints": WayCost(TIME, PACE, 0.7, 1.3, 1, (0.5, 1.0, 2.0), 0.5, 0, waypoint_price=0.3),
     "mission with a stop": WayCost(TIME, PACE, 0.7, 1.3, 1, (0.5, 1.0, 2.0), 0.5, 1),
+    "energy of a mission": WayCost(ENERGY, PACE, 0.7, 1.3, 1, (0.5, 1.0, 2.0), 0.5, power=POWER),
 }
 ways = pytest.mark.parametrize("way", WAYS.values(), ids=WAYS.keys())
 

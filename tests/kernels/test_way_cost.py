@@ -6,9 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.kernels.test_route import deterministic, points
+from tests.naive import energy as naive
+from uavcover.kernels.energy import Power
 from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace, flight_time, landing_time, takeoff_time
 from uavcover.kernels.route import path_length
-from uavcover.kernels.way_cost import LENGTH, TIME, WayCost, route_cost
+from uavcover.kernels.way_cost import ENERGY, LENGTH, TIME, WayCost, route_cost
 from uavcover.scenario.ground import grid_ground
 
 paces = st.builds(
@@ -70,3 +72,41 @@ def test_a_mission_begins_and_ends_on_the_ground_at_home(route, home, pace, stop
         assert route_cost(flat(), way, route) == pytest.approx(expected, rel=1e-9)
     else:
         assert route_cost(flat(), way, route) >= expected * (1.0 - 1e-9)
+
+
+@deterministic
+@given(points(1, 5), points(1, 1), paces, st.integers(0, 1))
+def test_power_that_is_always_that_of_hovering_makes_energy_time(route, home, pace, stop):
+    way = WayCost(TIME, pace, 0.0, 0.0, 1, tuple(home[0]), 30.0, stop)
+    assert route_cost(flat(), way._replace(unit=ENERGY), route) == pytest.approx(
+        route_cost(flat(), way, route), rel=1e-9
+    )
+
+
+POWER = Power(
+    induced_m_s=5.0, profile_share=0.2, tip_m_s=120.0, drag_1_s=0.2, drag_1_m=0.01, idle_share=0.03,
+    descent_gain=0.3, gust_m_s=1.0,
+)  # fmt: skip
+
+
+def test_energy_of_a_mission_is_that_of_small_steps_of_time():
+    """By a twin that looks power up every 2 ms; each leg from rest to rest, climbs and descents straight up and down."""
+    acceleration = 2.0
+    pace = Pace(
+        10.0, 4.0, 3.0, airspeed_m_s=15.0, wind_east_m_s=3.0, wind_north_m_s=-2.0, acceleration_m_s2=acceleration,
+        vertical_acceleration_m_s2=1e3, jerk_m_s3=1e9, corner_radius_m=1e-9,
+    )  # fmt: skip
+    way = WayCost(ENERGY, pace, 0.0, 0.0, 1, (0.0, 0.0, 40.0), 40.0, 1, power=POWER)
+    legs = [((0, 0, 40), (200, 50, 80)), ((200, 50, 80), (0, 300, 60)), ((0, 300, 60), (0, 0, 40))]
+    expected = 40.0 / 4.0 * naive.share(POWER, math.hypot(3.0, 2.0, math.sqrt(2.0)), 4.0)
+    expected += 40.0 / 3.0 * naive.share(POWER, math.hypot(3.0, 2.0, math.sqrt(2.0)), -3.0)
+    for p, q in legs:
+        level, up, length = math.dist(p[:2], q[:2]), q[2] - p[2], math.dist(p, q)
+        # The wind of 3.6 m/s leaves of 15 m/s more than cruise speed on every leg.
+        speed = min(10.0 * length / level, (4.0 if up > 0 else 3.0) * length / abs(up) if up else math.inf)
+        expected += naive.leg(
+            POWER, p, q, speed=speed, acceleration=acceleration * length / level, wind=(3.0, -2.0)
+        )[1]  # fmt: skip
+    route = np.array([legs[0][1], legs[1][1]], dtype=float)
+    assert route_cost(flat(), way, route) == pytest.approx(expected, rel=0.01)
+    assert route_cost(flat(), way._replace(unit=TIME), route) != pytest.approx(expected, rel=0.05)

@@ -17,7 +17,7 @@ from uavcover.planning.baselines.contour_lines import (
     nearest_potential,
     plain_layout,
 )
-from uavcover.planning.baselines.initial_routes import constructed_routes
+from uavcover.planning.baselines.initial_routes import constructed_routes, initial_names
 from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.set_cover.solvers import SolverEffort
@@ -148,6 +148,15 @@ def test_they_are_baselines_by_request_and_a_start_of_the_search():
     assert [each.name for each in found][:1] == ["boustrophedon"]
     assert {each.name for each in found} >= {"boustrophedon-tuned", NAME}
     assert NAME not in {each.name for each in boustrophedons(coverage, should_stop=lambda: True)}
+
+
+def test_where_energy_is_made_small_a_local_search_begins_with_them():
+    frugal = {"algorithm": "memetic", "objective": "energy"}
+    sites = [
+        make_site(planner=planner) for planner in ({"algorithm": "memetic"}, frugal, {**frugal, "algorithm": "imodbo"})
+    ]
+    names = [initial_names(planning_map(site), site.scenario.planner) for site in sites]
+    assert [NAME in each for each in names] == [False, True, False]
 
 
 def test_the_best_of_their_scan_is_a_plan():

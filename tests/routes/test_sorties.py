@@ -12,12 +12,14 @@ import pytest
 import shapely
 
 from tests.judging.flights import fly_along
-from tests.planning.sites import flat, hills, make_site
+from tests.planning.sites import flat, hills, make_site, with_scenario
 from uavcover.errors import InfeasibleError, InputError
+from uavcover.model.power import PowerModel
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.sensor import SphereSensor
+from uavcover.model.vehicle import Wind
 from uavcover.planning.terrain_following import lay_over_terrain
-from uavcover.routes.flight_costs import mission_time_s
+from uavcover.routes.flight_costs import mission_cost, mission_time_s
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import compile_mission
 from uavcover.routes.objectives import judge
@@ -321,3 +323,23 @@ def test_mission_time_counts_the_items_of_a_mission() -> None:
     assert len(sorties) > 1
     flown_s = sum(sortie.compiled.flight_time_s for sortie in sorties)
     assert mission_time_s(site, route) == pytest.approx(flown_s, rel=0.05)
+
+
+POWER = {"hover_induced_m_s": 3.0, "descent_gain": 0.0}
+
+
+@pytest.mark.parametrize("wind_m_s", [0.0, 6.0])
+def test_mission_energy_is_what_its_flights_take_from_the_batteries(wind_m_s: float) -> None:
+    route = there_and_back(make_site(hills), lines=6, spacing_m=50.0)
+    for endurance_s, least, error in ((2600.0, 1, 1e-9), (260.0, 2, 0.05)):
+        vehicle = {"endurance_s": endurance_s, "max_airspeed_m_s": 14.0, "power": PowerModel(**POWER)}
+        site = with_scenario(make_site(hills, vehicle=vehicle), wind=Wind(speed_m_s=wind_m_s, from_deg=250.0))
+        used = [sortie.compiled.battery_used for sortie in compile_sorties(site, route, autopilot="ardupilot")]
+        assert len(used) >= least
+        cost = mission_cost(site, route)
+        assert cost.energy_hover_s == pytest.approx(endurance_s * math.fsum(u or 0.0 for u in used), rel=error)
+        metrics = judge(judging_map(site), route)
+        assert metrics.mission_energy_hover_s == cost.energy_hover_s
+        frugal = dataclasses.replace(site.scenario.planner, objective="energy", waypoint_price=0.0)
+        judged = judge(judging_map(with_scenario(site, planner=frugal)), route)
+        assert judged.cost == pytest.approx(cost.energy_hover_s, rel=1e-9)

@@ -9,12 +9,12 @@ import pytest
 from tests.planning.sites import make_site, with_scenario
 from uavcover.errors import InputError
 from uavcover.kernels.flight_time import BLENDED, BRAKED
-from uavcover.kernels.way_cost import LENGTH, TIME
+from uavcover.kernels.way_cost import ENERGY, LENGTH, TIME
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
 from uavcover.model.vehicle import Vehicle, Wind
 from uavcover.routes.mission_compiler import compile_mission
-from uavcover.routes.way_cost import mission_cost_of, pace_of, way_cost_of
+from uavcover.routes.way_cost import mission_cost_of, pace_of, power_of, way_cost_of
 from uavcover.scenario.site import load_site
 
 AT_ONCE = {"max_airspeed_m_s": 12.0, "acceleration_m_s2": math.inf}
@@ -42,6 +42,9 @@ def test_objective_and_middle_of_the_band() -> None:
     assert mission.column_top == (-100.0, 50.0, 45.0), "above home"
     with pytest.raises(InputError, match=r"\[home\]"):
         mission_cost_of(load_site("paper-R2"))
+    frugal = way_cost_of(make_site(planner={"objective": "energy"}, vehicle={"takeoff_height_m": 45.0}))
+    assert (frugal.unit, frugal.mission, frugal.column_m) == (ENERGY, 1, 45.0)
+    assert frugal.power == power_of(Vehicle())
     timed = way_cost_of(make_site(planner={"objective": "flight-time", "band_deviation_price": 0.5}))
     assert timed.mission == 0
     assert (timed.unit, timed.deviation_price, timed.middle_agl_m) == (TIME, 0.5, 80.0)
@@ -66,6 +69,10 @@ def test_the_flight_against_the_wind_takes_longer_and_counts_against_endurance()
         (lambda: Vehicle(max_mission_items=3), "max_mission_items: 3 is too few"),
         (lambda: PlannerSettings(waypoint_price=-0.5), "waypoint_price: -0.5 must not be negative"),
         (lambda: PlannerSettings(band_deviation_price=-1.0), "band_deviation_price: -1.0 must not be negative"),
+        (
+            lambda: make_site(home=None, planner={"objective": "energy"}),
+            r'planner.objective: "energy" needs a \[home\], from which the mission starts',
+        ),
         (
             lambda: dataclasses.replace(make_site().scenario, wind=Wind(speed_m_s=5.0)),
             r"wind.speed_m_s: 5.0 m/s needs a larger vehicle.max_airspeed_m_s, not None",

@@ -110,12 +110,18 @@ def test_the_trade_off_is_drawn_against_time_where_every_route_has_one(tmp_path:
     assert trade_off_axis(timed, baselines) == TradeOffAxis(
         "time of the mission, minutes", True, (1.5, 91 / 60), (2.0,)
     )
+    used = [dataclasses.replace(row, mission_energy_hover_s=60.0) for row in timed]
+    baselines[0]["mission_energy_hover_s"] = 180.0
+    assert trade_off_axis(used, baselines, "energy") == TradeOffAxis(
+        "energy of the mission, minutes of hovering", True, (1.0, 1.0), (3.0,)
+    )
+    assert trade_off_axis(used, baselines, "mission-time").members == (1.5, 91 / 60)
 
 
 def test_a_pareto_set_of_an_older_version_is_read(tmp_path: Path) -> None:
     rows = list(csv.DictReader(io.StringIO(pareto_csv(make_plan()))))
     out = io.StringIO()
-    columns = [name for name in PARETO_COLUMNS if name != "mission_time_s"]
+    columns = [name for name in PARETO_COLUMNS if not name.startswith("mission_")]
     writer = csv.DictWriter(out, columns, extrasaction="ignore")
     writer.writeheader()
     writer.writerows(rows)
@@ -126,7 +132,9 @@ def test_a_pareto_set_of_an_older_version_is_read(tmp_path: Path) -> None:
 def test_mission_time_is_read_back_unrounded(tmp_path: Path) -> None:
     plan = make_plan()
     timed = dataclasses.replace(
-        plan.chosen, metrics=dataclasses.replace(plan.chosen.metrics, mission_time_s=100.0 / 3.0)
+        plan.chosen,
+        metrics=dataclasses.replace(plan.chosen.metrics, mission_time_s=100.0 / 3.0, mission_energy_hover_s=70.0 / 3.0),
     )
     (tmp_path / "pareto.csv").write_text(pareto_csv(dataclasses.replace(plan, chosen=timed, members=(timed,))))
     assert [row.mission_time_s for row in read_pareto(tmp_path / "pareto.csv")] == [100.0 / 3.0]
+    assert [row.mission_energy_hover_s for row in read_pareto(tmp_path / "pareto.csv")] == [70.0 / 3.0]

@@ -29,13 +29,18 @@ def pareto(
     plan = folder.read_json("plan.json", made_by="uavcover plan")
     if plot is not None and plot.exists() and not force:
         raise OutputError(f"{plot}: would be overwritten; use --force, or another name")
-    console.say(f"{'index':>7}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}  made by")
+    by_energy = plan.get("objective") == "energy" and all(m.mission_energy_hover_s is not None for m in members)
+    header = f"{'energy':>9}" if by_energy else ""
+    console.say(f"{'index':>7}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}{header}  made by")
     for member in members:
+        energy = f"{member.mission_energy_hover_s:>7.0f} s" if by_energy else ""
         console.say(
             f"{'*' if member.chosen else ' '}{member.index:>6}{percent(member.coverage_of_coverable):>10}"
-            f"{member.waypoint_count:>11}{member.path_length_m:>10.0f} m{member.time_s:>7.0f} s  {member.made_by}"
+            f"{member.waypoint_count:>11}{member.path_length_m:>10.0f} m{member.time_s:>7.0f} s{energy}  {member.made_by}"
         )
-    console.say("* is in plan.json; coverage is of what can be seen")
+    console.say(
+        f"* is in plan.json; coverage is of what can be seen{'; energy in seconds of hovering' if by_energy else ''}"
+    )
     for line in bounds_in_words(plan.get("bounds", {})):
         console.say(line)
     if plot is not None:

@@ -40,7 +40,7 @@ def select(
     from uavcover.planning.selection import parse_rule
     from uavcover.run.fleet import say_fleet
     from uavcover.run.folder import RunFolder, flown_in
-    from uavcover.run.plan import figures_in_words, say_missions, say_older
+    from uavcover.run.plan import figures_header, figures_in_words, say_missions, say_older
     from uavcover.run.planned import read_planned
     from uavcover.run.select import choose
     from uavcover.run.user import to_paste
@@ -56,8 +56,8 @@ def select(
         plan, flights, older = choose(folder, site, rule, autopilot=name, command=sys.argv)
     say_older(console, older)
     index = plan.members.index(plan.chosen)
-    console.say(f"{'':22}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}")
-    console.say(figures_in_words(f"index:{index}", plan.chosen))
+    console.say(figures_header(site.scenario.objective))
+    console.say(figures_in_words(f"index:{index}", plan.chosen, site.scenario.objective))
     sorties = flights if len(flights) > 1 else ()
     say_missions(console, folder, flights[0].compiled if len(flights) == 1 else None, sorties)
     say_fleet(console, folder.read_json("plan.json", made_by="uavcover plan")["fleet"])

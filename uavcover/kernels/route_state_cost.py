@@ -1,4 +1,4 @@
-"""Changes of a route's cost: metres of its legs, or seconds with wind, climbs and turns, and the price of its waypoints.
+"""Changes of a route's cost: metres of its legs, seconds or energy with wind, climbs and turns, and the price of its waypoints.
 
 Length has its own short way: the search for the shortest route asks it tens of thousands of times a second.
 """

@@ -1,4 +1,4 @@
-"""What a way costs: metres or seconds, with wind, climbs and turns; and its waypoints, by number and by height in the band.
+"""What a way costs: metres, seconds or energy, with wind, climbs and turns; and its waypoints, by number and place in the band.
 
 A cost of the whole mission begins and ends on the ground at home. During a search the way there and the way home are straight
 lines from above home: where the terrain bends them they take longer, by little beside what a route takes, and what is
@@ -14,27 +14,33 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.kernels.energy import Power, landing_energy, leg_energy, takeoff_energy, turn_energy
 from uavcover.kernels.flight_time import Pace, Place, landing_time, leg_time, takeoff_time, turn_time
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.surface import Surface, height_above
 
 LENGTH = 0
 TIME = 1
+ENERGY = 2
+
+HOVERING = Power(1.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+"""Power that is that of hovering at any speed: energy is then time."""
 
 
 class WayCost(NamedTuple):
     """What is to be made small.
 
     Attributes:
-        unit: LENGTH, metres of the path, or TIME, seconds of flight.
+        unit: LENGTH, metres of the path; TIME, seconds of flight; or ENERGY, seconds of hovering.
         pace: of the vehicle.
         deviation_price: of a metre that a waypoint is above or below the middle of the band (Eq. 7), in that unit.
         middle_agl_m: the middle of the band.
-        mission: 1 when the time is that of the whole mission, with take-off, the ways there and home, and landing.
+        mission: 1 when time or energy is that of the whole mission, with take-off, the ways there and home, and landing.
         column_top: where the way there begins and the way home ends: the place above home.
         column_m: its height above home.
         stop_at_first: 1 when the vehicle stops at its first waypoint, where the pictures begin.
         waypoint_price: of every waypoint, in that unit.
+        power: of the vehicle, for ENERGY.
     """
 
     unit: int
@@ -46,6 +52,7 @@ class WayCost(NamedTuple):
     column_m: float = 0.0
     stop_at_first: int = 0
     waypoint_price: float = 0.0
+    power: Power = HOVERING
 
 
 SHORTEST = WayCost(LENGTH, Pace(1.0, 1.0, 1.0), 0.0, 0.0)
@@ -57,13 +64,17 @@ def leg_cost(way: WayCost, p: Place, q: Place) -> float:
     """Of the leg from p to q, without its ends."""
     if way.unit == TIME:
         return leg_time(way.pace, p, q)
+    if way.unit == ENERGY:
+        return leg_energy(way.power, way.pace, p, q)
     return math.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
 
 
 @kernel
 def turn_cost(way: WayCost, p: Place, q: Place, r: Place) -> float:
     """Of the turn at q."""
-    return turn_time(way.pace, p, q, r) if way.unit == TIME else 0.0
+    if way.unit == TIME:
+        return turn_time(way.pace, p, q, r)
+    return turn_energy(way.power, way.pace, p, q, r) if way.unit == ENERGY else 0.0
 
 
 @kernel
@@ -84,6 +95,22 @@ def time_there(way: WayCost, p: Place) -> float:
 def time_home(way: WayCost, p: Place) -> float:
     """Seconds from rest at p to the ground at home."""
     return leg_time(way.pace, p, way.column_top) + landing_time(way.pace, way.column_m)
+
+
+@kernel
+def _cost_there(way: WayCost, p: Place) -> float:
+    """Of the way from the ground at home to rest at p, in time or energy."""
+    if way.unit == ENERGY:
+        return takeoff_energy(way.power, way.pace, way.column_m) + leg_cost(way, way.column_top, p)
+    return time_there(way, p)
+
+
+@kernel
+def _cost_home(way: WayCost, p: Place) -> float:
+    """Of the way from rest at p to the ground at home, in time or energy."""
+    if way.unit == ENERGY:
+        return leg_cost(way, p, way.column_top) + landing_energy(way.power, way.pace, way.column_m)
+    return time_home(way, p)
 
 
 @kernel
@@ -111,14 +138,14 @@ def stretch_cost(surface: Surface, way: WayCost, stretch: NDArray[np.float64], b
         home = way.column_top
         if begins:
             first = (stretch[0, 0], stretch[0, 1], stretch[0, 2])
-            total += time_there(way, first)
+            total += _cost_there(way, first)
             if way.stop_at_first == 0 and n > 1:
-                total += turn_time(way.pace, home, first, (stretch[1, 0], stretch[1, 1], stretch[1, 2]))
+                total += turn_cost(way, home, first, (stretch[1, 0], stretch[1, 1], stretch[1, 2]))
         if ends:
             last = (stretch[n - 1, 0], stretch[n - 1, 1], stretch[n - 1, 2])
-            total += time_home(way, last)
+            total += _cost_home(way, last)
             if n > 1:
-                total += turn_time(way.pace, (stretch[n - 2, 0], stretch[n - 2, 1], stretch[n - 2, 2]), last, home)
+                total += turn_cost(way, (stretch[n - 2, 0], stretch[n - 2, 1], stretch[n - 2, 2]), last, home)
     return total
 
 

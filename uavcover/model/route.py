@@ -30,6 +30,7 @@ class RouteMetrics:
             ``path_length_m`` without a home.
         mission_time_s: of the whole mission, from the ground at home to the ground at home, of all flights that it takes; none
             without a home.
+        mission_energy_hover_s: what the same takes from the batteries, as so many seconds of hovering, in the stated wind.
     """
 
     coverage_fraction: float
@@ -41,6 +42,7 @@ class RouteMetrics:
     max_height_agl_m: float
     cost: float
     mission_time_s: float | None = None
+    mission_energy_hover_s: float | None = None
 
     @property
     def time_s(self) -> float:

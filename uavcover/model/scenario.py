@@ -54,7 +54,7 @@ class Uncertainty:
 
 PlannerAlgorithm = Literal["memetic", "local-search", "imodbo", "modbo", "nsga2", "moead", "lines", "contour-lines"]
 
-Objective = Literal["mission-time", "flight-time", "length"]
+Objective = Literal["mission-time", "flight-time", "length", "energy"]
 InitialRoute = Literal["boustrophedon", "contour-lines", "greedy-set-cover", "set-cover", "exact-set-cover"]
 
 
@@ -100,18 +100,21 @@ class PlannerSettings:
             then 2-opt. The local search finds its own order.
         initial: constructed routes with which the search starts, beside sampled ones (Latin hypercube), and against which its
             result is compared; default: "boustrophedon" for swaths and for a local search along the path, and "set-cover"
-            for a local search that senses at waypoints.
+            for a local search that senses at waypoints. With objective = "energy" a local search along the path has
+            "contour-lines" as well.
         seed: seed of the random numbers.
         parts: into how many parts the area is divided, each searched by itself and then along its seams with the others;
             "auto": as many as there are flights to make, and more where the cells are too many for one search. Goes with
             encoding = "swaths" and a local search. Default: 1, the area in one piece.
         objective: the cost minimised beside coverage and the number of waypoints. "mission-time": from the ground at home to
-            the ground at home, of all flights. "flight-time": of the route alone, with wind, climbs and turns. "length" of
-            the route. Default: "mission-time" where there is a home, otherwise "length".
+            the ground at home, of all flights. "energy": what these take from the batteries by [vehicle.power], in seconds of
+            hovering. "flight-time": of the route alone, with wind, climbs and turns. "length" of the route. Default:
+            "mission-time" where there is a home, otherwise "length".
         band_deviation_price: cost for every metre of a waypoint above or below the middle of the height band (Eq. 7), in
-            metres of path or in seconds.
-        waypoint_price: cost of every waypoint, in metres of path or in seconds. Default: 1 % of the radius that the sensor sees
-            from the middle of the band, or its time at cruise speed; 0 for a sensor that looks from the waypoints.
+            metres of path or in seconds (of hovering with "energy").
+        waypoint_price: cost of every waypoint, in metres of path or in seconds (of hovering with "energy"). Default: 1 % of the
+            radius that the sensor sees from the middle of the band, or its time at cruise speed; 0 for a sensor that looks from
+            the waypoints.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -327,8 +330,8 @@ class Scenario:
                     f"wind.{key}: {speed_m_s} m/s needs a larger {which}.max_airspeed_m_s, not {airspeed}",
                 )
         require(
-            self.planner.objective != "mission-time" or self.home is not None,
-            'planner.objective: "mission-time" needs a [home], from which the mission starts',
+            self.planner.objective not in {"mission-time", "energy"} or self.home is not None,
+            f'planner.objective: "{self.planner.objective}" needs a [home], from which the mission starts',
         )
         if self.area.is_geographic:
             require(self.home is not None, "home: give lat_deg and lon_deg of the take-off place")

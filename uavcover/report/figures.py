@@ -58,7 +58,7 @@ def save_pareto_plot(members: tuple[ParetoRow, ...], plan: dict[str, object], pa
     axes: Axes = figure.add_subplot()
     listed = plan.get("baselines", [])
     baselines = [b for b in listed if isinstance(b, dict)] if isinstance(listed, list) else []
-    axis = trade_off_axis(members, baselines)
+    axis = trade_off_axis(members, baselines, plan.get("objective"))
     seen = [100.0 * m.coverage_of_coverable for m in members]
     points = axes.scatter(
         axis.members, seen, c=[m.waypoint_count for m in members], cmap="viridis", s=26, label="Pareto set"
@@ -67,7 +67,7 @@ def save_pareto_plot(members: tuple[ParetoRow, ...], plan: dict[str, object], pa
     if baselines:
         axes.scatter(
             axis.baselines, [100.0 * b["coverage_of_coverable"] for b in baselines],
-            facecolors="none", edgecolors=_BASELINE, s=54, label="boustrophedon baselines",
+            facecolors="none", edgecolors=_BASELINE, s=54, label="baselines",
         )  # fmt: skip
     for member, cost in zip(members, axis.members, strict=True):
         if member.chosen:

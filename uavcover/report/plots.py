@@ -137,7 +137,7 @@ def choice_floor(content: ReportContent) -> float:
 def _trade_off(content: ReportContent, floor: float) -> Chart:
     """The trade-off of what sees at least a share 0..1 of what can be seen."""
     baselines = [b for b in content.plan.get("baselines", []) if isinstance(b, dict)]
-    axis = trade_off_axis(content.members, baselines)
+    axis = trade_off_axis(content.members, baselines, content.plan.get("objective"))
     shown_baselines = [
         (baseline, cost)
         for baseline, cost in zip(baselines, axis.baselines, strict=True)
@@ -172,7 +172,7 @@ def _trade_off(content: ReportContent, floor: float) -> Chart:
         plot.mark(
             "baseline", cost, 100.0 * baseline["coverage_of_coverable"], radius=3.5,
             title=_words(baseline["name"], baseline["coverage_of_coverable"], baseline["path_length_m"],
-                         baseline.get("mission_time_s"), baseline["waypoint_count"]),
+                         baseline.get("mission_time_s"), baseline.get("mission_energy_hover_s"), baseline["waypoint_count"]),
         )  # fmt: skip
     # The chosen one lies over the others.
     for member, cost in sorted(shown_members, key=lambda shown: shown[0].chosen):
@@ -181,7 +181,8 @@ def _trade_off(content: ReportContent, floor: float) -> Chart:
             "chosen" if member.chosen else "member", cost, 100.0 * member.coverage_of_coverable,
             radius=7.0 if member.chosen else 3.5,
             title=_words(
-                name, member.coverage_of_coverable, member.path_length_m, member.mission_time_s, member.waypoint_count
+                name, member.coverage_of_coverable, member.path_length_m, member.mission_time_s,
+                member.mission_energy_hover_s, member.waypoint_count,
             ),
         )  # fmt: skip
     keys += [Key("chosen", "chosen", is_mark=True)] if any(m.chosen for m, _ in shown_members) else []
@@ -193,9 +194,12 @@ def _trade_off(content: ReportContent, floor: float) -> Chart:
     )  # fmt: skip
 
 
-def _words(name: str, share: float, length_m: float, mission_s: float | None, waypoints: int) -> str:
+def _words(
+    name: str, share: float, length_m: float, mission_s: float | None, hover_s: float | None, waypoints: int
+) -> str:
     time = "" if mission_s is None else f", {mission_s:.0f} s"
-    return f"{name}: {100.0 * share:.2f} %, {length_m:.0f} m{time}, {waypoints} waypoints"
+    energy = "" if hover_s is None else f", energy of {hover_s:.0f} s of hovering"
+    return f"{name}: {100.0 * share:.2f} %, {length_m:.0f} m{time}{energy}, {waypoints} waypoints"
 
 
 def _largest(values: FloatArray) -> float:

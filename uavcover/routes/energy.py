@@ -5,29 +5,14 @@ import math
 import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.energy import Power, column_energies, path_energies, star_energies
+from uavcover.kernels.energy import column_energies, path_energies, star_energies
 from uavcover.kernels.way_cost import NO_ENERGIES, FlightEnergies, WayCost
 from uavcover.model.vehicle import AutopilotName, Vehicle, Wind
-from uavcover.routes.way_cost import pace_of
+from uavcover.routes.way_cost import pace_of, power_of
 from uavcover.scenario.site import Site
 
 _DIRECTIONS = 12
 """From which the strongest wind may come: between two of them the airspeed differs by less than 4 % of the wind."""
-
-
-def power_of(vehicle: Vehicle, *, gust_m_s: float = 0.0) -> Power:
-    """A vehicle's power, as numbers for the kernels, in gusts of this standard deviation."""
-    model = vehicle.power
-    return Power(
-        induced_m_s=model.induced_m_s,
-        profile_share=model.profile_share,
-        tip_m_s=model.tip_speed_m_s,
-        drag_1_s=model.rotor_drag_1_s,
-        drag_1_m=model.body_drag_1_m,
-        idle_share=model.idle_share,
-        descent_gain=model.descent_gain,
-        gust_m_s=gust_m_s,
-    )
 
 
 def winds_of(wind: Wind) -> FloatArray:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from uavcover.kernels.way_cost import FlightCosts, flight_s, split
+from uavcover.routes.flight_costs import flights_of_split
 
 _LIMITS = 48
 """Limits on the time of a flight that are tried, evenly spaced in their logarithm."""
@@ -243,13 +244,7 @@ class CutSearch:
         total_s, begun = split(self._costs._replace(endurance_s=longest_s))
         if not math.isfinite(total_s):
             return None
-        cuts: list[tuple[int, int]] = []
-        end = len(begun) - self._costs.shared
-        while end > 0:
-            last = end - 1 + self._costs.shared
-            cuts.append((int(begun[last]), last))
-            end = int(begun[last])
-        return tuple(reversed(cuts))
+        return tuple(flights_of_split(begun, self._costs.shared))
 
     def improved(self, cuts: Cuts) -> Cuts:
         """Better cuts by single changes, until none is better."""

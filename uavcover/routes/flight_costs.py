@@ -1,16 +1,17 @@
 """What the flights of a route cost: in time, items and battery, with their ways there and home; and whole missions."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.flight_time import Pace, flight_time, landing_time, leg_times, takeoff_time, turn_times
-from uavcover.kernels.way_cost import FlightCosts, FlightEnergies, route_cost, split, straight_ends
+from uavcover.kernels.way_cost import ENERGY, FlightCosts, FlightEnergies, WayCost, route_cost, split, straight_ends
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
-from uavcover.routes.energy import FlightEnergy, battery_used_s, usable_s
+from uavcover.routes.energy import FlightEnergy, usable_s
 from uavcover.routes.mission_compiler import AUTOPILOTS, items_per_waypoint
 from uavcover.routes.transit import check_way_home, check_way_there, transit
 from uavcover.routes.way_cost import mission_cost_of, pace_of
@@ -132,11 +133,29 @@ def checked(costs: FlightCosts, site: Site, route: Route) -> FlightCosts:
     return costs._replace(there_s=there, back_s=back)
 
 
+@dataclass(frozen=True, slots=True)
+class MissionCost:
+    """What the whole mission of a route costs, from the ground to the ground, of all flights that it takes.
+
+    Attributes:
+        time_s: in the air.
+        energy_hover_s: seconds of hovering that take as much of the batteries, in the stated wind.
+    """
+
+    time_s: float
+    energy_hover_s: float
+
+
 def mission_time_s(site: Site, route: Route) -> float:
-    """Seconds of the whole mission of a route, from the ground to the ground, of all flights that it takes.
+    """The time of :func:`mission_cost`."""
+    return mission_cost(site, route).time_s
+
+
+def mission_cost(site: Site, route: Route) -> MissionCost:
+    """Time and energy of the whole mission of a route.
 
     One flight is counted along its transits, as the compiler does. Several are split as :func:`compile_sorties` splits them, but
-    with straight transits. Nothing is checked: a route that cannot be split or flown has the time of one flight.
+    with straight transits. Nothing is checked: a route that cannot be split or flown costs what one flight does.
 
     Args:
         site: the scenario on its ground, with a home.
@@ -156,27 +175,58 @@ def mission_time_s(site: Site, route: Route) -> float:
         + flight_time(pace, whole_m)
         + landing_time(pace, way_back[0, 2] - home[2])
     )
+    straight = mission_cost_of(site)
     if not math.isfinite(time_s):
         # The ground between home and the route is not known all the way: the mission is refused when it is compiled.
-        return float(route_cost(site.ground.surface, mission_cost_of(site), points))
+        surface, of_energy = site.ground.surface, straight._replace(unit=ENERGY)
+        return MissionCost(float(route_cost(surface, straight, points)), float(route_cost(surface, of_energy, points)))
     longest_s, most_items = limits = _limits(site, vehicle.autopilot)
     each = items_per_waypoint(site.scenario.sensor)
     one = len(way) + len(way_back) + each * len(route) + 1 <= most_items and time_s <= longest_s
     energy = FlightEnergy(site)
-    if one and battery_used_s(energy, energy.takeoff_s(way[0, 2] - home[2]), whole_m, home) <= usable_s(vehicle):
-        return time_s
+    used_s = energy.takeoff_s(way[0, 2] - home[2]) + energy.path_s(whole_m) + energy.landing_s(way_back[0, 2] - home[2])
+    in_one = MissionCost(time_s, float(used_s[0]))
+    if one and float(used_s.max()) <= usable_s(vehicle):
+        return in_one
     items = np.full(len(route), round(0.5 * (len(way) + len(way_back))) - 1, dtype=np.int64)
     costs = _flight_costs(
         site,
         points,
         pace,
-        ends=straight_ends(mission_cost_of(site), points),
+        ends=straight_ends(straight, points),
         items=(items + 2, items + 1),
         limits=limits,
-        energies=energy.straight_flights(mission_cost_of(site), points),
+        energies=energy.straight_flights(straight, points),
     )
-    split_s, _ = split(costs)
-    return float(split_s) if math.isfinite(split_s) else time_s
+    split_s, begun = split(costs)
+    if not math.isfinite(split_s):
+        return in_one
+    flights = flights_of_split(begun, costs.shared)
+    used = [_straight_flight_s(energy, straight, points[first : last + 1]) for first, last in flights]
+    return MissionCost(float(split_s), math.fsum(used))
+
+
+def _straight_flight_s(energy: FlightEnergy, way: WayCost, points_m: FloatArray) -> float:
+    """Seconds of hovering that a flight along (k, 3) waypoints takes in the stated wind, with straight ways there and home."""
+    stop, top = points_m[: way.stop_at_first], np.array([way.column_top])
+    path = np.vstack([top, points_m[:1], stop, points_m[1:], top])
+    return float((energy.takeoff_s(way.column_m) + energy.path_s(path) + energy.landing_s(way.column_m))[0])
+
+
+def flights_of_split(begun: IntArray, shared: int) -> list[tuple[int, int]]:
+    """First and last waypoint of each flight, in their order.
+
+    Args:
+        begun: (n,) where the flight that ends at each waypoint begins, by :func:`uavcover.kernels.way_cost.split`.
+        shared: 1 when a flight begins at the last waypoint of the previous one.
+    """
+    end = len(begun) - shared
+    flights: list[tuple[int, int]] = []
+    while end > 0:
+        last = end - 1 + shared
+        flights.append((int(begun[last]), last))
+        end = int(begun[last])
+    return flights[::-1]
 
 
 def way_home(site: Site, place_m: FloatArray) -> tuple[FloatArray, float]:

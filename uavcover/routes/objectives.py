@@ -9,9 +9,9 @@ import numpy as np
 from uavcover.kernels import route as kernels
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import flight_time
-from uavcover.kernels.way_cost import route_cost
+from uavcover.kernels.way_cost import ENERGY, route_cost
 from uavcover.model.route import Route, RouteMember, RouteMetrics
-from uavcover.routes.flight_costs import mission_time_s
+from uavcover.routes.flight_costs import MissionCost, mission_cost
 from uavcover.routes.leg_checks import measure_violations, route_height_range_m
 from uavcover.routes.way_cost import pace_of, way_cost_of
 from uavcover.scenario.site import Site
@@ -70,7 +70,7 @@ def judge(coverage: CoverageMap, route: Route) -> RouteMetrics:
     points = route.waypoints_m
     seen = coverage.seen(points)
     lowest, highest = route_height_range_m(site, points)
-    mission_s = None if site.home_m is None else mission_time_s(site, route)
+    mission = None if site.home_m is None else mission_cost(site, route)
     return RouteMetrics(
         coverage_fraction=coverage.share(seen),
         coverage_of_coverable=coverage.share_of_coverable(seen),
@@ -79,15 +79,17 @@ def judge(coverage: CoverageMap, route: Route) -> RouteMetrics:
         flight_time_s=float(flight_time(pace_of(site), points)),
         min_height_agl_m=lowest,
         max_height_agl_m=highest,
-        cost=_cost(site, route, mission_s),
-        mission_time_s=mission_s,
+        cost=_cost(site, route, mission),
+        mission_time_s=None if mission is None else mission.time_s,
+        mission_energy_hover_s=None if mission is None else mission.energy_hover_s,
     )
 
 
-def _cost(site: Site, route: Route, mission_s: float | None) -> float:
+def _cost(site: Site, route: Route, mission: MissionCost | None) -> float:
     """The planner's cost of a route; of its mission along the transits that would be flown."""
     way, surface, points = way_cost_of(site), site.ground.surface, route.waypoints_m
     cost = float(route_cost(surface, way, points))
-    if way.mission == 0 or mission_s is None:
+    if way.mission == 0 or mission is None:
         return cost
-    return mission_s + cost - float(route_cost(surface, way._replace(deviation_price=0.0, waypoint_price=0.0), points))
+    flown = mission.energy_hover_s if way.unit == ENERGY else mission.time_s
+    return flown + cost - float(route_cost(surface, way._replace(deviation_price=0.0, waypoint_price=0.0), points))

@@ -13,7 +13,13 @@ from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.energy import battery_in_words, longest_flight_in_words
 from uavcover.routes.fleet_cuts import fleet_cuts
-from uavcover.routes.flight_costs import checked, flight_costs_along_transits, tighter, without
+from uavcover.routes.flight_costs import (
+    checked,
+    flight_costs_along_transits,
+    flights_of_split,
+    tighter,
+    without,
+)
 from uavcover.routes.mission_compiler import CompiledMission, MissionTooLongError, compile_mission
 from uavcover.routes.unlike_cuts import FlightsOfVehicles, unlike_cuts
 from uavcover.routes.way_cost import pace_of
@@ -224,13 +230,7 @@ def _cuts(costs: FlightCosts, site: Site, vehicles: int, spacing_share: float) -
     total_s, begun = split(costs)
     if not math.isfinite(total_s):
         return None
-    end = len(begun) - costs.shared
-    cuts: list[tuple[int, int]] = []
-    while end > 0:
-        last = end - 1 + costs.shared
-        cuts.append((int(begun[last]), last))
-        end = int(begun[last])
-    return cuts[::-1]
+    return flights_of_split(begun, costs.shared)
 
 
 def _spacing_s(costs: FlightCosts, site: Site, vehicles: int) -> float:

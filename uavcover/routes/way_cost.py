@@ -3,9 +3,10 @@
 import math
 
 from uavcover.errors import InputError
+from uavcover.kernels.energy import Power
 from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace
-from uavcover.kernels.way_cost import LENGTH, TIME, WayCost
-from uavcover.model.vehicle import AutopilotMotion, AutopilotName
+from uavcover.kernels.way_cost import ENERGY, LENGTH, TIME, WayCost
+from uavcover.model.vehicle import AutopilotMotion, AutopilotName, Vehicle
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import reach_at_height_m, trigger_distance_m
 
@@ -58,6 +59,21 @@ def moving_pace(
     )
 
 
+def power_of(vehicle: Vehicle, *, gust_m_s: float = 0.0) -> Power:
+    """A vehicle's power, as numbers for the kernels, in gusts of this standard deviation."""
+    model = vehicle.power
+    return Power(
+        induced_m_s=model.induced_m_s,
+        profile_share=model.profile_share,
+        tip_m_s=model.tip_speed_m_s,
+        drag_1_s=model.rotor_drag_1_s,
+        drag_1_m=model.body_drag_1_m,
+        idle_share=model.idle_share,
+        descent_gain=model.descent_gain,
+        gust_m_s=gust_m_s,
+    )
+
+
 _WAYPOINT_PRICE = 0.01
 """Default price of a waypoint, in radii of the sensor: of path, or of flight at cruise speed (docs/results/waypoints.md)."""
 
@@ -82,9 +98,10 @@ def way_cost_of(site: Site) -> WayCost:
     """The cost that the planner minimises beside coverage and the number of waypoints."""
     planner, limits = site.scenario.planner, site.scenario.limits
     objective = site.scenario.objective
-    way = mission_cost_of(site) if objective == "mission-time" else WayCost(LENGTH, pace_of(site), 0.0, 0.0)
+    whole = objective in {"mission-time", "energy"}
+    way = mission_cost_of(site) if whole else WayCost(LENGTH, pace_of(site), 0.0, 0.0)
     return way._replace(
-        unit=LENGTH if objective == "length" else TIME,
+        unit={"length": LENGTH, "energy": ENERGY}.get(objective, TIME),
         deviation_price=planner.band_deviation_price,
         middle_agl_m=0.5 * (limits.min_height_agl_m + limits.max_height_agl_m),
         waypoint_price=waypoint_price_of(site),
@@ -92,7 +109,7 @@ def way_cost_of(site: Site) -> WayCost:
 
 
 def mission_cost_of(site: Site) -> WayCost:
-    """The time of the whole mission of a site with a home, by straight ways there and home."""
+    """The time of the whole mission of a site with a home, by straight ways there and home; with what its energy needs."""
     vehicle, home = site.scenario.vehicle, site.home_m
     if home is None:
         raise InputError(f"scenario {site.scenario.name}: has no [home], so a mission has no time")
@@ -104,5 +121,6 @@ def mission_cost_of(site: Site) -> WayCost:
         mission=1,
         column_top=(float(home[0]), float(home[1]), float(home[2]) + vehicle.takeoff_height_m),
         column_m=vehicle.takeoff_height_m,
+        power=power_of(vehicle, gust_m_s=site.scenario.wind.gust_m_s),
         stop_at_first=0 if trigger_distance_m(site.scenario) is None else 1,
     )

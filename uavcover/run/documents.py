@@ -30,6 +30,7 @@ PARETO_COLUMNS = (
     "path_length_m",
     "flight_time_s",
     "mission_time_s",
+    "mission_energy_hover_s",
     "min_height_agl_m",
     "max_height_agl_m",
     "violation",
@@ -99,6 +100,7 @@ def plan_document(
         "origin": origin,
         "select": plan.rule,
         "rule_met": plan.rule_met,
+        "objective": site.scenario.objective,
         "waypoints": _waypoints(site, plan.chosen.route.waypoints_m),
         **({"part_begins": list(plan.chosen.route.begins)} if plan.chosen.route.begins else {}),
         "metrics": dataclasses.asdict(plan.chosen.metrics),
@@ -226,7 +228,7 @@ def _pareto_values(member: RouteMember) -> list[Any]:
     m = member.metrics
     return [
         repr(m.coverage_fraction), repr(m.coverage_of_coverable), m.waypoint_count, repr(m.path_length_m),
-        repr(m.flight_time_s), "" if m.mission_time_s is None else repr(m.mission_time_s),
+        repr(m.flight_time_s), *("" if v is None else repr(v) for v in (m.mission_time_s, m.mission_energy_hover_s)),
         repr(m.min_height_agl_m), repr(m.max_height_agl_m), repr(member.violation), member.origin,
     ]  # fmt: skip
 
@@ -292,6 +294,7 @@ class ParetoRow:
         path_length_m: length of the open path in three dimensions.
         flight_time_s: of the route alone.
         mission_time_s: of the whole mission from home; none without a home, or in the file of an older version.
+        mission_energy_hover_s: what it takes from the batteries, likewise.
         violation: of the hard limits, 0 when they hold.
         made_by: the algorithm or baseline that found it.
         chosen: whether it is the one in ``plan.json``.
@@ -303,6 +306,7 @@ class ParetoRow:
     path_length_m: float
     flight_time_s: float
     mission_time_s: float | None
+    mission_energy_hover_s: float | None
     violation: float
     made_by: str
     chosen: bool
@@ -319,7 +323,7 @@ class TradeOffAxis:
 
     Attributes:
         label: with its unit.
-        is_time: minutes of the whole mission; otherwise kilometres of the route.
+        is_time: minutes of the whole mission, or minutes of hovering for its energy; otherwise kilometres of the route.
         members: of the Pareto set.
         baselines: likewise.
     """
@@ -330,16 +334,27 @@ class TradeOffAxis:
     baselines: tuple[float, ...]
 
 
-def trade_off_axis(members: Sequence[ParetoRow], baselines: Sequence[dict[str, Any]]) -> TradeOffAxis:
-    """The time of the mission where every route has one, otherwise the length of the route."""
-    times_s = [m.mission_time_s for m in members], [b.get("mission_time_s") for b in baselines]
+def trade_off_axis(
+    members: Sequence[ParetoRow], baselines: Sequence[dict[str, Any]], objective: object = None
+) -> TradeOffAxis:
+    """The time of the mission where every route has one, otherwise the length of the route; its energy where that is made small.
+
+    Args:
+        members: of the Pareto set.
+        baselines: as ``plan.json`` has them.
+        objective: of ``plan.json``; plans of older versions have none.
+    """
+    label, key = "time of the mission, minutes", "mission_time_s"
+    if objective == "energy":
+        label, key = "energy of the mission, minutes of hovering", "mission_energy_hover_s"
+    times_s = [getattr(m, key) for m in members], [b.get(key) for b in baselines]
     if any(time_s is None for part in times_s for time_s in part):
         return TradeOffAxis(
             "length of the route, km", False, tuple(m.path_length_m / 1000.0 for m in members),
             tuple(float(b["path_length_m"]) / 1000.0 for b in baselines),
         )  # fmt: skip
     minutes = [tuple(float(time_s or 0.0) / 60.0 for time_s in part) for part in times_s]
-    return TradeOffAxis("time of the mission, minutes", True, minutes[0], minutes[1])
+    return TradeOffAxis(label, True, minutes[0], minutes[1])
 
 
 def read_pareto(path: Path) -> tuple[ParetoRow, ...]:
@@ -351,12 +366,16 @@ def read_pareto(path: Path) -> tuple[ParetoRow, ...]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             rows = csv.DictReader(file)
-            missing = {*PARETO_COLUMNS} - {"mission_time_s"} - set(rows.fieldnames or ())
+            missing = {*PARETO_COLUMNS} - {"mission_time_s", "mission_energy_hover_s"} - set(rows.fieldnames or ())
             if missing:
                 raise InputError(f"{path}: has no column {sorted(missing)[0]!r}; make it again with: uavcover plan")
             return tuple(_row(row, where=f"{path}, line {rows.line_num}") for row in rows)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read ({error}); make it again with: uavcover plan") from error
+
+
+def _float_or_none(text: str | None) -> float | None:
+    return float(text) if text else None
 
 
 def _row(row: dict[str, str], *, where: str) -> ParetoRow:
@@ -367,7 +386,8 @@ def _row(row: dict[str, str], *, where: str) -> ParetoRow:
             waypoint_count=int(row["waypoint_count"]),
             path_length_m=float(row["path_length_m"]),
             flight_time_s=float(row["flight_time_s"]),
-            mission_time_s=float(row["mission_time_s"]) if row.get("mission_time_s") else None,
+            mission_time_s=_float_or_none(row.get("mission_time_s")),
+            mission_energy_hover_s=_float_or_none(row.get("mission_energy_hover_s")),
             violation=float(row["violation"]),
             made_by=str(row["made_by"]),
             chosen=row["chosen"] == "1",

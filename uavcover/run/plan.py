@@ -11,6 +11,7 @@ from uavcover.errors import INTERRUPTED, InfeasibleError, InputError
 from uavcover.model.active_times import window_in_words
 from uavcover.model.limits import FlightLimits
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
+from uavcover.model.scenario import Objective
 from uavcover.model.vehicle import autopilot_name
 from uavcover.planning.fleet_parts import part_sites
 from uavcover.planning.planner import SearchProgress
@@ -140,11 +141,13 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     say_older(user, older)
     if refused is not None:
         raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
-    _say_plan(user, run, result, bounds, time.monotonic() - started, asked=_asked(site, request, result))
+    _say_plan(user, run, site, result, bounds, time.monotonic() - started, asked=_asked(site, request, result))
     say_zones(user, site, result.chosen.metrics)
     say_hidden(user, site)
-    if "shortest_path_m" in bounds and site.scenario.objective == "mission-time":
-        user.say("this plan makes the time of the whole mission small (the last column), not the length of the route")
+    if "shortest_path_m" in bounds and (small := _made_small(site)) is not None:
+        user.say(
+            f"this plan makes the {small} of the whole mission small (the last column), not the length of the route"
+        )
     if flights and (warning := room_in_words(site.scenario.limits, result.chosen.metrics)):
         user.warn(warning)
     say_missions(user, run, compiled, sorties)
@@ -177,6 +180,11 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     return PlanOutcome(site, result, compiled, sorties, document, code)
 
 
+def _made_small(site: Site) -> str | None:
+    """What of the whole mission is made small, in words; none where it is something of the route alone."""
+    return {"mission-time": "time", "energy": "energy"}.get(site.scenario.objective)
+
+
 def _overlap_missed(site: Site, route: Route, sorties: Sequence[Sortie]) -> str | None:
     """How the planned pictures miss the overlap that is required of the flown ones; none where they keep it."""
     if site.scenario.requirements.min_overlap_fraction is None:
@@ -186,7 +194,7 @@ def _overlap_missed(site: Site, route: Route, sorties: Sequence[Sortie]) -> str 
 
 
 def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: ProgressBar, kept: KeptParts) -> Plan:
-    unit = "m" if site.scenario.objective == "length" else "s"
+    unit = {"length": "m", "energy": "s of hovering"}.get(site.scenario.objective, "s")
     bar.update(0, note="baselines first")
     least_m = least_length_m(site, request.select or site.scenario.select)
 
@@ -207,7 +215,7 @@ def progress_in_words(progress: SearchProgress, unit: str, least: float | None) 
 
     Args:
         progress: of the search.
-        unit: of the length or time that is made small.
+        unit: of the length, time or energy that is made small.
         least: what no route can beat, in that unit.
     """
     words = f"{100.0 * progress.best_coverage:.1f} %"
@@ -242,8 +250,11 @@ def _asked(site: Site, request: PlanRequest, result: Plan) -> str:
     return f"{result.rule} with at most {most} waypoints"
 
 
-def _say_plan(user: User, run: RunFolder, result: Plan, bounds: dict[str, Any], wall_s: float, *, asked: str) -> None:
-    user.say(f"{'':22}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}")
+def _say_plan(
+    user: User, run: RunFolder, site: Site, result: Plan, bounds: dict[str, Any], wall_s: float, *, asked: str
+) -> None:
+    objective = site.scenario.objective
+    user.say(figures_header(objective))
     shown = [("chosen route", result.chosen)]
     plain = [member for member in result.baselines if member.origin == "boustrophedon"][:1]
     tuned = [member for member in result.baselines if member.origin != "boustrophedon"]
@@ -252,7 +263,7 @@ def _say_plan(user: User, run: RunFolder, result: Plan, bounds: dict[str, Any], 
         # The one that the same rule would have chosen: what the optimizer has to beat.
         tuned = [tuned[select(tuned, rule).index]]
     for label, member in shown + [(m.origin, m) for m in plain + tuned[:1]]:
-        user.say(figures_in_words(label, member))
+        user.say(figures_in_words(label, member, objective))
     user.say(
         f"{len(result.members)} routes in the Pareto set, {result.evaluations} evaluations of {result.algorithm}, {wall_s:.1f} s"
     )
@@ -394,8 +405,18 @@ def _say_return(user: User, compiled: CompiledMission, which: str) -> None:
         )
 
 
-def figures_in_words(label: str, member: RouteMember) -> str:
-    """A route in one line of a table: coverage, waypoints, length, and the time of the mission, or of a route without home."""
+def figures_header(objective: Objective) -> str:
+    """The first line of a table of :func:`figures_in_words`."""
+    energy = f"{'energy':>9} (seconds of hovering)" if objective == "energy" else ""
+    return f"{'':22}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}{energy}"
+
+
+def figures_in_words(label: str, member: RouteMember, objective: Objective) -> str:
+    """A route in one line of a table: coverage, waypoints, length, and the time of the mission, or of a route without home.
+
+    Where energy is made small, that of the mission comes last.
+    """
     m = member.metrics
     counts = f"{percent(m.coverage_of_coverable):>10}{m.waypoint_count:>11}"
-    return f"{label:22}{counts}{m.path_length_m:>10.0f} m{m.time_s:>7.0f} s"
+    energy = f"{m.mission_energy_hover_s:>7.0f} s" if objective == "energy" else ""
+    return f"{label:22}{counts}{m.path_length_m:>10.0f} m{m.time_s:>7.0f} s{energy}"

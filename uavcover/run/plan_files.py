@@ -9,7 +9,7 @@ from typing import Any
 
 from uavcover.model.route import Plan, Route
 from uavcover.model.vehicle import AutopilotName
-from uavcover.routes.flight_costs import mission_time_s
+from uavcover.routes.flight_costs import mission_cost
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.objectives import judge_member
 from uavcover.routes.sorties import Sortie
@@ -144,9 +144,11 @@ def _plan_of_sortie(judged: CoverageMap, site: Site, whole: Plan, sortie: Sortie
     route = sortie.route
     member = judge_member(judged, route, whole.chosen.origin, margin_m=0.0)
     if site is not judged.site:
-        member = dataclasses.replace(
-            member, metrics=dataclasses.replace(member.metrics, mission_time_s=mission_time_s(site, route))
+        own = mission_cost(site, route)
+        metrics = dataclasses.replace(
+            member.metrics, mission_time_s=own.time_s, mission_energy_hover_s=own.energy_hover_s
         )
+        member = dataclasses.replace(member, metrics=metrics)
     return dataclasses.replace(whole, chosen=member, members=(member,), baselines=())
 
 

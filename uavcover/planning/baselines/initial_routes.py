@@ -116,8 +116,9 @@ def _rows(
 def initial_names(coverage: CoverageMap, settings: PlannerSettings) -> Sequence[InitialRoute]:
     """The names in ``settings.initial``, or the defaults.
 
-    Lines for swaths. A local search begins with lines too where it senses along the path, and with a set cover where it senses
-    at waypoints. A plain optimizer of waypoints samples all of its first population, as the paper's does.
+    Lines for swaths. A local search begins with lines too where it senses along the path (where energy is made small, with lines
+    along contours as well), and with a set cover where it senses at waypoints. A plain optimizer of waypoints samples all of its
+    first population, as the paper's does.
     """
     lines: tuple[InitialRoute, ...] = ("boustrophedon",) if settings.encoding == "swaths" else ()
     if settings.initial is not None:
@@ -126,6 +127,8 @@ def initial_names(coverage: CoverageMap, settings: PlannerSettings) -> Sequence[
         return lines
     if coverage.site.scenario.sensor.sensing == "at-waypoints":
         return (*lines, "set-cover")
+    if coverage.site.scenario.objective == "energy":
+        return ("boustrophedon", "contour-lines")
     return ("boustrophedon",)
 
 
