@@ -64,6 +64,14 @@ class Search:
     vehicles: options.Vehicles = None
     workers: Annotated[int | None, typer.Option(help="Threads; the result does not depend on it.")] = None
     scheduler: options.Scheduler = None
+    memory: Annotated[
+        str | None,
+        typer.Option(
+            help="What planning may take on this machine (4GiB, 800MiB): a large area is divided into more parts, and fewer are "
+            "searched at a time, as far as needed.",
+            metavar="SIZE",
+        ),
+    ] = None
     seed: options.Seed = None
 
 
@@ -86,6 +94,7 @@ def plan(
     An area in place of a scenario is planned as `uavcover new` would describe it; RUN/scenario.toml then says how.
     Ctrl-C writes the best route so far and ends with 130.
     """
+    from uavcover.intake.quantities import memory_bytes
     from uavcover.run.plan import PlanRequest, plan_into
     from uavcover.run.user import to_paste
 
@@ -97,6 +106,7 @@ def plan(
         parts=_parts(search.parts), max_waypoints=search.max_waypoints, waypoint_price=search.waypoint_price,
         select=search.select, vehicles=search.vehicles, autopilot=search.autopilot, workers=search.workers,
         bounds_s=options.seconds(search.bounds, option="--bounds"), scheduler=search.scheduler,
+        memory_bytes=None if search.memory is None else memory_bytes(search.memory, option="--memory"),
     )  # fmt: skip
     outcome = plan_into(request, console, check_site=lambda _: None)
     if outcome.document["mission_files"]:

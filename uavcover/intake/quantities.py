@@ -10,6 +10,15 @@ from uavcover.model.active_times import utc_time, window_of
 _USUAL_WINDOW = "2h"
 _NUMBER = re.compile(r"\s*([-+]?\d+(?:\.\d*)?|\.\d+)\s*([a-zA-Z/]*)\s*")
 _LENGTHS = {"mm": 0.001, "cm": 0.01, "m": 1.0, "km": 1000.0, "in": 0.0254, "ft": 0.3048}
+_SIZES_MIB = {
+    "kib": 2.0**-10,
+    "mib": 1.0,
+    "gib": 2.0**10,
+    "tib": 2.0**20,
+    "kb": 1e3 / 2**20,
+    "mb": 1e6 / 2**20,
+    "gb": 1e9 / 2**20,
+}
 _TIMES = {"s": 1.0, "sec": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0}
 _SPEEDS = {
     "m/s": 1.0,
@@ -28,6 +37,18 @@ def length_m(text: str, *, option: str, example: str) -> float:
         InputError: it is none, or not above 0.
     """
     return _quantity(text, _LENGTHS, option=option, example=example)
+
+
+def memory_bytes(text: str, *, option: str) -> int:
+    """A size of memory such as ``4GiB`` in bytes; the unit is needed.
+
+    Raises:
+        InputError: it is none, or below 1 MiB.
+    """
+    value = _quantity(text, _SIZES_MIB, option=option, example="4GiB")
+    if value < 1.0:
+        raise InputError(f"{option}: {text!r} is below 1 MiB; write it as 4GiB")
+    return round(value * 2**20)
 
 
 def time_s(text: str, *, option: str, example: str) -> float:
@@ -50,11 +71,12 @@ def speed_m_s(text: str, *, option: str, example: str) -> float:
 
 def _quantity(text: str, units: Mapping[str, float], *, option: str, example: str) -> float:
     match = _NUMBER.fullmatch(text)
-    if match is None or match[2].lower() not in units:
+    known = {unit.lower(): each for unit, each in units.items()}
+    if match is None or match[2].lower() not in known:
         missing = match is not None and not match[2]
         what = f"{text!r} has no unit" if missing else f"{text!r} is not understood"
         raise InputError(f"{option}: {what}; write it as {example} (units: {', '.join(units)})")
-    value = float(match[1]) * units[match[2].lower()]
+    value = float(match[1]) * known[match[2].lower()]
     if not 0.0 < value < 1e9:
         raise InputError(f"{option}: {text!r} must be above 0; write it as {example}")
     return value

@@ -3,7 +3,6 @@
 import asyncio
 import hashlib
 import logging
-import os
 import pickle
 import time
 import warnings
@@ -114,8 +113,8 @@ class DaskWorkers:
 
 
 @contextmanager
-def local_workers(count: int | None) -> Iterator[DaskWorkers]:
-    """So many worker processes on this machine, one for each core without a number; they end with the context.
+def local_workers(count: int) -> Iterator[DaskWorkers]:
+    """So many worker processes on this machine; they end with the context.
 
     They listen on 127.0.0.1 alone, and there is no dashboard.
     """
@@ -129,7 +128,7 @@ def local_workers(count: int | None) -> Iterator[DaskWorkers]:
         warnings.filterwarnings("ignore", module=_DASK)
         with (
             LocalCluster(
-                n_workers=count or os.cpu_count() or 1, threads_per_worker=1, processes=True, host="127.0.0.1",
+                n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1",
                 silence_logs=logging.CRITICAL,
                 scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},  # any free port, in place of 8787
             ) as cluster,

@@ -5,6 +5,7 @@ does not know Dask: only :mod:`uavcover.run.cluster` does, and it is loaded when
 """
 
 import importlib
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from typing import Protocol, TypeVar, cast
@@ -50,7 +51,7 @@ class Workers(Protocol):
 
 
 class _OpensWorkers(Protocol):
-    def local_workers(self, count: int | None) -> AbstractContextManager[Workers]: ...
+    def local_workers(self, count: int) -> AbstractContextManager[Workers]: ...
 
     def remote_workers(self, address: str) -> AbstractContextManager[Workers]: ...
 
@@ -64,9 +65,9 @@ def workers_of(scheduler: str) -> AbstractContextManager[Workers]:
     Raises:
         InputError: it cannot be understood; the extra ``cluster`` is missing; nobody answers, or with another version.
     """
+    if (count := local_count(scheduler)) is not None:
+        return _cluster(scheduler).local_workers(count)
     kind, _, rest = scheduler.partition(":")
-    if scheduler == "local" or (kind == "local" and _is_number(rest) and int(rest) >= 1):
-        return _cluster(scheduler).local_workers(int(rest) if rest else None)
     host, _, port = rest.removeprefix("//").rpartition(":")
     if kind in ("tcp", "tls") and rest.startswith("//") and host and _is_number(port) and 1 <= int(port) <= 65535:
         return _cluster(scheduler).remote_workers(scheduler)
@@ -74,6 +75,14 @@ def workers_of(scheduler: str) -> AbstractContextManager[Workers]:
         f"--scheduler: {scheduler!r} is not understood; give local, local:N (N worker processes on this machine), or "
         "tcp://HOST:PORT of a Dask scheduler"
     )
+
+
+def local_count(scheduler: str) -> int | None:
+    """How many worker processes of this machine are meant; none where workers are elsewhere, or it cannot be understood."""
+    kind, _, count = scheduler.partition(":")
+    if scheduler == "local":
+        return os.cpu_count() or 1
+    return int(count) if kind == "local" and _is_number(count) and int(count) >= 1 else None
 
 
 def _is_number(text: str) -> bool:

@@ -14,11 +14,13 @@ from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers.by_name import ALGORITHMS
 from uavcover.planning.fleet_parts import plan_parts
-from uavcover.planning.parts.planner import part_count, plan_by_parts, require_parts
+from uavcover.planning.parts.planner import most_parts, part_count, plan_by_parts, require_parts
 from uavcover.planning.planner import Effort, SearchProgress, plan_routes
 from uavcover.planning.search.optimizer_search import SearchRun
 from uavcover.run.kept_parts import KeptParts
+from uavcover.run.memory import at_a_time_within, in_words, memory_need, parts_within
 from uavcover.run.part_workers import part_searchers
+from uavcover.run.scheduling import local_count
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import groups_of
 
@@ -42,6 +44,8 @@ class SearchRequest:
         workers: threads; the result does not depend on it. None: one a core.
         scheduler: who searches in the parts, see :func:`uavcover.run.scheduling.workers_of`; the result does not depend on it.
             None: threads.
+        memory_bytes: what planning may take here, in all processes together: a large area is divided into more parts, and fewer
+            are searched at a time, as far as that needs it. None: no limit.
     """
 
     seed: int | None = None
@@ -53,6 +57,7 @@ class SearchRequest:
     parts: int | Literal["auto"] | None = None
     workers: int | None = None
     scheduler: str | None = None
+    memory_bytes: int | None = None
 
 
 def plan(
@@ -123,23 +128,22 @@ def _plan_one(
         raise InputError(f"budget: {budget_s} s must be above 0")
     if workers is not None and workers < 1:
         raise InputError(f"workers: {workers} must be at least 1")
-    count = _parts(site, settings)
-    if count > 1 and not known:
+    division = _division(site, settings, request)
+    if division.parts > 1 and not known:
         raise InputError(
             f"parts: {settings.parts} goes with the planner's own local search, not with another optimizer"
         )
-    if request.scheduler is not None and settings.parts == 1:
+    if request.scheduler is not None and settings.parts == 1 and division.parts == 1:
         raise InputError("--scheduler: shares out the parts of a large area; give --parts N or --parts auto with it")
-    threads = workers or os.cpu_count() or 1
-    with ThreadPoolExecutor(threads) as executor:
-        if count > 1:
-            with part_searchers(request.scheduler, executor, threads=threads, should_stop=should_stop) as (
+    with ThreadPoolExecutor(division.threads) as executor:
+        if division.parts > 1:
+            with part_searchers(division.scheduler, executor, threads=division.threads, should_stop=should_stop) as (
                 search,
                 at_a_time,
             ):
                 return plan_by_parts(
                     site,
-                    parts=count,
+                    parts=division.parts,
                     settings=settings,
                     select_rule=request.select if request.select is not None else site.scenario.select,
                     run=SearchRun(
@@ -166,12 +170,43 @@ def _plan_one(
         )
 
 
-def _parts(site: Site, settings: PlannerSettings) -> int:
-    """Into how many parts the area is divided."""
-    if settings.parts == 1:
-        return 1
-    require_parts(settings, site)
-    return part_count(site) if settings.parts == "auto" else settings.parts
+@dataclass(frozen=True, slots=True)
+class _Division:
+    """Into how many parts an area is divided, and who searches in them."""
+
+    parts: int
+    threads: int
+    scheduler: str | None
+
+
+def _division(site: Site, settings: PlannerSettings, request: SearchRequest) -> _Division:
+    """As it is asked for, within the memory that is allowed."""
+    threads, scheduler = request.workers or os.cpu_count() or 1, request.scheduler
+    parts = 1
+    if settings.parts != 1:
+        require_parts(settings, site)
+        parts = part_count(site) if settings.parts == "auto" else settings.parts
+    if request.memory_bytes is None:
+        return _Division(parts, threads, scheduler)
+    processes = None if scheduler is None else local_count(scheduler)
+    if scheduler is not None and processes is None:
+        raise InputError(
+            f"--memory: is of this machine, and the workers of {scheduler} are not; limit them there, with: "
+            "dask worker --memory-limit"
+        )
+    need = memory_need(site, processes=scheduler is not None)
+    given = request.parts not in (None, "auto")
+    within = parts_within(need, request.memory_bytes, parts=parts, most_parts=most_parts(site), given=given)
+    if within > 1:
+        require_parts(settings, site)
+    at_a_time = at_a_time_within(need, request.memory_bytes, parts=within, workers=processes or threads)
+    _log.info(
+        "--memory: %d %s, %d at a time, about %s", within, "parts" if within > 1 else "part", at_a_time,
+        in_words(need.total(within, at_a_time)),
+    )  # fmt: skip
+    if processes is None:
+        return _Division(within, min(threads, at_a_time), None)
+    return _Division(within, threads, f"local:{at_a_time}")
 
 
 def _settings(base: PlannerSettings, request: SearchRequest, *, algorithm: str | type | None) -> PlannerSettings:

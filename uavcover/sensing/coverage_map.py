@@ -78,7 +78,7 @@ _FIRST_STRIDE = 64
 (docs/results/planner.md)."""
 
 
-_AT_A_TIME = 1_000_000
+_AT_A_TIME = 100_000
 _SAME_PLACE_M = 1e-6
 
 _DIRECTIONS = 12

@@ -1,4 +1,5 @@
 import dataclasses
+import gc
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -10,7 +11,7 @@ import shapely
 from tests.planning.sites import hills, make_site
 from uavcover.errors import InputError
 from uavcover.model.route import Plan
-from uavcover.planning.parts.part_search import PartCells
+from uavcover.planning.parts.part_search import PartCells, search_part
 from uavcover.planning.parts.planner import (
     RunTasks,
     part_count,
@@ -104,6 +105,24 @@ def test_along_the_seams_every_cell_is_asked_of_one_part(number) -> None:
     both = whole.coverable & seen[0] & seen[1] & ~seen[2]
     assert both.any()
     assert asked[0][both].all() if number == 1 else asked[1][both].all()
+
+
+def test_the_maps_of_a_part_end_with_its_search() -> None:
+    site = large()
+    areas = [shapely.box(0, 0, 333, 500), shapely.box(333, 0, 700, 500)]
+    task = tasks_of(site, areas, None, 0.9, round_number=0, seed=1, evaluations=1, budget_s=None)[0]
+    gc.collect()
+    gc.disable()  # what is left is what would wait for it
+    try:
+        before = maps_alive()
+        search_part(site, task, now=lambda: 0.0, should_stop=lambda: True)
+        assert maps_alive() == before
+    finally:
+        gc.enable()
+
+
+def maps_alive() -> int:
+    return sum(isinstance(each, CoverageMap) for each in gc.get_objects())
 
 
 def test_the_first_round_asks_each_part_for_its_own_cells() -> None:

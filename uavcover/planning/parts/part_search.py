@@ -121,8 +121,16 @@ def search_part(site: Site, task: PartTask, *, now: Callable[[], float], should_
         now: the clock of a budget.
         should_stop: asked between batches; the best so far is returned.
     """
-    begin = now()
     part = dataclasses.replace(site, area=_looked_at(site, task))
+    try:
+        return _search(part, task, now=now, should_stop=should_stop)
+    finally:
+        # Its maps know their site, and the site its maps: without this they would stay until the garbage collector comes.
+        part.derived.clear()
+
+
+def _search(part: Site, task: PartTask, *, now: Callable[[], float], should_stop: Callable[[], bool]) -> Route:
+    begin = now()
     cells = PartCells(task)
     scattered = cells.asked(CoverageMap(part, cell_size_m=part.scenario.area.cell_size_m, cut=make_scattered_cells))
     problem = scattered_problem(scattered)

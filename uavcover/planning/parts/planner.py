@@ -68,6 +68,11 @@ def flight_work(site: Site) -> FlightWork:
     )
 
 
+def most_parts(site: Site) -> int:
+    """How many parts there can be: none is smaller than what the sensor sees at once."""
+    return max(1, int(site.area.area / flight_work(site).swath_m ** 2))
+
+
 def require_parts(settings: PlannerSettings, site: Site) -> None:
     """Refuse what parts cannot be planned for.
 
@@ -117,7 +122,7 @@ def plan_by_parts(
     rule = parse_rule(select_rule)
     goal = _FLOWN if rule.required_coverage is None else rule.required_coverage
     work = flight_work(site)
-    most = max(1, int(site.area.area / work.swath_m**2))
+    most = most_parts(site)
     if parts > most:
         raise InputError(
             f"planner.parts: {parts} parts of {site.area.area / 1e6:.3g} square kilometres are smaller than what the sensor sees "
