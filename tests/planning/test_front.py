@@ -9,7 +9,14 @@ from tests.planning.sites import flat, hills, make_site
 from tests.planning.test_planner import frozen
 from uavcover.model.route import Route, RouteMember, RouteMetrics
 from uavcover.model.sensor import FrameCamera, Sensor, SphereSensor
-from uavcover.planning.baselines.adaptive_swaths import BENT, STRAIGHT, can_be_adapted, simple_lines
+from uavcover.planning.baselines.adaptive_swaths import (
+    BENT,
+    STRAIGHT,
+    TIGHT,
+    TIGHT_INSETS,
+    can_be_adapted,
+    simple_lines,
+)
 from uavcover.planning.baselines.swaths import fly_layout, regular_layout
 from uavcover.planning.front import MOST_MEMBERS, Candidate, Finish, gains_of, parts_of, thinned
 from uavcover.planning.search.optimizer_search import Effort
@@ -68,9 +75,15 @@ def test_a_leg_has_no_parts_and_the_whole_is_none() -> None:
 
 def make_finish(site: Site, others: list[Candidate], *, budget_s: float | None, now: Callable[[], float]) -> Finish:
     coarse, fine = CoverageMap(site, cell_size_m=20.0), CoverageMap(site, cell_size_m=10.0)
-    baselines, simple = [(lines(site), "boustrophedon")], [(lines(site, 5), "simple-lines")]
+    simple = [(lines(site, 5), "simple-lines")]
     effort = Effort(100, budget_s, now)
-    return Finish(coarse, fine, baselines, others, simple, effort=effort, started=0.0, executor=None)
+    return Finish(
+        coarse, fine, baselines_of(site, 1), others, simple, evaluating_s=0.25, effort=effort, started=0.0, executor=None
+    )  # fmt: skip
+
+
+def baselines_of(site: Site, count: int) -> list[Candidate]:
+    return [Candidate((lines(site, 3 + k), f"lines-{k}"), np.array([-0.9, 6.0, 900.0]), 0.0) for k in range(count)]
 
 
 def test_parts_and_other_routes_are_judged_when_nothing_is_known_to_beat_them() -> None:
@@ -82,6 +95,7 @@ def test_parts_and_other_routes_are_judged_when_nothing_is_known_to_beat_them() 
         Candidate((beaten, "imodbo"), np.array([-1.0, 1.0, 1.0]), 3.0),  # breaks a limit
     ]
     finish = make_finish(site, others, budget_s=None, now=frozen)
+    judged = finish.judged_baselines(baselines_of(site, 1))
     found = (lines(site, 4), "memetic")
     told = finish.worth_judging([found])
     assert told[0] is found
@@ -90,37 +104,35 @@ def test_parts_and_other_routes_are_judged_when_nothing_is_known_to_beat_them() 
     assert all(name != "simple-lines" for _, name in told), "five lines see no more than three"
     parts = [(route, name) for route, name in told if name.startswith("part of ")]
     # Three lines see all: parts of four are longer.
-    assert {name for _, name in parts} == {"part of boustrophedon"}
+    assert {name for _, name in parts} == {"part of lines-0"}
     assert all(len(route) >= 2 for route, _ in parts)
-    assert [member.origin for member in finish.baselines] == ["boustrophedon"]
+    assert [member.origin for member in judged] == ["lines-0"]
 
 
 def test_time_is_set_aside_for_judging_and_less_is_judged_when_there_is_little() -> None:
     site = make_site(flat)
-    ticks = iter(range(10**6))
-    slow = make_finish(site, [], budget_s=1000.0, now=lambda: float(next(ticks)))  # each look at the clock takes 1 s
-    effort = slow.search_effort()
+    effort = make_finish(site, [], budget_s=2000.0, now=frozen).search_effort(late_s=10.0)
     assert effort.budget_s is not None
-    # 25 routes looked at and judged, 1 s each, and 80 parts of half the length.
-    assert 1000.0 - effort.budget_s == pytest.approx(90.0)
+    # 25 routes looked at, 0.25 s each, and judged on four times as many cells, 1 s each; 80 parts of half the length.
+    assert 2000.0 - effort.budget_s == pytest.approx(10.0 + 25 * 1.25 + 80 * 0.5)
+    small = make_finish(site, [], budget_s=100.0, now=frozen).search_effort()
+    assert small.budget_s == pytest.approx(94.0)
     many = [Candidate((lines(site), "imodbo"), np.array([-0.001 * k, 2.0, 0.1 * k]), 0.0) for k in range(200)]
-    for now_s, judged in ((0.0, 80), (970.0, 60), (1100.0, 10)):
-        at = [0.0, 1.0, 1.0, now_s]
+    for now_s, judged in ((0.0, 80), (970.0, 60), (1100.0, 5)):
+        at = [0.0, 1.0, now_s]  # a baseline is judged in 1 s
         finish = make_finish(site, many, budget_s=1000.0, now=lambda at=at: at.pop(0) if len(at) > 1 else at[0])
+        finish.judged_baselines(baselines_of(site, 1))
         assert len(finish.worth_judging([])) == judged
     assert make_finish(site, many, budget_s=None, now=frozen).search_effort().budget_s is None
 
 
-@pytest.mark.parametrize(("budget_s", "judged"), [(None, 10), (40.0, 6), (1.0, 2), (1e6, 10)])
+@pytest.mark.parametrize(("budget_s", "judged"), [(None, 10), (200.0, 6), (1.0, 2), (1e6, 10)])
 def test_as_many_baselines_are_judged_as_a_budget_has_room_for(budget_s: float | None, judged: int) -> None:
     site = make_site(flat)
-    coarse, fine = CoverageMap(site, cell_size_m=20.0), CoverageMap(site, cell_size_m=10.0)
-    baselines = [(lines(site, 3 + number), f"lines-{number}") for number in range(10)]
     ticks = iter(range(10**6))  # each look at the clock takes 1 s, and between two of them two routes are judged
-    effort = Effort(100, budget_s, lambda: float(next(ticks)))
-    finish = Finish(coarse, fine, baselines, [], [], effort=effort, started=0.0, executor=None)
-    assert [member.origin for member in finish.baselines] == [name for _, name in baselines[:judged]]
-    assert len(finish.known) == judged
+    finish = make_finish(site, [], budget_s=budget_s, now=lambda: float(next(ticks)))
+    found = finish.judged_baselines(baselines_of(site, 10))
+    assert [member.origin for member in found] == [f"lines-{number}" for number in range(judged)]
 
 
 WIDE = ((0.0, 0.0), (600.0, 0.0), (600.0, 400.0), (0.0, 400.0))
@@ -132,7 +144,8 @@ def test_simple_lines_need_ever_fewer_waypoints_and_keep_the_limits(sensor: Sens
     routes = simple_lines(site, 0.0)
     assert all(measure_violations(site, route.waypoints_m, margin_m=0.0).total == 0.0 for route in routes)
     assert min(map(len, routes)) < len(routes[0])
-    assert len(routes) <= 3 * (len(BENT) * can_be_adapted(site) + len(STRAIGHT))
+    bends = can_be_adapted(site)
+    assert len(routes) <= 3 * (len(BENT) * bends + len(STRAIGHT)) + 2 * len(TIGHT) * len(TIGHT_INSETS) * bends
     coverage = CoverageMap(site, cell_size_m=10.0)
     assert max(coverage.share(coverage.seen(route.waypoints_m)) for route in routes) > 0.97
 

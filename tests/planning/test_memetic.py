@@ -22,7 +22,7 @@ from uavcover.planning.planner import Effort, SearchProgress, plan_routes
 from uavcover.planning.search import goal_search
 from uavcover.planning.search.goal_search import LADDER, SAFETY, RouteJudge, SearchStart, _long_stages, _thinned
 from uavcover.planning.search.local_search import CHAINS, PaceByClock, PaceByNumber
-from uavcover.planning.search.memetic import _closed
+from uavcover.planning.search.memetic import OneAfterTheOther, _closed
 from uavcover.planning.search.route_problem import narrowed, route_problem, state_of
 from uavcover.planning.search.tuning import TUNED
 from uavcover.routes.leg_checks import measure_violations
@@ -293,9 +293,31 @@ def test_gaps_are_closed_while_there_is_time_for_it_and_not_afterwards():
         told.append((goal, is_over()))
         return whole
 
-    judge = RouteJudge(lambda _: 0.97, lambda _: None, closed)
+    judge = RouteJudge(lambda _, __: 0.97, lambda _: None, closed)
     found = [SearchStart(route, 0.97)]
     assert goal_search._closed(work, found, 0.98, judge, until=0.85) is not None
     assert told == [(0.98 + SAFETY, False), (0.98 + SAFETY, True)]
     assert goal_search._closed(work, found, 0.98, judge, until=0.85) is None
     assert len(told) == 2
+
+
+def test_finer_cells_are_asked_only_about_what_reaches_the_goal_on_the_first() -> None:
+    asked = list[str]()
+
+    def cells(name: str, seen: dict[int, float]) -> Any:
+        def share(points_m: np.ndarray) -> float:
+            asked.append(name)
+            return seen[len(points_m)]
+
+        return SimpleNamespace(seen=lambda points_m: points_m, share_of_coverable=share)
+
+    def route(count: int) -> Route:
+        return Route(np.zeros((count, 3)))
+
+    judge = OneAfterTheOther([cells("own", {2: 0.97, 3: 0.985, 4: 0.979}), cells("finer", {3: 0.983})])
+    assert judge(route(2), 0.98) == 0.97
+    assert judge(route(3), 0.98) == 0.983
+    assert asked == ["own", "own", "finer"]
+    # What the finer cells saw less of the last one is taken off, so that the search does not stop short of the goal on them.
+    assert judge(route(4), 0.98) == pytest.approx(0.977)
+    assert asked == ["own", "own", "finer", "own"]

@@ -196,7 +196,7 @@ MOST_MEMBERS = 100
 """A Pareto set of more is thinned: a choice that nobody can survey is none."""
 
 _MOST_OTHERS = 80
-_FEWEST_OTHERS = 10
+_FEWEST_OTHERS = 5
 """So many parts and routes of the optimizer are judged at most, and at least, whatever time is left for it."""
 
 _MOST_FOUND = 25
@@ -205,11 +205,11 @@ _MOST_FOUND = 25
 _PART = 0.5
 """What judging a part takes, of what a whole route takes."""
 
-_LARGEST_SHARE = 0.1
+_LARGEST_SHARE = 0.06
 """Of a time budget that is set aside."""
 
 _JUDGED_FIRST = 2
-_BASELINES_SHARE = 0.05
+_BASELINES_SHARE = 0.01
 """So many baselines are judged whatever it takes, the others while that takes no more than a share of a time budget."""
 
 _WHOLE = 0.9
@@ -240,65 +240,74 @@ class Whole:
 
 
 class Finish:
-    """The final stage of a plan: picks the routes and parts worth judging in the time that is left.
-
-    Attributes:
-        baselines: judged, in their order; the first ones, where a time budget has no room for all.
-    """
+    """The final stage of a plan: picks the routes and parts worth judging in the time that is left."""
 
     def __init__(
         self,
         coarse: CoverageMap,
         fine: CoverageMap,
-        baselines: Sequence[NamedRoute],
+        baselines: Sequence[Candidate],
         others: Sequence[Candidate],
         lines: Sequence[NamedRoute],
         *,
+        evaluating_s: float,
         effort: Effort,
         started: float,
         executor: Executor | None,
     ) -> None:
-        """Judge the baselines, and measure how long that takes.
+        """Look at the lines.
 
         Args:
             coarse: on the planner's cells.
             fine: on the cells that judge.
-            baselines: named routes, the most useful ones first.
+            baselines: the most useful ones first.
             others: what an optimizer found.
             lines: further named routes; like the others they are judged when nothing beats them.
+            evaluating_s: what it took to make a route and evaluate it on the planner's cells.
             effort: of the whole plan.
             started: when planning began, by the effort's clock.
             executor: looks at routes side by side.
         """
-        self._coarse, self._others = coarse, others
+        self._coarse, self._fine, self._baselines, self._others = coarse, fine, baselines, others
         self._effort, self._started, self._executor = effort, started, executor
-        # Every route is judged by the coverable cells: found once.
-        _ = fine.coverable
-        begin = effort.now()
-        self.baselines = judge_members(fine, baselines[:_JUDGED_FIRST], executor)
-        count = len(baselines)
-        if effort.budget_s is not None and count > _JUDGED_FIRST:
-            each_s = max(effort.now() - begin, 1e-6) / _JUDGED_FIRST
-            count = min(count, _JUDGED_FIRST + int(_BASELINES_SHARE * effort.budget_s / each_s))
-        self.baselines += judge_members(fine, baselines[_JUDGED_FIRST:count], executor)
-        judged = effort.now()
-        self._wholes = self._looked_at(baselines[:count])
-        self._judging_s = (judged - begin) / max(count, 1)
-        self._looking_s = (effort.now() - judged) / max(count, 1)
+        self._wholes: list[Whole] = []
+        # Judging takes as many times longer as there are more cells.
+        self._looking_s = evaluating_s
+        self._judging_s = evaluating_s * fine.grid.count / max(coarse.grid.count, 1)
         self._lines = self._looked_at(lines)
 
     @property
     def known(self) -> list[Candidate]:
         """Every candidate before the local search, on the planner's cells."""
-        return [*self._others, *(each.candidate for each in (*self._lines, *self._wholes))]
+        return [*self._others, *(each.candidate for each in self._lines), *self._baselines]
 
-    def search_effort(self) -> Effort:
-        """The effort, less the time reserved for judging the result."""
+    def search_effort(self, late_s: float = 0.0) -> Effort:
+        """The effort, less the time reserved for judging the result, and for what else comes after the search."""
         budget_s = self._effort.budget_s
         if budget_s is None:
             return self._effort
         finish_s = _MOST_FOUND * (self._judging_s + self._looking_s) + _PART * _MOST_OTHERS * self._judging_s
-        return dataclasses.replace(self._effort, budget_s=budget_s - min(finish_s, _LARGEST_SHARE * budget_s))
+        return dataclasses.replace(self._effort, budget_s=budget_s - late_s - min(finish_s, _LARGEST_SHARE * budget_s))
+
+    def judged_baselines(self, baselines: Sequence[Candidate]) -> list[RouteMember]:
+        """Baselines judged, in their order; the first ones, where a time budget has no room for all.
+
+        Args:
+            baselines: the most useful ones first.
+        """
+        now, named = self._effort.now, [each.route for each in baselines]
+        # Every route is judged by the coverable cells: found once.
+        _ = self._fine.coverable
+        begin = now()
+        judged = judge_members(self._fine, named[:_JUDGED_FIRST], self._executor)
+        count = len(named)
+        if self._effort.budget_s is not None and count > _JUDGED_FIRST:
+            each_s = max(now() - begin, 1e-6) / _JUDGED_FIRST
+            count = min(count, _JUDGED_FIRST + int(_BASELINES_SHARE * self._effort.budget_s / each_s))
+        judged += judge_members(self._fine, named[_JUDGED_FIRST:count], self._executor)
+        self._judging_s = (now() - begin) / max(count, 1)
+        self._wholes = self._looked_at(named[:count])
+        return judged
 
     def worth_judging(self, found: Sequence[NamedRoute]) -> list[NamedRoute]:
         """The routes found, their parts, and the optimizer's routes that nothing is known to dominate."""

@@ -15,9 +15,9 @@ from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import make_optimizer, optimizer_class, optimizer_name
 from uavcover.optimizers.interface import AskAndTell
 from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted, simple_lines
-from uavcover.planning.baselines.boustrophedon import TUNED, Baseline
+from uavcover.planning.baselines.boustrophedon import TUNED, Baseline, fewest_lines, taken
 from uavcover.planning.baselines.contour_lines import TUNED as TUNED_CONTOURS
-from uavcover.planning.baselines.initial_routes import constructed_routes
+from uavcover.planning.baselines.initial_routes import constructed_routes, initial_names
 from uavcover.planning.baselines.swaths import long_side_angle_rad
 from uavcover.planning.choice import choose
 from uavcover.planning.encodings import SwathEncoding, WaypointEncoding
@@ -53,11 +53,16 @@ CONSTRUCTED_SHARE = 0.25
 
 _BASELINE_SHARE = 0.5
 _BASELINE_SHARE_OF_LINES = 0.1
-"""Share of a time budget that the baselines may use; less where lines of other kinds and a local search follow."""
+_BASELINE_SHARE_OF_FEWEST = 0.01
+"""Share of a time budget that the baselines may use: less where lines of other kinds and a local search follow, and least where
+the most useful ones come first. Those that are left then come after the search."""
 
-_LINES_SHARE = 0.1
+_LATE_SHARE = 0.02
+"""Share of a time budget for these."""
+
+_LINES_SHARE = 0.01
 """Share of a time budget for lines that bend and lines of few waypoints; the best ones come first. On 25 square kilometres
-all of them take 28 s of processor time, which a search of 10 s had to wait for."""
+all of them take 6 s of processor time, which a search of 10 s had to wait for."""
 
 _SOLVER_SHARE = 0.3
 _SOLVER_NODES = 1
@@ -139,17 +144,21 @@ def plan_routes(
         goal = rule.required_coverage * coarse.share(coarse.coverable)
     other_lines = share < 1.0 and settings.encoding == "swaths"
     baseline_share = _BASELINE_SHARE_OF_LINES if other_lines else _BASELINE_SHARE
+    tuned = None
+    along_contours = "contour-lines" in initial_names(coarse, settings)
+    if other_lines and goal is not None and effort.budget_s is not None and not along_contours:
+        tuned, baseline_share = fewest_lines(coarse, goal), _BASELINE_SHARE_OF_FEWEST
     before = effort.now()
     baselines = constructed_routes(
         coarse, settings, asked=rule.required_coverage, solver=_solver(effort), executor=executor,
-        should_stop=lambda: should_stop() or effort.is_over(started, share=baseline_share),
+        should_stop=lambda: should_stop() or effort.is_over(started, share=baseline_share), tuned=tuned,
     )  # fmt: skip
     each_s = (effort.now() - before) / max(len(baselines), 1)
-    constructed: list[NamedRoute] = [(b.route, b.name) for b in _worth_showing(baselines, goal)]
+    constructed = _named(_worth_showing(baselines, goal))
     kept = Snapshots(()) if snapshots is None else snapshots
 
     def look(routes: Callable[[], Sequence[NamedRoute]]) -> None:
-        kept.look(effort.now() - started, lambda: [*constructed, *routes()])
+        kept.look(effort.now() - started, lambda: [*(each.route for each in constructed), *routes()])
 
     encoding, initial = _encoding(site, settings, baselines, goal)
     optimizing = effort if share == 1.0 else _shared(effort, share, started)
@@ -197,7 +206,7 @@ def plan_routes(
     optimized = _candidates(optimizer, encoding, searched.scale, name)
     evaluations, interrupted = optimizer.evaluations, searched.interrupted
     if share == 1.0:
-        reference = judge_members(fine, constructed, executor)
+        reference = judge_members(fine, [each.route for each in constructed], executor)
         made = [candidate.route for candidate in optimized]
     else:
         lines: list[NamedRoute] = []
@@ -206,12 +215,15 @@ def plan_routes(
             angle = straight[0].angle_rad if straight else long_side_angle_rad(site.area)
             until = effort.now() + _LINES_SHARE * (math.inf if effort.budget_s is None else effort.budget_s)
             lines = _other_lines(site, angle, executor, lambda: should_stop() or effort.now() > until)
-        finish = Finish(coarse, fine, constructed, optimized, lines, effort=effort, started=started, executor=executor)
-        reference = finish.baselines
+        late_s = 0.0 if tuned is None or effort.budget_s is None else _LATE_SHARE * effort.budget_s
+        finish = Finish(
+            coarse, fine, constructed, optimized, lines, evaluating_s=each_s, effort=effort, started=started,
+            executor=executor,
+        )  # fmt: skip
         found: list[NamedRoute] = []
         if not interrupted:
             improved = improve(
-                coarse, fine, finish.known, dataclasses.replace(run, effort=finish.search_effort()),
+                coarse, fine, finish.known, dataclasses.replace(run, effort=finish.search_effort(late_s)),
                 settings=settings, rule=rule, evaluations_done=evaluations,
                 look=lambda routes: look(
                     lambda: finish.worth_judging([(route, settings.algorithm) for route in routes()])
@@ -220,13 +232,18 @@ def plan_routes(
             found = [(route, settings.algorithm) for route in improved.routes]
             evaluations += improved.evaluations
             interrupted = improved.interrupted
+        if tuned is not None and effort.budget_s is not None and not interrupted:
+            until = min(effort.now() + late_s, started + effort.budget_s)
+            baselines += taken(tuned, lambda: should_stop() or effort.now() > until)
+            constructed = _named(_worth_showing(baselines, goal))
+        reference = finish.judged_baselines(constructed)
         made = finish.worth_judging(found)
     members = judge_members(fine, made, executor)
     chosen = choose(
         site, fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted,
         is_over=(lambda: effort.is_over(started)) if share < 1.0 else None,
     )  # fmt: skip
-    kept.close([*constructed, *made, *chosen.simpler])
+    kept.close([*(each.route for each in constructed), *made, *chosen.simpler])
     return Plan(
         chosen=chosen.route,
         members=chosen.pareto,
@@ -238,6 +255,10 @@ def plan_routes(
         wall_s=effort.now() - started,
         interrupted=interrupted,
     )
+
+
+def _named(baselines: Sequence[Baseline]) -> list[Candidate]:
+    return [Candidate((each.route, each.name), each.objectives, each.violation) for each in baselines]
 
 
 def _takes_too_long(round_s: float, baselines: Sequence[Baseline], effort: Effort, share: float) -> bool:

@@ -97,18 +97,18 @@ class FlightEnergy:
         up, down = column_energies(self._power, self._pace, self.winds_m_s, way.column_m)
         there, home = out + up[:, None], back + down[:, None]
         alone, n, top = there + home, len(route_m), np.array(way.column_top)
-        for k in range(n):
-            if way.stop_at_first == 0:
-                alone[:, k] += self._turn_s(top, route_m[k], top)
-                if k < n - 1:
-                    there[:, k] += self._turn_s(top, route_m[k], route_m[k + 1])
-            if k > 0:
-                home[:, k] += self._turn_s(route_m[k - 1], route_m[k], top)
+        tops = np.broadcast_to(top, (n, 3))
+        if way.stop_at_first == 0:
+            alone += self._turns_s(tops, route_m, tops)
+            there[:, :-1] += self._turns_s(tops[1:], route_m[:-1], route_m[1:])
+        home[:, 1:] += self._turns_s(route_m[:-1], route_m[1:], tops[1:])
         return self.flights(route_m, there, home, alone)
 
-    def _turn_s(self, *places_m: FloatArray) -> FloatArray:
-        """(w,) of passing the second of three places."""
-        return self.legs_and_turns_s(np.vstack(places_m))[1][:, 1]
+    def _turns_s(self, before_m: FloatArray, at_m: FloatArray, after_m: FloatArray) -> FloatArray:
+        """(w, k) of passing each of (k, 3) places between two others."""
+        # One path through all of them: a turn depends on the places before and after it alone.
+        path_m = np.stack([before_m, at_m, after_m], axis=1).reshape(-1, 3)
+        return self.legs_and_turns_s(path_m)[1][:, 1::3]
 
 
 def battery_used_s(energy: FlightEnergy, begin_s: FloatArray, path_m: FloatArray, home_m: FloatArray) -> float:

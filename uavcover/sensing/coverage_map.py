@@ -286,15 +286,14 @@ class CoverageMap:
     def _allowed_places(self, east_north_m: FloatArray, share: float) -> FloatArray:
         """(k, 3) positions at a fraction 0..1 of the allowed band above (k, 2) points; NaN where nothing is allowed."""
         limits = self.site.scenario.limits
-        ground = self.site.ground.heights_m(east_north_m)
         low = self.site.ground.ups_m(east_north_m, limits.min_height_agl_m)
         high = self.site.ground.ups_m(east_north_m, limits.max_height_agl_m)
-        # Sea level in the local frame: up minus height above sea level, at the position itself.
-        sea = ground - self.site.alts_amsl_m(np.column_stack([east_north_m, ground]))
-        if limits.min_alt_amsl_m is not None:
-            low = np.maximum(low, limits.min_alt_amsl_m + sea)
-        if limits.max_alt_amsl_m is not None:
-            high = np.minimum(high, limits.max_alt_amsl_m + sea)
+        if limits.min_alt_amsl_m is not None or limits.max_alt_amsl_m is not None:
+            # Sea level in the local frame: up minus height above sea level, at the position itself.
+            ground = self.site.ground.heights_m(east_north_m)
+            sea = ground - self.site.alts_amsl_m(np.column_stack([east_north_m, ground]))
+            low = np.maximum(low, -np.inf if limits.min_alt_amsl_m is None else limits.min_alt_amsl_m + sea)
+            high = np.minimum(high, np.inf if limits.max_alt_amsl_m is None else limits.max_alt_amsl_m + sea)
         inside = shapely.intersects_xy(flyable_area(self.site).polygon, east_north_m[:, 0], east_north_m[:, 1])
         up = np.where((low <= high) & inside, low + share * (high - low), np.nan)
         places = np.column_stack([east_north_m, up])

@@ -4,6 +4,7 @@ For sensors that observe from waypoints the boustrophedon is rows of nodes, flow
 """
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
@@ -138,7 +139,10 @@ def plain_boustrophedon(site: Site, *, angle_rad: float | None = None) -> SwathL
 
 
 def boustrophedons(
-    coverage: CoverageMap, executor: Executor | None = None, should_stop: Callable[[], bool] = lambda: False
+    coverage: CoverageMap,
+    executor: Executor | None = None,
+    should_stop: Callable[[], bool] = lambda: False,
+    tuned: Iterator[Baseline] | None = None,
 ) -> list[Baseline]:
     """The plain boustrophedon and a scan over direction, height, spacing and inset; the plain one first.
 
@@ -146,9 +150,12 @@ def boustrophedons(
         coverage: on the planner's cells.
         executor: evaluates routes side by side.
         should_stop: asked between batches; the plain one is always there.
+        tuned: taken from one after the other in place of the scan; what is left in it may be taken later.
     """
     site = coverage.site
     found = _evaluate(coverage, "boustrophedon", [plain_boustrophedon(site)], executor)
+    if tuned is not None:
+        return found + taken(tuned, should_stop)
     for batch in _scan(site):
         if should_stop():
             break
@@ -156,12 +163,76 @@ def boustrophedons(
     return found
 
 
-def _scan(site: Site) -> Iterator[list[SwathLayout]]:
+def taken(tuned: Iterator[Baseline], should_stop: Callable[[], bool]) -> list[Baseline]:
+    """What comes until it is time to stop, which is asked before each."""
+    found: list[Baseline] = []
+    while not should_stop() and (each := next(tuned, None)) is not None:
+        found.append(each)
+    return found
+
+
+def fewest_lines(coverage: CoverageMap, goal: float) -> Iterator[Baseline]:
+    """The tuned boustrophedon for one coverage: of every direction, height and inset the fewest lines that reach it.
+
+    What cannot cost less than the best so far is left early, so the scan takes a fifth of what all spacings take, and single
+    lines more or fewer are tried. The first ones are the most useful.
+
+    Args:
+        coverage: on the planner's cells.
+        goal: share of the area, 0..1.
+    """
+    site = coverage.site
+    least, per_strip = math.inf, 1.0
+    for height, inset, angle in _ways(site):
+        fewest, most = (_lines(site, angle, height, factor) for factor in (_TUNED_LINES[0], _TUNED_LINES[-1]))
+        below, above, step = fewest - 1, most + 1, 1
+        lines = min(max(_lines(site, angle, height, per_strip), fewest), most)
+        while below < lines < above:
+            layout = regular_layout(
+                angle_rad=angle, lines=lines, height_agl_m=height, inset=inset, tolerance_m=PLAIN_TOLERANCE_M
+            )
+            each = _evaluate(coverage, TUNED, [layout], None)[0]
+            yield each
+            cost = float(each.objectives[2])
+            if -float(each.objectives[0]) < goal:
+                below = lines
+                if cost >= least:
+                    break
+            else:
+                above = lines
+                if each.violation <= 0.0 and cost < least:
+                    least, per_strip = cost, lines / _lines(site, angle, height, 1.0)
+            if above > most:
+                lines, step = min(below + step, most), 2 * step
+            elif below < fewest:
+                # Fewer lines cost less in proportion: only so few can be the best.
+                cheaper = math.floor(lines * least / cost) if cost > least else above - step
+                lines, step = max(min(cheaper, above - 1), fewest), 2 * step
+            else:
+                lines = (below + above) // 2
+
+
+def _ways(site: Site) -> Iterator[tuple[float, float, float]]:
+    """Heights above ground, insets and directions of tuned lines: along the long side and across it first."""
     base = long_side_angle_rad(site.area)
+    half = _TUNED_ANGLES // 2
+    turns = [k for first in range(half) for k in (first, first + half)]
+    for height, inset in itertools.product(_tuned_heights(site), reversed(_TUNED_INSETS)):
+        for turn in turns:
+            yield height, inset, base + turn * math.pi / _TUNED_ANGLES
+
+
+def _tuned_heights(site: Site) -> list[float]:
+    """Heights above ground of tuned lines, the one with the widest strip and one between it and the middle of the band."""
     limits = site.scenario.limits
     best = best_height_agl_m(site)
     middle = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
-    heights = sorted({best, 0.5 * (best + middle)}, reverse=True)
+    return sorted({best, 0.5 * (best + middle)}, reverse=True)
+
+
+def _scan(site: Site) -> Iterator[list[SwathLayout]]:
+    base = long_side_angle_rad(site.area)
+    heights = _tuned_heights(site)
     for k in range(_TUNED_ANGLES):
         angle = base + k * math.pi / _TUNED_ANGLES
         layouts: dict[tuple[int, float, float], SwathLayout] = {}

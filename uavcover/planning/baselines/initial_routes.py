@@ -1,7 +1,7 @@
 """Constructed routes by name: starting points of the search, and baselines for its result."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from itertools import islice
 
@@ -63,6 +63,7 @@ def constructed_routes(
     solver: SolverEffort,
     executor: Executor | None,
     should_stop: Callable[[], bool],
+    tuned: Iterator[Baseline] | None = None,
 ) -> list[Baseline]:
     """The routes that ``settings.initial`` names, the plain boustrophedon first.
 
@@ -75,12 +76,15 @@ def constructed_routes(
         solver: how long the exact set cover may take.
         executor: evaluates routes side by side.
         should_stop: asked before each; the first is always made, and the plain lines of each kind.
+        tuned: lines in swaths that are taken in place of a scan, until it is time to stop.
     """
     names = initial_names(coverage, settings)
     found: list[Baseline] = []
     if "boustrophedon" in names:
-        make = boustrophedons if settings.encoding == "swaths" else _rows(settings)
-        found += make(coverage, executor, should_stop)
+        if settings.encoding == "swaths":
+            found += boustrophedons(coverage, executor, should_stop, tuned)
+        else:
+            found += _rows(coverage, settings, executor, should_stop)
     if "contour-lines" in names:
         found += contour_lines(coverage, executor, should_stop)
     covers: list[InitialRoute] = [name for name in names if name not in {"boustrophedon", "contour-lines"}]
@@ -98,19 +102,15 @@ def constructed_routes(
 
 
 def _rows(
-    settings: PlannerSettings,
-) -> Callable[[CoverageMap, Executor | None, Callable[[], bool]], list[Baseline]]:
+    coverage: CoverageMap, settings: PlannerSettings, executor: Executor | None, should_stop: Callable[[], bool]
+) -> list[Baseline]:
     """The boustrophedon of free waypoints: rows of nodes, the plain ones first, then all that the encoding has room for."""
-
-    def make(coverage: CoverageMap, executor: Executor | None, should_stop: Callable[[], bool]) -> list[Baseline]:
-        site = coverage.site
-        found = evaluated(coverage, "boustrophedon", [fly_rows(site, plain_rows(site))], executor)
-        scan = scanned_rows(site, most_nodes=settings.capacity)
-        while (batch := [fly_rows(site, rows) for rows in islice(scan, _ROWS_AT_ONCE)]) and not should_stop():
-            found += evaluated(coverage, TUNED, batch, executor)
-        return found
-
-    return make
+    site = coverage.site
+    found = evaluated(coverage, "boustrophedon", [fly_rows(site, plain_rows(site))], executor)
+    scan = scanned_rows(site, most_nodes=settings.capacity)
+    while (batch := [fly_rows(site, rows) for rows in islice(scan, _ROWS_AT_ONCE)]) and not should_stop():
+        found += evaluated(coverage, TUNED, batch, executor)
+    return found
 
 
 def initial_names(coverage: CoverageMap, settings: PlannerSettings) -> Sequence[InitialRoute]:

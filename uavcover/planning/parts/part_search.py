@@ -156,8 +156,9 @@ def _search(part: Site, task: PartTask, *, now: Callable[[], float], should_stop
     work = Work(problem, pace, [np.random.default_rng(seed) for seed in seeds], None, should_stop, lambda _: None)
     tuned = TUNED.goal
     capacity = tuned.path_capacity * max(len(start.route) for start in starts) + tuned.spare_waypoints
+    judge = RouteJudge(lambda route, _: judged(route), found.append)
     stages = tuned.main_stages if task.round == 0 else _LATER_STAGES
-    search_goal(work, starts, task.goal, capacity, (0.0, 1.0), stages, RouteJudge(judged, found.append))
+    search_goal(work, starts, task.goal, capacity, (0.0, 1.0), stages, judge)
     margin_m = part.scenario.limits.height_margin_m
 
     def merit(route: Route) -> tuple[bool, float, float]:

@@ -39,13 +39,14 @@ class RouteJudge:
     """Who judges the routes of a search.
 
     Attributes:
-        coverage: share of what can be covered that a route sees, on the cells it is judged on.
+        coverage: share of what can be covered that a route sees, on the cells it is judged on; exact where it may reach the goal,
+            which it is given.
         found: told every route worth judging.
         closed: a route and what else has to be flown to reach a goal on those cells; none where that is too much to find out.
             It is told how to ask whether there is no time left for it.
     """
 
-    coverage: Callable[[Route], float]
+    coverage: Callable[[Route, float], float]
     found: Callable[[Route], None]
     closed: Callable[[Route, float, Callable[[], bool]], Route | None] = lambda _route, _goal, _is_over: None
 
@@ -87,7 +88,7 @@ def search_goals(
             end, after = begin + main * (until - begin), end
             known += search_goal(work, [closed], asked, capacity, (after, end), tuned.stages, judge)
     ladder = (1.0 - main) * (until - begin)
-    goals = _thinned(goals, int(ladder / max(tuned.goal_per_correction * work.correction, 1e-9)))
+    goals = _thinned(goals, _most_goals(work, ladder))
     each = ladder / len(goals)
     # From the highest: what reaches more is a good beginning for what may see less.
     for number, goal in enumerate(reversed(goals)):
@@ -107,7 +108,7 @@ def _closed(
     if not found or work.stopped or is_over():
         return None
     best = found[-1]
-    short = goal - judge.coverage(best.route)
+    short = goal - judge.coverage(best.route, goal)
     closed = judge.closed(best.route, goal + SAFETY, is_over) if 0.0 < short <= work.tuning.goal.most_short else None
     return None if closed is None else SearchStart(closed, best.seen + short)
 
@@ -149,7 +150,7 @@ def search_goal(
     before = work.pace.fraction
     chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m) for k in range(CHAINS)]
     for chain in chains:
-        aim = _corrected(goal, chain.seen, judge.coverage(chain.route))
+        aim = _corrected(goal, chain.seen, judge.coverage(chain.route, goal))
         chain.prices = chain.prices._replace(goal=aim)
     # Two routes were judged; a correction judges one.
     work.correction = 0.5 * (work.pace.fraction - before)
@@ -174,7 +175,7 @@ def search_goal(
         more = work.run(chains, until=begin + stage * (end - begin))
         best = min(chains, key=lambda chain: chain.energy)
         before = work.pace.fraction
-        judged = judge.coverage(best.route)
+        judged = judge.coverage(best.route, goal)
         # The first time all cells were made ready for judging: later corrections are cheaper.
         work.correction = work.pace.fraction - before
         out.append(SearchStart(best.route, best.seen))
@@ -193,6 +194,11 @@ def search_goal(
             chain.prices = chain.prices._replace(coverage=price, goal=aim)
         warm = stage
     return out
+
+
+def _most_goals(work: Work, share: float) -> int:
+    """How many goals there is time for in a share of all the work: each judges routes, and that should be the least of it."""
+    return int(share / max(work.tuning.goal.goal_per_correction * work.correction, 1e-9))
 
 
 def _thinned(goals: Sequence[float], most: int) -> Sequence[float]:
@@ -301,9 +307,10 @@ def search_waypoints(
         judge: judges what is found.
     """
     begin, tuned = work.pace.fraction, work.tuning.goal
-    each = (until - begin) / len(tuned.waypoint_prices)
+    prices = _thinned(tuned.waypoint_prices, _most_goals(work, until - begin))
+    each = (until - begin) / len(prices)
     known = list(starts)
-    for number, price in enumerate(tuned.waypoint_prices):
+    for number, price in enumerate(prices):
         share = (begin + number * each, begin + (number + 1) * each)
         known += search_goal(
             work, known, goal, capacity, share, tuned.waypoint_stages, judge, waypoint_price=price

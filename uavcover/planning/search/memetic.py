@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -137,11 +138,12 @@ def improve(
         show(work, chains)
         look(lambda: [*kept, *(_shortened(problem, chain.route) for chain in chains)])
 
-    def judged_coverage(route: Route) -> float:
-        def one(cells: CoverageMap) -> float:
-            return cells.share_of_coverable(cells.seen(route.waypoints_m))
-
-        return min(map(one, judges) if run.executor is None else run.executor.map(one, judges))
+    def on_each(route: Route, _goal: float) -> float:
+        return min(
+            map(partial(_seen, route), judges)
+            if run.executor is None
+            else run.executor.map(partial(_seen, route), judges)
+        )
 
     asked = rule.required_coverage
     tuned = tuning.goal
@@ -150,7 +152,8 @@ def improve(
     def closed(route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
         return _closed(judging, route, goal, tuned.closed, is_over)
 
-    judge = RouteJudge(judged_coverage, found, closed)
+    # Where time is paid for, finer cells are asked only about what the own cells confirm.
+    judge = RouteJudge(on_each if effort.budget_s is None else OneAfterTheOther(judges), found, closed)
     if problem.free_order:
         search_free_order(work, starts, asked=asked, capacity=capacity, judge=judge)
     else:
@@ -159,9 +162,34 @@ def improve(
         known = search_goals(
             work, starts, asked=asked, capacity=capacity, until=1.0 - tuned.waypoint_share, judge=judge
         )
-        on_these_cells = RouteJudge(lambda route: judging.share_of_coverable(judging.seen(route.waypoints_m)), found)
+        on_these_cells = RouteJudge(lambda route, _: _seen(route, judging), found)
         search_waypoints(work, known, goal=goal, capacity=capacity, until=1.0, judge=on_these_cells)
     return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
+
+
+def _seen(route: Route, cells: CoverageMap) -> float:
+    """Share of what can be covered that a route sees."""
+    return cells.share_of_coverable(cells.seen(route.waypoints_m))
+
+
+class OneAfterTheOther:
+    """The least coverage of a route on several maps, the first one first; what misses its goal there is not looked at on others.
+
+    On those as much less is taken to be seen of it as was of the last route that reached its goal.
+    """
+
+    def __init__(self, judges: Sequence[CoverageMap]) -> None:
+        self._judges = judges
+        self._less = 0.0
+
+    def __call__(self, route: Route, goal: float) -> float:
+        """Share of what can be covered, exact where it reaches the goal."""
+        first = _seen(route, self._judges[0])
+        if first < goal:
+            return first - self._less
+        least = min([first, *(_seen(route, judge) for judge in self._judges[1:])])
+        self._less = first - least
+        return least
 
 
 def _closed(

@@ -37,7 +37,7 @@ class GoalTuning:
             lines are hard to come by, and gaps between lines are closed.
         stage_per_correction: under a time budget a stage takes at least so many times as long as a correction, which judges a
             route and prepares the chains, so that most of the time is search.
-        goal_per_correction: likewise a coverage of the ladder.
+        goal_per_correction: likewise a coverage of the ladder, and a price of waypoints.
         waypoint_price: of a waypoint where few are not asked for: one more holds a leg nearer to the height that sees widest.
         waypoint_prices: where few are searched for, one after the other.
         waypoint_stages: the stages of each of these searches.
@@ -62,7 +62,7 @@ class GoalTuning:
     coverage_price: float = 2.0
     dearer: float = 1.6
     start_price: float = 3.0
-    stage_per_correction: float = 2.0
+    stage_per_correction: float = 4.0
     goal_per_correction: float = 12.0
     waypoint_price: float = 0.002
     waypoint_prices: tuple[float, ...] = (0.3, 1.0, 3.0)

@@ -1,0 +1,65 @@
+"""The guided scan of the tuned boustrophedon: as good as all spacings, and much less work."""
+
+import itertools
+
+import pytest
+
+from tests.planning.sites import flat, hills, make_site
+from uavcover.planning.baselines.boustrophedon import (
+    PLAIN_TOLERANCE_M,
+    best_height_agl_m,
+    boustrophedons,
+    evaluated,
+    fewest_lines,
+    taken,
+)
+from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout
+from uavcover.sensing.coverage_map import planning_map
+
+WIDE = ((0.0, 0.0), (900.0, 100.0), (800.0, 700.0), (100.0, 600.0))
+
+
+@pytest.mark.parametrize(("ups", "asked"), [(flat, 0.95), (hills, 0.95), (hills, 0.99)])
+def test_no_spacing_of_the_whole_scan_is_better_and_an_eighth_of_it_finds_that(ups, asked: float) -> None:
+    site = make_site(ups, ring=WIDE, cell_m=20.0)
+    coverage = planning_map(site)
+    goal = asked * coverage.share(coverage.coverable)
+
+    def cost(each) -> float:
+        return float(each.objectives[2]) if each.violation <= 0.0 and -each.objectives[0] >= goal else float("inf")
+
+    whole, guided = boustrophedons(coverage), list(fewest_lines(coverage, goal))
+    assert min(map(cost, guided)) <= min(map(cost, whole))
+    assert len(guided) < 0.4 * len(whole)
+    assert min(map(cost, guided[: len(whole) // 8])) <= 1.01 * min(map(cost, whole))
+
+
+def test_the_first_way_is_searched_to_the_fewest_lines_that_reach_the_goal() -> None:
+    site = make_site(hills, ring=WIDE, cell_m=20.0)
+    coverage = planning_map(site)
+    goal = 0.995 * coverage.share(coverage.coverable)
+    angle, height = long_side_angle_rad(site.area), best_height_agl_m(site)
+
+    def reaches(lines: int) -> bool:
+        layout = regular_layout(
+            angle_rad=angle, lines=lines, height_agl_m=height, inset=0.5, tolerance_m=PLAIN_TOLERANCE_M
+        )
+        return -evaluated(coverage, "", [fly_layout(site, layout)], None)[0].objectives[0] >= goal
+
+    fewest = next(lines for lines in itertools.count(1) if reaches(lines))
+    first = [e for e in fewest_lines(coverage, goal) if e.layout is not None and e.layout.angle_rad == angle]
+    same = [e.layout.heights_agl_m.size for e in first if e.layout.inset == 0.5 and e.layout.heights_agl_m[0] == height]
+    assert fewest in same
+    assert fewest - 1 in same
+
+
+def test_what_is_not_taken_is_left_for_later() -> None:
+    site = make_site(flat, cell_m=20.0)
+    coverage = planning_map(site)
+    tuned, stops = fewest_lines(coverage, 0.95), iter([False, False, True])
+    early = boustrophedons(coverage, should_stop=lambda: next(stops), tuned=tuned)
+    assert [each.name for each in early] == ["boustrophedon", "boustrophedon-tuned", "boustrophedon-tuned"]
+    late = taken(tuned, lambda: False)
+    whole = list(fewest_lines(coverage, 0.95))
+    assert len(early) - 1 + len(late) == len(whole)
+    assert late[-1].objectives == pytest.approx(whole[-1].objectives)
